@@ -12,7 +12,6 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from rich import box
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.layout import Layout
 from rich.panel import Panel
@@ -26,25 +25,24 @@ from gcs.cli.operator_lines import (
     effect_line,
     proposal_title,
     route_lines,
-    target_text,
 )
+from gcs.cli.status_tables import agents_table, attention, sensors_line, targets_table
 from gcs.config import Config
 from gcs.core.authority.override_notices import overridden_text
 from gcs.core.engine import Engine
 from gcs.io.links.manager import Links
 from gcs.model import (
     NS_PER_S,
-    AgentStatus,
+    AgentRecord,
     Effect,
     Event,
     Label,
     Notice,
     Picture,
     Proposal,
+    TargetRecord,
     Track,
-    UploadReport,
     system_of,
-    target_name,
     vehicle_name,
 )
 
@@ -65,16 +63,10 @@ _MIN_TARGET_ROWS: Final = 3
 _TABLES_WIDTH: Final = 94
 _SIGNED_WIDTH: Final = 10
 _AGENT_COLUMNS: Final = (
-    "id", "status", "mode", "signed", "track", "exist.", "east m", "north m", "m/s", "target", "to go m",
-    "mission",
-)  # fmt: skip
-_TRACK_COLUMNS: Final = ("track", "exist.", "east m", "north m", "m/s")
-_LEFT: Final = ("status", "mode", "signed", "mission")
-
-
-def label_text(label: Label | None) -> str:
-    """Return the label of an agent's track: birth scan and index."""
-    return "–" if label is None else f"{label[0]}.{label[1]}"
+    ("id", "status", "authority", "mode", "alt m", "m/s", "battery", "heard", "target", "to go m", "mission"),
+    ("id", "status", "mode", "alt m", "battery", "heard", "target", "mission"),
+)
+"""Columns for wide and for narrow terminals."""
 
 
 class PlainLines:
@@ -111,7 +103,6 @@ class LiveView:
         self._speed = speed
         self._log: deque[Text] = deque(maxlen=_LOG_LINES)
         self._pictures: dict[str, Picture] = {}
-        self._uploads: dict[int, str] = {}
         self._start_t_ns: int | None = None
         self._t_ns = 0
 
@@ -122,11 +113,9 @@ class LiveView:
             self._start_t_ns = event.t_ns
 
     def effect(self, t_ns: int, effect: Effect) -> None:
-        """Update pictures, uploads and events."""
+        """Update pictures and events."""
         if isinstance(effect, Picture):
             self._pictures[effect.kind] = effect
-        elif isinstance(effect, UploadReport):
-            self._uploads[effect.vehicle] = "verified" if effect.ok else "failed"
         is_quiet = isinstance(effect, Notice) and effect.level == "info"
         if is_quiet or isinstance(effect, Proposal):  # A proposed plan has its own panel.
             return
@@ -136,7 +125,6 @@ class LiveView:
             self._log.append(Text(f"{seconds:6.1f} s  {line[0]}", style=_STYLE[line[1]]))
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        narrow = options.max_width < self._tables_width()
         proposal = self._proposal_lines()
         height = options.height or options.size.height
         is_low = height < _LOW_ROWS
@@ -152,8 +140,11 @@ class LiveView:
             below.insert(0, Layout(self._proposal_panel(proposal), size=len(proposal) + 1))
         header = Layout(self._header() if is_low else Panel(self._header()), size=1 if is_low else 3)
         layout.split_column(header, Layout(name="body"), *below)
-        tables = Layout(Group(*self._tables(narrow, body_rows)))
-        if columns >= _MIN_MAP_ROWS:
+        has_map = columns >= _MIN_MAP_ROWS
+        tables = Layout(
+            Group(*self._tables(self._tables_width() if has_map else options.max_width, body_rows))
+        )
+        if has_map:
             layout["body"].split_row(Layout(self._map(rows, columns), size=columns + 4), tables)
         else:
             layout["body"].update(tables)
@@ -162,20 +153,24 @@ class LiveView:
     def _tables_width(self) -> int:
         return _TABLES_WIDTH + (_SIGNED_WIDTH if self._config.links.keys else 0)
 
-    def _tables(self, narrow: bool, rows: int) -> Iterator[RenderableType]:
+    def _tables(self, width: int, rows: int) -> Iterator[RenderableType]:
         """Yield the tables that fit into `rows`, and a line about those that do not."""
-        agents, targets = len(self._command.agent_status.by_vehicle), len(self._shown_targets())
+        status = self._command.status_report.build(self._t_ns, has_ended=False)
+        agents, targets = len(status.agents), len(status.targets)
         link_counters = link_rows(self._command.fleet, self._links, self._t_ns)
         free_rows = rows - 2 * _TABLE_FRAME
         overridden = overridden_text(self._command.overridden())
+        if status.sensors:
+            free_rows -= 1
+            yield sensors_line(status.sensors)
         if overridden:
             free_rows -= 1
             yield Text(overridden, style="bold yellow", no_wrap=True, overflow="ellipsis")
         has_links = agents + targets + _LINKS_FRAME + len(link_counters) <= free_rows
         free_rows -= 0 if has_links else 1
         target_rows = min(targets, max(_MIN_TARGET_ROWS, free_rows - agents))
-        yield self._agents(narrow, max(1, free_rows - target_rows))
-        yield self._targets(max(1, target_rows))
+        yield self._agents(status.agents, width, max(1, free_rows - target_rows))
+        yield self._targets(status.targets, max(1, target_rows))
         if has_links:
             yield link_table(link_counters)
         else:
@@ -192,73 +187,12 @@ class LiveView:
             overflow="ellipsis",
         )
 
-    def _agents(self, narrow: bool, max_rows: int) -> RenderableType:
-        """Return a table with one row for each agent; without track columns in a narrow terminal."""
-        table = _table("Agents")
-        names = [
-            name
-            for name in _AGENT_COLUMNS
-            if not (narrow and name in _TRACK_COLUMNS) and (name != "signed" or self._config.links.keys)
-        ]
-        for name in names:
-            table.add_column(name, justify="left" if name in _LEFT else "right", no_wrap=True)
-        tracks = self._tracks("agents")
-        agents = self._command.agent_status.by_vehicle
-        shown_agents, more = _cut(list(agents.items()), max_rows, lambda item: self._urgency(item[1]))
-        for vehicle, agent in shown_agents:
-            label = self._command.association.labels.get(vehicle)
-            track = tracks.get(label) if label is not None else None
-            route = self._command.replanner.routes.get(vehicle)
-            target = agent.target or (route.target if route else None)
-            to_go = (
-                f"{_to_go_m(track, route.points_m[-1]):.0f}"
-                if track is not None and route is not None
-                else ""
-            )
-            cells: tuple[str | Text, ...] = (
-                vehicle_name(vehicle),
-                self._status_text(agent),
-                self._mode(vehicle),
-                self._signing(vehicle),
-                label_text(label),
-                *_track_cells(track),
-                target_text(target),
-                to_go,
-                self._command.tasking.stages.get(vehicle, self._uploads.get(vehicle, "")),
-            )
-            shown = dict(zip(_AGENT_COLUMNS, cells, strict=True))
-            table.add_row(*(shown[name] for name in names))
-        return _with_more(table, more)
-
-    def _urgency(self, agent: AgentStatus) -> int:
-        """Return the rank of an agent if rows are left out, 0 for the most urgent."""
-        vehicle = agent.vehicle
-        if vehicle in self._command.position_integrity.alarmed():
-            return 0
-        if agent.status == "lost":
-            return 1
-        if agent.status == "arrived":
-            return 6
-        if vehicle in self._command.orders.suspensions or vehicle in self._command.overridden():
-            return 2
-        if self._uploads.get(vehicle) == "failed":
-            return 3
-        return 5 if vehicle in self._command.association.labels else 4
-
-    def _status_text(self, agent: AgentStatus) -> Text:
-        """Return the status of an agent, the order that suspends it, or an integrity warning."""
-        suspension = self._command.orders.suspensions.get(agent.vehicle)
-        if suspension is not None and agent.status == "active":
-            return Text(suspension, style="bold yellow")
-        if agent.vehicle in self._command.position_integrity.alarmed():
-            return Text("not there", style="bold red")
-        return Text(agent.status, style=_STATUS_STYLE[agent.status])
-
-    def _mode(self, vehicle: int) -> Text:
-        """Return the flight mode of a vehicle, highlighted under an override."""
-        state = self._command.fleet.state(vehicle)
-        is_ours = vehicle not in self._command.overridden()
-        return Text(state.mode if state else "", style="" if is_ours else "bold yellow")
+    def _agents(self, agents: Sequence[AgentRecord], width: int, max_rows: int) -> RenderableType:
+        """Return a table of the agents, with the columns that fit into a width."""
+        shown, more = _cut(agents, max_rows, attention)
+        columns = _AGENT_COLUMNS[0 if width >= _TABLES_WIDTH else 1]
+        signing = self._signing if self._config.links.keys else None
+        return _with_more(agents_table(shown, columns, signing), more)
 
     def _signing(self, vehicle: int) -> str:
         """Return "verified" or "unchecked" for a vehicle that signs; empty otherwise."""
@@ -269,25 +203,10 @@ class LiveView:
         keyed = gate is not None and gate.is_keyed(fleet.link(vehicle), system_of(vehicle))
         return "verified" if keyed else "unchecked"
 
-    def _targets(self, max_rows: int) -> RenderableType:
-        table = _table("Targets")
-        for name in ("target", "exist.", "east m", "north m", "m/s", "agent"):
-            table.add_column(name, justify="right", no_wrap=True)
-        assigned = {
-            route.target: vehicle_name(route.vehicle) for route in self._command.replanner.routes.values()
-        }
-        reached = self._command.agent_status.at_targets()
-        shown, more = _cut(
-            self._shown_targets(), max_rows, lambda track: (track.label in reached, track.label in assigned)
-        )
-        for track in shown:
-            label = track.label
-            done = Text("reached", style="green") if label in reached else Text(assigned.get(label, ""))
-            table.add_row(target_name(label), *_track_cells(track), done)
-        return _with_more(table, more)
-
-    def _shown_targets(self) -> list[Track]:
-        return [track for track in self._tracks("targets").values() if track.estimated]
+    def _targets(self, targets: Sequence[TargetRecord], max_rows: int) -> RenderableType:
+        """Return a table of the targets; those that need agents first if rows are left out."""
+        shown, more = _cut(targets, max_rows, lambda one: (bool(one.reached_by), bool(one.agents), one.label))
+        return _with_more(targets_table(shown), more)
 
     def _tracks(self, kind: str) -> dict[Label, Track]:
         picture = self._pictures.get(kind)
@@ -370,13 +289,7 @@ class LiveView:
         return grid.blocked[np.ix_(nodes_north, nodes_east)]
 
 
-def _table(title: str) -> Table:
-    return Table(
-        title=title, title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0)
-    )
-
-
-def _cut(rows: list[T], max_rows: int, urgency: Callable[[T], Any]) -> tuple[list[T], int]:
+def _cut(rows: Sequence[T], max_rows: int, urgency: Callable[[T], Any]) -> tuple[Sequence[T], int]:
     """Return at most `max_rows` rows, the most urgent first, and the number of the others."""
     if len(rows) <= max_rows:
         return rows, 0
@@ -395,14 +308,3 @@ def _at_speed(speed: float) -> str:
     if speed == 1.0:
         return "  "
     return " at full speed  " if math.isinf(speed) else f" at speed {speed:g}  "
-
-
-def _track_cells(track: Track | None) -> Sequence[str]:
-    if track is None:
-        return ("", "", "", "")
-    east, north, v_east, v_north = (float(x) for x in track.mean)
-    return (f"{track.existence:.3f}", f"{east:.0f}", f"{north:.0f}", f"{math.hypot(v_east, v_north):.1f}")
-
-
-def _to_go_m(track: Track, end: npt.NDArray[np.float64]) -> float:
-    return math.hypot(float(end[0] - track.mean[0]), float(end[1] - track.mean[1]))

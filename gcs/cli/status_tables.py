@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from rich import box
@@ -15,6 +15,11 @@ from gcs.model import AgentRecord, SensorRecord, SwarmStatus, TargetRecord, targ
 
 _STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red"}
 _FIX_NAMES: Final = {0: "none", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK", 7: "static"}
+AGENT_COLUMNS: Final = (
+    "id", "status", "authority", "mode", "armed", "alt m", "m/s", "battery", "fix", "heard", "loss", "target",
+    "to go m", "ETA s", "mission",
+)  # fmt: skip
+_LEFT_COLUMNS: Final = ("status", "authority", "mode", "armed", "mission")
 _MAX_SILENT_S: Final = 2.5
 _LOW_BATTERY_PERCENT: Final = 30
 
@@ -22,9 +27,9 @@ _LOW_BATTERY_PERCENT: Final = 30
 def status_tables(status: SwarmStatus, mission: str) -> Iterator[RenderableType]:
     """Yield a head line, and the tables of agents, targets and sensors."""
     yield _head(status, mission)
-    yield _agents(sorted(status.agents, key=attention))
+    yield agents_table(sorted(status.agents, key=attention))
     if status.targets:
-        yield _targets(status.targets)
+        yield targets_table(status.targets)
     if status.sensors:
         yield _sensors(status.sensors)
 
@@ -39,11 +44,15 @@ def attention(agent: AgentRecord) -> tuple[int, int]:
         rank = 5
     elif agent.authority != "ours":
         rank = 2
-    elif agent.track is None or agent.heard_age_s is None or agent.heard_age_s > _MAX_SILENT_S:
+    elif agent.has_failed or agent.track is None or _is_late(agent):
         rank = 3
     else:
         rank = 4
     return rank, agent.vehicle
+
+
+def _is_late(agent: AgentRecord) -> bool:
+    return agent.heard_age_s is None or agent.heard_age_s > _MAX_SILENT_S
 
 
 def _head(status: SwarmStatus, mission: str) -> Text:
@@ -59,41 +68,48 @@ def _head(status: SwarmStatus, mission: str) -> Text:
     return head
 
 
-def _agents(agents: list[AgentRecord]) -> Table:
-    table = _table("Agents")
-    for name in ("id", "status", "authority", "mode", "armed"):
-        table.add_column(name, no_wrap=True)
-    for name in ("alt m", "m/s", "battery", "fix", "heard", "loss", "target", "to go m", "ETA s"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("mission")
+def agents_table(
+    agents: Sequence[AgentRecord],
+    columns: Sequence[str] = AGENT_COLUMNS,
+    signing: Callable[[int], str] | None = None,
+) -> Table:
+    """Return a table with a row for each agent; `signing` gives the cells of another column."""
+    table = titled_table("Agents")
+    for name in columns:
+        table.add_column(
+            name, justify="left" if name in _LEFT_COLUMNS else "right", no_wrap=name != "mission"
+        )
+    if signing:
+        table.add_column("signed", no_wrap=True)
     for agent in agents:
-        table.add_row(*_agent_cells(agent))
+        cells = _agent_cells(agent)
+        table.add_row(*(cells[name] for name in columns), *([signing(agent.vehicle)] if signing else []))
     return table
 
 
-def _agent_cells(agent: AgentRecord) -> list[str | Text]:
+def _agent_cells(agent: AgentRecord) -> dict[str, str | Text]:
     is_low = agent.battery_percent is not None and agent.battery_percent < _LOW_BATTERY_PERCENT
-    is_late = agent.heard_age_s is None or agent.heard_age_s > _MAX_SILENT_S
+    heard_style = "bold red" if _is_late(agent) else ""
     target = agent.target or agent.proposed_target
-    return [
-        vehicle_name(agent.vehicle),
-        Text("position doubted", style="bold red")
+    return {
+        "id": vehicle_name(agent.vehicle),
+        "status": Text("position doubted", style="bold red")
         if agent.is_position_doubted
         else Text(agent.status, style=_STATUS_STYLE[agent.status]),
-        Text(agent.authority, style="" if agent.authority == "ours" else "bold yellow"),
-        agent.mode,
-        "armed" if agent.armed else "",
-        _number(agent.alt_rel_m, ".0f"),
-        _number(agent.ground_speed_m_s, ".1f"),
-        Text(_number(agent.battery_percent, "d", " %"), style="bold red" if is_low else ""),
-        _FIX_NAMES.get(agent.fix_type, "") if agent.fix_type is not None else "",
-        Text(_number(agent.heard_age_s, ".1f", " s") or "never", style="bold red" if is_late else ""),
-        f"{100.0 * agent.loss:.1f} %",
-        (target_name(target) if target else "") + ("?" if agent.target is None and target else ""),
-        _number(agent.to_go_m, ".0f"),
-        _number(agent.eta_s, ".0f"),
-        _mission(agent),
-    ]
+        "authority": Text(agent.authority, style="" if agent.authority == "ours" else "bold yellow"),
+        "mode": agent.mode,
+        "armed": "armed" if agent.armed else "",
+        "alt m": _number(agent.alt_rel_m, ".0f"),
+        "m/s": _number(agent.ground_speed_m_s, ".1f"),
+        "battery": Text(_number(agent.battery_percent, "d", " %"), style="bold red" if is_low else ""),
+        "fix": "" if agent.fix_type is None else _FIX_NAMES.get(agent.fix_type, str(agent.fix_type)),
+        "heard": Text(_number(agent.heard_age_s, ".1f", " s") or "never", style=heard_style),
+        "loss": f"{100.0 * agent.loss:.1f} %",
+        "target": (target_name(target) if target else "") + ("?" if agent.target is None and target else ""),
+        "to go m": _number(agent.to_go_m, ".0f"),
+        "ETA s": _number(agent.eta_s, ".0f"),
+        "mission": _mission(agent),
+    }
 
 
 def _mission(agent: AgentRecord) -> str | Text:
@@ -102,14 +118,17 @@ def _mission(agent: AgentRecord) -> str | Text:
         return Text(agent.reason, style="yellow")
     if agent.upload:
         return f"upload: {agent.upload}"
+    if agent.has_failed:
+        return Text("upload failed", style="bold red")
     return "verified" if agent.is_verified else ""
 
 
-def _targets(targets: tuple[TargetRecord, ...]) -> Table:
-    table = _table("Targets")
+def targets_table(targets: Sequence[TargetRecord]) -> Table:
+    """Return a table with a row for each target."""
+    table = titled_table("Targets")
     for name in ("target", "existence", "east m", "north m", "m/s"):
         table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("agents on their way")
+    table.add_column("agents")
     table.add_column("reached by")
     for target in targets:
         east_m, north_m = target.position_m
@@ -125,8 +144,17 @@ def _targets(targets: tuple[TargetRecord, ...]) -> Table:
     return table
 
 
+def sensors_line(sensors: Sequence[SensorRecord]) -> Text:
+    """Return the age of each sensor's last scan in one line."""
+    ages = [
+        f"{one.name} {'never' if one.scan_age_s is None else f'{one.scan_age_s:.1f} s ago'}"
+        for one in sensors
+    ]
+    return Text(f"scans: {', '.join(ages)}", no_wrap=True, overflow="ellipsis")
+
+
 def _sensors(sensors: tuple[SensorRecord, ...]) -> Table:
-    table = _table("Sensors")
+    table = titled_table("Sensors")
     table.add_column("sensor")
     table.add_column("last scan", justify="right")
     table.add_column("refused since", justify="right")
@@ -136,7 +164,8 @@ def _sensors(sensors: tuple[SensorRecord, ...]) -> Table:
     return table
 
 
-def _table(title: str) -> Table:
+def titled_table(title: str) -> Table:
+    """Return an empty table in the style of all tables of a run."""
     return Table(
         title=title, title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0)
     )

@@ -66,6 +66,8 @@ class AgentRecord:
     """Flight time of the rest of its route, at its ground speed."""
     upload: str
     """Stage of its upload: empty for none, else such as "waiting" or "read-back"."""
+    has_failed: bool
+    """True if its last upload failed."""
     is_verified: bool
     """True if its onboard mission is known, and read back equal."""
     proposed_target: Label | None = None

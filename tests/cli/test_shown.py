@@ -3,9 +3,9 @@
 import asyncio
 import io
 import re
+from dataclasses import replace
 from typing import Any, ClassVar
 
-import numpy as np
 import pytest
 from rich.console import Console
 
@@ -16,7 +16,7 @@ from gcs.config import load
 from gcs.core.engine import Engine
 from gcs.core.preflight.result import Check
 from gcs.io.console import console_for
-from gcs.model import Notice, Picture, Tick, Track, UploadReport, read_only
+from gcs.model import Notice, SwarmStatus, TargetRecord, Tick
 
 CHECKS = [
     Check(1, "link", "ok", "alive"),
@@ -68,22 +68,37 @@ def test_the_live_view_says_who_is_who_on_any_terminal(width: int) -> None:
     assert isinstance(console.file, io.StringIO)
     titles = next(line for line in console.file.getvalue().splitlines() if "status" in line)
     words = titles.replace("│", " ").split()
-    assert {"id", "status", "mode", "target", "mission"} <= set(words)
-    assert ("exist." in words) is (width >= 100)
+    assert {"id", "status", "mode", "battery", "heard", "target", "mission"} <= set(words)
+    assert ("authority" in words) is (width >= 100)
 
 
 def live_view(scenario: str, width: int, height: int) -> list[str]:
-    """Draw a mission with a target for each agent, and an agent of which an upload failed."""
+    """Draw a mission with a target for each agent, and an agent with a failed upload."""
     config = load(scenario)
-    count = len(config.agents)
-    view = LiveView(config, Engine(config, 1), 1.0)
+    command = Engine(config, 1)
+    before = command.status_report.build(0, has_ended=False)
+    status = replace(
+        before,
+        agents=tuple(replace(one, has_failed=one.vehicle == 1) for one in before.agents),
+        targets=tuple(
+            TargetRecord((0, index), 0.99, (10.0, 20.0), 3.2, (), ()) for index in range(len(config.agents))
+        ),
+    )
+    command.status_report = Given(status)  # type: ignore[assignment]
+    view = LiveView(config, command, 1.0)
     view.event(Tick(0))
-    state, cov = read_only([10.0, 20.0, 3.0, 1.0]), read_only(np.eye(4))
-    tracks = tuple(Track((0, index), state, cov, 0.99, True) for index in range(count))
-    view.effect(0, Picture(0, 0, "targets", tracks, read_only(np.ones(count + 1))))
-    view.effect(0, UploadReport(0, count, 1, 8, False, "no answer", 1.0, 0))
     view.effect(0, Notice(0, "alarm", "a long alarm " * 20 + "the newest", 1))
     return drawn(view, width, height)
+
+
+class Given:
+    """A status report that was written beforehand."""
+
+    def __init__(self, status: SwarmStatus) -> None:
+        self._status = status
+
+    def build(self, _t_ns: int, *, has_ended: bool) -> SwarmStatus:
+        return replace(self._status, has_ended=has_ended)
 
 
 def drawn(view: LiveView, width: int, height: int) -> list[str]:
@@ -105,7 +120,7 @@ def test_a_small_terminal_shows_all_targets_and_the_newest_alarm() -> None:
 def test_rows_without_room_are_counted_and_those_in_trouble_are_shown(width: int, height: int) -> None:
     lines = live_view("swarm-50", width, height)
     assert len(lines) <= height
-    tables = [line.rsplit("│ ", 1)[-1] if width > 100 else line for line in lines]
+    tables = [line.rsplit("│", 1)[-1] if width > 100 else line for line in lines]
     first_target = next(index for index, line in enumerate(tables) if "Targets" in line)
     for part in (tables[:first_target], tables[first_target:]):
         shown = sum("active" in line or "T0." in line for line in part)
@@ -134,7 +149,7 @@ def test_vehicles_in_modes_that_are_not_ours_are_named_with_what_to_do(
     assert len(lines) <= height
     wanted = "not ours: 2 in LOITER: gcs order resume 2; 3 in RTL: gcs order resume 3; 4 in FBWA: "
     assert any(wanted[: min(width, len(wanted)) - 1] in line for line in lines)
-    first = [line.rsplit("│ ", 1)[-1].split()[0] for line in lines if "active" in line]
+    first = [line.rsplit("│", 1)[-1].split()[0] for line in lines if "active" in line]
     assert set(first[:4]) >= {"2", "3", "4"}
 
 

@@ -30,6 +30,7 @@ CALM = AgentRecord(
     to_go_m=640.0,
     eta_s=42.4,
     upload="",
+    has_failed=False,
     is_verified=True,
 )
 TARGET = TargetRecord((3, 1), 0.98, (700.0, 300.0), 2.0, agents=(1,), reached_by=(4,))
@@ -67,7 +68,7 @@ def test_agents_that_need_attention_come_first() -> None:
         replace(CALM, vehicle=6, is_position_doubted=True),
     ]
     lines = printed(*agents)
-    first = [line.split()[0] for line in lines if line[:1].isdigit()]
+    first = [line.split()[0] for line in lines if line.strip()[:1].isdigit()]
     assert first == ["6", "5", "4", "3", "1", "2"]
     assert "is in FBWA and left alone" in row(lines, "4")
     assert "position doubted" in row(lines, "6")
