@@ -12,9 +12,20 @@ from gcs.cli.live_view import LiveView, PlainLines
 from gcs.cli.operator_lines import effect_line
 from gcs.config import load
 from gcs.core.engine import Engine
-from gcs.core.replanning.reasons import in_words, lost, moved, passed
+from gcs.core.replanning.reasons import of_agent, of_target
 from gcs.mavlink.services.adsb import callsign
-from gcs.model import NS_PER_S, AgentStatus, Notice, Plan, Proposal, Route, RouteFigures, Tick, read_only
+from gcs.model import (
+    NS_PER_S,
+    AgentStatus,
+    Notice,
+    Plan,
+    Proposal,
+    Route,
+    RouteFigures,
+    Tick,
+    read_only,
+    target_name,
+)
 from gcs.planning.map.grid import free_grid
 from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import PlanOptions
@@ -79,10 +90,13 @@ def test_a_log_has_a_plan_once_and_again_when_it_is_another_or_a_minute_has_pass
 def test_a_target_has_one_name_and_lost_is_said_of_agents_alone() -> None:
     label = (0, 2)
     route = Route(3, label, read_only([[900.0, 100.0]]), 800.0)
+    moved = of_target("target moved", label, "moved 60 m")
+    gone = of_target("target lost", label, "is not tracked any more")
+    passed = of_agent("agent passed its target", 3, f"passed target {target_name(label)}")
     told = [
-        effect_line(Plan(0, 0, (route,), (), (), in_words([moved(label, 60.0), lost(label)]), (3,))),
+        effect_line(Plan(0, 0, (route,), (), (), f"{moved.text}; {gone.text}", (3,))),
         effect_line(AgentStatus(0, 3, "arrived", label)),
-        effect_line(replace(proposal(1, 1.0, 1.0), routes=(route,), reason=in_words([passed(3, label)]))),
+        effect_line(replace(proposal(1, 1.0, 1.0), routes=(route,), reason=passed.text)),
     ]
     nowhere = plan_routes(free_grid((5, 5), 10.0), {}, {label: (math.inf, 0.0)}, {}, PlanOptions())
     words = " ".join([*(line[0] for line in told if line is not None), *nowhere.notes, callsign(label)])

@@ -15,6 +15,7 @@ from gcs.cli.fly.live_service import serve
 from gcs.cli.run_setup import open_recorder
 from gcs.config import load, read_text
 from gcs.config.tables import RecordingTable
+from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import JournalError, LinkError, RecordingError
 from gcs.io.clock import RunClock
@@ -30,7 +31,7 @@ from gcs.service.journal import Journal
 from gcs.service.resume import resume_from_journal
 from gcs.service.service import Service
 
-MEMORY = PersistedState(1, 0, 0, False, (), (), ())
+MEMORY = PersistedState(1, 0, 0, False, (), MultiSensorTracker(load("prescribed")).persisted(), ())
 RNG = np.random.default_rng(5)
 
 

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from gcs.config import load
+from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Damage, Record
 from gcs.io.recording.writer import DiskBudget, Recorder
@@ -58,6 +60,9 @@ def frames(system_id: int, count: int, first: int = 0) -> bytes:
     return data
 
 
+TRACKERS = MultiSensorTracker(load("prescribed")).persisted()
+
+
 def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
     """Every kind of record, in an order that times alone would not give back."""
     rng = np.random.default_rng(7)
@@ -86,7 +91,7 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         area = NoFlyZone("fire", None, ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0)))
         yield t_ns, Order(t_ns, f"o-{second}", "no-fly-zone", None, None, area, "somebody")
         memory = PersistedVehicle(AgentStatus(t_ns, 1, "active"), "hold", None, ((16.0, None),), 1, False)
-        yield t_ns, Resumed(t_ns, PersistedState(t_ns, 3, second, False, (memory,), (), (area,)))
+        yield t_ns, Resumed(t_ns, PersistedState(t_ns, 3, second, False, (memory,), TRACKERS, (area,)))
         yield t_ns, OrderAnswer(t_ns, f"o-{second}", "no-fly-zone", "done", "so it is", None, ())
         yield t_ns, SwarmStatus(t_ns, f"s-{second}", (), (), (), None, False)
         yield t_ns, Proposal(t_ns, second + 1, (Route(1, (0, 1), read_only([[1.0, 2.0]]), 3.0),), "why")
