@@ -51,7 +51,7 @@ def heard_across(pauses: list[tuple[float, int]]) -> list[bytes]:
     async def run() -> list[bytes]:
         heard: list[bytes] = []
         with bound() as ours, bound() as theirs:
-            ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16 * 1024)
+            ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 64 * 1024)  # some 150 datagrams
             source = SocketReader(asyncio.get_running_loop(), ours, lambda _, data: heard.append(data), print)
             number = 0
             for pause_s, count in pauses:
