@@ -11,9 +11,9 @@ from typing import Final
 
 from rich.console import Console
 
-from gcs.cli.prepare.sketch import MAX_PLACES, FenceArea, Place, Sketch, Start
-from gcs.cli.prepare.sketch_files import read_kml, read_plan
-from gcs.cli.prepare.sketch_heard import listen_for_vehicles, read_vehicles
+from gcs.cli.prepare.sketch.files import read_kml, read_plan
+from gcs.cli.prepare.sketch.sketch import MAX_PLACES, FenceArea, Place, Sketch, Start
+from gcs.cli.prepare.sketch.telemetry import listen_for_vehicles, read_vehicles
 from gcs.config import parse
 from gcs.errors import ConfigError
 from gcs.fence import fence_of

@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 
 import msgspec
 
-from gcs.cli.prepare.sketch import MAX_PLACES, FenceArea, Place, Sketch, Start, is_place
+from gcs.cli.prepare.sketch.sketch import MAX_PLACES, FenceArea, Place, Sketch, Start, is_place
 from gcs.errors import ConfigError
 from gcs.files import read_bytes
 

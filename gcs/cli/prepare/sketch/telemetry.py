@@ -12,7 +12,7 @@ from typing import BinaryIO, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.cli.prepare.sketch import Place, Sketch, Start, is_place
+from gcs.cli.prepare.sketch.sketch import Place, Sketch, Start, is_place
 from gcs.endpoints import parse_endpoint
 from gcs.errors import LinkError, RecordingError
 from gcs.files import open_regular

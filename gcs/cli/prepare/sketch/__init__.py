@@ -1,0 +1,1 @@
+"""First values of a mission file, read from plans, maps, logs and links (`gcs init`)."""
