@@ -16,3 +16,14 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     from gcs.cli.warm_up_progress import ALL, load_kernels
 
     load_kernels(Console(stderr=True), *ALL)
+
+
+@pytest.fixture(autouse=True)
+def _program_errors_raise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fail the test after a wrong transition of an upload, which in flight ends that upload only."""
+    from gcs.mavlink.mission.upload_task import UploadTask
+
+    def fail(_task: UploadTask, error: Exception, _t_ns: int) -> None:
+        raise error
+
+    monkeypatch.setattr(UploadTask, "end_after_error", fail)

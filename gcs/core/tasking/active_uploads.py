@@ -8,7 +8,9 @@ an inconsistent mission is held and cleared, unless a new mission replaces it fi
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from gcs.core.authority.overrides import Overrides
@@ -18,6 +20,7 @@ from gcs.core.tasking.onboard_missions import OnboardMission, OnboardMissions
 from gcs.core.tasking.upload_queue import UploadQueue
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.mission.upload_stages import OnboardState, TransitionError
 from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.model import NS_PER_S, Effect, Notice, Upload, UploadAnswer
 
@@ -113,12 +116,12 @@ class ActiveUploads:
         vehicle = mission.route.vehicle
         self._add(vehicle, task, mission, t_ns)
         self._queue.began(vehicle, t_ns)
-        return self._progress(vehicle, task.start(t_ns))
+        return self._run(vehicle, partial(task.start, t_ns), t_ns)
 
     def clear(self, vehicle: int, task: UploadTask, t_ns: int) -> list[Effect]:
         """Hold a vehicle and clear its inconsistent mission."""
         self._add(vehicle, task, None, t_ns)
-        return self._progress(vehicle, task.start_clearing(t_ns))
+        return self._run(vehicle, lambda: task.start_clearing(t_ns), t_ns)
 
     def _add(self, vehicle: int, task: UploadTask, mission: OnboardMission | None, t_ns: int) -> None:
         self.inconsistent.discard(vehicle)
@@ -130,28 +133,32 @@ class ActiveUploads:
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""
         upload = self._uploads.get(vehicle)
-        return [] if upload is None else self._progress(vehicle, upload.task.receive(message, t_ns))
+        if upload is None:
+            return []
+        return self._run(vehicle, partial(upload.task.receive, message, t_ns), t_ns)
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Run the timers."""
-        uploads = list(self._uploads.items())
-        return [one for v, upload in uploads for one in self._progress(v, upload.task.poll(t_ns))]
+        effects: list[Effect] = []
+        for vehicle, upload in list(self._uploads.items()):
+            effects += self._run(vehicle, partial(upload.task.poll, t_ns), t_ns)
+        return effects
 
     def add_answer(self, answer: UploadAnswer) -> list[Effect]:
         """Process the result of the external uploader."""
         upload = self._uploads.get(answer.vehicle)
         if upload is None or upload.task.mission.mission_id != answer.mission_id:
             return []
-        frames = upload.task.add_external_result(answer.ok, answer.begun, answer.detail, answer.t_ns)
-        return self._progress(answer.vehicle, frames)
+        step = partial(upload.task.add_external_result, answer.ok, answer.begun, answer.detail, answer.t_ns)
+        return self._run(answer.vehicle, step, answer.t_ns)
 
     def restart(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Restart an upload after a reboot of its vehicle."""
-        return self._progress(vehicle, self._uploads[vehicle].task.restart(t_ns))
+        return self._run(vehicle, partial(self._uploads[vehicle].task.restart, t_ns), t_ns)
 
     def abandon(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
         """End an upload safely: the vehicle keeps a whole mission, or is held and cleared."""
-        return self._progress(vehicle, self._uploads[vehicle].task.abandon(reason, t_ns))
+        return self._run(vehicle, partial(self._uploads[vehicle].task.abandon, reason, t_ns), t_ns)
 
     def supersede(self, vehicle: int, t_ns: int) -> list[Effect]:
         """End an upload without a report, for a newer one."""
@@ -171,12 +178,21 @@ class ActiveUploads:
             self._onboard.select(vehicle, selected=result.selected)
         if task.is_inconsistent:
             self.mark_inconsistent(vehicle)
-        elif result.onboard == "equal" and mission is not None:
+        elif result.onboard is OnboardState.EQUAL and mission is not None:
             self._onboard.note(mission)
             if result.ok:
                 self._first_legs.begin(mission, task.first_seq, task.leg_t_ns, result.t_ns)
-        elif result.onboard != "old":
+        elif result.onboard is not OnboardState.OLD:
             self._onboard.forget(vehicle)
+
+    def _run(self, vehicle: int, step: Callable[[], list[bytes]], t_ns: int) -> list[Effect]:
+        """Run a step of a task. After a programming error it ends: the vehicle is held and cleared."""
+        try:
+            return self._progress(vehicle, step())
+        except TransitionError as error:
+            text = f"its upload ended by a program error ({error}); it is planned for again"
+            frames = self._uploads[vehicle].task.end_after_error(error, t_ns)
+            return [Notice(t_ns, "alarm", text, vehicle), *self._progress(vehicle, frames)]
 
     def _progress(self, vehicle: int, frames: list[bytes]) -> list[Effect]:
         """Send the frames of a task; report its result if it has ended."""
@@ -195,7 +211,7 @@ class ActiveUploads:
         if upload.mission is not None:
             effects.append(task.report())
             effects += self._queue.ended(vehicle, result.t_ns, ok=result.ok)
-        is_cleared, override = result.onboard == "cleared", self._overrides.of(vehicle).override
+        is_cleared, override = result.onboard is OnboardState.CLEARED, self._overrides.of(vehicle).override
         if result.ok or not (result.was_held or override or upload.mission is None or is_cleared):
             return effects
         state = "was set to LOITER" if result.was_held else "is overridden"

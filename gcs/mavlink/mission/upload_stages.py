@@ -1,12 +1,81 @@
-"""Stages and results of a mission upload."""
+"""Stages, transitions and results of a mission upload."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from enum import StrEnum
+from typing import Final
 
-Stage: TypeAlias = Literal["new", "park", "upload", "verify", "select", "mode", "hold", "clear", "done"]
-OnboardState: TypeAlias = Literal["equal", "old", "whole", "cleared", "unknown"]
+
+class Stage(StrEnum):
+    """Stage of an upload."""
+
+    NEW = "new"
+    PARK = "park"
+    """LOITER is commanded, before an upload or before a selection."""
+    UPLOAD = "upload"
+    VERIFY = "verify"
+    """The onboard mission is read back."""
+    SELECT = "select"
+    """The first item is selected."""
+    MODE = "mode"
+    """AUTO is commanded."""
+    HOLD = "hold"
+    """LOITER is commanded, before clearing."""
+    CLEAR = "clear"
+    """The onboard mission is removed, and its absence read back."""
+    DONE = "done"
+
+
+TRANSITIONS: Final[Mapping[Stage, frozenset[Stage]]] = {
+    stage: frozenset(following)
+    for stage, following in {
+        Stage.NEW: (Stage.PARK, Stage.UPLOAD, Stage.HOLD, Stage.CLEAR, Stage.DONE),
+        Stage.PARK: (Stage.UPLOAD, Stage.SELECT, Stage.DONE),
+        Stage.UPLOAD: (Stage.UPLOAD, Stage.VERIFY, Stage.MODE, Stage.HOLD, Stage.CLEAR, Stage.DONE),
+        Stage.VERIFY: (
+            Stage.PARK,
+            Stage.UPLOAD,
+            Stage.SELECT,
+            Stage.MODE,
+            Stage.HOLD,
+            Stage.CLEAR,
+            Stage.DONE,
+        ),
+        Stage.SELECT: (Stage.PARK, Stage.UPLOAD, Stage.MODE, Stage.CLEAR, Stage.DONE),
+        Stage.MODE: (Stage.UPLOAD, Stage.HOLD, Stage.CLEAR, Stage.DONE),
+        Stage.HOLD: (Stage.HOLD, Stage.CLEAR, Stage.DONE),
+        Stage.CLEAR: (Stage.HOLD, Stage.CLEAR, Stage.DONE),
+        Stage.DONE: (),
+    }.items()
+}
+"""Stages that may follow each stage; `docs/missions.md` shows them with their conditions."""
+
+
+class TransitionError(AssertionError):
+    """A transition that the table does not have: a programming error.
+
+    `gcs.core.tasking.active_uploads` ends such an upload with an alarm.
+    """
+
+    def __init__(self, before: Stage, after: Stage) -> None:
+        super().__init__(f"{before} to {after}")
+
+
+class OnboardState(StrEnum):
+    """Onboard mission at the end of an upload."""
+
+    EQUAL = "equal"
+    """The uploaded mission, read back."""
+    OLD = "old"
+    """The mission before."""
+    WHOLE = "whole"
+    """One of the two."""
+    CLEARED = "cleared"
+    """None."""
+    UNKNOWN = "unknown"
+    """Possibly inconsistent, unless uploads are atomic."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,8 +86,6 @@ class UploadResult:
     ok: bool
     """True if the mission is stored, verified and being flown."""
     onboard: OnboardState
-    """Onboard mission: this one ("equal"), the one before ("old"), one of the two ("whole"), none
-    ("cleared"), or possibly inconsistent ("unknown")."""
     detail: str
     duration_s: float
     retries: int

@@ -16,7 +16,7 @@ from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.items import Home, Item
 from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
-from gcs.mavlink.mission.upload_stages import OnboardState, Stage, UploadResult
+from gcs.mavlink.mission.upload_stages import TRANSITIONS, OnboardState, Stage, TransitionError, UploadResult
 from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.mavlink.services.command_sender import (
     REQUEST_MESSAGE,
@@ -93,7 +93,7 @@ class UploadSteps:
     ) -> None:
         self.mission = mission
         self.items = profile.items(mission, home, from_ground=from_ground)
-        self.stage: Stage = "new"
+        self.stage = Stage.NEW
         self.uploads = 0
         self.result: UploadResult | None = None
         self._encode = encode
@@ -120,7 +120,7 @@ class UploadSteps:
         self._download: MissionDownload | None = None
         self._is_cleared = False
         self._was_inconsistent = inconsistent
-        self._onboard: OnboardState = "unknown" if inconsistent else "old"
+        self._onboard = OnboardState.UNKNOWN if inconsistent else OnboardState.OLD
         self._reason = ""
         self._uploads_exhausted = False
         self._may_resume = True
@@ -149,9 +149,14 @@ class UploadSteps:
     @property
     def is_inconsistent(self) -> bool:
         """True if the onboard mission may be inconsistent now."""
-        return self._onboard == "unknown" and not self._profile.atomic
+        return self._onboard is OnboardState.UNKNOWN and not self._profile.atomic
 
     # ------------------------------------------------------------ stages
+
+    def _set_stage(self, stage: Stage) -> None:
+        if stage not in TRANSITIONS[self.stage]:
+            raise TransitionError(self.stage, stage)
+        self.stage = stage
 
     def _enter_stage(
         self,
@@ -162,7 +167,7 @@ class UploadSteps:
         pause_s: float = 0.0,
         policy: RetryPolicy | None = None,
     ) -> None:
-        self.stage = stage
+        self._set_stage(stage)
         self._stage_t_ns = t_ns
         self._deadline_t_ns = self._pending_failure = self._download = self._unexplained_mode_t_ns = None
         self._refusals = 0
@@ -175,16 +180,16 @@ class UploadSteps:
     def _enter_park(self, t_ns: int) -> None:
         """Command LOITER and wait for the heartbeat that shows it."""
         self._loiter_t_ns = t_ns
-        self._enter_stage("park", t_ns, self._mode_command(LOITER), policy=self._timing.loiter_retry)
+        self._enter_stage(Stage.PARK, t_ns, self._mode_command(LOITER), policy=self._timing.loiter_retry)
 
     def _start_upload(self, t_ns: int, pause_s: float = 0.0) -> None:
         self.uploads += 1
         self._mission_upload.restart()
         self._start_seq = self._begin_at() if self._profile.marks_current else -1
         if not self._delegated:
-            self._enter_stage("upload", t_ns, self._mission_upload.count_message(), pause_s=pause_s)
+            self._enter_stage(Stage.UPLOAD, t_ns, self._mission_upload.count_message(), pause_s=pause_s)
             return
-        self._enter_stage("upload", t_ns)
+        self._enter_stage(Stage.UPLOAD, t_ns)
         self._deadline_t_ns = t_ns + ns(self._timing.external_timeout_s)
         self._note_upload_begun()
         to, items = self._to, enumerate(self.items)
@@ -194,12 +199,12 @@ class UploadSteps:
     def _note_upload_begun(self) -> None:
         """Note that the vehicle may have begun to change its onboard mission."""
         self._selected = self._profile.atomic
-        if self._onboard != "unknown":
-            self._onboard = "unknown"
+        if self._onboard is not OnboardState.UNKNOWN:
+            self._onboard = OnboardState.UNKNOWN
             self._current_before = self._current
 
     def _start_verify(self, t_ns: int) -> None:
-        self._enter_stage("verify", t_ns)
+        self._enter_stage(Stage.VERIFY, t_ns)
         self._start_download(t_ns)
 
     def _start_download(self, t_ns: int) -> None:
@@ -215,7 +220,7 @@ class UploadSteps:
         self.first_seq = self._begin_at()
         self.leg_t_ns = t_ns
         self._enter_stage(
-            "select", t_ns, set_current_item(self.mission.vehicle, self._profile, self.first_seq)
+            Stage.SELECT, t_ns, set_current_item(self.mission.vehicle, self._profile, self.first_seq)
         )
 
     def _start_mode(self, t_ns: int) -> None:
@@ -227,11 +232,15 @@ class UploadSteps:
         elif self._authority.override:
             self._end_overridden(t_ns)
         else:
-            self._enter_stage("mode", t_ns, self._mode_command(AUTO))
+            self._enter_stage(Stage.MODE, t_ns, self._mode_command(AUTO))
 
     def _end_overridden(self, t_ns: int) -> None:
         """End without a mode command: an operator has chosen a mode."""
-        stored = "read back equal, not started" if self._onboard == "equal" else self._reason or "not begun"
+        stored = (
+            "read back equal, not started"
+            if self._onboard is OnboardState.EQUAL
+            else self._reason or "not begun"
+        )
         self._reason = f"{stored}: {self._authority.override} was chosen meanwhile"
         self._finish(ok=False, t_ns=t_ns)
 
@@ -244,7 +253,7 @@ class UploadSteps:
 
     def _resume_old_mission(self, t_ns: int) -> None:
         """End as failed. A vehicle in LOITER with a whole mission resumes it."""
-        if self._loiter_t_ns is not None and self._onboard == "old" and self._may_resume:
+        if self._loiter_t_ns is not None and self._onboard is OnboardState.OLD and self._may_resume:
             self._start_mode(t_ns)
         else:
             self._finish(ok=False, t_ns=t_ns)
@@ -252,18 +261,18 @@ class UploadSteps:
     def _hold_and_clear(self, t_ns: int) -> None:
         """Remove an inconsistent or rejected mission: LOITER first, then MISSION_CLEAR_ALL."""
         if not (self.is_inconsistent or self._is_rejected):
-            self._onboard = "old" if self._onboard == "old" else "whole"
+            self._onboard = OnboardState.OLD if self._onboard is OnboardState.OLD else OnboardState.WHOLE
             self._outbox += self._cancel_messages()
             self._resume_old_mission(t_ns)
         elif self._authority.mode not in ("", AUTO):
             self._start_clear(t_ns)
         else:
             self._loiter_t_ns = t_ns
-            self._enter_stage("hold", t_ns, self._mode_command(LOITER), policy=self._timing.loiter_retry)
+            self._enter_stage(Stage.HOLD, t_ns, self._mode_command(LOITER), policy=self._timing.loiter_retry)
 
     def _start_clear(self, t_ns: int) -> None:
         self._is_cleared = False
-        self._enter_stage("clear", t_ns, dialect.MAVLink_mission_clear_all_message(*self._to, _MISSION))
+        self._enter_stage(Stage.CLEAR, t_ns, dialect.MAVLink_mission_clear_all_message(*self._to, _MISSION))
 
     def _retry_upload(self, reason: str, t_ns: int) -> None:
         """Upload again after a pause. After the last upload, read back once more, then clear."""
@@ -272,7 +281,7 @@ class UploadSteps:
             self._rtt.retransmissions += 1
             self._outbox += self._cancel_messages()
             self._start_upload(t_ns, min(_MAX_PAUSE_S, 0.25 * 2.0**self.uploads))
-        elif self._uploads_exhausted or self.stage != "upload":
+        elif self._uploads_exhausted or self.stage is not Stage.UPLOAD:
             self._hold_and_clear(t_ns)
         else:
             self._uploads_exhausted = True
@@ -280,7 +289,7 @@ class UploadSteps:
 
     def _cancel_messages(self) -> list[Message]:
         """Return the ACK that ends a transfer early, for firmwares where MISSION_COUNT does not."""
-        if not self._profile.atomic or self.stage not in ("upload", "verify"):
+        if not self._profile.atomic or self.stage not in (Stage.UPLOAD, Stage.VERIFY):
             return []
         return [self._ack(dialect.MAV_MISSION_OPERATION_CANCELLED)]
 
@@ -288,6 +297,7 @@ class UploadSteps:
         return dialect.MAVLink_mission_ack_message(*self._to, result, _MISSION)
 
     def _finish(self, *, ok: bool, t_ns: int) -> None:
+        self._enter_stage(Stage.DONE, t_ns)
         detail = "verified by read-back" if ok else self._reason
         if ok and self.uploads > 1:
             detail += f" after {self.uploads} uploads"
@@ -296,7 +306,6 @@ class UploadSteps:
         self.result = UploadResult(
             t_ns, ok, self._onboard, detail, duration_s, self.retries, held, self._selected
         )
-        self._enter_stage("done", t_ns)
 
     def _is_for_us(self, message: Message, *, broadcast: bool = False) -> bool:
         target = (message.target_system, message.target_component)
@@ -319,14 +328,14 @@ class UploadSteps:
         """Return the frames that are due."""
         if self._timer is not None and self._timer.start_try(t_ns):
             self._rtt.retransmissions += self._timer.sent > 1
-            if self.stage == "upload":
+            if self.stage is Stage.UPLOAD:
                 self._note_upload_begun()
-            if self.stage == "select" and self._profile.atomic:
+            if self.stage is Stage.SELECT and self._profile.atomic:
                 # Without it PX4 ignores the selection for 5 s.
                 self._outbox.append(self._ack(dialect.MAV_MISSION_ACCEPTED))
             copies = self._rtt.copies if self._timer.sent > 1 else 1
             self._outbox += [self._timer.request] * copies
-            if self.stage == "select":
+            if self.stage is Stage.SELECT:
                 self._outbox += [self._request_mission_current()] * copies
         if self._download is not None:
             self._outbox += self._download.poll(t_ns)

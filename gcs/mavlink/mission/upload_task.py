@@ -1,13 +1,8 @@
 """Mission upload to one vehicle: upload, download, compare, select, start. Sans-I/O.
 
 Sources: https://mavlink.io/en/services/mission.html, ArduPilot's `MissionItemProtocol`, PX4's
-`mavlink_mission`. `gcs.mavlink.autopilots` holds what differs between them. Stages::
-
-    [park] --> upload --all items, ACK--> verify --equal--> select --> mode --> done
-                 ^                          |
-                 +-- differs, refused ------+--retries used up--> hold --> clear --> done (failed)
-
-Rules:
+`mavlink_mission`. `gcs.mavlink.autopilots` holds what differs between them. Stages and transitions:
+`gcs.mavlink.mission.upload_stages`. Rules:
 
 * An ArduPlane upload is in place. From MISSION_COUNT to the last item the onboard mission is inconsistent.
   Only the read-back tells what is stored, also after a lost ACK. A PX4 upload is atomic: the onboard mission
@@ -35,6 +30,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.frames.codec import Message, is_for
+from gcs.mavlink.mission.upload_stages import OnboardState, Stage, TransitionError
 from gcs.mavlink.mission.upload_steps import UploadSteps
 from gcs.mavlink.services.command_sender import SET_MODE
 from gcs.mavlink.services.retry import ns
@@ -75,7 +71,7 @@ class UploadTask(UploadSteps):
     def receive(self, message: Message, t_ns: int) -> list[bytes]:
         """Process a message of the vehicle; return the frames to send."""
         handler = _HANDLERS.get(message.get_type())
-        if self.stage in ("new", "done") or handler is None:
+        if self.stage in (Stage.NEW, Stage.DONE) or handler is None:
             return []
         if (message.get_srcSystem(), message.get_srcComponent()) != self._to:
             return []
@@ -84,7 +80,7 @@ class UploadTask(UploadSteps):
 
     def poll(self, t_ns: int) -> list[bytes]:
         """Advance the timers; return the frames to send."""
-        if self.stage in ("new", "done"):
+        if self.stage in (Stage.NEW, Stage.DONE):
             return []
         self._guard_next_item(t_ns)
         if self._unexplained_mode_t_ns is not None and t_ns - self._unexplained_mode_t_ns > ns(
@@ -92,7 +88,7 @@ class UploadTask(UploadSteps):
         ):
             self._end_overridden(t_ns)
             return self._take_due_frames(t_ns)
-        transferring = self.stage in ("upload", "verify")
+        transferring = self.stage in (Stage.UPLOAD, Stage.VERIFY)
         if transferring and t_ns - self._began_t_ns > ns(self._timing.transfer_timeout_s):
             self._reason = (
                 f"no end after {self._timing.transfer_timeout_s:.0f} s: {self._reason or self.stage}"
@@ -104,18 +100,18 @@ class UploadTask(UploadSteps):
             self._on_upload_timeout(t_ns)
         elif any(one is not None and one.is_exhausted(t_ns) for one in (self._timer, self._download)):
             self._on_tries_exhausted(t_ns)
-        elif self.stage == "upload" and self._pending_failure is None:
+        elif self.stage is Stage.UPLOAD and self._pending_failure is None:
             self._outbox += self._mission_upload.poll(t_ns, self._start_seq)
         return self._take_due_frames(t_ns)
 
     def restart(self, t_ns: int) -> list[bytes]:
         """Start again after a reboot of the vehicle: its onboard mission and mode are unknown."""
-        if self.stage in ("new", "done"):
+        if self.stage in (Stage.NEW, Stage.DONE):
             return []
         self._current = None
-        if self.stage in ("hold", "clear"):
+        if self.stage in (Stage.HOLD, Stage.CLEAR):
             self._hold_and_clear(t_ns)
-        elif self.stage == "park":
+        elif self.stage is Stage.PARK:
             self._reason = "the vehicle rebooted"
             self._finish(ok=False, t_ns=t_ns)
         else:
@@ -128,20 +124,34 @@ class UploadTask(UploadSteps):
         Nothing is started here.
         """
         self._may_resume = False
-        if self.stage in ("upload", "verify"):
+        if self.stage in (Stage.UPLOAD, Stage.VERIFY):
             self._reason = reason
             self._hold_and_clear(t_ns)
-        elif self.stage in ("new", "park", "select", "mode"):
+        elif self.stage in (Stage.NEW, Stage.PARK, Stage.SELECT, Stage.MODE):
             self._reason = reason
             self._finish(ok=False, t_ns=t_ns)
         return self._take_due_frames(t_ns)
 
     def supersede(self, t_ns: int) -> list[bytes]:
         """End at once for another task; return the frames to send before it."""
-        if self.stage != "done":
+        if self.stage is not Stage.DONE:
             self._outbox += self._cancel_messages()
             self._reason = "superseded"
             self._finish(ok=False, t_ns=t_ns)
+        return self._take_due_frames(t_ns)
+
+    def end_after_error(self, error: TransitionError, t_ns: int) -> list[bytes]:
+        """End at once after a programming error; return the frames to send.
+
+        After the begin of an upload the onboard mission counts as unknown, whatever was verified.
+        """
+        self._outbox.clear()
+        if self.stage is Stage.DONE:
+            return []
+        self._onboard = OnboardState.UNKNOWN if self.uploads else self._onboard
+        self._reason = f"program error in its upload ({error})"
+        self._outbox += self._cancel_messages()
+        self._finish(ok=False, t_ns=t_ns)
         return self._take_due_frames(t_ns)
 
     def report(self) -> UploadReport:
@@ -177,14 +187,14 @@ class UploadTask(UploadSteps):
         If it failed before it changed anything, the vehicle keeps its mission. If it left an inconsistent
         mission, this task uploads.
         """
-        if self.stage == "upload" and self._delegated:
+        if self.stage is Stage.UPLOAD and self._delegated:
             if ok:
                 self._start_verify(t_ns)
             elif begun or self._was_inconsistent:
                 self._delegated = False
                 self._retry_upload(detail, t_ns)
             else:
-                self._onboard, self._reason = "old", detail
+                self._onboard, self._reason = OnboardState.OLD, detail
                 self._resume_old_mission(t_ns)
         return self._take_due_frames(t_ns)
 
@@ -203,32 +213,32 @@ class UploadTask(UploadSteps):
 
     def _on_tries_exhausted(self, t_ns: int) -> None:
         match self.stage:
-            case "park":
-                unchanged = ", so nothing was changed" if self._onboard == "old" else ""
+            case Stage.PARK:
+                unchanged = ", so nothing was changed" if self._onboard is OnboardState.OLD else ""
                 self._reason = f"LOITER was not confirmed{unchanged}"
                 self._finish(ok=False, t_ns=t_ns)
-            case "upload":
+            case Stage.UPLOAD:
                 self._reason = "no answer to MISSION_COUNT"
                 self._hold_and_clear(t_ns)
-            case "verify":
+            case Stage.VERIFY:
                 self._retry_upload("no answer to the read-back", t_ns)
-            case "select":
+            case Stage.SELECT:
                 self._reason = "the first item could not be selected"
                 self._finish(ok=False, t_ns=t_ns)
-            case "mode":
+            case Stage.MODE:
                 self._reason = self._reason or "AUTO was not confirmed"
                 self._finish(ok=False, t_ns=t_ns)
-            case "hold":
+            case Stage.HOLD:
                 self._reason += "; LOITER was not confirmed"
                 self._start_clear(t_ns)
-            case "clear":
+            case Stage.CLEAR:
                 self._reason += "; the clearing was not confirmed"
                 self._finish(ok=False, t_ns=t_ns)
 
     def _guard_next_item(self, t_ns: int) -> None:
         """Command LOITER before the vehicle flies to the next item of the wrong mission."""
-        is_inconsistent = self.is_inconsistent and self.stage in ("upload", "verify", "clear")
-        unselected = self.stage == "select" and not self._selected
+        is_inconsistent = self.is_inconsistent and self.stage in (Stage.UPLOAD, Stage.VERIFY, Stage.CLEAR)
+        unselected = self.stage is Stage.SELECT and not self._selected
         if not (is_inconsistent or unselected) or self._authority.mode != AUTO:
             return
         near = self._time_to_next_s(t_ns) < self._timing.guard_s
@@ -248,11 +258,12 @@ class UploadTask(UploadSteps):
         if self._delegated or not self._is_for_us(message):
             return
         upload, seq = self._mission_upload, message.seq
-        if self.stage == "verify" and not upload.acked and seq < upload.sent_count:
-            self.stage, self._download = "upload", None  # It lacks the last item: continue.
-        if self.stage != "upload":
+        if self.stage is Stage.VERIFY and not upload.acked and seq < upload.sent_count:
+            self._set_stage(Stage.UPLOAD)  # It lacks the last item: continue.
+            self._download = None
+        if self.stage is not Stage.UPLOAD:
             asks_late = t_ns - self._stage_t_ns > ns(self._timing.settle_s)
-            if asks_late and self.stage in ("verify", "select", "mode"):
+            if asks_late and self.stage in (Stage.VERIFY, Stage.SELECT, Stage.MODE):
                 self._retry_upload("the vehicle requests items again", t_ns)
             return
         if self._is_pausing():
@@ -271,7 +282,7 @@ class UploadTask(UploadSteps):
         if not self._is_for_us(message, broadcast=True):
             return
         accepted, upload = message.type == _ACCEPTED, self._mission_upload
-        if self.stage == "upload" and not self._delegated:
+        if self.stage is Stage.UPLOAD and not self._delegated:
             if upload.is_all_sent and message.type in (_ACCEPTED, _ERROR):
                 upload.acked = accepted  # On an error it has all items.
                 self._start_verify(t_ns)
@@ -279,27 +290,27 @@ class UploadTask(UploadSteps):
                 said = _name("MAV_MISSION_RESULT", message.type)
                 reason = f"the vehicle answered {said}, {upload.sent_count} of {len(self.items)} items sent"
                 self._pending_failure = self._pending_failure or (t_ns + ns(self._timing.settle_s), reason)
-        elif self.stage == "verify" and message.type == _ERROR and self._download is not None:
+        elif self.stage is Stage.VERIFY and message.type == _ERROR and self._download is not None:
             self._download.restart_if_in_order(t_ns)
-        elif self.stage == "clear" and accepted and not self._is_cleared:
+        elif self.stage is Stage.CLEAR and accepted and not self._is_cleared:
             self._is_cleared = True
             self._start_download(t_ns)
 
     def _on_count(self, message: Message, t_ns: int) -> None:
         if not self._is_for_us(message):
             return
-        if self.stage == "clear" and self._is_cleared:
+        if self.stage is Stage.CLEAR and self._is_cleared:
             if message.count <= self._profile.home_items:
-                self._onboard = "cleared"
+                self._onboard = OnboardState.CLEARED
                 self._finish(ok=False, t_ns=t_ns)
             else:
                 self._start_clear(t_ns)
-        elif self.stage == "verify" and self._download is not None:
+        elif self.stage is Stage.VERIFY and self._download is not None:
             self._download.add_count(message, t_ns)
             self._compare_download(t_ns)
 
     def _on_item(self, message: Message, t_ns: int) -> None:
-        if self.stage == "verify" and self._download is not None and self._is_for_us(message):
+        if self.stage is Stage.VERIFY and self._download is not None and self._is_for_us(message):
             self._download.add_item(message, t_ns)
             self._compare_download(t_ns)
 
@@ -313,13 +324,13 @@ class UploadTask(UploadSteps):
         is_old = self._old is not None and not profile.difference(self._old, download.items)
         self._is_rejected = bool(difference) and not is_old
         if not difference:
-            self._onboard = "equal"
+            self._onboard = OnboardState.EQUAL
             if self._loiter_t_ns is not None and self._authority.mode == AUTO:
                 self._enter_park(t_ns)
             else:
                 self._start_select(t_ns)
         elif self._uploads_exhausted and is_old:
-            self._onboard = "old"
+            self._onboard = OnboardState.OLD
             self._resume_old_mission(t_ns)
         else:
             self._retry_upload(f"read-back differs: {difference}", t_ns)
@@ -328,15 +339,15 @@ class UploadTask(UploadSteps):
         self._has_no_mission = message.mission_state == dialect.MISSION_STATE_NO_MISSION
         if self._current_before is None:
             self._current_before = message.seq
-        is_echo = self.stage == "select" and self.first_seq == self._profile.home_items
+        is_echo = self.stage is Stage.SELECT and self.first_seq == self._profile.home_items
         is_echo = is_echo and message.seq == 0 != self._current_before
         self._current = self.first_seq if is_echo else message.seq
-        if self.stage == "mode" and self._has_no_mission and self._unexplained_mode_t_ns is not None:
+        if self.stage is Stage.MODE and self._has_no_mission and self._unexplained_mode_t_ns is not None:
             self._reject(t_ns)
-        elif self.stage == "mode" and self._unexplained_mode_t_ns is not None:
+        elif self.stage is Stage.MODE and self._unexplained_mode_t_ns is not None:
             self._end_overridden(t_ns)
         elif (
-            self.stage == "select"
+            self.stage is Stage.SELECT
             and self._current == self.first_seq
             and self._is_selection_answer(message.seq, t_ns)
         ):
@@ -352,7 +363,7 @@ class UploadTask(UploadSteps):
         return self._profile.atomic or seq != self._current_before or is_late
 
     def _on_command_ack(self, message: Message, t_ns: int) -> None:
-        if not is_for(message, self._own) or self.stage != "mode" or message.command != SET_MODE:
+        if not is_for(message, self._own) or self.stage is not Stage.MODE or message.command != SET_MODE:
             return
         if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
             return
@@ -370,27 +381,27 @@ class UploadTask(UploadSteps):
             self._profile.mode_name(message.custom_mode), at_end=self._is_at_mission_end()
         )
         mode, is_overridden = self._authority.mode, bool(self._authority.override)
-        if self.stage == "park" and mode != AUTO:
-            if self._onboard == "equal":
+        if self.stage is Stage.PARK and mode != AUTO:
+            if self._onboard is OnboardState.EQUAL:
                 self._start_select(t_ns)
             elif is_overridden:
                 self._end_overridden(t_ns)
             else:
                 self._start_upload(t_ns)
-        elif self.stage == "mode" and is_overridden and self._profile.atomic and mode == LOITER:
+        elif self.stage is Stage.MODE and is_overridden and self._profile.atomic and mode == LOITER:
             if self._unexplained_mode_t_ns is None:  # Maybe the mission was rejected.
                 self._unexplained_mode_t_ns = t_ns
                 self._outbox.append(self._request_mission_current())
-        elif self.stage == "mode" and is_overridden:
+        elif self.stage is Stage.MODE and is_overridden:
             self._end_overridden(t_ns)
-        elif self.stage == "mode" and mode == AUTO and self._timer is not None and self._timer.sent:
-            self._finish(ok=self._onboard == "equal", t_ns=t_ns)
-        elif self.stage == "hold" and mode != AUTO:
+        elif self.stage is Stage.MODE and mode == AUTO and self._timer is not None and self._timer.sent:
+            self._finish(ok=self._onboard is OnboardState.EQUAL, t_ns=t_ns)
+        elif self.stage is Stage.HOLD and mode != AUTO:
             self._start_clear(t_ns)
 
     def _is_at_mission_end(self) -> bool:
         """Return True if the vehicle would be at its mission's end."""
-        flown = self._old if self._onboard == "old" else self.items
+        flown = self._old if self._onboard is OnboardState.OLD else self.items
         last = math.inf if flown is None else len(flown) - 1
         return self._profile.ends_in == LOITER and self._current == last
 

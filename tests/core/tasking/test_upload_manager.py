@@ -1,6 +1,7 @@
 """A user would lose vehicles to transfers that crowd each other, or forget what a vehicle was left with."""
 
 import numpy as np
+import pytest
 from plane_double import AUTO, LOITER, MANUAL, Plane, S
 from px4_double import HOLD, Px4
 
@@ -8,12 +9,15 @@ from gcs.config.tables import AirframeTable, MissionTable
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.mission.upload_stages import Stage, TransitionError
+from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.model import Datagram, Notice, Route, Send, Tick, UploadReport, read_only
 from sim_vehicles.autopilots.personality import Mode
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import load
 
 FRAME = LocalFrame(-35.3632621, 149.165237, 584.09)
+END_AFTER_ERROR = UploadTask.end_after_error
 ROUTE = read_only([[0.0, 500.0], [500.0, 500.0], [900.0, 0.0]])
 
 
@@ -292,3 +296,31 @@ def test_nothing_false_is_said_of_a_px4():
     swarm.run(5.0)
     assert alarms(swarm) == []
     assert swarm.planes[1].store
+
+
+@pytest.mark.parametrize("broken", [Stage.UPLOAD, Stage.VERIFY, Stage.SELECT, Stage.MODE])
+def test_after_a_program_error_the_vehicle_is_cleared_and_can_be_tasked_again(monkeypatch, broken):
+    """An error of our own neither ends the service nor leaves a mission that may be half."""
+    swarm = Swarm(1, mode=AUTO)
+    plane, enter, errors = swarm.planes[1], UploadTask._set_stage, []
+
+    def fail_once(task, stage):
+        if stage is broken and not errors:
+            errors.append(stage)
+            raise TransitionError(task.stage, stage)
+        enter(task, stage)
+
+    monkeypatch.setattr(UploadTask, "_set_stage", fail_once)
+    monkeypatch.setattr(UploadTask, "end_after_error", END_AFTER_ERROR)
+    swarm.task(1)
+    swarm.run(20.0)
+    alarms = [e.text for e in swarm.effects if isinstance(e, Notice) and "ended by a program error" in e.text]
+    assert len(alarms) == 1
+    (report,) = swarm.reports()
+    assert not report.ok
+    assert f"to {broken}" in report.detail
+    assert (plane.mode, plane.store) == (LOITER, [])
+    swarm.task(1)
+    swarm.run(20.0)
+    assert swarm.reports()[-1].ok
+    assert plane.mode == AUTO
