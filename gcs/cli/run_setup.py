@@ -15,7 +15,7 @@ from rich.live import Live
 from gcs.cli.live_view import LiveView, PlainLines
 from gcs.cli.warm_up_progress import load_kernels
 from gcs.config import Config
-from gcs.config.tables import RecordingTable
+from gcs.config.schema import RecordingTable
 from gcs.core.engine import Engine
 from gcs.io.console import Printable, console_for
 from gcs.io.links.manager import Links

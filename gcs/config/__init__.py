@@ -5,6 +5,10 @@ One file describes a mission: frame, map, agents, birth components, tracking, pl
 
 Each mistake raises `ConfigError` with the file, the dotted key and the expected value. Shipped scenarios are
 in `gcs/scenarios`. `config/reference.toml` lists every key with its unit, range and default.
+
+- `schema`: the tables with their keys, ranges and defaults; `airframe`: turn radius and lag of the vehicles.
+- `mission_file`: the whole file. `text`, `validation`: TOML and error messages.
+- `places`: positions in degrees; `contradictions`: checks across keys; `key_overrides`: changed keys.
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ from __future__ import annotations
 from typing import Any
 
 from gcs.config import contradictions
-from gcs.config.mission import Config
+from gcs.config.mission_file import Config
 from gcs.config.places import local_places, with_local_places
 from gcs.config.text import decode_toml, read_text, scenario_names
 from gcs.config.validation import Table, convert

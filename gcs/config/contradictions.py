@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from gcs.config.mission import Config
-from gcs.config.tables import AgentTable, BirthTable, link_of
+from gcs.config.mission_file import Config
+from gcs.config.schema import AgentTable, BirthTable, link_of
 from gcs.endpoints import Link
 from gcs.errors import ConfigError, LinkError
 from gcs.geojson import read_zones

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from gcs.config.tables import FrameTable, Latitude, Longitude
+from gcs.config.schema import FrameTable, Latitude, Longitude
 from gcs.config.validation import Table, convert
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame

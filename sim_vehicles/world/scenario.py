@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Meta
 
 from gcs.config import Config, Table, convert, local_places, parse, read_text
-from gcs.config.tables import Box, NotNegative, Positive, Probability, SystemId
+from gcs.config.schema import Box, NotNegative, Positive, Probability, SystemId
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
 from sim_vehicles.vehicle.parameters import Parameters

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gcs.config.tables import MapTable
+from gcs.config.schema import MapTable
 from gcs.model import FloatArray, Polar, Scan, Sensor, TruthObject, read_only
 from gcs.tracking.models.sensors import (
     covers,

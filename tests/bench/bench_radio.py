@@ -17,7 +17,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "mavlink"))
 from plane_double import LOITER, Plane, S
 
-from gcs.config.tables import AirframeTable, MissionTable
+from gcs.config.airframe import AirframeTable
+from gcs.config.schema import MissionTable
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet

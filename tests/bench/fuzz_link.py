@@ -14,7 +14,8 @@ import time
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.config.tables import AirframeTable, MissionTable
+from gcs.config.airframe import AirframeTable
+from gcs.config.schema import MissionTable
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet

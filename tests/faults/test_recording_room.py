@@ -14,7 +14,7 @@ from rich.console import Console
 from gcs.cli.fly.live_service import serve
 from gcs.cli.run_setup import open_recorder
 from gcs.config import load, read_text
-from gcs.config.tables import RecordingTable
+from gcs.config.schema import RecordingTable
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import JournalError, LinkError, RecordingError

@@ -28,7 +28,7 @@ from gcs.errors import ConfigError, RecordingError
 from gcs.io.detections.readers import Detections, load
 from gcs.io.recording.reader import recording_bytes
 from gcs.model import FloatArray, Label
-from gcs.report.plots.tracking import TrackingDrawing, draw_tracking
+from gcs.report.plots.track_figure import TrackingDrawing, draw_tracking
 from gcs.tracking.glmb.filter import Birth, Glmb
 from gcs.tracking.metrics import Tracks, cardinality_error, gospa, identity_switches, ospa, ospa2
 from gcs.tracking.models.adaptive_birth import AdaptiveBirth

@@ -14,7 +14,7 @@ from gcs.io.console import console_for
 
 if TYPE_CHECKING:
     from gcs.config import Config
-    from gcs.config.tables import AgentTable, BirthTable
+    from gcs.config.schema import AgentTable, BirthTable
 
 app = command_app()
 

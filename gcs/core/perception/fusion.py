@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs.config import Config
-from gcs.config.tables import KindTracking
+from gcs.config.schema import KindTracking
 from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.core.perception.tracking_model import (
     BIRTH_AGAIN_PROBABILITY,

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from gcs.config.tables import TelemetryTable
+from gcs.config.schema import TelemetryTable
 from gcs.core.perception.fusion import at_time
 from gcs.model import NS_PER_S, Effect, FloatArray, Label, Notice, Scan, Sensor, Track, VehicleState
 from gcs.tracking.models.sensors import MAX_DETECTION_PROBABILITY, clutter_per_m2, covers, noise_m2

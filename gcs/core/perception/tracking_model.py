@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from gcs.config import Config
-from gcs.config.tables import TrackingTable
+from gcs.config.schema import TrackingTable
 from gcs.model import read_only
 from gcs.tracking.glmb.filter import Birth, GlmbParams
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from gcs.config import Config
-from gcs.config.tables import PlanningTable
+from gcs.config.schema import PlanningTable
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.model import Label, Route, Track
 from gcs.planning.intercept import shrunk_velocity

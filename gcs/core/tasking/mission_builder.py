@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gcs.config.tables import AirframeTable, MissionTable
+from gcs.config.airframe import AirframeTable
+from gcs.config.schema import MissionTable
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S, FloatArray, Mission, Route, VehicleState, Waypoint
 from gcs.planning.path.turns import TurnAnticipation

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container
 
-from gcs.config.tables import AirframeTable, MissionTable
+from gcs.config.airframe import AirframeTable
+from gcs.config.schema import MissionTable
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.authority.overrides import Overrides
 from gcs.core.replanning.return_routes import ReturnRoutes

@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Meta
 
 from gcs.config import Table, convert, decode_toml
-from gcs.config.tables import AnywhereTable, Box, InnerProbability, NotNegative, Positive, Probability
+from gcs.config.schema import AnywhereTable, Box, InnerProbability, NotNegative, Positive, Probability
 from gcs.errors import ConfigError
 from gcs.files import read_text
 from gcs.io.detections.tables import read_npz

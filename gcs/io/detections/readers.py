@@ -23,7 +23,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from gcs.config import parse
-from gcs.config.tables import AnywhereTable
+from gcs.config.schema import AnywhereTable
 from gcs.core.perception.tracking_model import (
     BIRTH_AGAIN_PROBABILITY,
     agent_births,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from gcs.config.tables import TelemetryTable
+from gcs.config.schema import TelemetryTable
 from gcs.core.perception.fusion import squared_distances
 from gcs.core.perception.position_integrity import _GATE_CHI2, PositionIntegrityMonitor, _near
 from gcs.mavlink.frames.codec import Encoder, decode

@@ -5,7 +5,8 @@ import pytest
 from plane_double import AUTO, LOITER, MANUAL, Plane, S
 from px4_double import HOLD, Px4
 
-from gcs.config.tables import AirframeTable, MissionTable
+from gcs.config.airframe import AirframeTable
+from gcs.config.schema import MissionTable
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet

@@ -9,7 +9,7 @@ import pytest
 from recorded import CONFIG, VERSIONS
 
 from gcs.cli.run_setup import open_recorder
-from gcs.config.tables import RecordingTable
+from gcs.config.schema import RecordingTable
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import Run, remove_empty
 from gcs.io.recording.reader import read

@@ -12,9 +12,6 @@ from gcs.config.validation import Table
 from gcs.endpoints import Link, parse_endpoint
 from gcs.model import vehicle_id
 
-_G_M_S2 = 9.80665
-_STRONG_WIND_M_S = 30.0
-
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
@@ -116,35 +113,6 @@ class TelemetryTable(Table, frozen=True, kw_only=True):
     noise_std_m: Positive = 3.0
     detection_probability: InnerProbability = 0.9
     max_age_s: Positive = 1.0
-
-
-class AirframeTable(Table, frozen=True, kw_only=True):
-    """Turning flight of vehicles, for routes and acceptance radii."""
-
-    speed_m_s: Positive = 15.0
-    bank_deg: Annotated[float, Meta(ge=5.0, le=70.0)] = 30.0
-    turn_lag_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 1.0
-    wind_m_s: Annotated[float, Meta(ge=0.0, le=30.0)] = 0.0
-
-    @property
-    def turn_radius_m(self) -> float:
-        """Maximum radius over ground of a level turn: V^2 / (g tan bank), downwind."""
-        return (self.speed_m_s + self.wind_m_s) ** 2 / (_G_M_S2 * math.tan(math.radians(self.bank_deg)))
-
-    @property
-    def max_ground_speed_m_s(self) -> float:
-        """Maximum plausible ground speed: a dive at three times the airspeed, downwind in strong wind."""
-        return 3.0 * self.speed_m_s + max(self.wind_m_s, _STRONG_WIND_M_S)
-
-    @property
-    def turn_lag_m(self) -> float:
-        """Distance flown before a turn begins."""
-        return (self.speed_m_s + self.wind_m_s) * self.turn_lag_s
-
-    @property
-    def planned_radius_m(self) -> float:
-        """Turn radius of planned routes: with the lag."""
-        return math.hypot(self.turn_radius_m, self.turn_lag_m)
 
 
 class PlanningTable(Table, frozen=True, kw_only=True):

@@ -6,9 +6,9 @@ from typing import Annotated, Any
 
 from msgspec import Meta
 
-from gcs.config.tables import (
+from gcs.config.airframe import AirframeTable
+from gcs.config.schema import (
     AgentTable,
-    AirframeTable,
     BirthTable,
     FenceTable,
     FrameTable,
