@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "mavlink"))
-from plane_double import AUTO, Channel, Joined, Plane, S
+from plane_double import AUTO, Channel, Joined, OfPlane, Plane, S
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
@@ -48,7 +48,7 @@ def trial(seed: int, loss: float) -> tuple[str, float, int, int, bool]:
     plane.load(old, current=2)
     task = UploadTask(
         mission(28), HOME, Encoder(), authority=ModeAuthority("AUTO"), old=old,
-        time_to_next_s=plane.time_to_next_s, current=2,
+        policy=OfPlane(plane), current=2,
     )  # fmt: skip
     plane.mean(task.items)
     way = {"loss": loss, "doubles": 0.05, "delay_s": (0.01, 0.1)}

@@ -19,6 +19,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
+from gcs.mavlink.mission.upload_timing import UploadPolicy
 
 S = 1_000_000_000
 HOME = (-353632621, 1491652370, 584.09)
@@ -272,6 +273,16 @@ class Plane:
         return [dialect.MAVLink_command_ack_message(message.command, result, 0, 0, *sender), *extra]
 
 
+class OfPlane(UploadPolicy):
+    """An upload's policy that knows when the plane reaches its next item."""
+
+    def __init__(self, plane: Plane) -> None:
+        self._plane = plane
+
+    def time_to_next_s(self, vehicle: int, t_ns: int) -> float:
+        return self._plane.time_to_next_s(t_ns)
+
+
 class Channel:
     """One way of a bad radio: loses, delays, doubles and so reorders, from a seed."""
 
@@ -342,6 +353,7 @@ __all__ = [
     "RTL",
     "Channel",
     "Joined",
+    "OfPlane",
     "Plane",
     "S",
     "replace",

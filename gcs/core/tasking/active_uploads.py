@@ -16,12 +16,15 @@ from typing import Final
 from gcs.core.authority.overrides import Overrides
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.link_window import UploadWindow
+from gcs.core.tasking.mission_builder import points_passed
 from gcs.core.tasking.onboard_missions import OnboardMission, OnboardMissions
 from gcs.core.tasking.upload_queue import UploadQueue
+from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.upload_stages import OnboardState, TransitionError
 from gcs.mavlink.mission.upload_task import UploadTask
+from gcs.mavlink.mission.upload_timing import UploadPolicy
 from gcs.model import NS_PER_S, Effect, Notice, Upload, UploadAnswer
 
 _MAX_ITEMS_IN_FLIGHT: Final = 12
@@ -35,10 +38,12 @@ class _ActiveUpload:
     began_t_ns: int
     mission: OnboardMission | None
     """Onboard mission after success; None while an inconsistent mission is cleared."""
+    planned_t_ns: int
+    """Time at which its route was planned."""
 
 
-class ActiveUploads:
-    """Uploads in progress.
+class ActiveUploads(UploadPolicy):
+    """Uploads in progress, and their policy.
 
     Parameters
     ----------
@@ -107,28 +112,48 @@ class ActiveUploads:
         """Return the round-trip time that the last upload over a link measured; 0 if there was none."""
         return self._windows[link].round_trip_s
 
-    def max_items_in_flight(self, link: str) -> int:
-        """Return the number of items that one upload over a link may have in flight."""
-        return max(1, _MAX_ITEMS_IN_FLIGHT // self._counts[link])
+    # ------------------------------------------------------------ policy of the tasks
 
-    def start(self, task: UploadTask, mission: OnboardMission, t_ns: int) -> list[Effect]:
-        """Start the upload of a mission."""
+    def time_to_next_s(self, vehicle: int, t_ns: int) -> float:
+        """Return the time until a vehicle reaches its current item; 0 if that is unknown."""
+        return self._onboard.time_to_next_s(vehicle, t_ns) if self.has_mission(vehicle) else 0.0
+
+    def first_item(self, vehicle: int) -> int:
+        """Return the first item ahead of a vehicle."""
+        upload, profile = self._uploads[vehicle], self._fleet.profile(vehicle)
+        if upload.mission is None or profile is None:
+            return 0
+        state = self._fleet.state(vehicle)
+        return profile.first_flown(
+            points_passed(upload.mission.route, upload.planned_t_ns, state),
+            from_ground=upload.mission.first_point > profile.home_items,
+            still_on_ground=is_on_ground(state, self._fleet.home(vehicle)),
+        )
+
+    def max_items_in_flight(self, vehicle: int) -> int:
+        """Return the number of items that an upload may have in flight on its link."""
+        return max(1, _MAX_ITEMS_IN_FLIGHT // self._counts[self._uploads[vehicle].link])
+
+    # ------------------------------------------------------------ uploads
+
+    def start(self, task: UploadTask, mission: OnboardMission, planned_t_ns: int, t_ns: int) -> list[Effect]:
+        """Start the upload of a mission whose route was planned at `planned_t_ns`."""
         vehicle = mission.route.vehicle
-        self._add(vehicle, task, mission, t_ns)
+        self._add(_ActiveUpload(task, self._fleet.link(vehicle), t_ns, mission, planned_t_ns))
         self._queue.began(vehicle, t_ns)
         return self._run(vehicle, partial(task.start, t_ns), t_ns)
 
     def clear(self, vehicle: int, task: UploadTask, t_ns: int) -> list[Effect]:
         """Hold a vehicle and clear its inconsistent mission."""
-        self._add(vehicle, task, None, t_ns)
+        self._add(_ActiveUpload(task, self._fleet.link(vehicle), t_ns, None, t_ns))
         return self._run(vehicle, lambda: task.start_clearing(t_ns), t_ns)
 
-    def _add(self, vehicle: int, task: UploadTask, mission: OnboardMission | None, t_ns: int) -> None:
+    def _add(self, upload: _ActiveUpload) -> None:
+        vehicle = upload.task.mission.vehicle
         self.inconsistent.discard(vehicle)
         self._first_legs.end(vehicle)
-        link = self._fleet.link(vehicle)
-        self._uploads[vehicle] = _ActiveUpload(task, link, t_ns, mission)
-        self._counts[link] += 1
+        self._uploads[vehicle] = upload
+        self._counts[upload.link] += 1
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""

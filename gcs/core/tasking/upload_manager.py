@@ -17,7 +17,7 @@ from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.takeoff.climbs import Climbs
 from gcs.core.tasking.active_uploads import ActiveUploads
 from gcs.core.tasking.first_legs import FirstLegs
-from gcs.core.tasking.mission_builder import MissionBuilder, points_passed
+from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMission, OnboardMissions, TerminalPhase
 from gcs.core.tasking.upload_queue import UploadQueue
 from gcs.geo import LocalFrame
@@ -271,6 +271,7 @@ class UploadManager:
             self._fleet.encoder(vehicle),
             profile=profile,
             authority=self.overrides.of(vehicle),
+            policy=self._active,
             inconsistent=True,
         )
         return self._active.clear(vehicle, task, t_ns)
@@ -340,17 +341,11 @@ class UploadManager:
             old=None if old is None else old.items,
             inconsistent=vehicle in self._active.inconsistent,
             current=state.mission_seq if state is not None and state.mission_seq >= 0 else None,
-            time_to_next_s=lambda now_ns: self.onboard_missions.time_to_next_s(vehicle, now_ns),
-            first_item=lambda: profile.first_flown(
-                points_passed(route, planned_t_ns, fleet.state(vehicle)),
-                from_ground=from_ground,
-                still_on_ground=is_on_ground(fleet.state(vehicle), fleet.home(vehicle)),
-            ),
+            policy=self._active,
             from_ground=from_ground,
             delegated=self._table.uploader != "own",
             timing=UploadTiming().for_round_trip(round_trip_s),
             rtt=RttEstimator(round_trip_s),
-            link_window=lambda: self._active.max_items_in_flight(link),
         )
         if self._bounds is not None:
             problem = self._bounds.problem(task.items[profile.home_items :], state)
@@ -363,7 +358,7 @@ class UploadManager:
         if problem not in ("", before):
             effects.append(Notice(t_ns, "warning", problem, vehicle))
         onboard = OnboardMission(route, task.items, profile.home_items + int(from_ground))
-        return effects + self._active.start(task, onboard, t_ns)
+        return effects + self._active.start(task, onboard, planned_t_ns, t_ns)
 
     def _not_begun(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
         """Report an upload that was not begun as failed."""

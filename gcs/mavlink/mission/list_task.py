@@ -72,7 +72,7 @@ class ListTask:
         self._items, self._encode, self._own = items, encode, own
         self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
         self._rtt = RttEstimator()
-        self._mission_upload = MissionUpload(items or (), self._to, self._rtt, mission_type=mission_type)
+        self._mission_upload = MissionUpload(items or (), self._to, self._rtt, mission_type)
         self._download: MissionDownload | None = None
         self._uploads = 0
         self._onboard_items: tuple[Item, ...] | None = None
@@ -133,7 +133,7 @@ class ListTask:
     def _start_download(self, t_ns: int) -> None:
         self.stage = "read"
         self._pending_failure = self._deadline_t_ns = self._timer = None
-        self._download = MissionDownload(self._to, self._rtt, t_ns, mission_type=self.mission_type)
+        self._download = MissionDownload(self._to, self._rtt, t_ns, self.mission_type)
 
     def _start_request(self, request: Message, t_ns: int) -> None:
         self._timer = RetryTimer(request, self._rtt.retry_policy(_MAX_TRIES, _MIN_ANSWER_S), t_ns)

@@ -15,7 +15,7 @@ restarted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -47,9 +47,8 @@ class MissionDownload:
         Of its link.
     t_ns : int
         Time of the first request.
-    window : callable, optional
-        Returns the number of requests in flight, for a vehicle that answers in any order. Without it items
-        are requested one after the other.
+    in_order : bool
+        True if items must be requested one after the other.
     """
 
     def __init__(
@@ -57,11 +56,12 @@ class MissionDownload:
         to: tuple[int, int],
         rtt: RttEstimator,
         t_ns: int,
-        window: Callable[[], int] | None = None,
         mission_type: int = _MISSION,
+        *,
+        in_order: bool = True,
     ) -> None:
         self.count: int | None = None
-        self._to, self._type, self._rtt, self._window = to, mission_type, rtt, window
+        self._to, self._type, self._rtt, self._in_order = to, mission_type, rtt, in_order
         self._items: dict[int, Item] = {}
         self._timers: dict[int, RetryTimer] = {}
         self._starts = 0
@@ -78,15 +78,15 @@ class MissionDownload:
         """True if all items have been received."""
         return self.count is not None and len(self._items) >= self.count
 
-    def poll(self, t_ns: int) -> list[Message]:
-        """Return the requests that are due."""
+    def poll(self, t_ns: int, window: int = 1) -> list[Message]:
+        """Return the requests that are due; `window` is their maximum number in flight, in any order."""
         if self.count is None:
             timers = [self._count_timer]
         else:
             if self._starts < _MAX_STARTS and self._is_stalled(t_ns):
                 self._start(t_ns)
-                return self.poll(t_ns)
-            self._fill_window(t_ns)
+                return self.poll(t_ns, window)
+            self._fill_window(t_ns, window)
             timers = list(self._timers.values())
         due = [timer for timer in timers if timer.start_try(t_ns)]
         resent = sum(timer.sent > 1 for timer in due)
@@ -104,7 +104,7 @@ class MissionDownload:
 
     def restart_if_in_order(self, t_ns: int) -> None:
         """Restart after MAV_MISSION_ERROR, by which a vehicle with a fixed order ends the transfer."""
-        if self.count is not None and self._window is None and self._starts < _MAX_STARTS:
+        if self.count is not None and self._in_order and self._starts < _MAX_STARTS:
             self._start(t_ns)
 
     def ack_message(self) -> Message:
@@ -141,11 +141,12 @@ class MissionDownload:
         request = dialect.MAVLink_mission_request_list_message(*self._to, self._type)
         self._count_timer = RetryTimer(request, self._rtt.retry_policy(_MAX_LIST_TRIES, _MIN_ANSWER_S), t_ns)
 
-    def _fill_window(self, t_ns: int) -> None:
+    def _fill_window(self, t_ns: int, window: int) -> None:
         assert self.count is not None
-        window, policy = 1, self._rtt.retry_policy(_MAX_ITEM_TRIES_IN_ORDER)
-        if self._window is not None:
-            window, policy = self._window(), self._rtt.retry_policy(_MAX_ITEM_TRIES, _MIN_ANSWER_S)
+        if self._in_order:
+            window, policy = 1, self._rtt.retry_policy(_MAX_ITEM_TRIES_IN_ORDER)
+        else:
+            policy = self._rtt.retry_policy(_MAX_ITEM_TRIES, _MIN_ANSWER_S)
         while len(self._timers) < window and self._next < self.count:
             request = dialect.MAVLink_mission_request_int_message(*self._to, self._next, self._type)
             self._timers[self._next] = RetryTimer(request, policy, t_ns)
@@ -159,8 +160,6 @@ class MissionUpload:
 
     Parameters
     ----------
-    window : callable
-        Returns the number of items that may be in flight.
     last_on_request_only : bool
         True if the last item must not be sent without a request. A PX4 that has all items reports an error to
         its operator for any other item that comes again.
@@ -171,7 +170,6 @@ class MissionUpload:
         items: Sequence[Item],
         to: tuple[int, int],
         rtt: RttEstimator,
-        window: Callable[[], int] = lambda: 1,
         mission_type: int = _MISSION,
         *,
         last_on_request_only: bool = False,
@@ -181,7 +179,7 @@ class MissionUpload:
         """Items sent so far."""
         self.acked = False
         self._items, self._to, self._rtt = items, to, rtt
-        self._window, self._type = window, mission_type
+        self._type = mission_type
         self._requested_seq = 0
         self._sent_once_t_ns: dict[int, int] = {}
         """Send time of each item that was sent once: only these measure a round trip."""
@@ -212,14 +210,14 @@ class MissionUpload:
         self._requested_seq = seq
         return self._item_messages(seq, seq + 1, t_ns, current)
 
-    def poll(self, t_ns: int, current: int = -1) -> list[Message]:
-        """Return the items to send without a request, after a silence."""
+    def poll(self, t_ns: int, current: int = -1, window: int = 1) -> list[Message]:
+        """Return the items to send without a request, after a silence; at most `window` in flight."""
         if self._resend_t_ns is None or t_ns < self._resend_t_ns:
             return []
         self._rtt.back_off()
         last = len(self._items) - 1
         end_max = len(self._items) if self._requested_seq == last or not self._last_on_request_only else last
-        end = min(self.sent_count + 1, self._requested_seq + self._window(), end_max)
+        end = min(self.sent_count + 1, self._requested_seq + window, end_max)
         return self._item_messages(self._requested_seq, end, t_ns, current) * self._rtt.copies
 
     def _item_messages(self, first: int, end: int, t_ns: int, current: int) -> list[Message]:

@@ -17,7 +17,7 @@ from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, G
 from gcs.mavlink.mission.items import Home, Item
 from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
 from gcs.mavlink.mission.upload_stages import TRANSITIONS, OnboardState, Stage, TransitionError, UploadResult
-from gcs.mavlink.mission.upload_timing import UploadTiming
+from gcs.mavlink.mission.upload_timing import UploadPolicy, UploadTiming
 from gcs.mavlink.services.command_sender import (
     REQUEST_MESSAGE,
     SET_MODE,
@@ -54,19 +54,14 @@ class UploadSteps:
         True if an earlier task may have left an inconsistent mission.
     current : int, optional
         Current item.
-    time_to_next_s : callable
-        Time (ns) to the least number of seconds before the vehicle reaches its next item: 0 if unknown,
-        infinite if it flies no mission.
-    first_item : callable, optional
-        Returns the item to begin with, called after verification: the vehicle has moved meanwhile.
+    policy : UploadPolicy, optional
+        Shared by all tasks.
     from_ground : bool
         True if the mission begins with a take-off.
     delegated : bool
         True if another program uploads: see `take_external_frames` and `add_external_result`.
     rtt : RttEstimator, optional
         Of its link.
-    link_window : callable, optional
-        Returns the number of mission items that the link may carry at a time.
     own : (int, int)
         Our system and component id.
     """
@@ -82,13 +77,11 @@ class UploadSteps:
         old: Sequence[Item] | None = None,
         inconsistent: bool = False,
         current: int | None = None,
-        time_to_next_s: Callable[[int], float] = lambda _t_ns: 0.0,
-        first_item: Callable[[], int] | None = None,
+        policy: UploadPolicy | None = None,
         from_ground: bool = False,
         delegated: bool = False,
         timing: UploadTiming | None = None,
         rtt: RttEstimator | None = None,
-        link_window: Callable[[], int] = lambda: 1 << 16,
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
     ) -> None:
         self.mission = mission
@@ -100,8 +93,7 @@ class UploadSteps:
         self._profile = profile
         self._authority = authority or ModeAuthority()
         self._old = old
-        self._time_to_next_s = time_to_next_s
-        self._first_item = first_item or (lambda: profile.home_items)
+        self._policy = policy or UploadPolicy()
         self._delegated = delegated
         self._external_frames = b""
         self._timing = timing or UploadTiming()
@@ -113,9 +105,8 @@ class UploadSteps:
         self._deadline_t_ns: int | None = None
         self._pending_failure: tuple[int, str] | None = None
         self._rtt = rtt or RttEstimator()
-        self._window = lambda: min(profile.window, link_window())
         self._mission_upload = MissionUpload(
-            self.items, self._to, self._rtt, self._window, last_on_request_only=profile.in_order
+            self.items, self._to, self._rtt, last_on_request_only=profile.in_order
         )
         self._download: MissionDownload | None = None
         self._is_cleared = False
@@ -209,11 +200,17 @@ class UploadSteps:
 
     def _start_download(self, t_ns: int) -> None:
         self._timer = None
-        window = None if self._profile.in_order else self._window
-        self._download = MissionDownload(self._to, self._rtt, t_ns, window)
+        self._download = MissionDownload(self._to, self._rtt, t_ns, in_order=self._profile.in_order)
+
+    def _window(self) -> int:
+        return min(self._profile.window, self._policy.max_items_in_flight(self.mission.vehicle))
 
     def _begin_at(self) -> int:
-        return min(max(self._profile.home_items, self._first_item()), len(self.items) - 1)
+        first = self._policy.first_item(self.mission.vehicle)
+        return min(max(self._profile.home_items, first), len(self.items) - 1)
+
+    def _is_near_next_item(self, t_ns: int) -> bool:
+        return self._policy.time_to_next_s(self.mission.vehicle, t_ns) < self._timing.guard_s
 
     def _start_select(self, t_ns: int) -> None:
         self._current_before = self._current
@@ -338,7 +335,7 @@ class UploadSteps:
             if self.stage is Stage.SELECT:
                 self._outbox += [self._request_mission_current()] * copies
         if self._download is not None:
-            self._outbox += self._download.poll(t_ns)
+            self._outbox += self._download.poll(t_ns, self._window())
         out, self._outbox = self._outbox, []
         if any(message.get_type() == "COMMAND_LONG" and message.command == SET_MODE for message in out):
             heartbeat = dialect.MAVLINK_MSG_ID_HEARTBEAT  # Shows the mode; otherwise once a second.

@@ -55,7 +55,7 @@ class UploadTask(UploadSteps):
         """Start the upload; return the frames to send."""
         self._began_t_ns = t_ns
         flies = self._authority.mode in ("", AUTO)
-        if flies and not self._profile.atomic and self._time_to_next_s(t_ns) < self._timing.guard_s:
+        if flies and not self._profile.atomic and self._is_near_next_item(t_ns):
             self._enter_park(t_ns)
         else:
             self._start_upload(t_ns)
@@ -101,7 +101,7 @@ class UploadTask(UploadSteps):
         elif any(one is not None and one.is_exhausted(t_ns) for one in (self._timer, self._download)):
             self._on_tries_exhausted(t_ns)
         elif self.stage is Stage.UPLOAD and self._pending_failure is None:
-            self._outbox += self._mission_upload.poll(t_ns, self._start_seq)
+            self._outbox += self._mission_upload.poll(t_ns, self._start_seq, self._window())
         return self._take_due_frames(t_ns)
 
     def restart(self, t_ns: int) -> list[bytes]:
@@ -241,7 +241,7 @@ class UploadTask(UploadSteps):
         unselected = self.stage is Stage.SELECT and not self._selected
         if not (is_inconsistent or unselected) or self._authority.mode != AUTO:
             return
-        near = self._time_to_next_s(t_ns) < self._timing.guard_s
+        near = self._is_near_next_item(t_ns)
         if unselected:
             if near:
                 self._enter_park(t_ns)

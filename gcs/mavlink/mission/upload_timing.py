@@ -1,4 +1,4 @@
-"""Timeouts and bounds of a mission upload.
+"""Timeouts and bounds of a mission upload, and its policy.
 
 Waits follow the measured round trip (`gcs.mavlink.services.rtt`). The bounds here follow ArduPlane.
 """
@@ -52,3 +52,22 @@ class UploadTiming:
             ack_timeout_s=max(self.ack_timeout_s, 2.0 * round_trip_s),
             settle_s=max(self.settle_s, 1.0 + round_trip_s),
         )
+
+
+class UploadPolicy:
+    """Policy of uploads by flight and link; this one is for an unknown flight, alone on its link."""
+
+    def time_to_next_s(self, _vehicle: int, _t_ns: int, /) -> float:
+        """Return the least time in seconds before a vehicle reaches its next item.
+
+        0 if unknown, infinite if it flies no mission.
+        """
+        return 0.0
+
+    def first_item(self, _vehicle: int, /) -> int:
+        """Return the item to begin with; asked again after verification, since the vehicle moves."""
+        return 0
+
+    def max_items_in_flight(self, _vehicle: int, /) -> int:
+        """Return the number of mission items that the link may carry at a time."""
+        return 1 << 16

@@ -37,24 +37,24 @@ def seqs(messages):
 
 
 def test_what_is_asked_for_is_sent_and_nothing_else_while_requests_come():
-    sending, sent = MissionUpload(ITEMS, TO, RttEstimator(0.1), lambda: 6), []
+    sending, sent = MissionUpload(ITEMS, TO, RttEstimator(0.1)), []
     for seq in range(8):
-        sent += sending.answer_request(seq, at(0.1 * seq)) + sending.poll(at(0.1 * seq + 0.05))
+        sent += sending.answer_request(seq, at(0.1 * seq)) + sending.poll(at(0.1 * seq + 0.05), window=6)
     assert seqs(sent) == list(range(8))
     assert sending.is_all_sent
 
 
 def test_after_a_silence_the_item_goes_out_again_and_the_one_whose_request_may_be_lost():
-    sending = MissionUpload(ITEMS, TO, RttEstimator(0.1), lambda: 3)
+    sending = MissionUpload(ITEMS, TO, RttEstimator(0.1))
     sending.answer_request(0, 0)
     sending.answer_request(1, at(0.1))
-    assert sending.poll(at(0.25)) == []
-    assert seqs(sending.poll(at(0.4))) == [1, 2]
-    assert sending.poll(at(0.55)) == []
-    assert seqs(sending.poll(at(1.0))) == [1, 2, 3]
-    assert seqs(sending.poll(at(2.0))) == [1, 2, 3]  # no more than the window
+    assert sending.poll(at(0.25), window=3) == []
+    assert seqs(sending.poll(at(0.4), window=3)) == [1, 2]
+    assert sending.poll(at(0.55), window=3) == []
+    assert seqs(sending.poll(at(1.0), window=3)) == [1, 2, 3]
+    assert seqs(sending.poll(at(2.0), window=3)) == [1, 2, 3]  # no more than the window
     assert seqs(sending.answer_request(3, at(2.1))) == [3]
-    assert seqs(sending.poll(at(3.0))) == [3, 4]
+    assert seqs(sending.poll(at(3.0), window=3)) == [3, 4]
 
 
 def test_where_the_order_matters_only_what_was_asked_for_is_sent_again():
@@ -64,12 +64,12 @@ def test_where_the_order_matters_only_what_was_asked_for_is_sent_again():
 
 
 def test_nothing_is_sent_before_the_first_request_nor_beyond_the_last_item():
-    sending = MissionUpload(ITEMS[:2], TO, RttEstimator(0.1), lambda: 6)
-    assert sending.poll(at(100.0)) == []
+    sending = MissionUpload(ITEMS[:2], TO, RttEstimator(0.1))
+    assert sending.poll(at(100.0), window=6) == []
     sending.answer_request(0, 0)
-    sending.poll(at(1.0))
+    sending.poll(at(1.0), window=6)
     assert sending.is_all_sent
-    assert seqs(sending.poll(at(2.0))) == [0, 1]
+    assert seqs(sending.poll(at(2.0), window=6)) == [0, 1]
 
 
 # ---------------------------------------------------------------- reading back
@@ -84,18 +84,18 @@ def count_message(count):
 
 
 def test_a_read_back_keeps_a_window_of_questions_on_its_way_and_takes_answers_in_any_order():
-    reading = MissionDownload(TO, RttEstimator(0.1), 0, lambda: 3)
-    assert [m.get_type() for m in reading.poll(0)] == ["MISSION_REQUEST_LIST"]
+    reading = MissionDownload(TO, RttEstimator(0.1), 0, in_order=False)
+    assert [m.get_type() for m in reading.poll(0, 3)] == ["MISSION_REQUEST_LIST"]
     reading.add_count(count_message(5), at(0.1))
-    assert seqs(reading.poll(at(0.1))) == [0, 1, 2]
+    assert seqs(reading.poll(at(0.1), 3)) == [0, 1, 2]
     assert reading.add_item(item_message(1), at(0.2))
     assert not reading.add_item(item_message(1), at(0.2)), "a duplicate"
     assert not reading.add_item(item_message(4), at(0.2)), "not asked for"
-    assert seqs(reading.poll(at(0.2))) == [3]
-    assert seqs(reading.poll(at(0.35))) == [0, 2]  # asked again when they are overdue, and 3 is not
+    assert seqs(reading.poll(at(0.2), 3)) == [3]
+    assert seqs(reading.poll(at(0.35), 3)) == [0, 2]  # asked again when they are overdue, and 3 is not
     for seq in (3, 2, 0):
         reading.add_item(item_message(seq), at(0.5))
-    assert seqs(reading.poll(at(0.5))) == [4]
+    assert seqs(reading.poll(at(0.5), 3)) == [4]
     reading.add_item(item_message(4), at(0.6))
     assert reading.is_complete
     assert reading.items == ITEMS[:5]

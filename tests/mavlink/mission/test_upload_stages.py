@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plane_double import AUTO, GCS, LOITER, MANUAL, RTL, Channel, Joined, Plane, S
+from plane_double import AUTO, GCS, LOITER, MANUAL, RTL, Channel, Joined, OfPlane, Plane, S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
@@ -108,7 +108,7 @@ def flown(data, hostile):
         HOME,
         Encoder(),
         authority=authority,
-        time_to_next_s=plane.time_to_next_s,
+        policy=OfPlane(plane),
         current=plane.current,
         old=draw(st.sampled_from([OLD, None])),
         inconsistent=clears,

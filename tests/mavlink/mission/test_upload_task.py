@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from plane_double import AUTO, GCS, LOITER, MANUAL, RTL, Channel, Joined, Plane, S
+from plane_double import AUTO, GCS, LOITER, MANUAL, RTL, Channel, Joined, OfPlane, Plane, S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE
@@ -36,7 +36,7 @@ def flying(points=6, leg_s=math.inf, mode=AUTO):
 def joined(plane, points=4, *, seed=1, loss=0.0, doubles=0.0, delay_s=(0.005, 0.03), **options):
     known = {
         "authority": ModeAuthority(MODE_NAMES[plane.mode]),
-        "time_to_next_s": plane.time_to_next_s,
+        "policy": OfPlane(plane),
         "current": plane.current,
     }
     task = UploadTask(mission(points), HOME, Encoder(), **(known | options))
