@@ -17,6 +17,7 @@ from collections.abc import Container
 from gcs.core.authority.override_notices import overridden_text
 from gcs.core.operator.replies import OrderInProgress
 from gcs.core.stages import Stages
+from gcs.mavlink.frames.codec import FrameTable, scan
 from gcs.model import (
     AgentStatus,
     BadInput,
@@ -39,11 +40,14 @@ from gcs.model import (
 class Engine(Stages):
     """The whole state of central command, made from a mission and the seed of its map."""
 
-    def step(self, event: Event) -> list[Effect]:
-        """Process one event; return its effects."""
+    def step(self, event: Event, frames: FrameTable | None = None) -> list[Effect]:
+        """Process one event; return its effects.
+
+        `frames` are those of a datagram, if they are known already. The effects are the same without.
+        """
         match event:
             case Datagram():
-                return self._datagram(event)
+                return self._datagram(event, frames)
             case Scan():
                 return self._scan(event)
             case Tick():
@@ -92,15 +96,16 @@ class Engine(Stages):
 
     # ------------------------------------------------------------ datagrams and orders
 
-    def _datagram(self, event: Datagram) -> list[Effect]:
+    def _datagram(self, event: Datagram, frames: FrameTable | None) -> list[Effect]:
         effects: list[Effect] = []
         if self.external_uploads.hosts(event.link):
-            effects, overridden = self.external_uploads.receive(event)
+            frames = scan(event.data) if frames is None else frames
+            effects, overridden = self.external_uploads.receive(event, frames)
             for vehicle in overridden:
                 self.replanner.drop(vehicle)
                 self.tasking.forget_onboard(vehicle)
             return effects
-        for vehicle, message in self.fleet.receive(event):
+        for vehicle, message in self.fleet.receive(event, frames):
             self.return_heights.receive(vehicle, message)
             effects += self.dispatch.settle(self.tasking.receive(vehicle, message, event.t_ns))
             effects += self.orders.receive(vehicle, message, event.t_ns)

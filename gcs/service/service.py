@@ -32,6 +32,7 @@ from gcs.io.zenoh.keys import effect_key, order_key, sensor_of, sensor_scan_keys
 from gcs.io.zenoh.order_inbox import OrderInbox
 from gcs.io.zenoh.scans import decode_scan
 from gcs.io.zenoh.session import ZenohSession
+from gcs.mavlink.frames.codec import FrameTable
 from gcs.model import (
     NS_PER_S,
     BadInput,
@@ -58,6 +59,9 @@ from gcs.model import (
 
 TICK_NS = NS_PER_S // 20
 QUEUE_SIZE = 20_000
+_MAX_QUEUED_FRAMES = 128
+"""Number of frames of a datagram that are queued with it. Hostile datagrams have thousands, in four times the
+memory of their bytes; these are scanned again."""
 _BUSY = 100
 """Events in the queue beyond which orders wait for the next tick."""
 _FINISH_S = 30.0
@@ -135,7 +139,7 @@ class Service:
         self.outputs: list[Writer] = [self._publisher]
         """Outputs whose failures become alarms."""
         self._garbage = GarbageFilter()
-        self._queue: asyncio.Queue[Event] = asyncio.Queue(QUEUE_SIZE)
+        self._queue: asyncio.Queue[tuple[Event, FrameTable | None]] = asyncio.Queue(QUEUE_SIZE)
         self._orders = OrderInbox(config.local_frame)
         self._resumed_state: PersistedState | None = None
         self._tick_waits = False
@@ -225,10 +229,10 @@ class Service:
         tasking = self.command.tasking
         return sorted(vehicle for vehicle in tasking.stages if tasking.may_be_inconsistent(vehicle))
 
-    def _put(self, event: Event) -> bool:
-        """Queue an event; return False if the queue is full."""
+    def _put(self, event: Event, frames: FrameTable | None = None) -> bool:
+        """Queue an event, and the frames of a datagram; return False if the queue is full."""
         try:
-            self._queue.put_nowait(event)
+            self._queue.put_nowait((event, frames))
         except asyncio.QueueFull:
             self.health.dropped += 1
             return False
@@ -238,13 +242,14 @@ class Service:
         """Return the run time now."""
         return self.clock.now_ns()
 
-    def on_datagram(self, link: str, peer: str, data: bytes) -> None:
+    def on_datagram(self, link: str, peer: str, frames: FrameTable) -> None:
         """Queue a datagram of a link."""
         t_ns = self.clock.now_ns()
-        data = self._garbage.filter_datagram(t_ns, link, data)
+        frames = self._garbage.filter_datagram(t_ns, link, frames)
+        data = frames.data
         if not data:
             return
-        self._put(Datagram(t_ns, link, peer, data))
+        self._put(Datagram(t_ns, link, peer, data), frames if len(frames) <= _MAX_QUEUED_FRAMES else None)
         if self._uploader is not None and not self.command.external_uploads.hosts(link):
             self._uploader.forward(data)
 
@@ -291,7 +296,7 @@ class Service:
 
     async def _consume(self, stop: asyncio.Event, end_with_mission: bool) -> None:
         while True:
-            event = await self._queue.get()
+            event, frames = await self._queue.get()
             if isinstance(event, Tick):
                 self._tick_waits = False
                 self.links.tick(event.t_ns)
@@ -299,7 +304,7 @@ class Service:
                 self._check_keys()
                 self._check_outputs()
             self._watch_lag(self.clock.now_ns() - event.t_ns)
-            ended = self._process(event)
+            ended = self._process(event, frames)
             if ended and end_with_mission:
                 stop.set()
                 return
@@ -328,13 +333,13 @@ class Service:
                 )
                 self.on_link_news(fleet.link(vehicle), "alarm", text)
 
-    def _process(self, event: Event) -> bool:
+    def _process(self, event: Event, frames: FrameTable | None = None) -> bool:
         """Record an event, step the engine and carry out its effects; return True if the mission ended."""
         self._record(lambda recorder: recorder.record_event(event))
         for sink in self.sinks:
             sink.event(event)
         started = time.perf_counter()
-        effects = self.command.step(event)
+        effects = self.command.step(event, frames)
         took_ms = (time.perf_counter() - started) * 1e3
         if isinstance(event, Scan):
             self.health.scan_ms.append(took_ms)

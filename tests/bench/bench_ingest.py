@@ -34,7 +34,7 @@ from gcs.io.signing.gate import Signing
 from gcs.mavlink.fleet import fast_telemetry
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import scan
-from gcs.mavlink.frames.fast_scan import Frames
+from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.mavlink.frames.signing import Keys, SigningGate
 from gcs.model import NS_PER_S, Datagram, vehicle_id
 
@@ -126,9 +126,9 @@ class Intake:
     def now_ns(self):
         return time.time_ns()
 
-    def on_datagram(self, link, peer, data):
+    def on_datagram(self, link, peer, frames):
         try:
-            self.queue.put_nowait(Datagram(time.time_ns(), link, peer, data))
+            self.queue.put_nowait((Datagram(time.time_ns(), link, peer, frames.data), frames))
         except asyncio.QueueFull:
             self.dropped += 1
 
@@ -137,7 +137,7 @@ class Intake:
 
     async def consume(self):
         while True:
-            self.fleet.receive(await self.queue.get())
+            self.fleet.receive(*await self.queue.get())
 
     def missing(self):
         return sum(counters.lost for counters in self.fleet.links.values())
@@ -160,8 +160,8 @@ async def receive_by_ours(args, together, key=None):
     vehicles = [vehicle_id(n, s) for n in range(args.networks) for s in range(1, args.vehicles + 1)]
     intake, signing = Intake(links, vehicles), Signing(links, None)
     if key is not None:
-        signing.gate = SigningGate(Keys(default=key), links, kernel=True)
-    opened = Links(links, vehicles, FRAME, signing)
+        signing.gate = SigningGate(Keys(default=key), links)
+    opened = Links(links, vehicles, FRAME, signing, Scanner())
     player = await asyncio.to_thread(Player, ports, args.vehicles, args.hz, args.seconds, together, key)
     opened.start(asyncio.get_running_loop(), intake)
     consumer = asyncio.create_task(intake.consume())
@@ -203,7 +203,7 @@ def decoding(console):
     singles = [row.tobytes() for frames in positions for row in frames]
     beats = [row.tobytes() for row in beat_frames(np.arange(1, 251), np.zeros(250, int))]
     whole = put_together(singles, 1400)
-    decoder, frames, n = dialect.MAVLink(None), Frames(), len(singles)
+    decoder, scanner, n = dialect.MAVLink(None), Scanner(), len(singles)
 
     def fold(datagrams, kernel, repeats):
         """Each time into a fleet that knows its vehicles and has heard no position."""
@@ -227,8 +227,8 @@ def decoding(console):
             "ours, simple: scan, then fields",
             us_each(lambda: [scan(d).frames[0].message() for d in singles], n),
         ),
-        ("ours, kernel: framed, one a datagram", us_each(lambda: [frames.scan(d) for d in singles], n)),
-        ("ours, kernel: framed, 35 a datagram", us_each(lambda: [frames.scan(d) for d in whole], n)),
+        ("ours, kernel: framed, one a datagram", us_each(lambda: [scanner(d) for d in singles], n)),
+        ("ours, kernel: framed, 35 a datagram", us_each(lambda: [scanner(d) for d in whole], n)),
         ("fleet without kernels, one a datagram", fold(singles, False, 3)),
         ("fleet, one a datagram", fold(singles, True, 7)),
         ("fleet, 35 a datagram", fold(whole, True, 7)),

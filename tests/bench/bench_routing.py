@@ -16,7 +16,8 @@ from rich.console import Console
 from rich.table import Table
 
 from gcs.endpoints import Link, parse_endpoint
-from gcs.mavlink.frames.codec import Encoder, scan
+from gcs.mavlink.frames.codec import Encoder
+from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.mavlink.router.router import Router
 
 S = 1_000_000_000
@@ -45,20 +46,20 @@ def main() -> None:
         arguments.add_argument(f"--{name}", type=int, default=default)
     chosen = arguments.parse_args()
     links = [Link(parse_endpoint(AIR)), Link(parse_endpoint(SEAT), role="full")]
-    sent = traffic(chosen.vehicles, chosen.seconds)
+    sent, scanner = traffic(chosen.vehicles, chosen.seconds), Scanner()
 
     def routed() -> None:
         router = Router(links, range(1, chosen.vehicles + 1))
         for station in range(chosen.stations):
             router.add_connection(0, (SEAT, f"10.1.0.{station}:9"))
         for t_ns, address, data in sent:
-            for frame in scan(data).frames:
+            for frame in scanner(data):
                 router.route_frame(t_ns, address, frame)
         assert router.counters[SEAT].sent >= chosen.stations * len(sent) * 0.9
 
     def split() -> None:
         for _, _, data in sent:
-            scan(data)
+            scanner(data)
 
     def parsed() -> None:
         parser = dialect.MAVLink(None)

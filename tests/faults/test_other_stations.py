@@ -87,11 +87,11 @@ DANGERS = [
 def test_what_may_end_a_flight_or_steers_by_hand_is_an_alarm(message):
     stations = ExternalUploads([AIR, WORK], [1, 2])
     data = frame(message).data
-    (notice,) = stations.receive(Datagram(NS_PER_S, WORK.name, "10.0.1.1:1", data))[0]
+    (notice,) = stations.receive(Datagram(NS_PER_S, WORK.name, "10.0.1.1:1", data), scan(data))[0]
     assert isinstance(notice, Notice)
     assert notice.level == "alarm"
     assert "10.0.1.1:1" in notice.text
-    assert stations.receive(Datagram(2 * NS_PER_S, WORK.name, "10.0.1.1:1", data))[0] == []
+    assert stations.receive(Datagram(2 * NS_PER_S, WORK.name, "10.0.1.1:1", data), scan(data))[0] == []
 
 
 def test_arming_is_a_warning_and_a_mode_is_information():
@@ -101,7 +101,8 @@ def test_arming_is_a_warning_and_a_mode_is_information():
         (command(400, 1, 0), "warning"),
         (command(20), "info"),
     ):
-        found = stations.receive(Datagram(NS_PER_S, WORK.name, "10.0.1.1:1", frame(message, 250).data))[0]
+        data = frame(message, 250).data
+        found = stations.receive(Datagram(NS_PER_S, WORK.name, "10.0.1.1:1", data), scan(data))[0]
         assert [n.level for n in found if isinstance(n, Notice)] in ([level], [])
 
 

@@ -25,7 +25,7 @@ from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Damage, read
 from gcs.io.recording.writer import DiskBudget, Recorder
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
-from gcs.mavlink.frames.codec import Encoder
+from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.model import NS_PER_S, Datagram, LinkNews, PersistedState, Tick
 from gcs.service.journal import Journal
 from gcs.service.resume import resume_from_journal
@@ -45,7 +45,7 @@ def test_a_flood_of_garbage_leaves_all_frames_and_a_sample() -> None:
         t_ns = number * NS_PER_S // 10
         noise = RNG.bytes(1400)
         for data, good in ((noise, b""), (noise[:700] + heartbeat() + noise[700:], heartbeat())):
-            taken = gate.filter_datagram(t_ns, "udp", data)
+            taken = gate.filter_datagram(t_ns, "udp", scan(data)).data
             assert good[-12:-2] in taken or not good
             frames += heartbeat()[:1] in taken and bool(good)
             kept += len(taken)
@@ -62,8 +62,9 @@ def test_frames_alone_pass_as_they_came() -> None:
     gate = GarbageFilter()
     unknown = b"\xfd\x00\x00\x00\x00\x01\x01\xff\xff\x0f\x00\x00"
     for data in (heartbeat(), heartbeat() * 3, unknown, heartbeat() + unknown):
+        frames = scan(data)
         for _ in range(10_000):
-            assert gate.filter_datagram(0, "udp", data) is data
+            assert gate.filter_datagram(0, "udp", frames) is frames
     assert gate.news(0) == []
 
 
@@ -74,11 +75,11 @@ def test_what_is_worked_is_what_is_recorded() -> None:
         links = Links(here, [1], config.local_frame)
         service = Service(config, 1, links, bus)
         for _ in range(1000):
-            service.on_datagram("udp", "a:1", RNG.bytes(1400))
-        service.on_datagram("udp", "a:1", heartbeat())
+            service.on_datagram("udp", "a:1", scan(RNG.bytes(1400)))
+        service.on_datagram("udp", "a:1", scan(heartbeat()))
         links.close()
         queued = [service._queue.get_nowait() for _ in range(service._queue.qsize())]
-    taken = [event.data for event in queued if isinstance(event, Datagram)]
+    taken = [event.data for event, _ in queued if isinstance(event, Datagram)]
     assert taken[-1] == heartbeat()
     assert 10 < len(taken) < 60
 

@@ -13,7 +13,7 @@ from gcs.geo import LocalFrame
 from gcs.io.signing.gate import Signing
 from gcs.io.signing.keystore import KeyFile
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
-from gcs.mavlink.frames.codec import Encoder
+from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.frames.signing import signed, timestamp_of
 from gcs.mavlink.router.router import Router
 from gcs.model import NS_PER_S, Datagram
@@ -59,14 +59,14 @@ def fly(
     for tenth in range(round(from_s * 10), round(to_s * 10)):
         unix.t_ns = t_ns = NOW + tenth * NS_PER_S // 10
         frames += [plane.beat(t_ns) for plane in planes]
-        assert all(signing.gate.accept_frames(t_ns, HOME, frame) for frame in frames[-len(planes) :])
+        assert all(signing.gate.accept_frames(t_ns, HOME, scan(frame)) for frame in frames[-len(planes) :])
         signing.tick(t_ns)
         signing.wait_until_saved()
     return frames
 
 
 def accepted(signing: Signing, t_ns: int, frames: list[bytes]) -> int:
-    return sum(bool(signing.gate.accept_frames(t_ns, FOE, frame)) for frame in frames)
+    return sum(bool(signing.gate.accept_frames(t_ns, FOE, scan(frame))) for frame in frames)
 
 
 @pytest.mark.parametrize("killed_s", [0.5, 3.0, 9.9, 10.3, 19.9, 64.0])
@@ -79,9 +79,8 @@ def test_frames_recorded_before_a_crash_are_refused_and_newer_ones_heard_at_once
     unix.t_ns = t_ns = NOW + int((killed_s + 2.0) * NS_PER_S)
     again = Signing([LINK], keys)
     assert accepted(again, t_ns, recorded) == 0
-    assert all(
-        again.gate.accept_frames(t_ns + NS_PER_S // 10, HOME, p.beat(t_ns + NS_PER_S // 10)) for p in planes
-    )
+    later_ns = t_ns + NS_PER_S // 10
+    assert all(again.gate.accept_frames(later_ns, HOME, scan(p.beat(later_ns))) for p in planes)
 
 
 def test_a_vehicle_that_jumps_ahead_just_before_the_crash_cannot_be_replayed(unix, keys):
@@ -92,7 +91,7 @@ def test_a_vehicle_that_jumps_ahead_just_before_the_crash_cannot_be_replayed(uni
     unix.t_ns = t_ns = NOW + 15 * NS_PER_S
     again = Signing([LINK], keys)
     assert accepted(again, t_ns, recorded) == 0
-    assert again.gate.accept_frames(t_ns + 1, HOME, ahead.beat(t_ns + NS_PER_S // 10))
+    assert again.gate.accept_frames(t_ns + 1, HOME, scan(ahead.beat(t_ns + NS_PER_S // 10)))
 
 
 @pytest.mark.parametrize("off_s", [3600, -3600, 86_400 * 365])
@@ -104,18 +103,19 @@ def test_a_clock_that_is_set_while_the_service_is_down_locks_nobody_out(unix, ke
     plane = SignedPlane()
     late = plane.beat(NOW + 11 * NS_PER_S)
     if not again.gate.accept_frames(
-        unix.t_ns, HOME, late
+        unix.t_ns, HOME, scan(late)
     ):  # then it is told the time, and heard with its next frame
         assert HOME in again.gate.take_stale_senders()
         told = again.gate.sign_frames(
-            unix.t_ns, HOME, Encoder()(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+            unix.t_ns, HOME, scan(Encoder()(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
         )
         time_told = int.from_bytes(told[-12:-6], "little")
         frame = signed(
             Encoder(1, 1)(dialect.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3)), KEY, 0, time_told + 1
         )
-        assert again.gate.accept_frames(unix.t_ns, HOME, frame)
-    assert again.gate.accept_frames(unix.t_ns, HOME, plane.beat(NOW + (11 + max(off_s, 0) + 31) * NS_PER_S))
+        assert again.gate.accept_frames(unix.t_ns, HOME, scan(frame))
+    late = plane.beat(NOW + (11 + max(off_s, 0) + 31) * NS_PER_S)
+    assert again.gate.accept_frames(unix.t_ns, HOME, scan(late))
 
 
 def test_a_run_that_ends_in_order_keeps_the_exact_times(unix, keys):
@@ -125,7 +125,7 @@ def test_a_run_that_ends_in_order_keeps_the_exact_times(unix, keys):
     unix.t_ns += 3600 * NS_PER_S
     again = Signing([LINK], keys)
     assert accepted(again, unix.t_ns, recorded) == 0
-    assert again.gate.accept_frames(unix.t_ns, HOME, SignedPlane().beat(NOW + 5 * NS_PER_S))
+    assert again.gate.accept_frames(unix.t_ns, HOME, scan(SignedPlane().beat(NOW + 5 * NS_PER_S)))
 
 
 def test_streams_that_fly_on_are_saved_every_ten_seconds_and_not_more_often(unix, keys, monkeypatch):

@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.frames.codec import Encoder, scan
+from gcs.mavlink.frames.codec import Encoder, FrameTable, scan
 
 
 class RecordingHandler:
@@ -20,8 +20,8 @@ class RecordingHandler:
     def now_ns(self) -> int:
         return self.t_ns
 
-    def on_datagram(self, link: str, peer: str, data: bytes) -> None:
-        self.heard.append((link, peer, data))
+    def on_datagram(self, link: str, peer: str, frames: FrameTable) -> None:
+        self.heard.append((link, peer, frames.data))
 
     def on_link_news(self, link: str, level: str, text: str) -> None:
         self.news.append((link, level, text))

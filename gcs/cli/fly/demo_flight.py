@@ -36,6 +36,7 @@ from gcs.io.signing.gate import Signing
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.keys import truth_key
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
+from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.model import NS_PER_S, Effect, Event, Truth
 from gcs.report.plots.figures import draw_run
 from gcs.report.plots.maps import Ground
@@ -177,7 +178,7 @@ async def _fly(
     forward = [link for link in config.mavlink_links if link.role != "vehicles"]
     open_links = [Link(parse_endpoint("udpin:127.0.0.1:0")), *forward]
     vehicles = [agent.vehicle for agent in config.agents]
-    links = Links(open_links, vehicles, config.local_frame, Signing(open_links, keys, kernel=True))
+    links = Links(open_links, vehicles, config.local_frame, Signing(open_links, keys), Scanner())
     stop, interrupt = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
     endpoint = free_endpoint()

@@ -19,6 +19,7 @@ from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.signing.gate import Signing
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.session import service_bus
+from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.service.journal import Journal, fingerprint
 from gcs.service.resume import JournalSink, default_path, resume_from_journal
 from gcs.service.service import Service, fly_on_after_hangup, wait_for_interrupt
@@ -52,9 +53,9 @@ def serve(
     ):
         path = journal_path or default_path(config.name)
         journal = Journal(path, config.name, fingerprint(text, seed))
-        signing = Signing(config.mavlink_links, config.links.key_file(source), kernel=True)
+        signing = Signing(config.mavlink_links, config.links.key_file(source))
         vehicles = [agent.vehicle for agent in config.agents]
-        links = Links(config.mavlink_links, vehicles, config.local_frame, signing)
+        links = Links(config.mavlink_links, vehicles, config.local_frame, signing, Scanner())
         asyncio.run(
             _serve(config, seed, links, recorder, journal, console, view, clock, resume, headless=headless)
         )

@@ -18,7 +18,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
-from gcs.mavlink.frames.codec import Frame, Message, scan, target_of
+from gcs.mavlink.frames.codec import Frame, FrameTable, Message, target_of
 from gcs.mavlink.router.access_policy import (
     MISSION_PROTOCOL,
     MISSION_WRITES,
@@ -109,12 +109,12 @@ class ExternalUploads:
         sender = (mission.system_id, mission.component_id)
         self._uploads[vehicle] = _Upload(sender, mission.station, t_ns, mission.ended)
 
-    def receive(self, datagram: Datagram) -> tuple[list[Effect], list[int]]:
+    def receive(self, datagram: Datagram, frames: FrameTable) -> tuple[list[Effect], list[int]]:
         """Process a forwarded datagram; return notices, and the vehicles that are newly overridden."""
         effects: list[Effect] = []
         overridden: list[int] = []
         network = self._networks[datagram.link]
-        for frame in scan(datagram.data).frames:
+        for frame in frames.frames:
             system, _ = target_of(frame) or (0, 0)
             if system == 0:
                 self._report(effects, datagram, frame, None)

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections import Counter
 from typing import Final
 
-from gcs.mavlink.frames.fast_scan import LENGTH, OFFSET, Frames
+from gcs.mavlink.frames.codec import FrameTable
+from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.model import NS_PER_S
 
 _BYTES_PER_S: Final = 2_000
@@ -24,27 +25,24 @@ class GarbageFilter:
     """Drops bytes that form no frame, beyond 2 kB a second over all links."""
 
     def __init__(self) -> None:
-        self._frames = Frames()
+        self._scan = Scanner()
         self._budget, self._t_ns = float(_MAX_SAVED_BYTES), 0
         self._left_out: Counter[str] = Counter()
         """Bytes by link, not reported yet."""
         self._reported_ns: int | None = None
 
-    def filter_datagram(self, t_ns: int, link: str, data: bytes) -> bytes:
+    def filter_datagram(self, t_ns: int, link: str, frames: FrameTable) -> FrameTable:
         """Return the accepted part of a datagram: all, its frames, or nothing."""
-        frames = self._frames
-        frames.scan(data)
         if not frames.bad_bytes:
-            return data
+            return frames
         self._budget += max(0, t_ns - self._t_ns) / NS_PER_S * _BYTES_PER_S
         self._budget, self._t_ns = min(self._budget, _MAX_SAVED_BYTES), t_ns
         cost = frames.bad_bytes + _OVERHEAD_BYTES
         if cost <= self._budget:
             self._budget -= cost
-            return data
+            return frames
         self._left_out[link] += frames.bad_bytes
-        rows = frames.table[1 : frames.found + 1, [OFFSET, LENGTH]].tolist()
-        return b"".join(data[offset : offset + length] for offset, length in rows)
+        return self._scan(b"".join(frame.data for frame in frames))
 
     def news(self, t_ns: int) -> list[tuple[str, str]]:
         """Return (link, text) of dropped bytes, once a minute at most."""

@@ -22,7 +22,8 @@ from gcs.io.links.udp import UdpIn, UdpOut
 from gcs.io.signing.gate import Signing
 from gcs.mavlink.fleet.heartbeat import heartbeat
 from gcs.mavlink.fleet.vehicle import Address
-from gcs.mavlink.frames.codec import Encoder, scan
+from gcs.mavlink.frames.codec import Encoder, Frame, FrameTable, scan
+from gcs.mavlink.frames.signing import SigningGate
 from gcs.mavlink.router.router import PortCounters, Router
 from gcs.mavlink.services.adsb import COMPONENT_ID, adsb_messages
 from gcs.model import NS_PER_S, Level, Picture, network_of, system_of, vehicle_id
@@ -43,7 +44,7 @@ class LinkHandler(Protocol):
     def now_ns(self) -> int:
         """Run time."""
 
-    def on_datagram(self, link: str, peer: str, data: bytes) -> None:
+    def on_datagram(self, link: str, peer: str, frames: FrameTable) -> None:
         """Process a datagram from a vehicle, or one that was sent on to a vehicle."""
 
     def on_link_news(self, link: str, level: Level, text: str) -> None:
@@ -63,6 +64,8 @@ class Links:
         Frame of the target tracks.
     signing : Signing, optional
         Checks incoming and signs outgoing frames; without it no link has a key.
+    scan : callable
+        Returns the frames of a datagram; a long run takes `gcs.mavlink.frames.fast_scan.Scanner`.
 
     Raises
     ------
@@ -76,8 +79,10 @@ class Links:
         vehicles: Iterable[int],
         frame: LocalFrame,
         signing: Signing | None = None,
+        scan: Callable[[bytes], FrameTable] = scan,
     ) -> None:
         self.links = tuple(links)
+        self._scan = scan
         self.signing = signing or Signing(self.links)
         self._now_ns: Callable[[], int] = lambda: 0
         self._transports: dict[str, Transport] = {}
@@ -131,20 +136,24 @@ class Links:
         self._busy, self._now_ns = busy, handler.now_ns
         for link in self.links:
             router = self._routers.get(link.network)
-            self._ports[link.name] = _Port(link, handler, router, self._forward, self.signing)
+            self._ports[link.name] = _Port(
+                link, handler, router, self._forward, self.signing.gate, self._scan
+            )
             self._transports[link.name].start(loop, self._ports[link.name])
 
     def send(self, link: str, peer: str, data: bytes) -> None:
         """Send to a peer of a link."""
-        transport = self._transports.get(link)
-        if transport is not None and (
-            signed := self.signing.gate.sign_frames(self._now_ns(), (link, peer), data)
-        ):
-            transport.send(peer, signed)
+        if self.signing.gate.is_keyed(link):
+            self._forward({(link, peer): self._scan(data)})
+        elif link in self._transports:
+            self._transports[link].send(peer, data)
 
-    def _forward(self, outgoing: Mapping[Address, bytearray]) -> None:
-        for (link, peer), data in outgoing.items():
-            self.send(link, peer, bytes(data))
+    def _forward(self, outgoing: Mapping[Address, Iterable[Frame]]) -> None:
+        """Send frames to addresses, signed where there is a key."""
+        for (link, peer), frames in outgoing.items():
+            data = self.signing.gate.sign_frames(self._now_ns(), (link, peer), frames)
+            if data and link in self._transports:
+                self._transports[link].send(peer, data)
 
     def close(self) -> None:
         """Close all endpoints."""
@@ -230,36 +239,43 @@ class _Port:
         link: Link,
         handler: LinkHandler,
         router: Router | None,
-        forward: Callable[[Mapping[Address, bytearray]], None],
-        signing: Signing,
+        forward: Callable[[Mapping[Address, Iterable[Frame]]], None],
+        gate: SigningGate,
+        scan: Callable[[bytes], FrameTable],
     ) -> None:
         self._handler, self._router, self._forward = handler, router, forward
         self._name, self._is_for_clients = link.name, link.role != "vehicles"
-        self._admit = signing.gate.accept_frames
+        self._gate, self._scan = gate, scan
 
     def heard(self, peer: str, data: bytes) -> None:
-        data = self._admit(self._handler.now_ns(), (self._name, peer), data)
-        if not data:
+        frames = self._scan(data)
+        frames = self._part(
+            frames, self._gate.accept_frames(self._handler.now_ns(), (self._name, peer), frames)
+        )
+        if not frames.data:
             return
         if not self._is_for_clients:
-            self._handler.on_datagram(self._name, peer, data)
-        passed = self._route(peer, data)
+            self._handler.on_datagram(self._name, peer, frames)
+        passed = self._route(peer, frames)
         if self._is_for_clients and passed:
-            self._handler.on_datagram(self._name, peer, passed)
+            self._handler.on_datagram(self._name, peer, self._part(frames, passed))
 
-    def _route(self, peer: str, data: bytes) -> bytes:
+    def _part(self, frames: FrameTable, data: bytes) -> FrameTable:
+        """Return the frames of a part of a datagram, mostly the whole."""
+        return frames if data == frames.data else self._scan(data)
+
+    def _route(self, peer: str, frames: FrameTable) -> bytes:
         """Send frames to their targets; return those that were sent on."""
         router = self._router
         if router is None:
             return b""
         t_ns, address = self._handler.now_ns(), (self._name, peer)
-        outgoing: dict[Address, bytearray] = {}
+        outgoing: dict[Address, list[Frame]] = {}
         passed = bytearray()
-        found = scan(data)
-        for frame in (*found.frames, *found.unchecked):
+        for frame in frames:
             to = router.route_frame(t_ns, address, frame).to
             for destination in to:
-                outgoing.setdefault(destination, bytearray()).extend(frame.data)
+                outgoing.setdefault(destination, []).append(frame)
             if to:
                 passed += frame.data
         self._forward(outgoing)

@@ -38,8 +38,6 @@ class Signing:
         Links of the run.
     keys : Path, optional
         Key file; without it nothing is signed.
-    kernel : bool
-        True to check by `gcs.mavlink.frames.fast_verify`, in a long run.
 
     Raises
     ------
@@ -47,7 +45,7 @@ class Signing:
         The key file or its time file cannot be used.
     """
 
-    def __init__(self, links: Sequence[Link], keys: Path | None = None, *, kernel: bool = False) -> None:
+    def __init__(self, links: Sequence[Link], keys: Path | None = None) -> None:
         self._time: TimeFile | None = None
         self._writer: Writer | None = None
         self._save_problem = ""
@@ -59,7 +57,7 @@ class Signing:
             return
         table = read_keys(keys).keys
         self._time, self._writer = TimeFile(keys), Writer("the file of signing times", 2, "alarm")
-        self.gate = SigningGate(table, links, *self._time.read(unix_ns()), kernel=kernel)
+        self.gate = SigningGate(table, links, *self._time.read(unix_ns()))
         unknown = sorted(table.links.keys() - {link.name for link in links})
         if unknown:
             raise ConfigError(str(keys), f"links.{unknown[0]}", "the mission file has no such endpoint")

@@ -15,7 +15,7 @@ from gcs.io.links.manager import Links
 from gcs.io.signing.gate import Signing
 from gcs.io.vehicles.access import vehicle_access
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
-from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.frames.codec import FrameTable, Message
 from gcs.model import NS_PER_S, Datagram, Level, system_of
 
 _TICK_S = 0.05
@@ -134,10 +134,10 @@ class VehicleSession:
         """Return the run time."""
         return self.clock.now_ns()
 
-    def on_datagram(self, link: str, peer: str, data: bytes) -> None:
+    def on_datagram(self, link: str, peer: str, frames: FrameTable) -> None:
         """Process a datagram."""
         t_ns = self.now_ns()
-        for vehicle, message in self.fleet.receive(Datagram(t_ns, link, peer, data)):
+        for vehicle, message in self.fleet.receive(Datagram(t_ns, link, peer, frames.data), frames):
             task = self._tasks.get(vehicle)
             if task is not None:
                 self._send(vehicle, task.receive(message, t_ns))

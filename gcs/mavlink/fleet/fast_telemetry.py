@@ -52,8 +52,8 @@ from gcs.mavlink.fleet.telemetry_table import (
     VehicleRecord,
 )
 from gcs.mavlink.frames import batches, fast_scan
-from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID
-from gcs.mavlink.frames.fast_scan import (
+from gcs.mavlink.frames.codec import (
+    AUTOPILOT_COMPONENT_ID,
     CHECKED,
     COMPONENT,
     MESSAGE_ID,
@@ -61,9 +61,9 @@ from gcs.mavlink.frames.fast_scan import (
     SEQUENCE,
     SIGNED,
     SYSTEM,
-    Bytes,
-    Frames,
+    FrameTable,
 )
+from gcs.mavlink.frames.fast_scan import Bytes
 from gcs.model import FloatArray, Int32Array, IntArray, network_of, system_of
 
 _POSITION: Final[int] = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
@@ -215,7 +215,7 @@ def _apply_frames(
     Returns the row of `frames` at which it stopped, and the change of all `LOST`.
     """
     lost = 0
-    while at <= frames[0, 0]:
+    while at < len(frames):
         if frames[at, CHECKED] == 0:
             at += 1
             continue
@@ -271,8 +271,6 @@ class VehicleTable:
         Records.
     vehicles : sequence of int
         Vehicle of each record.
-    frames : Frames
-        Frames of the present datagram.
     read_ids, slow_ids : collection of int
         Message ids that are needed, and those of which no frame is routine.
     frame : LocalFrame
@@ -284,7 +282,6 @@ class VehicleTable:
         self,
         table: VehicleRecord,
         vehicles: Sequence[int],
-        frames: Frames,
         read_ids: Collection[int],
         slow_ids: Collection[int],
         frame: LocalFrame,
@@ -299,10 +296,12 @@ class VehicleTable:
         for index, vehicle in enumerate(vehicles):
             lookup = self._lookup_of_network.setdefault(network_of(vehicle), empty.copy())
             lookup[system_of(vehicle)] = index
-        self._table, self._frames = table, frames
+        self._table = table
         self._origin = np.array([frame.lat_deg, frame.lon_deg, *bounds])
 
-    def apply_frames(self, data: bytes, at: int, address: int, t_ns: int, network: int) -> tuple[int, int]:
+    def apply_frames(
+        self, frames: FrameTable, at: int, address: int, t_ns: int, network: int
+    ) -> tuple[int, int]:
         """Apply a datagram's frames from row `at` on, up to the first that is not routine.
 
         Returns the row of that frame (one past the last if all are routine), and the change of losses.
@@ -311,7 +310,7 @@ class VehicleTable:
         if lookup is None or address == NO_ADDRESS:
             return at, 0
         next_at, lost = _apply_kernel(
-            data, self._frames.table, at, address, t_ns, lookup, self._table, self._origin
+            frames.data, frames.rows, at, address, t_ns, lookup, self._table, self._origin
         )
         return next_at, lost
 
@@ -323,7 +322,7 @@ def warm_up_calls() -> list[jit.Call]:
     return [
         *fast_scan.warm_up_calls(),
         *batches.warm_up_calls(),
-        (_apply_kernel, b"\xfd", frames, 1, 0, 0, lookup, table, np.zeros(4)),
+        (_apply_kernel, b"\xfd", frames, 0, 0, 0, lookup, table, np.zeros(4)),
     ]
 
 

@@ -48,8 +48,9 @@ from gcs.mavlink.frames.codec import (
     GCS_SYSTEM_ID,
     Encoder,
     Frame,
+    FrameTable,
     Message,
-    SimpleFrames,
+    scan,
 )
 from gcs.mavlink.frames.signing import MIN_SIGNED_LATER_NS, signed_t_ns
 from gcs.mavlink.mission.items import Home
@@ -58,7 +59,6 @@ from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState, veh
 
 if TYPE_CHECKING:
     from gcs.mavlink.fleet.fast_telemetry import VehicleTable
-    from gcs.mavlink.frames.fast_scan import Frames
 
 _NEEDED: Final = frozenset(
     {
@@ -146,17 +146,16 @@ class Fleet:
         self._lost_after_ns = ns(self._settings.lost_after_s)
         called = sorted(set(expected))
         self._table = np.tile(new_record(), (len(called), 1))
-        self._frames: Frames | SimpleFrames = SimpleFrames()
+        self._scan: Callable[[bytes], FrameTable] = scan
         self._fast_path: VehicleTable | None = None
         if kernel:
             from gcs.mavlink.fleet.fast_telemetry import VehicleTable
-            from gcs.mavlink.frames.fast_scan import Frames
+            from gcs.mavlink.frames.fast_scan import Scanner
 
-            self._frames = Frames()
+            self._scan = Scanner()
             self._fast_path = VehicleTable(
                 self._table,
                 called,
-                self._frames,
                 _NEEDED,
                 extra,
                 frame,
@@ -183,19 +182,19 @@ class Fleet:
 
     # ------------------------------------------------------------ in
 
-    def receive(self, datagram: Datagram) -> list[tuple[int, Message]]:
-        """Process a datagram; return (vehicle, message) of our vehicles.
+    def receive(self, datagram: Datagram, frames: FrameTable | None = None) -> list[tuple[int, Message]]:
+        """Process a datagram, and its frames if they are known; return (vehicle, message) of our vehicles.
 
         Routine telemetry (`gcs.mavlink.fleet.fast_telemetry`) is not returned: it is in the states. To
         receive an unchanged heartbeat, call `forward_next_heartbeat`.
         """
-        frames = self._frames
-        frames.scan(datagram.data)
+        if frames is None:
+            frames = self._scan(datagram.data)
         link = self.links.get(datagram.link)
         if link is None:
             link = self.links[datagram.link] = LinkCounters()
         link.datagrams += 1
-        link.frames += frames.checked
+        link.frames += len(frames) - frames.unknown
         link.unknown_ids += frames.unknown
         link.bytes += len(datagram.data)
         if frames.bad_bytes or frames.crc_errors:
@@ -203,21 +202,23 @@ class Fleet:
             link.crc_errors += frames.crc_errors
             text = f"unreadable bytes from {datagram.peer} on {datagram.link}, {link.bad_bytes} there in all"
             self._notices.add_rate_limited("bad bytes", 0, datagram.t_ns, "warning", text)
-        return self._apply_frames(datagram, link)
+        return self._apply_frames(datagram, frames, link)
 
-    def _apply_frames(self, datagram: Datagram, link: LinkCounters) -> list[tuple[int, Message]]:
+    def _apply_frames(
+        self, datagram: Datagram, frames: FrameTable, link: LinkCounters
+    ) -> list[tuple[int, Message]]:
         """Apply the frames in order: routine telemetry by the kernel, others here."""
-        frames, t_ns = self._frames, datagram.t_ns
+        t_ns = datagram.t_ns
         address = (datagram.link, datagram.peer)
         network = self._networks.get(datagram.link, 0)
         accepted = []
-        at = 1
-        while at <= frames.found:
+        at = 0
+        while at < len(frames):
             if self._fast_path is not None:
                 number = self._addresses.number_of(address)
-                at, lost = self._fast_path.apply_frames(datagram.data, at, number, t_ns, network)
+                at, lost = self._fast_path.apply_frames(frames, at, number, t_ns, network)
                 link.lost += lost
-                if at > frames.found:
+                if at == len(frames):
                     break
             if frames.is_checked(at):
                 frame = frames.frame(at)

@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 
 from gcs import jit
-from gcs.mavlink.frames.fast_scan import CHECKED, CRC_EXTRAS, WIDTH, Bytes, frame_at
+from gcs.mavlink.frames.codec import CHECKED, WIDTH
+from gcs.mavlink.frames.fast_scan import CRC_EXTRAS, Bytes, frame_at
 from gcs.model import ByteArray, Int16Array, Int32Array, IntArray
 
 MAX_BYTES: Final = 1400

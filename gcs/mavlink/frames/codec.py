@@ -34,11 +34,14 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from operator import itemgetter
 from typing import Any, Final, NamedTuple, TypeAlias
 
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.model import Int32Array
 
 Message: TypeAlias = Any
 """Message object of the dialect, such as ``dialect.MAVLink_heartbeat_message``."""
@@ -47,6 +50,9 @@ GCS_SYSTEM_ID = 255
 GCS_COMPONENT_ID: int = dialect.MAV_COMP_ID_PATHPLANNER
 """Not 190 as QGroundControl and Mission Planner: answers to them are then not for us."""
 AUTOPILOT_COMPONENT_ID = 1
+
+OFFSET, LENGTH, MESSAGE_ID, SYSTEM, COMPONENT, SEQUENCE, SIGNED, CHECKED, WIDTH = range(9)
+"""Columns of `FrameTable.rows`. CHECKED is 0 for a frame of an id that the dialect lacks."""
 
 _MAGIC_V1, _MAGIC_V2 = 0xFE, 0xFD
 _HEADER_BYTES_V1, _HEADER_BYTES_V2 = 6, 10
@@ -114,64 +120,78 @@ class Frame(NamedTuple):
             return None
 
 
-class ScanResult(NamedTuple):
-    """Frames and errors of one datagram."""
+class FrameTable:
+    """Frames of one datagram, in order, found once and shared. Equal bytes give an equal table.
 
-    frames: list[Frame]
-    bad_bytes: int
-    """Bytes that belong to no frame."""
-    crc_errors: int
-    """Complete frames of a known id with a wrong checksum."""
-    unchecked: list[Frame]
-    """Frames of an id that the dialect lacks: forwarded, not read."""
+    Parameters
+    ----------
+    data : bytes
+        The datagram.
+    rows : (n, WIDTH) array
+        A row for each frame.
+    bad_bytes : int
+        Bytes that belong to no frame.
+    crc_errors : int
+        Complete frames of a known id with a wrong checksum.
+    unknown : int
+        Frames of an id that the dialect lacks: forwarded, not read.
+    """
 
-    @property
-    def unknown(self) -> int:
-        """Number of frames of unknown ids."""
-        return len(self.unchecked)
+    __slots__ = ("bad_bytes", "crc_errors", "data", "rows", "unknown")
 
+    def __init__(self, data: bytes, rows: Int32Array, bad_bytes: int, crc_errors: int, unknown: int) -> None:
+        self.data, self.rows = data, rows
+        self.bad_bytes, self.crc_errors, self.unknown = bad_bytes, crc_errors, unknown
 
-class SimpleFrames:
-    """Frames of one datagram at a time, by `scan`. Reference for `fast_scan.Frames`."""
+    def __len__(self) -> int:
+        return len(self.rows)
 
-    def __init__(self) -> None:
-        self.scan(b"")
+    def __iter__(self) -> Iterator[Frame]:
+        return (self._frame(row) for row in self.rows.tolist())
 
-    def scan(self, data: bytes) -> None:
-        """Scan a datagram."""
-        self._frames, self.bad_bytes, self.crc_errors, unchecked = scan(data)
-        self.found = self.checked = len(self._frames)
-        self.unknown = len(unchecked)
-
-    def is_checked(self, row: int) -> bool:  # noqa: ARG002  others have no row here
-        """Return True if the frame's checksum is valid."""
-        return True
+    def is_checked(self, row: int) -> bool:
+        """Return True if the checksum of a row's frame is valid."""
+        return bool(self.rows.item(row, CHECKED))
 
     def frame(self, row: int) -> Frame:
-        """Return the frame of a row, counted from 1."""
-        return self._frames[row - 1]
+        """Return the frame of a row."""
+        return self._frame(self.rows[row].tolist())
+
+    def _frame(self, row: list[int]) -> Frame:
+        offset, length, message_id, system, component, sequence, signed, _ = row
+        data = self.data[offset : offset + length]
+        return Frame(system, component, sequence, message_id, bool(signed), data)
+
+    @property
+    def frames(self) -> list[Frame]:
+        """Frames with a valid checksum."""
+        return [self._frame(row) for row in self.rows.tolist() if row[CHECKED]]
+
+    @property
+    def unchecked(self) -> list[Frame]:
+        """Frames of unknown ids."""
+        return [self._frame(row) for row in self.rows.tolist() if not row[CHECKED]]
 
 
-def scan(data: bytes) -> ScanResult:
+def scan(data: bytes) -> FrameTable:
     """Return the frames of a datagram."""
-    frames: list[Frame] = []
-    unchecked: list[Frame] = []
-    bad_bytes = crc_errors = false_starts = 0
+    rows: list[tuple[int, ...]] = []
+    bad_bytes = crc_errors = unknown = false_starts = 0
     tries = _MAX_FALSE_STARTS
     at, end = 0, len(data)
     while at < end:
         length = _frame_length(data, at, end)
         if length:
-            frame = checked_frame(data, at, length)
-            if frame is not None:
-                frames.append(frame)
+            if _has_valid_checksum(data, at, length):
+                rows.append(_row(data, at, length, 1))
                 at += length
                 continue
             if _message_id(data, at) not in dialect.mavlink_map:
                 if at + length == end or data[at + length] in (_MAGIC_V1, _MAGIC_V2):
                     covers_good, tries = _covers_good_frame(data, at, length, tries)
                     if not covers_good:
-                        unchecked.append(_frame(data, at, length))
+                        rows.append(_row(data, at, length, 0))
+                        unknown += 1
                         at += length
                         continue
             else:
@@ -184,7 +204,7 @@ def scan(data: bytes) -> ScanResult:
         next_at = marker.start() if marker else end
         bad_bytes += next_at - at
         at = next_at
-    return ScanResult(frames, bad_bytes, crc_errors, unchecked)
+    return FrameTable(data, np.array(rows, np.int32).reshape(-1, WIDTH), bad_bytes, crc_errors, unknown)
 
 
 def _covers_good_frame(data: bytes, at: int, length: int, tries: int) -> tuple[bool, int]:
@@ -198,13 +218,13 @@ def _covers_good_frame(data: bytes, at: int, length: int, tries: int) -> tuple[b
         inner = _frame_length(data, at, end)
         if inner and _message_id(data, at) in dialect.mavlink_map:
             tries -= 1
-            if checked_frame(data, at, inner) is not None:
+            if _has_valid_checksum(data, at, inner):
                 return True, tries
     return False, tries
 
 
-def decode(data: bytes) -> tuple[list[Message], ScanResult]:
-    """Return the messages of a datagram, and the scan result."""
+def decode(data: bytes) -> tuple[list[Message], FrameTable]:
+    """Return the messages of a datagram, and its frames."""
     found = scan(data)
     return [message for frame in found.frames if (message := frame.message()) is not None], found
 
@@ -250,21 +270,38 @@ def _message_id(data: bytes, at: int) -> int:
 
 def checked_frame(data: bytes, at: int, length: int) -> Frame | None:
     """Return the frame of `length` bytes at `at` if its id is known and its checksum is valid."""
+    return frame_at(data, at, length) if _has_valid_checksum(data, at, length) else None
+
+
+def _has_valid_checksum(data: bytes, at: int, length: int) -> bool:
     definition = dialect.mavlink_map.get(_message_id(data, at))
     if definition is None:
-        return None
+        return False
     crc_at = at + length - _CRC_BYTES - (_SIGNATURE_BYTES if _is_signed(data, at) else 0)
     crc = dialect.x25crc(data[at + 1 : crc_at] + bytes((definition.crc_extra,))).crc
-    if crc != data[crc_at] | data[crc_at + 1] << 8:
-        return None
-    return _frame(data, at, length)
+    return bool(crc == data[crc_at] | data[crc_at + 1] << 8)
 
 
 def _is_signed(data: bytes, at: int) -> bool:
     return data[at] == _MAGIC_V2 and bool(data[at + 2] & _SIGNED_FLAG)
 
 
-def _frame(data: bytes, at: int, length: int) -> Frame:
+def _row(data: bytes, at: int, length: int, checked: int) -> tuple[int, ...]:
+    frame = frame_at(data, at, length)
+    return (
+        at,
+        length,
+        frame.message_id,
+        frame.system_id,
+        frame.component_id,
+        frame.sequence,
+        frame.signed,
+        checked,
+    )
+
+
+def frame_at(data: bytes, at: int, length: int) -> Frame:
+    """Return the frame of `length` bytes at `at`, unchecked."""
     sender = at + (5 if data[at] == _MAGIC_V2 else 3)
     return Frame(
         data[sender],

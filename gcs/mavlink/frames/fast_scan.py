@@ -1,7 +1,7 @@
 """`gcs.mavlink.frames.codec.scan` as a compiled kernel, about a hundred times as fast.
 
-One call scans a datagram into an integer table, one row per frame (columns below), without Python objects.
-`scan` is the reference: same frames, same counters, same bound on false starts.
+One call scans a datagram into the rows of a `FrameTable`, without Python objects. `scan` is the reference:
+same frames, same counters, same bound on false starts.
 
 The checksum is CRC-16/MCRF4XX (https://mavlink.io/en/guide/serialization.html), four bytes per step. Table k
 holds a byte's effect on the checksum when k more zero bytes follow.
@@ -17,16 +17,21 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs import jit
-from gcs.mavlink.frames.codec import Frame
+from gcs.mavlink.frames.codec import (
+    CHECKED,
+    COMPONENT,
+    LENGTH,
+    MESSAGE_ID,
+    OFFSET,
+    SEQUENCE,
+    SIGNED,
+    SYSTEM,
+    WIDTH,
+    FrameTable,
+)
 from gcs.model import ByteArray, Int16Array, Int32Array
 
 Bytes: TypeAlias = bytes | ByteArray
-
-OFFSET, LENGTH, MESSAGE_ID, SYSTEM, COMPONENT, SEQUENCE, SIGNED, CHECKED, WIDTH = range(9)
-"""Columns of a frame. CHECKED is 0 for a frame of an id that the dialect lacks."""
-
-_BAD_BYTES, _CRC_ERRORS, _UNKNOWN = 1, 2, 3
-"""Columns of the counters in the table's first row; column 0 is the number of frames."""
 
 _MIN_FRAME_BYTES: Final = 8
 _MAX_FALSE_STARTS: Final = 64
@@ -156,19 +161,19 @@ def _covers_good_frame(
 
 
 @jit.leaf
-def _scan_datagram(data: Bytes, extras: Int16Array, frames: Int32Array) -> None:
-    """Fill `frames` from its second row on, and the counters into its first."""
+def _scan_datagram(data: Bytes, extras: Int16Array, frames: Int32Array) -> tuple[int, int, int, int]:
+    """Fill `frames`; return their number, bad bytes, checksum errors and the number of unknown frames."""
     count = bad_bytes = crc_errors = unknown = false_starts = 0
     tries = _MAX_FALSE_STARTS
     at, end = 0, len(data)
     while at < end:
-        length = frame_at(data, at, end, extras, frames, count + 1)
-        if length > 0 and not frames[count + 1, CHECKED]:
-            covers_good, tries = _covers_good_frame(data, at, length, extras, frames, count + 2, tries)
+        length = frame_at(data, at, end, extras, frames, count)
+        if length > 0 and not frames[count, CHECKED]:
+            covers_good, tries = _covers_good_frame(data, at, length, extras, frames, count + 1, tries)
             length = -length if covers_good else length
         if length > 0:
-            count += 1
             unknown += 1 - frames[count, CHECKED]
+            count += 1
             at += length
             continue
         if length < 0:
@@ -183,49 +188,26 @@ def _scan_datagram(data: Bytes, extras: Int16Array, frames: Int32Array) -> None:
             next_at += 1
         bad_bytes += next_at - at
         at = next_at
-    frames[0, 0], frames[0, _BAD_BYTES], frames[0, _CRC_ERRORS], frames[0, _UNKNOWN] = (
-        count,
-        bad_bytes,
-        crc_errors,
-        unknown,
-    )
+    return count, bad_bytes, crc_errors, unknown
 
 
 @jit.kernel
-def _scan_kernel(data: Bytes, extras: Int16Array, frames: Int32Array) -> None:
-    _scan_datagram(data, extras, frames)
+def _scan_kernel(data: Bytes, extras: Int16Array, frames: Int32Array) -> tuple[int, int, int, int]:
+    return _scan_datagram(data, extras, frames)
 
 
-class Frames:
-    """Frames of one datagram at a time.
-
-    `table` (n + 1, `WIDTH`) holds them from row 1 on, until the next scan.
-    """
+class Scanner:
+    """Scans datagrams; not for several threads at once."""
 
     def __init__(self) -> None:
-        self.table = np.zeros((256, WIDTH), np.int32)
-        self._data = b""
-        self.found = self.checked = self.bad_bytes = self.crc_errors = self.unknown = 0
-        """All rows, rows with a valid checksum, and the counters of `gcs.mavlink.frames.codec.ScanResult`."""
+        self._rows = np.zeros((256, WIDTH), np.int32)
 
-    def scan(self, data: bytes) -> None:
-        """Scan a datagram."""
-        if len(self.table) < len(data) // _MIN_FRAME_BYTES + 2:
-            self.table = np.zeros((len(data) // _MIN_FRAME_BYTES + 2, WIDTH), np.int32)
-        self._data = data
-        _scan_kernel(data, CRC_EXTRAS, self.table)
-        self.found, self.bad_bytes, self.crc_errors, self.unknown = self.table[0, :4].tolist()
-        self.checked = self.found - self.unknown
-
-    def is_checked(self, row: int) -> bool:
-        """Return True if the frame's checksum is valid."""
-        return bool(self.table.item(row, CHECKED))
-
-    def frame(self, row: int) -> Frame:
-        """Return the frame of a row."""
-        offset, length, message_id, system, component, sequence, signed, _ = self.table[row].tolist()
-        data = self._data[offset : offset + length]
-        return Frame(system, component, sequence, message_id, bool(signed), data)
+    def __call__(self, data: bytes) -> FrameTable:
+        """Return the frames of a datagram."""
+        if len(self._rows) < len(data) // _MIN_FRAME_BYTES + 2:
+            self._rows = np.zeros((len(data) // _MIN_FRAME_BYTES + 2, WIDTH), np.int32)
+        count, *counters = _scan_kernel(data, CRC_EXTRAS, self._rows)
+        return FrameTable(data, self._rows[:count].copy(), *counters)
 
 
 def warm_up_calls() -> list[jit.Call]:

@@ -1,4 +1,4 @@
-"""Signature checks of whole datagrams, framed by the compiled kernel: fast form of `signing.SigningGate`.
+"""Signature checks of whole datagrams: fast form of `signing.SigningGate`.
 
 Of a regular datagram only the hashes remain to be checked here. For anything irregular (bytes outside frames,
 an unknown id, an unsigned frame, another key, a late frame, the first of its stream) nothing is noted and the
@@ -13,7 +13,7 @@ from hmac import compare_digest
 from typing import NamedTuple
 
 from gcs.endpoints import Link
-from gcs.mavlink.frames.fast_scan import COMPONENT, LENGTH, OFFSET, SIGNED, SYSTEM, Frames
+from gcs.mavlink.frames.codec import FrameTable
 
 _HASH_BYTES = 6
 _TIMESTAMP_OFFSET = 12
@@ -50,22 +50,19 @@ class Verifier:
         streams: Mapping[str, int],
     ) -> None:
         self._key_of, self._stream_of, self._streams = key_of, stream_of, streams
-        self._frames = Frames()
         self._senders: dict[str, dict[int, tuple[bytes, str]]] = {}
         """Key and stream by link, and by the sender's and the signature's ids in one number."""
 
-    def check(self, link: Link, name: str, data: bytes) -> Verified | None:
+    def check(self, link: Link, name: str, frames: FrameTable) -> Verified | None:
         """Check a datagram of a link of this name; None if the gate must decide."""
-        frames = self._frames
-        frames.scan(data)
-        if frames.bad_bytes or frames.unknown or not frames.found:
+        data = frames.data
+        if frames.bad_bytes or frames.unknown or not data:
             return None
         senders, streams = self._senders.setdefault(name, {}), self._streams
         times: dict[str, int] = {}
         keys: dict[bytes, None] = {}
         last = 0
-        columns = frames.table[1 : frames.found + 1, (OFFSET, LENGTH, SYSTEM, COMPONENT, SIGNED)]
-        for offset, length, system, component, signed in columns.tolist():
+        for offset, length, _, system, component, _, signed, _ in frames.rows.tolist():
             if not signed:
                 return None
             end = offset + length
@@ -86,7 +83,7 @@ class Verifier:
                 return None
             times[stream] = last = timestamp
             keys[key] = None
-        return Verified(frames.found, times, keys)
+        return Verified(len(frames), times, keys)
 
     def _add_sender(
         self, link: Link, senders: dict[int, tuple[bytes, str]], sender: int, ids: tuple[int, int, int]

@@ -25,17 +25,15 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
 from gcs.mavlink.fleet.vehicle import Address
-from gcs.mavlink.frames.codec import Frame, scan, target_of
+from gcs.mavlink.frames.codec import Frame, FrameTable, target_of
+from gcs.mavlink.frames.fast_verify import Verified, Verifier
 from gcs.model import NS_PER_S, network_of, vehicle_id
-
-if TYPE_CHECKING:
-    from gcs.mavlink.frames.fast_verify import Verified, Verifier
 
 KEY_BYTES: Final = 32
 EPOCH_S: Final = 1_420_070_400
@@ -171,8 +169,6 @@ class SigningGate:
         Signing time that an earlier run had reached.
     streams : mapping
         Latest signing time of each stream then.
-    kernel : bool
-        True to check regular datagrams by `gcs.mavlink.frames.fast_verify`.
     """
 
     def __init__(
@@ -181,8 +177,6 @@ class SigningGate:
         links: Iterable[Link],
         timestamp: int = 0,
         streams: Mapping[Stream, int] | None = None,
-        *,
-        kernel: bool = False,
     ) -> None:
         self.timestamp = timestamp
         self.streams: dict[Stream, int] = dict(streams or {})
@@ -200,11 +194,7 @@ class SigningGate:
         """Signing time when times were saved, and the streams' then."""
         self.runs_ahead = False
         """True if a stream is ahead of its saved time: after a crash now, its frames could be replayed."""
-        self._verifier: Verifier | None = None
-        if kernel and any(self._keyed.values()):
-            from gcs.mavlink.frames.fast_verify import Verifier
-
-            self._verifier = Verifier(keys.key_for, _stream_of, self.streams)
+        self._verifier = Verifier(keys.key_for, _stream_of, self.streams)
 
     def is_keyed(self, link: str, system_id: int | None = None) -> bool:
         """Return True if frames of a system on a link must be signed; without a system id: of any system."""
@@ -214,21 +204,21 @@ class SigningGate:
 
     # ------------------------------------------------------------ in
 
-    def accept_frames(self, t_ns: int, address: Address, data: bytes) -> bytes:
+    def accept_frames(self, t_ns: int, address: Address, frames: FrameTable) -> bytes:
         """Return the accepted part of a datagram: unchanged, unless a frame is rejected."""
+        data = frames.data
         has_setup = _MAYBE_SETUP.search(data) is not None
         if not (has_setup or self._keyed[address[0]]):
             return data
         link = self.links[address[0]]
-        if self._verifier is not None and not has_setup:
-            verified = self._verifier.check(link, address[0], data)
+        if not has_setup:
+            verified = self._verifier.check(link, address[0], frames)
             if verified is not None:
                 self._note_verified(t_ns, address, verified)
                 return data
-        found = scan(data)
-        frames = sorted((*found.frames, *found.unchecked), key=signing_time)
-        kept = [frame.data for frame in frames if self._is_accepted(t_ns, address, link, frame)]
-        hides = found.bad_bytes and has_setup  # a damaged frame may hold most of a key
+        in_order = sorted(frames, key=signing_time)
+        kept = [frame.data for frame in in_order if self._is_accepted(t_ns, address, link, frame)]
+        hides = frames.bad_bytes and has_setup  # a damaged frame may hold most of a key
         return data if len(kept) == len(frames) and not hides else b"".join(kept)
 
     def _note_verified(self, t_ns: int, address: Address, verified: Verified) -> None:
@@ -319,16 +309,15 @@ class SigningGate:
 
     # ------------------------------------------------------------ out
 
-    def sign_frames(self, t_ns: int, address: Address, data: bytes) -> bytes:
+    def sign_frames(self, t_ns: int, address: Address, frames: Iterable[Frame]) -> bytes:
         """Return frames for an address: signed where there is a key.
 
         A frame for all vehicles at an address with several keys is sent once with each.
         """
         if not self._keyed[address[0]]:
-            return data
-        link = self.links[address[0]]
-        found, out = scan(data), bytearray()
-        for frame in (*found.frames, *found.unchecked):
+            return b"".join(frame.data for frame in frames)
+        link, out = self.links[address[0]], bytearray()
+        for frame in frames:
             keys = self._keys_to(link, address, frame)
             if not keys:
                 out += frame.data

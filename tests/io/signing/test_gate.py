@@ -91,7 +91,8 @@ def test_signing_time_goes_on_after_a_crash_and_after_the_clock_went_back(tmp_pa
     keys, address = key_file(tmp_path, default=KEY), (link.name, "127.0.0.1:1")
 
     def time_of(signing: Signing, t_ns: int) -> int:
-        return signing_time(scan(signing.gate.sign_frames(t_ns, address, beat(255, ground=True))).frames[0])
+        out = signing.gate.sign_frames(t_ns, address, scan(beat(255, ground=True)))
+        return signing_time(scan(out).frames[0])
 
     first = Signing([link], keys)
     first.tick(NOW)
