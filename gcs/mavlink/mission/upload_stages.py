@@ -53,6 +53,16 @@ TRANSITIONS: Final[Mapping[Stage, frozenset[Stage]]] = {
 """Stages that may follow each stage; `docs/missions.md` shows them with their conditions."""
 
 
+LIST_TRANSITIONS: Final[Mapping[Stage, frozenset[Stage]]] = {
+    Stage.NEW: frozenset((Stage.CLEAR, Stage.UPLOAD, Stage.VERIFY)),
+    Stage.CLEAR: frozenset((Stage.CLEAR, Stage.VERIFY, Stage.DONE)),
+    Stage.UPLOAD: frozenset((Stage.UPLOAD, Stage.VERIFY, Stage.DONE)),
+    Stage.VERIFY: frozenset((Stage.CLEAR, Stage.UPLOAD, Stage.DONE)),
+    Stage.DONE: frozenset(),
+}
+"""The same for fences and rally points, which need no change of mode."""
+
+
 class TransitionError(AssertionError):
     """A transition that the table does not have: a programming error.
 

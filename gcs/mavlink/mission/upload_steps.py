@@ -13,10 +13,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.mavlink.autopilots import ARDUPLANE, AutopilotProfile
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
-from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
+from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.items import Home, Item
-from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
-from gcs.mavlink.mission.upload_stages import TRANSITIONS, OnboardState, Stage, TransitionError, UploadResult
+from gcs.mavlink.mission.list_upload import ACCEPTED, ListUpload
+from gcs.mavlink.mission.upload_stages import TRANSITIONS, OnboardState, Stage, UploadResult
 from gcs.mavlink.mission.upload_timing import UploadPolicy, UploadTiming
 from gcs.mavlink.services.command_sender import (
     REQUEST_MESSAGE,
@@ -25,15 +25,14 @@ from gcs.mavlink.services.command_sender import (
     set_current_item,
     set_mode,
 )
-from gcs.mavlink.services.retry import RetryPolicy, RetryTimer, ns
+from gcs.mavlink.services.retry import RetryPolicy, ns
 from gcs.mavlink.services.rtt import RttEstimator
-from gcs.model import NS_PER_S, Mission, system_of
+from gcs.model import NS_PER_S, Mission
 
-_MISSION: Final = dialect.MAV_MISSION_TYPE_MISSION
 _MAX_PAUSE_S: Final = 4.0
 
 
-class UploadSteps:
+class UploadSteps(ListUpload):
     """State of a mission upload, and its steps.
 
     Parameters
@@ -66,6 +65,8 @@ class UploadSteps:
         Our system and component id.
     """
 
+    transitions = TRANSITIONS
+
     def __init__(
         self,
         mission: Mission,
@@ -86,29 +87,24 @@ class UploadSteps:
     ) -> None:
         self.mission = mission
         self.items = profile.items(mission, home, from_ground=from_ground)
-        self.stage = Stage.NEW
-        self.uploads = 0
+        super().__init__(
+            mission.vehicle,
+            dialect.MAV_MISSION_TYPE_MISSION,
+            self.items,
+            encode,
+            timing or UploadTiming(),
+            rtt or RttEstimator(),
+            own,
+            in_order=profile.in_order,
+        )
         self.result: UploadResult | None = None
-        self._encode = encode
         self._profile = profile
         self._authority = authority or ModeAuthority()
         self._old = old
         self._policy = policy or UploadPolicy()
         self._delegated = delegated
         self._external_frames = b""
-        self._timing = timing or UploadTiming()
-        self._own = own
-        self._to = (system_of(mission.vehicle), AUTOPILOT_COMPONENT_ID)
-        self._outbox: list[Message] = []
-        self._began_t_ns = self._stage_t_ns = 0
-        self._timer: RetryTimer | None = None
-        self._deadline_t_ns: int | None = None
-        self._pending_failure: tuple[int, str] | None = None
-        self._rtt = rtt or RttEstimator()
-        self._mission_upload = MissionUpload(
-            self.items, self._to, self._rtt, last_on_request_only=profile.in_order
-        )
-        self._download: MissionDownload | None = None
+        self._began_t_ns = 0
         self._is_cleared = False
         self._was_inconsistent = inconsistent
         self._onboard = OnboardState.UNKNOWN if inconsistent else OnboardState.OLD
@@ -133,21 +129,11 @@ class UploadSteps:
         self._selected = True
 
     @property
-    def retries(self) -> int:
-        """Messages resent and uploads restarted."""
-        return self._rtt.retransmissions
-
-    @property
     def is_inconsistent(self) -> bool:
         """True if the onboard mission may be inconsistent now."""
         return self._onboard is OnboardState.UNKNOWN and not self._profile.atomic
 
     # ------------------------------------------------------------ stages
-
-    def _set_stage(self, stage: Stage) -> None:
-        if stage not in TRANSITIONS[self.stage]:
-            raise TransitionError(self.stage, stage)
-        self.stage = stage
 
     def _enter_stage(
         self,
@@ -158,15 +144,8 @@ class UploadSteps:
         pause_s: float = 0.0,
         policy: RetryPolicy | None = None,
     ) -> None:
-        self._set_stage(stage)
-        self._stage_t_ns = t_ns
-        self._deadline_t_ns = self._pending_failure = self._download = self._unexplained_mode_t_ns = None
-        self._refusals = 0
-        self._start_request(request, t_ns + ns(pause_s), policy)
-
-    def _start_request(self, request: Message | None, t_ns: int, policy: RetryPolicy | None = None) -> None:
-        policy = policy or self._rtt.retry_policy(self._timing.max_tries, self._timing.min_answer_s)
-        self._timer = RetryTimer(request, policy, t_ns) if request is not None else None
+        super()._enter_stage(stage, t_ns, request, pause_s=pause_s, policy=policy)
+        self._unexplained_mode_t_ns, self._refusals = None, 0
 
     def _enter_park(self, t_ns: int) -> None:
         """Command LOITER and wait for the heartbeat that shows it."""
@@ -193,14 +172,6 @@ class UploadSteps:
         if self._onboard is not OnboardState.UNKNOWN:
             self._onboard = OnboardState.UNKNOWN
             self._current_before = self._current
-
-    def _start_verify(self, t_ns: int) -> None:
-        self._enter_stage(Stage.VERIFY, t_ns)
-        self._start_download(t_ns)
-
-    def _start_download(self, t_ns: int) -> None:
-        self._timer = None
-        self._download = MissionDownload(self._to, self._rtt, t_ns, in_order=self._profile.in_order)
 
     def _window(self) -> int:
         return min(self._profile.window, self._policy.max_items_in_flight(self.mission.vehicle))
@@ -269,7 +240,9 @@ class UploadSteps:
 
     def _start_clear(self, t_ns: int) -> None:
         self._is_cleared = False
-        self._enter_stage(Stage.CLEAR, t_ns, dialect.MAVLink_mission_clear_all_message(*self._to, _MISSION))
+        self._enter_stage(
+            Stage.CLEAR, t_ns, dialect.MAVLink_mission_clear_all_message(*self._to, self.mission_type)
+        )
 
     def _retry_upload(self, reason: str, t_ns: int) -> None:
         """Upload again after a pause. After the last upload, read back once more, then clear."""
@@ -290,9 +263,6 @@ class UploadSteps:
             return []
         return [self._ack(dialect.MAV_MISSION_OPERATION_CANCELLED)]
 
-    def _ack(self, result: int) -> Message:
-        return dialect.MAVLink_mission_ack_message(*self._to, result, _MISSION)
-
     def _finish(self, *, ok: bool, t_ns: int) -> None:
         self._enter_stage(Stage.DONE, t_ns)
         detail = "verified by read-back" if ok else self._reason
@@ -304,13 +274,6 @@ class UploadSteps:
             t_ns, ok, self._onboard, detail, duration_s, self.retries, held, self._selected
         )
 
-    def _is_for_us(self, message: Message, *, broadcast: bool = False) -> bool:
-        target = (message.target_system, message.target_component)
-        is_ours = all(
-            got == own or (broadcast and got == 0) for got, own in zip(target, self._own, strict=True)
-        )
-        return is_ours and message.mission_type == _MISSION
-
     # ------------------------------------------------------------ frames
 
     def _request_mission_current(self) -> Message:
@@ -321,23 +284,19 @@ class UploadSteps:
         self._authority.note_command(name)
         return set_mode(self.mission.vehicle, self._profile.autopilot, name)
 
-    def _take_due_frames(self, t_ns: int) -> list[bytes]:
-        """Return the frames that are due."""
-        if self._timer is not None and self._timer.start_try(t_ns):
-            self._rtt.retransmissions += self._timer.sent > 1
-            if self.stage is Stage.UPLOAD:
-                self._note_upload_begun()
-            if self.stage is Stage.SELECT and self._profile.atomic:
-                # Without it PX4 ignores the selection for 5 s.
-                self._outbox.append(self._ack(dialect.MAV_MISSION_ACCEPTED))
-            copies = self._rtt.copies if self._timer.sent > 1 else 1
-            self._outbox += [self._timer.request] * copies
-            if self.stage is Stage.SELECT:
-                self._outbox += [self._request_mission_current()] * copies
-        if self._download is not None:
-            self._outbox += self._download.poll(t_ns, self._window())
-        out, self._outbox = self._outbox, []
+    def _request_messages(self, request: Message, copies: int) -> list[Message]:
+        messages = super()._request_messages(request, copies)
+        if self.stage is Stage.UPLOAD:
+            self._note_upload_begun()
+        if self.stage is Stage.SELECT:
+            messages += [self._request_mission_current()] * copies
+            if self._profile.atomic:  # Without it PX4 ignores the selection for 5 s.
+                messages.insert(0, self._ack(ACCEPTED))
+        return messages
+
+    def _due_messages(self, t_ns: int) -> list[Message]:
+        out = super()._due_messages(t_ns)
         if any(message.get_type() == "COMMAND_LONG" and message.command == SET_MODE for message in out):
             heartbeat = dialect.MAVLINK_MSG_ID_HEARTBEAT  # Shows the mode; otherwise once a second.
             out.append(command_long(self.mission.vehicle, REQUEST_MESSAGE, heartbeat))
-        return [self._encode(message) for message in out]
+        return out

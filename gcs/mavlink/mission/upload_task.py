@@ -14,7 +14,7 @@ Sources: https://mavlink.io/en/services/mission.html, ArduPilot's `MissionItemPr
 * After the last retry: LOITER, then MISSION_CLEAR_ALL (refused in AUTO), then a check.
 * An operator may override the mode (`gcs.mavlink.fleet.mode_authority`). The upload is completed all the
   same, without further mode commands.
-* A failure ACK counts after a pause without requests. ACK 13 answers a duplicate and is never final.
+* ACK 13 answers a duplicate and is never final.
 * Messages are filtered by vehicle, by our ids and by mission type: other ground stations share the link.
 
 The task never arms, and never sends a mission message without a target.
@@ -23,22 +23,19 @@ The task never arms, and never sends a mission message without a target.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.frames.codec import Message, is_for
+from gcs.mavlink.mission.items import Item
+from gcs.mavlink.mission.list_upload import ACCEPTED, result_name
 from gcs.mavlink.mission.upload_stages import OnboardState, Stage, TransitionError
 from gcs.mavlink.mission.upload_steps import UploadSteps
 from gcs.mavlink.services.command_sender import SET_MODE
 from gcs.mavlink.services.retry import ns
 from gcs.model import UploadReport
-
-_ACCEPTED: Final = dialect.MAV_MISSION_ACCEPTED
-_ERROR: Final = dialect.MAV_MISSION_ERROR
-_INVALID_SEQUENCE: Final = dialect.MAV_MISSION_INVALID_SEQUENCE
 
 
 class UploadTask(UploadSteps):
@@ -68,16 +65,6 @@ class UploadTask(UploadSteps):
         self._hold_and_clear(t_ns)
         return self._take_due_frames(t_ns)
 
-    def receive(self, message: Message, t_ns: int) -> list[bytes]:
-        """Process a message of the vehicle; return the frames to send."""
-        handler = _HANDLERS.get(message.get_type())
-        if self.stage in (Stage.NEW, Stage.DONE) or handler is None:
-            return []
-        if (message.get_srcSystem(), message.get_srcComponent()) != self._to:
-            return []
-        handler(self, message, t_ns)
-        return self._take_due_frames(t_ns)
-
     def poll(self, t_ns: int) -> list[bytes]:
         """Advance the timers; return the frames to send."""
         if self.stage in (Stage.NEW, Stage.DONE):
@@ -94,14 +81,8 @@ class UploadTask(UploadSteps):
                 f"no end after {self._timing.transfer_timeout_s:.0f} s: {self._reason or self.stage}"
             )
             self._hold_and_clear(t_ns)
-        elif self._pending_failure is not None and t_ns >= self._pending_failure[0]:
-            self._retry_upload(self._pending_failure[1], t_ns)
-        elif self._deadline_t_ns is not None and t_ns >= self._deadline_t_ns:
-            self._on_upload_timeout(t_ns)
-        elif any(one is not None and one.is_exhausted(t_ns) for one in (self._timer, self._download)):
-            self._on_tries_exhausted(t_ns)
-        elif self.stage is Stage.UPLOAD and self._pending_failure is None:
-            self._outbox += self._mission_upload.poll(t_ns, self._start_seq, self._window())
+        else:
+            self._run_timers(t_ns)
         return self._take_due_frames(t_ns)
 
     def restart(self, t_ns: int) -> list[bytes]:
@@ -200,12 +181,7 @@ class UploadTask(UploadSteps):
 
     # ------------------------------------------------------------ time
 
-    def _is_pausing(self) -> bool:
-        """Return True if the stage's request has not been sent: messages still belong to the stage before."""
-        return self._timer is not None and not self._timer.sent
-
     def _on_upload_timeout(self, t_ns: int) -> None:
-        """Handle missing requests: verify after the last item, since the ACK may be lost; retry before it."""
         if self._delegated or self._mission_upload.is_all_sent:
             self._start_verify(t_ns)
         else:
@@ -254,74 +230,50 @@ class UploadTask(UploadSteps):
 
     # ------------------------------------------------------------ messages of the vehicle
 
+    def _handle(self, message: Message, t_ns: int) -> bool:
+        match message.get_type():
+            case "MISSION_CURRENT":
+                self._on_current(message, t_ns)
+            case "COMMAND_ACK":
+                self._on_command_ack(message, t_ns)
+            case "HEARTBEAT":
+                self._on_heartbeat(message, t_ns)
+            case _:
+                return super()._handle(message, t_ns)
+        return True
+
     def _on_request(self, message: Message, t_ns: int) -> None:
-        if self._delegated or not self._is_for_us(message):
+        if self._delegated:
             return
-        upload, seq = self._mission_upload, message.seq
-        if self.stage is Stage.VERIFY and not upload.acked and seq < upload.sent_count:
-            self._set_stage(Stage.UPLOAD)  # It lacks the last item: continue.
-            self._download = None
-        if self.stage is not Stage.UPLOAD:
-            asks_late = t_ns - self._stage_t_ns > ns(self._timing.settle_s)
-            if asks_late and self.stage in (Stage.VERIFY, Stage.SELECT, Stage.MODE):
-                self._retry_upload("the vehicle requests items again", t_ns)
-            return
-        if self._is_pausing():
-            return
-        items = upload.answer_request(seq, t_ns, self._start_seq)
-        if not items:
-            return
-        if self._timer is not None:
-            self._rtt.add_sample(self._timer.round_trip_s(t_ns))
-        self._timer = self._pending_failure = None
-        wait_s = self._timing.ack_timeout_s if upload.is_all_sent else self._timing.request_timeout_s
-        self._deadline_t_ns = t_ns + ns(wait_s)
-        self._outbox += items
+        super()._on_request(message, t_ns)
+        asks_late = t_ns - self._stage_t_ns > ns(self._timing.settle_s)
+        if asks_late and self.stage in (Stage.VERIFY, Stage.SELECT, Stage.MODE):
+            self._retry_upload("the vehicle requests items again", t_ns)
 
     def _on_ack(self, message: Message, t_ns: int) -> None:
-        if not self._is_for_us(message, broadcast=True):
-            return
-        accepted, upload = message.type == _ACCEPTED, self._mission_upload
-        if self.stage is Stage.UPLOAD and not self._delegated:
-            if upload.is_all_sent and message.type in (_ACCEPTED, _ERROR):
-                upload.acked = accepted  # On an error it has all items.
-                self._start_verify(t_ns)
-            elif not accepted and message.type != _INVALID_SEQUENCE and not self._is_pausing():
-                said = _name("MAV_MISSION_RESULT", message.type)
-                reason = f"the vehicle answered {said}, {upload.sent_count} of {len(self.items)} items sent"
-                self._pending_failure = self._pending_failure or (t_ns + ns(self._timing.settle_s), reason)
-        elif self.stage is Stage.VERIFY and message.type == _ERROR and self._download is not None:
-            self._download.restart_if_in_order(t_ns)
-        elif self.stage is Stage.CLEAR and accepted and not self._is_cleared:
-            self._is_cleared = True
-            self._start_download(t_ns)
+        if self.stage is Stage.CLEAR:
+            if message.type == ACCEPTED and not self._is_cleared:
+                self._is_cleared = True
+                self._start_download(t_ns)
+        elif self.stage is not Stage.UPLOAD or not self._delegated:
+            super()._on_ack(message, t_ns)
+
+    def _on_refusal(self, message: Message, t_ns: int) -> None:
+        answer, sent = result_name("MAV_MISSION_RESULT", message.type), self._mission_upload.sent_count
+        self._note_failure(f"the vehicle answered {answer}, {sent} of {len(self.items)} items sent", t_ns)
 
     def _on_count(self, message: Message, t_ns: int) -> None:
-        if not self._is_for_us(message):
-            return
-        if self.stage is Stage.CLEAR and self._is_cleared:
-            if message.count <= self._profile.home_items:
-                self._onboard = OnboardState.CLEARED
-                self._finish(ok=False, t_ns=t_ns)
-            else:
-                self._start_clear(t_ns)
-        elif self.stage is Stage.VERIFY and self._download is not None:
-            self._download.add_count(message, t_ns)
-            self._compare_download(t_ns)
+        if self.stage is not Stage.CLEAR or not self._is_cleared:
+            super()._on_count(message, t_ns)
+        elif message.count <= self._profile.home_items:
+            self._onboard = OnboardState.CLEARED
+            self._finish(ok=False, t_ns=t_ns)
+        else:
+            self._start_clear(t_ns)
 
-    def _on_item(self, message: Message, t_ns: int) -> None:
-        if self.stage is Stage.VERIFY and self._download is not None and self._is_for_us(message):
-            self._download.add_item(message, t_ns)
-            self._compare_download(t_ns)
-
-    def _compare_download(self, t_ns: int) -> None:
-        """Compare the downloaded mission with the uploaded one, once it is complete."""
-        download, profile = self._download, self._profile
-        if download is None or not download.is_complete:
-            return
-        self._outbox.append(download.ack_message())
-        difference = profile.difference(self.items, download.items)
-        is_old = self._old is not None and not profile.difference(self._old, download.items)
+    def _on_read_back(self, items: Sequence[Item], t_ns: int) -> None:
+        difference = self._profile.difference(self.items, items)
+        is_old = self._old is not None and not self._profile.difference(self._old, items)
         self._is_rejected = bool(difference) and not is_old
         if not difference:
             self._onboard = OnboardState.EQUAL
@@ -368,7 +320,7 @@ class UploadTask(UploadSteps):
         if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
             return
         self._refusals += 1
-        self._reason = f"AUTO refused: {_name('MAV_RESULT', message.result)}"
+        self._reason = f"AUTO refused: {result_name('MAV_RESULT', message.result)}"
         is_settled = t_ns - self._stage_t_ns >= ns(self._timing.settle_s)
         if self._refusals >= self._timing.max_refusals and is_settled:
             if self._has_no_mission and self._profile.atomic:
@@ -404,20 +356,3 @@ class UploadTask(UploadSteps):
         flown = self._old if self._onboard is OnboardState.OLD else self.items
         last = math.inf if flown is None else len(flown) - 1
         return self._profile.ends_in == LOITER and self._current == last
-
-
-_HANDLERS: Final[dict[str, Callable[[UploadTask, Message, int], None]]] = {
-    "MISSION_REQUEST": UploadTask._on_request,
-    "MISSION_REQUEST_INT": UploadTask._on_request,
-    "MISSION_ACK": UploadTask._on_ack,
-    "MISSION_COUNT": UploadTask._on_count,
-    "MISSION_ITEM_INT": UploadTask._on_item,
-    "MISSION_CURRENT": UploadTask._on_current,
-    "COMMAND_ACK": UploadTask._on_command_ack,
-    "HEARTBEAT": UploadTask._on_heartbeat,
-}
-
-
-def _name(enum: str, value: int) -> str:
-    entry = dialect.enums[enum].get(value)
-    return entry.name.removeprefix(f"{enum}_").removeprefix("MAV_") if entry is not None else str(value)

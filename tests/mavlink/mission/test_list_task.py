@@ -5,11 +5,13 @@ from collections import deque
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.fence import Area, Fence, Rally
 from gcs.geo import LocalFrame
-from gcs.mavlink.frames.codec import Encoder, decode
+from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
 from gcs.mavlink.mission.geofence_rally import (
     FENCE,
     RALLY,
@@ -120,3 +122,38 @@ def test_items_mean_the_fence_that_they_were_made_from():
     for got, want in zip(fence.areas[0].corners_deg, SQUARE, strict=True):
         assert math.dist(got, want) < 1e-7
     assert fence_from_items(ITEMS[1:]) is None
+
+
+MESSAGES = st.sampled_from(["REQUEST", "ACK", "COUNT", "ITEM"])
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(
+    st.sampled_from([ITEMS, (), None]),
+    st.lists(
+        st.tuples(st.floats(0.0, 20.0), MESSAGES, st.integers(0, 8), st.sampled_from([0, 0, 1, 3, 13, 15]))
+    ),
+)
+def test_messages_in_any_order_end_it_at_most_once_and_never_with_a_false_success(items, steps):
+    task, t_ns, to = ListTask(7, FENCE, items, Encoder(), 0), 0, (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
+    for wait_s, kind, n, answer in steps:
+        t_ns += round(wait_s * S)
+        before = task.result
+        message = {
+            "REQUEST": dialect.MAVLink_mission_request_int_message(*to, n, FENCE),
+            "ACK": dialect.MAVLink_mission_ack_message(*to, answer, FENCE),
+            "COUNT": dialect.MAVLink_mission_count_message(*to, n, FENCE),
+            "ITEM": ITEMS[n % len(ITEMS)].message(n, *to, mission_type=FENCE),
+        }[kind]
+        frames = task.poll(t_ns) + task.receive(decode(Encoder(7, 1)(message))[0][0], t_ns)
+        assert before is None or (task.result is before and not frames)
+    if task.result is not None and task.result.ok and items is not None:
+        assert not list_difference(FENCE, items, task.result.items)
+
+
+def test_messages_about_another_list_change_nothing():
+    """A request for a mission item was answered with an item of the fence."""
+    task, to = ListTask(7, FENCE, ITEMS, Encoder(), 0), (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
+    task.poll(0)
+    request = dialect.MAVLink_mission_request_int_message(*to, 0, 0)
+    assert task.receive(decode(Encoder(7, 1)(request))[0][0], 1) == []

@@ -35,18 +35,18 @@ class Recorded(UploadTask):
     """A task whose transitions are recorded."""
 
     def __init__(self, *args, **options):
-        self.transitions = [(Stage.NEW, Stage.NEW)]
+        self.recorded = [(Stage.NEW, Stage.NEW)]
         super().__init__(*args, **options)
 
     def _set_stage(self, stage):
         before = self.stage
         super()._set_stage(stage)
-        self.transitions.append((before, stage))
+        self.recorded.append((before, stage))
 
     def check(self):
         """No stage was entered but through the table, and the result agrees with itself."""
-        assert all(a[1] is b[0] for a, b in pairwise(self.transitions))
-        assert self.transitions[-1][1] is self.stage
+        assert all(a[1] is b[0] for a, b in pairwise(self.recorded))
+        assert self.recorded[-1][1] is self.stage
         assert (self.result is not None) == (self.stage is Stage.DONE)
         if self.result is not None:
             assert isinstance(self.result.onboard, OnboardState)
