@@ -1,4 +1,4 @@
-"""An operator would look up what nobody says any more: the page of alarms quotes what the program can say."""
+"""An operator would miss an alarm in the docs: the page of alarms quotes the program's texts."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ def quoted() -> list[str]:
     return [piece for piece in found if len(piece) > 3]
 
 
-def test_everything_that_the_page_quotes_is_said_somewhere():
+def test_every_text_that_the_page_quotes_is_in_the_program():
     source = " ".join(
         re.sub(r'"\s*\n\s*f?"', "", path.read_text(encoding="utf-8")) for path in (ROOT / "gcs").rglob("*.py")
     )
-    # What is built of parts is looked for by its parts.
+    # A text that is built of parts is searched by its parts.
     pieces = [part for piece in quoted() for part in re.split(r"(?<=rejected): |: (?=is the)", piece)]
     assert len(pieces) > 50
     assert [piece for piece in pieces if piece not in source] == []

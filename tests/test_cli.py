@@ -1,4 +1,4 @@
-"""What somebody sees who types `gcs` for the first time."""
+"""The first screen of `gcs` shows its commands."""
 
 from __future__ import annotations
 

@@ -151,9 +151,9 @@ def test_places_may_be_given_by_latitude_and_longitude() -> None:
 
 def test_check_prints_places_that_a_mission_file_takes(tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(BORN)
-    told = CliRunner().invoke(app, ["check", str(tmp_path / "m.toml")], env={"COLUMNS": "140"})
-    assert told.exit_code == 0, told.output
-    (agent, birth) = re.findall(r"(-?[\d.]+)°, (-?[\d.]+)° \(east", told.output)
+    result = CliRunner().invoke(app, ["check", str(tmp_path / "m.toml")], env={"COLUMNS": "140"})
+    assert result.exit_code == 0, result.output
+    (agent, birth) = re.findall(r"(-?[\d.]+)°, (-?[\d.]+)° \(east", result.output)
     text = BORN
     for (east, north), (lat, lon) in (((100.0, 100.0), agent), ((700.0, 900.0), birth)):
         text = text.replace(f"east_m = {east}\nnorth_m = {north}", f"lat_deg = {lat}\nlon_deg = {lon}")
@@ -277,7 +277,7 @@ def test_mistakes_of_places_in_degrees_are_listed_with_all_others() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "result"),
     [
         ('name = "x"\n[frame]\nlat_deg = 47,0\n', "(at line 3, column 13): `lat_deg = 47,0`"),
         ('name = "x\n', 'expected a closing quote before the line ends (at line 1, column 10): `name = "x`'),
@@ -285,10 +285,10 @@ def test_mistakes_of_places_in_degrees_are_listed_with_all_others() -> None:
         ("a = [1,\n2", "Unclosed array (at end of document): `2`"),
     ],
 )
-def test_broken_toml_is_shown_with_its_line(text: str, told: str) -> None:
+def test_broken_toml_is_shown_with_its_line(text: str, result: str) -> None:
     with pytest.raises(ConfigError) as refused:
         parse(text, "m.toml")
-    assert told in str(refused.value)
+    assert result in str(refused.value)
     assert "not valid TOML: " in str(refused.value)
 
 

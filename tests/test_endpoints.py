@@ -1,4 +1,4 @@
-"""Connection strings as other programs write them are understood; others are told what to write."""
+"""Connection strings as other programs write them are understood; others are refused with the right form."""
 
 import pytest
 
@@ -46,7 +46,7 @@ def test_spellings_of_other_programs_mean_the_same_endpoint(text: str, canonical
         ("/dev/ttyUSB0:0", "above 0"),
     ],
 )
-def test_what_is_no_endpoint_is_answered_with_what_would_be(text: str, words: str) -> None:
+def test_a_wrong_endpoint_is_refused_with_the_right_form(text: str, words: str) -> None:
     with pytest.raises(LinkError) as caught:
         parse_endpoint(text)
     assert caught.value.endpoint == text

@@ -30,7 +30,7 @@ def fenced(text):
     return parse(HEAD + text, "field.toml")
 
 
-def test_the_length_of_a_way_beyond_the_fence_is_told():
+def test_the_length_of_a_route_beyond_the_fence_is_reported():
     config = fenced(f'[[fence.areas]]\nkind = "inclusion"\n{SQUARE}\n')
     fence, frame = fence_of(config), config.local_frame
     assert len(fence.areas[0].corners_deg) == 4
@@ -90,7 +90,7 @@ def test_a_fence_that_makes_no_sense_is_named(text, key, said):
     assert said in str(caught.value)
 
 
-def test_zones_of_the_map_are_the_fence_unless_told_otherwise(tmp_path):
+def test_zones_of_the_map_are_the_fence_by_default(tmp_path):
     zones = """{"type": "FeatureCollection", "features": [
       {"type": "Feature", "properties": {"kind": "boundary"}, "geometry": {"type": "Polygon", "coordinates":
         [[[-87.6, 33.2], [-87.58, 33.2], [-87.58, 33.217], [-87.6, 33.217], [-87.6, 33.2]]]}},

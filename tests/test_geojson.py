@@ -21,7 +21,7 @@ lat_deg = 33.2
 lon_deg = -87.6
 alt_msl_m = 70.0
 [map]
-geojson = "zones.geojson"  # beside it
+geojson = "zones.geojson"  # next to it
 [[agents]]
 system_id = 1
 east_m = 100.0
@@ -90,7 +90,7 @@ def test_what_is_recorded_of_a_mission_holds_its_zones(tmp_path):
     (tmp_path / "zones.geojson").unlink()
     config = parse(text, source)
     assert len(config.zones.polygons) == 3
-    assert "# beside it" in text
+    assert "# next to it" in text
     with pytest.raises(ConfigError, match=r"map.geojson: no such file: .*zones.geojson"):
         read_text(source)
 
@@ -111,12 +111,12 @@ def test_what_is_recorded_of_a_mission_holds_its_zones(tmp_path):
         (collection(feature("Polygon", [[[33.2, -87.6], [33.2, -87.5], [33.3, -87.6]]])), "far from the"),
     ],
 )  # fmt: skip
-def test_a_broken_file_is_refused_with_what_is_wrong_with_it(tmp_path, zones, said):
+def test_a_broken_file_is_refused_with_its_defect(tmp_path, zones, said):
     with pytest.raises(ConfigError, match=said):
         load(write(tmp_path, zones))
 
 
-def test_the_name_of_a_file_is_looked_for_on_a_line_of_its_own():
+def test_the_name_of_a_file_is_found_on_a_line_of_its_own():
     with pytest.raises(ConfigError, match="on a line of its own"):
         parse(MISSION, "mission.toml")
 

@@ -28,14 +28,14 @@ def test_reaches_rows_of_a_list_and_makes_tables_that_are_not_there():
     assert msgspec.toml.decode(changed) == {"name": "x", "agents": [{"east_m": 2}], "a": {"b": {"c": True}}}
 
 
-def test_takes_what_is_no_toml_value_as_words():
+def test_a_value_that_is_not_toml_is_a_string():
     assert msgspec.toml.decode(override_keys("", ["planning.shape=pulled"], "x")) == {
         "planning": {"shape": "pulled"}
     }
 
 
 @pytest.mark.parametrize(
-    ("setting", "told"),
+    ("setting", "error"),
     [
         ("planning.period_s", "KEY=VALUE"),
         ("=3", "KEY=VALUE"),
@@ -44,8 +44,8 @@ def test_takes_what_is_no_toml_value_as_words():
         ("name.x=3", "name.x"),
     ],
 )
-def test_a_setting_that_cannot_be_laid_is_named(setting: str, told: str):
-    with pytest.raises(ConfigError, match=told.replace("[", r"\[")):
+def test_a_setting_that_cannot_be_laid_is_named(setting: str, error: str):
+    with pytest.raises(ConfigError, match=error.replace("[", r"\[")):
         override_keys(TEXT, [setting], SOURCE)
 
 

@@ -73,7 +73,7 @@ def scenario_file(name: str, wind_m_s: float, folder: Path) -> Path:
 
 
 def fly(scenario: Path, seed: int, speed: float, sitl: list[str], folder: Path) -> Flown:
-    """Fly one mission and look at its recording."""
+    """Fly one mission and read its recording."""
     out = folder / f"{scenario.stem}-{seed}"
     command = [sys.executable, "-P", "-c", "from gcs.cli import main; main()", "demo", str(scenario)]
     command += ["--headless", "--json", "--seed", str(seed), "--speed", str(speed), "--out", str(out)]
@@ -87,17 +87,17 @@ def fly(scenario: Path, seed: int, speed: float, sitl: list[str], folder: Path) 
     if "of the run's speed" in done.stderr:
         print(f"{out.name}: the firmware fell behind the clock; lower --speed", file=sys.stderr)
     summary = json.loads(lines[-1])
-    flown = look_at(out, scenario, seed)
+    flown = read_flown(out, scenario, seed)
     flown.complete = summary["outcome"] == "complete"
-    fates = [agent["status"] for agent in summary["agents"]]
-    flown.arrived, flown.survivors = fates.count("arrived"), len(fates) - fates.count("lost")
+    statuses = [agent["status"] for agent in summary["agents"]]
+    flown.arrived, flown.survivors = statuses.count("arrived"), len(statuses) - statuses.count("lost")
     flown.uploads, flown.failed = summary["uploads"], summary["upload_failures"]
     if not flown.complete:
         print(f"{out.name}: {summary['reason']}", file=sys.stderr)
     return flown
 
 
-def look_at(recording: Path, scenario: Path, seed: int) -> Flown:
+def read_flown(recording: Path, scenario: Path, seed: int) -> Flown:
     """Take distances from obstacles and cross-track errors out of a recording."""
     config = parse(scenario.read_text(encoding="utf-8"), str(scenario))
     grid = mission_grid(config, seed)

@@ -2,7 +2,7 @@
 
 ``python tests/bench/bench_flown.py [SCENARIO ...] [--seeds 16] [--each] [--home]`` prints a table: the least
 distance of any vehicle from any blocked cell in whole missions on virtual time, until near the end
-of its route; and in how many runs somebody was inside one there, passing or circling.
+of its route; and in how many runs a vehicle was inside one there, passing or circling.
 
 With ``--home`` vehicles land at home after their targets: how many were inside an obstacle between the
 two, with ways home that are planned and with straight ones.
@@ -76,7 +76,7 @@ def main() -> None:
     parser.add_argument("--winds", type=float, nargs="*", default=[0.0, 3.2], help="m/s; default 0 3.2")
     parser.add_argument("--planned", type=float, default=4.0, help="wind_m_s of windy missions; default 4")
     parser.add_argument("--each", action="store_true", help="show every seed")
-    parser.add_argument("--home", action="store_true", help="look at the ways home from targets instead")
+    parser.add_argument("--home", action="store_true", help="check the return routes from targets instead")
     options = parser.parse_args()
     warm_up_planning()
     warm_up_tracking()

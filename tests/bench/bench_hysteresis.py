@@ -1,7 +1,7 @@
 """What keeping targets costs and saves: switches and metres flown against `planning.switch_gain_m`.
 
 ``python tests/bench/bench_hysteresis.py [--runs 20]`` prints a table: eight agents and eight targets whose
-estimates jitter, planned anew at each look as they fly, in the open and among obstacles. Only the planner is
+estimates jitter, planned anew at each check as they fly, in the open and among obstacles. Only the planner is
 at work: an agent flies along its route at 15 m/s, a target stands or walks, and each plan sees targets with
 noise of 10 m, and velocities to a fifth of their size. A switch is a plan that gives an agent another target
 than it had.

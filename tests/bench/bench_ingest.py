@@ -205,7 +205,7 @@ def decoding(console):
     whole = put_together(singles, 1400)
     decoder, scanner, n = dialect.MAVLink(None), Scanner(), len(singles)
 
-    def fold(datagrams, kernel, repeats):
+    def time_fleet(datagrams, kernel, repeats):
         """Each time into a fleet that knows its vehicles and has heard no position."""
         made = []
         for _ in range(repeats):
@@ -229,9 +229,9 @@ def decoding(console):
         ),
         ("ours, kernel: framed, one a datagram", us_each(lambda: [scanner(d) for d in singles], n)),
         ("ours, kernel: framed, 35 a datagram", us_each(lambda: [scanner(d) for d in whole], n)),
-        ("fleet without kernels, one a datagram", fold(singles, False, 3)),
-        ("fleet, one a datagram", fold(singles, True, 7)),
-        ("fleet, 35 a datagram", fold(whole, True, 7)),
+        ("fleet without kernels, one a datagram", time_fleet(singles, False, 3)),
+        ("fleet, one a datagram", time_fleet(singles, True, 7)),
+        ("fleet, 35 a datagram", time_fleet(whole, True, 7)),
     ]
     table = Table("decoding GLOBAL_POSITION_INT, checksums enforced", "us a message", "times pymavlink")
     for name, us in rows:

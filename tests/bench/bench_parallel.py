@@ -2,7 +2,7 @@
 
 ``python tests/bench/bench_parallel.py [--vehicles 200] [--items 30] [--window 32] [--repeats 5]``. A light
 vehicle is a store that speaks the mission protocol as ArduPlane does, without flight. Measured from the first
-MISSION_COUNT to the last mission read back equal, selected and in AUTO; the service's own CPU beside it.
+MISSION_COUNT to the last mission read back equal, selected and in AUTO; the service's own CPU next to it.
 """
 
 import argparse

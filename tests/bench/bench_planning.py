@@ -1,4 +1,4 @@
-"""Planner bench: whole plans, and what string pulling and patience bring.
+"""Planner bench: whole plans, string pulling and switch hysteresis.
 
     python tests/bench/bench_planning.py [--swarm]
 
@@ -88,10 +88,10 @@ def stages(grid: Grid, agents: dict, targets: dict, options: PlanOptions) -> lis
 
     result = plan_routes(grid, agents, targets, {}, options, done)
     flights = []
-    for lane, route in enumerate(result.routes):
+    for layer, route in enumerate(result.routes):
         at = agents[route.vehicle]
         points_m = np.vstack(((at.east_m, at.north_m), route.points_m))
-        flights.append(PlannedFlight(route.vehicle, points_m, at.speed_m_s, lane % 10))
+        flights.append(PlannedFlight(route.vehicle, points_m, at.speed_m_s, layer % 10))
     assign_layers(flights, 10, 60.0)
     ends.append(time.process_time())
     return [1e3 * one for one in np.diff(ends)]
@@ -134,8 +134,8 @@ def pulling() -> None:
         )
 
 
-def patience() -> None:
-    print("\npatience, 20 agents x 20 drifting targets, 200 plans with 10 m of noise: switches, length")
+def hysteresis() -> None:
+    print("\nhysteresis, 20 agents x 20 drifting targets, 200 plans with 10 m of noise: switches, length")
     for gain_m in (0.0, 50.0, 100.0):
         rng = np.random.default_rng(5)
         grid, _, _ = mission(101, 1, 1, 0.1)
@@ -169,4 +169,4 @@ if __name__ == "__main__":
         raise SystemExit
     whole_plans()
     pulling()
-    patience()
+    hysteresis()

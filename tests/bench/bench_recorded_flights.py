@@ -1,4 +1,4 @@
-"""How far a simulated ArduPlane stays from the recorded paths of real ones that were told the same.
+"""How far a simulated ArduPlane stays from the recorded paths of real ones with the same commands.
 
 ``python tests/bench/bench_recorded_flights.py [FOLDER]`` replays what the ground sent in each recording of a
 folder (default ``../shared/data/arduplane/flights``) to a simulated plane, and prints a table: distance from

@@ -4,7 +4,7 @@
 virtual time with its recording, and prints what `gcs replay` takes for it in all its parts, as fast as it
 can, and what recording took of what the service does.
 
-CPU time of a shared machine is not steady either: the least of the repeats is given, and beside it the time
+CPU time of a shared machine is not steady either: the least of the repeats is given, and next to it the time
 of a fixed loop of plain Python, to compare runs by.
 """
 
@@ -57,8 +57,8 @@ def replay(folder: Path, config: Config, *, verify: bool) -> None:
     asyncio.run(played.run(asyncio.Event(), math.inf))
 
 
-def fold(folder: Path, config: Config) -> Counter[str]:
-    """CPU time of the fold by kind of event, without reading."""
+def step_times(folder: Path, config: Config) -> Counter[str]:
+    """CPU time of the engine by kind of event, without reading."""
     command, spent = Engine(config, 1), Counter[str]()
     for record in read(folder, only=get_args(Event)):
         kind = type(record.value).__name__
@@ -109,9 +109,9 @@ def main() -> None:
                 cpu_s(lambda: Counter(r.t_ns for r in read(folder, only=get_args(Event)))) for _ in rounds
             ),
         }
-        folds = [fold(folder, config) for _ in rounds]
-        least = min(folds, key=lambda spent: spent.total())
-        rows |= {f"the fold: {kind}": spent for kind, spent in least.most_common(3)}
+        engine_s = [step_times(folder, config) for _ in rounds]
+        least = min(engine_s, key=lambda spent: spent.total())
+        rows |= {f"the engine: {kind}": spent for kind, spent in least.most_common(3)}
         rows["writing it"] = min(write(folder, Path(parent) / f"copy-{i}") for i in rounds)
     print(f"| {options.scenario}, {run_s:.0f} s, {len(times)} events | CPU, s | times real time |")
     print("|---|---|---|")

@@ -1,4 +1,4 @@
-"""What a frame costs on its way through the routes: CPU time beside that of pymavlink on the same bytes.
+"""What a frame costs on its way through the routes: CPU time next to that of pymavlink on the same bytes.
 
     python tests/bench/bench_routing.py [--vehicles 200] [--stations 3] [--seconds 20]
 

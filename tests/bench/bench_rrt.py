@@ -1,4 +1,4 @@
-"""RRT* against the planner's taut strings: length at equal time, and time to equal length.
+"""RRT* against the planner's string pulling: length at equal time, and time to equal length.
 
     python tests/bench/bench_rrt.py
 
@@ -13,7 +13,7 @@ import math
 import time
 
 import numpy as np
-from bench_oracle import pair
+from bench_visibility import pair
 from numba import njit
 
 from gcs.planning.map.line_of_sight import clear_leg, to_cells

@@ -28,11 +28,11 @@ FIELD = (0.0, 0.0, SIDE_M, SIDE_M)
 def births_run(seed: int, clutter: float, appear_per_s: float, scans: int = 100) -> tuple[float, float]:
     """Mean count error inside the field, and ms per scan (median); births assumed 0.1 per second."""
     rng, births = np.random.default_rng(seed), AdaptiveBirth(0.1, 8.0, 0.1, 1.0)
-    look = Sensor("s", 0.95, clutter / SIDE_M**2, np.eye(2) * 25.0, FIELD)
+    detector = Sensor("s", 0.95, clutter / SIDE_M**2, np.eye(2) * 25.0, FIELD)
     tracker = Glmb("targets", GlmbParams(accel_std_m_s2=1.0), 1, summarise_detections=True)
     state, errors, spent = np.empty((0, 4)), [], []
     for k in range(scans):
-        inside = sensors.covers(look, state[:, :2])
+        inside = sensors.covers(detector, state[:, :2])
         state = state[inside & (rng.random(len(state)) < 0.99)]
         push = rng.normal(0.0, 1.0, (len(state), 2))
         state = np.hstack([state[:, :2] + state[:, 2:] + push / 2, state[:, 2:] + push])
@@ -40,17 +40,19 @@ def births_run(seed: int, clutter: float, appear_per_s: float, scans: int = 100)
         state = np.vstack(
             [state, np.hstack([rng.uniform(100, SIDE_M - 100, (new, 2)), rng.normal(0, 8, (new, 2))])]
         )
-        seen = state[sensors.covers(look, state[:, :2]) & (rng.random(len(state)) < 0.95), :2]
+        seen = state[sensors.covers(detector, state[:, :2]) & (rng.random(len(state)) < 0.95), :2]
         z = np.vstack(
             [seen + rng.normal(0, 5, seen.shape), rng.uniform(0, SIDE_M, (rng.poisson(clutter), 2))]
         )
         begin = time.process_time()
-        tracker.update(k * NS_PER_S, z, look, births.births(k * NS_PER_S))
+        tracker.update(k * NS_PER_S, z, detector, births.births(k * NS_PER_S))
         assert tracker.detection_summary is not None
-        births.add_scan(k * NS_PER_S, z, look, tracker.detection_summary.explained)
+        births.add_scan(k * NS_PER_S, z, detector, tracker.detection_summary.explained)
         places = np.reshape([t.mean[:2] for t in tracker.estimate()], (-1, 2))
         spent.append((time.process_time() - begin) * 1e3)
-        errors.append(int(sensors.covers(look, places).sum()) - int(sensors.covers(look, state[:, :2]).sum()))
+        errors.append(
+            int(sensors.covers(detector, places).sum()) - int(sensors.covers(detector, state[:, :2]).sum())
+        )
     return float(np.mean(errors)), float(np.median(spent))
 
 
@@ -78,7 +80,7 @@ def turning_run(params: GlmbParams, kind: str, seeds: range) -> dict[str, tuple[
     Of each estimator, at the scans at which the filter showed the aircraft.
     """
     found: dict[str, list[tuple[float, float, float]]] = {"filtered": [], "recovered": [], "smoothed": []}
-    look = Sensor("s", 0.98, 4e-6, np.eye(2) * 10.0, (-5e3, -5e3, 5e3, 5e3))
+    detector = Sensor("s", 0.98, 4e-6, np.eye(2) * 10.0, (-5e3, -5e3, 5e3, 5e3))
     for seed in seeds:
         rng = np.random.default_rng(seed)
         path, tracker = aircraft(rng, kind, 60), Glmb("agents", params, 1, keep_histories=True)
@@ -88,7 +90,7 @@ def turning_run(params: GlmbParams, kind: str, seeds: range) -> dict[str, tuple[
             clutter = x[:2] + rng.uniform(-150, 150, (rng.poisson(0.36), 2))
             z = np.vstack([z + rng.normal(0, math.sqrt(10), z.shape), clutter])
             birth = Birth(np.array([*x[:2], 0.0, 0.0]), np.diag([100.0] * 4), 0.5)
-            tracker.update(k * NS_PER_S, z, look, [birth] if k == 0 else ())
+            tracker.update(k * NS_PER_S, z, detector, [birth] if k == 0 else ())
             for track in tracker.estimate()[:1] if k > 5 else ():
                 shown.add(k)
                 found["filtered"].append(_errors(track.mean - x, track.cov))

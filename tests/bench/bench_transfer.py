@@ -79,7 +79,7 @@ def table(losses: list[float], trials: int) -> None:
         "cleared",
         "other",
         "s, median / 95 % / worst",
-        "told to hold",
+        "ordered to hold",
     ]
     heads += ["mix flown during / after"]
     print("| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
@@ -149,7 +149,7 @@ def shorts(losses: list[float], trials: int) -> None:
             print("| " + " | ".join([*cells, f"{np.median([r for *_, r in rows]):.0f}"]) + " |", flush=True)
 
 
-# ---------------------------------------------------------------- beside MAVSDK, on real time
+# ---------------------------------------------------------------- with MAVSDK, on real time
 
 
 async def upload(uploader: str, loss: float, seed: int) -> tuple[bool, float]:

@@ -1,6 +1,6 @@
 """Fresh draws of a recorded scenario: its truth and its own model, detections drawn anew from a seed.
 
-Whoever chooses a default looks at these, never at the recorded sets themselves.
+Defaults are chosen on these, never on the recorded sets themselves.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Clearance of flown tracks from obstacles, on virtual time.
 
-The last metres to a target are the target's: it may pass beside an obstacle, or over one. So a track is
-looked at until its vehicle is within twice the capture radius of the end of its route, or has arrived; how
+The last metres to a target are the target's: it may pass next to an obstacle, or over one. So a track is
+checked until its vehicle is within twice the capture radius of the end of its route, or has arrived; how
 near vehicles come to obstacles there, circling among it, is a figure of its own.
 """
 
@@ -113,7 +113,7 @@ def nearest(scenario: Scenario, seed: int) -> Nearest:
 
 
 def landing(scenario: Scenario) -> Scenario:
-    """Return a scenario whose vehicles land at home after their targets, and die of nothing else."""
+    """Return a scenario whose vehicles land at home after their targets, and are lost for no other reason."""
     mission = msgspec.structs.replace(scenario.config.mission, end="land")
     return dataclasses.replace(
         scenario,

@@ -1,8 +1,8 @@
-"""Hostile bytes into the link room, by the million: nothing may be raised, and what comes out must stay sane.
+"""Hostile bytes into the MAVLink package, by the million: nothing may be raised, and effects must stay sane.
 
 ``python tests/bench/fuzz_link.py [--inputs 10000000] [--seed 1] [--minutes 10]``. An input is one datagram
-from one of a few addresses to a whole fold-side link: fleet, mission transfers under way, timers. Datagrams
-are made of frames of every message that the room reads (and some that it does not) with hostile fields
+from one of a few addresses to a whole link: fleet, mission transfers under way, timers. Datagrams
+are made of frames of every message that it reads (and some that it does not) with hostile fields
 (extremes, NaN, foreign and own targets, any sequence), then cut, joined, doubled, flipped or replaced by
 noise.
 """

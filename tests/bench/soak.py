@@ -47,7 +47,7 @@ SETTINGS = (
 WARM_UP_S = 1800.0
 STEP_S = 20.0
 GONE_S = (20.0, 120.0)
-MOST_GONE = 2  # when nobody flies any more, the mission ends
+MOST_GONE = 2  # when no vehicle flies any more, the mission ends
 REBOOTS_PER_H, TARGETS_PER_H, ORDERS_PER_H = 6.0, 20.0, 30.0
 LEAF = (
     str,
@@ -137,7 +137,7 @@ class Soak:
             if self.run.ended:
                 statuses = {v: status.status for v, status in self.command.agent_status.by_vehicle.items()}
                 raise SystemExit(f"the mission ended after {self.now_s:.0f} s: {statuses}")
-            self._replace_the_dead()
+            self._replace_lost()
             for per_h, happens in (
                 (REBOOTS_PER_H, self._reboot),
                 (TARGETS_PER_H, self._another_target),
@@ -157,7 +157,7 @@ class Soak:
     def now_s(self) -> float:
         return (self.run.t_ns - START_T_NS) / NS_PER_S
 
-    def _replace_the_dead(self) -> None:
+    def _replace_lost(self) -> None:
         for peer, vehicle in self.run.vehicles.items():
             if vehicle.alive:
                 continue

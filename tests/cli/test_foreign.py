@@ -1,4 +1,4 @@
-"""Recordings of others: detections laid beside a log, raw streams, and files that are not what they were."""
+"""Foreign recordings: detections with a log, raw streams, and damaged files."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def scans(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def pictures_of(flight: Path, log: Path, beside: DetectionFile | None) -> list[Picture]:
+def pictures_of(flight: Path, log: Path, options: DetectionFile | None) -> list[Picture]:
     config = load(str(flight / "mission.toml"))
     found: list[Picture] = []
 
@@ -136,7 +136,7 @@ def pictures_of(flight: Path, log: Path, beside: DetectionFile | None) -> list[P
             if isinstance(effect, Picture):
                 found.append(effect)
 
-    replay = Replay(config, 3, telemetry_records(log, [a.vehicle for a in config.agents], beside), Window())
+    replay = Replay(config, 3, telemetry_records(log, [a.vehicle for a in config.agents], options), Window())
     replay.sinks.append(Keep())
     asyncio.run(replay.run(asyncio.Event(), float("inf")))
     return found
@@ -153,7 +153,7 @@ def missed_m(flight: Path, pictures: list[Picture], kind: str) -> list[float]:
 
 
 @pytest.mark.parametrize("unit", ["t_ns", "t_s", "recording"])
-def test_detections_laid_beside_a_log_let_both_trackers_see(
+def test_both_trackers_use_detections_given_with_a_log(
     flight: Path, scans: Path, tmp_path: Path, unit: str
 ) -> None:
     path, offset_s = scans / "radar.csv", 0.0
@@ -189,14 +189,14 @@ def test_events_enter_in_the_order_of_time(flight: Path, scans: Path) -> None:
 
 def test_a_replay_with_detections_from_the_command_line(flight: Path, scans: Path) -> None:
     log = (flight / "link.tlog", "--config", flight / "mission.toml", "--headless")
-    beside = ("--detections", scans / "radar.csv", "--model", scans / "radar.toml")
-    code, _, found = run("replay", *log, *beside)
+    options = ("--detections", scans / "radar.csv", "--model", scans / "radar.toml")
+    code, _, found = run("replay", *log, *options)
     assert (code, found["damage"]) == (0, None)
-    code, text, _ = run("replay", *log, *beside, "--offset", 1000)
+    code, text, _ = run("replay", *log, *options, "--offset", 1000)
     assert code == 2
     assert "none of its 26 scans is within the 2" in text
     assert "--offset" in text
-    code, text, _ = run("replay", flight, *beside)
+    code, text, _ = run("replay", flight, *options)
     assert code == 2
     assert "--detections is for logs" in text
     code, text, _ = run("replay", *log, "--detections", scans / "radar.csv")
@@ -204,12 +204,12 @@ def test_a_replay_with_detections_from_the_command_line(flight: Path, scans: Pat
     assert "--model" in text
 
 
-def test_a_report_shows_what_both_trackers_made_of_detections_beside_a_log(
+def test_a_report_shows_both_trackers_for_detections_with_a_log(
     flight: Path, scans: Path, tmp_path: Path
 ) -> None:
     log = (flight / "link.tlog", "-o", tmp_path / "report")
-    beside = ("--detections", scans / "radar.csv", "--model", scans / "radar.toml")
-    code, _, found = run("report", *log, "--config", flight / "mission.toml", *beside)
+    options = ("--detections", scans / "radar.csv", "--model", scans / "radar.toml")
+    code, _, found = run("report", *log, "--config", flight / "mission.toml", *options)
     assert (code, found["kind"]) == (0, "telemetry log")
     with Path(found["tracks"]).open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["estimated"] == "1"]
@@ -220,13 +220,13 @@ def test_a_report_shows_what_both_trackers_made_of_detections_beside_a_log(
         alive = [(o.east_m, o.north_m) for o in truth.objects if o.kind == kind and o.alive]
         assert len(places) == len(alive)
         assert max(min(np.hypot(x - e, y - n) for x, y in places) for e, n in alive) < 25.0
-    code, text, _ = run("report", *log, *beside)
+    code, text, _ = run("report", *log, *options)
     assert code == 2
     assert "name it with --config" in text
-    code, text, _ = run("report", *log, "--config", flight / "mission.toml", *beside, "--offset", 1000)
+    code, text, _ = run("report", *log, "--config", flight / "mission.toml", *options, "--offset", 1000)
     assert code == 2
     assert "shift them with --offset" in text
-    code, text, _ = run("report", flight, *beside)
+    code, text, _ = run("report", flight, *options)
     assert code == 2
     assert "--detections is for logs" in text
 
@@ -252,7 +252,7 @@ def test_a_raw_stream_is_timed_by_the_vehicles_own_clocks(flight: Path, tmp_path
     assert "the vehicles' own clocks" in " ".join(material.remarks)
 
 
-def test_a_stream_that_says_no_times_is_said_to(tmp_path: Path) -> None:
+def test_a_stream_without_times_is_reported(tmp_path: Path) -> None:
     packer = mavlink.MAVLink(None, srcSystem=1)
     beat = mavlink.MAVLink_heartbeat_message(1, 3, 128, 10, 4, 3)
     (tmp_path / "uart.raw").write_bytes(beat.pack(packer) * 50)

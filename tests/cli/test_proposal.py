@@ -87,19 +87,21 @@ def test_a_log_has_a_plan_once_and_again_when_it_is_another_or_a_minute_has_pass
     assert "agent 1 →" not in left
 
 
-def test_a_target_has_one_name_and_lost_is_said_of_agents_alone() -> None:
+def test_a_target_has_one_name_and_only_agents_are_lost() -> None:
     label = (0, 2)
     route = Route(3, label, read_only([[900.0, 100.0]]), 800.0)
     moved = of_target("target moved", label, "moved 60 m")
     gone = of_target("target lost", label, "is not tracked any more")
     passed = of_agent("agent passed its target", 3, f"passed target {target_name(label)}")
-    told = [
+    proposal_lines = [
         effect_line(Plan(0, 0, (route,), (), (), f"{moved.text}; {gone.text}", (3,))),
         effect_line(AgentStatus(0, 3, "arrived", label)),
         effect_line(replace(proposal(1, 1.0, 1.0), routes=(route,), reason=passed.text)),
     ]
     nowhere = plan_routes(free_grid((5, 5), 10.0), {}, {label: (math.inf, 0.0)}, {}, PlanOptions())
-    words = " ".join([*(line[0] for line in told if line is not None), *nowhere.notes, callsign(label)])
+    words = " ".join(
+        [*(line[0] for line in proposal_lines if line is not None), *nowhere.notes, callsign(label)]
+    )
     assert words.count("T0.2") == words.count("0.2") == 8
     assert "(0, 2)" not in words
     assert "lost" not in words

@@ -61,7 +61,7 @@ def test_sentences_in_a_file_are_not_cut(
 
 
 @pytest.mark.parametrize("width", [60, 80, 160])
-def test_the_live_view_says_who_is_who_on_any_terminal(width: int) -> None:
+def test_the_live_view_names_vehicles_on_any_terminal(width: int) -> None:
     config = load("prescribed")
     console = Console(file=io.StringIO(), width=width, height=40, color_system=None)
     console.print(LiveView(config, Engine(config, 1), 1.0))
@@ -117,7 +117,7 @@ def test_a_small_terminal_shows_all_targets_and_the_newest_alarm() -> None:
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (200, 50)])
-def test_rows_without_room_are_counted_and_those_in_trouble_are_shown(width: int, height: int) -> None:
+def test_hidden_rows_are_counted_and_those_in_trouble_are_shown(width: int, height: int) -> None:
     lines = live_view("swarm-50", width, height)
     assert len(lines) <= height
     tables = [line.rsplit("│", 1)[-1] if width > 100 else line for line in lines]
@@ -139,7 +139,7 @@ def test_rows_without_room_are_counted_and_those_in_trouble_are_shown(width: int
 def test_vehicles_in_modes_that_are_not_ours_are_named_with_what_to_do(
     scenario: str, width: int, height: int
 ) -> None:
-    """The warning when it began has long left the events; LOITER looks like ours."""
+    """The warning when it began has long left the events; LOITER resembles ours."""
     config = load(scenario)
     command = Engine(config, 1)
     for vehicle, mode in {2: "LOITER", 3: "RTL", 4: "FBWA"}.items():

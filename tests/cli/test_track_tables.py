@@ -135,16 +135,18 @@ def test_truth_with_times_judges_the_scans_of_these_times(tracked):
     assert result["cardinality_error_mean"] <= 2 / SCANS
     assert result["remarks"] == []
     later = table("t_s,id,x,y", [*rows[3:], ("1.0", "a", 0.0, 0.0)])
-    judged = scores(tracked(detections, later))
-    assert judged["cardinality_error_mean"] == 0.0
-    assert "3 of 12 scans are not scored" in judged["remarks"][0]
+    later_scores = scores(tracked(detections, later))
+    assert later_scores["cardinality_error_mean"] == 0.0
+    assert "3 of 12 scans are not scored" in later_scores["remarks"][0]
     scores(tracked(detections, later, "-o", "found.csv"))
     written = csv.DictReader(Path("found.csv").read_text(encoding="utf-8").splitlines())
     found = {int(row["k"]): int(row["t_ns"]) for row in written}
     assert len(found) >= SCANS - 2
     assert all(abs(t_ns - round(when[k - 1] * 1e9)) < 1000 for k, t_ns in found.items())
-    nobody = scores(tracked(detections, table("t_s,id,x,y", [(row[0], "", "", "") for row in rows[3:]])))
-    assert nobody["cardinality_error_mean"] == 1.0
+    empty_scores = scores(
+        tracked(detections, table("t_s,id,x,y", [(row[0], "", "", "") for row in rows[3:]]))
+    )
+    assert empty_scores["cardinality_error_mean"] == 1.0
 
 
 BAD_TRUTHS = {
@@ -166,7 +168,7 @@ def test_a_truth_that_would_judge_wrongly_is_refused(tracked, case):
     assert said in refused(tracked(SET, text))
 
 
-def test_estimates_never_replace_what_they_come_from(tracked, tmp_path):
+def test_estimates_never_replace_their_source(tracked, tmp_path):
     for name in ("set.csv", "./truth.csv", "model.toml"):
         assert "as well; expected another file" in refused(tracked(SET, TRUTH, "-o", name))
     assert (tmp_path / "set.csv").read_text() == SET

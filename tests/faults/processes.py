@@ -1,4 +1,4 @@
-"""A real `gcs run` beside real simulated vehicles."""
+"""A real `gcs run` with real simulated vehicles."""
 
 from __future__ import annotations
 

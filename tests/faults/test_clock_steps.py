@@ -118,7 +118,7 @@ def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
     assert not [value for _, value in records if isinstance(value, AgentStatus) and value.status == "lost"]
     assert sum(isinstance(value, MissionEnded) for _, value in records) == 1
     plans = [value for _, value in records if isinstance(value, Plan)]
-    assert not [plan for plan in plans[1:] if plan.changed], "a step of the clock re-tasks nobody"
+    assert not [plan for plan in plans[1:] if plan.changed], "a step of the clock re-tasks no agent"
     beats: dict[str, list[int]] = {}
     for t_ns, value in records:
         if isinstance(value, Send) and any(frame.message_id == 0 for frame in scan(value.data).frames):

@@ -50,7 +50,7 @@ for line in sys.stdin:
             used = int(file.read().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (used + 2**30, used + 2**30))
         import signal
-        signal.setitimer(signal.ITIMER_REAL, WITHIN)  # ends the process: nobody handles it
+        signal.setitimer(signal.ITIMER_REAL, WITHIN)  # ends the process: no handler
         sys.argv = ["gcs", *arguments]
         code = 99
         try:

@@ -46,7 +46,7 @@ def test_what_is_shown_as_itself_stays_and_nothing_else() -> None:
     assert printable("a\nb", keep="\n") == "a\nb"
 
 
-def test_what_a_vehicle_says_is_safe() -> None:
+def test_the_texts_of_a_vehicle_are_safe() -> None:
     message = dialect.MAVLink_statustext_message(4, b"")
     message.text = HOSTILE[:40]  # as the codec decodes it
     (text,) = TextChunks().add_chunk(message)
@@ -71,7 +71,7 @@ def test_every_record_that_is_shown_is_safe(text: str) -> None:
     assert is_safe(text)
 
 
-def test_a_notice_that_somebody_else_recorded_is_safe_when_it_is_read() -> None:
+def test_a_notice_of_a_foreign_recording_is_safe_when_it_is_read() -> None:
     payload = encode(Notice(0, "alarm", "ok X")).replace(b"X", json.dumps(HOSTILE)[1:-1].encode())
     assert is_safe(decode("notice", payload, Notice).text)
 

@@ -18,7 +18,7 @@ from gcs.model import AgentStatus, Plan, Resumed, UploadReport
 
 
 class GroundStation:
-    """Somebody at the forward endpoint, by pymavlink."""
+    """Another ground station at the forward endpoint, by pymavlink."""
 
     def __init__(self, port: int) -> None:
         self.link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=254)
@@ -89,7 +89,7 @@ def test_killed_and_started_again_it_uploads_nothing_twice_and_all_arrive(run: R
 
 
 @pytest.mark.slow
-def test_a_vehicle_that_another_ground_station_took_stays_theirs_when_the_service_is_killed(run: Run) -> None:
+def test_a_vehicle_under_another_ground_station_stays_so_when_the_service_is_killed(run: Run) -> None:
     first = run.serve("first")
     run.until("first", lambda said: said.count("verified by read-back") == 4)
     GroundStation(run.seat).write(3, 7)

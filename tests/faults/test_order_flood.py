@@ -33,7 +33,7 @@ def order(number: int, action: str = "hold") -> bytes:
 
 
 class Measurements:
-    """A sink: when ticks were worked, and what was answered and told."""
+    """A sink: times of ticks, answers and notices."""
 
     def __init__(self) -> None:
         self.worked_s: list[float] = []
@@ -98,9 +98,9 @@ def test_orders_go_on_at_a_bounded_rate_and_all_others_are_counted():
     assert len(inbox.take_due(NS_PER_S)) == BURST
     assert inbox.take_due(NS_PER_S) == []
     assert len(inbox.take_due(NS_PER_S + NS_PER_S // ORDERS_PER_S)) == 1
-    (told,) = inbox.news(NS_PER_S, KEY)
-    assert isinstance(told, BadInput)
-    assert told.problem.startswith(f"{1000 - MAX_WAITING} orders refused")
+    (notice,) = inbox.news(NS_PER_S, KEY)
+    assert isinstance(notice, BadInput)
+    assert notice.problem.startswith(f"{1000 - MAX_WAITING} orders refused")
     assert inbox.news(5 * NS_PER_S, KEY) == []
 
 
@@ -125,8 +125,8 @@ def test_an_order_has_a_bounded_size(fields):
         decode_order(KEY, json.dumps({"order_id": "a", **fields}).encode(), 5, FRAME)
 
 
-def test_a_vehicle_clear_of_all_areas_is_looked_at_once(monkeypatch):
-    """With a hundred areas and hundreds of vehicles the look would else hold up each scan."""
+def test_a_vehicle_clear_of_all_areas_is_checked_once(monkeypatch):
+    """With a hundred areas and hundreds of vehicles the check would else delay each scan."""
     import numpy as np
 
     from gcs.model import VehicleState
@@ -142,10 +142,10 @@ def test_a_vehicle_clear_of_all_areas_is_looked_at_once(monkeypatch):
         one = blocked.copy()
         one[60 + number % 5, 10] = True
         areas[f"a{number}"] = Grid((0.0, 0.0), 10.0, one)
-    trespass = IncursionWarnings(OnboardMissions())  # type: ignore[arg-type]
-    looks = []
-    entry = trespass._entry
-    monkeypatch.setattr(trespass, "_entry", lambda *a: looks.append(a) or entry(*a))
+    warnings = IncursionWarnings(OnboardMissions())  # type: ignore[arg-type]
+    checks = []
+    entry = warnings._entry
+    monkeypatch.setattr(warnings, "_entry", lambda *a: checks.append(a) or entry(*a))
     fields = dict.fromkeys(VehicleState.__dataclass_fields__, 0) | {"east_m": 5.0, "north_m": 5.0}
-    trespass.entries([VehicleState(**fields)], areas)
-    assert len(looks) == 1
+    warnings.entries([VehicleState(**fields)], areas)
+    assert len(checks) == 1

@@ -84,7 +84,7 @@ DANGERS = [
 
 
 @pytest.mark.parametrize("message", DANGERS, ids=lambda m: f"{m.get_type()}-{getattr(m, 'command', '')}")
-def test_what_may_end_a_flight_or_steers_by_hand_is_an_alarm(message):
+def test_commands_that_end_a_flight_or_steer_by_hand_are_an_alarm(message):
     stations = ExternalUploads([AIR, WORK], [1, 2])
     data = frame(message).data
     (notice,) = stations.receive(Datagram(NS_PER_S, WORK.name, "10.0.1.1:1", data), scan(data))[0]
@@ -106,7 +106,7 @@ def test_arming_is_a_warning_and_a_mode_is_information():
         assert [n.level for n in found if isinstance(n, Notice)] in ([level], [])
 
 
-# ---------------------------------------------------------------- room for everybody
+# ---------------------------------------------------------------- limits for stations
 
 
 def test_one_datagram_with_an_invented_sender_gets_no_telemetry():
@@ -121,7 +121,7 @@ def test_one_datagram_with_an_invented_sender_gets_no_telemetry():
 
 
 def test_invented_stations_do_not_lock_out_one_that_stays():
-    """A flood of 500 senders a second, none of which is heard twice, beside one that sends heartbeats."""
+    """A flood of 500 senders a second, none of which is heard twice, and one that sends heartbeats."""
     router, station = routes(), (LOOK.name, "10.0.1.1:14550")
     for number in range(2000):
         t_ns = number * NS_PER_S // 500

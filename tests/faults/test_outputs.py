@@ -76,8 +76,8 @@ def service() -> Iterator[Service]:
 
 
 @pytest.fixture
-def tells_soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have an output that accepts no output be told after a second."""
+def short_stuck_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Report a blocked output after a second."""
     monkeypatch.setattr("gcs.io.output._STUCK_S", 1.0)
 
 
@@ -143,7 +143,7 @@ def assert_flown(folder: Path, code: int) -> list[str]:
 # ---------------------------------------------------------------- whole missions, as a user runs them
 
 
-def test_a_terminal_that_nobody_reads_loses_frames_and_nothing_else(tmp_path: Path) -> None:
+def test_an_unread_terminal_loses_frames_and_nothing_else(tmp_path: Path) -> None:
     ours, theirs = os.openpty()
     environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "120", "LINES": "40"}
     process = subprocess.Popen(
@@ -199,8 +199,8 @@ def test_a_terminal_that_hangs_up_is_an_alarm_and_the_mission_is_flown_to_its_en
 # ---------------------------------------------------------------- the loop alone, with one output that stops
 
 
-@pytest.mark.usefixtures("tells_soon")
-def test_a_live_view_that_nobody_reads_does_not_delay_ticks(service: Service) -> None:
+@pytest.mark.usefixtures("short_stuck_time")
+def test_an_unread_live_view_does_not_delay_ticks(service: Service) -> None:
     ours, theirs = os.openpty()
     with open(theirs, "w") as terminal:  # noqa: PTH123  a descriptor
         console = Console(
@@ -229,7 +229,7 @@ def slow(seconds: float) -> Callable[..., None]:
     return wait
 
 
-@pytest.mark.usefixtures("tells_soon")
+@pytest.mark.usefixtures("short_stuck_time")
 def test_a_disk_that_blocks_does_not_delay_ticks_and_nothing_is_missing(
     service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -250,7 +250,7 @@ def test_a_disk_that_blocks_does_not_delay_ticks_and_nothing_is_missing(
     assert [value.t_ns for value in recorded if isinstance(value, Tick)] == ticks.t_ns
 
 
-def test_a_disk_that_takes_nothing_for_long_ends_the_recording_and_not_the_flight(
+def test_a_disk_that_blocks_for_long_ends_the_recording_and_not_the_flight(
     service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     released = threading.Event()
@@ -267,8 +267,8 @@ def test_a_disk_that_takes_nothing_for_long_ends_the_recording_and_not_the_fligh
     assert ticks.max_gap_s() < 0.6
 
 
-@pytest.mark.usefixtures("tells_soon")
-def test_a_subscriber_that_takes_nothing_does_not_delay_ticks(
+@pytest.mark.usefixtures("short_stuck_time")
+def test_a_subscriber_that_does_not_read_does_not_delay_ticks(
     service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ZenohSession, "publish", slow(1.5))
@@ -339,7 +339,7 @@ def test_what_an_encoding_lacks_is_written_in_ascii() -> None:
     assert os.read(read_end, 100) == b"1 -> 2.3 - ?\n"
 
 
-def test_a_recording_that_fails_says_so_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_that_fails_is_reported_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_arguments: object) -> None:
         raise OSError(28, "No space left on device")
 

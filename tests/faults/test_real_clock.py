@@ -36,9 +36,9 @@ class WallClock:
 
     def set_by(self, step_s: int) -> None:
         self.set_by_s.append(step_s)
-        beside = self._file.with_suffix(".new")
-        beside.write_text(f"{sum(self.set_by_s):+d}\n")
-        beside.replace(self._file)
+        temporary = self._file.with_suffix(".new")
+        temporary.write_text(f"{sum(self.set_by_s):+d}\n")
+        temporary.replace(self._file)
 
 
 def waited_ns(process: subprocess.Popen[bytes]) -> int:
@@ -57,7 +57,7 @@ def heartbeats_ns(folder: Path) -> list[list[int]]:
     return list(sent.values())
 
 
-def test_a_service_whose_clock_is_set_and_that_is_stopped_in_flight_loses_nobody(
+def test_a_service_whose_clock_is_set_and_that_is_stopped_in_flight_loses_no_vehicle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
@@ -94,9 +94,9 @@ def test_a_service_whose_clock_is_set_and_that_is_stopped_in_flight_loses_nobody
             within_ns = [from_ns, *(t_ns for t_ns in times_ns if from_ns < t_ns < to_ns), to_ns]
             gap_ns = max(later - earlier for earlier, later in pairwise(within_ns))
             assert gap_ns <= MAX_GAP_S * NS_PER_S + for_others_ns
-    assert not [fate for fate in run.all("flight", AgentStatus) if fate.status == "lost"]
+    assert not [agent for agent in run.all("flight", AgentStatus) if agent.status == "lost"]
     assert not [plan for plan in run.all("flight", Plan)[1:] if plan.changed]
-    assert len(run.all("flight", UploadReport)) == 4, "nobody is tasked again"
+    assert len(run.all("flight", UploadReport)) == 4, "no agent is tasked again"
     if FAKETIME is None:
         pytest.skip("stopped only: to set the clock needs libfaketime (apt-get install libfaketime)")
     steps_s = [step.step_ns / NS_PER_S for step in run.all("flight", ClockStep)]

@@ -32,7 +32,7 @@ def lost(persisted: PersistedState) -> PersistedState:
     return replace(persisted, vehicles=vehicles, no_fly_zones=(NoFlyZone("fire", (500.0, 900.0, 60.0)),))
 
 
-def test_the_notice_says_what_was_taken_up_and_how_to_begin_clean():
+def test_the_notice_names_the_restored_state_and_how_to_start_clean():
     run, effects = restarted(lost)
     run.run(AT_S + 4.5)
     (text,) = [e.text for e in effects if isinstance(e, Notice) and "continues from its state" in e.text]

@@ -30,8 +30,8 @@ class ShiftedSensor(VirtualRun):
         super()._step(event)
 
 
-def is_false(fate: AgentStatus, run: VirtualRun) -> bool:
-    return fate.status == "lost" and run.vehicles[f"vehicle:{fate.vehicle}"].alive
+def is_false(agent: AgentStatus, run: VirtualRun) -> bool:
+    return agent.status == "lost" and run.vehicles[f"vehicle:{agent.vehicle}"].alive
 
 
 @pytest.mark.parametrize("name", ["deterministic", "prescribed", "random-obstacles", "random-targets"])

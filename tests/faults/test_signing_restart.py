@@ -95,7 +95,7 @@ def test_a_vehicle_that_jumps_ahead_just_before_the_crash_cannot_be_replayed(uni
 
 
 @pytest.mark.parametrize("off_s", [3600, -3600, 86_400 * 365])
-def test_a_clock_that_is_set_while_the_service_is_down_locks_nobody_out(unix, keys, off_s):
+def test_a_clock_that_is_set_while_the_service_is_down_locks_no_vehicle_out(unix, keys, off_s):
     recorded = fly(Signing([LINK], keys), unix, [SignedPlane()], 0.0, 9.0)
     unix.t_ns = NOW + (11 + off_s) * NS_PER_S
     again = Signing([LINK], keys)
@@ -104,14 +104,14 @@ def test_a_clock_that_is_set_while_the_service_is_down_locks_nobody_out(unix, ke
     late = plane.beat(NOW + 11 * NS_PER_S)
     if not again.gate.accept_frames(
         unix.t_ns, HOME, scan(late)
-    ):  # then it is told the time, and heard with its next frame
+    ):  # then it gets the time, and is heard with its next frame
         assert HOME in again.gate.take_stale_senders()
-        told = again.gate.sign_frames(
+        answer = again.gate.sign_frames(
             unix.t_ns, HOME, scan(Encoder()(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
         )
-        time_told = int.from_bytes(told[-12:-6], "little")
+        sent_time = int.from_bytes(answer[-12:-6], "little")
         frame = signed(
-            Encoder(1, 1)(dialect.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3)), KEY, 0, time_told + 1
+            Encoder(1, 1)(dialect.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3)), KEY, 0, sent_time + 1
         )
         assert again.gate.accept_frames(unix.t_ns, HOME, scan(frame))
     late = plane.beat(NOW + (11 + max(off_s, 0) + 31) * NS_PER_S)
@@ -145,7 +145,7 @@ def heard_at(fleet: Fleet) -> str:
 
 @pytest.mark.parametrize("kernel", [False, True])
 def test_the_address_follows_the_latest_signed_time(kernel):
-    """Frames that somebody recorded came first: the vehicle's own take it back at once, for good."""
+    """Replayed frames came first: the vehicle's own take it back at once, for good."""
     fleet = Fleet([1], FRAME, FleetSettings(checks_signatures=True), links=[LINK], kernel=kernel)
     plane, old = SignedPlane(), SignedPlane()
     for tenth in range(5):
@@ -169,7 +169,7 @@ def test_the_address_stays_where_two_links_are_signed_alike():
         assert heard_at(fleet) == HOME[1]
 
 
-def test_an_invented_signature_moves_nobody_where_signatures_are_not_checked():
+def test_an_invented_signature_moves_no_vehicle_where_signatures_are_not_checked():
     fleet, plane = Fleet([1], FRAME, links=[LINK], kernel=False), SignedPlane()
     fleet.receive(Datagram(NOW, *HOME, plane.beat(NOW)))
     fleet.receive(Datagram(NOW + 1, *FOE, plane.beat(NOW + 3600 * NS_PER_S)))

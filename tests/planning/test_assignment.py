@@ -101,13 +101,13 @@ def test_more_targets_than_agents_leaves_out_the_farthest():
     assert assign(costs, {}) == {0: 0, 1: 2}
 
 
-def test_fewer_targets_than_agents_leaves_agents_spare():
+def test_fewer_targets_than_agents_leaves_surplus_agents():
     costs = np.array([[10.0], [5.0], [20.0]])
     assert assign(costs, {}) == {1: 0}
     assert assign(costs, {0: 0}, switch_gain_m=10.0) == {0: 0}
 
 
-def test_the_target_of_a_dead_agent_is_taken_over():
+def test_the_target_of_a_lost_agent_goes_to_another():
     """Agents 0 and 1 fly to 0 and 1; the agent that flew to target 2 is gone, and 2 is now nearest to agent
     1."""
     costs = np.array([[10.0, 400.0, 400.0], [400.0, 300.0, 50.0]])

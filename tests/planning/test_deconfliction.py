@@ -1,4 +1,4 @@
-"""Vehicles stay apart: by altitude while there are lanes, in time where they share one; else it is said."""
+"""Vehicles stay apart: by altitude layer, or in time where they share one; else a conflict is reported."""
 
 from __future__ import annotations
 
@@ -14,50 +14,50 @@ def flight(vehicle, *points, speed=15.0, layer=0, fixed=False):
     return PlannedFlight(vehicle, np.array(points, dtype=float), speed, layer, fixed)
 
 
-def test_who_meets_gets_another_lane():
+def test_conflicting_routes_get_different_layers():
     head_on = [flight(1, (0, 0), (1000, 0)), flight(2, (1000, 0), (0, 0))]
-    lanes, conflicts = assign_layers(head_on, 3, 50.0)
-    assert lanes == {1: 0, 2: 1}
+    layers, conflicts = assign_layers(head_on, 3, 50.0)
+    assert layers == {1: 0, 2: 1}
     assert conflicts == ()
 
 
-def test_who_passes_earlier_may_share_a_lane():
+def test_an_earlier_pass_may_share_a_layer():
     crossing = [
         flight(1, (0, 0), (1000, 0)),
         flight(2, (500, -500), (500, 900)),
         flight(3, (500, -1400), (500, -600)),
     ]
-    lanes, conflicts = assign_layers(crossing, 2, 50.0)
-    assert lanes == {1: 0, 2: 1, 3: 0}
+    layers, conflicts = assign_layers(crossing, 2, 50.0)
+    assert layers == {1: 0, 2: 1, 3: 0}
     assert conflicts == ()
 
 
-def test_what_cannot_be_kept_apart_is_said():
-    lanes, (conflict,) = assign_layers([flight(1, (0, 0), (1000, 0)), flight(2, (1000, 0), (0, 0))], 1, 50.0)
-    assert lanes == {1: 0, 2: 0}
+def test_vehicles_that_cannot_be_kept_apart_are_reported():
+    layers, (conflict,) = assign_layers([flight(1, (0, 0), (1000, 0)), flight(2, (1000, 0), (0, 0))], 1, 50.0)
+    assert layers == {1: 0, 2: 0}
     assert conflict.vehicles == (1, 2)
     assert conflict.distance_m < 15.0
     assert conflict.after_s == pytest.approx((1000.0 - 50.0) / 30.0, abs=1.5)
 
 
-def test_who_flies_already_keeps_the_lane_and_others_give_way():
-    lanes, conflicts = assign_layers(
+def test_a_flown_route_keeps_its_layer_and_others_give_way():
+    layers, conflicts = assign_layers(
         [flight(1, (1000, 0), (0, 0), layer=2), flight(2, (0, 0), (1000, 0), layer=2, fixed=True)], 3, 50.0
     )
-    assert lanes == {1: 0, 2: 2}
+    assert layers == {1: 0, 2: 2}
     assert conflicts == ()
 
 
 def test_who_has_arrived_circles_there():
-    lanes, _ = assign_layers(
+    layers, _ = assign_layers(
         [flight(1, (500, 0), (500, 0), fixed=True), flight(2, (0, 0), (1000, 0))], 2, 50.0
     )
-    assert lanes == {1: 0, 2: 1}
+    assert layers == {1: 0, 2: 1}
 
 
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 12), st.integers(1, 6))
-def test_nobody_of_one_lane_comes_near_unless_it_is_said(seed, count, lanes):
+def test_vehicles_of_one_layer_stay_apart_or_a_conflict_is_reported(seed, count, layers):
     rng = np.random.default_rng(seed)
     flights = [
         PlannedFlight(
@@ -69,16 +69,16 @@ def test_nobody_of_one_lane_comes_near_unless_it_is_said(seed, count, lanes):
         )
         for v in range(1, count + 1)
     ]
-    found, conflicts = assign_layers(flights, lanes, 60.0)
+    found, conflicts = assign_layers(flights, layers, 60.0)
     assert set(found) == {f.vehicle for f in flights}
-    assert all(0 <= layer < lanes for layer in found.values())
-    assert all(found[f.vehicle] == f.layer % lanes for f in flights if f.keeps_layer)
+    assert all(0 <= layer < layers for layer in found.values())
+    assert all(found[f.vehicle] == f.layer % layers for f in flights if f.keeps_layer)
     said = {c.vehicles for c in conflicts}
     for one in flights:
         for other in flights:
             pair = (one.vehicle, other.vehicle)
             if pair[0] < pair[1] and found[pair[0]] == found[pair[1]] and pair not in said:
-                assert nearest_m(one, other) >= 60.0 - 30.0  # looked at once a second, closing at 30 m/s
+                assert nearest_m(one, other) >= 60.0 - 30.0  # checked once a second, closing at 30 m/s
 
 
 def nearest_m(one, other):

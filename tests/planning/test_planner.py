@@ -77,7 +77,7 @@ def test_a_plan_accounts_for_everybody_and_its_lengths_are_true(mission, options
     assert sorted([*vehicles, *result.unassigned_vehicles]) == sorted(agents)
     assert sorted([*labels, *result.unassigned_targets]) == sorted(targets)
     if not result.routes:
-        assert result.notes, "nobody flies anywhere, and nothing says why"
+        assert result.notes, "no vehicle flies, and no note says why"
     for route in result.routes:
         start = (agents[route.vehicle].east_m, agents[route.vehicle].north_m)
         legs = itertools.pairwise([start, *route.points_m.tolist()])
@@ -136,7 +136,7 @@ def test_no_agent_is_sent_back_to_a_node_that_it_has_passed():
     st.tuples(st.floats(1200.0, 1700.0), st.floats(300.0, 1700.0)),
 )
 def test_no_leg_in_the_open_is_too_short_to_be_flown(start, goal):
-    """Neither to a node just beside the agent, nor from a node just beside the target."""
+    """Neither to a node next to the agent, nor from a node next to the target."""
     (route,) = plan(free_grid((51, 51), 40.0), {1: start}, {(0, 0): goal}).routes
     corners = [start, *(tuple(p) for p in route.points_m.tolist())]
     assert math.dist(corners[0], corners[1]) >= 40.0
@@ -194,7 +194,7 @@ def test_a_clearance_is_kept_where_there_is_a_way_that_keeps_it(shape):
     assert result.notes == ()
 
 
-def test_where_no_way_keeps_the_clearance_the_tight_one_is_flown_and_said():
+def test_without_a_clear_route_the_tight_one_is_flown_with_a_note():
     grid = free_grid((21, 21), 40.0).with_obstacles(cells=[(row, 10) for row in range(21) if row != 4])
     result = plan(grid, {1: (0.0, 400.0)}, {(0, 0): (800.0, 400.0)}, None, PlanOptions(clearance_m=30.0))
     assert len(result.routes) == 1
@@ -233,7 +233,7 @@ def test_an_enclosed_target_is_left_out_and_named(cost):
     assert result.notes == ("target T0.0: no path from any agent",)
 
 
-def test_nobody_to_plan_for_is_a_plan_that_says_so():
+def test_a_plan_without_agents_has_a_note():
     grid = free_grid((3, 3), 40.0)
     assert plan(grid, {}, {}).notes == ("no agents", "no targets")
     assert plan(grid, {1: (0.0, 0.0)}, {}).unassigned_vehicles == (1,)
@@ -279,7 +279,7 @@ def test_agents_keep_their_targets_unless_the_swarm_gains():
     assert {r.vehicle: r.target for r in eager.routes} == {1: (0, 1), 2: (0, 0)}
 
 
-def test_the_survivors_take_over_from_a_dead_agent():
+def test_active_agents_take_the_targets_of_a_lost_agent():
     grid = free_grid((51, 51), 40.0)
     targets = {(0, 0): (1600.0, 400.0), (0, 1): (1600.0, 800.0)}
     result = plan(grid, {2: (0.0, 800.0)}, targets, {1: (0, 0), 2: (0, 1)}, PlanOptions(switch_gain_m=50.0))

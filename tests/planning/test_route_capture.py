@@ -1,4 +1,4 @@
-"""A user would lose half a minute to circles that nobody needs, or a vehicle to a turn into an obstacle."""
+"""A user would lose half a minute to needless circles, or a vehicle to a turn into an obstacle."""
 
 import math
 
@@ -22,8 +22,8 @@ CORNERS = TurnAnticipation(40.0, 42.0, 5.0)
 
 
 def by_itself(grid, motion, *points, clearance_m=0.0):
-    look_s = turn_around_s(motion, RADIUS_M, LAG_S)
-    return capture_length_m(grid, motion, np.array(points), CORNERS, look_s, LAG_S, clearance_m)
+    horizon_s = turn_around_s(motion, RADIUS_M, LAG_S)
+    return capture_length_m(grid, motion, np.array(points), CORNERS, horizon_s, LAG_S, clearance_m)
 
 
 def test_straight_ahead_is_as_long_as_it_is():
@@ -54,20 +54,20 @@ def test_a_turn_into_an_obstacle_is_none():
 
 def test_a_turn_that_comes_too_near_is_none():
     grid = OPEN.with_obstacles(cells=[(24, col) for col in range(51)])
-    east, beside = Motion(200.0, 1060.0, 15.0, math.pi / 2.0), (400.0, 985.0)
-    assert by_itself(grid, east, beside, clearance_m=10.0) < math.inf
-    assert by_itself(grid, east, beside, clearance_m=80.0) == math.inf
+    east, target = Motion(200.0, 1060.0, 15.0, math.pi / 2.0), (400.0, 985.0)
+    assert by_itself(grid, east, target, clearance_m=10.0) < math.inf
+    assert by_itself(grid, east, target, clearance_m=80.0) == math.inf
     near = Motion(200.0, 990.0, 15.0, math.pi / 2.0)
     assert by_itself(grid, near, (400.0, 1060.0), clearance_m=80.0) < math.inf
 
 
-def test_a_turn_that_is_spelt_out_begins_on_the_course():
+def test_an_explicit_turn_begins_on_the_course():
     grid = OPEN.with_obstacles(cells=[(row, col) for col in range(24, 30) for row in (27, 28)])
     options = PlanOptions(clearance_m=40.0, shape="flyable", turn_radius_m=RADIUS_M)
     ahead, behind = (
         AgentState(1000.0, 1000.0, math.pi / 2.0, 15.0),
         AgentState(1000.0, 1000.0, -math.pi / 2.0, 15.0),
     )
-    for start, spelt_out in ((ahead, False), (behind, True)):
+    for start, explicit in ((ahead, False), (behind, True)):
         (route,) = plan_routes(grid, {1: start}, {(0, 0): (1900.0, 1010.0)}, {}, options).routes
-        assert has_explicit_turn(start, route.points_m) is spelt_out
+        assert has_explicit_turn(start, route.points_m) is explicit

@@ -79,7 +79,7 @@ def test_a_circling_airframe_is_where_it_was_expected():
     st.tuples(st.floats(0.0, 145.0), st.floats(-math.pi, math.pi)),
 )
 def test_the_simulated_airframe_flies_the_end_of_a_mission_as_it_was_expected(first, second, aside):
-    """Through two waypoints and round a circle near the last: never far beside what was flown in thought."""
+    """Through two waypoints and round a circle near the last: never far from the forward simulation."""
     first_m = (first[1] * math.sin(first[0]), first[1] * math.cos(first[0]))
     course = first[0] + second[0]
     last_m = (first_m[0] + second[1] * math.sin(course), first_m[1] + second[1] * math.cos(course))
@@ -102,5 +102,5 @@ def test_the_simulated_airframe_flies_the_end_of_a_mission_as_it_was_expected(fi
             if len(goals) > 1 and goals[0].is_reached(airframe):
                 goals.pop(0)
             airframe.step(goals[0].heading_error_rad(airframe), 100.0, 15.0)
-        beside_m = np.hypot(*(flight.states[:, :2] - (airframe.east_m, airframe.north_m)).T).min()
-        assert beside_m < 20.0
+        offset_m = np.hypot(*(flight.states[:, :2] - (airframe.east_m, airframe.north_m)).T).min()
+        assert offset_m < 20.0

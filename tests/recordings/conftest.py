@@ -1,4 +1,4 @@
-"""Make the comparison beside the tests importable."""
+"""Make `golden` importable."""
 
 import sys
 from pathlib import Path

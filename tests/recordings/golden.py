@@ -1,11 +1,11 @@
 """Golden runs: short flights whose results are kept, so that nothing changes unnoticed.
 
 Each `NAME.mcap` here is a recording as every run leaves one. It is replayed through a fresh central command,
-and what comes out is held against what was recorded: pictures, plans, uploads, fates, answers to orders.
+and its effects are compared with the recorded ones: pictures, plans, uploads, statuses, answers to orders.
 Messages to vehicles and the wording of notices are left out: they change for good reasons, and what they
-bring about is judged.
+bring about is compared.
 
-How exactly? The fold is deterministic, but its numbers are those of libraries and of code that numba compiles
+The engine is deterministic, but its numbers are those of libraries and of code that numba compiles
 for the processor at hand: another version, or a processor that fuses a multiplication with an addition, may
 round the last digit otherwise. So results are compared byte for byte where all versions and the processor are
 those of the recording, and elsewhere by value, where floats may differ by `TOLERANCE` (relative, and absolute

@@ -1,7 +1,7 @@
 """Fly the golden runs anew, on purpose, and say what changed: ``python tests/recordings/renew.py``.
 
 For each it says what the code of today makes of the recording as it is (as the tests do), and replaces it by
-a new flight, in which the vehicles react to what they are told now. With `--check` nothing is replaced.
+a new flight, in which the vehicles react to the new commands. With `--check` nothing is replaced.
 """
 
 from __future__ import annotations

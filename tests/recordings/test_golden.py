@@ -16,7 +16,7 @@ RENEW = "when this was meant to change: python tests/recordings/renew.py"
 
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden.name)
-def test_a_golden_run_gives_what_it_gave(golden: Golden) -> None:
+def test_a_golden_run_gives_its_recorded_effects(golden: Golden) -> None:
     result = compare(golden.path)
     assert result.compared > 30
     if result.first is not None:
@@ -29,10 +29,10 @@ def test_the_golden_runs_are_small_and_none_is_left_over() -> None:
     assert sum(path.stat().st_size for path in paths) < 1_000_000
 
 
-def test_they_hold_what_they_are_kept_for() -> None:
+def test_the_golden_runs_contain_their_cases() -> None:
     held = {golden.name: [record.value for record in read(golden.path)] for golden in GOLDEN}
-    fates = [value.status for value in held["death"] if isinstance(value, AgentStatus)]
-    assert {"arrived", "lost"} <= set(fates)
+    statuses = [value.status for value in held["death"] if isinstance(value, AgentStatus)]
+    assert {"arrived", "lost"} <= set(statuses)
     assert sum(isinstance(value, Plan) for value in held["death"]) >= 2
     answers = [value.state for value in held["orders"] if isinstance(value, OrderAnswer)]
     assert answers.count("done") >= 4
@@ -40,7 +40,7 @@ def test_they_hold_what_they_are_kept_for() -> None:
 
 
 def changed(source: Path, folder: Path) -> Path:
-    """Write a golden run again, with one number of one picture changed, and one fate left out."""
+    """Write a golden run again, with one number of one picture changed, and one agent status left out."""
     made_with = read_info(source)
     pictures = 0
     with Recorder(folder, made_with.config_text, made_with.versions, made_with.run) as recorder:
@@ -60,7 +60,7 @@ def changed(source: Path, folder: Path) -> Path:
     return folder / "run.mcap"
 
 
-def test_a_difference_is_told_so_that_one_can_read_it(tmp_path: Path) -> None:
+def test_a_difference_is_reported_legibly(tmp_path: Path) -> None:
     result = compare(changed(HERE / "death.mcap", tmp_path / "run"))
     assert result.different == 2
     assert result.first is not None

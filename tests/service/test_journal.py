@@ -94,7 +94,7 @@ def test_a_journal_with_a_right_checksum_may_still_make_no_sense(journal: Journa
         journal.read()
 
 
-def test_another_mission_file_or_seed_is_told(journal: Journal) -> None:
+def test_another_mission_file_or_seed_is_reported(journal: Journal) -> None:
     journal.write(PERSISTED)
     other = Journal(journal.path, "m", fingerprint("name = 'm'", 2))
     with pytest.raises(JournalError, match="another mission file or seed"):

@@ -1,4 +1,4 @@
-"""A ground station's pen, which talks to a vehicle in memory, and a vehicle in a process of its own."""
+"""A ground station that talks to a vehicle in memory, and a vehicle in a process of its own."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Ground:
 
 
 def item(seq: int, east_m: float, north_m: float, alt_m: float = 100.0, **fields: Any) -> Any:
-    """One MISSION_ITEM_INT: a waypoint, unless told otherwise."""
+    """One MISSION_ITEM_INT: a waypoint by default."""
     lat, lon = FRAME.to_geodetic(east_m, north_m)
     values: dict[str, Any] = {
         "frame": 6, "command": mavlink.MAV_CMD_NAV_WAYPOINT, "current": 0, "autocontinue": 1,

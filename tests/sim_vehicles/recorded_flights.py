@@ -1,4 +1,4 @@
-"""Recorded flights of ArduPlane, and a simulated plane that is told the same at the same times.
+"""Recorded flights of ArduPlane, and a simulated plane that receives the same commands at the same times.
 
 A flight is what the ground sent to one vehicle, byte for byte, with the vehicle's true path. `extract` reads
 it from a recording and its true states; `load` and `save` keep it in a small file of its own.
@@ -34,7 +34,7 @@ PARAMETERS = {
     "NAVL1_PERIOD": 15, "WP_LOITER_RAD": 80, "WP_RADIUS": 50, "FS_GCS_ENABL": 1, "AIRSPEED_MIN": 10,
     "AIRSPEED_CRUISE": 22, "ROLL_LIMIT_DEG": 65, "ARMING_DELAY_S": 0,
 }  # fmt: skip
-_TOLD = frozenset({
+_COMMANDS = frozenset({
     "HEARTBEAT", "COMMAND_LONG", "COMMAND_INT", "SET_MODE", "MISSION_COUNT", "MISSION_ITEM_INT",
     "MISSION_ITEM", "MISSION_SET_CURRENT", "MISSION_CLEAR_ALL",
 })  # fmt: skip
@@ -62,7 +62,7 @@ class Flight:
     roll_rad: float
     mode: int
     """ArduPlane's number, at the beginning."""
-    told: list[tuple[float, bytes]] = field(default_factory=list)
+    commands: list[tuple[float, bytes]] = field(default_factory=list)
 
     @property
     def key(self) -> str:
@@ -70,9 +70,9 @@ class Flight:
 
 
 def extract(folder: Path, period_s: float = 0.1) -> list[Flight]:
-    """Read the flights of one recording: up to the first mode change that nobody ordered."""
+    """Read the flights of one recording: up to the first mode change without an order."""
     link = mavutil.mavlink_connection(str(folder / "link.tlog"))
-    told: dict[int, list[tuple[float, bytes]]] = {}
+    commands: dict[int, list[tuple[float, bytes]]] = {}
     mission = tomllib.loads((folder / "mission.toml").read_text())
     course_rad = math.radians(mission["agents"][0]["course_deg"])
     rally = mission["rally"][0]
@@ -83,7 +83,7 @@ def extract(folder: Path, period_s: float = 0.1) -> list[Flight]:
         t_s, kind = message._timestamp - began, message.get_type()
         if message.get_srcSystem() < 200:
             continue
-        if kind not in _TOLD or getattr(message, "mission_type", 0) != 0:
+        if kind not in _COMMANDS or getattr(message, "mission_type", 0) != 0:
             continue
         if getattr(message, "command", 0) in _IGNORED:
             continue
@@ -91,7 +91,7 @@ def extract(folder: Path, period_s: float = 0.1) -> list[Flight]:
         if kind == "COMMAND_LONG" and message.command == mavlink.MAV_CMD_DO_SET_MODE:
             ordered.setdefault(target, []).append((t_s, int(message.param2)))
         for system_id in {1, 2, 3, 4} if target == 0 else {target}:
-            told.setdefault(system_id, []).append((t_s, bytes(message.get_msgbuf())))
+            commands.setdefault(system_id, []).append((t_s, bytes(message.get_msgbuf())))
     assert began is not None
     rows: dict[int, list[list[str]]] = {}
     with (folder / "truth.csv").open() as file:
@@ -100,7 +100,8 @@ def extract(folder: Path, period_s: float = 0.1) -> list[Flight]:
                 rows.setdefault(int(row[2]), []).append(row)
     flights = []
     for system_id, seen in sorted(rows.items()):
-        flight = _flight(folder.name, system_id, seen, began, told[system_id], ordered[system_id], period_s)
+        sent, modes = commands[system_id], ordered[system_id]
+        flight = _flight(folder.name, system_id, seen, began, sent, modes, period_s)
         flight.rally = rally["lat_deg"], rally["lon_deg"], rally["alt_rel_m"]
         if flight.velocity_m_s == (0.0, 0.0):
             flight.heading_rad = course_rad
@@ -108,12 +109,12 @@ def extract(folder: Path, period_s: float = 0.1) -> list[Flight]:
     return flights
 
 
-def _flight(name, system_id, rows, began, told, ordered, period_s) -> Flight:
+def _flight(name, system_id, rows, began, commands, ordered, period_s) -> Flight:
     states = np.array([[float(r[0]) - began, *(float(v) for v in r[3:8]), float(r[11])] for r in rows])
     modes = [r[8] for r in rows]
-    first_s = next(t for t, data in told if data[7] != 0 or len(data) > 30)
+    first_s = next(t for t, data in commands if data[7] != 0 or len(data) > 30)
     start = int(np.searchsorted(states[:, 0], first_s))
-    ends_s, mode = min(states[-1, 0], told[-1][0] + 1.0), modes[start]
+    ends_s, mode = min(states[-1, 0], commands[-1][0] + 1.0), modes[start]
     for t_s, now in zip(states[start:, 0], modes[start:], strict=True):
         if now != mode:
             if not any(m == int(Mode[now]) and -1.0 < t_s - t < 3.0 for t, m in ordered) and now != "RTL":
@@ -132,7 +133,7 @@ def _flight(name, system_id, rows, began, told, ordered, period_s) -> Flight:
         name, system_id, (0.0, 0.0, 0.0), (1500.0, 1000.0), math.atan2(v_east, v_north), wind_m_s,
         float(states[start, 0]), float(ends_s), np.array(keep),
         (0.0, 0.0) if on_ground else (float(v_east), float(v_north)), math.radians(roll_deg),
-        int(Mode[modes[start]]), [(t, d) for t, d in told if states[start, 0] - 1.0 <= t <= ends_s],
+        int(Mode[modes[start]]), [(t, d) for t, d in commands if states[start, 0] - 1.0 <= t <= ends_s],
     )  # fmt: skip
 
 
@@ -162,12 +163,12 @@ def fly(flight: Flight, period_s: float = 0.2, **spec) -> np.ndarray:
     )  # fmt: skip
     autopilot.fence.stores[RALLY].put(0, rally)
     autopilot.set_mode(Mode(flight.mode))
-    path, told, t_s = [], iter(flight.told), flight.begins_s
-    t_told, data = next(told, (math.inf, b""))
+    path, commands, t_s = [], iter(flight.commands), flight.begins_s
+    sent_s, data = next(commands, (math.inf, b""))
     while t_s <= flight.ends_s:
-        while t_told <= t_s:
-            vehicle.receive_datagram(data, max(int(t_told * NS_PER_S), start_ns))
-            t_told, data = next(told, (math.inf, b""))
+        while sent_s <= t_s:
+            vehicle.receive_datagram(data, max(int(sent_s * NS_PER_S), start_ns))
+            sent_s, data = next(commands, (math.inf, b""))
         vehicle.advance(int(t_s * NS_PER_S))
         vehicle.datagrams_to_send(int(t_s * NS_PER_S))
         off_m = autopilot.goal.cross_track_m(airframe) if hasattr(autopilot.goal, "cross_track_m") else 0.0
@@ -211,7 +212,7 @@ def save(flights: list[Flight], file: Path) -> None:
     for flight in flights:
         one = {name: getattr(flight, name) for name in Flight.__slots__}
         one["truth"] = [[round(float(v), 1) for v in row] for row in flight.truth]
-        one["told"] = [(round(t, 3), data.hex()) for t, data in flight.told]
+        one["commands"] = [(round(t, 3), data.hex()) for t, data in flight.commands]
         raw.append(one)
     with gzip.GzipFile(file, "wb", 9, mtime=0) as out:
         out.write(json.dumps(raw, separators=(",", ":")).encode())
@@ -223,7 +224,7 @@ def load(file: Path) -> list[Flight]:
         raw = json.load(source)
     for one in raw:
         one["truth"] = np.array(one["truth"])
-        one["told"] = [(t, bytes.fromhex(data)) for t, data in one["told"]]
+        one["commands"] = [(t, bytes.fromhex(data)) for t, data in one["commands"]]
         for name in ("rally", "home", "wind_m_s", "velocity_m_s"):
             one[name] = tuple(one[name])
     return [Flight(**one) for one in raw]

@@ -45,7 +45,7 @@ def test_re_tasked_vehicles_stay_near_the_lines_of_their_missions():
     assert arrived == {1, 3, 4}
 
 
-def test_the_command_sent_once_starts_first_legs_hundreds_of_metres_off_and_it_is_told(
+def test_a_command_sent_once_starts_first_legs_hundreds_of_metres_off_with_a_notice(
     monkeypatch: pytest.MonkeyPatch,
 ):
     monkeypatch.setattr(upload_steps, "set_current_item", by_one_command)

@@ -79,10 +79,10 @@ def kind(name, system_id=7):
     return lambda m: m.get_type() == name and m.get_srcSystem() == system_id
 
 
-def test_it_answers_the_ground_station_and_no_stranger(start_process, port, world):
+def test_it_answers_the_ground_station_and_no_other_sender(start_process, port, world):
     start_process(port.number, spec())
     port.until(kind("HEARTBEAT"))
-    world.senders = port.senders  # the world plays the stranger here
+    world.senders = port.senders  # the world is the other sender here
     world.send(7, mavlink.MAVLink_command_long_message(7, 1, 176, 0, 1, 11, 0, 0, 0, 0, 0))
     port.send(7, mavlink.MAVLink_ping_message(5, 6, 0, 0))
     port.until(kind("PING"))
@@ -111,19 +111,19 @@ def test_truth_comes_ten_times_a_second_of_run_time_with_its_time(start_process,
         assert math.dist(before, after) == pytest.approx(1.5, abs=0.05)
 
 
-def test_the_world_is_told_when_a_ground_station_has_come_to_stay(start_process, port, world):
+def test_the_world_learns_when_a_ground_station_stays(start_process, port, world):
     start_process(port.number, spec(), truth_port=world.number, speed=20.0)
     port.until(kind("HEARTBEAT"))
     first = world.until(kind("SIM_STATE"))
     assert not any(m.get_type() == "HEARTBEAT" for m in first)
-    deadline, told = time.monotonic() + 20, False
-    while not told and time.monotonic() < deadline:
+    deadline, is_reported = time.monotonic() + 20, False
+    while not is_reported and time.monotonic() < deadline:
         port.send(7, mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-        told = any(m.get_type() == "HEARTBEAT" for m in world.datagram())
-    assert told
+        is_reported = any(m.get_type() == "HEARTBEAT" for m in world.datagram())
+    assert is_reported
 
 
-def test_a_dead_vehicle_says_nothing_more_and_its_process_stays(start_process, port, world):
+def test_a_lost_vehicle_sends_nothing_more_and_its_process_stays(start_process, port, world):
     specs = spec(1, dies_at_s=4.0), spec(2)
     process = start_process(port.number, *specs, truth_port=world.number, speed=8.0)
     last_us = {1: 0, 2: 0}
@@ -133,8 +133,8 @@ def test_a_dead_vehicle_says_nothing_more_and_its_process_stays(start_process, p
     assert process.poll() is None
 
 
-def test_a_late_vehicle_flies_on_though_nobody_reads_its_terminal(start_process, port):
-    nobody_reads, stderr = os.pipe()
+def test_a_late_vehicle_flies_on_though_its_terminal_is_not_read(start_process, port):
+    unread, stderr = os.pipe()
     os.set_blocking(stderr, False)
     with contextlib.suppress(BlockingIOError):
         while os.write(stderr, bytes(4096)):
@@ -149,7 +149,7 @@ def test_a_late_vehicle_flies_on_though_nobody_reads_its_terminal(start_process,
         port.send(7, mavlink.MAVLink_ping_message(number, number, 0, 0))
         port.until(lambda m, number=number: m.get_type() == "PING" and m.seq == number, 10.0)
     os.close(stderr)
-    os.close(nobody_reads)
+    os.close(unread)
 
 
 def test_lost_datagrams_do_not_stop_it(start_process, port):

@@ -41,7 +41,7 @@ def test_its_heartbeat_is_a_px4s(px4):
     assert (beat.autopilot, beat.type, beat.custom_mode) == (12, 1, LOITER)
 
 
-def test_it_has_no_home_item_and_gives_back_what_it_got(px4, item):
+def test_it_has_no_home_item_and_returns_the_uploaded_items(px4, item):
     kinds, result = put(px4, item(0, 200.0, 0.0, param2=7.5, frame=3), item(1, 400.0, 0.0))
     assert (kinds, result) == (["MISSION_REQUEST_INT"] * 2 + ["MISSION_ACK"], 0)
     back = px4.download()
@@ -65,7 +65,7 @@ def test_a_last_item_that_comes_twice_is_acknowledged_twice(px4, item):
     assert px4.send(item(1, 400.0, 0.0))[-1].type == 0
 
 
-def test_it_takes_no_new_mission_before_it_is_told_that_the_old_one_is_over(px4, item):
+def test_it_accepts_no_new_mission_before_the_old_upload_is_over(px4, item):
     px4.send(mavlink.MAVLink_mission_count_message(7, 1, 3, 0))
     px4.send(item(0, 0.0, 300.0))
     assert px4.send(mavlink.MAVLink_mission_count_message(7, 1, 2, 0))[-1].type == mavlink.MAV_MISSION_ERROR
@@ -79,14 +79,14 @@ def test_a_read_back_goes_in_order_or_ends(px4, item):
     px4.send(mavlink.MAVLink_mission_request_list_message(7, 1, 0))
     assert [px4.send(ask(7, 1, seq, 0))[-1].seq for seq in (0, 1, 1, 2)] == [0, 1, 1, 2]
     px4.send(mavlink.MAVLink_mission_set_current_message(7, 1, 2))
-    assert px4.vehicle.autopilot.seq == 0, "not heard while somebody reads"
+    assert px4.vehicle.autopilot.seq == 0, "not heard during a download"
     assert px4.send(ask(7, 1, 0, 0))[-1].type == mavlink.MAV_MISSION_ERROR
     assert px4.send(ask(7, 1, 1, 0)) == []
     px4.send(mavlink.MAVLink_mission_set_current_message(7, 1, 2))
     assert px4.vehicle.autopilot.seq == 2
 
 
-def test_a_mission_begins_where_current_says_and_ends_in_hold(px4, item):
+def test_a_mission_begins_at_its_current_item_and_ends_in_hold(px4, item):
     assert px4.command(SET_MODE, 1, 4, 4)[0] == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
     put(px4, item(0, 900.0, 0.0), item(1, 60.0, 0.0, current=1))
     assert px4.command(SET_CURRENT, 1)[0] == mavlink.MAV_RESULT_UNSUPPORTED
@@ -146,7 +146,7 @@ def test_its_take_off_flies_towards_its_place(ground, item):
     ("wants", "lands", "is_flown"),
     [(0, False, True), (1, False, False), (1, True, False), (2, False, False), (2, True, True)],
 )
-def test_a_mission_in_the_air_is_judged_by_what_it_must_have(ground, item, wants, lands, is_flown):
+def test_a_mission_in_the_air_needs_its_required_items(ground, item, wants, lands, is_flown):
     """1 rejects every re-task in flight; the ACK is 0 all the same."""
     px4 = ground(autopilot="px4")
     put(px4, item(0, 900.0, 0.0))
@@ -221,16 +221,16 @@ def test_its_mission_current_comes_once_a_second_and_at_no_other_rate(px4, item)
 def test_a_mixed_swarm_flies_its_mission(loss):
     scenario = load("deterministic")
     scenario = replace(scenario, simulation=_with_px4(scenario.simulation, [1, 3]))
-    reports, fates = [], []
+    reports, statuses = [], []
 
     def keep(_t_ns, effect):
         if isinstance(effect, UploadReport):
             reports.append(effect)
         elif isinstance(effect, AgentStatus):
-            fates.append(effect)
+            statuses.append(effect)
 
     VirtualRun(scenario, 1, on_effect=keep, loss=loss).run()
-    assert {(f.vehicle, f.status) for f in fates} == {(v, "arrived") for v in (1, 2, 3, 4)}
+    assert {(f.vehicle, f.status) for f in statuses} == {(v, "arrived") for v in (1, 2, 3, 4)}
     assert all(report.ok for report in reports)
     assert {report.items for report in reports if report.vehicle in (1, 3)}
 

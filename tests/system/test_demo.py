@@ -93,7 +93,7 @@ def is_running(pid: int) -> bool:
 
 
 @pytest.mark.parametrize("demo", ["short"], indirect=True)
-def test_a_mission_is_flown_recorded_and_judged(demo: Demo) -> None:
+def test_a_mission_is_flown_recorded_and_evaluated(demo: Demo) -> None:
     result = demo.result()
     assert demo.process.returncode == 0, demo.lines
     keys = "scenario seed outcome reason duration_s agents targets_total targets_reached retasks uploads"
@@ -122,20 +122,20 @@ def test_killed_vehicles_lossy_links_and_hostile_bytes_are_seen_through(demo: De
     result = demo.result()
     assert demo.process.returncode == 0, demo.lines
     assert [agent["status"] for agent in result["agents"]] == ["arrived", "lost", "arrived", "lost"]
-    fates = [record.value for record in read(demo.out) if isinstance(record.value, AgentStatus)]
+    statuses = [record.value for record in read(demo.out) if isinstance(record.value, AgentStatus)]
     plans = [record.value for record in read(demo.out) if isinstance(record.value, Plan)]
-    died = next(fate for fate in fates if fate.vehicle == 4)
-    assert any(plan.t_ns >= died.t_ns and "agent 4 lost" in plan.reason for plan in plans)
+    loss = next(status for status in statuses if status.vehicle == 4)
+    assert any(plan.t_ns >= loss.t_ns and "agent 4 lost" in plan.reason for plan in plans)
 
 
 def _bombard(port: int, process: subprocess.Popen[str]) -> None:
-    """Garbage, truncated frames, and a stranger who claims vehicle 1's id, until the demo ends."""
+    """Garbage, truncated frames, and an unknown system with vehicle 1's id, until the demo ends."""
     heartbeat = bytes.fromhex("fd09000000010100000000000000020351040350d1")
-    stranger = bytes.fromhex("fd0900000007010000000000000002035104034a3c")
+    unknown_system = bytes.fromhex("fd0900000007010000000000000002035104034a3c")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         count = 0
         while process.poll() is None and count < 20_000:
-            for data in (os.urandom(64), heartbeat, heartbeat[:9], stranger, b"\xfd" * 40, b""):
+            for data in (os.urandom(64), heartbeat, heartbeat[:9], unknown_system, b"\xfd" * 40, b""):
                 sender.sendto(data, ("127.0.0.1", port))
             count += 1
             time.sleep(0.01)

@@ -1,7 +1,7 @@
 """What is flown: the track of every vehicle stays out of obstacles, wherever its route has the choice.
 
-The last metres to a target are the target's: it may pass beside an obstacle, or over one. So a track is
-looked at until its vehicle is within twice the capture radius of the end of its route.
+The last metres to a target are the target's: it may pass next to an obstacle, or over one. So a track is
+checked until its vehicle is within twice the capture radius of the end of its route.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def least_clearance_m(name: str, seed: int, wind: WindTable | None = None) -> fl
     ("name", "wind", "clearance_m"),
     [("random-obstacles", None, 10.0), ("random-targets", WIND, 5.0), ("prescribed", WIND, 15.0)],
 )
-def test_nobody_flies_into_an_obstacle(name, wind, clearance_m):
+def test_no_vehicle_flies_into_an_obstacle(name, wind, clearance_m):
     assert least_clearance_m(name, 1, wind) > clearance_m
 
 
@@ -50,7 +50,7 @@ def test_vehicles_land_at_home_with_obstacles_between():
         for wind in (None, WIND)
     ],
 )
-def test_nobody_flies_into_an_obstacle_over_seeds(name, wind):
+def test_no_vehicle_flies_into_an_obstacle_over_seeds(name, wind):
     """The wind is a fifth of the airspeed, with gusts."""
     clearances_m = [least_clearance_m(name, seed, wind) for seed in range(1, 9)]
     assert min(clearances_m) > 0.0, clearances_m

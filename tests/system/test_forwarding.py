@@ -89,7 +89,7 @@ def free_port() -> int:
 
 
 def restless(text: str, port: int) -> str:
-    """The mission with targets so near to their limits that somebody is re-tasked all the time."""
+    """The mission with targets so near to their limits that some agent is re-tasked all the time."""
     restless_keys = 'target_moved_m = 4.0\nperiod_s = 1.0\naim = "position"\n'
     assert "[planning]\n" in text
     text = text.replace("[planning]\n", f"[planning]\n{restless_keys}", 1)

@@ -1,4 +1,4 @@
-"""The service around the fold: what fails is loud, what is late is said."""
+"""The service around the engine: failures are alarms, delays are notices."""
 
 import asyncio
 import errno
@@ -84,17 +84,17 @@ def test_a_full_disk_ends_the_recording_and_not_the_flight(service, tmp_path, mo
         recorder._flush_at_s = 0.0  # at the next event
         serve(service, now(), 0.5)
         service.truth(Truth(2, ()))
-    told = [e for e in sink.effects if isinstance(e, Notice) and "unrecorded" in e.text]
-    assert [(notice.level, str(folder) in notice.text) for notice in told] == [("alarm", True)]
+    notices = [e for e in sink.effects if isinstance(e, Notice) and "unrecorded" in e.text]
+    assert [(notice.level, str(folder) in notice.text) for notice in notices] == [("alarm", True)]
     assert sum(isinstance(event, Tick) for event in sink.events) > 3
     assert next(record.value for record in read(folder)) == Truth(1, ())
 
 
-def test_a_journal_that_cannot_be_written_is_told_once_and_tried_again(service, tmp_path, monkeypatch):
+def test_a_journal_that_cannot_be_written_is_reported_once_and_retried(service, tmp_path, monkeypatch):
     in_the_way = tmp_path / "runs"
     in_the_way.write_text("a file where the folder should be")
-    told = []
-    monkeypatch.setattr(service, "on_link_news", lambda *news: told.append(news))
+    notices = []
+    monkeypatch.setattr(service, "on_link_news", lambda *news: notices.append(news))
     journal = Journal(in_the_way / "m.journal", "m", "")
     keeper = JournalSink(service, journal)
     keeper.write(1)
@@ -104,17 +104,15 @@ def test_a_journal_that_cannot_be_written_is_told_once_and_tried_again(service, 
     in_the_way.unlink()
     keeper.write(3)
     keeper.close()
-    assert [(name, level) for name, level, _ in told] == [("journal", "alarm"), ("journal", "info")]
-    assert "older state" in told[0][2]
+    assert [(name, level) for name, level, _ in notices] == [("journal", "alarm"), ("journal", "info")]
+    assert "older state" in notices[0][2]
     persisted = journal.read()
     assert persisted is not None
     assert persisted.t_ns == 3
 
 
-@pytest.mark.parametrize("patience", [True, False])
-def test_ctrl_c_lets_a_mission_arrive_that_is_on_its_way_and_twice_it_says_who_may_hold_a_mix(
-    service, monkeypatch, patience
-):
+@pytest.mark.parametrize("waits", [True, False])
+def test_ctrl_c_waits_for_an_upload_and_twice_it_names_inconsistent_missions(service, monkeypatch, waits):
     under_way, sink = {3: "2/8"}, Sink()
     service.sinks.append(sink)
     monkeypatch.setattr(type(service.command.tasking), "stages", property(lambda _: under_way))
@@ -123,13 +121,13 @@ def test_ctrl_c_lets_a_mission_arrive_that_is_on_its_way_and_twice_it_says_who_m
     async def run():
         loop, stop, at_once = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event()
         loop.call_later(0.1, stop.set)
-        loop.call_later(0.4, under_way.clear if patience else at_once.set)
+        loop.call_later(0.4, under_way.clear if waits else at_once.set)
         await asyncio.wait_for(service.run(now(), stop, at_once=at_once), 5.0)
 
     asyncio.run(run())
-    told = [(e.level, e.text) for e in sink.effects if isinstance(e, Notice) and "agent 3" in e.text]
-    assert [level for level, _ in told] == (["warning"] if patience else ["warning", "alarm"])
-    assert ("inconsistent missions" in told[-1][1]) is not patience
+    notices = [(e.level, e.text) for e in sink.effects if isinstance(e, Notice) and "agent 3" in e.text]
+    assert [level for level, _ in notices] == (["warning"] if waits else ["warning", "alarm"])
+    assert ("inconsistent missions" in notices[-1][1]) is not waits
     assert sum(isinstance(event, Tick) for event in sink.events) >= 5
 
 
@@ -142,24 +140,24 @@ def test_ticks_never_pile_up_behind_a_slow_consumer(service):
     assert all(later > earlier for earlier, later in pairwise(ticks))
 
 
-def test_a_machine_that_cannot_keep_up_is_told_so_once(service):
+def test_a_machine_that_cannot_keep_up_is_reported_once(service):
     epoch_ns = time.time_ns()
     slow = Sink(slow_s=0.1)
     service.sinks.append(slow)
     serve(service, RunClock(epoch_ns, epoch_ns, 20.0), 1.0)
-    told = [e for e in slow.effects if isinstance(e, Notice) and "cannot keep up" in e.text]
-    assert len(told) == 1
-    assert "a lower --speed would help" in told[0].text
+    notices = [e for e in slow.effects if isinstance(e, Notice) and "cannot keep up" in e.text]
+    assert len(notices) == 1
+    assert "a lower --speed would help" in notices[0].text
     assert service.health.worst_lag_s * NS_PER_S > 0.5 * NS_PER_S
 
 
-def test_at_real_time_nobody_is_told_to_use_an_option_that_gcs_run_does_not_have(service):
+def test_at_real_time_no_notice_names_an_option_that_gcs_run_lacks(service):
     slow = Sink()
     service.sinks.append(slow)
     service._watch_lag(NS_PER_S)
-    (told,) = [e.text for e in slow.effects if isinstance(e, Notice)]
-    assert "--speed" not in told
-    assert "telemetry.rate_hz" in told
+    (notice,) = [e.text for e in slow.effects if isinstance(e, Notice)]
+    assert "--speed" not in notice
+    assert "telemetry.rate_hz" in notice
 
 
 def test_a_vehicle_that_signs_without_a_key_here_is_named_once(service, monkeypatch):
@@ -167,10 +165,12 @@ def test_a_vehicle_that_signs_without_a_key_here_is_named_once(service, monkeypa
     service.sinks.append(sink)
     monkeypatch.setattr(service.command.fleet, "is_signed", lambda vehicle: vehicle == 3)
     serve(service, now(), 0.5)
-    told = [(e.level, e.text) for e in sink.effects if isinstance(e, Notice) and "signs its frames" in e.text]
-    assert [level for level, _ in told] == ["alarm"]
-    assert "agent 3" in told[0][1]
-    assert "links.keys" in told[0][1]
+    found = [
+        (e.level, e.text) for e in sink.effects if isinstance(e, Notice) and "signs its frames" in e.text
+    ]
+    assert [level for level, _ in found] == ["alarm"]
+    assert "agent 3" in found[0][1]
+    assert "links.keys" in found[0][1]
 
 
 def test_a_port_that_is_taken_is_named_with_what_to_do(service):

@@ -50,9 +50,11 @@ def test_any_sequence_of_scans_leaves_a_sound_picture(scans):
     t_ns, late, bad = 0, 0, 0
     for step_ns, z, p_d, clutter, noise_m, born in scans:
         now_ns = t_ns + step_ns
-        look = Sensor("s", p_d, clutter, np.eye(2) * noise_m**2, (-250.0, -250.0, 250.0, 250.0))
+        detector = Sensor("s", p_d, clutter, np.eye(2) * noise_m**2, (-250.0, -250.0, 250.0, 250.0))
         started = tracker.scans > 0
-        tracker.update(now_ns, np.reshape(np.array(z, dtype=float), (-1, 2)), look, births if born else ())
+        tracker.update(
+            now_ns, np.reshape(np.array(z, dtype=float), (-1, 2)), detector, births if born else ()
+        )
         if step_ns < 0 and started:
             late += 1
         else:
@@ -70,10 +72,10 @@ def test_thousands_of_detections_in_one_place_are_survived():
         Birth(np.array([*place, 0.0, 0.0]), np.diag([100.0, 100.0, 20.0, 20.0]), 0.5) for place in places
     ]
     tracker = Glmb("targets", GlmbParams(accel_std_m_s2=3.0), 0)
-    look = Sensor("s", 0.95, 1e-3, np.eye(2) * 9.0, (-250.0, -250.0, 250.0, 250.0))
+    detector = Sensor("s", 0.95, 1e-3, np.eye(2) * 9.0, (-250.0, -250.0, 250.0, 250.0))
     for k in range(3):
         z = np.vstack([rng.normal(0, 30, (5000, 2)), np.zeros((500, 2))])
-        tracker.update(k * NS_PER_S, z, look, births if k == 0 else ())
+        tracker.update(k * NS_PER_S, z, detector, births if k == 0 else ())
         assert_sound(tracker)
-    tracker.update(3 * NS_PER_S, np.empty((0, 2)), look)
+    tracker.update(3 * NS_PER_S, np.empty((0, 2)), detector)
     assert_sound(tracker)

@@ -18,7 +18,7 @@ def blocks(kind):
     return [text for name, text in fences if name == kind]
 
 
-def test_the_example_in_python_prints_what_the_page_says():
+def test_the_example_in_python_prints_the_pages_output():
     (code,) = blocks("python")
     said = io.StringIO()
     with contextlib.redirect_stdout(said):

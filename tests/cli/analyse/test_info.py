@@ -1,4 +1,4 @@
-"""`gcs info` says what is in a file, whoever wrote it and whatever happened to it since."""
+"""`gcs info` shows the content of any recording, also of a damaged one."""
 
 import json
 from pathlib import Path
@@ -15,7 +15,7 @@ T0_US = 1_436_056_003_000_000
 
 
 class Writer:
-    """A log of whoever talks, one packer for each sender."""
+    """A log of several senders, one packer for each."""
 
     def __init__(self) -> None:
         self.entries: list[bytes] = []
@@ -111,7 +111,7 @@ def test_a_raw_stream_has_the_vehicles_times_and_all_else(tmp_path: Path) -> Non
     assert found["vehicles"][0]["messages"]["ATTITUDE"]["count"] == 60
 
 
-def test_damage_is_said_and_passed_over(tmp_path: Path) -> None:
+def test_damage_is_reported_and_skipped(tmp_path: Path) -> None:
     entries = a_log()
     data = b"".join(entries[:100]) + b"\x00\xfd\xfe junk" * 10 + b"".join(entries[100:])
     (tmp_path / "a.tlog").write_bytes(data + entries[-1][:9])
@@ -125,7 +125,7 @@ def test_damage_is_said_and_passed_over(tmp_path: Path) -> None:
     assert "89 bytes are damaged" in text
 
 
-def test_a_bad_checksum_is_counted_by_who_sent_it(tmp_path: Path) -> None:
+def test_a_bad_checksum_is_counted_by_sender(tmp_path: Path) -> None:
     entries = a_log()
     entries[4] = entries[4][:-1] + bytes([entries[4][-1] ^ 0xFF])
     (tmp_path / "a.tlog").write_bytes(b"".join(entries))
@@ -152,7 +152,7 @@ def test_its_own_tlog_holds_the_same_traffic(flight: Path) -> None:
     assert log["vehicles"][0]["messages"].keys() == ours["vehicles"][0]["messages"].keys()
 
 
-def test_a_recording_that_breaks_off_is_told_up_to_there(flight: Path, tmp_path: Path) -> None:
+def test_a_truncated_recording_is_shown_up_to_its_end(flight: Path, tmp_path: Path) -> None:
     data = (flight / "run.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 9 // 10])
     code, text, found = info(tmp_path / "cut.mcap")
@@ -170,9 +170,7 @@ def test_a_recording_that_breaks_off_is_told_up_to_there(flight: Path, tmp_path:
         (b"\x89MCAP0\r\n", "cut off"),
     ],
 )
-def test_what_is_nothing_of_the_kind_is_said_to_be(
-    tmp_path: Path, content: bytes | None, expected: str
-) -> None:
+def test_a_file_of_another_kind_is_refused(tmp_path: Path, content: bytes | None, expected: str) -> None:
     if content is not None:
         (tmp_path / "file").write_bytes(content)
     code, text, _ = info(tmp_path / "file")
@@ -180,7 +178,7 @@ def test_what_is_nothing_of_the_kind_is_said_to_be(
     assert expected in text
 
 
-def test_detections_are_said_with_rate_gaps_and_disorder(tmp_path: Path) -> None:
+def test_detections_are_shown_with_rate_gaps_and_disorder(tmp_path: Path) -> None:
     times = [0.5 * k for k in range(40)] + [60.0, 30.0]
     text = "t_s,x,y\n" + "".join(f"{t},{10 * t},2.0\n{t},inf,1.0\n" for t in times) + "61.0,,\n62.0,"
     (tmp_path / "radar.csv").write_text(text)
@@ -199,7 +197,7 @@ def test_detections_are_said_with_rate_gaps_and_disorder(tmp_path: Path) -> None
 
 def test_a_large_file_of_something_else_is_refused_at_once(tmp_path: Path) -> None:
     with (tmp_path / "disk.img").open("wb") as file:
-        file.truncate(3_000_000_000)  # sparse: zeros that take no room
+        file.truncate(3_000_000_000)  # sparse: zeros that take no space
     result = CliRunner().invoke(app, ["info", str(tmp_path / "disk.img")])
     assert result.exit_code == 2
     assert "no MAVLink frame is in its first 16 MB" in " ".join(result.output.split())

@@ -131,7 +131,7 @@ def test_a_record_too_many_is_found(flight: Path, tmp_path: Path) -> None:
     assert "never said" in found["first_difference"]["recorded"]
 
 
-def test_what_the_service_said_of_itself_is_no_difference(flight: Path, tmp_path: Path) -> None:
+def test_notices_of_the_service_are_no_difference(flight: Path, tmp_path: Path) -> None:
     def change(records: list[Record]) -> Rows:
         rows = [plain(record) for record in records]
         events = [i for i, row in enumerate(rows) if isinstance(row[1], EVENTS)]
@@ -191,7 +191,7 @@ def test_an_event_whose_effects_were_never_written_is_no_difference(flight: Path
     assert "cut off" in found["damage"]["problem"]
 
 
-def test_a_part_is_shown_and_judged_alone(flight: Path) -> None:
+def test_a_window_is_shown_and_compared_alone(flight: Path) -> None:
     code, _, found = replay(flight, "--verify", "--from", 10, "--to", 20)
     assert (code, found["verified"]) == (0, True)
     assert 19.9 < found["seconds"] <= 20.0
@@ -262,7 +262,7 @@ def test_a_tlog_is_replayed_without_a_mission_file(flight: Path) -> None:
     assert found["effects"] > 50
 
 
-def test_a_tlog_without_the_missions_vehicles_says_whom_it_holds(flight: Path, tmp_path: Path) -> None:
+def test_a_tlog_without_the_missions_vehicles_names_its_vehicles(flight: Path, tmp_path: Path) -> None:
     text = (flight / "mission.toml").read_text(encoding="utf-8")
     other = tmp_path / "other.toml"
     other.write_text(text.replace("system_id = ", "system_id = 10"), encoding="utf-8")
@@ -320,7 +320,7 @@ def test_an_interrupt_ends_it_in_order(flight: Path) -> None:
     assert "Traceback" not in rest
 
 
-def test_payloads_are_what_was_recorded(flight: Path) -> None:
+def test_payloads_equal_the_recorded_ones(flight: Path) -> None:
     """Verification compares them: they must be the bytes that the recorder would write again."""
     for record in read(flight):
         assert not isinstance(record.value, Damage)

@@ -165,7 +165,7 @@ def test_a_real_flight_without_truth_that_breaks_off_is_shown_as_far_as_it_goes(
     assert 5.0 < found["seconds"] < 25.0
 
 
-def test_work_is_judged_by_the_processor_time_that_it_took_not_by_a_busy_machines_clock() -> None:
+def test_load_is_measured_in_processor_time_not_on_a_busy_machines_clock() -> None:
     class UploadQueue:
         def step(self, _event: Event) -> list[Effect]:
             time.sleep(0.2)  # as where other programs have the processors

@@ -105,7 +105,7 @@ def scores(*arguments):
     return result
 
 
-def test_a_set_with_its_own_model_is_tracked_written_judged_and_drawn(files):
+def test_a_set_with_its_own_model_is_tracked_written_scored_and_drawn(files):
     result = scores(files / "set.npz", "-o", files / "e.csv", "--plot", files / "p.png")
     assert result["scans"] == SCANS
     assert result["ospa_mean_m"] < 15.0
@@ -173,7 +173,7 @@ def test_csv_with_a_model_of_either_kind_is_the_same_as_the_set(files):
     assert [unknown[key] for key in KEYS[1:6]] == [None] * 5
 
 
-def test_truth_and_origins_are_never_looked_at(files):
+def test_the_tracker_never_reads_truth_and_origins(files):
     arrays = made()
     arrays["meas"][:, 3] = 7.0
     arrays["truth"][:, 2:] = 0.0
@@ -184,7 +184,7 @@ def test_truth_and_origins_are_never_looked_at(files):
 
 
 @pytest.mark.parametrize("name", ["set.npz", "set.csv"])
-def test_baselines_are_scored_beside_the_tracker(files, name):
+def test_baselines_are_scored_with_the_tracker(files, name):
     arguments = [files / name, "--model", files / "set.npz", "--truth", files / "truth.csv"]
     for estimator in ("filtered", "smoothed"):
         found = {}
@@ -215,7 +215,7 @@ def test_a_scan_without_detections_is_a_scan(files):
     assert scores(files / "holes.npz")["scans"] == SCANS
 
 
-def test_a_recording_is_tracked_with_what_its_sensors_say_of_themselves(tmp_path):
+def test_a_recording_is_tracked_with_the_announced_sensor_models(tmp_path):
     text, _ = read_text("prescribed")
     rng = np.random.default_rng(3)
     place = np.array([700.0, 600.0])
@@ -223,8 +223,8 @@ def test_a_recording_is_tracked_with_what_its_sensors_say_of_themselves(tmp_path
     with Recorder(tmp_path / "run", text, {}) as recorder:
         for k in range(20):
             t_ns = k * NS_PER_S
-            look = Sensor("radar", 0.98, 1e-6, read_only(np.eye(2) * 9.0), (0.0, 0.0, 2000.0, 2000.0))
-            recorder.record_event(Scan(t_ns + 5, t_ns, look, read_only([place + rng.normal(0, 3, 2)])))
+            detector = Sensor("radar", 0.98, 1e-6, read_only(np.eye(2) * 9.0), (0.0, 0.0, 2000.0, 2000.0))
+            recorder.record_event(Scan(t_ns + 5, t_ns, detector, read_only([place + rng.normal(0, 3, 2)])))
             recorder.record_truth(Truth(t_ns, (TruthObject("targets", 1, *place.tolist(), True),)))
     result = scores(tmp_path / "run")
     assert result["scans"] == 20
@@ -328,7 +328,7 @@ def test_without_places_of_birth_objects_are_found_where_they_appear(tmp_path):
     assert json.loads(result.output.strip().splitlines()[-1])["cardinality_error_mean"] < 0.3
 
 
-def test_a_model_without_any_births_says_what_to_do(tmp_path):
+def test_a_model_without_births_is_refused_with_a_remedy(tmp_path):
     np.savez(tmp_path / "set.npz", meas=made()["meas"])
     (tmp_path / "model.toml").write_text(MODEL.split("[[births]]")[0], encoding="utf-8")
     done = run(tmp_path / "set.npz", "--model", tmp_path / "model.toml")
@@ -351,7 +351,7 @@ def circling(rng, scans=60, radius_m=60.0, speed_m_s=15.0):
     return truth, np.vstack([made, clutter])
 
 
-def test_paths_of_what_turns_are_recovered_with_its_turns(tmp_path):
+def test_paths_of_turning_objects_are_recovered_with_their_turns(tmp_path):
     truth, meas = circling(np.random.default_rng(3))
     np.savez(tmp_path / "set.npz", meas=meas, truth=truth)
     head, _ = MODEL.split("[[births]]", 1)
@@ -450,17 +450,17 @@ def test_what_a_radar_measured_may_be_in_radians_and_its_scans_at_any_time(radar
     assert after["ospa_mean_m"] == pytest.approx(before["ospa_mean_m"], rel=1e-3)
 
 
-@pytest.mark.parametrize(("time", "looked"), [("k", True), ("t_s", False)])
-def test_without_a_row_a_sensor_saw_nothing_at_a_number_and_did_not_look_at_a_time(radars, time, looked):
+@pytest.mark.parametrize(("time", "has_scan"), [("k", True), ("t_s", False)])
+def test_a_missing_row_is_an_empty_scan_by_number_and_no_scan_by_time(radars, time, has_scan):
     text, _ = seen_by_both(np.random.default_rng(3), time=time)
     (radars / "set.csv").write_text("\n".join(s for s in text.splitlines() if ",camera," not in s) + "\n")
     west, camera = RADARS.split('name = "camera"')
     surely = camera.replace("detection_probability = 0.9", "detection_probability = 0.999")
     (radars / "model.toml").write_text(west + 'name = "camera"' + surely)
-    assert (with_radars(radars)["cardinality_error_mean"] > 0.1) == looked
+    assert (with_radars(radars)["cardinality_error_mean"] > 0.1) == has_scan
 
 
-def test_what_detections_hold_is_told_by_sensor(radars):
+def test_detections_are_counted_by_sensor(radars):
     done = CliRunner().invoke(app, ["info", str(radars / "set.csv"), "--json"])
     contents = json.loads(done.stdout.splitlines()[-1])
     assert contents["sensors"] == ["west", "camera"]

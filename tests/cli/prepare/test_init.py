@@ -68,14 +68,14 @@ def made(tmp_path, name, content, *arguments):
     """The mission that `gcs init` makes of a file's content, once `gcs check` has taken it."""
     path = tmp_path / name
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    told = init(path, *arguments)
-    assert told.exit_code == 0, told.output
-    return checked(tmp_path / f"{path.stem}.toml"), told.output
+    result = init(path, *arguments)
+    assert result.exit_code == 0, result.output
+    return checked(tmp_path / f"{path.stem}.toml"), result.output
 
 
 def checked(path):
-    told = CliRunner().invoke(app, ["check", str(path)])
-    assert told.exit_code == 0, told.output
+    result = CliRunner().invoke(app, ["check", str(path)])
+    assert result.exit_code == 0, result.output
     return load(str(path))
 
 
@@ -85,7 +85,7 @@ def places(config, rows):
 
 
 def test_a_plan_becomes_a_mission(tmp_path):
-    config, told = made(tmp_path, "field day.plan".replace(" ", "-"), json.dumps(PLAN))
+    config, output = made(tmp_path, "field day.plan".replace(" ", "-"), json.dumps(PLAN))
     assert places(config, config.agents) == [HOME]
     assert places(config, config.births) == [(47.401, 8.548)]
     assert config.frame.alt_msl_m == 488.0
@@ -94,19 +94,19 @@ def test_a_plan_becomes_a_mission(tmp_path):
     assert config.fence.areas[1].circle == (47.402, 8.545, 40.0)
     assert [point.alt_rel_m for point in config.rally] == [60]
     assert config.planning.retask == "confirm"
-    assert "1 surveys and other patterns" in told
+    assert "1 surveys and other patterns" in output
 
 
 def test_a_kml_becomes_a_mission(tmp_path):
-    config, told = made(tmp_path, "map.kml", KML)
+    config, output = made(tmp_path, "map.kml", KML)
     assert [agent.system_id for agent in config.agents] == [7, 1]
     assert places(config, config.births) == [(47.401, 8.548)]
     assert [area.kind for area in config.fence.areas] == ["inclusion", "exclusion"]
-    assert "1 paths" in told
+    assert "1 paths" in output
 
 
 @pytest.mark.parametrize("keep", ["agents", "targets", "areas"])
-def test_what_a_map_does_not_have_is_said_in_the_file(tmp_path, keep):
+def test_missing_parts_of_a_map_are_named_in_the_file(tmp_path, keep):
     marks = {"agents": "Agent 7", "targets": "barn", "areas": "mast"}
     parts = [part for part in KML.split("<Placemark>") if marks[keep] in part or "<kml" in part]
     text = "<Placemark>".join(parts)
@@ -136,12 +136,12 @@ def test_a_log_becomes_a_mission_with_the_vehicles_in_it(tmp_path):
     others = [*frames(255), *frames(51, component=68), *frames(9, autopilot=8)]
     near = (HOME[0] + 0.001, HOME[1])
     content = log(*frames(3, near), *others, *frames(2), frames(4)[0])
-    config, told = made(tmp_path, "flight.tlog", content)
+    config, output = made(tmp_path, "flight.tlog", content)
     assert [agent.system_id for agent in config.agents] == [2, 3]
     assert places(config, config.agents) == [HOME, (round(near[0], 5), near[1])]
     assert config.agents[0].course_deg == 353.0
     assert config.frame.alt_msl_m == 488.0
-    assert "system 4" in told
+    assert "system 4" in output
 
 
 def test_a_recording_gives_back_its_mission_file(tmp_path):
@@ -183,11 +183,11 @@ def test_vehicles_heard_on_a_link_become_agents_and_hear_no_heartbeat(tmp_path):
     thread.start()
     try:
         endpoint = f"udpin:127.0.0.1:{port}"
-        told = init("--listen", endpoint, "--wait", "3", "--name", "heard")
+        result = init("--listen", endpoint, "--wait", "3", "--name", "heard")
     finally:
         stop.set()
         thread.join()
-    assert told.exit_code == 0, told.output
+    assert result.exit_code == 0, result.output
     config = checked(tmp_path / "heard.toml")
     assert [agent.system_id for agent in config.agents] == [7]
     assert config.links.mavlink == endpoint
@@ -247,21 +247,21 @@ def plan(**mission):
 def test_what_cannot_be_used_is_named(tmp_path, name, content, words):
     path = tmp_path / name
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    told = init(path)
-    assert told.exit_code in (1, 2), told.output
-    assert "error: " in told.output
-    assert words in " ".join(told.output.split())
+    result = init(path)
+    assert result.exit_code in (1, 2), result.output
+    assert "error: " in result.output
+    assert words in " ".join(result.output.split())
     assert not (tmp_path / "a.toml").exists()
 
 
-def test_it_says_what_it_expects():
+def test_a_wrong_source_is_refused_with_the_accepted_ones():
     for arguments in ((), ("a.plan", "--listen", "udpin:127.0.0.1:0"), ("nowhere.plan",)):
-        told = init(*arguments)
-        assert told.exit_code == 2
-        assert "error: " in told.output
+        result = init(*arguments)
+        assert result.exit_code == 2
+        assert "error: " in result.output
 
 
-def test_nobody_heard_is_said():
-    told = init("--listen", "udpin:127.0.0.1:0", "--wait", "1")
-    assert told.exit_code in (1, 2)
-    assert "no vehicle was heard within 1 s" in told.output
+def test_no_vehicle_heard_is_reported():
+    result = init("--listen", "udpin:127.0.0.1:0", "--wait", "1")
+    assert result.exit_code in (1, 2)
+    assert "no vehicle was heard within 1 s" in result.output

@@ -81,7 +81,7 @@ def test_a_passphrase_makes_the_key_that_other_ground_stations_make(tmp_path: Pa
     assert "four" not in made.output
 
 
-def test_nothing_is_sent_over_a_link_that_nobody_called_secure(tmp_path: Path):
+def test_no_key_is_sent_over_a_link_that_is_not_marked_secure(tmp_path: Path):
     file = tmp_path / "keys.toml"
     keys("new", file, "-v", 3)
     refused = keys("install", file, f"udpin:127.0.0.1:{free_port()}")

@@ -55,7 +55,7 @@ def test_a_scenario_is_planned_from_its_starts_to_its_places_of_birth():
 
 
 def test_ways_home_are_named_and_drawn_where_a_mission_lands(tmp_path):
-    scenario, picture = tmp_path / "homeward.toml", tmp_path / "homeward.png"
+    scenario, picture = tmp_path / "landing.toml", tmp_path / "landing.png"
     text = (Path(gcs.__file__).parent / "scenarios" / "random-obstacles.toml").read_text(encoding="utf-8")
     scenario.write_text(text.replace("[mission]", '[mission]\nend = "land"'), encoding="utf-8")
     _, found, _ = plan(scenario, "--seed", 3, "--plot", picture)
@@ -98,7 +98,7 @@ def test_the_picture_is_a_picture(tiny, tmp_path):
     assert str(png) in said.replace("\n", "")
 
 
-def test_agents_that_nothing_leads_to_stay_without_a_route_and_the_plan_says_why(tiny):
+def test_unreachable_agents_stay_without_a_route_with_a_note(tiny):
     code, found, _ = plan("--map", tiny, "--agents", "3,2", "--targets", "0,0")
     assert code == 1
     assert found["routes"] == []
@@ -106,7 +106,7 @@ def test_agents_that_nothing_leads_to_stay_without_a_route_and_the_plan_says_why
     assert found["notes"] == ["agent 1: no path to any target", "target 1: no path from any agent"]
 
 
-def test_a_start_inside_an_obstacle_is_left_and_the_plan_says_where(tiny):
+def test_a_start_inside_an_obstacle_is_left_with_a_note(tiny):
     code, found, _ = plan("--map", tiny, "--agents", "4,6", "--targets", "8,6")
     assert code == 0
     assert found["notes"][0].startswith("agent 1: inside an obstacle; leaves it by (")
@@ -116,7 +116,7 @@ def test_a_start_inside_an_obstacle_is_left_and_the_plan_says_where(tiny):
     ("places", "note"),
     [([], "no agents"), (["--agents", "1,0"], "no targets"), (["--targets", "1,0"], "no agents")],
 )
-def test_nobody_to_plan_for_is_said_and_no_success(tiny, places, note):
+def test_a_plan_without_agents_is_reported_as_a_failure(tiny, places, note):
     code, found, _ = plan("--map", tiny, *places)
     assert code == 1
     assert note in found["notes"]
@@ -144,7 +144,7 @@ def test_a_map_of_one_cell(tmp_path, cell, code):
         (["prescribed", "--plot", "plan.doc"], "expected a name that ends in"),
     ],
 )
-def test_mistakes_in_arguments_are_told_from_plans_that_failed(arguments, said):
+def test_mistakes_in_arguments_differ_from_plans_that_failed(arguments, said):
     code, found, output = plan(*arguments)
     assert code == 2
     assert found is None

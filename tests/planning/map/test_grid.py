@@ -97,7 +97,7 @@ def test_inflation_blocks_exactly_the_nodes_nearer_than_the_clearance(seed, clea
                 assert inflated.blocked[row, col] == (grid.blocked[row, col] or gap_m < clearance_m)
 
 
-def test_half_a_cell_of_clearance_is_what_a_node_beside_an_obstacle_has():
+def test_a_node_next_to_an_obstacle_has_half_a_cell_of_clearance():
     grid = free_grid((5, 5), 40.0).with_obstacles(cells=[(2, 2)])
     assert (grid.inflate(20.0).blocked == grid.blocked).all()
     assert grid.inflate(20.1).blocked.sum() == 5

@@ -1,4 +1,4 @@
-"""Line of sight: a leg said to be clear is clear wherever one looks."""
+"""Line of sight: a leg that is reported clear is clear at every point."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_leg_that_touches_a_corner_is_not_clear():
     assert not line_of_sight(grid, (0.0, 0.0), (1.0, 1.0))
 
 
-def test_a_leg_along_a_row_beside_an_obstacle_has_half_a_cell():
+def test_a_leg_along_a_row_next_to_an_obstacle_has_half_a_cell():
     grid = free_grid((3, 9), 40.0).with_obstacles(cells=[(1, col) for col in range(2, 7)])
     assert line_of_sight(grid, (0.0, 0.0), (320.0, 0.0), 20.0)
     assert not line_of_sight(grid, (0.0, 0.0), (320.0, 0.0), 20.001)
@@ -90,13 +90,13 @@ def test_beyond_the_maps_edge_the_view_is_free():
 
 
 @kernel
-def looks(blocked, x0, y0, x1, y1, reach, own, guesses):
-    """Least room of a leg, whether its first place is clear, and what is found in its way by each guess."""
+def check_leg(blocked, x0, y0, x1, y1, reach, own, guesses):
+    """Return clearance of a leg, whether its first place is clear, and the blocking cell by each guess."""
     found = np.empty(guesses.size, np.int64)
     for k in range(guesses.size):
         found[k] = blocking_cell(blocked, x0, y0, x1, y1, reach, own, guesses[k])
-    room = leg_clearance(blocked, x0, y0, x1, y1, reach + 1.0, own)
-    return room, is_clear_at(blocked, x0, y0, reach), found
+    clear_to = leg_clearance(blocked, x0, y0, x1, y1, reach + 1.0, own)
+    return clear_to, is_clear_at(blocked, x0, y0, reach), found
 
 
 @settings(max_examples=150, deadline=None)
@@ -112,8 +112,8 @@ def test_sight_is_that_of_every_cell_measured_whatever_is_guessed_to_be_in_the_w
     cells = np.flatnonzero(blocked)
     own = int(rng.choice(cells)) if cells.size and seed % 3 == 0 else -1
     guesses = np.array([-1, *cells[:: max(1, cells.size // 8)].tolist()])
-    room, is_clear, found = looks(blocked, x0, y0, x1, y1, reach, own, guesses)
-    clear = room >= max(reach - TOUCH, TOUCH)
+    clear_to, is_clear, found = check_leg(blocked, x0, y0, x1, y1, reach, own, guesses)
+    clear = clear_to >= max(reach - TOUCH, TOUCH)
     assert clear_leg(blocked, x0, y0, x1, y1, reach, own) == clear
     assert ((found < 0) == clear).all()
     assert (blocked.ravel()[found] & (found != own))[found >= 0].all()

@@ -1,4 +1,4 @@
-"""Corners: what is flown at them keeps clear of obstacles, wherever the map has room for the turn."""
+"""Flown corners keep clear of obstacles, wherever the map has space for the turn."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ def short_by(blocked, points, i, radius, reach):
 
 
 @kernel
-def room_of(blocked, x0, y0, x1, y1, reach):
+def leg_clearance_of(blocked, x0, y0, x1, y1, reach):
     return leg_clearance(blocked, x0, y0, x1, y1, reach, -1)
 
 
 @kernel
-def eased(blocked, points, rooms, radius):
+def eased(blocked, points, clearances, radius):
     """The corners, what they cost before and after, and how many are flown before and after."""
     moved, flown, size = points.copy(), np.zeros(2, np.int64), points.shape[0]
-    before = cost(blocked, points, rooms, 0, size, radius, -1, np.inf)
-    smooth_corners(blocked, moved, rooms, radius, -1, np.ones(size, np.bool_))
-    after = cost(blocked, moved, rooms, 0, size, radius, -1, np.inf)
+    before = cost(blocked, points, clearances, 0, size, radius, -1, np.inf)
+    smooth_corners(blocked, moved, clearances, radius, -1, np.ones(size, np.bool_))
+    after = cost(blocked, moved, clearances, 0, size, radius, -1, np.inf)
     for i in range(1, size - 1):
-        flown[0] += turn_fits(blocked, points, rooms, i, radius, -1)
-        flown[1] += turn_fits(blocked, moved, rooms, i, radius, -1)
+        flown[0] += turn_fits(blocked, points, clearances, i, radius, -1)
+        flown[1] += turn_fits(blocked, moved, clearances, i, radius, -1)
     return moved, before, after, flown
 
 
@@ -67,8 +67,8 @@ def make_way(blocked: np.ndarray, points: np.ndarray, reach: float) -> None:
         blocked[row, col] = all(clear_leg(alone, *a, *b, reach, -1) for a, b in legs)
 
 
-def least_room(blocked: np.ndarray, places: np.ndarray, reach: float) -> float:
-    return min(room_of(blocked, *place, *place, reach) for place in places.tolist())
+def least_clearance(blocked: np.ndarray, places: np.ndarray, reach: float) -> float:
+    return min(leg_clearance_of(blocked, *place, *place, reach) for place in places.tolist())
 
 
 @settings(max_examples=300, deadline=None)
@@ -79,7 +79,7 @@ def least_room(blocked: np.ndarray, places: np.ndarray, reach: float) -> float:
     st.floats(0.3, 2.5),
     st.floats(0.05, 0.9),
 )
-def test_an_arc_comes_as_near_to_obstacles_as_is_said(seed, turn, heading, radius, reach):
+def test_an_arc_comes_as_near_to_obstacles_as_reported(seed, turn, heading, radius, reach):
     assume(abs(turn) > 0.01)
     long = radius * math.tan(abs(turn) / 2.0) + 0.2
     rng = np.random.default_rng(seed)
@@ -88,12 +88,12 @@ def test_an_arc_comes_as_near_to_obstacles_as_is_said(seed, turn, heading, radiu
     ways = np.array([[math.cos(a), math.sin(a)] for a in (heading, heading + turn)])
     points = np.array([corner - long * ways[0], corner, corner + long * ways[1]])
     make_way(blocked, points, reach)
-    room = least_room(blocked, arc(points, radius), reach)
-    said = short_by(blocked, points, 1, radius, reach)
-    if said < reach:  # beyond, the arc leads through the obstacle: by how much, its room does not tell
-        assert said == pytest.approx(reach - room, abs=0.003)
+    nearest = least_clearance(blocked, arc(points, radius), reach)
+    shortfall = short_by(blocked, points, 1, radius, reach)
+    if shortfall < reach:  # beyond, the arc crosses the obstacle: its clearance does not show by how much
+        assert shortfall == pytest.approx(reach - nearest, abs=0.003)
     else:
-        assert room < 0.01
+        assert nearest < 0.01
 
 
 @settings(max_examples=60, deadline=None)
@@ -103,12 +103,12 @@ def test_easing_takes_nothing_from_the_legs_and_makes_the_way_no_dearer(seed, re
     blocked = rng.random((30, 30)) < 0.1
     points = np.cumsum(rng.uniform(-1.0, 3.0, (9, 2)), axis=0) + 3.0
     make_way(blocked, points, 0.5 * reach)
-    rooms = np.array([room_of(blocked, *points[k], *points[k + 1], reach) for k in range(8)])
-    moved, before, after, _ = eased(blocked, points, rooms, radius)
+    clearances = np.array([leg_clearance_of(blocked, *points[k], *points[k + 1], reach) for k in range(8)])
+    moved, before, after, _ = eased(blocked, points, clearances, radius)
     assert after <= before + 1e-9
     assert np.array_equal(moved[[0, -1]], points[[0, -1]])
     for k in range(8):
-        assert clear_leg(blocked, *moved[k], *moved[k + 1], rooms[k], -1), k
+        assert clear_leg(blocked, *moved[k], *moved[k + 1], clearances[k], -1), k
 
 
 def test_corners_around_a_block_are_moved_until_a_vehicle_can_fly_them():
@@ -120,12 +120,12 @@ def test_corners_around_a_block_are_moved_until_a_vehicle_can_fly_them():
     assert flown.tolist() == [0, 2]
     for i in (1, 2):
         places = arc(moved[i - 1 : i + 2], radius)
-        assert least_room(blocked, places, reach) > reach - 1.1e-3 * radius
+        assert least_clearance(blocked, places, reach) > reach - 1.1e-3 * radius
         assert np.hypot(*(moved[i] - points[i])) < 0.5 * radius
 
 
 @pytest.mark.parametrize(("threshold", "share"), [(0.05, 1.0), (0.1, 0.8)])
-def test_on_maps_with_room_routes_have_no_corner_that_comes_nearer_than_the_clearance(threshold, share):
+def test_on_open_maps_no_corner_comes_nearer_than_the_clearance(threshold, share):
     kept = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
@@ -138,5 +138,5 @@ def test_on_maps_with_room_routes_have_no_corner_that_comes_nearer_than_the_clea
         if kept[-1]:
             for i in range(1, len(points_m) - 1):
                 places = arc(points_m[i - 1 : i + 2], 40.0, 60)
-                assert least_room(grid.blocked, places / 40.0, 0.5) > 0.498, (seed, i)
+                assert least_clearance(grid.blocked, places / 40.0, 0.5) > 0.498, (seed, i)
     assert np.mean(kept) >= share

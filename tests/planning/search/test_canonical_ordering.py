@@ -1,4 +1,4 @@
-"""Moves that a search does not look at: every distance is exact all the same, whatever moves cost."""
+"""Pruned moves of a search: every distance stays exact, whatever moves cost."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ def case(seed, shape, blocked, dear):
 
 def field_from(smap, near, order, remaining, source):
     field, came = np.empty(near.size), np.empty(near.size, np.uint8)
-    known, room = pack_nodes(order, near), dijkstra_buffers(smap._replace(has_tight_moves=True))
+    known, buffers = pack_nodes(order, near), dijkstra_buffers(smap._replace(has_tight_moves=True))
     start = np.array([source]), np.zeros(1), NONE
-    one_to_all(list_moves(remaining), True, smap.offsets, *start, field, came, known, *room)
+    one_to_all(list_moves(remaining), True, smap.offsets, *start, field, came, known, *buffers)
     return field
 
 

@@ -40,7 +40,7 @@ def test_a_climb_ends_where_an_autopilot_was_seen_to_end_it(altitude_m, east_m, 
 
 
 @pytest.mark.parametrize(("altitude_m", "east_m", "north_m"), CLIMBED_IN_WIND)
-def test_the_wind_carries_a_climb_no_farther_off_than_is_looked_at(altitude_m, east_m, north_m):
+def test_the_wind_carries_a_climb_no_farther_than_the_checked_area(altitude_m, east_m, north_m):
     flown = climb(altitude_m, wind_m_s=6.0)
     off_m = math.dist(flown.end_m, (east_m, north_m))
     assert 20.0 < off_m < max(math.dist(flown.end_m, end) for end in flown.possible_ends_m())
@@ -69,7 +69,7 @@ def test_an_obstacle_in_the_first_turn_is_named():
     assert not turn_problem(grid, straight, [(2200.0, 1350.0)], 78.0, 60.0)
 
 
-def test_wind_asks_for_more_room_beside_the_climb():
+def test_wind_requires_more_clearance_at_the_climb():
     grid = field((1580.0, 1240.0, 1660.0, 1400.0))
     assert not climb_problem(grid, climb(90.0), 60.0)
     assert climb_problem(grid, climb(90.0, wind_m_s=6.0), 60.0)

@@ -58,7 +58,7 @@ def is_inside(grid, place_m):
     return grid.contains(place_m) and bool(grid.blocked[grid.node_of(place_m)])
 
 
-def test_in_the_open_and_beside_obstacles_it_is_straight_as_it_was():
+def test_in_the_open_and_near_obstacles_the_return_route_stays_straight():
     for grid in (OPEN, OPEN.with_obstacles(discs_m=[(300.0, 1700.0, 60.0)])):
         route, home = planned(grid, (1700.0, 1000.0))
         assert home.is_straight
@@ -89,7 +89,7 @@ def test_an_approach_that_is_not_clear_is_made_from_elsewhere():
     assert abs(turn) < math.radians(110.0)
 
 
-def test_where_no_approach_is_clear_it_lands_as_it_did_and_says_so():
+def test_without_a_clear_approach_the_landing_stays_straight_with_a_note():
     ring = [
         (row, col) for row in range(21, 30) for col in range(1, 10) if max(abs(row - 25), abs(col - 5)) == 4
     ]

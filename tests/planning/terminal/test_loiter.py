@@ -73,7 +73,7 @@ def test_in_the_open_a_vehicle_circles_where_its_route_ends():
         assert not result.stops_short
 
 
-def test_before_a_wall_a_vehicle_passes_its_target_and_waits_where_there_is_room():
+def test_before_a_wall_a_vehicle_passes_its_target_and_loiters_where_it_is_clear():
     grid = OPEN.with_obstacles(boxes_m=[(1270.0, 400.0, 1400.0, 1600.0)])
     target_m = (1220.0, 1000.0)
     route, result = planned(grid, target_m)
@@ -86,7 +86,7 @@ def test_before_a_wall_a_vehicle_passes_its_target_and_waits_where_there_is_room
     assert any(is_inside(grid, place) for place in flown(straight))
 
 
-def test_a_target_over_an_obstacle_is_passed_beside_it():
+def test_a_target_over_an_obstacle_is_passed_next_to_it():
     grid = OPEN.with_obstacles(cells=[(25, 30)])
     target_m = (1200.0, 1000.0)
     route, result = planned(grid, target_m, options=replace(OPTIONS, clearance_m=25.0))
@@ -97,7 +97,7 @@ def test_a_target_over_an_obstacle_is_passed_beside_it():
     assert planned(grid, target_m)[1].stops_short == {1}  # 8 m are less than a quarter of 50
 
 
-def test_nobody_is_sent_past_a_target_that_no_clear_way_passes():
+def test_no_agent_passes_a_target_without_a_clear_route():
     walls = [(20, col) for col in range(26, 35)] + [(30, col) for col in range(26, 35)]
     walls += [(row, 34) for row in range(20, 31)] + [(row, 26) for row in (*range(20, 25), *range(26, 31))]
     grid = OPEN.with_obstacles(cells=walls, boxes_m=[(1160.0, 820.0, 1340.0, 1180.0)])

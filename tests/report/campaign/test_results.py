@@ -1,4 +1,4 @@
-"""A campaign's figures: intervals that hold what they promise, and rules of death judged by the truth."""
+"""A campaign's figures: intervals that hold what they promise, and rules of death compared with the truth."""
 
 import math
 
@@ -94,7 +94,7 @@ def watch(alive: str, existence: list[float], statuses: dict[int, str]) -> Death
     return deaths
 
 
-def test_a_clutter_point_revives_the_dead_for_the_plain_rule_only():
+def test_a_clutter_point_revives_a_lost_agent_by_the_plain_rule_only():
     deaths = watch("aaadddd", [1.0, 1.0, 1.0, 0.6, 0.2, 0.7, 0.1], {5: "lost"})
     assert (deaths.plain().delays_s, deaths.plain().revivals) == ((1.0,), 1)
     assert (deaths.ours().delays_s, deaths.ours().revivals) == ((2.0,), 0)
@@ -113,7 +113,7 @@ def test_false_calls_of_central_command_are_counted():
     assert (deaths.ours().false_deaths, deaths.ours().delays_s) == (1, (1.0,))
 
 
-def test_what_happens_after_arrival_is_nobodys_death():
+def test_a_loss_after_arrival_is_not_a_death():
     deaths = watch("aaadd", [1.0, 1.0, 0.9, 0.1, 0.1], {2: "arrived"})
     assert deaths.deaths == 0
     assert deaths.plain().delays_s == ()

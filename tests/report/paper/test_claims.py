@@ -1,4 +1,4 @@
-"""The paper's claims are judged by what was flown: each verdict turns when the run does."""
+"""The paper's claims are evaluated on flown runs: each verdict changes with the run."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -136,7 +136,7 @@ def test_a_revival_is_no_slow_detection() -> None:
     assert spurious(a_run(revived_s=(50, 60, 61))) == (3, 2, 1)
 
 
-def test_estimates_are_sorted_by_what_they_are_of() -> None:
+def test_estimates_are_sorted_by_object() -> None:
     estimates, false, missed = false_and_missed(a_run(revived_s=(50,)))
     assert (estimates, false, missed) == (91 + 31 + 1 + 1 + 2 * 91, 2, 0)
     assert wrong_kind(a_run()) == (0, 0)
@@ -182,7 +182,7 @@ def test_the_table_in_markdown_has_every_claim() -> None:
     assert all(line.count("|") == 6 for line in lines)
 
 
-def test_many_detections_are_thinned_evenly_and_the_picture_says_so() -> None:
+def test_many_detections_are_thinned_evenly_with_a_remark() -> None:
     builder = TimelineBuilder()
     for second in range(120):
         z_m = np.column_stack([np.arange(1000.0), np.full(1000, float(second))])

@@ -67,7 +67,7 @@ def a_run(agents: int = 2) -> list[object]:
     return values
 
 
-def test_the_course_is_what_happened() -> None:
+def test_the_timeline_equals_the_events() -> None:
     timeline = gather(a_run())
     assert timeline.duration_s == 10.0
     assert timeline.area_m == (0.0, 0.0, 2000.0, 1000.0)
@@ -84,7 +84,7 @@ def test_only_a_new_route_is_drawn_and_it_begins_at_the_agent() -> None:
     assert points.tolist() == [[250.0, 100.0], [1500.0, 300.0]]
 
 
-def test_clutter_is_what_lies_near_nothing() -> None:
+def test_detections_near_no_track_are_clutter() -> None:
     assert gather(a_run()).clutter_m.tolist() == [[20.0, 900.0]] * 11
 
 

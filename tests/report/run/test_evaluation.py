@@ -134,9 +134,7 @@ def test_without_truth_nothing_is_complete() -> None:
 
 
 @pytest.mark.parametrize(("distance_m", "outcome"), [(64.9, "complete"), (65.1, "incomplete")])
-def test_arrival_is_believed_within_the_capture_radius_and_an_allowance(
-    distance_m: float, outcome: str
-) -> None:
+def test_arrival_counts_within_the_capture_radius_and_an_allowance(distance_m: float, outcome: str) -> None:
     evaluator = Evaluator(RADIUS_M, [1])
     for second in (0, 1):
         evaluator.add_truth(truth(second, {1: (1000.0, -distance_m)}))
@@ -179,7 +177,7 @@ def test_two_agents_at_two_near_targets_have_each_one_of_them(monkeypatch: pytes
     assert [agent.target for agent in summary(evaluator).agents] == [1, 2]
 
 
-def test_an_agent_that_was_dead_when_called_arrived_has_not_arrived() -> None:
+def test_an_agent_that_was_lost_when_called_arrived_has_not_arrived() -> None:
     evaluator = Evaluator(RADIUS_M, [1])
     evaluator.add_truth(truth(0, {1: (1000.0, 0.0)}, dead=[1]))
     evaluator.add_effect(AgentStatus(at(0), 1, "arrived", (0, 0)))
@@ -187,7 +185,7 @@ def test_an_agent_that_was_dead_when_called_arrived_has_not_arrived() -> None:
     assert "agent 1 called arrived but dead" in summary(evaluator).reason
 
 
-def test_an_agent_that_dies_at_its_target_has_arrived() -> None:
+def test_an_agent_that_is_lost_at_its_target_has_arrived() -> None:
     evaluator = a_good_run()
     evaluator.add_truth(truth(11, {1: (1000.0, 10.0), 2: (0.0, 0.0), 3: (1000.0, 1010.0)}, dead=[1, 2]))
     evaluator.add_effect(AgentStatus(at(10.9), 1, "lost"))
@@ -198,7 +196,7 @@ def test_an_agent_that_dies_at_its_target_has_arrived() -> None:
     assert verdict.deaths == 1
 
 
-def test_calling_a_living_agent_dead_is_counted_and_spoils_the_run() -> None:
+def test_a_false_loss_is_counted_and_fails_the_run() -> None:
     evaluator = Evaluator(RADIUS_M, [1])
     for second in (0, 1, 2):
         evaluator.add_truth(truth(second, {1: (0.0, 0.0)}))
@@ -213,18 +211,18 @@ def test_a_false_death_that_is_taken_back_is_counted_only() -> None:
     evaluator = Evaluator(RADIUS_M, [1])
     for second in (0, 1, 2):
         evaluator.add_truth(truth(second, {1: (1000.0, 0.0)}))
-    for fate in (
+    for status in (
         AgentStatus(at(0.5), 1, "lost"),
         AgentStatus(at(1), 1, "active"),
         AgentStatus(at(1.5), 1, "arrived", (0, 0)),
     ):
-        evaluator.add_effect(fate)
+        evaluator.add_effect(status)
     evaluator.add_effect(MissionEnded(at(2), (1,), ()))
     verdict = summary(evaluator)
     assert (verdict.outcome, verdict.false_deaths) == ("complete", 1)
 
 
-def test_a_death_that_nobody_noticed_is_not_a_detection() -> None:
+def test_an_undetected_death_is_not_a_detection() -> None:
     evaluator = Evaluator(RADIUS_M, [1])
     evaluator.add_truth(truth(0, {1: (0.0, 0.0)}))
     evaluator.add_truth(truth(1, {1: (0.0, 0.0)}, dead=[1]))
@@ -250,7 +248,7 @@ def test_ospa_compares_confirmed_tracks_with_the_living_at_the_same_scan() -> No
     assert evaluator.ospa("targets").t_ns == ()
 
 
-def test_a_retask_is_a_new_route_for_somebody_who_had_one() -> None:
+def test_a_retask_is_a_new_route_for_an_agent_that_had_one() -> None:
     evaluator = Evaluator(RADIUS_M, [1, 2, 3])
     evaluator.add_truth(truth(0, {1: (0.0, 0.0)}))
     evaluator.add_effect(plan(1, [1, 2], [1, 2], "first plan"))
@@ -299,8 +297,8 @@ def test_truth_may_arrive_in_any_order(order: list[int]) -> None:
     ]
     for index in order:
         evaluator.add_truth(ground_truth[index])
-    for fate in reference._statuses:
-        evaluator.add_effect(fate)
+    for status in reference._statuses:
+        evaluator.add_effect(status)
     assert summary(ended(evaluator)) == summary(ended(reference)) or both_nan(evaluator, reference)
 
 

@@ -1,4 +1,4 @@
-"""A jump of a GPS that a report hides, or a jump that nobody flew, misleads whoever reads the report."""
+"""A hidden GPS jump, or a jump that no vehicle flew, misleads the reader of the report."""
 
 import numpy as np
 import pytest

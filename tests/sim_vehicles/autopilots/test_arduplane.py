@@ -27,7 +27,7 @@ def waypoint(east_m: float, north_m: float, command: int = 16, z: float = 100.0,
 
 
 class Pilot:
-    """An autopilot with its airframe and a clock, and everything that it has told."""
+    """An autopilot with its airframe and a clock, and all its notices."""
 
     def __init__(
         self,
@@ -121,7 +121,7 @@ def test_a_mission_shortened_below_the_flown_item_keeps_its_number_then_ends():
     pilot.until(lambda: pilot.autopilot.mode is Mode.RTL, seconds=30)
 
 
-def test_set_current_takes_zero_for_one_and_refuses_what_is_not_there():
+def test_set_current_accepts_zero_for_one_and_refuses_missing_items():
     pilot = Pilot(waypoint(800, 0), waypoint(800, 800))
     assert pilot.autopilot.set_current(0)
     assert pilot.autopilot.seq == 1
@@ -223,7 +223,7 @@ def test_from_the_ground_it_arms_late_takes_off_flies_and_lands():
     assert pilot.reached == [1, 2, 3]
 
 
-def test_a_refused_arming_says_why_and_force_goes_through():
+def test_a_refused_arming_has_a_reason_and_force_goes_through():
     pilot = Pilot(airborne=False)
     pilot.autopilot.arm(pilot.t_ns)
     pilot.fly(0.01)
@@ -264,7 +264,7 @@ def test_without_the_failsafe_a_loss_of_the_ground_station_changes_nothing():
     assert pilot.autopilot.mode is Mode.LOITER
 
 
-def test_silence_on_the_ground_leaves_a_vehicle_in_rtl_and_so_unarmable():
+def test_a_lost_link_on_the_ground_leaves_a_vehicle_in_rtl_and_so_unarmable():
     """The field guide's commands, a minute apart, end here: arming fails until the mode is changed."""
     pilot = Pilot(airborne=False, FS_GCS_ENABL=1, ARMING_DELAY_S=0)
     pilot.autopilot.note_gcs_heartbeat(255, pilot.t_ns)

@@ -72,7 +72,7 @@ def test_it_gives_up_after_eight_seconds_with_ack_15(ground):
     assert "MISSION_REQUEST" not in kinds(g.fly(5))
 
 
-def test_an_abandoned_upload_leaves_a_mixture(ground, item):
+def test_an_abandoned_upload_leaves_an_inconsistent_mission(ground, item):
     g = ground()
     g.upload(*(item(k, 100 * k, 0) for k in range(5)))
     g.send(count(4))
@@ -137,7 +137,7 @@ def test_another_ground_station_is_denied_during_an_upload(ground, item):
         ({"z": math.nan}, mavlink.MAV_MISSION_INVALID_PARAM7),
     ],
 )
-def test_an_item_it_cannot_fly_ends_the_upload_and_leaves_what_stood(ground, item, fields, result):
+def test_an_item_it_cannot_fly_ends_the_upload_and_keeps_the_old_mission(ground, item, fields, result):
     g = ground()
     g.upload(*(item(k, 100 * k, 0) for k in range(4)))
     g.send(count(3))
@@ -208,7 +208,7 @@ def test_the_older_float_items_work_both_ways(ground, item):
     assert back.x == pytest.approx(lat, abs=1e-5)
 
 
-def test_partial_upload_replaces_only_what_it_names(ground, item):
+def test_a_partial_upload_replaces_only_its_items(ground, item):
     g = ground()
     g.upload(*(item(k, 100 * k, 0) for k in range(4)))
     replies = g.send(mavlink.MAVLink_mission_write_partial_list_message(7, 1, 2, 2, 0))
@@ -217,7 +217,7 @@ def test_partial_upload_replaces_only_what_it_names(ground, item):
     assert [m.x for m in g.download()[1:]] == [item(0, e, n).x for e, n in ((100, 0), (0, 700), (300, 0))]
 
 
-def test_progress_is_told_as_it_happens(ground, item):
+def test_progress_is_reported_as_it_happens(ground, item):
     g = ground()
     g.upload(item(0, 0, 0), item(1, 150, 0), item(2, 400, 0))
     g.command(mavlink.MAV_CMD_MISSION_START)

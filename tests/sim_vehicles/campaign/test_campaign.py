@@ -23,7 +23,7 @@ def test_every_scenario_value_seed_and_planner_meets_every_other():
     assert [job.seed for job in jobs] == sorted(job.seed for job in jobs)
 
 
-def test_a_mistake_is_told_before_anything_flies():
+def test_a_mistake_is_reported_before_anything_flies():
     with pytest.raises(ConfigError, match="period"):
         Campaign(("prescribed",), 1, sweep_key="planning.period_s", sweep_values=("1", "-1")).jobs()
 
@@ -77,7 +77,7 @@ def test_flies_on_a_dask_cluster():
         assert list(fly_on_dask([job], cluster.scheduler_address)) == [fly(job)]
 
 
-def test_nobody_at_the_address_is_said():
+def test_a_missing_service_is_reported():
     pytest.importorskip("distributed")
     with pytest.raises(RecordingError, match="no Dask scheduler"):
         list(fly_on_dask([], "tcp://127.0.0.1:1", timeout_s=0.5))

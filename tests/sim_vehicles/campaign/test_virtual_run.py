@@ -32,12 +32,12 @@ from sim_vehicles.world.scenario import load, parse_scenario
 
 PAPER = ["deterministic", "prescribed", "random-obstacles", "random-targets"]
 FIRST_PLAN_S = 2.0
-"""Everybody is believed at the third scan."""
+"""Tracks are confirmed at the third scan."""
 
 
 @dataclass
 class Flown:
-    """A mission that was flown: its verdict, its recording, what was told."""
+    """A mission that was flown: its verdict, its recording, its statuses."""
 
     summary: Summary
     effects: list[Effect] = field(default_factory=list)
@@ -45,14 +45,14 @@ class Flown:
     recording: str = ""
 
     def statuses(self) -> dict[int, list[tuple[float, str]]]:
-        """Seconds and fate of each change, by vehicle."""
-        told: dict[int, list[tuple[float, str]]] = {}
+        """Seconds and agent status of each change, by vehicle."""
+        changes: dict[int, list[tuple[float, str]]] = {}
         for effect in self.effects:
             if isinstance(effect, AgentStatus):
-                told.setdefault(effect.vehicle, []).append(
+                changes.setdefault(effect.vehicle, []).append(
                     ((effect.t_ns - START_T_NS) / NS_PER_S, effect.status)
                 )
-        return told
+        return changes
 
 
 def fly(name: str, seed: int, *, loss: float = 0.0, kills: dict[int, float] | None = None) -> Flown:
@@ -140,7 +140,7 @@ def test_links_that_lose_a_fifth_each_way_still_complete(name: str) -> None:
 
 
 def test_losses_do_not_change_the_world() -> None:
-    """Targets move and agents die as they would: only what is heard differs."""
+    """Targets move and agents are lost as they would be: only what is heard differs."""
     worlds = []
     for loss in (0.0, 0.3):
         ground_truth = fly("random-obstacles", 3, loss=loss).ground_truth[:100]
@@ -165,7 +165,7 @@ def test_losses_do_not_change_the_world() -> None:
         ("deterministic", 4, 121.0),  # less than 100 m from its target
     ],
 )
-def test_a_killed_vehicle_is_called_dead_within_five_seconds_and_the_others_arrive(
+def test_a_killed_vehicle_is_called_lost_within_five_seconds_and_the_others_arrive(
     name: str, vehicle: int, at_s: float
 ) -> None:
     flown = fly(name, 0, kills={vehicle: at_s})
@@ -177,33 +177,33 @@ def test_a_killed_vehicle_is_called_dead_within_five_seconds_and_the_others_arri
     assert flown.summary.false_deaths == 0
 
 
-def test_a_vehicle_killed_before_it_was_known_by_its_track_is_called_dead_soon_too() -> None:
+def test_a_vehicle_killed_before_its_association_is_called_lost_soon_too() -> None:
     flown = fly("prescribed", 0, kills={3: 0.5})
-    (told,) = flown.statuses()[3]
-    assert told[1] == "lost"
-    assert 0.5 < told[0] < 8.0
+    (change,) = flown.statuses()[3]
+    assert change[1] == "lost"
+    assert 0.5 < change[0] < 8.0
     assert_complete(flown)
 
 
 def test_a_vehicle_that_never_shows_up_is_given_up_and_the_others_go() -> None:
     flown = fly("deterministic", 0, kills={2: 0.0})
-    (told,) = flown.statuses()[2]
-    assert told[1] == "lost"
-    assert 20.0 < told[0] < 25.0
+    (change,) = flown.statuses()[2]
+    assert change[1] == "lost"
+    assert 20.0 < change[0] < 25.0
     assert_complete(flown)
     first = next(effect for effect in flown.effects if isinstance(effect, Plan))
     assert (first.t_ns - START_T_NS) / NS_PER_S == pytest.approx(5.0, abs=1.0)
     assert [route.vehicle for route in first.routes] == [1, 3, 4]
 
 
-def test_when_all_are_killed_the_mission_ends_with_nobody() -> None:
+def test_when_all_are_killed_the_mission_ends_without_agents() -> None:
     flown = fly("deterministic", 0, kills=dict.fromkeys((1, 2, 3, 4), 30.0))
     (ended,) = [effect for effect in flown.effects if isinstance(effect, MissionEnded)]
     assert (ended.arrived, ended.lost) == ((), (1, 2, 3, 4))
     assert flown.summary.duration_s < 36.0
 
 
-def test_a_killed_vehicle_says_nothing_more_and_stays_where_it_fell() -> None:
+def test_a_killed_vehicle_sends_nothing_more_and_stays_where_it_fell() -> None:
     heard: list[Datagram] = []
     ground_truth: list[Truth] = []
 
@@ -231,7 +231,7 @@ def test_time_goes_on_in_equal_steps_and_events_are_in_its_order() -> None:
     assert scans == [START_T_NS + i * NS_PER_S for i in range(11)]
 
 
-def test_a_run_that_takes_too_long_is_cut_off_where_it_was_told() -> None:
+def test_a_run_that_takes_too_long_ends_at_its_limit() -> None:
     run = VirtualRun(load("deterministic"), 0)
     assert run.run(12.0) == pytest.approx(12.0, abs=0.1)
     assert not run.ended
@@ -292,7 +292,7 @@ def test_bytes_arrive_whole_and_only_at_their_vehicle_a_step_after_they_were_sen
     assert seen.heard == seen.said
 
 
-def test_each_way_loses_the_share_it_was_told_to(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_direction_loses_its_share(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = traffic(monkeypatch, 60.0, loss=0.3)
     assert set(seen.heard) <= set(seen.said)
     assert set(seen.got) <= set(seen.sent)
@@ -302,7 +302,7 @@ def test_each_way_loses_the_share_it_was_told_to(monkeypatch: pytest.MonkeyPatch
         assert len(arrived) == pytest.approx(0.7 * n, abs=5 * math.sqrt(0.21 * n))
 
 
-def test_a_vehicle_that_somebody_sent_home_is_left_alone() -> None:
+def test_a_vehicle_that_another_station_sent_home_gets_no_mission() -> None:
     encoder = mavlink.MAVLink(None, 254, 190)
     rtl = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, 11, 0, 0, 0, 0, 0)
     effects: list[tuple[int, object]] = []
@@ -340,10 +340,10 @@ def numbers(table: str) -> list[str]:
     return [row.split("#")[0].strip() for row in table.splitlines() if "=" in row]
 
 
-@pytest.mark.parametrize("births_anywhere", [True, False])
-def test_targets_that_left_their_places_of_birth_are_found_or_told_of(births_anywhere):
+@pytest.mark.parametrize("has_adaptive_birth", [True, False])
+def test_targets_that_left_their_birth_components_are_found_or_reported(has_adaptive_birth):
     text = begun_50_s_ago(load("prescribed").text)
-    if not births_anywhere:
+    if not has_adaptive_birth:
         text = text.replace("per_s = 0.0005", "per_s = 0.0")
     run = VirtualRun(parse_scenario(text, "begun"), seed=1)
     effects: list[Effect] = []
@@ -351,5 +351,5 @@ def test_targets_that_left_their_places_of_birth_are_found_or_told_of(births_any
     run.run(20.0)
     targets = run.command.trackers.targets.confirmation.tracks
     alarms = [one.text for one in effects if isinstance(one, Notice) and "detections persist" in one.text]
-    assert len(targets) == (5 if births_anywhere else 0)
-    assert len(alarms) in ([0] if births_anywhere else [1, 2])
+    assert len(targets) == (5 if has_adaptive_birth else 0)
+    assert len(alarms) in ([0] if has_adaptive_birth else [1, 2])

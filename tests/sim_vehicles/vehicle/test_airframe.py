@@ -66,7 +66,7 @@ def test_step_is_the_matrix_step(state, heading, error, speed):
     )
 
 
-def test_a_right_angle_turn_takes_what_the_paper_s_numbers_say():
+def test_a_right_angle_turn_needs_the_papers_time():
     airframe, target = Airframe(0, 0, 100, 0, 15), math.pi / 2
     reached_s = settled_s = 0.0
     peak = 0.0

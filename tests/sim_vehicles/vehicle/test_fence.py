@@ -1,4 +1,4 @@
-"""A user would trust a simulated fence that holds nobody."""
+"""A user would trust a simulated fence that stops no vehicle."""
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -16,7 +16,7 @@ def load(pen, mission_type, items):
     assert pen.upload(*messages, mission_type=mission_type) == mavlink.MAV_MISSION_ACCEPTED
 
 
-def test_a_vehicle_that_leaves_its_fence_returns_and_says_so(ground):
+def test_a_vehicle_that_leaves_its_fence_returns_with_a_message(ground):
     pen = ground(parameters={"FENCE_ENABLE": 1})
     load(pen, FENCE, fence_items(Fence((Area(True, (), (33.2, -87.6), 400.0),))))
     pen.vehicle.autopilot.set_mode(Mode.FBWA)  # straight on, to the east

@@ -18,7 +18,7 @@ def of(messages, kind):
     return [m for m in messages if m.get_type() == kind]
 
 
-def test_heartbeat_each_second_says_armed_fixed_wing_ardupilot(ground):
+def test_a_heartbeat_each_second_is_of_an_armed_fixed_wing_ardupilot(ground):
     g = ground()
     beats = of(g.fly(10), "HEARTBEAT")
     assert len(beats) == 10
@@ -56,7 +56,7 @@ def test_position_report_is_the_truth_to_a_centimetre_without_noise(ground, item
     assert (report.alt, report.relative_alt) == (170_000, 100_000)
 
 
-def test_reported_positions_scatter_as_the_noise_says(ground):
+def test_reported_positions_scatter_by_the_noise(ground):
     g = ground(gps_noise_std_m=3.0, forward_speed_m_s=0.01)
     g.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 33, 20_000)
     north_m = [(m.lat / 1e7 - 33.2) * 110_920 for m in of(g.fly(20), "GLOBAL_POSITION_INT")]
@@ -146,7 +146,7 @@ def test_a_mode_it_does_not_have_is_refused(ground):
     assert g.mode == LOITER
 
 
-def test_set_current_command_denies_what_is_out_of_range(ground, item):
+def test_set_current_command_denies_items_out_of_range(ground, item):
     g = ground()
     g.upload(*(item(k, 1000 * k, 0) for k in range(3)))
     result, replies = g.command(224, 2)
@@ -225,7 +225,7 @@ def test_unknown_commands_are_unsupported_and_acks_name_their_receiver(ground):
     assert (result, ack.target_system, ack.target_component) == (UNSUPPORTED, 42, 99)
 
 
-def test_it_is_deaf_to_what_is_meant_for_others(ground):
+def test_messages_for_others_are_ignored(ground):
     g = ground()
     message = mavlink.MAVLink_command_long_message(8, 1, 176, 0, 1, RTL, 0, 0, 0, 0, 0)
     assert g.send(message) == []

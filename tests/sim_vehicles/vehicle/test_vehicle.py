@@ -1,4 +1,4 @@
-"""A vehicle is the same for the same seed, dies as it should, and is silent when dead."""
+"""A vehicle is the same for the same seed, is lost at its time, and sends nothing when lost."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def spec(**changes) -> VehicleSpec:
     )
 
 
-def died_after_s(vehicle: SimVehicle, limit_s: int) -> int | None:
+def lost_after_s(vehicle: SimVehicle, limit_s: int) -> int | None:
     for second in range(1, limit_s + 1):
         vehicle.advance(START_NS + second * S)
         if not vehicle.alive:
@@ -93,13 +93,13 @@ def test_a_prescribed_death_comes_on_time_and_is_silent():
 
 def test_death_is_drawn_once_a_period_with_the_given_probability():
     ages = [
-        died_after_s(SimVehicle(spec(seed=k, survival_probability=0.8), FRAME, START_NS), 60)
+        lost_after_s(SimVehicle(spec(seed=k, survival_probability=0.8), FRAME, START_NS), 60)
         for k in range(120)
     ]
     assert None not in ages
     assert sum(ages) / len(ages) == pytest.approx(5.0, abs=1.2)
     slow = SimVehicle(spec(survival_probability=0.0, death_check_period_s=5.0), FRAME, START_NS)
-    assert died_after_s(slow, 10) == 5
+    assert lost_after_s(slow, 10) == 5
 
 
 BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 255, 190))
@@ -113,31 +113,31 @@ def heard(vehicle: SimVehicle, from_s: int, to_s: int) -> None:
 @pytest.mark.parametrize("how", [{"dies_at_s": 5.0}, {"survival_probability": 0.0}])
 def test_deaths_wait_for_a_ground_station_that_stays(how):
     vehicle = SimVehicle(spec(waits_for_ground=True, **how), FRAME, START_NS)
-    assert died_after_s(vehicle, 50) is None
-    heard(vehicle, 50, 55)  # a look before the flight
+    assert lost_after_s(vehicle, 50) is None
+    heard(vehicle, 50, 55)  # before the flight
     vehicle.advance(START_NS + 90 * S)
     assert vehicle.alive
     heard(vehicle, 90, 100)
     assert vehicle.alive
-    assert died_after_s(vehicle, 105) in (101, 105)
+    assert lost_after_s(vehicle, 105) in (101, 105)
 
 
-def test_deaths_that_wait_for_nobody_count_from_the_start():
+def test_deaths_on_the_ground_count_from_the_start():
     vehicle = SimVehicle(spec(dies_at_s=5.0), FRAME, START_NS)
-    assert died_after_s(vehicle, 50) == 5
+    assert lost_after_s(vehicle, 50) == 5
 
 
-def test_certain_survival_never_dies_and_deaths_are_the_vehicle_s_own():
-    assert died_after_s(SimVehicle(spec(), FRAME, START_NS), 120) is None
+def test_certain_survival_has_no_deaths_and_deaths_are_the_vehicles_own():
+    assert lost_after_s(SimVehicle(spec(), FRAME, START_NS), 120) is None
     by_seed = {
-        (seed, k): died_after_s(
+        (seed, k): lost_after_s(
             SimVehicle(spec(system_id=k, seed=seed, survival_probability=0.9), FRAME, START_NS), 90
         )
         for seed in (1, 2)
         for k in range(1, 9)
     }
     again = SimVehicle(spec(system_id=3, seed=2, survival_probability=0.9), FRAME, START_NS)
-    assert died_after_s(again, 90) == by_seed[2, 3]
+    assert lost_after_s(again, 90) == by_seed[2, 3]
     assert len({by_seed[1, k] for k in range(1, 9)}) > 2
     assert [by_seed[1, k] for k in range(1, 9)] != [by_seed[2, k] for k in range(1, 9)]
 

@@ -36,7 +36,7 @@ def test_in_a_crosswind_the_course_to_a_point_is_straight():
     assert aside_m < 1.0
 
 
-def test_gusts_have_the_deviation_and_the_memory_they_are_given():
+def test_gusts_have_their_deviation_and_correlation_time():
     airframe = Airframe(0.0, 0.0, 100.0, 0.0, 15.0)
     wind = Wind(4.0, 0.0, 2.0, 5.0, np.random.default_rng(1), 0)
     seen = []
@@ -49,7 +49,7 @@ def test_gusts_have_the_deviation_and_the_memory_they_are_given():
     assert np.corrcoef(north[:-5], north[5:])[0, 1] == pytest.approx(math.exp(-1.0), abs=0.05)
 
 
-def test_the_wind_does_not_depend_on_how_often_it_is_looked_at():
+def test_the_wind_does_not_depend_on_how_often_it_is_read():
     places = []
     for stride in (1, 7):
         airframe = Airframe(0.0, 0.0, 100.0, 0.0, 15.0)

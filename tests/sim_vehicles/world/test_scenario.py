@@ -101,12 +101,12 @@ def test_a_mistake_names_file_key_and_what_was_expected(mistake, wrong: str, key
     assert words in str(error)
 
 
-def test_a_mission_without_a_world_says_so(mistake) -> None:
+def test_a_mission_without_a_world_is_refused(mistake) -> None:
     error = mistake(GOOD[: GOOD.index("[simulation]")])
     assert (error.key, "no world to simulate" in str(error)) == ("simulation", True)
 
 
-def test_a_world_without_a_speed_says_so(mistake) -> None:
+def test_a_world_without_a_speed_is_refused(mistake) -> None:
     error = mistake(GOOD.replace("forward_speed_m_s = 15.0", "gps_noise_std_m = 1.0"))
     assert (error.key, "`forward_speed_m_s` is missing" in str(error)) == ("simulation", True)
 

@@ -36,21 +36,21 @@ def as_set(z_m):
     return {tuple(row) for row in z_m.tolist()}
 
 
-def test_a_scan_says_when_it_was_measured_and_by_what() -> None:
+def test_a_scan_has_its_time_and_sensor() -> None:
     scan = observe(SENSOR, OBJECTS, 0, 3, 42)
     assert (scan.t_ns, scan.measured_t_ns, scan.sensor) == (42, 42, SENSOR)
     assert scan.z_m.shape[1] == 2
     assert not scan.z_m.flags.writeable
 
 
-def test_objects_are_detected_as_often_as_the_sensor_says() -> None:
+def test_objects_are_detected_with_the_sensors_probability() -> None:
     quiet = replace(SENSOR, clutter_density_per_m2=0.0)
     seen = sum(len(points(quiet, OBJECTS, index=i)) for i in range(SCANS))
     n, p = SCANS * len(OBJECTS), SENSOR.detection_probability
     assert seen == pytest.approx(n * p, abs=5 * math.sqrt(n * p * (1 - p)))
 
 
-def test_noise_has_the_covariance_that_the_sensor_says_on_each_axis() -> None:
+def test_noise_has_the_sensors_covariance_on_each_axis() -> None:
     errors = np.vstack([points(CLEAN, OBJECTS[:1], index=i) - (100.0, 100.0) for i in range(SCANS)])
     assert errors.mean(axis=0) == pytest.approx((0.0, 0.0), abs=5 * 5.0 / math.sqrt(SCANS))
     assert np.cov(errors.T) == pytest.approx(np.diag([9.0, 25.0]), abs=5 * 25.0 * math.sqrt(2 / SCANS))
@@ -86,7 +86,7 @@ def test_the_order_of_points_tells_nothing() -> None:
     assert np.var(ranks) > 0.05
 
 
-def test_nothing_is_seen_of_the_dead_nor_outside_the_field_of_view() -> None:
+def test_lost_objects_and_those_outside_the_field_of_view_are_not_seen() -> None:
     gone = [replace(OBJECTS[0], alive=False), TruthObject("targets", 0, 901.0, 100.0, True)]
     assert all(len(points(CLEAN, gone, index=i)) == 0 for i in range(50))
     on_the_edge = [TruthObject("targets", 0, 900.0, 450.0, True)]
@@ -94,9 +94,7 @@ def test_nothing_is_seen_of_the_dead_nor_outside_the_field_of_view() -> None:
 
 
 @given(st.integers(0, 2**31), st.integers(0, 10**6), st.lists(st.booleans(), min_size=6, max_size=6))
-def test_a_death_changes_nothing_of_what_is_seen_of_the_others(
-    seed: int, index: int, alive: list[bool]
-) -> None:
+def test_a_loss_changes_no_detection_of_the_others(seed: int, index: int, alive: list[bool]) -> None:
     places = [TruthObject("agents", i, 100.0 * i, 50.0 * i, True) for i in range(6)]
     everybody = as_set(points(SENSOR, places, seed=seed, index=index))
     survivors = [replace(thing, alive=is_alive) for thing, is_alive in zip(places, alive, strict=True)]
@@ -125,7 +123,7 @@ def test_a_perfect_sensor_sees_everything_every_time() -> None:
     assert all(len(points(CLEAN, OBJECTS, index=i)) == 3 for i in range(200))
 
 
-def test_a_sensor_announces_what_it_does() -> None:
+def test_a_sensor_announces_its_model() -> None:
     scenario = load("prescribed")
     table, area = scenario.simulation.sensor, scenario.config.map
     sensor = make_sensors(scenario)[0]
@@ -140,7 +138,7 @@ def test_a_sensor_announces_what_it_does() -> None:
     assert np.mean(counts) == pytest.approx(table.clutter_per_scan, abs=5 * math.sqrt(20 / 500))
 
 
-def test_a_radar_sees_in_range_and_bearing_what_is_in_its_sector() -> None:
+def test_a_radar_measures_range_and_bearing_in_its_sector() -> None:
     polar = Polar(0.0, 0.0, 3.0, 0.01, (50.0, 600.0), (math.pi / 4, math.pi / 4), 2.0 / (550.0 * math.pi / 2))
     radar = polar_sensor("radar", 1.0, polar)
     quiet = replace(radar, polar=replace(polar, clutter_per_m_rad=0.0))
@@ -156,9 +154,9 @@ def test_a_radar_sees_in_range_and_bearing_what_is_in_its_sector() -> None:
 
 def test_sensors_take_turns_in_the_order_of_time_and_draw_their_own_noise() -> None:
     world = World(load("radars"), 0, 0)
-    looks = [
+    scans = [
         (world.scan_t_ns(i), world.scan(i, world.truth(world.scan_t_ns(i), [])).sensor.name) for i in range(9)
     ]
-    assert [t for t, _ in looks] == sorted(t for t, _ in looks)
-    assert [name for _, name in looks[:4]] == ["radar-west", "radar-north", "camera", "camera"]
+    assert [t for t, _ in scans] == sorted(t for t, _ in scans)
+    assert [name for _, name in scans[:4]] == ["radar-west", "radar-north", "camera", "camera"]
     assert world.arrival_t_ns(1) - world.scan_t_ns(1) == NS_PER_S // 4

@@ -86,7 +86,7 @@ def test_drawn_targets_are_on_the_map_slow_enough_and_stay_long_enough(seed: int
             assert 0.0 <= target.north_m + t_s * target.v_north_m_s <= area.height_m
 
 
-def test_drawn_targets_spread_about_their_places_as_the_file_says() -> None:
+def test_drawn_targets_have_the_spread_of_the_file() -> None:
     scenario, _ = drawn(inside_for_s=0.0, max_speed_m_s=1000.0)
     runs = [make_targets(scenario, seed) for seed in range(400)]
     for i, birth in enumerate(scenario.config.births):

@@ -24,7 +24,7 @@ def test_scans_come_at_the_sensors_period_from_the_start_on() -> None:
     assert [world.scan_t_ns(i) for i in (0, 1, 600)] == [START, START + NS_PER_S, START + 600 * NS_PER_S]
 
 
-def test_the_truth_lists_everything_the_dead_and_the_unborn_too() -> None:
+def test_the_truth_lists_everything_also_lost_and_unborn_objects() -> None:
     world = World(load("random-targets"), 4, START)
     truth = world.truth(START, AGENTS)
     assert [(t.kind, t.id) for t in truth.objects] == [("agents", v) for v in (1, 2, 3)] + [
@@ -39,7 +39,7 @@ def test_the_truth_lists_everything_the_dead_and_the_unborn_too() -> None:
         assert alive == {i for i, appears_s in appears.items() if appears_s <= t_s}
 
 
-def test_the_order_in_which_agents_are_told_does_not_matter() -> None:
+def test_the_order_of_agents_does_not_matter() -> None:
     world = World(load("prescribed"), 0, START)
     one, other = (world.truth(START, agents) for agents in (AGENTS, AGENTS[::-1]))
     assert one == other
@@ -85,11 +85,11 @@ def test_each_scan_has_noise_of_its_own_though_nothing_moved() -> None:
     assert not np.array_equal(world.scan(0, truth).z_m, world.scan(1, truth).z_m)
 
 
-def test_an_agents_death_changes_nothing_of_what_is_seen_of_the_targets() -> None:
+def test_an_agents_loss_changes_no_detection_of_targets() -> None:
     world = World(load("prescribed"), 0, START)
     for index in range(30):
         t_ns = world.scan_t_ns(index)
-        dead = [replace(agent, alive=False) for agent in AGENTS]
-        before, after = (world.scan(index, world.truth(t_ns, agents)).z_m for agents in (AGENTS, dead))
+        lost = [replace(agent, alive=False) for agent in AGENTS]
+        before, after = (world.scan(index, world.truth(t_ns, agents)).z_m for agents in (AGENTS, lost))
         assert {tuple(z) for z in after.tolist()} <= {tuple(z) for z in before.tolist()}
         assert len(before) - len(after) <= 2

@@ -75,11 +75,11 @@ def test_each_of_sixty_missed_objects_has_the_existence_of_a_single_one():
     east, north = np.meshgrid(np.arange(100.0, 1900, 180), np.arange(100.0, 1900, 300))
     places = np.column_stack([east.ravel(), north.ravel()])
     of = tracker()
-    look = sensor(0.98, 1.0)
+    detector = sensor(0.98, 1.0)
     for k in range(4):
-        of.update(k * NS_PER_S, places, look, births(places) if k == 0 else [])
+        of.update(k * NS_PER_S, places, detector, births(places) if k == 0 else [])
     gone = [3, 17, 29, 44, 58]
-    of.update(4 * NS_PER_S, np.delete(places, gone, axis=0), look)
+    of.update(4 * NS_PER_S, np.delete(places, gone, axis=0), detector)
     found = existence(of)
     assert len(found) == 60
     for i in range(60):
@@ -124,10 +124,10 @@ def test_empty_predictions_do_not_change_the_picture():
 
 
 def test_a_detection_explained_by_something_else_raises_existence_less():
-    look, rate = sensor(), np.array([5e-6, 2e-3])
+    detector, rate = sensor(), np.array([5e-6, 2e-3])
     for density in rate:
         of = tracker()
-        of.update(0, PLACES[:1], look, births(PLACES[:1]), np.array([density]))
+        of.update(0, PLACES[:1], detector, births(PLACES[:1]), np.array([density]))
         made = 0.03 * 0.98 / (2 * np.pi * (100 + 3.16**2)) / density
         alive = 0.03 * 0.02 + made
         assert existence(of)[(0, 0)] == pytest.approx(alive / (alive + 0.97), rel=1e-4)
@@ -227,12 +227,12 @@ def linear_gaussian_scene(seed, scans=40):
 
 
 def test_pictures_are_accurate_and_the_count_is_unbiased_where_the_model_holds():
-    look = sensor(0.95, noise_m=5.0)
+    detector = sensor(0.95, noise_m=5.0)
     distances, errors = [], []
     for seed in range(8):
         of = tracker(seed, accel_std_m_s2=0.6)
         for k, (z, truth) in enumerate(linear_gaussian_scene(seed)):
-            of.update(k * NS_PER_S, z, look, births(probability=0.9 if k == 0 else 0.03))
+            of.update(k * NS_PER_S, z, detector, births(probability=0.9 if k == 0 else 0.03))
             cardinality = of.picture(0).cardinality
             errors.append(cardinality @ np.arange(cardinality.size) - len(truth))
             at = np.reshape([track.mean[:2] for track in of.estimate()], (-1, 2))

@@ -19,7 +19,7 @@ MISSED = -1
 def crowd(seed, n_labels):
     """One group of labels with two tracks each, four hypotheses over them, and the options of all tracks.
 
-    Nobody dies and the hypotheses differ, so no two ways lead to one child.
+    No track ends and the hypotheses differ, so no two parents lead to one component.
     """
     rng = np.random.default_rng(seed)
     choices = rng.permutation(2**n_labels)[:4]

@@ -62,7 +62,7 @@ def test_every_object_is_found_within_a_few_scans_and_once():
         assert np.linalg.norm(places - true, axis=1).min() < 15.0
 
 
-def test_two_sensors_at_the_same_moment_find_each_object_once():
+def test_two_sensors_at_one_epoch_find_each_object_once():
     found, _ = follow(10, moving, 30, 2, [sensor(10, "a"), sensor(10, "b")])
     assert found.max() <= 4
     assert (found[4:] == 3).mean() > 0.9
@@ -106,12 +106,12 @@ def test_an_object_outside_every_field_of_view_fades():
     params = GlmbParams(accel_std_m_s2=1.0, lost_std_m=300.0)
     rng, births = np.random.default_rng(3), unknown()
     tracker = Glmb("targets", params, 1, summarise_detections=True)
-    look, numbers, existence = sensor(5), [], []
+    radar, numbers, existence = sensor(5), [], []
     for k in range(140):
         place = np.array([1500.0 + 20.0 * k, 1000.0])
         z = scan(rng, 5, [place] if place[0] <= SIDE_M else [])
-        tracker.update(k * NS_PER_S, z, look, births.births(k * NS_PER_S))
-        births.add_scan(k * NS_PER_S, z, look, tracker.detection_summary.explained)
+        tracker.update(k * NS_PER_S, z, radar, births.births(k * NS_PER_S))
+        births.add_scan(k * NS_PER_S, z, radar, tracker.detection_summary.explained)
         tracks = [t for t in tracker.picture(0).tracks if t.existence > 0.2]
         numbers.append(len(tracks))
         existence.append(max((t.existence for t in tracks), default=0.0))

@@ -1,4 +1,4 @@
-"""A wrong F or Q makes every gate too wide or too narrow, and the picture depend on how often one looked."""
+"""A wrong F or Q makes gates too wide or too narrow, and estimates depend on the number of predictions."""
 
 import numpy as np
 import pytest

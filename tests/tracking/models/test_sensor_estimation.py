@@ -1,4 +1,4 @@
-"""A wrongly announced sensor misleads every decision: the operator must be told, once."""
+"""A wrongly announced sensor misleads every decision: the operator must be warned, once."""
 
 import numpy as np
 import pytest
@@ -74,7 +74,7 @@ def test_a_corrected_radar_keeps_its_geometry_and_gets_its_clutter():
 @pytest.mark.parametrize(("p_d", "clutter"), [(0.9, 10.0), (0.6, 10.0), (0.9, 40.0)])
 def test_a_detection_summary_estimates_the_true_sensor(p_d, clutter):
     """Announced 0.9 and 10; the truth is another. Estimated through the tracker, not from the truth."""
-    rng, look, calibration = np.random.default_rng(4), sensor(), SensorEstimation()
+    rng, detector, calibration = np.random.default_rng(4), sensor(), SensorEstimation()
     tracker = Glmb("targets", GlmbParams(accel_std_m_s2=0.5), 1, summarise_detections=True)
     places = rng.uniform(200.0, 800.0, (8, 2))
     for k in range(150):
@@ -82,9 +82,9 @@ def test_a_detection_summary_estimates_the_true_sensor(p_d, clutter):
         births = [Birth(np.array([*p, 0.0, 0.0]), np.diag([25.0, 25.0, 4.0, 4.0]), r) for p in places]
         z = places[rng.random(8) < p_d]
         z = np.vstack([z + rng.normal(0, 3.0, z.shape), rng.uniform(0, SIDE_M, (rng.poisson(clutter), 2))])
-        tracker.update(k * NS_PER_S, z, look, births)
+        tracker.update(k * NS_PER_S, z, detector, births)
         account = tracker.detection_summary
         calibration.add_scan(float((1.0 - account.explained).sum()), account.detected, account.in_view)
-    corrected = calibration.corrected(look)
+    corrected = calibration.corrected(detector)
     assert corrected.detection_probability == pytest.approx(p_d, abs=0.13)  # the announced value still counts
     assert corrected.clutter_density_per_m2 * SIDE_M**2 == pytest.approx(clutter, rel=0.15)

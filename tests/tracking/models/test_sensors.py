@@ -128,7 +128,7 @@ def test_angles_wrap(angle):
     assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
 
 
-def test_the_clutter_of_a_sector_adds_up_to_what_is_uniform_in_range_and_bearing():
+def test_the_clutter_of_a_sector_is_uniform_in_range_and_bearing():
     sensor = radar(place=(100.0, -50.0), sector=(2.0, 0.5), reach=(200.0, 1500.0), clutter=1e-2)
     rng = np.random.default_rng(0)
     places = rng.uniform(-1600.0, 1600.0, (400_000, 2)) + np.array([100.0, -50.0])

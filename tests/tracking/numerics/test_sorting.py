@@ -22,18 +22,18 @@ ANY = st.floats(allow_nan=False) | st.just(-math.inf)
 
 @numba.njit
 def ordered(values, first):
-    room = allocate_sort(values.size)
-    argsort_descending(values, first, values.size, room)
-    return room.index
+    buffers = allocate_sort(values.size)
+    argsort_descending(values, first, values.size, buffers)
+    return buffers.index
 
 
 @numba.njit
 def joined(keys, weights, first):
-    room = allocate_unique(keys.size)
+    buffers = allocate_unique(keys.size)
     for i in range(keys.size):
-        room.key[i] = keys[i]
-    n = unique_hypotheses(keys.size, weights, first, room)
-    return n, room.which, room.logw
+        buffers.key[i] = keys[i]
+    n = unique_hypotheses(keys.size, weights, first, buffers)
+    return n, buffers.which, buffers.logw
 
 
 @settings(deadline=None)  # the first one compiles

@@ -1,4 +1,4 @@
-"""Whole paths from association histories: no late beginnings, no gaps, no ghosts, no growing memory."""
+"""Whole paths from association histories: no late starts, no gaps, no ghosts, bounded memory."""
 
 import numpy as np
 import pytest
@@ -145,14 +145,14 @@ def test_two_updates_at_one_time_are_two_rows_of_a_path():
 
 @pytest.mark.parametrize("last", [0, 1])
 def test_an_object_last_detected_by_any_sensor_of_an_epoch_keeps_its_path(last):
-    """Nobody dies between two scans of one moment: that once made a path that ended there impossible."""
+    """No object dies between two scans of one epoch: a path that ended there was once impossible."""
     of = tracker()
-    looks = [sensor(clutter=1.0), sensor(clutter=1.0)]
+    scanned = [sensor(clutter=1.0), sensor(clutter=1.0)]
     for k in range(20):
-        for i, look in enumerate(looks):
+        for i, radar in enumerate(scanned):
             seen = k < 10 or (k == 10 and i <= last)
             z = np.array([[200.0 + 8.0 * k, 300.0]] if seen else []).reshape(-1, 2)
-            of.update(k * NS_PER_S, z, look, births() if i == 0 else ())
+            of.update(k * NS_PER_S, z, radar, births() if i == 0 else ())
     (path,) = of.histories.paths()
     assert not path.alive
     assert path.scan[-1] == 20 + last

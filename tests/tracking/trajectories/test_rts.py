@@ -50,7 +50,7 @@ def joint_posterior(mean, steps, upto):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10_000), n=st.integers(1, 8), lag=st.integers(0, 8))
-def test_each_state_is_the_posterior_given_what_it_may_know(seed, n, lag):
+def test_each_state_is_the_posterior_of_its_scans(seed, n, lag):
     mean, steps = history(seed, n)
     run = run_filter(mean, PRIOR, steps)
     lagged, whole = smooth_states(run, lag)[0], smooth_states(run)[0]

@@ -1,23 +1,23 @@
-"""Oracle bench: how short a route could be at best, and with how few corners.
+"""Visibility-graph bench: how short a route could be at best, and with how few corners.
 
-    python tests/bench/bench_oracle.py [--pairs 20]
+    python tests/bench/bench_visibility.py [--pairs 20]
 
 Maps: the paper's random obstacles at 40 m spacing; each pair from west, heading east, to the east edge.
 
-The oracle is A* on the visibility graph of the whole map: every convex corner of every blocked cell, with a
-clearance rounded by it and wrapped by `_WRAPS` points of the circumscribed polygon (longer than the arc by
+The reference is A* on the visibility graph of the whole map: every convex corner of every blocked cell, with
+a clearance rounded by it and wrapped by `_WRAPS` points of the circumscribed polygon (longer than the arc by
 tan(t)/t - 1 = 0.3 % at t = 5.6 degrees, of the arcs alone). Its edges are the legs that are tangent at both
 ends and keep the clearance exactly. Nothing any-angle that keeps the clearance is shorter, but for that.
-Corners of the oracle are the corners of obstacles that it wraps, each counted once however many points wrap
-it. Slow and plain, on purpose.
+Corners of the reference are the corners of obstacles that it wraps, each counted once however many points
+wrap it. Slow and plain, on purpose.
 
 Lengths of flyable routes are those along legs and arcs, as they are flown, the first turn too; the grid's are
 its legs'. "Not flown" is the share of corners whose arc does not fit the legs or comes nearer than the
 clearance.
 
 "None" are pairs that no route with the clearance joins; "gives up" those where the grid's cheapest way comes
-nearer than the clearance, and "for" by how much longer the oracle's way, which keeps it, is than that. Both
-are left out of the rest.
+nearer than the clearance, and "for" by how much longer the reference's path, which keeps it, is than that.
+Both are left out of the rest.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def corners(grid: Grid, reach: float) -> tuple[np.ndarray, np.ndarray]:
 
 @numba.njit(cache=True)
 def shortest(blocked, reach, points, x0, y0, x1, y1):  # type: ignore[no-untyped-def]
-    """A* with edges looked at when they might be the best ones: length, and the way's points, last first."""
+    """A* with edges checked when they might be the best: length, and the path's points, last first."""
     size = points.shape[0]
     cost, came, done = np.full(size, np.inf), np.full(size, -1), np.zeros(size, np.bool_)
     ahead = np.empty(size)
@@ -125,7 +125,7 @@ def tangent(points, i, dx, dy):  # type: ignore[no-untyped-def]
     return first * second >= -1e-9
 
 
-def oracle(grid: Grid, start: Point, goal: Point, clearance_m: float) -> tuple[float, int]:
+def reference(grid: Grid, start: Point, goal: Point, clearance_m: float) -> tuple[float, int]:
     """Length in metres of the shortest way with the clearance, inf if there is none, and its legs."""
     reach = clearance_m / grid.spacing_m
     points, owners = corners(grid, reach)
@@ -154,12 +154,12 @@ def unflown(blocked, points, reach, radius):  # type: ignore[no-untyped-def]
 
 
 def row(nodes: int, count: int, threshold: float, clearance_m: float) -> str:
-    """Sums over pairs: grid, oracle, pulled, flyable; lengths and corners."""
+    """Sums over pairs: grid, reference, pulled, flyable; lengths and corners."""
     sums, none, gave_up, kept, dearer = np.zeros((4, 4)), 0, 0, 0, []
     lacks = np.zeros(3, dtype=np.int64)
     for seed in range(count):
         grid, start, goal = pair(nodes, threshold, seed)
-        best_m, legs = oracle(grid, start, goal, clearance_m)
+        best_m, legs = reference(grid, start, goal, clearance_m)
         if not math.isfinite(best_m):
             none += 1
             continue
@@ -205,11 +205,11 @@ def main() -> None:
         "gives up",
         "for",
         "none",
-        "oracle: shorter",
+        "reference: shorter",
         "corners",
     ]
     names += ["pulled: shorter", "corners", "not flown", "flyable, R = 40 m: shorter", "corners", "not flown"]
-    names += ["shorter along legs", "legs under R, nearer", "pulled over the oracle", "flyable"]
+    names += ["shorter along legs", "legs under R, nearer", "pulled over the reference", "flyable"]
     print("| " + " | ".join(names) + " |\n" + "|---" * len(names) + "|")
     for clearance_m in (0.0, 20.0, 40.0):
         for threshold in (0.05, 0.1, 0.2, 0.3):

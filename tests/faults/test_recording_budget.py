@@ -1,4 +1,4 @@
-"""A recording fills no disk, survives its folder, is nobody else's, and blocks no start."""
+"""A recording fills no disk, survives its folder, is private to its owner, and blocks no start."""
 
 import os
 import re
@@ -31,7 +31,7 @@ from gcs.service.journal import Journal
 from gcs.service.resume import resume_from_journal
 from gcs.service.service import Service
 
-MEMORY = PersistedState(1, 0, 0, False, (), MultiSensorTracker(load("prescribed")).persisted(), ())
+PERSISTED = PersistedState(1, 0, 0, False, (), MultiSensorTracker(load("prescribed")).persisted(), ())
 RNG = np.random.default_rng(5)
 
 
@@ -68,7 +68,7 @@ def test_frames_alone_pass_as_they_came() -> None:
     assert gate.news(0) == []
 
 
-def test_what_is_worked_is_what_is_recorded() -> None:
+def test_the_processed_events_are_the_recorded_ones() -> None:
     config = load("prescribed")
     here = [Link(parse_endpoint("udpin:127.0.0.1:0"))]
     with ZenohSession(listen=free_endpoint()) as bus:
@@ -84,10 +84,10 @@ def test_what_is_worked_is_what_is_recorded() -> None:
     assert 10 < len(taken) < 60
 
 
-def filled(folder: Path, room: DiskBudget, told: list[str]) -> tuple[str, int]:
-    """Record until the room is used up; return why it ended and how many records there were."""
-    recorder = Recorder(folder, "name = 'x'", {}, None, room)
-    recorder.notify = lambda level, text: told.append(f"{level} {text}")
+def filled(folder: Path, budget: DiskBudget, notices: list[str]) -> tuple[str, int]:
+    """Record until the budget is used up; return why it ended and how many records there were."""
+    recorder = Recorder(folder, "name = 'x'", {}, None, budget)
+    recorder.notify = lambda level, text: notices.append(f"{level} {text}")
     for number in range(10_000):
         try:
             recorder.record_event(Datagram(number, "udp", "a:1", RNG.bytes(1000)))
@@ -98,10 +98,10 @@ def filled(folder: Path, room: DiskBudget, told: list[str]) -> tuple[str, int]:
 
 
 def test_a_budget_ends_the_recording_in_order_and_deletes_nothing(tmp_path: Path) -> None:
-    told: list[str] = []
-    problem, count = filled(tmp_path / "run", DiskBudget(300_000, 2e6), told)
+    notices: list[str] = []
+    problem, count = filled(tmp_path / "run", DiskBudget(300_000, 2e6), notices)
     assert "recording.max_gb" in problem
-    (text,) = told
+    (text,) = notices
     assert text.startswith("alarm disk space runs low")
     size = sum(path.stat().st_size for path in (tmp_path / "run").iterdir())
     assert 1.9e6 < size < 2.2e6
@@ -111,8 +111,8 @@ def test_a_budget_ends_the_recording_in_order_and_deletes_nothing(tmp_path: Path
     assert len(records) == count + 1
 
 
-def test_a_disk_keeps_room_for_the_journal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[str] = []
+def test_a_disk_keeps_space_for_the_journal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    notices: list[str] = []
     left = iter(range(5_000_000_000, 0, -100_000_000))
 
     class Disk:
@@ -123,21 +123,21 @@ def test_a_disk_keeps_room_for_the_journal(tmp_path: Path, monkeypatch: pytest.M
             return next(left)
 
     monkeypatch.setattr(os, "statvfs", lambda _: Disk())
-    problem, count = filled(tmp_path / "run", DiskBudget(min_free_bytes=200e6), told)
+    problem, count = filled(tmp_path / "run", DiskBudget(min_free_bytes=200e6), notices)
     assert "recording.min_free_mb" in problem
-    assert len(told) == 1
+    assert len(notices) == 1
     assert 40 < count < 60
     journal = Journal(tmp_path / "x.journal", "x", "y")
-    journal.write(MEMORY)
+    journal.write(PERSISTED)
     assert journal.read() is not None
 
 
 @pytest.mark.parametrize("how", ["deleted", "moved"])
 def test_a_recording_whose_folder_goes_away_goes_on_in_another(tmp_path: Path, how: str) -> None:
-    told: list[str] = []
+    notices: list[str] = []
     folder = tmp_path / "run"
     with Recorder(folder, "name = 'x'", {}, Run("x", 1)) as recorder:
-        recorder.notify = lambda level, text: told.append(f"{level} {text}")
+        recorder.notify = lambda level, text: notices.append(f"{level} {text}")
         for number in range(100):
             recorder.record_event(Tick(number))
         recorder.flush()
@@ -150,7 +150,7 @@ def test_a_recording_whose_folder_goes_away_goes_on_in_another(tmp_path: Path, h
             recorder.record_event(Tick(number))
         recorder.flush()
     assert recorder.folder == (folder if how == "deleted" else tmp_path / "run-2")
-    (text,) = told
+    (text,) = notices
     assert text.startswith("alarm")
     assert "deleted or moved away" in text
     assert [record.t_ns for record in read(recorder.folder)] == [*range(100, 200)]
@@ -166,7 +166,7 @@ def test_recordings_and_journals_are_their_owners_alone(
     try:
         with open_recorder(None, "x", "name = 'x'", Run("x", 1), RecordingTable()) as recorder:
             recorder.record_event(Tick(1))
-        Journal(Path("runs") / "x.journal", "x", "y").write(MEMORY)
+        Journal(Path("runs") / "x.journal", "x", "y").write(PERSISTED)
     finally:
         os.umask(before)
     assert len(list(recorder.folder.iterdir())) == 4
@@ -208,7 +208,7 @@ def test_a_start_that_fails_leaves_no_recording(tmp_path: Path, monkeypatch: pyt
     taken.close()
 
 
-def test_a_damaged_journal_is_an_alarm_or_says_how_to_begin_clean(tmp_path: Path) -> None:
+def test_a_damaged_journal_is_an_alarm_with_a_remedy(tmp_path: Path) -> None:
     path = tmp_path / "x.journal"
     path.write_bytes(b"nothing of ours\n")
     journal, news = Journal(path, "x", "y"), []
@@ -218,9 +218,9 @@ def test_a_damaged_journal_is_an_alarm_or_says_how_to_begin_clean(tmp_path: Path
             news.append(LinkNews(0, link, level, text))  # type: ignore[arg-type]
 
     resume_from_journal(Started(), journal, None, 0, Console(quiet=True))  # type: ignore[arg-type]
-    (told,) = news
-    assert (told.link, told.level) == ("journal", "alarm")
-    assert "damaged" in told.text
-    assert "starts without the state of the previous flight" in told.text
+    (notice,) = news
+    assert (notice.link, notice.level) == ("journal", "alarm")
+    assert "damaged" in notice.text
+    assert "starts without the state of the previous flight" in notice.text
     with pytest.raises(JournalError, match=r"damaged.*--no-resume"):
         resume_from_journal(Started(), journal, True, 0, Console(quiet=True))  # type: ignore[arg-type]
