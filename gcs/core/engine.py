@@ -22,6 +22,7 @@ from gcs.model import (
     AgentStatus,
     BadInput,
     ClockStep,
+    ControlEvent,
     Datagram,
     Effect,
     Event,
@@ -79,11 +80,11 @@ class Engine(Stages):
 
     def untaskable(self) -> dict[int, str]:
         """Return the vehicles that are not ours to task, with the reason in words."""
-        return self.taskability.untaskable()
+        return self.control.untaskable()
 
     def overridden(self) -> dict[int, str]:
         """Return the overriding modes by vehicle, except modes that orders here asked for."""
-        return self.taskability.overridden()
+        return self.control.overridden()
 
     def _resume(self, event: Resumed) -> list[Effect]:
         state = event.state
@@ -116,6 +117,7 @@ class Engine(Stages):
 
     def _order(self, event: Order) -> list[Effect]:
         effects: list[Effect]
+        self.control.update(event.t_ns)
         match event.action:
             case "status":
                 return [self.status_report.build(event.t_ns, event.order_id, has_ended=self._ended)]
@@ -135,10 +137,9 @@ class Engine(Stages):
                 )
             case _:
                 targets = self.trackers.targets.confirmation.tracks
-                effects = self.dispatch.settle(
-                    self.orders.carry_out(event, targets, self.untaskable(), self._release)
-                )
-        return effects + self.approval.refresh(event.t_ns, self.taskability.without_missions())
+                effects = self.dispatch.settle(self.orders.carry_out(event, targets, self._release))
+        self.control.update(event.t_ns)
+        return effects + self.approval.refresh(event.t_ns, self.control.without_missions())
 
     def _replan(self, t_ns: int, urgent: Container[int]) -> list[Effect]:
         """Plan on a changed map."""
@@ -147,10 +148,10 @@ class Engine(Stages):
             effects += self._plan(t_ns, self._measured_t_ns, urgent)
         return effects
 
-    def _release(self, vehicle: int) -> None:
+    def _release(self, vehicle: int, t_ns: int) -> None:
         """Take control of a vehicle back on an operator's order, whatever mission it stores."""
-        self.external_uploads.release([vehicle])
-        self.onboard_audit.release([vehicle])
+        self.external_uploads.release(vehicle, ControlEvent.RESUME, t_ns)
+        self.onboard_audit.release(vehicle, t_ns)
 
     # ------------------------------------------------------------ ticks and scans
 
@@ -167,11 +168,12 @@ class Engine(Stages):
         effects += self.external_uploads.poll(t_ns)
         effects += self.orders.poll(t_ns) + self.onboard_audit.poll(t_ns)
         effects += self.takeoff_sequence.check(t_ns, self.orders.launching())
+        self.control.update(t_ns)
         modes = self.tasking.overrides.modes()
         silent = modes.keys() - self.overridden().keys() | self.tasking.overrides.recently_in_rtl(t_ns)
         effects += self.override_notices.poll(t_ns, modes, silent)
         if not self.restart.is_under_way:
-            effects += self.disarmed_in_auto.poll(t_ns, self.untaskable)
+            effects += self.disarmed_in_auto.poll(t_ns, lambda vehicle: self.control.of(vehicle).is_ours)
         return effects
 
     def _scan(self, event: Scan) -> list[Effect]:
@@ -221,7 +223,8 @@ class Engine(Stages):
             effects += self._status_changed(status)
         effects += self._check_climbs(t_ns)
         effects += self.mission_ends.check(t_ns, self.agent_status.active())
-        effects += self.approval.refresh(t_ns, self.taskability.without_missions())
+        self.control.update(t_ns)
+        effects += self.approval.refresh(t_ns, self.control.without_missions())
         effects += self._plan(t_ns, event.measured_t_ns)
         if self.no_fly_zones.closed:
             effects += self.incursions.check(t_ns, newest, self.no_fly_zones.closed)
@@ -236,6 +239,7 @@ class Engine(Stages):
         if status.status != "active":
             self.replanner.drop(status.vehicle)
         if status.status == "lost":
+            self.control.of(status.vehicle).apply(ControlEvent.AGENT_LOST, status.t_ns)
             self.association.forget(status.vehicle)
             self.tasking.cancel(status.vehicle, status.t_ns)
             self.approval.hurry()
@@ -244,9 +248,9 @@ class Engine(Stages):
 
     def _check_climbs(self, t_ns: int) -> list[Notice]:
         """Check the climbs of vehicles on the ground that have a mission, or may get one."""
-        untaskable = self.untaskable()
-        taskable = [vehicle for vehicle in self.agent_status.active() if vehicle not in untaskable]
-        notices = self.climbs.check(self.planning_inputs.climbs(taskable), t_ns)
+        self.control.update(t_ns)
+        ours = [vehicle for vehicle in self.agent_status.active() if self.control.of(vehicle).is_ours]
+        notices = self.climbs.check(self.planning_inputs.climbs(ours), t_ns)
         for vehicle in self.climbs.blocked:
             self.replanner.drop(vehicle)
         return notices
@@ -257,6 +261,7 @@ class Engine(Stages):
             return []
         if not self.replanner.is_due(t_ns):
             return []
+        self.control.update(t_ns)
         inputs = self.planning_inputs.build(t_ns, picture_t_ns)
         if self._needs_approval:
             proposals = self.approval.check(inputs)

@@ -17,6 +17,7 @@ import math
 from collections.abc import Collection, Container
 from typing import Final
 
+from gcs.core.authority.control_authority import ControlAuthority
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.authority.onboard_audit import OnboardAudit
 from gcs.core.operator.replies import named
@@ -31,6 +32,7 @@ from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.items import Item
 from gcs.model import NS_PER_S, Effect, Label, Notice, PersistedState, PersistedVehicle, Resumed, Route
+from gcs.model.control import SUSPENSIONS
 
 _MAX_WAIT_S: Final = 25.0
 """Maximum time until the first plan."""
@@ -49,6 +51,7 @@ class Restart:
         tasking: UploadManager,
         replanner: Replanner,
         orders: Orders,
+        control: ControlAuthority,
         agent_status: AgentStatusMonitor,
         trackers: MultiSensorTracker,
         association: TrackVehicleAssociation,
@@ -56,7 +59,8 @@ class Restart:
         onboard_audit: OnboardAudit,
     ) -> None:
         self._fleet, self._tasking, self._replanner = fleet, tasking, replanner
-        self._orders, self._agent_status, self._trackers = orders, agent_status, trackers
+        self._orders, self._control = orders, control
+        self._agent_status, self._trackers = agent_status, trackers
         self._association, self._external_uploads = association, external_uploads
         self._onboard_audit = onboard_audit
         self._verified: dict[int, Route] = {}
@@ -83,7 +87,7 @@ class Restart:
             onboard = None
         return PersistedVehicle(
             status=self._agent_status.by_vehicle[vehicle],
-            suspension=self._orders.suspensions.get(vehicle),
+            suspension=self._control.of(vehicle).suspension,
             route=route,
             items=() if onboard is None or unsure else tuple(_values(item) for item in onboard.items),
             first_point=1 if onboard is None else onboard.first_point,
@@ -114,9 +118,10 @@ class Restart:
                 continue
             self._agent_status.by_vehicle[vehicle] = one.status
             if one.suspension is not None:
-                self._orders.suspensions[vehicle] = one.suspension
+                claim = next(claim for claim, word in SUSPENSIONS.items() if word == one.suspension)
+                self._control.of(vehicle).restore(claim, t_ns)
             if one.authority is not None:
-                self._tasking.overrides.of(vehicle).restore(one.authority)
+                self._tasking.overrides.of(vehicle).restore(one.authority, t_ns)
             if one.external_mission is not None:
                 self._external_uploads.restore(vehicle, one.external_mission, t_ns)
                 station = one.external_mission.station
@@ -177,7 +182,7 @@ class Restart:
         """Give the verified routes to the replanner."""
         self._until_t_ns = None
         routes, self._verified = self._verified, {}
-        for vehicle in [vehicle for vehicle in routes if vehicle in self._orders.suspensions]:
+        for vehicle in self._control.suspensions().keys() & routes.keys():
             self._orders.suspended_routes[vehicle] = routes.pop(vehicle)
         for vehicle in [vehicle for vehicle in routes if not self._is_flown(vehicle)]:
             del routes[vehicle]  # it does not fly its onboard mission: it gets another with the next plan

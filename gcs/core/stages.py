@@ -9,11 +9,11 @@ from gcs.core.airspace.incursion_warning import IncursionWarnings
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.authority.control_authority import ControlAuthority
 from gcs.core.authority.disarmed_in_auto import DisarmedInAuto
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.authority.onboard_audit import OnboardAudit
 from gcs.core.authority.override_notices import OverrideNotices, UnattendedTargets
-from gcs.core.authority.taskability import Taskability
 from gcs.core.operator.no_fly_zone_orders import NoFlyZoneOrders
 from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.operator.status_report import StatusReport
@@ -41,9 +41,7 @@ from gcs.core.tasking.mission_ends import MissionEnds
 from gcs.core.tasking.upload_latency import UploadLatency
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
-from gcs.model import (
-    NS_PER_S,
-)
+from gcs.model import NS_PER_S, Control
 from gcs.planning.map.grid import Grid
 
 
@@ -75,7 +73,8 @@ class Stages:
             links=[link for link in links if link.role == "vehicles"],
             extra_ids=[MAVLINK_MSG_ID_PARAM_VALUE],
         )
-        self.external_uploads = ExternalUploads(links, vehicles, self.fleet.is_atomic)
+        controls = {vehicle: Control() for vehicle in vehicles}
+        self.external_uploads = ExternalUploads(links, controls, self.fleet.is_atomic)
         # Perception
         self.scan_timing = ScanTiming()
         self.oosm_buffer = OutOfSequenceBuffer(tracking.reorder_window_s)
@@ -102,6 +101,7 @@ class Stages:
             self.climbs,
             MissionBoundsCheck(config, grid),
             lambda vehicle: self.takeoff_sequence.holds_back(vehicle, self.orders.launching()),
+            controls,
         )
         self.takeoff_sequence = TakeoffSequence(config, self.fleet, self.tasking)
         self.mission_ends = MissionEnds(self.tasking, config.planning.capture_radius_m)
@@ -118,6 +118,7 @@ class Stages:
             self.replanner,
             self.takeoff_sequence,
             self.return_heights,
+            controls,
             self._outlook,
         )
         self.incursions = IncursionWarnings(self.tasking.onboard_missions)
@@ -132,22 +133,17 @@ class Stages:
             self._needs_approval,
         )
         self.disarmed_in_auto = DisarmedInAuto(self.fleet, self.tasking, self.orders)
-        self.onboard_audit = OnboardAudit(self.fleet, self.tasking, self.replanner, self.orders)
+        self.onboard_audit = OnboardAudit(self.fleet, self.tasking, self.replanner, controls)
         self.override_notices, self.unattended_targets = OverrideNotices(), UnattendedTargets()
-        self.taskability = Taskability(
-            self.fleet,
-            self.tasking,
-            self.orders,
-            self.external_uploads,
-            self.onboard_audit,
-            self.mission_ends,
-            self.climbs,
+        self.control = ControlAuthority(
+            controls, self.fleet, self.tasking, self.orders, self.mission_ends, self.climbs
         )
         self.restart = Restart(
             self.fleet,
             self.tasking,
             self.replanner,
             self.orders,
+            self.control,
             self.agent_status,
             self.trackers,
             self.association,
@@ -161,7 +157,7 @@ class Stages:
             self.association,
             self.kinematics,
             self.agent_status,
-            self.taskability,
+            self.control,
             self.tasking,
             self.upload_latency,
             self.mission_ends,
@@ -177,7 +173,7 @@ class Stages:
             self.replanner,
             self.approval,
             self.tasking,
-            self.taskability,
+            self.control,
         )
         self._expected_targets = len(config.births)
         self._max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)

@@ -5,8 +5,9 @@ epoch, and always an argument. Arrays are float64 and read-only; tuples of track
 State order everywhere: ``[east_m, north_m, v_east_m_s, v_north_m_s]``.
 
 Events go into `gcs.core`, effects come out. Both are plain data, so a recording is a list of them. In reading
-order: `basics` (labels, time), `scans`, `picture` (tracks, vehicle states), `plans`, `orders`,
-`persisted_state`, `status` (of the swarm), `events`, `effects`, `truth` (simulations), `names`.
+order: `basics` (labels, time), `scans`, `picture` (tracks, vehicle states), `plans`, `orders`, `control`
+(authority over a vehicle), `persisted_state`, `status` (of the swarm), `events`, `effects`, `truth`
+(simulations), `names`.
 """
 
 from gcs.model.basics import (
@@ -25,6 +26,7 @@ from gcs.model.basics import (
     UInt32Array,
     read_only,
 )
+from gcs.model.control import Authority, AuthorityWord, Control, ControlEvent, Suspension
 from gcs.model.effects import AgentStatus, Effect, MissionEnded, Notice, Send, Upload, UploadReport
 from gcs.model.events import BadInput, ClockStep, Datagram, Event, LinkNews, Resumed, Tick, UploadAnswer
 from gcs.model.names import network_of, system_of, target_name, vehicle_id, vehicle_name, vehicle_of
@@ -38,12 +40,11 @@ from gcs.model.persisted_state import (
     PersistedTracker,
     PersistedTrackers,
     PersistedVehicle,
-    Suspension,
 )
 from gcs.model.picture import Picture, Track, VehicleState
 from gcs.model.plans import APPROACH_M, Cause, Mission, Plan, Route, Waypoint
 from gcs.model.scans import Polar, Scan, Sensor
-from gcs.model.status import AgentRecord, Authority, SensorRecord, SwarmStatus, TargetRecord
+from gcs.model.status import AgentRecord, SensorRecord, SwarmStatus, TargetRecord
 from gcs.model.truth import Truth, TruthObject
 
 __all__ = [
@@ -54,12 +55,15 @@ __all__ = [
     "AgentStatus",
     "AnswerState",
     "Authority",
+    "AuthorityWord",
     "BadInput",
     "BoolArray",
     "ByteArray",
     "Cause",
     "ClockStep",
     "Confirmation",
+    "Control",
+    "ControlEvent",
     "Datagram",
     "Effect",
     "Event",

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 from gcs.model.basics import FloatArray, Label
+from gcs.model.control import Suspension
 from gcs.model.effects import AgentStatus
 from gcs.model.orders import NoFlyZone
 from gcs.model.plans import Route
-
-Suspension: TypeAlias = Literal["hold", "return", "found"]
-"""Why a vehicle is suspended: ordered to hold or to return, or found with a mission that is not ours."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,28 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal
 
 from gcs.model.basics import Label
-
-Authority: TypeAlias = Literal[
-    "ours",
-    "held",
-    "returning",
-    "overridden",
-    "landing",
-    "other station",
-    "unverified",
-    "grounded",
-    "unsupported",
-]
-"""Who controls a vehicle; only one that is "ours" gets missions.
-
-- "held", "returning": an order to this service.
-- "overridden": a mode that a pilot, another station or a failsafe chose. "landing": the end of its mission.
-- "other station": a mission of another ground station. "unverified": its onboard mission is not known.
-- "grounded": its take-off is not clear. "unsupported": its firmware is not known here.
-"""
+from gcs.model.control import AuthorityWord
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +15,7 @@ class AgentRecord:
 
     vehicle: int
     status: Literal["active", "arrived", "lost"]
-    authority: Authority
+    authority: AuthorityWord
     reason: str
     """Why it is not ours, in words; empty if it is."""
     heard_age_s: float | None

@@ -32,7 +32,7 @@ def picture(run: VirtualRun) -> dict[str, object]:
         "target labels": sorted(command.trackers.targets.confirmation.tracks),
         "statuses": {v: one.status for v, one in command.agent_status.by_vehicle.items()},
         "targets of agents": {v: route.target for v, route in sorted(command.replanner.routes.items())},
-        "authorities": {v: command.taskability.authority(v) for v in command.agent_status.by_vehicle},
+        "authorities": {v: command.control.of(v).authority.word for v in command.agent_status.by_vehicle},
     }
 
 

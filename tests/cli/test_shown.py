@@ -143,8 +143,8 @@ def test_vehicles_in_modes_that_are_not_ours_are_named_with_what_to_do(
     config = load(scenario)
     command = Engine(config, 1)
     for vehicle, mode in {2: "LOITER", 3: "RTL", 4: "FBWA"}.items():
-        command.tasking.overrides.of(vehicle).observe_mode("AUTO")
-        command.tasking.overrides.of(vehicle).observe_mode(mode)
+        command.tasking.overrides.of(vehicle).observe_mode("AUTO", 0)
+        command.tasking.overrides.of(vehicle).observe_mode(mode, 0)
     lines = drawn(LiveView(config, command, 1.0), width, height)
     assert len(lines) <= height
     wanted = "not ours: 2 in LOITER: gcs order resume 2; 3 in RTL: gcs order resume 3; 4 in FBWA: "

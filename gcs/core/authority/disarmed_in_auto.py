@@ -7,7 +7,7 @@ read back its onboard mission, and that is the one to fly now. An overridden veh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container
+from collections.abc import Callable
 from typing import Final
 
 from gcs.core.operator.vehicle_orders import Orders
@@ -40,16 +40,15 @@ class DisarmedInAuto:
         self._senders[vehicle].receive(message)
         return self._progress(vehicle, t_ns)
 
-    def poll(self, t_ns: int, untaskable: Callable[[], Container[int]]) -> list[Effect]:
-        """Check all vehicles once a second; those that are `untaskable` are left alone."""
+    def poll(self, t_ns: int, is_ours: Callable[[int], bool]) -> list[Effect]:
+        """Check the vehicles that are ours once a second."""
         effects = [effect for vehicle in list(self._senders) for effect in self._progress(vehicle, t_ns)]
         if t_ns < self._next_check_t_ns:
             return effects
         self._next_check_t_ns = t_ns + _PERIOD_NS
-        skipped = untaskable()
         for state in self._fleet.states():
             vehicle = state.system_id
-            if not self._would_take_off(state) or vehicle in skipped:
+            if not self._would_take_off(state) or not is_ours(vehicle):
                 self._failed.discard(vehicle)
             elif vehicle not in self._senders and vehicle not in self._failed:
                 effects += self._begin(vehicle, t_ns)

@@ -11,7 +11,7 @@ Other commands are reported at intervals. Commands that may end a flight, and ma
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -27,7 +27,17 @@ from gcs.mavlink.router.access_policy import (
     command_of,
 )
 from gcs.mavlink.services.retry import ns
-from gcs.model import Datagram, Effect, ExternalMission, Level, Notice, vehicle_id
+from gcs.model import (
+    Authority,
+    Control,
+    ControlEvent,
+    Datagram,
+    Effect,
+    ExternalMission,
+    Level,
+    Notice,
+    vehicle_id,
+)
 
 _TIMEOUT_NS: Final = ns(10.0)
 _REPEAT_NS: Final = ns(10.0)
@@ -66,8 +76,8 @@ class ExternalUploads:
     ----------
     links : iterable of Link
         All MAVLink endpoints.
-    vehicles : collection of int
-        Our vehicles.
+    controls : mapping
+        Control of each of our vehicles.
     is_atomic : callable
         Returns True for a vehicle whose firmware replaces its mission as a whole, or not at all.
     """
@@ -75,12 +85,12 @@ class ExternalUploads:
     def __init__(
         self,
         links: Iterable[Link],
-        vehicles: Collection[int],
+        controls: Mapping[int, Control],
         is_atomic: Callable[[int], bool] = lambda _vehicle: False,
     ) -> None:
         self._is_atomic = is_atomic
         self._networks = {link.name: link.network for link in links if link.role != "vehicles"}
-        self._vehicles = frozenset(vehicles)
+        self._controls = controls
         self._uploads: dict[int, _Upload] = {}
         self._reported_t_ns: dict[tuple[int, tuple[int, int], str], int] = {}
 
@@ -88,16 +98,10 @@ class ExternalUploads:
         """Return True if other ground stations use this link."""
         return link in self._networks
 
-    def untaskable(self) -> dict[int, str]:
-        """Return the vehicles with a mission of another ground station, with the reason in words."""
-        return {
-            v: f"has a mission of {upload.station} and is left alone" for v, upload in self._uploads.items()
-        }
-
-    def release(self, vehicles: Iterable[int]) -> None:
-        """Release vehicles: by an operator's order, or because they store a verified mission of ours."""
-        for vehicle in vehicles:
-            self._uploads.pop(vehicle, None)
+    def release(self, vehicle: int, event: ControlEvent, t_ns: int) -> None:
+        """Release a vehicle: by an operator's order, or because it stores a verified mission of ours."""
+        if self._uploads.pop(vehicle, None) is not None:
+            self._controls[vehicle].apply(event, t_ns)
 
     def persisted(self, vehicle: int) -> ExternalMission | None:
         """Return the state of an external mission to keep over a restart; None without one."""
@@ -108,6 +112,7 @@ class ExternalUploads:
         """Restore a kept state: the vehicle stays overridden."""
         sender = (mission.system_id, mission.component_id)
         self._uploads[vehicle] = _Upload(sender, mission.station, t_ns, mission.ended)
+        self._controls[vehicle].restore(Authority.OTHER_STATION, t_ns, mission.station)
 
     def receive(self, datagram: Datagram, frames: FrameTable) -> tuple[list[Effect], list[int]]:
         """Process a forwarded datagram; return notices, and the vehicles that are newly overridden."""
@@ -120,7 +125,7 @@ class ExternalUploads:
                 self._report(effects, datagram, frame, None)
                 continue
             vehicle = vehicle_id(network, system)
-            if vehicle not in self._vehicles:
+            if vehicle not in self._controls:
                 continue
             if frame.message_id in MISSION_WRITES:
                 self._write(effects, overridden, datagram, frame, vehicle)
@@ -177,6 +182,7 @@ class ExternalUploads:
             effects.append(Notice(datagram.t_ns, "alarm", text, vehicle))
             overridden.append(vehicle)
         self._uploads[vehicle] = _Upload(sender, station, datagram.t_ns)
+        self._controls[vehicle].apply(ControlEvent.STATION_WRITES, datagram.t_ns, station)
 
     def _report(self, effects: list[Effect], datagram: Datagram, frame: Frame, vehicle: int | None) -> None:
         """Report a frame to a vehicle, or to all (None), unless it only reads."""

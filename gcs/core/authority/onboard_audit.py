@@ -14,12 +14,11 @@ next upload then replaces that mission.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.tasking.onboard_missions import OnboardMission
 from gcs.core.tasking.upload_manager import UploadManager
@@ -28,7 +27,7 @@ from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
 from gcs.mavlink.mission.protocol import MissionDownload
 from gcs.mavlink.services.retry import ns
 from gcs.mavlink.services.rtt import RttEstimator
-from gcs.model import Effect, Notice, system_of
+from gcs.model import Authority, Control, ControlEvent, Effect, Notice, system_of
 
 _TIMEOUT_NS: Final = ns(25.0)
 _BOOT_SLACK_NS: Final = ns(5.0)
@@ -45,7 +44,6 @@ class _Audit:
         self.mission, self.began_t_ns, self.then = mission, t_ns, then
         self.known_t_ns = known_t_ns
         """Time at which the vehicle was last known to store the mission."""
-        self.is_late = False
         self.begin(t_ns)
 
     def begin(self, t_ns: int) -> None:
@@ -56,8 +54,14 @@ class _Audit:
 class OnboardAudit:
     """Audits in progress."""
 
-    def __init__(self, fleet: Fleet, tasking: UploadManager, replanner: Replanner, orders: Orders) -> None:
-        self._fleet, self._tasking, self._replanner, self._orders = fleet, tasking, replanner, orders
+    def __init__(
+        self,
+        fleet: Fleet,
+        tasking: UploadManager,
+        replanner: Replanner,
+        controls: Mapping[int, Control],
+    ) -> None:
+        self._fleet, self._tasking, self._replanner, self._controls = fleet, tasking, replanner, controls
         self._audits: dict[int, _Audit] = {}
         self._return_counts: dict[int, int] = {}
         self._heard_t_ns: dict[int, int] = {}
@@ -65,20 +69,12 @@ class OnboardAudit:
     @property
     def awaited(self) -> list[int]:
         """Vehicles whose audit has not timed out yet."""
-        return [vehicle for vehicle, audit in self._audits.items() if not audit.is_late]
+        return [vehicle for vehicle in self._audits if not self._is_late(vehicle)]
 
     def expected(self, vehicle: int) -> OnboardMission | None:
         """Return the mission that an audited vehicle should store; None for others."""
         audit = self._audits.get(vehicle)
         return None if audit is None else audit.mission
-
-    def untaskable(self) -> dict[int, str]:
-        """Return the vehicles whose audit has timed out, with the reason in words."""
-        return {
-            v: "does not answer the download of its onboard mission"
-            for v, audit in self._audits.items()
-            if audit.is_late
-        }
 
     def begin(
         self,
@@ -93,10 +89,9 @@ class OnboardAudit:
         self._audits[vehicle] = _Audit(mission, t_ns, then, known_t_ns)
         self._tasking.pause_uploads(vehicle)
 
-    def release(self, vehicles: Iterable[int]) -> None:
-        """End audits, on an operator's order."""
-        for vehicle in vehicles:
-            self._end(vehicle)
+    def release(self, vehicle: int, t_ns: int) -> None:
+        """End an audit, on an operator's order."""
+        self._end(vehicle, ControlEvent.RESUME, t_ns)
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle; begin an audit after a reboot or a lost link."""
@@ -129,8 +124,8 @@ class OnboardAudit:
         """Run the timers."""
         effects: list[Effect] = []
         for vehicle, audit in self._audits.items():
-            if not audit.is_late and t_ns - audit.began_t_ns > _TIMEOUT_NS:
-                audit.is_late = True
+            if t_ns - audit.began_t_ns > _TIMEOUT_NS and not self._is_late(vehicle):
+                self._controls[vehicle].apply(ControlEvent.AUDIT_LATE, t_ns)
                 text = "does not answer the download of its onboard mission: left alone "
                 text += f"{_until(vehicle)}, or until it does"
                 effects.append(Notice(t_ns, "alarm", text, vehicle))
@@ -153,25 +148,30 @@ class OnboardAudit:
         if is_empty and booted_t_ns is None:
             audit.begin(t_ns)  # until its boot time is known
             return []
-        self._end(vehicle)
         if is_empty and booted_t_ns is not None and booted_t_ns > audit.known_t_ns - _BOOT_SLACK_NS:
+            self._end(vehicle, ControlEvent.MISSION_LOST, t_ns)
             self._tasking.forget_onboard(vehicle)
-            self._tasking.overrides.note_mission_lost(vehicle, booted_t_ns)
+            self._tasking.overrides.note_mission_lost(vehicle, booted_t_ns, t_ns)
             self._replanner.drop_route(vehicle)
             text = "lost its onboard mission at a reboot: it gets a new one"
             return [Notice(t_ns, "warning", text, vehicle)]
         if difference:
-            self._orders.suspensions[vehicle] = "found"
+            self._end(vehicle, ControlEvent.AUDIT_DIFFERENT, t_ns)
             self._replanner.drop(vehicle)
             self._tasking.forget_onboard(vehicle)
             text = f"its onboard mission is not the one it was given ({difference}): left alone "
             return [Notice(t_ns, "alarm", text + _until(vehicle), vehicle)]
+        self._end(vehicle, ControlEvent.AUDIT_EQUAL, t_ns)
         self._tasking.onboard_missions.note(audit.mission)
         audit.then(audit.mission)
         return [Notice(t_ns, "info", "its onboard mission is verified", vehicle)]
 
-    def _end(self, vehicle: int) -> None:
+    def _is_late(self, vehicle: int) -> bool:
+        return Authority.UNVERIFIED in self._controls[vehicle].claims
+
+    def _end(self, vehicle: int, event: ControlEvent, t_ns: int) -> None:
         if self._audits.pop(vehicle, None) is not None:
+            self._controls[vehicle].apply(event, t_ns)
             self._tasking.resume_uploads(vehicle)
 
 

@@ -6,7 +6,7 @@ of them afterwards: a PX4 in Hold rejects its mission, an ArduPlane in RTL has c
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections.abc import Mapping
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -14,10 +14,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import LOITER, RTL
-from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Message
-from gcs.model import NS_PER_S, PersistedAuthority
+from gcs.model import NS_PER_S, Control, PersistedAuthority
 
 _NO_ITEMS: Final = 0xFFFF
 """MISSION_CURRENT.total of a PX4 without a mission."""
@@ -28,56 +27,42 @@ _COMPLETION_NS: Final = 3 * NS_PER_S
 
 
 class Overrides:
-    """Control authority over all vehicles."""
+    """Overrides of all vehicles."""
 
-    def __init__(self, fleet: Fleet, onboard: OnboardMissions) -> None:
-        self._fleet, self._onboard = fleet, onboard
-        self._authority: defaultdict[int, ModeAuthority] = defaultdict(ModeAuthority)
-        self._changed_t_ns: dict[int, int] = {}
-        """Time at which each vehicle's override last changed."""
+    def __init__(self, onboard: OnboardMissions, controls: Mapping[int, Control]) -> None:
+        self._onboard, self._controls = onboard, controls
+        self._authority: dict[int, ModeAuthority] = {}
         self._mission_state: dict[int, int] = {}
         """Last MISSION_CURRENT.mission_state of each vehicle."""
 
     def of(self, vehicle: int) -> ModeAuthority:
-        """Return the control authority over one vehicle."""
+        """Return the mode authority over one vehicle."""
+        if vehicle not in self._authority:
+            self._authority[vehicle] = ModeAuthority(control=self._controls.get(vehicle))
         return self._authority[vehicle]
 
     def modes(self) -> dict[int, str]:
         """Return the overriding modes, by vehicle."""
         return {v: authority.override for v, authority in self._authority.items() if authority.override}
 
-    def untaskable(self) -> dict[int, str]:
-        """Return the vehicles that must not be tasked, with the reason in words."""
-        reasons = {v: f"is in {mode} and left alone" for v, mode in self.modes().items()}
-        for vehicle in self._authority:
-            if self._onboard.terminal_phase(vehicle) == "landing":
-                reasons[vehicle] = "is landing and left alone"
-            if self._fleet.link(vehicle) and self._fleet.profile(vehicle) is None:
-                reasons[vehicle] = "has a firmware that is not known here"
-        return reasons
-
     def note_command(self, vehicle: int, mode: str) -> None:
         """Note that we command a mode: the vehicle stays ours in it."""
-        self._authority[vehicle].note_command(mode)
+        self.of(vehicle).note_command(mode)
 
     def observe_mode(self, vehicle: int, profile: AutopilotProfile, heartbeat: Message, t_ns: int) -> None:
         """Process the mode of a heartbeat."""
-        authority = self._authority[vehicle]
-        before = authority.override
         mode = profile.mode_name(heartbeat.custom_mode)
-        authority.observe_mode(mode, at_end=self._onboard.is_at_end(vehicle, profile))
-        if authority.override != before:
-            self._changed_t_ns[vehicle] = t_ns
+        self.of(vehicle).observe_mode(mode, t_ns, at_end=self._onboard.is_at_end(vehicle, profile))
 
     def observe_rejection(
-        self, vehicle: int, profile: AutopilotProfile, current: Message, *, is_uploading: bool
+        self, vehicle: int, profile: AutopilotProfile, current: Message, t_ns: int, *, is_uploading: bool
     ) -> bool:
         """Process a MISSION_CURRENT; return True if a vehicle is in LOITER because it rejects its mission.
 
         Such a vehicle is ours again. An upload in progress handles this itself.
         """
         before, self._mission_state[vehicle] = self._mission_state.get(vehicle), current.mission_state
-        authority = self._authority[vehicle]
+        authority = self.of(vehicle)
         is_rejected = (
             current.mission_state == dialect.MISSION_STATE_NO_MISSION
             and before == dialect.MISSION_STATE_ACTIVE  # not paused by an operator
@@ -87,7 +72,7 @@ class Overrides:
             and authority.override == LOITER
         )
         if is_rejected:
-            authority.note_rejection()
+            authority.note_rejection(t_ns)
         return is_rejected
 
     def observe_completion(
@@ -107,25 +92,25 @@ class Overrides:
             and (is_whole or is_changing)
             and vehicle in self.recently_in_rtl(t_ns)
         ):
-            self._authority[vehicle].note_completion()
+            self._authority[vehicle].note_completion(t_ns)
 
     def recently_in_rtl(self, t_ns: int) -> set[int]:
         """Return the vehicles that went from AUTO to RTL a moment ago; the reason is not known yet."""
         return {
             vehicle
             for vehicle, authority in self._authority.items()
-            if authority.may_have_ended and t_ns - self._changed_t_ns.get(vehicle, 0) < _COMPLETION_NS
+            if authority.may_have_ended and t_ns - authority.override_t_ns < _COMPLETION_NS
         }
 
     def has_completed(self, vehicle: int) -> bool:
         """Return True if a vehicle is in RTL because its mission is complete."""
         return vehicle in self._authority and self._authority[vehicle].has_ended
 
-    def note_mission_lost(self, vehicle: int, booted_t_ns: int) -> None:
+    def note_mission_lost(self, vehicle: int, booted_t_ns: int, t_ns: int) -> None:
         """Note that a vehicle lost its mission at a boot: a LOITER that it started in is no override."""
-        changed_t_ns = self._changed_t_ns.get(vehicle, booted_t_ns)
-        if -NS_PER_S < changed_t_ns - booted_t_ns < _BOOT_NS:
-            self._authority[vehicle].note_rejection()
+        authority = self.of(vehicle)
+        if -NS_PER_S < authority.override_t_ns - booted_t_ns < _BOOT_NS:
+            authority.note_rejection(t_ns)
 
     def persisted(self, vehicle: int) -> PersistedAuthority | None:
         """Return the state to keep over a restart of the service; None before the first heartbeat."""

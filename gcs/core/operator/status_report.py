@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gcs.core.authority.taskability import Taskability
+from gcs.core.authority.control_authority import ControlAuthority
 from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
@@ -34,26 +34,23 @@ class StatusReport:
     replanner: Replanner
     approval: PlanApproval
     tasking: UploadManager
-    taskability: Taskability
+    control: ControlAuthority
 
     def build(self, t_ns: int, order_id: str = "", *, has_ended: bool) -> SwarmStatus:
         """Return the status now, as the answer to an order."""
-        reasons = self.taskability.without_missions()
         pending = self.approval.pending
         return SwarmStatus(
             t_ns,
             order_id,
-            agents=tuple(
-                self._agent(health, reasons.get(health.system_id, ""), t_ns) for health in self.fleet.health()
-            ),
+            agents=tuple(self._agent(health, t_ns) for health in self.fleet.health()),
             targets=self._targets(),
             sensors=self.sensor_watchdog.records(t_ns),
             plan_id=None if pending is None else pending.plan_id,
             has_ended=has_ended,
         )
 
-    def _agent(self, health: Health, reason: str, t_ns: int) -> AgentRecord:
-        vehicle = health.system_id
+    def _agent(self, health: Health, t_ns: int) -> AgentRecord:
+        vehicle, control = health.system_id, self.control.of(health.system_id)
         state, status = self.fleet.state(vehicle), self.agent_status.by_vehicle[vehicle]
         label = self.association.labels.get(vehicle)
         track = None if label is None else self.trackers.agents.confirmation.tracks.get(label)
@@ -67,8 +64,8 @@ class StatusReport:
         return AgentRecord(
             vehicle=vehicle,
             status=status.status,
-            authority=self.taskability.authority(vehicle),
-            reason=reason,
+            authority=control.authority.word,
+            reason=control.reason,
             heard_age_s=(t_ns - health.heard_t_ns) / NS_PER_S if health.frames else None,
             loss=health.lost / max(1, health.frames + health.lost),
             mode="" if state is None else state.mode,

@@ -31,11 +31,21 @@ from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.command_sender import CommandSender, HeartbeatState, command_long, set_mode
-from gcs.model import AnswerState, Effect, Label, Notice, Order, Route, Suspension, VehicleState, vehicle_name
+from gcs.model import (
+    AnswerState,
+    Control,
+    ControlEvent,
+    Effect,
+    Label,
+    Notice,
+    Order,
+    Route,
+    VehicleState,
+    vehicle_name,
+)
 
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM
-_MODES: Final = {"hold": LOITER, "return": RTL}
-_REASONS: Final = {"hold": "is held by order", "return": "returns by order", "found": "flies another mission"}
+_MODES: Final[dict[str | None, str]] = {"hold": LOITER, "return": RTL}
 PILOTED: Final = frozenset(
     {"MANUAL", "STABILIZE", "STABILIZED", "TRAINING", "ACRO", "FBWA", "FBWB", "CRUISE", "AUTOTUNE"}
     | {"ALTCTL", "POSCTL", "RATTITUDE", "QSTABILIZE", "QHOVER", "QACRO"}
@@ -53,6 +63,8 @@ class Orders:
 
     Parameters
     ----------
+    controls : mapping
+        Control of each vehicle.
     outlook : callable
         Returns what a released vehicle in LOITER can expect, in words.
     """
@@ -64,25 +76,21 @@ class Orders:
         replanner: Replanner,
         takeoff_sequence: TakeoffSequence,
         return_heights: ReturnHeightMonitor,
+        controls: Mapping[int, Control],
         outlook: Callable[[int], str] = lambda _vehicle: "waits for its next mission",
     ) -> None:
-        self.suspensions: dict[int, Suspension] = {}
-        """Suspended vehicles, with the reason."""
         self.suspended_routes: dict[int, Route] = {}
         """Routes of suspended vehicles whose upload was complete."""
         self._fleet, self._tasking, self._replanner, self._outlook = fleet, tasking, replanner, outlook
         self._takeoff_sequence, self._return_heights = takeoff_sequence, return_heights
+        self._controls = controls
         self._commands: dict[int, tuple[CommandSender, OrderInProgress]] = {}
 
-    def untaskable(self) -> dict[int, str]:
-        """Return the vehicles that must not be tasked, with the reason in words."""
-        routes = self._replanner.routes
-        waiting = {
-            vehicle: "is commanded to wait in LOITER"
-            for vehicle, (_, ongoing) in self._commands.items()
-            if ongoing.order.action == "resume" and vehicle not in routes
-        }
-        return waiting | {vehicle: _REASONS[reason] for vehicle, reason in self.suspensions.items()}
+    @property
+    def waiting(self) -> Set[int]:
+        """Vehicles that an order to resume sets to LOITER, without a route."""
+        routes, commands = self._replanner.routes, self._commands.items()
+        return {v for v, (_, one) in commands if one.order.action == "resume" and v not in routes}
 
     @property
     def commanded(self) -> Set[int]:
@@ -91,14 +99,13 @@ class Orders:
 
     def has_ordered(self, vehicle: int, mode: str) -> bool:
         """Return True if an order put a vehicle into a mode, or a command is in progress."""
-        return vehicle in self._commands or _MODES.get(self.suspensions.get(vehicle, "")) == mode
+        return vehicle in self._commands or _MODES.get(self._controls[vehicle].suspension) == mode
 
     def carry_out(
         self,
         order: Order,
         targets: Container[Label],
-        untaskable: Mapping[int, str],
-        release: Callable[[int], None] = lambda _vehicle: None,
+        release: Callable[[int, int], None] = lambda _vehicle, _t_ns: None,
     ) -> list[Effect]:
         """Start to carry out an order to vehicles.
 
@@ -108,10 +115,8 @@ class Orders:
             One of hold, resume, return, arm, disarm.
         targets
             Confirmed targets.
-        untaskable
-            Vehicles that are not ours to task, with the reason.
         release
-            Called with each resumed vehicle, before anything is sent to it.
+            Called with each resumed vehicle and the time, before anything is sent to it.
         """
         known = {health.system_id: health for health in self._fleet.health()}
         vehicles = order.vehicles if order.vehicles is not None else tuple(known)
@@ -125,7 +130,7 @@ class Orders:
                 refusal = f"no vehicle of this mission; it has {', '.join(map(vehicle_name, known))}"
             elif known[vehicle].address is None:
                 refusal = "never heard"
-            elif unchanged_state := self._unchanged(order, vehicle, untaskable, is_heard=is_heard):
+            elif unchanged_state := self._unchanged(order, vehicle, is_heard=is_heard):
                 unchanged[vehicle] = f"{unchanged_state}: nothing was changed"
                 continue
             else:
@@ -139,13 +144,13 @@ class Orders:
             effects.append(ongoing.answer(order.t_ns, state, text, vehicle))
         for vehicle in begun:
             if order.action == "resume":
-                release(vehicle)
+                release(vehicle, order.t_ns)
             effects += self._begin(ongoing, vehicle, known[vehicle].autopilot, targets)
         if not ongoing.waiting:
             return effects
         detail = named(ongoing.waiting)
         if order.action == "return":
-            returning = {vehicle for vehicle, reason in self.suspensions.items() if reason == "return"}
+            returning = {v for v, control in self._controls.items() if control.suspension == "return"}
             warning = self._return_heights.warning(returning)
             detail += f"; {warning}" if warning else ""
             effects += [Notice(order.t_ns, "warning", warning)] if warning else []
@@ -164,21 +169,21 @@ class Orders:
 
     # ------------------------------------------------------------ one vehicle
 
-    def _unchanged(self, order: Order, vehicle: int, untaskable: Mapping[int, str], *, is_heard: bool) -> str:
+    def _unchanged(self, order: Order, vehicle: int, *, is_heard: bool) -> str:
         """Return why an order would change nothing; empty if it would, or that is unknown."""
-        state = self._fleet.state(vehicle)
+        state, control = self._fleet.state(vehicle), self._controls[vehicle]
         if vehicle in self._commands or state is None or not is_heard:
             return ""
         match order.action:
             case "resume" if state.mode == LOITER and self._tasking.has_failed(vehicle):
                 return ""  # resume ends the pause after failed uploads
-            case "resume" if vehicle not in untaskable:
+            case "resume" if control.is_ours:
                 return f"is not suspended, and is in {state.mode or 'an unknown mode'}"
-            case "hold" | "return" if (self.suspensions.get(vehicle), state.mode) == (
+            case "hold" | "return" if (control.suspension, state.mode) == (
                 order.action,
                 _MODES[order.action],
             ):
-                return _REASONS[order.action]
+                return control.reason
             case "arm" if state.armed:
                 return "is armed"
             case "disarm" if not state.armed:
@@ -250,7 +255,8 @@ class Orders:
         """Return True if the verified onboard mission is the one to fly now."""
         route, onboard = self._replanner.routes.get(vehicle), self._tasking.onboard(vehicle)
         is_stored = onboard is not None and onboard.route is route
-        return is_stored and vehicle not in self.suspensions and vehicle not in self._tasking.stages
+        is_suspended = self._controls[vehicle].suspension is not None
+        return is_stored and not is_suspended and vehicle not in self._tasking.stages
 
     def _cannot_disarm(self, vehicle: int, state: VehicleState | None) -> str:
         """Return why a vehicle may be in the air; empty if it reports that it is on the ground."""
@@ -274,25 +280,25 @@ class Orders:
             command = command_long(vehicle, _ARM_DISARM, 1.0 if arm else 0.0)
             return effects + self._send(ongoing, vehicle, command, lambda shown: shown.armed is arm)
         if order.action == "resume":
-            mode = self._resume(vehicle, targets)
+            mode = self._resume(vehicle, targets, order.t_ns)
         else:
             mode = _MODES[order.action]
-            effects += self._suspend(vehicle, "hold" if order.action == "hold" else "return", order.t_ns)
+            event = ControlEvent.HOLD if order.action == "hold" else ControlEvent.RETURN
+            self._controls[vehicle].apply(event, order.t_ns)
+            effects += self._suspend(vehicle, order.action, order.t_ns)
         command = set_mode(vehicle, autopilot, mode)
         return effects + self._send(ongoing, vehicle, command, lambda shown: shown.mode == mode)
 
-    def _suspend(self, vehicle: int, reason: Suspension, t_ns: int) -> list[Effect]:
-        self.suspensions[vehicle] = reason
+    def _suspend(self, vehicle: int, action: str, t_ns: int) -> list[Effect]:
         route = self._replanner.routes.get(vehicle)
         if route is not None and vehicle not in self._tasking.stages:
             self.suspended_routes[vehicle] = route
         self._replanner.drop(vehicle)
-        return self._tasking.abandon(vehicle, f"given up for an order to {reason}", t_ns)
+        return self._tasking.abandon(vehicle, f"given up for an order to {action}", t_ns)
 
-    def _resume(self, vehicle: int, targets: Container[Label]) -> str:
+    def _resume(self, vehicle: int, targets: Container[Label], t_ns: int) -> str:
         """End a suspension; return the mode to command."""
-        self.suspensions.pop(vehicle, None)
-        self._tasking.release_override(vehicle)
+        self._tasking.release_override(vehicle, t_ns)
         route = self.suspended_routes.pop(vehicle, None)
         if vehicle not in self._replanner.routes:
             pursued = self._replanner.assigned.values()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterable
 from dataclasses import dataclass
 
-from gcs.core.authority.taskability import Taskability
+from gcs.core.authority.control_authority import ControlAuthority
 from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
@@ -33,7 +33,7 @@ class PlanningInputBuilder:
     association: TrackVehicleAssociation
     kinematics: VehicleKinematics
     agent_status: AgentStatusMonitor
-    taskability: Taskability
+    control: ControlAuthority
     tasking: UploadManager
     latency: UploadLatency
     mission_ends: MissionEnds
@@ -42,7 +42,7 @@ class PlanningInputBuilder:
     def build(self, t_ns: int, picture_t_ns: int) -> PlanningInputs:
         """Return the inputs of a plan at `t_ns`, with tracks as of `picture_t_ns`."""
         confirmed, labels = self.trackers.agents.confirmation.tracks, self.association.labels
-        untaskable = self.taskability.without_missions()
+        untaskable = self.control.without_missions()
         tracks = {v: confirmed[label] for v, label in labels.items() if label in confirmed}
         unassociated = self.association.unassociated
         tracks |= {v: track for v, track in unassociated.items() if v in self.replanner.planned}
@@ -83,11 +83,12 @@ class PlanningInputBuilder:
 
     def _other_vehicles(self, planned: Container[int]) -> tuple[OtherVehicle, ...]:
         """Return the vehicles in the air that are not planned for now."""
-        untaskable, found = self.taskability.untaskable(), []
+        found = []
         for state in self.fleet.states():
             vehicle, home = state.system_id, self.fleet.home(state.system_id)
             is_lost = self.agent_status.by_vehicle[vehicle].status == "lost"
-            if vehicle in planned or vehicle not in untaskable or is_lost or is_on_ground(state, home):
+            is_ours = self.control.of(vehicle).is_ours
+            if vehicle in planned or is_ours or is_lost or is_on_ground(state, home):
                 continue
             position_m = to_m = (state.east_m, state.north_m)
             if state.mode == RTL and home is not None:

@@ -10,7 +10,7 @@ from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.tasking.upload_latency import UploadLatency
 from gcs.core.tasking.upload_manager import UploadManager
-from gcs.model import Effect, Route, UploadReport
+from gcs.model import ControlEvent, Effect, Route, UploadReport
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Dispatch:
             if not isinstance(effect, UploadReport):
                 continue
             if effect.ok:
-                self.external_uploads.release([effect.vehicle])
+                self.external_uploads.release(effect.vehicle, ControlEvent.UPLOAD_VERIFIED, effect.t_ns)
                 self.latency.note_success(effect.vehicle, effect.duration_s)
             else:
                 self.latency.note_failure(effect.vehicle, effect.duration_s)

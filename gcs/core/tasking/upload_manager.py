@@ -7,7 +7,7 @@ A newer route for a vehicle supersedes its upload in progress. Other routes wait
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Mapping
 
 from gcs.config.airframe import AirframeTable
 from gcs.config.schema import MissionTable
@@ -28,7 +28,7 @@ from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.mavlink.services.rtt import RttEstimator
-from gcs.model import Effect, Notice, Route, UploadAnswer, UploadReport, VehicleState
+from gcs.model import Control, Effect, Notice, Route, UploadAnswer, UploadReport, VehicleState
 from gcs.planning.terminal.climb import Climb
 from gcs.planning.vehicle_model import RemainingMission
 
@@ -50,6 +50,8 @@ class UploadManager:
         Refuses missions with an item outside the map or the fence; None: none is refused.
     holds_back : callable
         Returns why an armed vehicle on the ground must not start yet; empty if it may.
+    controls : mapping or None
+        Control of each vehicle; None: overrides alone.
 
     Attributes
     ----------
@@ -58,7 +60,7 @@ class UploadManager:
     onboard_missions : OnboardMissions
         Verified missions of vehicles.
     overrides : Overrides
-        Control authority over vehicles.
+        Overriding modes of vehicles.
     """
 
     def __init__(
@@ -72,6 +74,7 @@ class UploadManager:
         climbs: Climbs | None = None,
         bounds: MissionBoundsCheck | None = None,
         holds_back: Callable[[int], str] = lambda _vehicle: "",
+        controls: Mapping[int, Control] | None = None,
     ) -> None:
         self.mission_count = 0
         self._table, self._return_routes, self._climbs = table, return_routes, climbs
@@ -79,7 +82,7 @@ class UploadManager:
         self._missions = MissionBuilder(table, airframe, frame)
         self._default_home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
         self.onboard_missions = OnboardMissions(fleet, stays=table.end == "loiter")
-        self.overrides = Overrides(fleet, self.onboard_missions)
+        self.overrides = Overrides(self.onboard_missions, controls or {})
         self._first_legs = FirstLegs(fleet)
         self._queue = UploadQueue(self._item_wait_s)
         self._active = ActiveUploads(
@@ -185,9 +188,9 @@ class UploadManager:
         """Allow uploads to a vehicle again."""
         self._paused.discard(vehicle)
 
-    def release_override(self, vehicle: int) -> None:
+    def release_override(self, vehicle: int, t_ns: int) -> None:
         """Take control of a vehicle back, on an operator's order."""
-        self.overrides.of(vehicle).release()
+        self.overrides.of(vehicle).release(t_ns)
         self._queue.forgive(vehicle)
 
     # ------------------------------------------------------------ uploads
@@ -254,7 +257,7 @@ class UploadManager:
         if message.get_type() == "MISSION_CURRENT":
             is_changing = is_uploading or vehicle in self._active.inconsistent
             self.overrides.observe_completion(vehicle, profile, message, t_ns, is_changing=is_changing)
-            if self.overrides.observe_rejection(vehicle, profile, message, is_uploading=is_uploading):
+            if self.overrides.observe_rejection(vehicle, profile, message, t_ns, is_uploading=is_uploading):
                 self.onboard_missions.forget(vehicle)
                 text = "its navigator rejects its onboard mission (no valid mission): it waits in Hold"
                 return [Notice(t_ns, "alarm", text, vehicle), *self._not_begun(vehicle, text, t_ns)]
@@ -279,7 +282,7 @@ class UploadManager:
     def _rebooted(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Forget the onboard mission, and restart an upload in progress."""
         self._boots[vehicle] = self._fleet.boots(vehicle)
-        self.overrides.of(vehicle).note_reboot()
+        self.overrides.of(vehicle).note_reboot(t_ns)
         self._first_legs.end(vehicle)
         onboard, is_uploading = self.onboard_missions.of(vehicle), vehicle in self._active
         if onboard is not None and not is_uploading:

@@ -18,72 +18,88 @@ A LOITER that an operator chooses while we hold the vehicle in LOITER looks like
 from __future__ import annotations
 
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
-from gcs.model import PersistedAuthority
+from gcs.model import Authority, Control, ControlEvent, PersistedAuthority
 
 
 class ModeAuthority:
-    """Control authority over one vehicle."""
+    """Classification of the mode changes of one vehicle, as events of its control."""
 
-    def __init__(self, mode: str = "") -> None:
+    def __init__(self, mode: str = "", control: Control | None = None) -> None:
+        self.control = Control() if control is None else control
         self.mode = ""
         """Mode of the last heartbeat; empty before the first."""
-        self.override = ""
-        """Mode that an operator chose; empty while the vehicle is ours."""
         self.has_ended = False
         """True if the vehicle is in RTL because its mission is complete."""
         self._previous = ""
         self._commanded = ""
         self._tasked = False
         if mode:
-            self.observe_mode(mode)
+            self.observe_mode(mode, 0)
+
+    @property
+    def override(self) -> str:
+        """Mode that an operator chose; empty without an override."""
+        return self.control.detail(Authority.OVERRIDDEN)
+
+    @property
+    def override_t_ns(self) -> int:
+        """Time at which the override began; 0 without one."""
+        claim = self.control.claims.get(Authority.OVERRIDDEN)
+        return 0 if claim is None else claim.since_t_ns
 
     def note_command(self, mode: str) -> None:
         """Note that we command this mode."""
         self._commanded = mode
         self._tasked = self._tasked or mode == AUTO
 
-    def observe_mode(self, mode: str, *, at_end: bool = False) -> None:
+    def observe_mode(self, mode: str, t_ns: int, *, at_end: bool = False) -> None:
         """Process the mode of a heartbeat; `at_end` is True if the mission's end would show as this mode."""
         if mode == self.mode:
             return
         first, self._previous, self.mode, self.has_ended = not self.mode, self.mode, mode, False
         if mode == AUTO:
-            self.override, self._tasked = "", True
+            self._tasked = True
+            self.control.apply(ControlEvent.AUTO_SEEN, t_ns)
         elif mode == LOITER and (self._commanded == LOITER or not self._tasked or at_end):
-            self.override = ""
+            self.control.apply(ControlEvent.WAITING_SEEN, t_ns)
         elif not (first and mode == LOITER):
-            self.override, self._commanded = mode, ""
+            self._commanded = ""
+            self.control.apply(ControlEvent.MODE_CHOSEN, t_ns, mode)
 
-    def note_rejection(self) -> None:
+    def note_rejection(self, t_ns: int) -> None:
         """Note that the vehicle is in LOITER because it has no valid mission."""
         if self.override == LOITER:
-            self.override = ""
+            self.control.apply(ControlEvent.MISSION_REJECTED, t_ns)
 
     @property
     def may_have_ended(self) -> bool:
         """True if the vehicle went from AUTO to RTL: at its mission's end, by a failsafe or an order."""
         return self.override == RTL and self._previous == AUTO
 
-    def note_completion(self) -> None:
+    def note_completion(self, t_ns: int) -> None:
         """Note that the vehicle went from AUTO to RTL because its mission is complete."""
         if self.may_have_ended:
-            self.override, self.has_ended = "", True
+            self.has_ended = True
+            self.control.apply(ControlEvent.MISSION_COMPLETE, t_ns)
 
     def persisted(self) -> PersistedAuthority:
         """Return the state to keep over a restart of the service."""
         taken = self.mode if self.has_ended else self.override
         return PersistedAuthority(self.mode, taken, self._commanded, self._tasked)
 
-    def restore(self, memory: PersistedAuthority) -> None:
+    def restore(self, memory: PersistedAuthority, t_ns: int) -> None:
         """Restore a kept state: the next observed mode is compared with it."""
-        self.mode, self.override = memory.mode, memory.taken
-        self._commanded, self._tasked = memory.ordered, memory.tasked
+        self.mode, self._commanded, self._tasked = memory.mode, memory.ordered, memory.tasked
+        if memory.taken:
+            self.control.restore(Authority.OVERRIDDEN, t_ns, memory.taken)
 
-    def note_reboot(self) -> None:
+    def note_reboot(self, t_ns: int) -> None:
         """Forget the mode: the mode after a boot is no override."""
         self.mode = self._previous = self._commanded = ""
         self.has_ended = False
+        self.control.apply(ControlEvent.REBOOT, t_ns)
 
-    def release(self) -> None:
-        """End an override, on an operator's order."""
-        self.override, self._tasked = "", False
+    def release(self, t_ns: int) -> None:
+        """Take control back, on an operator's order to resume."""
+        self._tasked = False
+        self.control.apply(ControlEvent.RESUME, t_ns)

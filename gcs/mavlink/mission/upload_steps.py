@@ -214,7 +214,7 @@ class UploadSteps(ListUpload):
 
     def _reject(self, t_ns: int) -> None:
         """Note that the vehicle's navigator rejects the mission: the mode is not an override."""
-        self._authority.note_rejection()
+        self._authority.note_rejection(t_ns)
         self._reason = "the vehicle's navigator rejects the mission (no valid mission)"
         self._is_rejected = True
         self._hold_and_clear(t_ns)

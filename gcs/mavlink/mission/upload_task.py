@@ -330,7 +330,7 @@ class UploadTask(UploadSteps):
 
     def _on_heartbeat(self, message: Message, t_ns: int) -> None:
         self._authority.observe_mode(
-            self._profile.mode_name(message.custom_mode), at_end=self._is_at_mission_end()
+            self._profile.mode_name(message.custom_mode), t_ns, at_end=self._is_at_mission_end()
         )
         mode, is_overridden = self._authority.mode, bool(self._authority.override)
         if self.stage is Stage.PARK and mode != AUTO:

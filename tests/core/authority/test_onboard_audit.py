@@ -49,5 +49,5 @@ def test_a_vehicle_that_somebody_cleared_while_nobody_watched_is_left_alone() ->
     run, effects = flown(lambda run: emptied(run, reboots=False), restarts=True)
     told = [effect.text for effect in effects if isinstance(effect, Notice)]
     assert any("its onboard mission is not the one it was given" in text for text in told)
-    assert run.command.orders.suspensions == {3: "found"}
+    assert run.command.control.suspensions() == {3: "found"}
     assert not [effect for effect in effects if isinstance(effect, UploadReport)]

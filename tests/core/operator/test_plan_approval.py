@@ -182,7 +182,7 @@ def test_under_any_orders_only_what_was_confirmed_is_uploaded_and_nobody_held_is
     run.run(45.0)
     command, allowed, again = Engine(run.scenario.config, SEED), set(), []
     for event in events:
-        aside = set(command.orders.suspensions)
+        aside = set(command.control.suspensions())
         step = command.step(decode("recording", encode(event), type(event)))
         again += [encode(effect) for effect in step]
         for effect in step:

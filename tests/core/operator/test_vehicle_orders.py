@@ -162,7 +162,7 @@ def test_a_vehicle_that_does_not_answer_stays_set_aside(action: str) -> None:
     run.run(65.0)
     flight = Flight(run, events, effects)
     assert flight.answers(f"{action}-21.0") == [("accepted", None), ("failed", 1)]
-    assert run.command.orders.suspensions == {1: action}
+    assert run.command.control.suspensions() == {1: action}
 
 
 def test_an_order_for_the_plan_names_vehicles_that_no_plan_is_made_for_and_what_to_do() -> None:

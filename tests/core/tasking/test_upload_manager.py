@@ -86,12 +86,12 @@ def test_an_operators_loiter_is_told_and_kept_until_an_order():
     swarm.task(1)
     swarm.run(5.0)
     assert swarm.planes[1].mode == AUTO
-    assert swarm.tasking.overrides.untaskable() == {}
+    assert swarm.tasking.overrides.modes() == {}
     swarm.planes[1].mode = LOITER
     swarm.run(2.0)
-    assert swarm.tasking.overrides.untaskable() == {1: "is in LOITER and left alone"}
-    swarm.tasking.release_override(1)
-    assert swarm.tasking.overrides.untaskable() == {}
+    assert swarm.tasking.overrides.modes() == {1: "LOITER"}
+    swarm.tasking.release_override(1, 0)
+    assert swarm.tasking.overrides.modes() == {}
 
 
 def test_a_vehicle_counted_as_lost_in_mid_upload_is_cleared_when_it_is_heard():
@@ -266,7 +266,7 @@ def test_a_mission_that_a_px4_rejects_later_on_is_no_operators_hold():
     assert swarm.reports()[-1].ok
     px4.valid, px4.mode = False, HOLD
     swarm.run(3.0)
-    assert swarm.tasking.overrides.untaskable() == {}
+    assert swarm.tasking.overrides.modes() == {}
     assert not swarm.reports()[-1].ok
     assert any("its navigator rejects its onboard mission" in text for text in alarms(swarm))
 
@@ -280,7 +280,7 @@ def test_a_px4_that_somebody_holds_and_clears_is_theirs():
     swarm.run(2.0)
     px4.store, px4.valid = [], False
     swarm.run(3.0)
-    assert 1 in swarm.tasking.overrides.untaskable()
+    assert 1 in swarm.tasking.overrides.modes()
 
 
 def test_nothing_false_is_said_of_a_px4():

@@ -8,13 +8,13 @@ def after(*steps):
     for step in steps:
         kind, _, mode = step.partition(" ")
         if kind == "hear":
-            authority.observe_mode(mode)
+            authority.observe_mode(mode, 0)
         elif kind == "end":
-            authority.observe_mode(mode, at_end=True)
+            authority.observe_mode(mode, 0, at_end=True)
         elif kind == "order":
             authority.note_command(mode)
         else:
-            getattr(authority, kind)()
+            getattr(authority, kind)(0)
     return authority.override
 
 

@@ -241,7 +241,7 @@ def test_a_reboot_in_mid_transfer_starts_it_again(at_s):
         if now.t_ns >= at_s * S and not rebooted:
             rebooted.append(now.t_ns)
             plane.reboot(now.t_ns)
-            authority.note_reboot()
+            authority.note_reboot(0)
             now.up.put(now.task.restart(now.t_ns), now.t_ns)
 
     link.each_step = reboot

@@ -1,0 +1,86 @@
+"""Control authority over all vehicles: only those that are ours get missions.
+
+Orders, uploads of other stations, audits and mode changes are events of a vehicle's control
+(`gcs.model.control`) when they happen. `update` adds the events that follow from other states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from gcs.core.operator.vehicle_orders import Orders
+from gcs.core.takeoff.climbs import Climbs
+from gcs.core.tasking.mission_ends import MissionEnds
+from gcs.core.tasking.upload_manager import UploadManager
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.model import Authority, Control, ControlEvent, Suspension
+
+_MISSION_MODES: Final = ("", "AUTO", "LOITER")
+"""Before the first heartbeat, on a mission, and waiting for one."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControlAuthority:
+    """Control of all vehicles."""
+
+    controls: Mapping[int, Control]
+    fleet: Fleet
+    tasking: UploadManager
+    orders: Orders
+    mission_ends: MissionEnds
+    climbs: Climbs
+
+    def of(self, vehicle: int) -> Control:
+        """Return the control of a vehicle."""
+        return self.controls[vehicle]
+
+    def update(self, t_ns: int) -> None:
+        """Apply the events that follow from modes, missions, commands and climbs."""
+        waiting = self.orders.waiting
+        for vehicle, control in self.controls.items():
+            for event, detail in self._events(vehicle, is_waiting=vehicle in waiting):
+                control.apply(event, t_ns, detail)
+
+    def _events(self, vehicle: int, *, is_waiting: bool) -> Iterator[tuple[ControlEvent, str]]:
+        state = self.fleet.state(vehicle)
+        mode = "" if state is None else state.mode
+        is_mission_mode = mode in _MISSION_MODES or self._missed_in_rtl(vehicle)
+        is_landing = self.tasking.terminal_phase(vehicle) == "landing"
+        is_unknown = bool(self.fleet.link(vehicle)) and self.fleet.profile(vehicle) is None
+        is_blocked = vehicle in self.climbs.blocked
+        if is_mission_mode:
+            yield ControlEvent.MISSION_MODE_SEEN, ""
+        else:
+            yield ControlEvent.OTHER_MODE_SEEN, mode
+        yield ControlEvent.LANDING_BEGUN if is_landing else ControlEvent.LANDING_ENDED, ""
+        yield ControlEvent.FIRMWARE_UNKNOWN if is_unknown else ControlEvent.FIRMWARE_KNOWN, ""
+        yield ControlEvent.TAKEOFF_BLOCKED if is_blocked else ControlEvent.TAKEOFF_CLEAR, ""
+        yield ControlEvent.WAIT_COMMANDED if is_waiting else ControlEvent.WAIT_ENDED, ""
+
+    def untaskable(self) -> dict[int, str]:
+        """Return the vehicles that are not ours, with the reason in words."""
+        return {v: control.reason for v, control in self.controls.items() if not control.is_ours}
+
+    def without_missions(self) -> dict[int, str]:
+        """Return the vehicles that get no mission now, with the reason in words: not ours, or grounded."""
+        return {
+            v: control.reason
+            for v, control in self.controls.items()
+            if control.authority is not Authority.OURS
+        }
+
+    def suspensions(self) -> dict[int, Suspension]:
+        """Return the suspended vehicles, with the reason."""
+        found = {vehicle: control.suspension for vehicle, control in self.controls.items()}
+        return {vehicle: reason for vehicle, reason in found.items() if reason is not None}
+
+    def overridden(self) -> dict[int, str]:
+        """Return the overriding modes by vehicle, except modes that orders here asked for."""
+        modes = self.tasking.overrides.modes()
+        return {v: mode for v, mode in modes.items() if not self.orders.has_ordered(v, mode)}
+
+    def _missed_in_rtl(self, vehicle: int) -> bool:
+        """Return True if a vehicle completed its mission, into RTL, without having reached its target."""
+        return self.tasking.overrides.has_completed(vehicle) and self.mission_ends.has_missed(vehicle)

@@ -1,0 +1,200 @@
+"""Control authority over one vehicle: its states, the events that change it, and one table of both.
+
+Reasons to leave a vehicle alone may overlap: a held vehicle may be landing, too. So each state but OURS is
+a claim that begins and ends by itself. The authority is the highest claim; without one the vehicle is ours.
+Events that are not in `TRANSITIONS` for a claim keep it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum, IntEnum
+from typing import Final, Literal, Self, TypeAlias
+
+AuthorityWord: TypeAlias = Literal[
+    "ours",
+    "held",
+    "returning",
+    "overridden",
+    "landing",
+    "other station",
+    "unverified",
+    "grounded",
+    "unsupported",
+]
+"""Authority over a vehicle, for operators; see `Authority`."""
+Suspension: TypeAlias = Literal["hold", "return", "found"]
+"""Why a vehicle is suspended: ordered to hold or to return, or found with a mission that is not ours."""
+
+
+class Authority(IntEnum):
+    """Who controls a vehicle, with the word and the reason for operators. A higher one prevails."""
+
+    word: AuthorityWord
+    reason: str
+    """Why the vehicle gets no mission; `{}` is the mode or the ground station."""
+
+    OURS = "ours", ""
+    GROUNDED = "grounded", "stands where its take-off is not clear"
+    OTHER_MODE = "overridden", "is in {} and left alone"
+    """In a mode other than AUTO and LOITER, whoever chose it."""
+    OVERRIDDEN = "overridden", "is in {} and left alone"
+    """In a mode that a pilot, another station or a failsafe chose."""
+    LANDING = "landing", "is landing and left alone"
+    UNSUPPORTED = "unsupported", "has a firmware that is not known here"
+    OTHER_STATION = "other station", "has a mission of {} and is left alone"
+    UNVERIFIED = "unverified", "does not answer the download of its onboard mission"
+    RESUMING = "ours", "is commanded to wait in LOITER"
+    OTHER_MISSION = "other station", "flies another mission"
+    """By an audit: it stores another mission than the last verified one."""
+    RETURNING = "returning", "returns by order"
+    HELD = "held", "is held by order"
+
+    def __new__(cls, word: AuthorityWord, reason: str) -> Self:
+        """Number the members in their order."""
+        member = int.__new__(cls, len(cls.__members__))
+        member._value_ = len(cls.__members__)
+        member.word, member.reason = word, reason
+        return member
+
+
+SUSPENSIONS: Final[dict[Authority, Suspension]] = {
+    Authority.HELD: "hold",
+    Authority.RETURNING: "return",
+    Authority.OTHER_MISSION: "found",
+}
+"""Claims that last until an order, and over a restart; at most one of them at a time."""
+
+
+class ControlEvent(Enum):
+    """Event that may change the control of a vehicle; the values are words for the documentation."""
+
+    HOLD = "hold"
+    RETURN = "return"
+    RESUME = "resume"
+    WAIT_COMMANDED = "resume into LOITER"
+    WAIT_ENDED = "answered"
+    MODE_CHOSEN = "mode not commanded"
+    AUTO_SEEN = "AUTO"
+    WAITING_SEEN = "our LOITER"
+    """LOITER that was commanded, before the first mission, or at the end of one."""
+    MISSION_COMPLETE = "mission complete"
+    MISSION_REJECTED = "mission rejected"
+    OTHER_MODE_SEEN = "neither AUTO nor LOITER"
+    MISSION_MODE_SEEN = "AUTO or LOITER"
+    """Or the RTL after a completed mission that missed its target."""
+    STATION_WRITES = "foreign upload"
+    UPLOAD_VERIFIED = "upload verified"
+    AUDIT_LATE = "audit unanswered"
+    AUDIT_EQUAL = "audit equal"
+    AUDIT_DIFFERENT = "audit different"
+    MISSION_LOST = "empty after reboot"
+    LANDING_BEGUN = "final approach"
+    LANDING_ENDED = "approach ended"
+    FIRMWARE_UNKNOWN = "unknown firmware"
+    FIRMWARE_KNOWN = "known firmware"
+    TAKEOFF_BLOCKED = "take-off blocked"
+    TAKEOFF_CLEAR = "take-off clear"
+    REBOOT = "reboot"
+    AGENT_LOST = "agent lost"
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """Effect of an event: the claim that it begins, and those that it ends."""
+
+    begins: Authority | None = None
+    ends: frozenset[Authority] = frozenset()
+
+
+def _to(begins: Authority | None, *ends: Authority) -> Transition:
+    return Transition(begins, frozenset(ends))
+
+
+_A, _E = Authority, ControlEvent
+TRANSITIONS: Final[dict[ControlEvent, Transition]] = {
+    _E.HOLD: _to(_A.HELD, _A.RETURNING, _A.OTHER_MISSION),
+    _E.RETURN: _to(_A.RETURNING, _A.HELD, _A.OTHER_MISSION),
+    _E.RESUME: _to(
+        None, _A.HELD, _A.RETURNING, _A.OTHER_MISSION, _A.OVERRIDDEN, _A.OTHER_STATION, _A.UNVERIFIED
+    ),
+    _E.WAIT_COMMANDED: _to(_A.RESUMING),
+    _E.WAIT_ENDED: _to(None, _A.RESUMING),
+    _E.MODE_CHOSEN: _to(_A.OVERRIDDEN),
+    _E.AUTO_SEEN: _to(None, _A.OVERRIDDEN),
+    _E.WAITING_SEEN: _to(None, _A.OVERRIDDEN),
+    _E.MISSION_COMPLETE: _to(None, _A.OVERRIDDEN),
+    _E.MISSION_REJECTED: _to(None, _A.OVERRIDDEN),
+    _E.OTHER_MODE_SEEN: _to(_A.OTHER_MODE),
+    _E.MISSION_MODE_SEEN: _to(None, _A.OTHER_MODE),
+    _E.STATION_WRITES: _to(_A.OTHER_STATION),
+    _E.UPLOAD_VERIFIED: _to(None, _A.OTHER_STATION),
+    _E.AUDIT_LATE: _to(_A.UNVERIFIED),
+    _E.AUDIT_EQUAL: _to(None, _A.UNVERIFIED),
+    _E.AUDIT_DIFFERENT: _to(_A.OTHER_MISSION, _A.UNVERIFIED, _A.HELD, _A.RETURNING),
+    _E.MISSION_LOST: _to(None, _A.UNVERIFIED),
+    _E.LANDING_BEGUN: _to(_A.LANDING),
+    _E.LANDING_ENDED: _to(None, _A.LANDING),
+    _E.FIRMWARE_UNKNOWN: _to(_A.UNSUPPORTED),
+    _E.FIRMWARE_KNOWN: _to(None, _A.UNSUPPORTED),
+    _E.TAKEOFF_BLOCKED: _to(_A.GROUNDED),
+    _E.TAKEOFF_CLEAR: _to(None, _A.GROUNDED),
+    _E.REBOOT: _to(None),
+    _E.AGENT_LOST: _to(None),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """Claim to a vehicle."""
+
+    since_t_ns: int
+    detail: str = ""
+    """Mode or ground station that the reason names."""
+
+
+@dataclass(slots=True)
+class Control:
+    """Control of one vehicle."""
+
+    claims: dict[Authority, Claim] = field(default_factory=dict)
+
+    @property
+    def authority(self) -> Authority:
+        """Who controls the vehicle."""
+        return max(self.claims, default=Authority.OURS)
+
+    @property
+    def is_ours(self) -> bool:
+        """True if no other controls the vehicle; it may still be grounded."""
+        return self.authority <= Authority.GROUNDED
+
+    @property
+    def reason(self) -> str:
+        """Why the vehicle gets no mission, in words; empty if it is ours."""
+        authority = self.authority
+        return authority.reason.format(self.detail(authority))
+
+    @property
+    def suspension(self) -> Suspension | None:
+        """Why the vehicle is suspended until an order; None if it is not."""
+        return next((word for claim, word in SUSPENSIONS.items() if claim in self.claims), None)
+
+    def detail(self, authority: Authority) -> str:
+        """Return the mode or ground station of a claim; empty without the claim."""
+        claim = self.claims.get(authority)
+        return "" if claim is None else claim.detail
+
+    def apply(self, event: ControlEvent, t_ns: int, detail: str = "") -> None:
+        """Process an event; a claim that goes on keeps its time."""
+        transition = TRANSITIONS[event]
+        for authority in transition.ends:
+            self.claims.pop(authority, None)
+        if transition.begins is not None:
+            self.restore(transition.begins, t_ns, detail)
+
+    def restore(self, authority: Authority, t_ns: int, detail: str = "") -> None:
+        """Begin a claim without an event, from persisted state."""
+        claim = self.claims.get(authority)
+        if claim is None or claim.detail != detail:
+            self.claims[authority] = Claim(t_ns, detail)

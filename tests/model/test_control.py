@@ -1,0 +1,119 @@
+"""An operator would lose the aircraft to a service that tasks a vehicle which somebody else controls."""
+
+from __future__ import annotations
+
+import re
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+
+from gcs.model.control import SUSPENSIONS, TRANSITIONS, Authority, Control, ControlEvent, Transition
+
+A, E = Authority, ControlEvent
+CLAIMS = [authority for authority in Authority if authority is not A.OURS]
+SETS = [frozenset(found) for size in range(len(CLAIMS) + 1) for found in combinations(CLAIMS, size)]
+"""All sets of claims, also those that cannot occur together."""
+ORDERS = {E.HOLD, E.RETURN, E.RESUME}
+each_event = pytest.mark.parametrize("event", ControlEvent)
+
+
+def after(claims: frozenset[Authority], event: ControlEvent) -> Control:
+    control = Control()
+    for claim in claims:
+        control.restore(claim, 1, "x")
+    control.apply(event, 2, "x")
+    return control
+
+
+def enders(claim: Authority) -> set[ControlEvent]:
+    return {event for event, transition in TRANSITIONS.items() if claim in transition.ends}
+
+
+@each_event
+def test_every_event_has_a_row_and_does_in_every_state_what_the_row_says(event: ControlEvent) -> None:
+    row = TRANSITIONS[event]
+    assert A.OURS not in row.ends
+    assert row.begins not in row.ends
+    for claims in SETS:
+        control, wanted = after(claims, event), (claims - row.ends) | ({row.begins} - {None})
+        assert control.claims.keys() == wanted
+        assert control.authority == max(wanted, default=A.OURS)
+        assert control.is_ours == (wanted <= {A.GROUNDED})
+        assert bool(control.reason) == bool(wanted)
+
+
+@pytest.mark.parametrize("claim", CLAIMS)
+def test_every_claim_begins_and_ends(claim: Authority) -> None:
+    begins = {event for event, row in TRANSITIONS.items() if row.begins is claim}
+    assert len(begins) == 1
+    assert enders(claim)
+
+
+def test_only_an_order_ends_a_hold_or_a_return() -> None:
+    """An audit that finds another mission keeps the vehicle suspended, for that reason."""
+    for claim in (A.HELD, A.RETURNING, A.OTHER_MISSION):
+        for event in enders(claim) - ORDERS:
+            assert event is E.AUDIT_DIFFERENT
+            assert after(frozenset({claim}), event).suspension == "found"
+    assert enders(A.OTHER_MISSION) == ORDERS
+    for claims in SETS:
+        for event in ControlEvent:
+            if claims & SUSPENSIONS.keys() and event is not E.RESUME:
+                assert after(claims, event).suspension is not None
+
+
+def test_a_pilot_keeps_the_vehicle_until_auto_our_own_loiter_or_an_order_to_resume() -> None:
+    explained = {E.WAITING_SEEN, E.MISSION_COMPLETE, E.MISSION_REJECTED}
+    assert enders(A.OVERRIDDEN) == {E.AUTO_SEEN, E.RESUME} | explained
+
+
+def test_the_mission_of_another_station_stays_until_ours_is_verified_or_an_order_to_resume() -> None:
+    assert enders(A.OTHER_STATION) == {E.UPLOAD_VERIFIED, E.RESUME}
+
+
+def test_an_unanswered_audit_ends_by_its_answer_or_an_order_to_resume() -> None:
+    answers = {E.AUDIT_EQUAL, E.AUDIT_DIFFERENT, E.MISSION_LOST}
+    assert enders(A.UNVERIFIED) == {*answers, E.RESUME}
+
+
+@pytest.mark.parametrize("event", [E.REBOOT, E.AGENT_LOST])
+def test_a_reboot_or_a_loss_gives_nothing_back(event: ControlEvent) -> None:
+    assert TRANSITIONS[event] == Transition()
+
+
+def test_no_order_hides_a_landing_a_firmware_or_a_blocked_takeoff() -> None:
+    facts = {A.GROUNDED, A.OTHER_MODE, A.LANDING, A.UNSUPPORTED}
+    for order in ORDERS:
+        assert not TRANSITIONS[order].ends & facts
+        assert after(frozenset(facts), order).claims.keys() >= facts
+
+
+def test_at_most_one_suspension_lasts() -> None:
+    for claims in SETS:
+        if len(claims & SUSPENSIONS.keys()) <= 1:
+            for event in ControlEvent:
+                assert len(after(claims, event).claims.keys() & SUSPENSIONS.keys()) <= 1
+
+
+def test_a_claim_that_goes_on_keeps_its_time_and_another_mode_begins_anew() -> None:
+    control = Control()
+    for t_ns, mode in ((1, "RTL"), (2, "RTL"), (3, "FBWA")):
+        control.apply(E.MODE_CHOSEN, t_ns, mode)
+    assert control.claims[A.OVERRIDDEN].since_t_ns == 3
+    assert control.reason == "is in FBWA and left alone"
+    control.apply(E.HOLD, 4)
+    control.apply(E.HOLD, 5)
+    assert control.claims[A.HELD].since_t_ns == 4
+    assert control.reason == "is held by order"
+
+
+def test_the_table_in_the_documentation_is_the_table_of_the_service() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "orders.md").read_text(encoding="utf-8")
+    rows = text.split("ends with\n")[1].split("```")[0].splitlines()
+    wanted = []
+    for claim in CLAIMS:
+        begins = [event.value for event in ControlEvent if TRANSITIONS[event].begins is claim]
+        ends = [event.value for event in ControlEvent if event in enders(claim)]
+        wanted.append([claim.word, ", ".join(begins), ", ".join(ends)])
+    assert [re.split(" {2,}", row) for row in rows] == wanted
