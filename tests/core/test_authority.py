@@ -20,6 +20,7 @@ from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.mavlink.mission.items import Home
 from gcs.model import (
+    Authority,
     Datagram,
     MissionEnded,
     Notice,
@@ -229,6 +230,43 @@ def test_resume_lets_a_px4_that_rejected_its_mission_have_the_next_one_at_once()
     assert answer.detail == "LOITER, armed: waits for its next mission"
     assert not stage.command.tasking.has_failed(1)
     assert stage.command.untaskable() == {}
+
+
+@BOTH
+@pytest.mark.parametrize(("action", "mode"), [("hold", "LOITER"), ("return", "RTL")])
+def test_a_suspended_vehicle_stays_so_over_a_lost_link_a_reboot_and_a_pilots_auto(
+    autopilot: int, action: str, mode: str
+) -> None:
+    stage = airborne(autopilot, "AUTO")
+    assert stage.order(action)[0].state == "accepted"
+    stage.mode = mode
+    stage.wait(3.0)
+    before = stage.command.control.of(1).claims[Authority.HELD if action == "hold" else Authority.RETURNING]
+    for _ in range(60):
+        stage.t_ns += S // 2
+        stage.step(Tick(stage.t_ns))
+    for stage.mode in ("MANUAL", "AUTO", mode):
+        stage.wait(2.0)
+        control = stage.command.control.of(1)
+        assert control.suspension == action
+        assert before in control.claims.values()
+    assert stage.order("resume")[0].state == "accepted"
+    assert stage.command.control.of(1).suspension is None
+
+
+def test_a_vehicle_of_an_unknown_firmware_is_not_tasked_from_its_first_heartbeat() -> None:
+    """The first plan would count on it, and leave its target to nobody until the upload fails."""
+    command, encode = Engine(parse(MISSION, "x"), 1), Encoder(1, 1)
+    generic = dialect.MAV_AUTOPILOT_GENERIC
+    heartbeat = dialect.MAVLink_heartbeat_message(1, generic, 129, 0, 4, 3)
+    command.step(Datagram(S, AIR, PEER, encode(heartbeat)))
+    command.step(Tick(2 * S))
+    assert command.untaskable() == {1: "has a firmware that is not known here"}
+    assert command.control.of(1).authority is Authority.UNSUPPORTED
+    for action in ("hold", "return", "resume"):
+        (answer,) = command.step(Order(3 * S, action, action, (1,)))
+        assert isinstance(answer, OrderAnswer)
+        assert (answer.state, answer.detail) == ("refused", "has a firmware that is not known here")
 
 
 # ---------------------------------------------------------------- landing

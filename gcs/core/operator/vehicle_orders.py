@@ -33,6 +33,7 @@ from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.command_sender import CommandSender, HeartbeatState, command_long, set_mode
 from gcs.model import (
     AnswerState,
+    Authority,
     Control,
     ControlEvent,
     Effect,
@@ -193,6 +194,8 @@ class Orders:
     def _refusal(self, order: Order, vehicle: int, begun: Collection[int], *, is_heard: bool) -> str:
         state = self._fleet.state(vehicle)
         match order.action:
+            case "hold" | "return" | "resume" if self._fleet.profile(vehicle) is None:
+                return Authority.UNSUPPORTED.reason  # its modes are not known
             case "resume":
                 return self._cannot_resume(state) or self._blocked(order, vehicle, begun)
             case "arm" if not is_heard:
