@@ -2,7 +2,7 @@
 
 Reasons to leave a vehicle alone may overlap: a held vehicle may be landing, too. So each state but OURS is
 a claim that begins and ends by itself. The authority is the highest claim; without one the vehicle is ours.
-Events that are not in `TRANSITIONS` for a claim keep it.
+An event keeps the claims that it neither begins nor ends.
 """
 
 from __future__ import annotations
@@ -99,49 +99,24 @@ class ControlEvent(Enum):
     AGENT_LOST = "agent lost"
 
 
-@dataclass(frozen=True, slots=True)
-class Transition:
-    """Effect of an event: the claim that it begins, and those that it ends."""
-
-    begins: Authority | None = None
-    ends: frozenset[Authority] = frozenset()
-
-
-def _to(begins: Authority | None, *ends: Authority) -> Transition:
-    return Transition(begins, frozenset(ends))
-
-
 _A, _E = Authority, ControlEvent
-TRANSITIONS: Final[dict[ControlEvent, Transition]] = {
-    _E.HOLD: _to(_A.HELD, _A.RETURNING, _A.OTHER_MISSION),
-    _E.RETURN: _to(_A.RETURNING, _A.HELD, _A.OTHER_MISSION),
-    _E.RESUME: _to(
-        None, _A.HELD, _A.RETURNING, _A.OTHER_MISSION, _A.OVERRIDDEN, _A.OTHER_STATION, _A.UNVERIFIED
+TRANSITIONS: Final[dict[Authority, tuple[ControlEvent, tuple[ControlEvent, ...]]]] = {
+    _A.GROUNDED: (_E.TAKEOFF_BLOCKED, (_E.TAKEOFF_CLEAR,)),
+    _A.OTHER_MODE: (_E.OTHER_MODE_SEEN, (_E.MISSION_MODE_SEEN,)),
+    _A.OVERRIDDEN: (
+        _E.MODE_CHOSEN,
+        (_E.RESUME, _E.AUTO_SEEN, _E.WAITING_SEEN, _E.MISSION_COMPLETE, _E.MISSION_REJECTED),
     ),
-    _E.WAIT_COMMANDED: _to(_A.RESUMING),
-    _E.WAIT_ENDED: _to(None, _A.RESUMING),
-    _E.MODE_CHOSEN: _to(_A.OVERRIDDEN),
-    _E.AUTO_SEEN: _to(None, _A.OVERRIDDEN),
-    _E.WAITING_SEEN: _to(None, _A.OVERRIDDEN),
-    _E.MISSION_COMPLETE: _to(None, _A.OVERRIDDEN),
-    _E.MISSION_REJECTED: _to(None, _A.OVERRIDDEN),
-    _E.OTHER_MODE_SEEN: _to(_A.OTHER_MODE),
-    _E.MISSION_MODE_SEEN: _to(None, _A.OTHER_MODE),
-    _E.STATION_WRITES: _to(_A.OTHER_STATION),
-    _E.UPLOAD_VERIFIED: _to(None, _A.OTHER_STATION),
-    _E.AUDIT_LATE: _to(_A.UNVERIFIED),
-    _E.AUDIT_EQUAL: _to(None, _A.UNVERIFIED),
-    _E.AUDIT_DIFFERENT: _to(_A.OTHER_MISSION, _A.UNVERIFIED, _A.HELD, _A.RETURNING),
-    _E.MISSION_LOST: _to(None, _A.UNVERIFIED),
-    _E.LANDING_BEGUN: _to(_A.LANDING),
-    _E.LANDING_ENDED: _to(None, _A.LANDING),
-    _E.FIRMWARE_UNKNOWN: _to(_A.UNSUPPORTED),
-    _E.FIRMWARE_KNOWN: _to(None, _A.UNSUPPORTED),
-    _E.TAKEOFF_BLOCKED: _to(_A.GROUNDED),
-    _E.TAKEOFF_CLEAR: _to(None, _A.GROUNDED),
-    _E.REBOOT: _to(None),
-    _E.AGENT_LOST: _to(None),
+    _A.LANDING: (_E.LANDING_BEGUN, (_E.LANDING_ENDED,)),
+    _A.UNSUPPORTED: (_E.FIRMWARE_UNKNOWN, (_E.FIRMWARE_KNOWN,)),
+    _A.OTHER_STATION: (_E.STATION_WRITES, (_E.RESUME, _E.UPLOAD_VERIFIED)),
+    _A.UNVERIFIED: (_E.AUDIT_LATE, (_E.RESUME, _E.AUDIT_EQUAL, _E.AUDIT_DIFFERENT, _E.MISSION_LOST)),
+    _A.RESUMING: (_E.WAIT_COMMANDED, (_E.WAIT_ENDED,)),
+    _A.OTHER_MISSION: (_E.AUDIT_DIFFERENT, (_E.HOLD, _E.RETURN, _E.RESUME)),
+    _A.RETURNING: (_E.RETURN, (_E.HOLD, _E.RESUME, _E.AUDIT_DIFFERENT)),
+    _A.HELD: (_E.HOLD, (_E.RETURN, _E.RESUME, _E.AUDIT_DIFFERENT)),
 }
+"""The event that begins each claim, and those that end it; `docs/orders.md` shows them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,11 +162,11 @@ class Control:
 
     def apply(self, event: ControlEvent, t_ns: int, detail: str = "") -> None:
         """Process an event; a claim that goes on keeps its time."""
-        transition = TRANSITIONS[event]
-        for authority in transition.ends:
-            self.claims.pop(authority, None)
-        if transition.begins is not None:
-            self.restore(transition.begins, t_ns, detail)
+        for authority, (begins, ends) in TRANSITIONS.items():
+            if event in ends:
+                self.claims.pop(authority, None)
+            elif event is begins:
+                self.restore(authority, t_ns, detail)
 
     def restore(self, authority: Authority, t_ns: int, detail: str = "") -> None:
         """Begin a claim without an event, from persisted state."""

@@ -26,6 +26,7 @@ from gcs.model import (
     Notice,
     Order,
     OrderAnswer,
+    PersistedAuthority,
     Route,
     Scan,
     Send,
@@ -252,6 +253,14 @@ def test_a_suspended_vehicle_stays_so_over_a_lost_link_a_reboot_and_a_pilots_aut
         assert before in control.claims.values()
     assert stage.order("resume")[0].state == "accepted"
     assert stage.command.control.of(1).suspension is None
+
+
+def test_a_pilots_loiter_is_kept_over_a_restart_and_a_reboot_that_empties_the_mission() -> None:
+    """Its persisted time is unknown: it must not pass for the mode that the vehicle booted in."""
+    overrides = Engine(parse(MISSION, "x"), 1).tasking.overrides
+    overrides.of(1).restore(PersistedAuthority("LOITER", "LOITER", "", True), 100 * S)
+    overrides.note_mission_lost(1, 200 * S, 230 * S)
+    assert overrides.modes() == {1: "LOITER"}
 
 
 def test_a_vehicle_of_an_unknown_firmware_is_not_tasked_from_its_first_heartbeat() -> None:
