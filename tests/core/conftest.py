@@ -1,4 +1,4 @@
-"""Make the staging beside the tests, and the doubles of vehicles, importable."""
+"""Make `staging` and the doubles of vehicles importable."""
 
 import sys
 from pathlib import Path

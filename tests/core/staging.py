@@ -35,18 +35,18 @@ def track(
     return Track(label, read_only([*place, *velocity]), read_only(cov), existence, estimated)
 
 
-_moments = itertools.count()
+_seconds = itertools.count()
 
 
 def picture(*tracks: Track, t_s: float | None = None, kind: Kind = "agents") -> Picture:
-    """A picture of these tracks; one second later than the one before, unless it is said when."""
-    t_s = float(next(_moments)) if t_s is None else t_s
+    """A picture of these tracks; by default one second later than the one before."""
+    t_s = float(next(_seconds)) if t_s is None else t_s
     ordered = tuple(sorted(tracks, key=lambda one: one.label))
     return Picture(at(t_s), at(t_s), kind, ordered, read_only([1.0]))
 
 
 def confirmed(*tracks: Track, lost_existence: float = 0.01) -> TrackConfirmation:
-    """Beliefs that hold exactly these tracks."""
+    """Return a confirmation of exactly these tracks."""
     confirmation = TrackConfirmation(lost_existence)
     for _ in range(3):
         confirmation.update(picture(*tracks))

@@ -1,4 +1,4 @@
-"""A user would lose trust: a replay that differs, a stranger who is obeyed, a bad scan that ends it all."""
+"""A user would lose trust: a replay that differs, an unknown system in control, a bad scan that ends the run."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def test_two_commands_side_by_side_do_not_disturb_each_other(flight: Flight) -> 
     assert written(effects) == written(play(flight.config, events))
 
 
-# ---------------------------------------------------------------- who is told what
+# ---------------------------------------------------------------- missions and their vehicles
 
 
 def test_a_mission_is_only_ever_begun_for_vehicles_in_changed(flight: Flight) -> None:
@@ -138,11 +138,13 @@ def test_a_mission_is_only_ever_begun_for_vehicles_in_changed(flight: Flight) ->
 
 def test_a_lost_vehicle_gets_no_more_missions(flight: Flight) -> None:
     death = next(i for i, e in enumerate(flight.effects) if isinstance(e, AgentStatus) and e.status == "lost")
-    dead = flight.effects[death].vehicle
-    told = {m.target_system for _, m in messages(flight.effects[death:]) if m.get_type() in MISSION_MESSAGES}
-    assert dead not in told
+    lost = flight.effects[death].vehicle
+    sent_to = {
+        m.target_system for _, m in messages(flight.effects[death:]) if m.get_type() in MISSION_MESSAGES
+    }
+    assert lost not in sent_to
     before = messages(flight.effects[:death])
-    assert dead in {m.target_system for _, m in before if m.get_type() in MISSION_MESSAGES}
+    assert lost in {m.target_system for _, m in before if m.get_type() in MISSION_MESSAGES}
 
 
 def test_everything_for_a_vehicle_goes_to_its_own_address(flight: Flight) -> None:
@@ -204,7 +206,7 @@ HOSTILE = st.one_of(
 
 @pytest.fixture(scope="module")
 def unharmed(flight: Flight) -> tuple[list[Event], int, list[bytes]]:
-    """Events of 20 s, the first after contact, and the effects where nobody is hostile."""
+    """Events of 20 s, the first after contact, and the effects without hostile input."""
     events = flight.until(20.0)
     return events, flight.contact(), written(play(flight.config, events), without=(Notice,))
 
@@ -239,7 +241,7 @@ def test_a_bombardment_all_the_way_changes_nothing(flight: Flight) -> None:
     assert sum(isinstance(effect, Notice) for effect in effects) < 100
 
 
-def test_a_stranger_before_anybody_else_is_not_flown(flight: Flight) -> None:
+def test_an_unknown_system_heard_first_is_not_flown(flight: Flight) -> None:
     command = Engine(flight.config, SEED)
     effects = []
     for t_s in np.arange(0.0, 10.0, 0.25):
@@ -272,7 +274,7 @@ BAD_SCANS = st.builds(
 
 @settings(deadline=None, max_examples=20)
 @given(bad=st.lists(st.tuples(st.integers(0, 10**6), BAD_SCANS), min_size=1, max_size=25))
-def test_no_scan_whatever_it_holds_stops_the_fold(flight: Flight, bad: list) -> None:
+def test_no_scan_stops_the_engine(flight: Flight, bad: list) -> None:
     events = flight.until(15.0)
     for place, (sensor, z, measured_s) in sorted(bad, key=lambda one: -one[0] % len(events)):
         here = events[place % len(events)].t_ns
@@ -314,20 +316,20 @@ def test_scans_that_come_late_or_twice_or_from_the_future_change_nothing(
             events += [stray, stray, stray]
     effects = play(flight.config, events)
     assert written(effects, without=(Notice,)) == written(flight.effects, without=(Notice,))
-    told = [
+    notices = [
         e.text for e in effects if isinstance(e, Notice) and e.text.startswith("bad input: scan of radar")
     ]
-    assert 0 < len(told) <= 20
+    assert 0 < len(notices) <= 20
 
 
 def test_bad_input_is_counted_all_and_summarised(flight: Flight) -> None:
-    command, told = Engine(flight.config, SEED), list[Effect]()
+    command, notices = Engine(flight.config, SEED), list[Effect]()
     for t_s in range(500):
-        told += command.step(BadInput(at(t_s), "zenoh", f"not JSON: {t_s}"))
-        told += [e for e in command.step(Tick(at(t_s))) if isinstance(e, Notice) and "bad input" in e.text]
+        notices += command.step(BadInput(at(t_s), "zenoh", f"not JSON: {t_s}"))
+        notices += [e for e in command.step(Tick(at(t_s))) if isinstance(e, Notice) and "bad input" in e.text]
     assert command.input_errors.count == 500
-    assert told[0] == Notice(at(0), "warning", "bad input: not JSON: 0")
-    assert len(told) == 3 + 49
+    assert notices[0] == Notice(at(0), "warning", "bad input: not JSON: 0")
+    assert len(notices) == 3 + 49
 
 
 # ---------------------------------------------------------------- vehicles of our own making
@@ -372,8 +374,8 @@ class Scene:
                 self.effects += self.command.step(self.plane.speak(self.t_s))
             if step % 10 == 2:
                 things = [TARGET] if self.plane is None else [TARGET, self.plane.place]
-                look = scan(self.t_s - DELAY_S, *things, arrives_s=self.t_s)
-                self.effects += self.command.step(look)
+                radar_scan = scan(self.t_s - DELAY_S, *things, arrives_s=self.t_s)
+                self.effects += self.command.step(radar_scan)
             self.effects += self.command.step(Tick(at(self.t_s)))
             self.t_s = (step + 1) / 10
         return self.effects[before:]
@@ -382,7 +384,7 @@ class Scene:
         return [effect for effect in self.effects if isinstance(effect, kind)]
 
 
-def test_a_vehicle_that_does_not_take_its_mission_is_told_of_and_given_a_new_one() -> None:
+def test_a_vehicle_that_refuses_its_mission_is_reported_and_gets_a_new_one() -> None:
     scene = Scene()
     scene.fly(120.0)
     first, second = scene.all(Plan)[:2]
@@ -409,7 +411,7 @@ def test_a_upload_to_a_vehicle_that_is_lost_is_given_up_without_a_word_more() ->
     assert (scene.all(UploadReport), dict(scene.command.association.labels)) == ([], {})
 
 
-def test_a_plan_says_when_what_it_was_made_from_was_measured() -> None:
+def test_a_plan_has_the_epoch_of_its_tracks() -> None:
     scene = Scene()
     scene.fly(8.0)
     (plan,) = scene.all(Plan)
@@ -445,7 +447,7 @@ def test_an_agent_that_is_found_again_flies_again() -> None:
 # ---------------------------------------------------------------- a whole mission
 
 
-def test_a_target_that_was_reached_gets_nobody_else(flight: Flight) -> None:
+def test_a_target_that_was_reached_gets_no_other_agent(flight: Flight) -> None:
     reached: set[tuple[int, int]] = set()
     for effect in flight.effects:
         if isinstance(effect, AgentStatus) and effect.target is not None:

@@ -84,9 +84,11 @@ class Flight:
         self.step(t_s, Scan(at(t_s), at(t_s), RADAR, z_m))
 
     def lost(self) -> list[tuple[float, object]]:
-        dead = [(t, e.vehicle) for t, e in self.effects if isinstance(e, AgentStatus) and e.status == "lost"]
+        losses = [
+            (t, e.vehicle) for t, e in self.effects if isinstance(e, AgentStatus) and e.status == "lost"
+        ]
         gone = {"agent lost", "agent not tracked"}
-        return dead + [(t, e.reason) for t, e in self.effects if isinstance(e, Plan) and gone & {*e.causes}]
+        return losses + [(t, e.reason) for t, e in self.effects if isinstance(e, Plan) and gone & {*e.causes}]
 
 
 @pytest.mark.parametrize("seed", [2, 9])

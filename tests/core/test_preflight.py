@@ -141,7 +141,7 @@ def test_a_return_that_would_climb_through_the_ceiling_is_refused(autopilot, par
     assert rows["return height"].level == level
 
 
-def test_what_a_failsafe_that_continues_does_outside_auto_is_said():
+def test_a_failsafe_that_continues_is_explained_outside_auto():
     value = inspected(mission(), parameters=GOOD | {"FS_LONG_ACTN": 0})["FS_LONG_ACTN"].value
     assert "LOITER, MANUAL and all other modes go to RTL" in value
 
@@ -149,7 +149,7 @@ def test_what_a_failsafe_that_continues_does_outside_auto_is_said():
 @pytest.mark.parametrize(
     ("mode", "words"), [(11, "cannot be armed in RTL"), (10, "armed in AUTO it takes off")]
 )
-def test_a_mode_on_the_ground_that_is_not_ours_is_named_with_what_to_do(mode, words):
+def test_a_mode_on_the_ground_that_is_not_ours_is_named_with_the_remedy(mode, words):
     row = inspected(mission(), airborne=False, mode=mode)["mode"]
     assert row.level == "warning"
     assert words in row.remedy
@@ -177,14 +177,14 @@ def test_a_vehicle_without_fix_home_and_checks_is_refused_until_it_has_them():
     assert (rows["armed"].level, rows["mode"].level) == ("ok", "warning")
 
 
-def test_clocks_that_differ_and_batteries_that_are_low_are_told():
+def test_clocks_that_differ_and_batteries_that_are_low_are_reported():
     assert inspected(mission(), clock_s=7.0)["clock"].value == "-7.0 s to ours"
     assert inspected(mission(), clock_s=7.0)["clock"].level == "warning"
     levels = [inspected(mission(), battery=percent)["battery"].level for percent in (80, 40, 10, -1)]
     assert levels == ["ok", "warning", "refused", "warning"]
 
 
-def test_a_vehicle_that_is_not_there_is_refused_and_nothing_else_is_said_of_it():
+def test_a_missing_vehicle_is_refused_with_one_row():
     config = mission()
     fleet = Fleet([a.vehicle for a in config.agents], config.local_frame)
     talk = PreflightQuery(1, envelope_of(config), Encoder())
@@ -209,7 +209,7 @@ def test_starts_beyond_the_fence_and_routes_that_meet_are_found():
     assert "1: " in rows["fence"].value
 
 
-def test_vehicles_that_would_come_near_each_other_at_one_altitude_are_told():
+def test_vehicles_that_would_come_near_each_other_at_one_altitude_are_reported():
     together = {1: (300.0, 900.0), 2: (300.0, 930.0), 3: (300.0, 960.0), 4: (300.0, 990.0)}
 
     def separation(*settings):
@@ -223,7 +223,7 @@ def test_vehicles_that_would_come_near_each_other_at_one_altitude_are_told():
 
 
 @pytest.mark.parametrize("setting", ["mission.layers=5", "mission.layers=3", "mission.layer_step_m=0"])
-def test_the_layers_told_before_the_flight_are_those_that_are_flown(setting):
+def test_the_layers_shown_before_the_flight_are_those_that_are_flown(setting):
     config = mission(setting, "planning.shape=pulled")
     rehearsal = rehearse(config, 1, {})
     starts = {agent.vehicle: (agent.east_m, agent.north_m) for agent in config.agents}
@@ -231,11 +231,11 @@ def test_the_layers_told_before_the_flight_are_those_that_are_flown(setting):
     routes, _ = AltitudeLayers(config).give(rehearsal.plan.routes, starts, tracks, ())
     altitudes = {config.mission.altitude_rel_m + r.layer * config.mission.layer_step_m for r in routes}
     row = {row.name: row for row in mission_checks(config, rehearsal)}["separation"]
-    told = re.findall(r"[\d.]+(?=,| m)", row.value.split(" at ")[1])
-    assert [float(altitude) for altitude in told] == sorted(altitudes)
+    shown = re.findall(r"[\d.]+(?=,| m)", row.value.split(" at ")[1])
+    assert [float(altitude) for altitude in shown] == sorted(altitudes)
 
 
-def test_nobody_gets_through_a_closed_map():
+def test_no_route_leads_through_a_closed_map():
     config = mission("map.boxes_m=[[600, 0, 700, 2000]]")
     rows = {row.name: row for row in mission_checks(config, rehearse(config, 1, {}))}
     assert rows["routes"].level == "refused"
@@ -289,7 +289,7 @@ def test_a_take_off_into_an_obstacle_is_refused_before_it_is_flown():
 
 
 def grounded(config, course_rad):
-    """A fleet whose vehicle 1 stands where the mission file says, and has told that."""
+    """A fleet whose vehicle 1 stands, and reports, at its place in the mission file."""
     agent = config.agents[0]
     spec = VehicleSpec(
         system_id=1, east_m=agent.east_m, north_m=agent.north_m, course_rad=course_rad, alt_rel_m=0.0,
@@ -316,7 +316,7 @@ def returned(profile, heights, rally_m=(), step_m=20.0):
     return list(returns_check([one for one in found if one is not None], step_m))
 
 
-def test_vehicles_that_would_fly_home_at_one_height_are_named_with_what_to_set():
+def test_vehicles_that_would_return_at_one_height_are_named_with_the_setting():
     (row,) = returned(ARDUPLANE, [100, 100, 140])
     assert (row.level, row.value) == (
         "warning",
@@ -335,7 +335,7 @@ def test_arduplanes_with_a_rally_point_return_at_its_height_whatever_their_param
     assert "gcs param set" not in row.remedy
 
 
-def test_return_heights_a_layer_apart_are_fine_and_nothing_is_said_without_layers():
+def test_return_heights_a_layer_apart_are_fine_and_are_not_checked_without_layers():
     assert [row.level for row in returned(ARDUPLANE, [100, 140, 120])] == ["ok"]
     assert returned(ARDUPLANE, [100, 100], step_m=0.0) == []
     assert returned(ARDUPLANE, [100]) == []

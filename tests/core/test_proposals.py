@@ -40,8 +40,8 @@ class Stage:
         targets = {label: track(label, place) for label, place in sorted(self.targets.items())}
         return PlanningInputs(at(t_s), at(t_s), agents, targets, frozenset())
 
-    def look(self, t_s: float) -> Proposal | None:
-        """Look as at a scan; return the plan that waits."""
+    def check(self, t_s: float) -> Proposal | None:
+        """Check as at a scan; return the pending plan."""
         if self.replanner.is_due(at(t_s)):
             self._keep(self.approval.check(self.inputs(t_s)))
         return self.approval.pending
@@ -92,7 +92,7 @@ def test_a_mission_confirmed_13_s_late_is_flown_from_where_the_vehicles_are() ->
 
 def test_an_agent_that_flew_on_before_its_plan_was_confirmed_does_not_turn_back() -> None:
     stage = Stage(CONFIRM + 'shape = "flyable"\n')
-    first = stage.look(0.0)
+    first = stage.check(0.0)
     assert first is not None
     stage.agents = {1: (295.0, 200.0), 2: (295.0, 800.0)}  # 13 s on
     answer, routes = stage.confirm(13.0, first.plan_id)
@@ -105,7 +105,7 @@ def test_an_agent_that_flew_on_before_its_plan_was_confirmed_does_not_turn_back(
 
 def test_the_targets_confirmed_are_kept_though_others_would_be_nearer_by_now() -> None:
     stage = Stage(agents={1: (100.0, 450.0), 2: (100.0, 550.0)})
-    first = stage.look(0.0)
+    first = stage.check(0.0)
     assert first is not None
     assert {r.vehicle: r.target for r in first.routes} == {1: A, 2: B}
     stage.agents = {1: (200.0, 520.0), 2: (200.0, 480.0)}
@@ -130,7 +130,7 @@ def test_the_targets_confirmed_are_kept_though_others_would_be_nearer_by_now() -
 )
 def test_a_plan_that_became_another_one_is_refused_and_proposed_again(change, words: str) -> None:
     stage = Stage()
-    assert stage.look(0.0) is not None
+    assert stage.check(0.0) is not None
     change(stage)
     answer, routes = stage.confirm(4.0, 1)
     assert (answer.state, routes) == ("refused", [])
@@ -149,7 +149,7 @@ def test_a_plan_that_became_another_one_is_refused_and_proposed_again(change, wo
 def test_less_separation_than_shown_is_another_plan() -> None:
     tables = CONFIRM + "[mission]\nlayers = 1\n"
     stage = Stage(tables, {1: (100.0, 200.0), 2: (100.0, 800.0)})
-    first = stage.look(0.0)
+    first = stage.check(0.0)
     assert first is not None
     assert [one.separation_m for one in first.figures] == pytest.approx([600.0, 600.0], abs=1.0)
     stage.agents = {1: (300.0, 790.0), 2: (300.0, 800.0)}
@@ -160,12 +160,12 @@ def test_less_separation_than_shown_is_another_plan() -> None:
 
 def test_an_agent_about_to_reach_its_target_is_left_alone_though_a_plan_for_it_is_confirmed() -> None:
     stage = Stage()
-    stage.look(0.0)
+    stage.check(0.0)
     stage.confirm(1.0, 1)
     flown = dict(stage.replanner.routes)
     stage.targets[A], stage.targets[B] = (1500.0, 290.0), (1500.0, 890.0)
     stage.agents = {1: (900.0, 200.0), 2: (900.0, 800.0)}
-    pending = stage.look(25.0)
+    pending = stage.check(25.0)
     assert pending is not None
     assert [route.vehicle for route in pending.routes] == [1, 2]
     stage.targets[A], stage.agents[1] = (1500.0, 200.0), (1465.0, 200.0)
@@ -186,7 +186,7 @@ def test_a_plan_keeps_its_number_while_targets_jitter_and_routes_are_kept_up_to_
             B: (1500.0 + rng.gauss(0.0, 40.0), 800.0 + rng.gauss(0.0, 40.0)),
         }
         stage.agents = {1: (100.0 + 4.0 * t_s, 200.0), 2: (100.0 + 4.0 * t_s, 800.0)}
-        stage.look(float(t_s))
+        stage.check(float(t_s))
     assert stage.numbers == {1: 0.0}
     pending = stage.approval.pending
     assert pending is not None
@@ -204,7 +204,7 @@ def test_no_number_comes_before_the_last_one_could_be_read_whatever_comes_and_go
             (t_s // 7, k): (1500.0 + rng.gauss(0.0, 60.0), 200.0 + 300.0 * k) for k in range(3)
         }
         stage.targets = {label: place for label, place in everything.items() if rng.random() > 0.2}
-        stage.look(float(t_s))
+        stage.check(float(t_s))
     shown_s = sorted(stage.numbers.values())
     assert 3 < len(shown_s) <= 260 / MIN_READING_S + 1
     assert min(b - a for a, b in pairwise(shown_s)) >= MIN_READING_S
@@ -212,18 +212,18 @@ def test_no_number_comes_before_the_last_one_could_be_read_whatever_comes_and_go
 
 def test_what_cannot_wait_gets_a_number_at_once() -> None:
     stage = Stage(agents={1: (100.0, 200.0), 2: (100.0, 800.0), 3: (100.0, 500.0)})
-    first = stage.look(0.0)
+    first = stage.check(0.0)
     assert first is not None
     flown = {route.vehicle for route in first.routes}
     lost = min(flown)
     del stage.agents[lost]
     stage.replanner.drop(lost)
     stage.approval.hurry()
-    stage.look(5.0)
+    stage.check(5.0)
     assert stage.numbers == {1: 0.0, 2: 5.0}
 
 
-def test_in_a_flight_nobody_confirms_numbers_are_few_and_far_between() -> None:
+def test_in_a_flight_without_confirmations_proposals_are_few_and_far_between() -> None:
     flight = Flight(silent).fly(260.0)
     shown = {p.plan_id: p.shown_t_ns for p in flight.all(Proposal)}
     assert len(shown) <= 4
@@ -233,7 +233,7 @@ def test_in_a_flight_nobody_confirms_numbers_are_few_and_far_between() -> None:
 
 def test_who_asks_gets_the_plan_that_waits_with_its_age() -> None:
     stage = Stage()
-    stage.look(0.0)
+    stage.check(0.0)
     (answer,) = stage.approval.answer(Order(at(3.0), "plan-1", "plan", None))
     assert isinstance(answer, OrderAnswer)
     assert answer.proposal is not None

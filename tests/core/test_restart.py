@@ -1,4 +1,4 @@
-"""Central command dies in mid-flight and comes back: nothing is flown twice, nothing is taken for granted."""
+"""Central command restarts in flight: no mission is flown twice, and every onboard mission is checked."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def standing() -> Scenario:
 def test_targets_that_stand_still_cost_no_upload_after_a_restart_and_all_arrive() -> None:
     flight = flight_with_a_restart(40.0, 6.0, 400.0, scenario=standing())
     for vehicle in (1, 2, 3, 4):
-        assert not {m.get_type() for m in flight.told(vehicle, 46.0, 400.0)} & MISSION
+        assert not {m.get_type() for m in flight.messages_to(vehicle, 46.0, 400.0)} & MISSION
     assert sum("its onboard mission is verified" in n.text for n in flight.all(Notice)) == 4
     (ended,) = flight.all(MissionEnded)
     assert (ended.arrived, ended.lost) == ((1, 2, 3, 4), ())
@@ -104,16 +104,16 @@ def test_a_restart_is_an_event_that_replays() -> None:
 
 
 def test_another_mission_than_the_one_it_was_given_is_left_alone_until_resumed() -> None:
-    def somebody_else(run: VirtualRun) -> None:
+    def other_mission(run: VirtualRun) -> None:
         store = run.vehicles["vehicle:3"].autopilot.mission
         items = [store[i] for i in range(len(store))]
         items[1] = replace(items[1], z=items[1].z + 5.0)
         store._items = items
 
-    flight = flight_with_a_restart(30.0, 4.0, 70.0, meanwhile=somebody_else)
-    told = [n for n in flight.all(Notice) if n.vehicle == 3 and n.level == "alarm"]
-    assert any("its onboard mission is not the one it was given (item 1: z_m" in n.text for n in told)
-    assert not {m.get_type() for m in flight.told(3, 34.0, 70.0)} & MISSION
+    flight = flight_with_a_restart(30.0, 4.0, 70.0, meanwhile=other_mission)
+    notices = [n for n in flight.all(Notice) if n.vehicle == 3 and n.level == "alarm"]
+    assert any("its onboard mission is not the one it was given (item 1: z_m" in n.text for n in notices)
+    assert not {m.get_type() for m in flight.messages_to(3, 34.0, 70.0)} & MISSION
     assert flight.mode(3) is Mode.AUTO
     assert flight.run.command.control.suspensions() == {3: "found"}
 
@@ -124,10 +124,10 @@ def test_a_vehicle_that_was_being_given_a_mission_holds_until_it_has_a_whole_one
         first.run((first.t_ns - START_T_NS) / S + 0.05)
     at_s = (first.t_ns - START_T_NS) / S + 0.2
     flight = flight_with_a_restart(at_s, 3.0, 40.0)
-    told = [n.text for n in flight.all(Notice) if "may be inconsistent" in n.text]
-    assert len(told) == 4
+    texts = [n.text for n in flight.all(Notice) if "may be inconsistent" in n.text]
+    assert len(texts) == 4
     assert all(flight.mode(vehicle) is Mode.AUTO for vehicle in (1, 2, 3, 4))
-    assert all({m.get_type() for m in flight.told(v, at_s + 3, 40.0)} & MISSION for v in (1, 2, 3, 4))
+    assert all({m.get_type() for m in flight.messages_to(v, at_s + 3, 40.0)} & MISSION for v in (1, 2, 3, 4))
 
 
 def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
@@ -138,7 +138,7 @@ def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
     assert command.control.suspensions() == {1: "hold"}
     assert command.no_fly_zones.areas == {"fire": area}
     assert command.grid.blocked[30, 42]
-    assert not {m.get_type() for m in flight.told(1, 34.0, 60.0)} & MISSION
+    assert not {m.get_type() for m in flight.messages_to(1, 34.0, 60.0)} & MISSION
     assert flight.mode(1) is Mode.LOITER
     assert {a.action for a in flight.all(OrderAnswer)} == {"hold", "no-fly-zone"}
 
@@ -202,7 +202,7 @@ def test_an_inconsistent_mission_is_cleared_after_a_restart_though_no_route_wait
     effects: list[tuple[int, Effect]] = []
     run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
     run.run(30.0)
-    run.vehicles["vehicle:4"].autopilot.set_mode(Mode.LOITER)  # somebody else's: it gets no mission of ours
+    run.vehicles["vehicle:4"].autopilot.set_mode(Mode.LOITER)  # an override: it gets no mission of ours
     run.run(33.0)
     run.command.replanner.drop(4)
     run.command.tasking.mark_inconsistent(4)
@@ -212,9 +212,9 @@ def test_an_inconsistent_mission_is_cleared_after_a_restart_though_no_route_wait
     assert len(run.vehicles["vehicle:4"].autopilot.mission) > 1
     run.run(50.0)
     assert len(run.vehicles["vehicle:4"].autopilot.mission) <= 1
-    told = [(e.level, e.text) for _, e in effects if isinstance(e, Notice) and e.vehicle == 4]
-    assert any("may be inconsistent" in text for _, text in told)
-    assert any(level == "alarm" and "has no onboard mission now" in text for level, text in told)
+    reported = [(e.level, e.text) for _, e in effects if isinstance(e, Notice) and e.vehicle == 4]
+    assert any("may be inconsistent" in text for _, text in reported)
+    assert any(level == "alarm" and "has no onboard mission now" in text for level, text in reported)
 
 
 def test_a_mission_of_another_station_counts_after_a_restart_until_the_vehicle_is_resumed() -> None:
@@ -230,7 +230,7 @@ def test_a_mission_of_another_station_counts_after_a_restart_until_the_vehicle_i
     assert "broke off" in str(after.step(Tick(t_ns + 12 * S)))
     again = Engine(mission, 1)
     again.step(Resumed(t_ns + 13 * S, through_the_journal(after.persisted_state(t_ns + 12 * S))))
-    assert "broke off" not in str(again.step(Tick(t_ns + 60 * S))), "told once"
+    assert "broke off" not in str(again.step(Tick(t_ns + 60 * S))), "reported once"
     heartbeat = Encoder(1, 1)(dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3))
     again.step(Datagram(t_ns + 61 * S, "udpin:0.0.0.0:14550", "10.0.0.1:5", heartbeat))
     again.step(order(61.0, "resume", 1))
@@ -247,7 +247,7 @@ def test_a_held_vehicle_that_is_resumed_before_its_mission_is_taken_up_again_fli
     assert ended.arrived == (1, 2, 3, 4)
 
 
-# ---------------------------------------------------------------- somebody else's missions
+# ---------------------------------------------------------------- missions of others
 
 
 def give_another(run: VirtualRun, vehicle: int) -> None:
@@ -279,7 +279,7 @@ def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked
 
 
 @pytest.mark.parametrize("changed", [True, False])
-def test_a_vehicle_that_was_not_heard_for_a_while_is_asked_what_it_holds(changed: bool) -> None:
+def test_a_vehicle_that_was_not_heard_for_a_while_gets_an_onboard_mission_audit(changed: bool) -> None:
     effects: list[tuple[int, Effect]] = []
     silent = {"until_s": 0.0}
 
@@ -297,13 +297,15 @@ def test_a_vehicle_that_was_not_heard_for_a_while_is_asked_what_it_holds(changed
     stored = list(run.vehicles["vehicle:2"].autopilot.mission)
     run.run(60.0)
     assert list(run.vehicles["vehicle:2"].autopilot.mission) == stored
-    told = any("its onboard mission is not the one it was given" in text for text in alarms(effects, 2))
-    assert told is changed
+    is_reported = any(
+        "its onboard mission is not the one it was given" in text for text in alarms(effects, 2)
+    )
+    assert is_reported is changed
     assert run.command.control.suspensions() == ({2: "found"} if changed else {})
     assert (2 in run.command.replanner.routes) is not changed
 
 
-def test_a_vehicle_that_does_not_tell_what_it_holds_is_left_alone_until_it_does_or_an_order_says_so() -> None:
+def test_a_vehicle_without_an_audit_gets_no_mission_until_an_answer_or_an_order() -> None:
     effects: list[tuple[int, Effect]] = []
     run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
     run.run(30.0)
@@ -368,6 +370,10 @@ def test_damaged_tracks_cost_an_alarm_and_new_labels_but_no_restart() -> None:
     run.on_effect = lambda _t_ns, effect: effects.append(effect)
     run.restart(2.0, replace(state, trackers=replace(state.trackers, targets=damaged)))
     run.run(50.0)
-    told = [effect.text for effect in effects if isinstance(effect, Notice) and effect.level == "alarm"]
-    assert told[0] == "tracker state: items is not valid: tracks start again, and targets get new labels"
+    alarm_texts = [
+        effect.text for effect in effects if isinstance(effect, Notice) and effect.level == "alarm"
+    ]
+    assert (
+        alarm_texts[0] == "tracker state: items is not valid: tracks start again, and targets get new labels"
+    )
     assert len(run.command.trackers.targets.confirmation.tracks) == 4

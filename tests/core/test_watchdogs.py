@@ -1,4 +1,4 @@
-"""An operator would look at a picture that stands still: sensors and vehicles that do not speak are named."""
+"""An operator would trust an old picture: sensors and vehicles without messages are named."""
 
 from collections.abc import Callable
 
@@ -10,7 +10,7 @@ from gcs.core.perception.sensor_watchdog import SensorWatchdog
 from gcs.model import BadInput, Notice
 
 
-def told(step: Callable[[float], list], until_s: float) -> list[tuple[float, str, str]]:
+def notices_of(step: Callable[[float], list], until_s: float) -> list[tuple[float, str, str]]:
     """Run a step twice a second; return the notices and when they came."""
     times = [0.5 * k for k in range(int(until_s * 2) + 1)]
     return [(t_s, notice.level, notice.text) for t_s in times for notice in step(t_s)]
@@ -31,24 +31,24 @@ def watched(processed: Callable[[float], bool], refused: Callable[[float], str] 
 
 
 def test_a_sensor_that_never_comes_is_an_alarm_and_its_first_scan_the_all_clear() -> None:
-    said = told(watched(lambda t_s: t_s in (20.0, 21.0)), 30.0)
-    assert [(t_s, level) for t_s, level, _ in said] == [(5.0, "alarm"), (20.0, "info"), (26.0, "alarm")]
-    assert said[1][2] == "scans are processed after 20 s without one"
-    assert said[2][2] == "no scan of sensor radar for 5 s: is the sensor there?"
+    found = notices_of(watched(lambda t_s: t_s in (20.0, 21.0)), 30.0)
+    assert [(t_s, level) for t_s, level, _ in found] == [(5.0, "alarm"), (20.0, "info"), (26.0, "alarm")]
+    assert found[1][2] == "scans are processed after 20 s without one"
+    assert found[2][2] == "no scan of sensor radar for 5 s: is the sensor there?"
 
 
-def test_a_sensor_whose_scans_are_processed_is_not_spoken_of() -> None:
-    assert told(watched(lambda t_s: t_s % 1.0 == 0.0), 20.0) == []
+def test_a_sensor_whose_scans_are_processed_gets_no_notice() -> None:
+    assert notices_of(watched(lambda t_s: t_s % 1.0 == 0.0), 20.0) == []
 
 
 def test_a_slow_sensor_is_given_three_of_its_periods() -> None:
-    said = told(watched(lambda t_s: t_s % 4.0 == 0.0 and t_s <= 40.0), 60.0)
-    assert [(t_s, level) for t_s, level, _ in said] == [(52.0, "alarm")]
+    found = notices_of(watched(lambda t_s: t_s % 4.0 == 0.0 and t_s <= 40.0), 60.0)
+    assert [(t_s, level) for t_s, level, _ in found] == [(52.0, "alarm")]
 
 
 def test_scans_that_are_all_refused_are_an_alarm_that_names_the_reason() -> None:
-    said = told(watched(lambda t_s: t_s <= 3.0, lambda _: "measured 900.0 s ago by its clock"), 12.0)
-    ((t_s, level, text),) = said
+    found = notices_of(watched(lambda t_s: t_s <= 3.0, lambda _: "measured 900.0 s ago by its clock"), 12.0)
+    ((t_s, level, text),) = found
     assert (t_s, level) == (8.0, "alarm")
     assert text.startswith(
         "no scan of sensor radar was processed for 5 s, 9 were refused: measured 900.0 s ago"
@@ -62,11 +62,11 @@ def test_one_sensor_of_two_that_falls_silent_is_named() -> None:
         effects = watchdog.poll(at(t_s)) + watchdog.processed("radar", at(t_s))
         return effects + (watchdog.processed("camera", at(t_s)) if t_s < 4.0 else [])
 
-    ((t_s, level, text),) = told(step, 12.0)
+    ((t_s, level, text),) = notices_of(step, 12.0)
     assert (t_s, level, text) == (8.5, "alarm", "no scan of sensor camera for 5 s: is the sensor there?")
 
 
-def test_invented_sensor_names_do_not_fill_the_memory() -> None:
+def test_invented_sensor_names_leave_the_memory_bounded() -> None:
     watchdog = SensorWatchdog()
     for k in range(10_000):
         watchdog.refused(f"s{k}", at(0.0), "no reason")
@@ -75,25 +75,29 @@ def test_invented_sensor_names_do_not_fill_the_memory() -> None:
 
 def test_vehicles_that_report_and_are_never_associated_are_an_alarm() -> None:
     watchdog = SensorWatchdog()
-    said = told(lambda t_s: watchdog.associated(at(t_s), {1, 2}, {1: "track"} if t_s > 15.0 else {}), 20.0)
-    assert [(t_s, level) for t_s, level, _ in said] == [(10.0, "alarm"), (15.5, "info")]
-    assert "nothing is planned" in said[0][2]
+    found = notices_of(
+        lambda t_s: watchdog.associated(at(t_s), {1, 2}, {1: "track"} if t_s > 15.0 else {}), 20.0
+    )
+    assert [(t_s, level) for t_s, level, _ in found] == [(10.0, "alarm"), (15.5, "info")]
+    assert "nothing is planned" in found[0][2]
 
 
 def test_vehicles_that_were_never_heard_are_named_once() -> None:
     watchdog = NeverHeardCheck([1, 2, 3], lambda vehicle: vehicle == 2)
-    ((t_s, level, text),) = told(lambda t_s: watchdog.poll(at(t_s)), 40.0)
+    ((t_s, level, text),) = notices_of(lambda t_s: watchdog.poll(at(t_s)), 40.0)
     assert (t_s, level) == (10.0, "warning")
     assert text.startswith("agents 1, 3 not heard yet")
 
 
 def test_repeated_errors_are_summarised_and_never_silenced() -> None:
     errors = InputErrors()
-    said = told(lambda t_s: errors.add(BadInput(at(t_s), "key", "no JSON")) + errors.poll(at(t_s)), 100.0)
+    found = notices_of(
+        lambda t_s: errors.add(BadInput(at(t_s), "key", "no JSON")) + errors.poll(at(t_s)), 100.0
+    )
     assert errors.count == 201
-    assert [t_s for t_s, _, _ in said[:3]] == [0.0, 0.5, 1.0]
-    assert [t_s for t_s, _, _ in said[3:]] == [11.0 + 10.0 * k for k in range(9)]
-    assert said[3][2] == "bad input: 20 more of key in 10 s, the last: no JSON"
+    assert [t_s for t_s, _, _ in found[:3]] == [0.0, 0.5, 1.0]
+    assert [t_s for t_s, _, _ in found[3:]] == [11.0 + 10.0 * k for k in range(9)]
+    assert found[3][2] == "bad input: 20 more of key in 10 s, the last: no JSON"
 
 
 def test_invented_sources_of_errors_are_summed_up_together() -> None:

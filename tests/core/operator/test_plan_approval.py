@@ -170,7 +170,9 @@ ACTIONS = st.tuples(
 
 @settings(deadline=None, max_examples=6)
 @given(given_orders=st.lists(ACTIONS, max_size=10))
-def test_under_any_orders_only_what_was_confirmed_is_uploaded_and_nobody_held_is_tasked(given_orders) -> None:
+def test_under_any_orders_only_confirmed_routes_are_uploaded_and_no_held_agent_is_tasked(
+    given_orders,
+) -> None:
     orders = []
     for index, (action, vehicles, plan_id, at_s) in enumerate(sorted(given_orders, key=lambda one: one[3])):
         area = NoFlyZone(f"a{plan_id}", (900.0, 150.0 * plan_id, 60.0)) if action == "no-fly-zone" else None
@@ -214,7 +216,7 @@ def closing(at_s: float, area: NoFlyZone) -> Callable[[int, Effect], Order | Non
 CORRIDOR = NoFlyZone("fire", None, ((650.0, 420.0), (760.0, 420.0), (700.0, 660.0)))
 
 
-def test_a_no_fly_zone_changes_the_plan_at_once_and_nobody_is_led_through_it() -> None:
+def test_a_no_fly_zone_changes_the_plan_at_once_and_no_route_crosses_it() -> None:
     free = Flight(silent, "auto").fly(30.0).run.command
     flight = Flight(closing(20.0, CORRIDOR), "auto").fly(30.0)
     command = flight.run.command
@@ -247,7 +249,7 @@ def test_a_no_fly_zone_is_opened_by_its_name_and_an_unknown_one_is_refused() -> 
     assert (answer.state, answer.detail) == ("refused", "it lies outside the map")
 
 
-def test_a_no_fly_zone_without_a_way_around_is_told_with_time_and_place_and_no_mission_is_touched() -> None:
+def test_a_no_fly_zone_without_a_route_around_is_reported_and_no_mission_changes() -> None:
     wall = NoFlyZone("wall", None, ((800.0, -50.0), (860.0, -50.0), (860.0, 2050.0), (800.0, 2050.0)))
     flight = Flight(closing(20.0, wall), "auto").fly(60.0)
     alarms = [n for n in flight.all(Notice) if n.level == "alarm"]
@@ -269,11 +271,11 @@ def test_a_no_fly_zone_without_a_way_around_is_told_with_time_and_place_and_no_m
     inside = {n.vehicle: n for n in alarms if "is inside no-fly zone wall" in n.text}
     assert inside
     for vehicle, notice in inside.items():
-        told = soon.get(vehicle) or next(n for n in first if n.vehicle == vehicle)
-        (seconds,) = re.findall(r"in (\d+) s", told.text)
-        assert (notice.t_ns - told.t_ns) / S == pytest.approx(int(seconds), abs=4.0)
+        warning = soon.get(vehicle) or next(n for n in first if n.vehicle == vehicle)
+        (seconds,) = re.findall(r"in (\d+) s", warning.text)
+        assert (notice.t_ns - warning.t_ns) / S == pytest.approx(int(seconds), abs=4.0)
         assert sum(n.vehicle == vehicle for n in alarms if "is inside" in n.text) == 1
-        later = [plan for plan in flight.all(Plan) if told.t_ns < plan.t_ns < notice.t_ns]
+        later = [plan for plan in flight.all(Plan) if warning.t_ns < plan.t_ns < notice.t_ns]
         assert not any(vehicle in plan.changed for plan in later)
 
 

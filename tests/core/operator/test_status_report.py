@@ -16,7 +16,7 @@ def agent(status: SwarmStatus, vehicle: int) -> AgentRecord:
     return next(one for one in status.agents if one.vehicle == vehicle)
 
 
-def test_the_status_tells_who_flies_where_and_who_is_lost() -> None:
+def test_the_status_lists_routes_and_lost_agents() -> None:
     run = VirtualRun(load("prescribed"), 1)
     before = asked(run)
     assert [one.heard_age_s for one in before.agents] == [None] * 4
@@ -55,7 +55,7 @@ def test_the_status_tells_who_flies_where_and_who_is_lost() -> None:
     )
 
 
-def test_the_status_names_who_controls_a_vehicle_and_why() -> None:
+def test_the_status_names_the_control_authority_and_its_reason() -> None:
     run = VirtualRun(load("prescribed"), 1)
     run.run(30.0)
     for action, vehicle in (("hold", 1), ("return", 3)):

@@ -40,7 +40,7 @@ class Flight:
     def answers(self, order_id: str) -> list[tuple[str, int | None]]:
         return [(a.state, a.vehicle) for a in self.all(OrderAnswer) if a.order_id == order_id]
 
-    def told(self, vehicle: int, from_s: float, to_s: float) -> list[Any]:
+    def messages_to(self, vehicle: int, from_s: float, to_s: float) -> list[Any]:
         """Messages to a vehicle within a time."""
         found = []
         for t_ns, effect in self.effects:
@@ -73,7 +73,7 @@ def test_a_held_vehicle_loiters_and_is_not_tasked_and_goes_on_when_resumed() -> 
     flight = fly([order(20.0, "hold", 1), order(45.0, "resume", 1)], 400.0)
     assert flight.answers("hold-20.0") == [("accepted", None), ("done", 1)]
     assert flight.answers("resume-45.0") == [("accepted", None), ("done", 1)]
-    assert not {m.get_type() for m in flight.told(1, 20.0, 45.0)} & MISSION
+    assert not {m.get_type() for m in flight.messages_to(1, 20.0, 45.0)} & MISSION
     held = [p for p in flight.all(Plan) if 20 * S < p.t_ns - START_T_NS < 45 * S]
     assert any("agent 1 is held by order" in p.reason and "agent set aside" in p.causes for p in held)
     assert not any(1 in plan.changed for plan in held)
@@ -84,11 +84,11 @@ def test_a_held_vehicle_loiters_and_is_not_tasked_and_goes_on_when_resumed() -> 
 def test_a_short_hold_ends_with_the_mission_that_the_vehicle_has_and_no_upload() -> None:
     flight = fly([order(23.1, "hold", 4), order(23.7, "resume", 4)], 36.0)
     assert flight.answers("resume-23.7") == [("accepted", None), ("done", 4)]
-    assert not {m.get_type() for m in flight.told(4, 23.0, 36.0)} & MISSION
+    assert not {m.get_type() for m in flight.messages_to(4, 23.0, 36.0)} & MISSION
     assert flight.mode(4) is Mode.AUTO
 
 
-def test_return_brings_all_home_over_a_lossy_link_and_nobody_is_tasked_again() -> None:
+def test_return_brings_all_home_over_a_lossy_link_and_no_agent_is_tasked_again() -> None:
     flight = fly([order(30.0, "return")], 75.0, loss=0.3)
     assert flight.answers("return-30.0")[0] == ("accepted", None)
     assert {("done", v) for v in (1, 3, 4)} <= set(flight.answers("return-30.0"))
@@ -105,7 +105,7 @@ def test_a_hold_in_the_middle_of_a_upload_leaves_no_inconsistent_mission_to_be_f
         assert flight.mode(vehicle) is Mode.LOITER
         assert not any(
             m.get_type() == "COMMAND_LONG" and m.command == 176 and m.param2 == Mode.AUTO
-            for m in flight.told(vehicle, at_s, at_s + 40.0)
+            for m in flight.messages_to(vehicle, at_s, at_s + 40.0)
         )
 
 
@@ -115,18 +115,18 @@ def test_disarming_in_the_air_is_refused_and_nothing_is_sent() -> None:
     assert [a.state for a in answers] == ["refused"] * 4
     assert all("in the air" in a.detail for a in answers)
     assert answers[-1].waiting == ()
-    told = [message for vehicle in (1, 2, 3, 4) for message in flight.told(vehicle, 20.0, 24.0)]
-    assert not [message for message in told if getattr(message, "command", 0) == 400]
+    sent = [message for vehicle in (1, 2, 3, 4) for message in flight.messages_to(vehicle, 20.0, 24.0)]
+    assert not [message for message in sent if getattr(message, "command", 0) == 400]
 
 
-def test_nothing_is_armed_without_an_order_that_says_so() -> None:
+def test_nothing_is_armed_without_an_order_to_arm() -> None:
     flight = fly([order(20.0, "hold"), order(26.0, "resume"), order(34.0, "return")], 60.0)
     for vehicle in (1, 2, 3, 4):
-        for message in flight.told(vehicle, 0.0, 60.0):
+        for message in flight.messages_to(vehicle, 0.0, 60.0):
             assert getattr(message, "command", 0) != 400
 
 
-def test_an_order_for_somebody_who_is_not_there_is_refused_with_who_is() -> None:
+def test_an_order_for_an_unknown_vehicle_is_refused_with_the_known_ones() -> None:
     flight = fly([order(10.0, "hold", 9)], 12.0)
     (answer,) = flight.all(OrderAnswer)
     assert (answer.state, answer.vehicle, answer.waiting) == ("refused", 9, ())
@@ -165,7 +165,7 @@ def test_a_vehicle_that_does_not_answer_stays_set_aside(action: str) -> None:
     assert run.command.control.suspensions() == {1: action}
 
 
-def test_an_order_for_the_plan_names_vehicles_that_no_plan_is_made_for_and_what_to_do() -> None:
+def test_an_order_for_the_plan_names_vehicles_without_a_plan_and_the_remedy() -> None:
     events: list[Event] = []
     effects: list[tuple[int, Effect]] = []
     run = VirtualRun(
@@ -183,8 +183,8 @@ def test_an_order_for_the_plan_names_vehicles_that_no_plan_is_made_for_and_what_
         ("refused", "no plan waits"),
     ]
     assert [bool(a.waiting) for a in answers] == [True, False]
-    told = {notice.vehicle for notice in flight.all(Notice) if "not by this service" in notice.text}
-    assert told == {1, 3}
+    warned = {notice.vehicle for notice in flight.all(Notice) if "not by this service" in notice.text}
+    assert warned == {1, 3}
 
 
 def returned(step_m: float = 20.0, **altitudes_m: float) -> tuple[str, list[str]]:
@@ -220,7 +220,7 @@ def test_vehicles_that_are_sent_home_together_at_one_height_are_named() -> None:
     "known",
     [{}, {"of_1": 100.0}, {"of_1": 100.0, "of_3": 120.0}, {"step_m": 0.0, "of_1": 100.0, "of_3": 100.0}],
 )
-def test_nothing_is_said_of_return_heights_that_are_apart_or_not_known(known: dict[str, float]) -> None:
+def test_return_heights_that_are_apart_or_unknown_get_no_notice(known: dict[str, float]) -> None:
     assert returned(**known) == ("agents 1, 3", [])
 
 
@@ -244,6 +244,6 @@ def test_a_vehicle_that_is_resumed_from_its_return_gets_the_layer_of_its_new_pla
         if route.vehicle == 1 and plan.t_ns > START_T_NS + 40 * S
     ]
     mission = flight.run.scenario.config.mission
-    told = flight.told(1, 40.0, 60.0)
-    heights_m = {m.z for m in told if m.get_type() == "MISSION_ITEM_INT" and m.seq > 0}
+    sent = flight.messages_to(1, 40.0, 60.0)
+    heights_m = {m.z for m in sent if m.get_type() == "MISSION_ITEM_INT" and m.seq > 0}
     assert heights_m == {mission.altitude_rel_m + route.layer * mission.layer_step_m}

@@ -1,4 +1,4 @@
-"""A user would lose vehicles and time: the living written off, the dead waited for, arrivals not counted."""
+"""A user would lose vehicles and time: agents falsely lost, losses undetected, arrivals not counted."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -20,8 +20,8 @@ class Scene:
         self.monitor = AgentStatusMonitor(vehicles, RADIUS_M)
         self.t_s = 0
 
-    def look(self, agent=None, target=None, *, associated=True, reporting=True, tasked=True, again=False):
-        """Judge a scan with this agent's and this target's track; return (vehicle, status) that changed."""
+    def scan(self, agent=None, target=None, *, associated=True, reporting=True, tasked=True, again=False):
+        """Process a scan with this agent's and this target's track; return (vehicle, status) that changed."""
         self.t_s += not again
         agents = confirmed(agent) if agent else NOBODY
         targets = confirmed(target) if target else NOBODY
@@ -52,15 +52,15 @@ def goal(place=HERE):
 
 def test_an_agent_whose_track_is_gone_is_lost_and_its_last_place_is_known():
     scene = Scene()
-    assert scene.look(flying((300.0, 40.0)), goal()) == []
-    assert scene.look(None, goal(), reporting=False) == [(1, "lost")]
+    assert scene.scan(flying((300.0, 40.0)), goal()) == []
+    assert scene.scan(None, goal(), reporting=False) == [(1, "lost")]
     assert scene.status.position_m == (300.0, 40.0)
     assert scene.monitor.active() == []
 
 
 def test_an_agent_whose_track_was_only_missed_flies_on():
     scene = Scene()
-    scene.look(flying(), goal())
+    scene.scan(flying(), goal())
     doubted = confirmed(flying())
     for _ in range(6):
         scene.t_s += 1
@@ -72,75 +72,75 @@ def test_an_agent_whose_track_was_only_missed_flies_on():
 
 def test_the_last_place_known_is_one_where_it_was_seen():
     scene = Scene()
-    scene.look(flying((300.0, 40.0)), goal())
+    scene.scan(flying((300.0, 40.0)), goal())
     coasted = confirmed(flying((300.0, 40.0)))
     coasted.update(picture(flying((390.0, 40.0), existence=0.2, estimated=False)))
     scene.monitor.update(at(2), at(2), coasted, NOBODY, {1: AGENT}, {}, set())
-    scene.look(None, goal(), reporting=False)
+    scene.scan(None, goal(), reporting=False)
     assert scene.status.position_m == (300.0, 40.0)
 
 
-def test_a_clutter_point_beside_a_lost_agent_does_not_revive_it():
+def test_a_clutter_point_near_a_lost_agent_does_not_revive_it():
     scene = Scene()
-    scene.look(flying(), goal())
-    scene.look(None, goal(), reporting=False)
+    scene.scan(flying(), goal())
+    scene.scan(None, goal(), reporting=False)
     for _ in range(5):
-        assert scene.look(flying(), goal(), reporting=False) == []
-        assert scene.look(None, goal(), associated=False, reporting=False) == []
+        assert scene.scan(flying(), goal(), reporting=False) == []
+        assert scene.scan(None, goal(), associated=False, reporting=False) == []
     assert scene.status.status == "lost"
 
 
 def test_a_lost_agent_is_active_again_only_with_a_report_and_a_sure_track_associated_to_it():
-    def dead():
+    def lost():
         scene = Scene()
-        scene.look(flying(), goal())
-        assert scene.look(None, goal(), reporting=False) == [(1, "lost")]
+        scene.scan(flying(), goal())
+        assert scene.scan(None, goal(), reporting=False) == [(1, "lost")]
         return scene
 
-    assert dead().look(None, goal(), associated=False, reporting=True) == []
-    assert dead().look(flying(), goal(), associated=False, reporting=True) == []
-    assert dead().look(flying(existence=0.89), goal(), reporting=True) == []
-    scene = dead()
-    assert scene.look(flying(existence=0.9), goal(), reporting=True) == [(1, "active")]
+    assert lost().scan(None, goal(), associated=False, reporting=True) == []
+    assert lost().scan(flying(), goal(), associated=False, reporting=True) == []
+    assert lost().scan(flying(existence=0.89), goal(), reporting=True) == []
+    scene = lost()
+    assert scene.scan(flying(existence=0.9), goal(), reporting=True) == [(1, "active")]
     assert scene.monitor.active() == [1]
 
 
-def test_a_revived_agent_can_die_again_and_can_arrive():
+def test_a_revived_agent_can_be_lost_again_and_can_arrive():
     scene = Scene()
-    scene.look(flying(), goal())
-    scene.look(None, goal(), reporting=False)
-    scene.look(flying(), goal())
-    assert scene.look(None, goal(), reporting=False) == [(1, "lost")]
-    scene.look(flying(), goal())
-    assert [scene.look(flying(HERE), goal()) for _ in range(2)] == [[], [(1, "arrived")]]
+    scene.scan(flying(), goal())
+    scene.scan(None, goal(), reporting=False)
+    scene.scan(flying(), goal())
+    assert scene.scan(None, goal(), reporting=False) == [(1, "lost")]
+    scene.scan(flying(), goal())
+    assert [scene.scan(flying(HERE), goal()) for _ in range(2)] == [[], [(1, "arrived")]]
 
 
 def test_arrival_takes_two_scans_in_a_row():
     scene = Scene()
     near, away = flying((39.9, 0.0)), flying((40.1, 0.0))
-    assert [scene.look(a, goal()) for a in (near, away, near, away, near)] == [[]] * 5
-    assert scene.look(near, goal()) == [(1, "arrived")]
+    assert [scene.scan(a, goal()) for a in (near, away, near, away, near)] == [[]] * 5
+    assert scene.scan(near, goal()) == [(1, "arrived")]
     assert (scene.status.target, scene.status.position_m) == (TARGET, (39.9, 0.0))
     assert scene.monitor.at_targets() == {TARGET: 1}
 
 
 def test_two_sensors_that_see_an_agent_at_its_target_at_one_epoch_are_not_two_scans_in_a_row():
     scene = Scene()
-    assert [scene.look(flying(HERE), goal(), again=again) for again in (False, True, True)] == [[]] * 3
-    assert scene.look(flying(HERE), goal()) == [(1, "arrived")]
+    assert [scene.scan(flying(HERE), goal(), again=again) for again in (False, True, True)] == [[]] * 3
+    assert scene.scan(flying(HERE), goal()) == [(1, "arrived")]
 
 
-def test_a_second_sensor_that_sees_the_agent_elsewhere_at_that_moment_breaks_the_row():
+def test_a_second_sensor_that_sees_the_agent_elsewhere_at_that_epoch_breaks_the_row():
     scene = Scene()
-    scene.look(flying(HERE), goal())
-    scene.look(flying(FAR), goal(), again=True)
-    assert scene.look(flying(HERE), goal()) == []
+    scene.scan(flying(HERE), goal())
+    scene.scan(flying(FAR), goal(), again=True)
+    assert scene.scan(flying(HERE), goal()) == []
 
 
 def test_an_agent_that_is_lost_on_its_last_metres_has_not_arrived():
     scene = Scene()
-    scene.look(flying(HERE), goal())
-    assert scene.look(None, goal(), reporting=False) == [(1, "lost")]
+    scene.scan(flying(HERE), goal())
+    assert scene.scan(None, goal(), reporting=False) == [(1, "lost")]
     assert not scene.monitor.at_targets()
 
 
@@ -157,56 +157,56 @@ def test_a_track_that_coasts_over_the_target_unseen_has_not_arrived():
 
 def test_an_agent_passes_targets_that_are_not_its_own():
     scene = Scene()
-    assert [scene.look(flying(HERE), goal(), tasked=False) for _ in range(5)] == [[]] * 5
-    assert [scene.look(flying(HERE), None) for _ in range(5)] == [[]] * 5
+    assert [scene.scan(flying(HERE), goal(), tasked=False) for _ in range(5)] == [[]] * 5
+    assert [scene.scan(flying(HERE), None) for _ in range(5)] == [[]] * 5
 
 
 def test_arrival_is_for_good():
     scene = Scene()
-    scene.look(flying(HERE), goal())
-    scene.look(flying(HERE), goal())
+    scene.scan(flying(HERE), goal())
+    scene.scan(flying(HERE), goal())
     arrived = scene.status
-    scene.look(None, None, reporting=False)
+    scene.scan(None, None, reporting=False)
     for _ in range(30):
-        assert scene.look(None, None, associated=False, reporting=False, tasked=False) == []
+        assert scene.scan(None, None, associated=False, reporting=False, tasked=False) == []
     assert scene.status == arrived
 
 
 def test_a_vehicle_that_never_shows_up_is_lost_after_twenty_seconds():
     scene = Scene()
     unseen = [
-        scene.look(None, goal(), associated=False, reporting=False) for _ in range(int(NEVER_SEEN_S) + 1)
+        scene.scan(None, goal(), associated=False, reporting=False) for _ in range(int(NEVER_SEEN_S) + 1)
     ]
     assert unseen == [[]] * 21
-    assert scene.look(None, goal(), associated=False, reporting=False) == [(1, "lost")]
+    assert scene.scan(None, goal(), associated=False, reporting=False) == [(1, "lost")]
     assert scene.status.position_m is None
 
 
-def test_a_vehicle_that_reported_and_was_never_associated_is_lost_after_five_seconds_of_silence():
+def test_a_vehicle_that_reported_and_was_never_associated_is_lost_after_five_seconds_unheard():
     scene = Scene()
-    assert scene.look(None, goal(), associated=False, reporting=True) == []
-    silent = [scene.look(None, goal(), associated=False, reporting=False) for _ in range(int(UNSEEN_S))]
+    assert scene.scan(None, goal(), associated=False, reporting=True) == []
+    silent = [scene.scan(None, goal(), associated=False, reporting=False) for _ in range(int(UNSEEN_S))]
     assert silent == [[]] * 5
-    assert scene.look(None, goal(), associated=False, reporting=False) == [(1, "lost")]
+    assert scene.scan(None, goal(), associated=False, reporting=False) == [(1, "lost")]
 
 
-def test_a_report_or_an_association_within_five_seconds_keeps_an_agent_alive():
+def test_a_report_or_an_association_within_five_seconds_keeps_an_agent_active():
     by_reports, by_association = Scene(), Scene()
     for second in range(1, 80):
         now = second % 5 == 0
-        assert by_reports.look(None, goal(), associated=False, reporting=now) == []
-        assert by_association.look(flying() if now else None, goal(), associated=now, reporting=False) == []
+        assert by_reports.scan(None, goal(), associated=False, reporting=now) == []
+        assert by_association.scan(flying() if now else None, goal(), associated=now, reporting=False) == []
 
 
 @given(st.lists(st.tuples(*[st.booleans()] * 5), max_size=40))
-def test_fates_only_change_in_ways_that_can_be_told(scans):
-    """Flying to dead or arrived, dead to flying, arrived never; each change is told once."""
-    scene, told = Scene(vehicles=(1, 2)), {1: "active", 2: "active"}
+def test_an_agent_status_changes_only_in_allowed_steps(scans):
+    """Active to lost or arrived, lost to active, arrived never; each change is reported once."""
+    scene, last = Scene(vehicles=(1, 2)), {1: "active", 2: "active"}
     for seen, near, associated, reporting, tasked in scans:
         agent = flying(HERE if near else FAR) if seen else None
-        for vehicle, status in scene.look(
+        for vehicle, status in scene.scan(
             agent, goal(), associated=associated, reporting=reporting, tasked=tasked
         ):
-            assert (told[vehicle], status) in {("active", "lost"), ("active", "arrived"), ("lost", "active")}
-            told[vehicle] = status
-    assert told == {vehicle: status.status for vehicle, status in scene.monitor.by_vehicle.items()}
+            assert (last[vehicle], status) in {("active", "lost"), ("active", "arrived"), ("lost", "active")}
+            last[vehicle] = status
+    assert last == {vehicle: status.status for vehicle, status in scene.monitor.by_vehicle.items()}

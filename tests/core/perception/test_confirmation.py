@@ -54,7 +54,7 @@ def test_a_track_below_lost_existence_is_given_up_at_once():
     assert after(*[[seen()]] * 3, [missed(existence=LOST_EXISTENCE)])[-1] == {(0, 0)}
 
 
-def test_a_track_that_left_the_picture_is_given_up_and_must_earn_belief_again():
+def test_a_track_that_left_the_picture_must_be_confirmed_again():
     assert after(*[[seen()]] * 3, [], [seen()], [seen()], [seen()])[3:] == [set(), set(), set(), {(0, 0)}]
 
 
@@ -71,7 +71,7 @@ def test_a_label_is_lost_when_it_hardly_exists_or_is_gone_and_not_when_it_was_on
     assert [confirmation.is_lost(label) for label in [(0, 0), (0, 1), (7, 7)]] == [False, True, True]
 
 
-def test_sensors_that_measure_at_the_same_moment_count_once():
+def test_sensors_that_measure_at_one_epoch_count_once():
     confirmation = TrackConfirmation(LOST_EXISTENCE)
     for t_s in (0.0, 0.0, 0.0, 1.0, 1.0):
         confirmation.update(picture(seen(), t_s=t_s))
@@ -85,7 +85,7 @@ def test_sensors_that_measure_at_the_same_moment_count_once():
     assert not confirmation.tracks
 
 
-def test_a_sensor_that_looks_elsewhere_neither_earns_nor_costs_belief():
+def test_a_sensor_that_covers_another_area_changes_no_confirmation():
     confirmation = TrackConfirmation(LOST_EXISTENCE)
     elsewhere = replace(RADAR, field_of_view_m=(500.0, 500.0, 900.0, 900.0))
     for _ in range(4):
@@ -113,8 +113,8 @@ def test_two_labels_of_one_object_are_never_both_confirmed_for_long(first_has_it
 
 
 @given(st.lists(st.tuples(st.booleans(), st.floats(0.0, 1.0)), max_size=30))
-def test_confirmation_follows_from_the_last_three_scans_and_what_was_confirmed_before(history):
-    """Nothing enters without three scans in a row, nothing stays dead, nothing leaves for two misses."""
+def test_confirmation_follows_from_the_last_three_scans_and_the_former_confirmation(history):
+    """No track enters without three scans in a row, none stays when lost, none leaves for two misses."""
     confirmation, was_confirmed, recent = TrackConfirmation(LOST_EXISTENCE), False, []
     for estimated, existence in history:
         one = track((0, 0), HERE, existence=existence, estimated=estimated)

@@ -1,4 +1,4 @@
-"""A user would lose the picture: targets born of loitering agents, the dead alive in others' detections."""
+"""A user would lose the picture: targets born of loitering agents, lost agents kept by others' detections."""
 
 import math
 
@@ -19,7 +19,7 @@ class Sky:
         self.trackers = MultiSensorTracker(config)
         self.rng = np.random.default_rng(seed)
 
-    def look(self, t_s, *things, clutter=(), reports=()):
+    def scan(self, t_s, *things, clutter=(), reports=()):
         """Scan true places `things`; `reports` are vehicle states."""
         noisy = [tuple(np.array(place) + self.rng.normal(0.0, math.sqrt(10.0), 2)) for place in things]
         return self.trackers.scan(scan(t_s, *noisy, *clutter), reports)
@@ -43,7 +43,7 @@ def near(tracks, place, within_m):
 def test_each_kind_is_tracked_where_it_starts_and_only_there():
     sky = Sky(mission(agents=[START], births=[GOAL]))
     for t_s in range(8):
-        agents, targets = sky.look(t_s, (START[0] + 15.0 * t_s, START[1]), GOAL)
+        agents, targets = sky.scan(t_s, (START[0] + 15.0 * t_s, START[1]), GOAL)
     assert [one.label for one in sky.agents.values()] == [(0, 0)]
     assert [one.label for one in sky.targets.values()] == [(0, 0)]
     assert near(sky.agents, (START[0] + 15.0 * 7, START[1]), 10.0)
@@ -57,24 +57,24 @@ def test_an_agent_that_loiters_where_targets_are_born_is_no_target(seed):
     place = (160.0, 200.0)
     sky = Sky(mission(agents=[START], births=[place]), seed)
     for t_s in range(4):
-        sky.look(t_s, (START[0] + 15.0 * t_s, START[1]))
+        sky.scan(t_s, (START[0] + 15.0 * t_s, START[1]))
     for t_s in range(4, 60):
         loitering, _ = circle(place, 8.0, 4.0, t_s)
-        sky.look(t_s, loitering)
+        sky.scan(t_s, loitering)
         assert sky.targets == {}, t_s
     assert [one.label for one in sky.agents.values()] == [(0, 0)]
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_an_agent_that_is_lost_beside_its_target_does_not_stay_in_the_targets_detections(seed):
+def test_an_agent_that_is_lost_at_its_target_does_not_stay_in_the_targets_detections(seed):
     target = (300.0, 200.0)
     sky = Sky(mission(agents=[START], births=[target]), seed)
     for t_s in range(14):
         place = (min(START[0] + 15.0 * t_s, 288.0), 200.0)
-        sky.look(t_s, place, target, reports=[state(1, place, t_s, speed_m_s=0.1)])
+        sky.scan(t_s, place, target, reports=[state(1, place, t_s, speed_m_s=0.1)])
     assert len(sky.agents) == 1
     for t_s in range(14, 19):
-        sky.look(t_s, target)
+        sky.scan(t_s, target)
     assert sky.trackers.agents.confirmation.is_lost((0, 0))
     assert sky.agents == {}
     assert near(sky.targets, target, 10.0)
@@ -89,7 +89,7 @@ def test_two_agents_and_a_target_that_meet_are_all_still_there():
             state(1, west, t_s, speed_m_s=15.0, course_rad=math.pi / 2),
             state(2, east, t_s, speed_m_s=15.0, course_rad=-math.pi / 2),
         ]
-        sky.look(t_s, west, east, target, reports=reports if t_s else [])
+        sky.scan(t_s, west, east, target, reports=reports if t_s else [])
     assert set(sky.agents) == {(0, 0), (0, 1)}
     assert set(sky.targets) == {(0, 0)}
 
@@ -102,14 +102,14 @@ def test_a_living_agent_that_the_sensor_misses_is_kept_by_its_reports():
     for t_s in range(20):
         place = (START[0] + 15.0 * t_s, START[1])
         report = state(1, place, t_s, speed_m_s=15.0, course_rad=math.pi / 2)
-        sky.look(t_s, *([place] if t_s < 5 or t_s % 2 else []), reports=[report])
+        sky.scan(t_s, *([place] if t_s < 5 or t_s % 2 else []), reports=[report])
     assert [one.label for one in sky.agents.values()] == [(0, 0)]
 
 
 def test_an_agent_without_radio_is_kept_by_the_sensor():
     sky = Sky(mission(agents=[START], births=[GOAL]))
     for t_s in range(30):
-        sky.look(t_s, (START[0] + 15.0 * t_s, START[1]))
+        sky.scan(t_s, (START[0] + 15.0 * t_s, START[1]))
     assert [one.label for one in sky.agents.values()] == [(0, 0)]
     assert near(sky.agents, (START[0] + 15.0 * 29, START[1]), 10.0)
 
@@ -118,39 +118,39 @@ def test_an_agent_that_falls_silent_and_unseen_is_lost_within_three_scans():
     sky = Sky(mission(agents=[START], births=[GOAL]))
     for t_s in range(8):
         place = (START[0] + 15.0 * t_s, START[1])
-        sky.look(t_s, place, reports=[state(1, place, t_s, speed_m_s=15.0, course_rad=math.pi / 2)])
+        sky.scan(t_s, place, reports=[state(1, place, t_s, speed_m_s=15.0, course_rad=math.pi / 2)])
     for t_s in range(8, 11):
-        sky.look(t_s)
+        sky.scan(t_s)
     assert sky.trackers.agents.confirmation.is_lost((0, 0))
 
 
 def test_a_vehicle_that_reports_where_nothing_is_known_comes_back_into_the_picture():
     sky, lost = Sky(mission(agents=[START], births=[GOAL])), (900.0, 900.0)
     for t_s in range(6):
-        sky.look(t_s, lost, reports=[state(1, lost, t_s)])
+        sky.scan(t_s, lost, reports=[state(1, lost, t_s)])
     assert len(sky.agents) == 1
     assert near(sky.agents, lost, 8.0)
     assert sky.targets == {}
 
 
-def test_something_seen_where_nobody_reports_and_nothing_is_born_is_nobody_of_ours():
+def test_detections_without_a_report_or_a_birth_component_are_no_agent():
     sky = Sky(mission(agents=[START], births=[GOAL]))
     for t_s in range(10):
-        sky.look(t_s, (900.0, 900.0))
+        sky.scan(t_s, (900.0, 900.0))
     assert (dict(sky.agents), dict(sky.targets)) == ({}, {})
 
 
 def test_an_old_report_is_not_a_place_where_a_vehicle_is_now():
     sky, lost = Sky(mission(agents=[START], births=[GOAL])), (900.0, 900.0)
     for t_s in range(2, 10):
-        sky.look(t_s, lost, reports=[state(1, lost, 0.5)])
+        sky.scan(t_s, lost, reports=[state(1, lost, 0.5)])
     assert sky.agents == {}
 
 
 def test_the_targets_filter_does_not_hear_reports():
     sky = Sky(mission(agents=[START], births=[GOAL]))
     for t_s in range(8):
-        sky.look(t_s, reports=[state(1, GOAL, t_s)])
+        sky.scan(t_s, reports=[state(1, GOAL, t_s)])
     assert sky.targets == {}
 
 
@@ -170,15 +170,15 @@ def test_clutter_at_a_place_that_has_given_its_target_is_no_second_one():
         """Whether a single clutter point at the place of birth makes an estimate of one more target."""
         sky = Sky(mission(agents=[START], births=[(1500.0, 900.0), GOAL]))
         for t_s in range(before):
-            sky.look(t_s, (GOAL[0], GOAL[1] + 6.0 * t_s))
-        _, targets = sky.look(before, (GOAL[0], GOAL[1] + 6.0 * before), clutter=[GOAL])
+            sky.scan(t_s, (GOAL[0], GOAL[1] + 6.0 * t_s))
+        _, targets = sky.scan(before, (GOAL[0], GOAL[1] + 6.0 * before), clutter=[GOAL])
         return sum(one.estimated for one in targets.tracks) - (before > 0)
 
     assert seen_as_two(before=40) == 0
     sky = Sky(
         mission(agents=[START], births=[GOAL])
     )  # a place that has given nothing yet is confirmed sooner
-    _, targets = sky.look(0, clutter=[GOAL])
+    _, targets = sky.scan(0, clutter=[GOAL])
     assert sum(one.estimated for one in targets.tracks) == 1
 
 
@@ -186,7 +186,7 @@ def test_a_second_object_at_a_place_is_still_found_when_it_stays():
     sky = Sky(mission(agents=[START], births=[GOAL]))
     for t_s in range(50):
         first = (GOAL[0], GOAL[1] + 6.0 * t_s)
-        sky.look(t_s, *([first] if t_s < 30 else [first, GOAL]))
+        sky.scan(t_s, *([first] if t_s < 30 else [first, GOAL]))
     assert len(sky.targets) == 2
 
 
@@ -195,7 +195,7 @@ def test_every_place_gives_its_own_target():
     sky = Sky(mission(agents=[START], births=births))
     for t_s in range(30):
         appeared = births[: 1 + t_s // 8]
-        sky.look(t_s, *appeared)
+        sky.scan(t_s, *appeared)
     assert len(sky.targets) == 3
     assert all(near(sky.targets, place, 8.0) for place in births)
 
@@ -203,7 +203,7 @@ def test_every_place_gives_its_own_target():
 def test_a_mission_without_places_of_birth_has_no_targets_and_no_trouble():
     sky = Sky(mission(agents=[START], births=[]))
     for t_s in range(5):
-        sky.look(t_s, START, GOAL)
+        sky.scan(t_s, START, GOAL)
     assert (len(sky.agents), len(sky.targets)) == (1, 0)
 
 
@@ -214,14 +214,14 @@ def test_scans_at_irregular_times_keep_one_label_for_a_moving_target():
     sky, rng, t_s = Sky(mission(agents=[START], births=[GOAL])), np.random.default_rng(5), 0.0
     for _ in range(40):
         place = (GOAL[0] - 5.0 * t_s, GOAL[1] + 3.0 * t_s)
-        sky.look(t_s, place)
+        sky.scan(t_s, place)
         t_s += float(rng.uniform(0.1, 4.0))
     assert list(sky.targets) == [(0, 0)]
     assert near(sky.targets, place, 12.0)
     assert sky.targets[(0, 0)].mean[2:] == pytest.approx((-5.0, 3.0), abs=1.5)
 
 
-def test_a_scan_says_what_was_there_when_it_was_measured_not_when_it_came():
+def test_a_scan_is_of_its_epoch_not_of_its_arrival():
     sky = Sky(mission(agents=[START], births=[GOAL]))
     for t_s in range(8):
         place = (GOAL[0] + 6.0 * t_s, GOAL[1])
@@ -241,11 +241,11 @@ def test_a_scan_says_what_was_there_when_it_was_measured_not_when_it_came():
         (6.4, 5.5, RADAR, ""),
     ],
 )
-def test_a_scan_that_is_late_repeated_or_ahead_of_its_time_is_refused_and_says_why(
+def test_a_scan_that_is_late_repeated_or_ahead_of_its_time_is_refused_with_a_reason(
     measured_s, arrives_s, sensor, words
 ):
     sky = Sky(mission(agents=[START], births=[GOAL]))
-    sky.look(5.0, GOAL)
+    sky.scan(5.0, GOAL)
     refusal = sky.trackers.refusal(scan(measured_s, GOAL, sensor=sensor, arrives_s=arrives_s))
     assert words in refusal
     assert bool(refusal) == bool(words)
@@ -264,7 +264,7 @@ def test_the_other_kinds_intensity_adds_up_to_the_detections_expected_of_it():
     """The integral of the intensity over the plane is p_D times the expected number of objects."""
     sky = Sky(mission(agents=[START], births=[GOAL]))
     for t_s in range(6):
-        sky.look(t_s, START, GOAL)
+        sky.scan(t_s, START, GOAL)
     east, north = np.meshgrid(
         np.arange(-100.0, 100.0, 0.5) + GOAL[0], np.arange(-100.0, 100.0, 0.5) + GOAL[1]
     )
@@ -278,7 +278,7 @@ def test_the_other_kinds_intensity_adds_up_to_the_detections_expected_of_it():
 def test_tracks_are_expected_further_on_the_longer_ago_they_were_seen():
     sky = Sky(mission(agents=[START], births=[GOAL]))
     for t_s in range(20):
-        sky.look(t_s, (GOAL[0], GOAL[1] + 6.0 * t_s))
+        sky.scan(t_s, (GOAL[0], GOAL[1] + 6.0 * t_s))
     (now,), (cov,), _ = sky.trackers.targets.expected(T0 + 19 * S)
     (later,), (wider,), existence = sky.trackers.targets.expected(T0 + 24 * S)
     assert later - now == pytest.approx((0.0, 30.0), abs=5.0)
@@ -301,18 +301,18 @@ def test_distances_are_those_of_the_textbook_for_each_pair():
 # ---------------------------------------------------------------- seen and not tracked
 
 
-def said(sky, seconds, *things):
-    """What the operator is told, scan by scan, while `things` are seen."""
+def notices_of(sky, seconds, *things):
+    """Return the notices, scan by scan, while `things` are seen."""
     news = []
     for t_s in seconds:
-        sky.look(t_s, *things)
+        sky.scan(t_s, *things)
         news += [(t_s, notice.level, notice.text) for notice in sky.trackers.untracked.notices(at(t_s))]
     return news
 
 
-def test_the_operator_is_told_where_detections_persist_that_no_track_takes():
+def test_the_operator_is_warned_of_persistent_detections_without_a_track():
     sky = Sky(mission(agents=[START], births=[GOAL]))
-    news = said(sky, range(12), START, GOAL, (1200.0, 900.0))
+    news = notices_of(sky, range(12), START, GOAL, (1200.0, 900.0))
     assert [level for _, level, _ in news] == ["alarm"]
     (t_s, _, text) = news[0]
     assert t_s <= 8
@@ -321,21 +321,21 @@ def test_the_operator_is_told_where_detections_persist_that_no_track_takes():
     lat, lon = (float(part) for part in text[text.index("(") + 1 : text.index(")")].split(","))
     frame = mission(agents=[START], births=[GOAL]).local_frame
     assert math.dist(frame.to_local(lat, lon), (1200.0, 900.0)) < 15.0
-    gone = said(sky, range(12, 40), START, GOAL)
+    gone = notices_of(sky, range(12, 40), START, GOAL)
     assert [level for _, level, _ in gone] == ["info"]
 
 
-def test_nothing_is_said_of_what_is_tracked_or_of_a_few_detections():
+def test_tracked_objects_and_few_detections_get_no_notice():
     sky = Sky(mission(agents=[START], births=[GOAL]))
-    assert said(sky, range(20), START, GOAL) == []
-    assert said(sky, range(20, 22), START, GOAL, (1200.0, 900.0)) == []
-    assert said(sky, range(22, 40), START, GOAL) == []
+    assert notices_of(sky, range(20), START, GOAL) == []
+    assert notices_of(sky, range(20, 22), START, GOAL, (1200.0, 900.0)) == []
+    assert notices_of(sky, range(22, 40), START, GOAL) == []
 
 
 def test_many_untracked_objects_make_one_alarm():
     sky = Sky(mission(agents=[START], births=[GOAL]))
     crowd = [(300.0 + 250.0 * i, 1500.0) for i in range(6)]
-    news = said(sky, range(10), START, GOAL, *crowd)
+    news = notices_of(sky, range(10), START, GOAL, *crowd)
     assert [level for _, level, _ in news] == ["alarm"]
     assert news[0][2].count("(") <= 3
     assert "more place" in news[0][2]

@@ -36,16 +36,16 @@ def test_a_scan_waits_for_the_window_and_then_goes_even_if_nothing_else_comes():
     st.lists(st.tuples(st.integers(0, 200), st.integers(0, 120)), max_size=30),
     st.integers(0, 100),
 )
-def test_whatever_is_no_later_than_the_window_comes_out_in_the_order_of_measurement(looks, window):
+def test_scans_within_the_window_come_out_in_the_order_of_measurement(measurements, window):
     """Times in hundredths of a second; each scan arrives after its delay."""
     order, out = OutOfSequenceBuffer(window / 100.0), []
-    arrivals = sorted((t + delay, t, delay) for t, delay in looks)
+    arrivals = sorted((t + delay, t, delay) for t, delay in measurements)
     for arrival, t, _ in arrivals:
         order.add(scan(t / 100.0, arrives_s=arrival / 100.0))
         out += order.due(at(arrival / 100.0))
     out += order.due(at(10.0))
-    assert len(out) == len(looks)
-    if all(delay <= window for _, delay in looks) and window:
+    assert len(out) == len(measurements)
+    if all(delay <= window for _, delay in measurements) and window:
         assert measured(out) == sorted(measured(out))
 
 
@@ -53,7 +53,7 @@ def pictures(effects):
     return [e.scan_t_ns for e in effects if isinstance(e, Picture) and e.kind == "targets"]
 
 
-def test_a_late_scan_is_worked_in_its_place_and_one_later_still_is_refused_and_told():
+def test_a_late_scan_is_processed_in_its_place_and_a_later_one_is_refused_with_a_notice():
     command, effects = Engine(mission(births=[GOAL], tables=WAITS), 0), []
     for t_s, arrives_s in [(1.0, 1.1), (2.0, 2.1), (1.8, 2.2), (1.2, 2.9)]:
         for tick in range(10):
@@ -74,7 +74,7 @@ def test_the_same_scan_twice_within_the_window_counts_once():
     assert any(isinstance(e, Notice) and "twice" in e.text for e in effects)
 
 
-def test_a_sensor_that_contradicts_itself_is_told_to_the_operator():
+def test_a_sensor_that_contradicts_its_model_is_reported_to_the_operator():
     command, texts = Engine(mission(births=[GOAL]), 0), []
     for k in range(40):
         clutter = [(100.0 + 37.0 * i, 50.0 + 45.0 * ((7 * i + 11 * k) % 40)) for i in range(50)]

@@ -30,7 +30,7 @@ def track(label, east_m, north_m=1000.0):
     return Track(label, read_only([east_m, north_m, 15.0, 0.0]), read_only(np.eye(4) * 9.0), 1.0, True)
 
 
-def told(detections, *, seconds=10, seer=None, armed=True, agents=None, targets=(), reports=None):
+def alarms_of(detections, *, seconds=10, seer=None, armed=True, agents=None, targets=(), reports=None):
     """Notices with their times; `detections` takes the second and returns places."""
     monitor, notices = PositionIntegrityMonitor(TelemetryTable()), []
     for t_s in range(seconds):
@@ -50,40 +50,40 @@ def nowhere(_t_s):
     return []
 
 
-def test_a_vehicle_that_is_seen_where_it_says_is_no_news():
-    assert told(there, seconds=100) == []
+def test_a_vehicle_that_is_seen_at_its_report_gets_no_warning():
+    assert alarms_of(there, seconds=100) == []
     rng = np.random.default_rng(3)
-    assert told(lambda _t: there(0) if rng.random() < 0.95 else [], seconds=500) == []
+    assert alarms_of(lambda _t: there(0) if rng.random() < 0.95 else [], seconds=500) == []
 
 
 def test_one_that_is_not_seen_is_an_alarm_within_seconds_and_an_all_clear_after_as_many():
-    notices = told(lambda t: nowhere(t) if t < 10 else there(t), seconds=20)
+    notices = alarms_of(lambda t: nowhere(t) if t < 10 else there(t), seconds=20)
     assert [(t, level) for t, level, _ in notices] == [(3, "alarm"), (13, "info")]
     assert "not seen where it reports" in notices[0][2]
 
 
 def test_a_single_miss_or_two_raise_nothing():
-    assert told(lambda t: nowhere(t) if t % 4 == 3 else there(t), seconds=60) == []
+    assert alarms_of(lambda t: nowhere(t) if t % 4 == 3 else there(t), seconds=60) == []
 
 
 @pytest.mark.parametrize("settings", [{"seer": sensor(field=(0, 0, 900, 2000))}, {"armed": False}])
-def test_where_nobody_looks_and_on_the_ground_nothing_is_known(settings):
-    assert told(nowhere, **settings) == []
+def test_out_of_view_and_on_the_ground_there_is_no_warning(settings):
+    assert alarms_of(nowhere, **settings) == []
 
 
-def test_a_weak_sensor_needs_longer_and_a_crowd_clears_nobody():
-    weak = told(nowhere, seer=sensor(p_d=0.5), seconds=20)
+def test_a_weak_sensor_needs_longer_and_a_crowd_clears_no_vehicle():
+    weak = alarms_of(nowhere, seer=sensor(p_d=0.5), seconds=20)
     assert weak[0][0] > 10
-    beside = [track((5, 0), 1005.0)]
-    notices = told(lambda t: nowhere(t) if t < 6 else there(t), targets=beside, seconds=30)
+    neighbours = [track((5, 0), 1005.0)]
+    notices = alarms_of(lambda t: nowhere(t) if t < 6 else there(t), targets=neighbours, seconds=30)
     assert [level for _, level, _ in notices] == ["alarm"], "what is seen there may be the other object"
 
 
-def test_the_alarm_says_where_it_is_seen_instead():
+def test_the_alarm_names_the_seen_place():
     def reports(t_s):
         return 1000.0 if t_s < 5 else 1400.0
 
-    notices = told(there, reports=reports, agents={(0, 1): track((0, 1), 1001.0)}, seconds=15)
+    notices = alarms_of(there, reports=reports, agents={(0, 1): track((0, 1), 1001.0)}, seconds=15)
     assert len(notices) == 1
     assert "400 m from where it reports to be" in notices[0][2]
 
@@ -128,7 +128,7 @@ def be_another(_hostile, _t_s, message):
 
 
 HOSTILE = {
-    1: (lambda *_: None, "elsewhere"),  # an impostor beside it
+    1: (lambda *_: None, "elsewhere"),  # an impostor neighbours it
     2: (freeze, None),
     3: (lead_astray, None),
     4: (be_another, ""),  # a twin behind the same radio

@@ -40,7 +40,7 @@ def test_a_clock_that_is_off_by_a_constant_is_corrected_once_it_has_shown_itself
     assert run(timing, [0.2] * 8, 11.0) == [None] * 4 + [0.2] * 4  # set right again
 
 
-def test_the_operator_is_told_of_a_corrected_clock() -> None:
+def test_a_corrected_clock_is_reported_to_the_operator() -> None:
     timing = ScanTiming()
     notices = [n for k in range(6) for n in timing.corrected(scan(float(k), 600.0))[2]]
     assert [n.level for n in notices] == ["alarm"]
@@ -68,7 +68,7 @@ def test_no_scan_is_lost_when_the_wall_clock_is_set(step_s: float, same_machine:
     assert run(timing, [after_s] * 10, 5.0) == [0.3] * 10
 
 
-def test_invented_sensors_do_not_fill_the_memory() -> None:
+def test_invented_sensors_leave_the_memory_bounded() -> None:
     timing = ScanTiming()
     for k in range(5000):
         timing.corrected(replace(scan(0.0), sensor=replace(SENSOR, name=f"s{k}")))
@@ -79,7 +79,7 @@ def state(t_s: float, east_m: float, mode: str = "AUTO") -> VehicleState:
     return VehicleState(1, at(t_s), east_m, 0.0, 100.0, 15.0, 1.57, mode, True, 1)
 
 
-def test_a_vehicle_is_looked_up_where_it_was_when_the_scan_was_measured() -> None:
+def test_a_vehicle_is_compared_at_the_epoch_of_the_scan() -> None:
     history = ReportHistory()
     for k in range(40):
         history.add(at(0.25 * k), [state(0.25 * k, 3.75 * k)])

@@ -1,4 +1,4 @@
-"""A user would lose control: a mission meant for one vehicle goes to another, or to nobody."""
+"""A user would lose control: a mission meant for one vehicle goes to another, or to none."""
 
 import math
 
@@ -28,7 +28,7 @@ def associated_pair():
 
 
 def test_vehicles_are_associated_so_that_the_whole_lies_nearest_not_one_after_the_other():
-    # Vehicle 1 is nearest to B, but so is vehicle 2, which is in nobody else's gate.
+    # Vehicle 1 is nearest to B, but so is vehicle 2, which is in no other gate.
     association = new_association()
     confirmation = confirmed(track(A, (0.0, 0.0)), track(B, (20.0, 0.0)))
     association.update(confirmation, at(0), [state(1, (11.0, 0.0)), state(2, (40.0, 0.0))])
@@ -59,7 +59,7 @@ def test_a_report_is_compared_at_the_time_of_the_scan():
     assert association.labels == {1: A}
 
 
-def test_an_old_report_says_nothing():
+def test_an_old_report_is_not_used():
     association = new_association()
     association.update(confirmed(track(A, WEST)), at(10), [state(1, WEST, t_s=8.9)])
     assert association.labels == {}
@@ -125,12 +125,12 @@ def test_a_lost_label_keeps_its_vehicle_until_the_loss_is_called():
 
 
 def test_a_vehicle_that_comes_back_twice_is_associated_to_its_new_track():
-    # Its death was called long ago; a track that it was tied to since then has died before it was sure.
+    # It was called lost long ago; a track associated since then ended before it was confirmed.
     association = associated_pair()
     confirmation = confirmed(track(A, WEST), track(B, EAST))
     confirmation.update(picture(track(A, WEST, existence=0.001, estimated=False), track(B, EAST)))
     association.update(confirmation, at(1), [state(1, WEST, 1), state(2, EAST, 1)])
-    assert association.labels == {1: A, 2: B}, "its status is still to be judged by this track"
+    assert association.labels == {1: A, 2: B}, "its status still follows this track"
     successor = (5, 0)
     for t_s in (2, 3, 4):
         confirmation.update(picture(track(B, EAST), track(successor, WEST)))
@@ -163,7 +163,7 @@ def test_tracks_that_changed_their_vehicles_in_a_ring_are_associated_again_one_b
     confirmation = confirmed(*(track(labels[v], places[v]) for v in places))
     association.update(confirmation, at(0), [state(v, place) for v, place in places.items()])
     turned = confirmed(track(A, places[2]), track(B, places[3]), track((0, 2), places[1]))
-    for t_s in (1, 2, 3):  # vehicle 3 is not heard before the last moment
+    for t_s in (1, 2, 3):  # vehicle 3 is not heard before the last second
         heard = places if t_s == 3 else {1: WEST, 2: EAST}
         association.update(turned, at(t_s), [state(v, place, t_s) for v, place in heard.items()])
     assert association.labels == {1: (0, 2), 2: A, 3: B}
@@ -180,7 +180,7 @@ def test_a_vehicle_that_reports_while_its_track_is_lost_takes_the_one_that_has_i
     assert association.labels == {1: successor, 2: B}
 
 
-def test_a_vehicle_that_reports_beside_a_track_which_is_not_confirmed_yet_is_unassociated_and_seen_there():
+def test_a_vehicle_near_an_unconfirmed_track_is_unassociated_and_seen_there():
     association, successor = associated_pair(), (5, 0)
     confirmation = confirmed(track(A, WEST), track(B, EAST))
     confirmation.update(picture(track(B, EAST), track(successor, WEST)))
@@ -190,10 +190,10 @@ def test_a_vehicle_that_reports_beside_a_track_which_is_not_confirmed_yet_is_una
 
 
 def test_of_two_at_one_place_whose_track_was_lost_the_silent_one_is_gone():
-    association, beside = new_association(), (3.0, 0.0)
-    confirmation = confirmed(track(A, WEST), track(B, beside))
-    association.update(confirmation, at(0), [state(1, WEST), state(2, beside)])
-    confirmation.update(picture(track(B, beside)))
+    association, nearby = new_association(), (3.0, 0.0)
+    confirmation = confirmed(track(A, WEST), track(B, nearby))
+    association.update(confirmation, at(0), [state(1, WEST), state(2, nearby)])
+    confirmation.update(picture(track(B, nearby)))
     association.update(confirmation, at(2), [state(1, WEST, 2)])
     assert association.labels == {1: B, 2: A}
     assert confirmation.is_lost(A)

@@ -30,7 +30,7 @@ def test_the_turn_rate_of_a_vehicle_that_circles_is_known_from_its_reports():
     assert motion.course_rad == pytest.approx(circling(3.0).course_rad)
 
 
-def test_one_report_says_nothing_of_a_turn():
+def test_one_report_gives_no_turn_rate():
     assert after(0).turn_rate_rad_s == 0.0
 
 

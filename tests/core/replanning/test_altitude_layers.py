@@ -42,7 +42,7 @@ def test_a_new_mission_keeps_clear_of_a_vehicle_that_returns_across_it():
     assert given(across) == (1, [])
 
 
-def test_where_no_layer_is_left_the_operator_is_told():
+def test_without_a_free_layer_the_operator_is_warned():
     a, b = (700.0, 200.0), (900.0, 200.0)
     _, notes = given(OtherVehicle(2, a, a, 120.0), OtherVehicle(3, b, b, 90.0))
     assert any("will come near each other at one altitude" in note for note in notes)

@@ -19,7 +19,7 @@ CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
 
 
 class Desk:
-    """A planner's desk: who flies where, which targets are confirmed; looks at times a test chooses."""
+    """A planner's desk: agents, targets and assignments; it checks at times a test chooses."""
 
     def __init__(self, agents, targets, *, tables="", expected_targets=None):
         count = len(targets) if expected_targets is None else expected_targets
@@ -31,8 +31,8 @@ class Desk:
         self.agents, self.targets, self.arrived = dict(agents), dict(targets), set()
         self.lost, self.velocities, self.plans = set(), {}, []
 
-    def look(self, t_s):
-        """Check if a look is due; return the plan."""
+    def check(self, t_s):
+        """Check if a plan is due; return it."""
         if not self.replanner.is_due(at(t_s)):
             return None
         inputs = PlanningInputs(
@@ -58,7 +58,7 @@ class Desk:
         self.arrived.add(vehicle)
         del self.agents[vehicle], self.targets[label]
 
-    def die(self, vehicle):
+    def lose(self, vehicle):
         self.lost.add(vehicle)
         self.replanner.drop(vehicle)
         del self.agents[vehicle]
@@ -74,7 +74,7 @@ A, B, C = (0, 0), (0, 1), (3, 2)
 def pair(**changes):
     """Two agents in the west, two targets straight east of them, one planned."""
     desk = Desk({1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1500.0, 200.0), B: (1500.0, 800.0)}, **changes)
-    plan = desk.look(0.0)
+    plan = desk.check(0.0)
     assert plan.changed == (1, 2)
     assert desk.assigned == {1: A, 2: B}
     return desk
@@ -85,18 +85,18 @@ def pair(**changes):
 
 def test_the_first_plan_is_made_as_soon_as_everybody_expected_is_there():
     desk = Desk({1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1500.0, 200.0)}, expected_targets=2)
-    assert [desk.look(t_s) for t_s in (0.0, 1.0, 2.0)] == [None] * 3
+    assert [desk.check(t_s) for t_s in (0.0, 1.0, 2.0)] == [None] * 3
     desk.targets[B] = (1500.0, 800.0)
-    plan = desk.look(3.0)
+    plan = desk.check(3.0)
     assert plan.reason == "first plan"
     assert plan.changed == (1, 2)
     assert (plan.t_ns, plan.picture_t_ns) == (at(3), at(3))
 
 
-def test_the_first_plan_waits_five_seconds_for_those_who_do_not_come():
+def test_the_first_plan_waits_five_seconds_for_missing_agents():
     desk = Desk({1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1500.0, 200.0)}, expected_targets=2)
-    assert [desk.look(t_s) for t_s in (10.0, 12.0, 14.9)] == [None] * 3
-    assert desk.look(15.0).unassigned_vehicles == (2,)
+    assert [desk.check(t_s) for t_s in (10.0, 12.0, 14.9)] == [None] * 3
+    assert desk.check(15.0).unassigned_vehicles == (2,)
 
 
 @pytest.mark.parametrize("missing", ["agents", "targets"])
@@ -104,25 +104,25 @@ def test_there_is_no_first_plan_without_anybody_to_send_or_anywhere_to_go(missin
     desk = Desk({1: (100.0, 200.0)}, {A: (1500.0, 200.0)})
     absent = getattr(desk, missing).copy()
     getattr(desk, missing).clear()
-    assert [desk.look(float(t_s)) for t_s in range(30)] == [None] * 30
+    assert [desk.check(float(t_s)) for t_s in range(30)] == [None] * 30
     getattr(desk, missing).update(absent)
-    assert desk.look(30.0).changed == (1,)
+    assert desk.check(30.0).changed == (1,)
 
 
-# ---------------------------------------------------------------- when to look
+# ---------------------------------------------------------------- when to check
 
 
-def test_looks_come_every_period_and_not_at_every_scan():
+def test_checks_come_every_period_and_not_at_every_scan():
     desk = pair()
-    assert [t_s for t_s in range(1, 21) if desk.replanner.is_due(at(t_s)) and desk.look(t_s) is None] == [
+    assert [t_s for t_s in range(1, 21) if desk.replanner.is_due(at(t_s)) and desk.check(t_s) is None] == [
         5, 10, 15, 20,
     ]  # fmt: skip
 
 
-def test_looks_missed_while_no_scan_came_are_not_made_up_for_one_after_another():
+def test_checks_missed_without_scans_are_not_repeated_one_after_another():
     desk = pair()
-    desk.look(62.0)
-    assert [t_s for t_s in range(62, 76) if desk.replanner.is_due(at(t_s)) and desk.look(t_s) is None] == [
+    desk.check(62.0)
+    assert [t_s for t_s in range(62, 76) if desk.replanner.is_due(at(t_s)) and desk.check(t_s) is None] == [
         65, 70, 75,
     ]  # fmt: skip
 
@@ -131,7 +131,7 @@ def test_nothing_new_is_no_new_plan():
     desk = pair()
     for t_s in range(5, 100, 5):
         desk.agents[1] = (100.0 + 10.0 * t_s, 200.0)
-        assert desk.look(t_s) is None
+        assert desk.check(t_s) is None
 
 
 # ---------------------------------------------------------------- what makes a plan
@@ -141,50 +141,50 @@ def test_a_lost_agents_target_goes_to_the_survivor_for_whom_it_is_better():
     desk = Desk(
         {1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1000.0, 200.0), B: (1900.0, 200.0)}, expected_targets=2
     )
-    desk.look(0.0)
+    desk.check(0.0)
     assert desk.assigned == {1: B, 2: A} or desk.assigned == {1: A, 2: B}
     near = next(v for v, label in desk.assigned.items() if label == A)
-    desk.die(near)
-    plan = desk.look(5.0)
+    desk.lose(near)
+    plan = desk.check(5.0)
     survivor = 3 - near
     assert plan.reason == f"agent {near} lost"
     assert plan.changed == (survivor,)
     assert desk.assigned == {survivor: A}
     assert plan.unassigned_targets == (B,)
-    assert desk.look(10.0) is None
+    assert desk.check(10.0) is None
 
 
-def test_a_loss_is_told_though_nobodys_route_changes():
+def test_a_loss_is_reported_though_no_route_changes():
     desk = pair()
-    desk.die(1)
-    plan = desk.look(5.0)
+    desk.lose(1)
+    plan = desk.check(5.0)
     assert (plan.reason, plan.changed, plan.unassigned_targets) == ("agent 1 lost", (), (A,))
     assert [route.vehicle for route in plan.routes] == [2]
-    assert desk.look(10.0) is None
+    assert desk.check(10.0) is None
 
 
 def test_an_agent_that_arrived_is_not_lost():
     desk = pair()
     desk.arrive(1)
-    assert [desk.look(t_s) for t_s in (5.0, 10.0)] == [None, None]
+    assert [desk.check(t_s) for t_s in (5.0, 10.0)] == [None, None]
 
 
 def test_an_agent_that_comes_back_is_tasked():
     desk = pair()
     place = desk.agents[1]
-    desk.die(1)
-    desk.look(5.0)
+    desk.lose(1)
+    desk.check(5.0)
     desk.agents[1] = place
-    plan = desk.look(10.0)
+    plan = desk.check(10.0)
     assert (plan.reason, plan.changed) == ("agent 1 joined", (1,))
     assert desk.assigned == {1: A, 2: B}
 
 
-def test_a_target_that_appears_makes_a_plan_and_only_who_gains_is_redirected():
+def test_a_target_that_appears_makes_a_plan_that_redirects_only_its_agent():
     desk = pair()
     desk.targets[C] = (400.0, 200.0)
     desk.targets[B] = (1500.0, 810.0)  # it moved, but by less than a new mission is worth
-    plan = desk.look(5.0)
+    plan = desk.check(5.0)
     assert (plan.reason, plan.changed) == ("target T3.2 appeared", (1,))
     assert desk.assigned == {1: C, 2: B}
 
@@ -193,7 +193,7 @@ def test_a_target_that_comes_back_under_another_label_is_still_its_agents():
     desk = pair()
     del desk.targets[A]
     desk.targets[C] = (1500.0, 215.0)
-    plan = desk.look(5.0)
+    plan = desk.check(5.0)
     assert plan.reason == "target T3.2 appeared; target T0.0 is not tracked any more"
     assert desk.assigned == {1: C, 2: B}
     assert plan.changed == (1,)
@@ -202,9 +202,9 @@ def test_a_target_that_comes_back_under_another_label_is_still_its_agents():
 def test_a_target_that_is_lost_frees_its_agent_for_another():
     desk = pair()
     desk.targets[C] = (1900.0, 1900.0)
-    desk.look(5.0)
+    desk.check(5.0)
     del desk.targets[A]
-    plan = desk.look(10.0)
+    plan = desk.check(10.0)
     assert plan.reason == "target T0.0 is not tracked any more"
     assert sorted(desk.assigned.values()) == [B, C]
 
@@ -212,7 +212,7 @@ def test_a_target_that_is_lost_frees_its_agent_for_another():
 def test_a_target_that_moved_is_followed_and_only_by_its_own_agent():
     desk = pair()
     desk.targets[A] = (1500.0, 200.0 + MOVED_M + 0.5)
-    plan = desk.look(5.0)
+    plan = desk.check(5.0)
     assert (plan.reason, plan.changed) == ("target T0.0 moved 50 m", (1,))
     assert plan.routes[0].points_m[-1] == pytest.approx(desk.targets[A])
     assert {route.vehicle for route in plan.routes} == {1, 2}
@@ -223,9 +223,13 @@ def test_a_target_may_move_a_little_far_away_and_drift_does_not_go_unnoticed():
     planned_at = []
     for t_s in range(5, 60, 5):
         desk.targets[A] = (1500.0, 200.0 + 4.0 * t_s)
-        if desk.look(t_s):
+        if desk.check(t_s):
             planned_at.append(t_s)
-    assert planned_at == [15, 30, 45]  # 60 m each: measured from where the route ends, not from look to look
+    assert planned_at == [
+        15,
+        30,
+        45,
+    ]  # 60 m each: measured from where the route ends, not from check to check
 
 
 def test_how_far_a_target_may_move_shrinks_to_half_the_capture_radius_as_its_agent_closes_in():
@@ -234,7 +238,7 @@ def test_how_far_a_target_may_move_shrinks_to_half_the_capture_radius_as_its_age
             desk = pair()
             desk.agents[1] = (1500.0 - to_go_m, 200.0)
             desk.targets[A] = (1500.0, 200.0 + moved_m)
-            if desk.look(5.0):
+            if desk.check(5.0):
                 return moved_m - 1.0
         raise AssertionError("never followed")
 
@@ -243,25 +247,25 @@ def test_how_far_a_target_may_move_shrinks_to_half_the_capture_radius_as_its_age
     ]  # fmt: skip
 
 
-def test_several_reasons_are_all_told():
+def test_several_reasons_are_all_reported():
     desk = pair()
-    desk.die(2)
+    desk.lose(2)
     desk.targets[C] = (1900.0, 1900.0)
     desk.targets[A] = (1500.0, 300.0)
-    reason = desk.look(5.0).reason
+    reason = desk.check(5.0).reason
     assert reason == "agent 2 lost; target T3.2 appeared; target T0.0 moved 100 m"
 
 
 # ---------------------------------------------------------------- what does not
 
 
-def test_a_target_over_an_obstacle_does_not_make_a_plan_at_each_look():
+def test_a_target_over_an_obstacle_does_not_make_a_plan_at_each_check():
     wall = "[map]\nboxes_m = [[1380.0, 80.0, 1620.0, 320.0]]\n"
     desk = pair(tables=wall)
     assert any("over an obstacle" in note for note in desk.replanner.notes)
     end = desk.replanner.routes[1].points_m[-1]
     assert math.dist(end, desk.targets[A]) > MOVED_M
-    assert [desk.look(t_s) for t_s in range(5, 60, 5)] == [None] * 11
+    assert [desk.check(t_s) for t_s in range(5, 60, 5)] == [None] * 11
     assert desk.replanner.routes[1].points_m[-1] == pytest.approx(end)
 
 
@@ -271,47 +275,47 @@ def test_a_target_over_an_obstacle_is_planned_for_once_a_period_and_not_at_every
     planned, plan = [], desk.replanner._routed
     monkeypatch.setattr(desk.replanner, "_routed", lambda *args, **kw: planned.append(1) or plan(*args, **kw))
     for second in range(1, 31):
-        desk.look(float(second))
+        desk.check(float(second))
     assert 1 <= len(planned) <= 12
 
 
-def test_spare_agents_wait_without_a_plan_at_each_look_and_take_what_appears():
+def test_surplus_agents_wait_without_new_plans_and_get_targets_that_appear():
     desk = Desk(
         {1: (100.0, 200.0), 2: (100.0, 800.0), 3: (100.0, 1400.0)}, {A: (1500.0, 200.0)}, expected_targets=1
     )
-    plan = desk.look(0.0)
+    plan = desk.check(0.0)
     assert (plan.changed, plan.unassigned_vehicles) == ((1,), (2, 3))
-    assert [desk.look(t_s) for t_s in (5.0, 10.0, 15.0)] == [None] * 3
+    assert [desk.check(t_s) for t_s in (5.0, 10.0, 15.0)] == [None] * 3
     desk.targets[B] = (1500.0, 1400.0)
-    assert desk.look(20.0).changed == (3,)
+    assert desk.check(20.0).changed == (3,)
 
 
-def test_spare_targets_are_named_and_taken_when_an_agent_is_free():
+def test_unassigned_targets_are_named_and_assigned_when_an_agent_is_free():
     desk = Desk({1: (100.0, 200.0)}, {A: (600.0, 200.0), B: (1500.0, 200.0)})
-    assert desk.look(0.0).unassigned_targets == (B,)
-    assert desk.look(5.0) is None
+    assert desk.check(0.0).unassigned_targets == (B,)
+    assert desk.check(5.0) is None
 
 
-def test_an_agent_with_no_way_to_any_target_does_not_make_a_plan_at_each_look():
+def test_an_agent_without_a_route_does_not_make_a_plan_at_each_check():
     walls = "[map]\nboxes_m = [[0.0, 480.0, 2000.0, 520.0]]\n"
     desk = Desk(
         {1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1500.0, 200.0), B: (1400.0, 200.0)}, tables=walls
     )
-    plan = desk.look(0.0)
+    plan = desk.check(0.0)
     assert plan.changed == (1,)
     assert "agent 2: no path to any target" in desk.replanner.notes
-    assert [desk.look(t_s) for t_s in range(5, 60, 5)] == [None] * 11
+    assert [desk.check(t_s) for t_s in range(5, 60, 5)] == [None] * 11
     assert not desk.replanner.notes  # said once
     assert desk.assigned == {1: plan.routes[0].target}
 
 
-def test_a_mission_that_could_not_be_delivered_is_planned_again_at_the_next_look():
+def test_a_mission_that_could_not_be_delivered_is_planned_again_at_the_next_check():
     desk = pair()
     desk.replanner.drop(2)
-    plan = desk.look(5.0)
+    plan = desk.check(5.0)
     assert (plan.reason, plan.changed) == ("agent 2 has no route", (2,))
     assert desk.assigned == {1: A, 2: B}
-    assert desk.look(10.0) is None
+    assert desk.check(10.0) is None
 
 
 @settings(deadline=None, max_examples=40)
@@ -323,15 +327,15 @@ def test_a_mission_that_could_not_be_delivered_is_planned_again_at_the_next_look
         max_size=12,
     )
 )
-def test_who_is_not_in_changed_flies_exactly_what_it_was_last_told(history):
+def test_an_agent_that_is_not_in_changed_keeps_its_last_route(history):
     """Replaying only the missions to `changed` gives what the planner believes is flown."""
     agents = {v: (100.0, 350.0 * v) for v in range(1, 5)}
     desk = Desk(agents, {(0, i): (1800.0, 300.0 + 350.0 * i) for i in range(5)})
-    told, t_s = {}, 0.0
+    sent, t_s = {}, 0.0
     for action, number in [("nothing", 0), *history]:
         tasked, labels = sorted(desk.assigned), sorted(desk.targets)
         if action == "die" and len(desk.agents) > 1:
-            desk.die(sorted(desk.agents)[number % len(desk.agents)])
+            desk.lose(sorted(desk.agents)[number % len(desk.agents)])
         elif action == "arrive" and tasked and len(desk.agents) > 1:
             vehicle = tasked[number % len(tasked)]
             if desk.assigned[vehicle] in desk.targets:
@@ -344,9 +348,9 @@ def test_who_is_not_in_changed_flies_exactly_what_it_was_last_told(history):
         elif action == "lose" and len(labels) > 1:
             del desk.targets[labels[number % len(labels)]]
         elif action == "drop" and tasked:
-            told.pop(tasked[number % len(tasked)], None)
+            sent.pop(tasked[number % len(tasked)], None)
             desk.replanner.drop(tasked[number % len(tasked)])
-        plan = desk.look(t_s)
+        plan = desk.check(t_s)
         t_s += PERIOD_S
         if plan is None:
             continue
@@ -357,9 +361,9 @@ def test_who_is_not_in_changed_flies_exactly_what_it_was_last_told(history):
             assert route.vehicle in desk.agents
             assert route.target in desk.targets
             if route.vehicle in plan.changed:
-                told[route.vehicle] = route
+                sent[route.vehicle] = route
             else:
-                assert told[route.vehicle] is route
+                assert sent[route.vehicle] is route
         idle = set(plan.unassigned_vehicles)
         assert idle | {r.vehicle for r in plan.routes} == set(desk.agents)
 
@@ -379,7 +383,7 @@ def test_a_seed_means_one_map_and_keeps_starts_and_births_clear():
             assert math.dist(place, (thing.east_m, thing.north_m)) > 120.0
 
 
-def test_obstacles_placed_by_hand_are_on_the_map_where_the_file_says():
+def test_obstacles_placed_by_hand_are_on_the_map_at_their_place():
     tables = "[map]\ndiscs_m = [[1000.0, 400.0, 50.0]]\nboxes_m = [[0.0, 1900.0, 80.0, 2000.0]]\n"
     grid = mission_grid(mission(tables=tables), 0)
     assert (grid.shape, grid.spacing_m, grid.origin_m) == ((51, 51), 40.0, (0.0, 0.0))
@@ -436,14 +440,14 @@ def test_a_mission_that_takes_long_to_its_vehicle_is_planned_to_meet_the_target_
         ((900.0, 130.0), [(1500.0, 130.0)], True),  # into it
         ((960.0, 160.0), [(1500.0, 100.0)], True),  # past its corner, much nearer than the clearance
         ((900.0, 130.0), [(950.0, 130.0)], False),  # its mission ends before
-        ((900.0, 130.0), [], False),  # nobody knows what it flies to
+        ((900.0, 130.0), [], False),  # its waypoint is unknown
     ],
 )
-def test_who_would_hit_something_by_what_it_holds_gets_another_route(place, ahead, is_astray):
+def test_a_vehicle_whose_onboard_mission_meets_an_obstacle_gets_another_route(place, ahead, is_astray):
     box = "[map]\nboxes_m = [[1000.0, 60.0, 1100.0, 140.0]]\n"
     tables = f'{box}[planning]\nshape = "flyable"\nclearance_m = 40.0\n'
     desk = Desk({1: (100.0, 200.0)}, {A: (1500.0, 200.0)}, tables=tables)
-    desk.look(0.0)
+    desk.check(0.0)
     motion = Motion(*place, 15.0, math.pi / 2.0, ahead=RemainingMission(tuple(ahead), (10.0,) * len(ahead)))
     agent, target = track((0, 1), place, (15.0, 0.0)), track(A, desk.targets[A])
     inputs = PlanningInputs(at(5.0), at(5.0), {1: agent}, {A: target}, frozenset(), motions={1: motion})
@@ -460,7 +464,7 @@ def close_to_a_corner(target, *, passed=()):
         {A: (1500.0, 300.0)},
         tables=f'{walls}[planning]\nshape = "flyable"\nclearance_m = 60.0\n',
     )
-    (flown,) = desk.look(0.0).routes
+    (flown,) = desk.check(0.0).routes
     motion = Motion(1400.0, 300.0, 15.0, math.pi / 2.0, ahead=RemainingMission(((1500.0, 300.0),), (10.0,)))
     agent = track((0, 1), (1400.0, 300.0), (15.0, 0.0))
     inputs = PlanningInputs(
@@ -500,17 +504,17 @@ def arriving(metres=40.0, velocity=(15.0, 0.0), **changes):
 def test_an_agent_on_its_last_metres_is_not_led_to_where_its_target_jitters():
     desk = arriving()
     desk.targets[A] = (1500.0, 224.0)
-    assert desk.look(60.0) is None
+    assert desk.check(60.0) is None
     further = arriving(metres=120.0)
     further.targets[A] = (1500.0, 260.0)
-    assert further.look(60.0).changed == (1,)
+    assert further.check(60.0).changed == (1,)
 
 
 def test_an_agent_on_its_last_metres_is_not_sent_elsewhere_for_a_better_whole():
     desk = arriving(tables="[planning]\nswitch_gain_m = 0.0\n")
     desk.agents[2] = (1650.0, 200.0)  # beyond 1's target; what appears lies behind 1
     desk.targets = {A: (1500.0, 200.0), C: (1200.0, 200.0)}
-    plan = desk.look(60.0)
+    plan = desk.check(60.0)
     assert 1 not in plan.changed
     assert desk.assigned == {1: A, 2: C}
     assert [route.vehicle for route in plan.routes] == [1, 2]
@@ -520,4 +524,4 @@ def test_an_agent_on_its_last_metres_is_not_sent_elsewhere_for_a_better_whole():
 def test_an_agent_that_has_its_target_behind_it_is_not_left_to_it():
     desk = arriving(velocity=(-15.0, 0.0))
     desk.targets[A] = (1500.0, 245.0)
-    assert desk.look(60.0).changed == (1,)
+    assert desk.check(60.0).changed == (1,)

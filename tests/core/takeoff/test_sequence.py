@@ -68,7 +68,7 @@ class Field:
         return {answer.vehicle: (answer.state, answer.detail) for answer in found if answer.vehicle}
 
 
-def test_one_order_to_arm_two_vehicles_side_by_side_arms_the_first_and_says_what_the_other_waits_for():
+def test_one_order_to_arm_two_vehicles_side_by_side_arms_the_first_and_explains_the_wait():
     field = Field((15.0, "arm"), (20.0, "arm", 2), (40.0, "arm", 2)).run(70.0)
     assert field.answers("arm-15.0")[1][0] == "done"
     verdict, detail = field.answers("arm-15.0")[2]
@@ -86,7 +86,7 @@ def test_one_order_to_arm_two_vehicles_side_by_side_arms_the_first_and_says_what
 
 
 def test_vehicles_that_are_armed_before_they_have_missions_take_off_one_after_the_other():
-    """Armed in LOITER both wait for their missions, which would start them at the same moment."""
+    """Armed in LOITER both wait for their missions, which would start them at the same time."""
     field = Field((8.0, "hold"), (11.0, "arm"), (14.0, "resume"), ready=()).run(20.0)
     assert {verdict for verdict, _ in field.answers("arm-11.0").values()} == {"done"}
     assert {verdict for verdict, _ in field.answers("resume-14.0").values()} == {"done"}
@@ -98,7 +98,7 @@ def test_vehicles_that_are_armed_before_they_have_missions_take_off_one_after_th
     assert not field.texts("alarm")
 
 
-def test_two_that_somebody_else_arms_at_once_are_told_of():
+def test_two_that_another_station_arms_at_once_are_reported():
     field = Field().run(15.0)
     for plane in field.planes:
         plane.autopilot.armed = True
@@ -166,23 +166,23 @@ class Swarm:
         (Swarm((200.0, 0.0), 30.0, liveness="down"), ""),
     ],
 )
-def test_who_is_low_or_lands_holds_a_take_off_back_and_nobody_else_does(swarm, said):
+def test_only_a_low_or_landing_vehicle_delays_a_takeoff(swarm, said):
     reason = TakeoffSequence(swarm.config, swarm, swarm).blocked_by(1, ())
     assert (said in reason) if said else reason == ""
 
 
-def test_two_that_climb_apart_are_not_told_of():
+def test_two_that_climb_apart_are_not_reported():
     swarm = Swarm((900.0, 0.0), 30.0, mode="TAKEOFF")
     takeoff_sequence = TakeoffSequence(swarm.config, swarm, swarm)
     assert takeoff_sequence.check(at(0.0), ()) == []
 
 
-@pytest.mark.parametrize(("apart_m", "is_told"), [(30.0, True), (300.0, False)])
-def test_preflight_names_vehicles_that_stand_near_each_other(apart_m, is_told):
+@pytest.mark.parametrize(("apart_m", "is_reported"), [(30.0, True), (300.0, False)])
+def test_preflight_names_vehicles_that_stand_near_each_other(apart_m, is_reported):
     swarm = Swarm((apart_m, 0.0), 0.0, speed=0.0, armed=False)
     places = {1: (0.0, 0.0), 2: (apart_m, 0.0)}
     rows = mission_checks(swarm.config, rehearse(swarm.config, 1, places, swarm))
-    told = [(row.level, row.value, row.remedy) for row in rows if row.name == "standing"]
+    reported = [(row.level, row.value, row.remedy) for row in rows if row.name == "standing"]
     remedy = "arm them one after another: gcs order arm 1, wait until it has climbed to its altitude, then "
     value = "agents 1, 2 stand near each other: 30 m"
-    assert told == ([("warning", value, remedy + "gcs order arm 2")] if is_told else [])
+    assert reported == ([("warning", value, remedy + "gcs order arm 2")] if is_reported else [])
