@@ -1,7 +1,7 @@
 """WGS84 to the mission's local east/north frame and back, and angle arithmetic.
 
 The local frame is the plane tangent to the ellipsoid at the mission's origin: x east, y north, metres.
-Heights are carried beside it, as metres above mean sea level or above the origin. Over a 6 km map the plane
+Heights are separate, as metres above mean sea level or above the origin. Over a 6 km map the plane
 leaves the ellipsoid by less than 0.8 m in height and 1 mm in position, which is below any sensor noise here.
 
 Bearings, courses and headings are clockwise from north, in radians, as aviation uses them.

@@ -38,7 +38,7 @@ class Mission:
     """Centre of the loiter circle (latitude, longitude); None: the last waypoint."""
     takeoff: Waypoint | None = None
     """End of the climb, for a mission from the ground; None: the first waypoint."""
-    homeward: tuple[Waypoint, ...] = ()
+    return_waypoints: tuple[Waypoint, ...] = ()
     """Corners of the return route up to the approach; empty: straight."""
 
 

@@ -45,7 +45,7 @@ class Conflict:
 
 
 def assign_layers(
-    flights: Sequence[PlannedFlight], lanes: int, min_distance_m: float
+    flights: Sequence[PlannedFlight], layers: int, min_distance_m: float
 ) -> tuple[dict[int, int], tuple[Conflict, ...]]:
     """Assign an altitude layer to each vehicle.
 
@@ -53,7 +53,7 @@ def assign_layers(
     ----------
     flights : sequence of PlannedFlight
         All vehicles in the air.
-    lanes : int
+    layers : int
         Number of layers.
     min_distance_m : float
         Minimum separation within a layer.
@@ -74,8 +74,8 @@ def assign_layers(
     for i, flight in enumerate(order):
         nearest = distance_m[i, :i]
         assigned = np.array(found, dtype=np.int64)
-        separations = [float(nearest[assigned == layer].min(initial=np.inf)) for layer in range(lanes)]
-        layer = flight.layer % lanes
+        separations = [float(nearest[assigned == layer].min(initial=np.inf)) for layer in range(layers)]
+        layer = flight.layer % layers
         if not flight.keeps_layer and separations[layer] < min_distance_m:
             layer = int(np.argmax([min(one, min_distance_m) for one in separations]))
         for j in np.flatnonzero((assigned == layer) & (nearest < min_distance_m)).tolist():
@@ -90,8 +90,8 @@ def min_separation_m(flights: Sequence[PlannedFlight]) -> dict[int, float]:
     if not flights:
         return {}
     distance_m, _ = _nearest(_positions(flights), 0.0)
-    lanes = np.array([flight.layer for flight in flights])
-    distance_m = np.where(lanes[:, None] == lanes[None, :], np.minimum(distance_m, distance_m.T), np.inf)
+    layers = np.array([flight.layer for flight in flights])
+    distance_m = np.where(layers[:, None] == layers[None, :], np.minimum(distance_m, distance_m.T), np.inf)
     return {flight.vehicle: float(distance_m[i].min()) for i, flight in enumerate(flights)}
 
 

@@ -36,8 +36,8 @@ class Window:
 class Watcher(Protocol):
     """Compares replayed effects with recorded ones."""
 
-    def event(self, number: int, t_ns: int, effects: list[Effect], *, judged: bool) -> None:
-        """Add the effects of an event; `judged` inside the window."""
+    def event(self, number: int, t_ns: int, effects: list[Effect], *, in_window: bool) -> None:
+        """Add the effects of an event; `in_window`: True if they are compared."""
 
     def recorded(self, record: Record, effect: Effect) -> None:
         """Add a recorded effect."""
@@ -113,7 +113,7 @@ class Replay:
         self.events += 1
         self.effects += len(effects)
         for watcher in self.watchers:
-            watcher.event(number, event.t_ns, effects, judged=shown)
+            watcher.event(number, event.t_ns, effects, in_window=shown)
         if shown:
             for effect in effects:
                 for sink in self.sinks:
@@ -132,9 +132,9 @@ class Verifier:
     def __init__(self) -> None:
         self.result = Verification()
 
-    def event(self, number: int, t_ns: int, effects: list[Effect], *, judged: bool) -> None:
+    def event(self, number: int, t_ns: int, effects: list[Effect], *, in_window: bool) -> None:
         """Add the effects of an event."""
-        outputs = [Output(topic_of(effect), encode(effect)) for effect in effects] if judged else None
+        outputs = [Output(topic_of(effect), encode(effect)) for effect in effects] if in_window else None
         self.result.event(number, t_ns, outputs)
 
     def recorded(self, record: Record, effect: Effect) -> None:

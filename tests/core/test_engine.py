@@ -1,4 +1,4 @@
-"""A user would lose trust: a replay that differs, an unknown system in control, a bad scan that ends the run."""
+"""A user would lose trust: a replay that differs, an unknown system in control, a bad scan that ends it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ MISSION_MESSAGES = {
 
 @dataclass
 class Flight:
-    """A mission: targets move, agent 2 dies, the others arrive."""
+    """A mission: targets move, agent 2 is lost, the others arrive."""
 
     config: Config
     events: list[Event]

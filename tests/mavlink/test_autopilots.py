@@ -139,8 +139,8 @@ def test_a_circle_elsewhere_comes_after_the_last_waypoint(profile):
 
 @pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
 def test_a_way_home_stands_between_the_route_and_the_landing_and_reads_back_equal(profile):
-    homeward = (Waypoint(33.215, -87.61, 120.0, 58.6), Waypoint(33.2, -87.605, 120.0, 40.0))
-    sent = profile.items(replace(mission("land"), homeward=homeward), HOME)
+    return_waypoints = (Waypoint(33.215, -87.61, 120.0, 58.6), Waypoint(33.2, -87.605, 120.0, 40.0))
+    sent = profile.items(replace(mission("land"), return_waypoints=return_waypoints), HOME)
     *flown, corner, approach, touch_down = sent
     assert tuple(flown) == profile.items(mission("land"), HOME)[:-2]
     assert (corner.command, corner.x, corner.y, corner.z_m) == (WP, 332150000, -876100000, 120.0)

@@ -206,7 +206,7 @@ class _Fields:
     _now: list[Effect] = field(default_factory=list)
     _then: list[Effect] = field(default_factory=list)
 
-    def event(self, number: int, t_ns: int, effects: list[Effect], *, judged: bool) -> None:
+    def event(self, number: int, t_ns: int, effects: list[Effect], *, in_window: bool) -> None:
         self._close()
         self._now.extend(effect for effect in effects if isinstance(effect, JUDGED))
         self._t_ns = t_ns
@@ -274,7 +274,7 @@ class _Ospa:
                 for evaluator in self._evaluators:
                     evaluator.add_truth(record.value)
 
-    def event(self, number: int, t_ns: int, effects: list[Effect], *, judged: bool) -> None:
+    def event(self, number: int, t_ns: int, effects: list[Effect], *, in_window: bool) -> None:
         for effect in effects:
             self._evaluators[1].add_effect(effect)
 

@@ -71,18 +71,18 @@ class Comparison:
 
     def __init__(self) -> None:
         self.recorded_outcome, self.replayed_outcome = Outcome(), Outcome()
-        self._judged = False
+        self._in_window = False
 
-    def event(self, number: int, t_ns: int, effects: list[Effect], *, judged: bool) -> None:  # noqa: ARG002
+    def event(self, number: int, t_ns: int, effects: list[Effect], *, in_window: bool) -> None:  # noqa: ARG002
         """Add the effects of a replayed event."""
-        self._judged = judged
-        if judged:
+        self._in_window = in_window
+        if in_window:
             for effect in effects:
                 self.replayed_outcome.add_effect(effect)
 
     def recorded(self, record: Record, effect: Effect) -> None:  # noqa: ARG002
         """Add a recorded effect."""
-        if self._judged:
+        if self._in_window:
             self.recorded_outcome.add_effect(effect)
 
     def end(self, number: int, t_ns: int, *, broken_off: bool) -> None:

@@ -1,4 +1,4 @@
-"""`gcs status`: the agents, targets and sensors of a running service, at one look."""
+"""`gcs status`: the agents, targets and sensors of a running service, at a glance."""
 
 from __future__ import annotations
 

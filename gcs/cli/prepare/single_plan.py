@@ -50,7 +50,7 @@ class Task:
     options: PlanOptions
     y_down: bool
     """True for a Moving AI map, which is drawn with y downwards."""
-    lanes: int = 1
+    layers: int = 1
     separation_m: float = 0.0
     landing: LandingSpec | None = None
     """Landing at the starts; None when agents loiter at the ends of their routes."""
@@ -104,7 +104,7 @@ def planning_task(
         options, name, grid = plan_options(config), config.name, mission_grid(config, seed)
         speed_m_s = config.airframe.speed_m_s
         separation = {
-            "lanes": layer_count(config),
+            "layers": layer_count(config),
             "separation_m": config.planning.separation_m,
             "landing": landing_of(config),
         }
@@ -176,13 +176,13 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
         )
         for route in result.routes
     ]
-    lanes, conflicts = assign_layers(flights, task.lanes, task.separation_m)
+    layers, conflicts = assign_layers(flights, task.layers, task.separation_m)
     notes += [
         f"agents {conflict.vehicles[0]} and {conflict.vehicles[1]} come within {conflict.distance_m:.0f} m "
         f"of each other at one altitude after {conflict.after_s:.0f} s"
         for conflict in conflicts
     ]
-    routes = tuple(replace(route, layer=lanes[route.vehicle]) for route in result.routes)
+    routes = tuple(replace(route, layer=layers[route.vehicle]) for route in result.routes)
     return replace(result, routes=routes, notes=tuple(notes)), timings_ms
 
 

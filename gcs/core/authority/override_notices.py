@@ -1,7 +1,7 @@
 """Operator notices about overridden vehicles and unattended targets.
 
 A vehicle whose mode a pilot, a failsafe or another ground station chose is left alone
-(`gcs.core.authority.overrides`). A notice tells when that begins, with the remedy, and when it ends.
+(`gcs.core.authority.overrides`). A notice reports its start, with the remedy, and its end.
 """
 
 from __future__ import annotations

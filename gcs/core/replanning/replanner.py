@@ -346,9 +346,9 @@ class Replanner:
         plain = self._routed({vehicle: replace(start, course_rad=None)}, [route.target], {}, inputs)
         motion = self._expected(vehicle, inputs, 0.0)
         for one in plain.routes if vehicle not in plain.stops_short else ():
-            look_s = turn_around_s(motion, options.turn_radius_m, self._lag_s)
+            horizon_s = turn_around_s(motion, options.turn_radius_m, self._lag_s)
             length_m = capture_length_m(
-                self._grid, motion, one.points_m, self._corners, look_s, self._lag_s, options.clearance_m
+                self._grid, motion, one.points_m, self._corners, horizon_s, self._lag_s, options.clearance_m
             )
             if length_m < route.length_m:
                 return replace(one, length_m=length_m)

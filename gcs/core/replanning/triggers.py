@@ -178,8 +178,10 @@ class Triggers:
         options, motion = self._options, inputs.motion(vehicle)
         if options.shape != "flyable" or self._has_newer(vehicle, inputs) or not motion.ahead.points_m:
             return False
-        look_s = turn_around_s(motion, options.turn_radius_m, self._lag_s)
-        is_clear, last = simulate_until_blocked(self.grid, motion, look_s, self._lag_s, options.clearance_m)
+        horizon_s = turn_around_s(motion, options.turn_radius_m, self._lag_s)
+        is_clear, last = simulate_until_blocked(
+            self.grid, motion, horizon_s, self._lag_s, options.clearance_m
+        )
         return not is_clear and bool(last.ahead.points_m)
 
     def has_passed_target(self, vehicle: int, inputs: PlanningInputs) -> bool:

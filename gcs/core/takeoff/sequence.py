@@ -5,7 +5,7 @@ to take off, is below the lowest layer, or lands. Nearby means: within the climb
 separation of routes. Meanwhile orders to arm are refused, and missions for armed vehicles on the ground wait.
 
 A vehicle whose link is down blocks no take-off. Vehicles that were armed elsewhere are not stopped: an alarm
-tells when two climb near each other.
+names two that climb near each other.
 """
 
 from __future__ import annotations

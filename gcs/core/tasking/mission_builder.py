@@ -49,7 +49,9 @@ class MissionBuilder:
             for place, radius_m in zip(positions, self._acceptance_m(route, state, climb), strict=True)
         )
         wait_deg = None if route.wait_m is None else self._frame.to_geodetic(*route.wait_m)
-        homeward = () if return_route is None else self._homeward(route, return_route, altitude_rel_m)
+        return_waypoints = (
+            () if return_route is None else self._return_waypoints(route, return_route, altitude_rel_m)
+        )
         takeoff = None
         if climb is not None:
             end_deg = self._frame.to_geodetic(*climb.latest_end_m)
@@ -62,7 +64,7 @@ class MissionBuilder:
             table.end,
             wait_deg,
             takeoff,
-            homeward,
+            return_waypoints,
         )
 
     def empty(self, vehicle: int) -> Mission:
@@ -71,7 +73,7 @@ class MissionBuilder:
         origin = Waypoint(frame.lat_deg, frame.lon_deg, self._table.altitude_rel_m, MAX_RADIUS_M)
         return Mission(0, vehicle, (origin,))
 
-    def _homeward(
+    def _return_waypoints(
         self, route: Route, return_route: ReturnRoute, altitude_rel_m: float
     ) -> tuple[Waypoint, ...]:
         """Return the corners of a return route; none for a straight one, which profiles add themselves."""

@@ -195,7 +195,9 @@ class AutopilotProfile:
             items.append(climbed._replace(command=takeoff, param1=pitch, param2=0.0))
         items += flown
         if mission.end == "land":
-            items += self._landing(flown[-1], [self._waypoint(point) for point in mission.homeward], home)
+            items += self._landing(
+                flown[-1], [self._waypoint(point) for point in mission.return_waypoints], home
+            )
         else:
             unlimited, radius_m = dialect.MAV_CMD_NAV_LOITER_UNLIM, round(mission.loiter_radius_m)
             circle = flown[-1]._replace(command=unlimited, param2=0.0, param3=float(radius_m))
@@ -215,9 +217,9 @@ class AutopilotProfile:
             param4=self.unused,
         )
 
-    def _landing(self, last: Item, homeward: list[Item], home: Home) -> list[Item]:
+    def _landing(self, last: Item, return_items: list[Item], home: Home) -> list[Item]:
         """Return the return route, approach and landing; a straight line if there is no return route."""
-        *corners, approach = homeward or [self._straight_approach(last, home)]
+        *corners, approach = return_items or [self._straight_approach(last, home)]
         approach = approach._replace(z_m=min(last.z_m, _APPROACH_ALT_M))
         touch_down = approach._replace(
             command=dialect.MAV_CMD_NAV_LAND, x=_e7(home.lat_deg), y=_e7(home.lon_deg), z_m=0.0, param2=0.0

@@ -1,7 +1,7 @@
 """Parameter protocol with one vehicle: `ParameterReader`, `ParameterSetter`. Sans-I/O.
 
 https://mavlink.io/en/services/parameter.html. A value travels as a float32. ArduPilot converts it (C cast),
-PX4 copies its bytes, to be read by `param_type`. AUTOPILOT_VERSION's capabilities tell which, else the
+PX4 copies its bytes, to be read by `param_type`. AUTOPILOT_VERSION's capabilities name it, else the
 firmware. A vehicle does not answer for an unknown name: after the last try it counts as absent, even if only
 the link lost it.
 """

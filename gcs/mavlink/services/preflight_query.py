@@ -2,7 +2,7 @@
 
 Messages are requested one by one (MAV_CMD_REQUEST_MESSAGE; most are streamed anyway), then parameters, then
 fence and rally points: never two transfers of the mission protocol at a time. A vehicle whose prearm check
-fails is told to run it again, and reports the reasons.
+fails gets the command to repeat it, and reports the reasons.
 """
 
 from __future__ import annotations

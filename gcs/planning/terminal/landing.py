@@ -258,9 +258,9 @@ class _Planner:
         grid, clearance_m = self._grid, self._options.clearance_m
         if not grid.contains(from_m) and grid.contains(self._home_m):
             return -1.0
-        room_m = self._available_clearance_m(to_m)
+        available_m = self._available_clearance_m(to_m)
         for share in _CLEARANCE_SHARES:
-            if line_of_sight(grid, from_m, to_m, min(share * clearance_m, room_m)):
+            if line_of_sight(grid, from_m, to_m, min(share * clearance_m, available_m)):
                 return share
         return -1.0
 
@@ -282,9 +282,9 @@ class _Planner:
         if options.shape != "flyable":
             return True
         place, spacing_m = to_cells(grid, self._end_m), grid.spacing_m
-        room = start_clearance(grid.blocked, options.clearance_m / spacing_m, *place)
+        free = start_clearance(grid.blocked, options.clearance_m / spacing_m, *place)
         angle, radius = 0.5 * math.pi - self._course_rad, options.turn_radius_m / spacing_m
-        return bool(is_turn_safe(grid.blocked, room, *place, angle, *to_cells(grid, to_m), radius, -1))
+        return bool(is_turn_safe(grid.blocked, free, *place, angle, *to_cells(grid, to_m), radius, -1))
 
     def _is_flown_clear(self, points_m: FloatArray, reach_m: float) -> bool:
         """Return True if the simulated flight is clear up to the middle of the approach."""
@@ -310,8 +310,8 @@ class _Planner:
     def _available_clearance_m(self, place_m: Point) -> float:
         """Return the distance from obstacles, at most the clearance."""
         grid, clearance_m = self._grid, self._options.clearance_m
-        room = start_clearance(grid.blocked, 2.0 * clearance_m / grid.spacing_m, *to_cells(grid, place_m))
-        return float(room) * grid.spacing_m
+        free = start_clearance(grid.blocked, 2.0 * clearance_m / grid.spacing_m, *to_cells(grid, place_m))
+        return float(free) * grid.spacing_m
 
     def _at(self, distance_m: float, angle_rad: float) -> Point:
         """Return a position by distance and bearing from home, clockwise from north."""

@@ -37,7 +37,7 @@ class _Watched:
 
     label: Label | None = None
     seen: bool = False
-    called_dead: bool = False
+    called_lost: bool = False
     died_t_ns: int | None = None
     arrived: bool = False
     delay_s: float | None = None
@@ -97,7 +97,7 @@ class DeathWatch:
 
     def ours(self) -> DeathCount:
         """Result of central command."""
-        delays, false_deaths, revivals, dead = [], 0, 0, set[int]()
+        delays, false_deaths, revivals, found = [], 0, 0, set[int]()
         for change in self._statuses:
             watched = self._agents.get(change.vehicle)
             if watched is None:
@@ -105,11 +105,11 @@ class DeathWatch:
             died = watched.died_t_ns is not None and change.t_ns >= watched.died_t_ns
             if change.status == "lost" and not died:
                 false_deaths += 1
-            elif change.status == "lost" and change.vehicle not in dead:
+            elif change.status == "lost" and change.vehicle not in found:
                 assert watched.died_t_ns is not None
                 delays.append((change.t_ns - watched.died_t_ns) / NS_PER_S)
-                dead.add(change.vehicle)
-            elif change.status == "active" and change.vehicle in dead:
+                found.add(change.vehicle)
+            elif change.status == "active" and change.vehicle in found:
                 revivals += 1
         return DeathCount(tuple(delays), false_deaths, revivals)
 
@@ -125,12 +125,12 @@ class DeathWatch:
         if not watched.seen:
             return
         if agent.alive:
-            watched.false_deaths += not is_alive and not watched.called_dead
+            watched.false_deaths += not is_alive and not watched.called_lost
         elif not is_alive and watched.delay_s is None and watched.died_t_ns is not None:
             watched.delay_s = (picture.scan_t_ns - watched.died_t_ns) / NS_PER_S
-        elif is_alive and watched.called_dead:
+        elif is_alive and watched.called_lost:
             watched.revivals += watched.delay_s is not None
-        watched.called_dead = not is_alive
+        watched.called_lost = not is_alive
 
 
 def _nearest(agent: TruthObject, picture: Picture) -> Label | None:

@@ -21,7 +21,7 @@ from gcs.report.plots.maps import (
     legend_entries,
     truth_until,
 )
-from gcs.report.plots.run_charts import draw_cardinality, draw_lanes, lanes
+from gcs.report.plots.run_charts import agents_of, draw_agent_rows, draw_cardinality
 from gcs.report.plots.style import INK, KINDS, colours, heading, legend, legend_below, say, tidy
 from gcs.report.run.evaluation import OSPA_CUTOFF_M
 from gcs.report.run.timeline import Timeline, gather
@@ -60,7 +60,7 @@ def draw_run(
     bottom = figure.add_subplot(grid[2, 1], sharex=top)
     _draw_ospa(top, timeline)
     draw_cardinality(middle, timeline)
-    draw_lanes(bottom, timeline, lanes(timeline))
+    draw_agent_rows(bottom, timeline, agents_of(timeline))
     for axes in (top, middle):
         axes.tick_params(labelbottom=False)
     top.set_xlim(0.0, 1.02 * max(timeline.duration_s, 1.0))
@@ -76,7 +76,7 @@ def _draw_map(axes: Axes, timeline: Timeline, ground: Ground | None) -> None:
     tidy(axes)
     draw_obstacles(axes, ground)
     draw_clutter(axes, timeline)
-    colour = colours(lanes(timeline))
+    colour = colours(agents_of(timeline))
     for vehicle, _, points in timeline.routes:
         axes.plot(*points.T, ls=(0, (4, 3)), lw=0.8, color=colour.get(vehicle, INK), alpha=0.75, zorder=3)
     truth_until(axes, timeline, timeline.duration_s)
@@ -91,8 +91,8 @@ def _draw_ospa(axes: Axes, timeline: Timeline) -> None:
         if not series.t_ns:
             continue
         t_s = (np.array(series.t_ns) - timeline.start_t_ns) * 1e-9
-        look: dict[str, Any] = {"color": KINDS[kind], "label": f"{kind}, mean {series.mean_m:.1f} m"}
-        axes.plot(t_s, series.total_m, lw=1.3, **look)
+        line: dict[str, Any] = {"color": KINDS[kind], "label": f"{kind}, mean {series.mean_m:.1f} m"}
+        axes.plot(t_s, series.total_m, lw=1.3, **line)
         axes.axhline(series.mean_m, color=KINDS[kind], lw=0.8, ls=":")
         worst_m = max(worst_m, float(series.total_m.max()))
     axes.set_ylim(0.0, min(1.1 * worst_m, 1.05 * OSPA_CUTOFF_M))

@@ -118,9 +118,9 @@ def tracker_figure(timeline: Timeline, ground: Ground | None) -> Figure:
         points = np.concatenate([np.empty((0, 2)), *(estimate.points_m for estimate in scans)])
         many = len(points) > _MAX_OUTLINED  # A raster keeps the page small.
         edge = KINDS[kind] if many else INK
-        look: dict[str, Any] = {"facecolors": KINDS[kind] + "55", "edgecolors": edge, "rasterized": many}
+        options: dict[str, Any] = {"facecolors": KINDS[kind] + "55", "edgecolors": edge, "rasterized": many}
         area = (24 if kind == "agents" else 12) * size**2  # Targets are slow: their circles overlap.
-        dots(axes, points, s=area, linewidths=0.6 * size, zorder=4, **look)
+        dots(axes, points, s=area, linewidths=0.6 * size, zorder=4, **options)
         entries.append(
             sample(f"{kind}: {len(points)} estimates", marker="o", ms=6, mfc=KINDS[kind] + "55", mec=INK)
         )
@@ -140,8 +140,8 @@ def _agent_count(timeline: Timeline) -> int:
 def draw_clutter(axes: Axes, timeline: Timeline) -> int:
     """Draw the clutter in grey; return the number of detections per mark."""
     some = max(1, -(-len(timeline.clutter_m) // _MAX_CLUTTER))
-    look: dict[str, Any] = {"marker": "^", "s": 14, "color": CLUTTER, "alpha": 0.3, "linewidths": 0}
-    dots(axes, timeline.clutter_m[::some], zorder=2, rasterized=True, **look)
+    options: dict[str, Any] = {"marker": "^", "s": 14, "color": CLUTTER, "alpha": 0.3, "linewidths": 0}
+    dots(axes, timeline.clutter_m[::some], zorder=2, rasterized=True, **options)
     return some * timeline.every
 
 

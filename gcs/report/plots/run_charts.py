@@ -70,8 +70,8 @@ def draw_cardinality(axes: Axes, timeline: Timeline) -> None:
         series, scans = timeline.ospa[kind], timeline.estimates[kind]
         if series.t_ns:
             t_s = _seconds(timeline, series.t_ns)
-            look: dict[str, Any] = {"color": colour, "lw": 2.6, "alpha": 0.35, "label": f"{kind}, true"}
-            axes.step(t_s, series.true_count, where="post", **look)
+            line: dict[str, Any] = {"color": colour, "lw": 2.6, "alpha": 0.35, "label": f"{kind}, true"}
+            axes.step(t_s, series.true_count, where="post", **line)
         counts = [len(estimate.points_m) for estimate in scans]
         if scans:
             axes.plot([e.t_s for e in scans], counts, ".", ms=4.0, color=colour, label=f"{kind}, estimated")
@@ -88,11 +88,11 @@ def draw_cardinality(axes: Axes, timeline: Timeline) -> None:
 
 def timeline_figure(timeline: Timeline) -> Figure:
     """Draw the triggers of plans and the status of each agent over time."""
-    agents = lanes(timeline)
+    agents = agents_of(timeline)
     named = {trigger for decision in timeline.decisions for trigger in decision.triggers}
     rows = [row for row in TRIGGERS.items() if row[0] in named]
-    lane = 0.34 if len(agents) <= LABELLED else 0.16
-    heights = (0.3 * max(len(rows), 1) + 0.5, lane * max(len(agents), 2) + 0.6)
+    row_height = 0.34 if len(agents) <= LABELLED else 0.16
+    heights = (0.3 * max(len(rows), 1) + 0.5, row_height * max(len(agents), 2) + 0.6)
     figure = new_figure(11.0, sum(heights) + 0.9)
     top, bottom = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": heights})
     for row, (trigger, colour) in enumerate(rows):
@@ -104,46 +104,46 @@ def timeline_figure(timeline: Timeline) -> Figure:
     top.set_yticks(range(len(rows)), [name for name, _ in rows])
     tidy(top)
     heading(top, "plans by trigger (filled: vehicles got new routes)")
-    draw_lanes(bottom, timeline, agents)
+    draw_agent_rows(bottom, timeline, agents)
     bottom.set_xlabel("time, s")
     bottom.set_xlim(0.0, 1.015 * max(timeline.duration_s, 1.0))
     return figure
 
 
-def lanes(timeline: Timeline) -> list[int]:
-    """Return every known agent."""
+def agents_of(timeline: Timeline) -> list[int]:
+    """Return all known agents."""
     tasked = (vehicle for decision in timeline.decisions for vehicle in decision.targets)
     return sorted({*timeline.paths["agents"], *tasked, *(v for v, _, _ in timeline.statuses)})
 
 
-def draw_lanes(axes: Axes, timeline: Timeline, agents: Sequence[int]) -> None:
+def draw_agent_rows(axes: Axes, timeline: Timeline, agents: Sequence[int]) -> None:
     """Draw one row for each agent: active, re-tasked, mission uploaded, arrived, true and detected loss."""
-    size, lane_of = size_for(len(agents)), {vehicle: row for row, vehicle in enumerate(agents)}
+    size, row_of = size_for(len(agents)), {vehicle: row for row, vehicle in enumerate(agents)}
     colour = colours(agents)
-    for vehicle, row in lane_of.items():
+    for vehicle, row in row_of.items():
         path = timeline.paths["agents"].get(vehicle)
         end_s = float(path.t_s[-1]) if path is not None else timeline.duration_s
-        look: dict[str, Any] = {"color": colour[vehicle], "alpha": 0.3, "solid_capstyle": "butt"}
-        axes.plot((0.0, end_s), (row, row), lw=6.0 * size, **look)
+        line: dict[str, Any] = {"color": colour[vehicle], "alpha": 0.3, "solid_capstyle": "butt"}
+        axes.plot((0.0, end_s), (row, row), lw=6.0 * size, **line)
         if path is not None and path.dies:
             axes.plot(end_s, row, marker="X", ms=11 * size, color=INK, mec="white", mew=1.0, zorder=6)
     for decision in timeline.decisions:
-        rows = [lane_of[v] for v in decision.changed if v in lane_of]
+        rows = [row_of[v] for v in decision.changed if v in row_of]
         axes.plot([decision.t_s] * len(rows), [r - 0.3 for r in rows], "v", ms=5 * size, color=INK, zorder=4)
     for t_s, report in timeline.uploads:
-        if report.vehicle in lane_of:
-            row = lane_of[report.vehicle]
+        if report.vehicle in row_of:
+            row = row_of[report.vehicle]
             span_s, shade = (t_s - report.duration_s, t_s), INK if report.ok else RED
             axes.plot(span_s, (row, row), color=shade, lw=2.6 * size, solid_capstyle="butt", zorder=4)
     for vehicle, t_s, status in timeline.statuses:
-        if vehicle in lane_of and status != "active":
+        if vehicle in row_of and status != "active":
             style: dict[str, Any] = {"marker": "*", "ms": 15 * size, "color": colour[vehicle], "mec": INK}
             if status == "lost":
                 style = {"marker": "o", "ms": 11 * size, "mfc": "none", "mec": RED, "mew": 1.8}
-            axes.plot(t_s, lane_of[vehicle], zorder=7, **style)
+            axes.plot(t_s, row_of[vehicle], zorder=7, **style)
     axes.set_ylim(max(len(agents), 1) - 0.4, -0.6)
     shown = agents[:: max(1, -(-len(agents) // 25))]
-    axes.set_yticks([lane_of[v] for v in shown], [f"agent {v}" for v in shown])
+    axes.set_yticks([row_of[v] for v in shown], [f"agent {v}" for v in shown])
     tidy(axes)
     axes.grid(visible=False, axis="y")
     heading(axes, "▾ re-task  ▬ upload (red: failed)  ★ arrived  ✖ lost  ○ detected")
@@ -205,16 +205,16 @@ def _shares(axes: Axes, values: Mapping[str, Sequence[float] | FloatArray], titl
 
 def flight_figure(flights: Mapping[int, Flight], duration_s: float) -> Figure:
     """Draw height, speed and flight modes from telemetry over time."""
-    lane = 0.34 if len(flights) <= LABELLED else 0.16
-    heights = (1.9, 1.9, lane * max(len(flights), 1) + 0.5)
+    row_height = 0.34 if len(flights) <= LABELLED else 0.16
+    heights = (1.9, 1.9, row_height * max(len(flights), 1) + 0.5)
     figure = new_figure(11.0, sum(heights) + 1.2)
     height, speed, modes = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": heights})
     size, colour = size_for(len(flights)), colours(flights)
     for vehicle, flight in flights.items():
         step = max(1, len(flight.t_s) // 1500)
-        look: dict[str, Any] = {"color": colour[vehicle], "lw": 1.4 * size, "label": f"vehicle {vehicle}"}
-        height.plot(flight.t_s[::step], flight.alt_rel_m[::step], **look)
-        speed.plot(flight.t_s[::step], flight.ground_speed_m_s[::step], **look)
+        line: dict[str, Any] = {"color": colour[vehicle], "lw": 1.4 * size, "label": f"vehicle {vehicle}"}
+        height.plot(flight.t_s[::step], flight.alt_rel_m[::step], **line)
+        speed.plot(flight.t_s[::step], flight.ground_speed_m_s[::step], **line)
     for axes, title in ((height, "height above home, m"), (speed, "ground speed, m/s")):
         tidy(axes)
         heading(axes, title)

@@ -371,7 +371,7 @@ def _names(vehicles: Sequence[int]) -> str:
 
 
 def _success(statuses: dict[int, AgentStatus], reached: dict[int, int]) -> str:
-    dead = [vehicle for vehicle, change in statuses.items() if change.status == "lost"]
+    lost = [vehicle for vehicle, change in statuses.items() if change.status == "lost"]
     distinct = " distinct" if len(set(reached.values())) == len(reached) else ""
     text = f"{len(reached)} of {len(statuses)} agents arrived at{distinct} targets"
-    return f"{text}, {_names(dead)} lost" if dead else text
+    return f"{text}, {_names(lost)} lost" if lost else text

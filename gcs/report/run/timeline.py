@@ -312,7 +312,7 @@ class TimelineBuilder:
         fields_m = [np.reshape(field_m, (2, 2)) for field_m in self._fields_m.values()]
         if self._detections.seen and np.isfinite(fields_m).all():
             corners += fields_m
-        else:  # there is no sensor, or one that sees nothing, or one that says not where it looks
+        else:  # no sensor, one without detections, or one without a field of view
             corners += [estimate.points_m for kind in estimates.values() for estimate in kind]
             corners.append(self._detections.points_m())
         return area_of(corners)

@@ -41,7 +41,7 @@ def test_a_mission_inside_passes():
 
 
 @pytest.mark.parametrize(
-    ("what", "said"),
+    ("what", "expected"),
     [
         (problem((200.0, 200.0), (-300.0, 200.0)), "point 2 of 3 (waypoint at 33.2"),
         (problem((200.0, 200.0), (-300.0, 200.0)), "lies outside the map"),
@@ -53,8 +53,8 @@ def test_a_mission_inside_passes():
         (problem((200.0, 200.0), alt_rel_m=float("nan")), "has no height"),
     ],
 )
-def test_no_item_outside_the_map_or_the_fence_passes(what, said):
-    assert said in what
+def test_no_item_outside_the_map_or_the_fence_passes(what, expected):
+    assert expected in what
 
 
 def test_a_vehicle_in_an_area_to_stay_out_of_may_leave_it():

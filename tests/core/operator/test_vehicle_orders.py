@@ -1,4 +1,4 @@
-"""An operator would lose trust: an order that is not carried out, or said to be done when it is not."""
+"""An operator would lose trust: an order that is not carried out, or reported done when it is not."""
 
 from __future__ import annotations
 
@@ -198,8 +198,8 @@ def returned(step_m: float = 20.0, **altitudes_m: float) -> tuple[str, list[str]
     )
     run.run(18.0)
     for name, height_m in altitudes_m.items():
-        said = dialect.MAVLink_param_value_message(b"RTL_ALTITUDE", height_m, 9, 1, 0)
-        run.command.return_heights.receive(int(name.removeprefix("of_")), said)
+        reply = dialect.MAVLink_param_value_message(b"RTL_ALTITUDE", height_m, 9, 1, 0)
+        run.command.return_heights.receive(int(name.removeprefix("of_")), reply)
     run.run(21.0)
     flight = Flight(run, [], effects)
     accepted = next(a.detail for a in flight.all(OrderAnswer) if a.state == "accepted")

@@ -305,7 +305,7 @@ def test_an_agent_without_a_route_does_not_make_a_plan_at_each_check():
     assert plan.changed == (1,)
     assert "agent 2: no path to any target" in desk.replanner.notes
     assert [desk.check(t_s) for t_s in range(5, 60, 5)] == [None] * 11
-    assert not desk.replanner.notes  # said once
+    assert not desk.replanner.notes  # reported once
     assert desk.assigned == {1: plan.routes[0].target}
 
 
@@ -322,7 +322,8 @@ def test_a_mission_that_could_not_be_delivered_is_planned_again_at_the_next_chec
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from(["die", "arrive", "move", "appear", "lose", "drop", "nothing"]), st.integers(0, 9)
+            st.sampled_from(["lose agent", "arrive", "move", "appear", "lose", "drop", "nothing"]),
+            st.integers(0, 9),
         ),
         max_size=12,
     )
@@ -334,7 +335,7 @@ def test_an_agent_that_is_not_in_changed_keeps_its_last_route(history):
     sent, t_s = {}, 0.0
     for action, number in [("nothing", 0), *history]:
         tasked, labels = sorted(desk.assigned), sorted(desk.targets)
-        if action == "die" and len(desk.agents) > 1:
+        if action == "lose agent" and len(desk.agents) > 1:
             desk.lose(sorted(desk.agents)[number % len(desk.agents)])
         elif action == "arrive" and tasked and len(desk.agents) > 1:
             vehicle = tasked[number % len(tasked)]

@@ -67,5 +67,5 @@ def test_who_is_on_the_way_home_already_is_named():
     flight.close(before_home(flight.ways()[vehicle], 250.0))
     flight.run.ended = False
     flight.run.run(flown_s + 1.0)
-    said = [notice.text for notice in flight.all(Notice) if notice.vehicle == vehicle]
-    assert "flies home through fire: hold or return it" in said
+    notices = [notice.text for notice in flight.all(Notice) if notice.vehicle == vehicle]
+    assert "flies home through fire: hold or return it" in notices

@@ -149,7 +149,7 @@ class Swarm:
 
 
 @pytest.mark.parametrize(
-    ("swarm", "said"),
+    ("swarm", "expected"),
     [
         (
             Swarm((200.0, 0.0), 100.0, "return route"),
@@ -166,9 +166,9 @@ class Swarm:
         (Swarm((200.0, 0.0), 30.0, liveness="down"), ""),
     ],
 )
-def test_only_a_low_or_landing_vehicle_delays_a_takeoff(swarm, said):
+def test_only_a_low_or_landing_vehicle_delays_a_takeoff(swarm, expected):
     reason = TakeoffSequence(swarm.config, swarm, swarm).blocked_by(1, ())
-    assert (said in reason) if said else reason == ""
+    assert (expected in reason) if expected else reason == ""
 
 
 def test_two_that_climb_apart_are_not_reported():
