@@ -89,7 +89,8 @@ class Stages:
         self.sensor_watchdog, self.input_errors = SensorWatchdog(), InputErrors()
         self.never_heard = NeverHeardCheck(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
         # Planning and tasking
-        self.replanner, self.return_routes = Replanner(config, grid), ReturnRoutes(config, grid)
+        self.replanner = Replanner(config, grid)
+        self.return_routes = ReturnRoutes(config, grid, self.fleet)
         self.climbs = Climbs(config, grid, self.fleet)
         self.tasking = UploadManager(
             config.mission,
@@ -97,7 +98,6 @@ class Stages:
             config.local_frame,
             self.fleet,
             config.links.max_parallel_uploads,
-            self.return_routes,
             self.climbs,
             MissionBoundsCheck(config, grid),
             lambda vehicle: self.takeoff_sequence.holds_back(vehicle, self.orders.launching()),
@@ -108,7 +108,12 @@ class Stages:
         self.upload_latency = UploadLatency()
         self.approval = PlanApproval(config, self.replanner)
         self.dispatch = Dispatch(
-            self.replanner, self.approval, self.tasking, self.upload_latency, self.external_uploads
+            self.replanner,
+            self.return_routes,
+            self.approval,
+            self.tasking,
+            self.upload_latency,
+            self.external_uploads,
         )
         # Orders and control authority
         self.return_heights = ReturnHeightMonitor(config, self.fleet)

@@ -1,7 +1,6 @@
 """Return routes of missions that end with a landing.
 
-A return route is planned when a mission is made, to the home that the vehicle reports. It is not part of the
-route to the target.
+A return route is planned once for each route, to the home that the vehicle reports, when the route is sent.
 """
 
 from __future__ import annotations
@@ -14,7 +13,8 @@ from gcs.config import Config
 from gcs.core.replanning.plan_targets import plan_options
 from gcs.core.replanning.replanner import is_crossed
 from gcs.core.tasking.mission_builder import corners_of
-from gcs.model import FloatArray, Route, VehicleState
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.model import Effect, FloatArray, Notice, Route
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.planner_inputs import AgentState
 from gcs.planning.terminal.landing import LandingSpec, ReturnRoute, plan_return_route
@@ -35,31 +35,36 @@ class ReturnRoutes:
     grid : Grid
         The current map.
     newest_m : dict of int to ndarray, shape (k, 2)
-        Return route of each vehicle's newest mission, from the end of its route.
+        Newest return route of each vehicle, from the end of its route.
     """
 
-    def __init__(self, config: Config, grid: Grid) -> None:
+    def __init__(self, config: Config, grid: Grid, fleet: Fleet) -> None:
         self.grid = grid
         self._config, self._options, self._landing = config, plan_options(config), landing_of(config)
+        self._fleet = fleet
         self.newest_m: dict[int, FloatArray] = {}
         self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
+        self._problems: dict[int, str] = {}
 
-    def plan(self, route: Route, state: VehicleState | None, home_deg: Point) -> ReturnRoute | None:
-        """Return the return route to a home (latitude, longitude); None if the mission does not land.
+    def plan(self, route: Route, t_ns: int) -> tuple[ReturnRoute | None, list[Effect]]:
+        """Return the return route that follows a route, and a warning if it has a new problem.
 
-        Without `state`, the route begins at its first point.
+        None if the mission does not land. A vehicle that was not heard begins at the first point of its
+        route, and lands at the origin of the local frame.
         """
         if self._landing is None:
-            return None
-        home_m = self._config.local_frame.to_local(*home_deg)
-        speed_m_s = self._speeds_m_s.get(route.vehicle, self._config.airframe.speed_m_s)
-        east_m, north_m = route.points_m[0].tolist() if state is None else (state.east_m, state.north_m)
+            return None, []
+        vehicle, points_m = route.vehicle, route.points_m
+        home, state = self._fleet.home(vehicle), self._fleet.state(vehicle)
+        home_m = (0.0, 0.0) if home is None else self._config.local_frame.to_local(*home[:2])
+        speed_m_s = self._speeds_m_s.get(vehicle, self._config.airframe.speed_m_s)
+        east_m, north_m = points_m[0].tolist() if state is None else (state.east_m, state.north_m)
         start = AgentState(east_m, north_m, None if state is None else state.course_rad, speed_m_s)
-        return_route = plan_return_route(
-            self.grid, start, route.points_m, home_m, self._options, self._landing
-        )
-        self.newest_m[route.vehicle] = np.vstack((route.points_m[-1:], return_route.points_m))
-        return return_route
+        planned = plan_return_route(self.grid, start, points_m, home_m, self._options, self._landing)
+        self.newest_m[vehicle] = np.vstack((points_m[-1:], planned.points_m))
+        before, self._problems[vehicle] = self._problems.get(vehicle, ""), planned.problem
+        is_news = planned.problem not in ("", before)
+        return planned, [Notice(t_ns, "warning", planned.problem, vehicle)] if is_news else []
 
     def crossed(self, closed: Grid, returning: Mapping[int, Point]) -> set[int]:
         """Return the vehicles whose return routes lead through closed cells.

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.replanning.replanner import Replanner
+from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.tasking.upload_latency import UploadLatency
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.model import ControlEvent, Effect, Route, UploadReport
@@ -18,20 +19,23 @@ class Dispatch:
     """Connects planned routes, their approval, and uploads."""
 
     replanner: Replanner
+    return_routes: ReturnRoutes
     approval: PlanApproval
     tasking: UploadManager
     latency: UploadLatency
     external_uploads: ExternalUploads
 
     def send(self, routes: Sequence[Route], t_ns: int, urgent: Container[int] = ()) -> list[Effect]:
-        """Upload routes as missions; `urgent` vehicles do not wait for anything."""
+        """Upload routes as missions, with return routes; `urgent` vehicles do not wait for anything."""
         effects: list[Effect] = self.withdraw(t_ns)
         for route in routes:
             at_once = route.vehicle in urgent
             elapsed_s = self.tasking.elapsed_s(route.vehicle, t_ns)
             if elapsed_s is not None:
                 self.latency.note_failure(route.vehicle, elapsed_s)
-            effects += self.settle(self.tasking.enqueue_upload(route, t_ns, at_once=at_once))
+            return_route, warnings = self.return_routes.plan(route, t_ns)
+            effects += warnings
+            effects += self.settle(self.tasking.enqueue_upload(route, t_ns, return_route, at_once=at_once))
         return effects
 
     def withdraw(self, t_ns: int) -> list[Effect]:

@@ -7,13 +7,14 @@ A newer route for a vehicle supersedes its upload in progress. Other routes wait
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Container, Mapping
+from typing import Final
 
 from gcs.config.airframe import AirframeTable
 from gcs.config.schema import MissionTable
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.authority.overrides import Overrides
-from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.takeoff.climbs import Climbs
 from gcs.core.tasking.active_uploads import ActiveUploads
 from gcs.core.tasking.first_legs import FirstLegs
@@ -30,7 +31,11 @@ from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import Control, Effect, Notice, Route, UploadAnswer, UploadReport, VehicleState
 from gcs.planning.terminal.climb import Climb
+from gcs.planning.terminal.landing import ReturnRoute
 from gcs.planning.vehicle_model import RemainingMission
+
+_MAX_HOME_SHIFT_M: Final = 20.0
+"""Drift of a reported home that does not matter to its return route."""
 
 
 class UploadManager:
@@ -42,8 +47,6 @@ class UploadManager:
         Altitudes, acceptance radii and the uploader.
     max_parallel : int
         Maximum number of uploads at a time over one link.
-    return_routes : ReturnRoutes or None
-        Plans return routes for missions that end with a landing; None: straight ones.
     climbs : Climbs or None
         Gives the climbs of vehicles on the ground, and checks them; None: no vehicle climbs.
     bounds : MissionBoundsCheck or None
@@ -70,14 +73,13 @@ class UploadManager:
         frame: LocalFrame,
         fleet: Fleet,
         max_parallel: int = 32,
-        return_routes: ReturnRoutes | None = None,
         climbs: Climbs | None = None,
         bounds: MissionBoundsCheck | None = None,
         holds_back: Callable[[int], str] = lambda _vehicle: "",
         controls: Mapping[int, Control] | None = None,
     ) -> None:
         self.mission_count = 0
-        self._table, self._return_routes, self._climbs = table, return_routes, climbs
+        self._table, self._frame, self._climbs = table, frame, climbs
         self._bounds, self._holds_back, self._fleet = bounds, holds_back, fleet
         self._missions = MissionBuilder(table, airframe, frame)
         self._default_home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
@@ -94,7 +96,6 @@ class UploadManager:
         self._before_boot: dict[int, OnboardMission] = {}
         self._refusals: dict[int, str] = {}
         """Why the newest mission of each vehicle was refused, without figures: positions are noisy."""
-        self._return_problems: dict[int, str] = {}
 
     # ------------------------------------------------------------ queries
 
@@ -195,7 +196,9 @@ class UploadManager:
 
     # ------------------------------------------------------------ uploads
 
-    def enqueue_upload(self, route: Route, t_ns: int, *, at_once: bool = False) -> list[Effect]:
+    def enqueue_upload(
+        self, route: Route, t_ns: int, return_route: ReturnRoute | None = None, *, at_once: bool = False
+    ) -> list[Effect]:
         """Upload a route as a mission, in place of an older one that is queued or in progress.
 
         Unless `at_once`, it may wait: for the next item, after failures, or for an upload in progress that
@@ -209,8 +212,8 @@ class UploadManager:
             and (at_once or self._queue.may_supersede(vehicle, t_ns))
         ):
             self._queue.pop(vehicle)
-            return self._active.supersede(vehicle, t_ns) + self._start(route, t_ns, t_ns)
-        self._queue.put(route, t_ns, at_once=at_once)
+            return self._active.supersede(vehicle, t_ns) + self._start(route, t_ns, return_route, t_ns)
+        self._queue.put(route, t_ns, return_route, at_once=at_once)
         return self._start_due(t_ns)
 
     def withdraw_except(self, wanted: Container[int]) -> list[int]:
@@ -312,10 +315,13 @@ class UploadManager:
             if is_due and not self._holds_back(vehicle):
                 queued = self._queue.pop(vehicle)
                 assert queued is not None
-                effects += self._active.supersede(vehicle, t_ns) + self._start(*queued, t_ns)
+                effects += self._active.supersede(vehicle, t_ns)
+                effects += self._start(queued.route, queued.planned_t_ns, queued.return_route, t_ns)
         return effects
 
-    def _start(self, route: Route, planned_t_ns: int, t_ns: int) -> list[Effect]:
+    def _start(
+        self, route: Route, planned_t_ns: int, return_route: ReturnRoute | None, t_ns: int
+    ) -> list[Effect]:
         """Make a mission of a route, check it, and start its upload."""
         vehicle, fleet = route.vehicle, self._fleet
         profile, state, authority = fleet.profile(vehicle), fleet.state(vehicle), self.overrides.of(vehicle)
@@ -328,9 +334,12 @@ class UploadManager:
             problem = self._climbs.problem(vehicle, climb, route.points_m)
             if problem:
                 return self._refused(vehicle, f"the take-off is not clear: {problem}", t_ns)
+        home = fleet.home(vehicle) or self._default_home
+        if return_route is not None and self._has_moved(home, return_route):
+            return self._not_begun(
+                vehicle, "not begun: its home moved after its return route was planned", t_ns
+            )
         self.mission_count += 1
-        home, routes = fleet.home(vehicle) or self._default_home, self._return_routes
-        return_route = None if routes is None else routes.plan(route, state, home[:2])
         mission = self._missions.of(route, self.mission_count, state, return_route, climb)
         from_ground = is_on_ground(state, fleet.home(vehicle))
         old, link = self.onboard_missions.of(vehicle), fleet.link(vehicle)
@@ -355,13 +364,12 @@ class UploadManager:
             if problem:
                 return self._refused(vehicle, f"{problem}; the vehicle keeps its onboard mission", t_ns)
         self._refusals.pop(vehicle, None)
-        effects: list[Effect] = []
-        before = self._return_problems.get(vehicle, "")
-        problem = self._return_problems[vehicle] = "" if return_route is None else return_route.problem
-        if problem not in ("", before):
-            effects.append(Notice(t_ns, "warning", problem, vehicle))
         onboard = OnboardMission(route, task.items, profile.home_items + int(from_ground))
-        return effects + self._active.start(task, onboard, planned_t_ns, t_ns)
+        return self._active.start(task, onboard, planned_t_ns, t_ns)
+
+    def _has_moved(self, home: Home, return_route: ReturnRoute) -> bool:
+        """Return True if a return route leads to another landing point than home."""
+        return math.dist(self._frame.to_local(*home[:2]), return_route.points_m[-1]) > _MAX_HOME_SHIFT_M
 
     def _not_begun(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
         """Report an upload that was not begun as failed."""

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gcs.model import NS_PER_S, Effect, Notice, Route
+from gcs.planning.terminal.landing import ReturnRoute
 
 _MAX_ITEM_WAIT_NS: Final = 5 * NS_PER_S
 _FIRST_PAUSE_NS: Final = 5 * NS_PER_S
@@ -27,12 +28,15 @@ _SUPERSEDE_NS: Final = 10 * NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
-class _QueuedRoute:
+class QueuedRoute:
+    """A route that waits for its upload."""
+
     route: Route
     planned_t_ns: int
     until_ns: int
     """End of the wait for an item."""
     at_once: bool
+    return_route: ReturnRoute | None
 
 
 class UploadQueue:
@@ -46,7 +50,7 @@ class UploadQueue:
 
     def __init__(self, item_wait_s: Callable[[int, int], float]) -> None:
         self._item_wait_s = item_wait_s
-        self._routes: dict[int, _QueuedRoute] = {}
+        self._routes: dict[int, QueuedRoute] = {}
         self._failures: dict[int, int] = {}
         self._paused_until_ns: dict[int, int] = {}
         self._first_began_ns: dict[int, int] = {}
@@ -56,18 +60,17 @@ class UploadQueue:
         """Vehicles with a queued route, the longest waiting first."""
         return tuple(self._routes)
 
-    def put(self, route: Route, t_ns: int, *, at_once: bool) -> None:
+    def put(self, route: Route, t_ns: int, return_route: ReturnRoute | None, *, at_once: bool) -> None:
         """Queue a route in place of an older one; with `at_once` it waits for its link only."""
         before = self._routes.get(route.vehicle)
         until_ns = t_ns if at_once else t_ns + _MAX_ITEM_WAIT_NS
         if before is not None:
             until_ns, at_once = min(before.until_ns, until_ns), at_once or before.at_once
-        self._routes[route.vehicle] = _QueuedRoute(route, t_ns, until_ns, at_once)
+        self._routes[route.vehicle] = QueuedRoute(route, t_ns, until_ns, at_once, return_route)
 
-    def pop(self, vehicle: int) -> tuple[Route, int] | None:
-        """Remove the route of a vehicle; return it with the time at which it was planned."""
-        queued = self._routes.pop(vehicle, None)
-        return None if queued is None else (queued.route, queued.planned_t_ns)
+    def pop(self, vehicle: int) -> QueuedRoute | None:
+        """Remove the route of a vehicle and return it."""
+        return self._routes.pop(vehicle, None)
 
     def is_due(self, vehicle: int, t_ns: int) -> bool:
         """Return True if a route waits for its link only."""

@@ -7,8 +7,10 @@ from itertools import pairwise
 import numpy as np
 from flown_clearance import landing
 
+from gcs.core.replanning import return_routes
 from gcs.model import AgentStatus, NoFlyZone, Notice, Order, Plan, UploadReport
 from gcs.planning.map.line_of_sight import line_of_sight
+from gcs.planning.terminal.landing import plan_return_route
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import load
 
@@ -69,3 +71,22 @@ def test_who_is_on_the_way_home_already_is_named():
     flight.run.run(flown_s + 1.0)
     notices = [notice.text for notice in flight.all(Notice) if notice.vehicle == vehicle]
     assert "flies home through fire: hold or return it" in notices
+
+
+def test_a_return_route_is_planned_once_for_each_route(monkeypatch):
+    """It was planned at each begin of an upload, by the uploader."""
+    planned = []
+
+    def counted(grid, start, points_m, *rest):
+        planned.append(points_m)
+        return plan_return_route(grid, start, points_m, *rest)
+
+    monkeypatch.setattr(return_routes, "plan_return_route", counted)
+    flight = Flight()
+    flight.run.run(40.0)
+    sent = [
+        route.points_m for plan in flight.all(Plan) for route in plan.routes if route.vehicle in plan.changed
+    ]
+    assert len(sent) > 2
+    assert len(planned) == len(sent)
+    assert all(any(a is b for b in sent) for a in planned)

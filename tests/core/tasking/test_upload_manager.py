@@ -13,6 +13,7 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.upload_stages import Stage, TransitionError
 from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.model import Datagram, Notice, Route, Send, Tick, UploadReport, read_only
+from gcs.planning.terminal.landing import ReturnRoute
 from sim_vehicles.autopilots.personality import Mode
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import load
@@ -325,3 +326,18 @@ def test_after_a_program_error_the_vehicle_is_cleared_and_can_be_tasked_again(mo
     swarm.run(20.0)
     assert swarm.reports()[-1].ok
     assert plane.mode == AUTO
+
+
+@pytest.mark.parametrize(("shift_m", "begins"), [(5.0, True), (200.0, False)])
+def test_a_mission_whose_return_route_leads_to_another_home_is_planned_again(shift_m, begins):
+    swarm = Swarm(1)
+    home = swarm.fleet.home(1)
+    east_m, north_m = FRAME.to_local(home.lat_deg, home.lon_deg)
+    points_m = read_only([[east_m + 500.0, north_m], [east_m + shift_m, north_m]])
+    route, return_route = Route(1, (0, 0), ROUTE, 1.0), ReturnRoute(points_m, is_straight=True)
+    swarm.carry(swarm.tasking.enqueue_upload(route, swarm.t_ns, return_route))
+    swarm.run(10.0)
+    (report,) = swarm.reports()
+    assert report.ok is begins
+    assert begins or "home moved" in report.detail
+    assert begins or not swarm.planes[1].requests
