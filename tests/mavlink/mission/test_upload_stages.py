@@ -85,7 +85,7 @@ def order(link, what, authority):
     match what:
         case "reboot":
             plane.reboot(t_ns)
-            authority.note_reboot()
+            authority.note_reboot(t_ns)
             link.up.put(task.restart(t_ns), t_ns)
         case "abandon":
             link.up.put(task.abandon("ordered to", t_ns), t_ns)
