@@ -78,7 +78,7 @@ class Stage:
         )
 
     def wait(self, seconds: float) -> None:
-        """Let time pass; the vehicle does as it is told."""
+        """Let time pass; the vehicle obeys."""
         for _ in range(round(seconds / 0.5)):
             self.t_ns += S // 2
             self.show()
@@ -131,7 +131,7 @@ def test_a_landed_vehicle_in_auto_is_put_into_hold_and_can_be_armed_there(autopi
     assert stage.commands(ARM)
 
 
-def test_a_landed_vehicle_that_stays_in_auto_is_an_alarm_and_said_once() -> None:
+def test_a_landed_vehicle_that_stays_in_auto_is_one_alarm() -> None:
     stage = landed(PX4)
     stage.wait(120.0)
     assert len([text for text in stage.notices() if "stays in AUTO on the ground" in text]) == 1
@@ -264,7 +264,7 @@ def test_a_pilots_loiter_is_kept_over_a_restart_and_a_reboot_that_empties_the_mi
 
 
 def test_a_vehicle_of_an_unknown_firmware_is_not_tasked_from_its_first_heartbeat() -> None:
-    """The first plan would count on it, and leave its target to nobody until the upload fails."""
+    """The first plan would count on it, and leave its target without an agent until the upload fails."""
     command, encode = Engine(parse(MISSION, "x"), 1), Encoder(1, 1)
     generic = dialect.MAV_AUTOPILOT_GENERIC
     heartbeat = dialect.MAVLink_heartbeat_message(1, generic, 129, 0, 4, 3)
@@ -301,17 +301,17 @@ def test_a_vehicle_on_its_final_approach_is_not_tasked(autopilot: int) -> None:
     assert stage.command.untaskable() == {1: "is landing and left alone"}, "it rolls out: no new take-off"
 
 
-# ---------------------------------------------------------------- what the operator is told
+# ---------------------------------------------------------------- notices to the operator
 
 
 @BOTH
 @pytest.mark.parametrize("mode", ["RTL", "MANUAL"])
-def test_a_mode_that_is_not_ours_is_told_at_the_start_with_what_to_do(autopilot: int, mode: str) -> None:
+def test_a_mode_that_is_not_ours_is_reported_at_the_start_with_the_remedy(autopilot: int, mode: str) -> None:
     stage = airborne(autopilot, mode)
-    told = [text for text in stage.notices() if "not by this service" in text]
-    assert len(told) == 1
-    assert told[0].startswith(f"is in {mode}")
-    assert "`gcs order resume --vehicle 1`" in told[0]
+    texts = [text for text in stage.notices() if "not by this service" in text]
+    assert len(texts) == 1
+    assert texts[0].startswith(f"is in {mode}")
+    assert "`gcs order resume --vehicle 1`" in texts[0]
     stage.wait(20.0)
     assert len([text for text in stage.notices() if "not by this service" in text]) == 1
     stage.mode = "AUTO"
@@ -319,7 +319,7 @@ def test_a_mode_that_is_not_ours_is_told_at_the_start_with_what_to_do(autopilot:
     assert "is ours to task again" in stage.notices()
 
 
-def test_a_mode_that_an_operator_ordered_here_is_not_told_as_somebody_elses() -> None:
+def test_a_mode_that_an_operator_ordered_here_is_not_an_override() -> None:
     stage = airborne(ARDUPLANE, "AUTO")
     stage.order("return")
     stage.mode = "RTL"
@@ -327,12 +327,12 @@ def test_a_mode_that_an_operator_ordered_here_is_not_told_as_somebody_elses() ->
     assert not [text for text in stage.notices() if "not by this service" in text]
 
 
-def test_targets_that_appear_after_the_missions_end_are_told_once_with_what_to_do() -> None:
+def test_targets_that_appear_after_the_missions_end_are_reported_once_with_the_remedy() -> None:
     command, effects = Engine(mission(agents=[(100.0, 200.0)], births=[(1500.0, 200.0)]), 1), []
     for t_s in range(60):  # the agent never shows up: it is given up after 20 s
         place = [(1500.0, 200.0)] if t_s > 30 else []
         scan = Scan(at(t_s), at(t_s), RADAR, read_only(np.reshape(place, (-1, 2))))
         effects += command.step(scan) + command.step(Tick(at(t_s)))
     assert any(isinstance(effect, MissionEnded) for effect in effects)
-    (told,) = [e.text for e in effects if isinstance(e, Notice) and "after the mission ended" in e.text]
-    assert told.endswith("no agent is sent there; start the service with --no-resume to fly on")
+    (text,) = [e.text for e in effects if isinstance(e, Notice) and "after the mission ended" in e.text]
+    assert text.endswith("no agent is sent there; start the service with --no-resume to fly on")

@@ -38,7 +38,7 @@ def test_the_mcap_file_alone_is_enough(recording: tuple[Path, list[Recordable]])
     assert read_info(folder / "run.mcap").config_text == CONFIG
 
 
-def test_the_folder_says_how_it_was_made(recording: tuple[Path, list[Recordable]]) -> None:
+def test_the_folder_records_its_run(recording: tuple[Path, list[Recordable]]) -> None:
     folder, _ = recording
     assert (folder / "mission.toml").read_text(encoding="utf-8") == CONFIG
     assert json.loads((folder / "versions.json").read_text()) == VERSIONS
@@ -51,7 +51,7 @@ def test_the_seed_is_part_of_the_recording(tmp_path: Path) -> None:
     assert read_info(tmp_path / "run").run == Run("demo", 2**40)
 
 
-def test_a_recording_that_does_not_know_its_seed_says_none(recording: tuple[Path, list[Recordable]]) -> None:
+def test_a_recording_without_a_seed_has_none(recording: tuple[Path, list[Recordable]]) -> None:
     assert read_info(recording[0]).run is None
 
 
@@ -62,7 +62,7 @@ def test_a_flight_is_never_overwritten(recording: tuple[Path, list[Recordable]])
     assert len(list(read(folder))) == len(values)
 
 
-def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordingError, match="cannot be written"):
         Recorder(tmp_path / "file" / "run", CONFIG, VERSIONS)

@@ -73,7 +73,7 @@ except RecordingError as error:
 """
 
 
-def test_on_a_full_disk_the_run_is_told_and_what_was_flushed_stays(tmp_path: Path) -> None:
+def test_on_a_full_disk_the_run_is_warned_and_flushed_records_stay(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     done = subprocess.run(
         [sys.executable, "-P", "-c", FULL, str(folder)],
@@ -117,7 +117,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(tmp_path)], check=True)
 
 
-def test_a_disk_that_fills_while_parts_are_written_keeps_what_was_flushed(small_disk: Path) -> None:
+def test_a_disk_that_fills_while_parts_are_written_keeps_flushed_records(small_disk: Path) -> None:
     command = [sys.executable, "-P", "-c", SMALL_DISK, str(small_disk / "run")]
     done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2], check=True)
     *promised, error = done.stdout.splitlines()

@@ -38,7 +38,7 @@ def test_a_truncated_recording_is_read_up_to_the_break(
         assert most == len(values)
 
 
-def test_a_damaged_recording_gives_true_records_up_to_the_damage_and_says_so(
+def test_a_damaged_recording_gives_true_records_up_to_the_reported_damage(
     recording: tuple[Path, list[Recordable]], tmp_path: Path
 ) -> None:
     folder, values = recording
@@ -46,7 +46,7 @@ def test_a_damaged_recording_gives_true_records_up_to_the_damage_and_says_so(
     expected = texts(values)
     rng = np.random.default_rng(3)
     path = tmp_path / "run.mcap"
-    told = 0
+    reported = 0
     for _ in range(150):
         hurt = bytearray(data)
         at = int(rng.integers(8, len(data)))
@@ -56,9 +56,9 @@ def test_a_damaged_recording_gives_true_records_up_to_the_damage_and_says_so(
         read_info(path)
         values_read = whole(records)
         assert texts(values_read) == expected[: len(values_read)]
-        told += isinstance(records[-1].value, Damage)
+        reported += isinstance(records[-1].value, Damage)
         assert len(values_read) == len(values) or isinstance(records[-1].value, Damage)
-    assert told > 30
+    assert reported > 30
 
 
 def test_a_missing_piece_in_the_middle_is_noticed(
@@ -77,7 +77,7 @@ def test_a_missing_piece_in_the_middle_is_noticed(
     assert 0 < len(records) < len(values)
 
 
-def test_a_length_that_lies_costs_no_memory(tmp_path: Path) -> None:
+def test_a_false_length_costs_no_memory(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + b"\x06" + (2**62).to_bytes(8, "little") + bytes(100))
     (only,) = list(read(path))
@@ -85,7 +85,7 @@ def test_a_length_that_lies_costs_no_memory(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"PK\x03\x04 a zip file", b"hello"])
-def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "flight.mcap"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match="is no recording"):

@@ -1,4 +1,4 @@
-"""Make the doubles beside the tests importable."""
+"""Make the doubles of vehicles importable."""
 
 import sys
 from pathlib import Path

@@ -59,7 +59,7 @@ class Plane:
         self.mode, self.armed, self.leg_s = mode, armed, leg_s
         self.store: list[Stored | None] = []
         self.whole: list[list[Stored]] = []
-        """Missions that somebody meant to be flown: anything else in the store is a mix."""
+        """Complete missions that were uploaded: anything else in the store is inconsistent."""
         self.mixed_legs: list[int] = []
         self.current, self.cached = 0, None
         self.accepts: Callable[[object], int] = lambda message: 0
@@ -80,7 +80,7 @@ class Plane:
         """Whether the leg being flown starts where the plane was, not at the waypoint before."""
         self._next_leg_tracks = True
 
-    # -- what the test looks at
+    # -- what the test checks
 
     def holds(self, items) -> bool:
         """Whether the store is exactly these items, home aside."""

@@ -61,7 +61,7 @@ def px4_refusal(sender):
 @pytest.mark.parametrize("mode", [AUTO, HOLD])
 @pytest.mark.parametrize("loss", [0.0, 0.2])
 def test_a_mission_that_the_navigator_rejects_is_no_operators_doing(mode, loss):
-    """It was acknowledged; then the vehicle is in Hold, which looks as if somebody had chosen it."""
+    """It was acknowledged; then the vehicle is in Hold, as if another station had chosen it."""
     px4, authority = Px4(mode=mode, rejects=True), ModeAuthority(NAMES[mode])
     result = joined(px4, authority=authority, loss=loss).run()
     assert not result.ok
@@ -70,7 +70,7 @@ def test_a_mission_that_the_navigator_rejects_is_no_operators_doing(mode, loss):
     assert (result.onboard, px4.store) == ("cleared", [])
 
 
-def test_a_hold_that_somebody_chooses_is_still_theirs():
+def test_a_hold_that_another_station_chooses_is_still_an_override():
     px4, authority = Px4(mode=AUTO), ModeAuthority("AUTO")
     link = joined(px4, authority=authority)
     obey = px4._on_command_long

@@ -36,7 +36,7 @@ access = "full"
 
 
 class Stage:
-    """A fold, a vehicle that is heard, and another ground station."""
+    """An engine, a vehicle that is heard, and another ground station."""
 
     def __init__(self) -> None:
         self.command, self.t_ns = Engine(parse(MISSION, "x"), 1), S
@@ -69,7 +69,7 @@ def notices(effects) -> list[tuple[str, int | None, str]]:
     return [(e.level, e.vehicle, e.text) for e in effects if isinstance(e, Notice)]
 
 
-def test_a_vehicle_that_another_station_gave_a_mission_is_theirs_until_it_is_ordered_to_resume(stage):
+def test_a_vehicle_with_a_mission_of_another_station_is_overridden_until_resumed(stage):
     ((level, vehicle, text),) = notices(stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 0)))
     assert (level, vehicle) == ("alarm", 1)
     assert "system 254/190 at 10.0.0.5:50" in text
@@ -94,7 +94,7 @@ def test_an_upload_that_breaks_off_or_is_refused_is_an_alarm(stage):
     assert "may be inconsistent" in str(notices(stage.say(AIR, refused, 1, 1)))
 
 
-def test_a_fence_and_a_download_take_nobody_over(stage):
+def test_a_fence_and_a_download_override_no_vehicle(stage):
     stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 1))
     stage.say(SEAT, dialect.MAVLink_mission_request_list_message(1, 1, 0))
     assert not any("mission of" in why for why in stage.command.untaskable().values())
@@ -142,17 +142,17 @@ def test_a_vehicle_of_another_network_is_ordered_and_named_by_network_and_system
     assert "it has 1, 2:1" in answer.detail
 
 
-def test_news_of_a_link_is_told(stage):
+def test_news_of_a_link_is_reported(stage):
     found = stage.step(LinkNews(S, "tcp:10.0.0.1:5760", "warning", "connection lost"))
     assert found == [Notice(S, "warning", "tcp:10.0.0.1:5760: connection lost")]
 
 
-def test_counters_of_each_link_say_what_was_heard_and_lost(stage):
+def test_counters_of_each_link_count_received_and_lost_frames(stage):
     encode = Encoder(1, 1)
     beats = [encode(dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3)) for _ in range(6)]
     broken = bytes([*beats[4][:-1], beats[4][-1] ^ 1])
-    stranger = Encoder(77, 1)(dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3))
-    for data in (beats[1], beats[3], broken, stranger):
+    unknown_system = Encoder(77, 1)(dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3))
+    for data in (beats[1], beats[3], broken, unknown_system):
         stage.step(Datagram(stage.t_ns, AIR, PEER, data))
     stage.step(Datagram(stage.t_ns, AIR, "10.6.6.6:1", beats[5]))
     counted = stage.command.fleet.links[AIR]

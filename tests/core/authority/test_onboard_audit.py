@@ -1,4 +1,4 @@
-"""A vehicle would circle without a mission for ever, or one that somebody cleared would be sent out again."""
+"""A vehicle would circle without a mission for ever, or be tasked again after another station cleared it."""
 
 from collections.abc import Callable
 
@@ -38,16 +38,16 @@ def flown(then: Callable[[VirtualRun], None], *, restarts: bool) -> tuple[Virtua
 @pytest.mark.parametrize("restarts", [False, True])
 def test_a_vehicle_that_lost_its_mission_in_a_reboot_is_ours_and_gets_another(restarts: bool) -> None:
     run, effects = flown(lambda run: emptied(run, reboots=True), restarts=restarts)
-    told = [effect.text for effect in effects if isinstance(effect, Notice)]
-    assert "lost its onboard mission at a reboot: it gets a new one" in told
+    texts = [effect.text for effect in effects if isinstance(effect, Notice)]
+    assert "lost its onboard mission at a reboot: it gets a new one" in texts
     assert 3 not in run.command.untaskable()
     assert any(effect.ok for effect in effects if isinstance(effect, UploadReport))
     assert run.vehicles["vehicle:3"].autopilot.mode is Mode.AUTO
 
 
-def test_a_vehicle_that_somebody_cleared_while_nobody_watched_is_left_alone() -> None:
+def test_a_vehicle_that_was_cleared_during_an_outage_gets_no_mission() -> None:
     run, effects = flown(lambda run: emptied(run, reboots=False), restarts=True)
-    told = [effect.text for effect in effects if isinstance(effect, Notice)]
-    assert any("its onboard mission is not the one it was given" in text for text in told)
+    texts = [effect.text for effect in effects if isinstance(effect, Notice)]
+    assert any("its onboard mission is not the one it was given" in text for text in texts)
     assert run.command.control.suspensions() == {3: "found"}
     assert not [effect for effect in effects if isinstance(effect, UploadReport)]

@@ -1,4 +1,4 @@
-"""A vehicle would fly hundreds of metres beside its planned line, and nobody would know."""
+"""A vehicle would fly hundreds of metres off its planned line, unnoticed."""
 
 from dataclasses import replace
 
@@ -61,28 +61,28 @@ def watching(fleet, distance_m):
     return legs
 
 
-def tell(legs, t_s, xtrack_m, distance_m, seq=1):
+def report(legs, t_s, xtrack_m, distance_m, seq=1):
     output = dialect.MAVLink_nav_controller_output_message(0.0, 0.0, 0, 0, distance_m, 0.0, 0.0, xtrack_m)
     current = dialect.MAVLink_mission_current_message(seq, 2)
     return [*legs.receive(1, output, at(t_s)), *legs.receive(1, current, at(t_s))]
 
 
 @pytest.mark.parametrize(("name", "samples", "is_wrong"), RECORDED)
-def test_the_wrong_first_legs_of_recorded_flights_are_started_again_and_told(name, samples, is_wrong):
+def test_the_wrong_first_legs_of_recorded_flights_are_started_again_with_a_notice(name, samples, is_wrong):
     fleet = Fleet()
     legs = watching(fleet, float(samples[0][2]))
     effects = [
-        effect for t_s, xtrack_m, to_go_m, _ in samples for effect in tell(legs, t_s, xtrack_m, to_go_m)
+        effect for t_s, xtrack_m, to_go_m, _ in samples for effect in report(legs, t_s, xtrack_m, to_go_m)
     ]
-    told = [effect.text for effect in effects if isinstance(effect, Notice)]
-    assert (fleet.selections, len(told)) == (([0], 1) if is_wrong else ([], 0))  # 0 selects the first item
-    assert not told or "off its line; item 1 is selected again" in told[0]
+    texts = [effect.text for effect in effects if isinstance(effect, Notice)]
+    assert (fleet.selections, len(texts)) == (([0], 1) if is_wrong else ([], 0))  # 0 selects the first item
+    assert not texts or "off its line; item 1 is selected again" in texts[0]
 
 
 def test_a_vehicle_that_still_flies_to_its_old_waypoint_is_sent_to_the_new_one():
     fleet = Fleet()
     legs = watching(fleet, 800.0)
-    effects = [effect for t_s in (0.3, 0.7) for effect in tell(legs, t_s, 0.0, 300)]
+    effects = [effect for t_s in (0.3, 0.7) for effect in report(legs, t_s, 0.0, 300)]
     assert fleet.selections == [0]
     assert any("flies to a waypoint 300 m away" in one.text for one in effects if isinstance(one, Notice))
 
@@ -90,8 +90,8 @@ def test_a_vehicle_that_still_flies_to_its_old_waypoint_is_sent_to_the_new_one()
 def test_a_leg_that_cannot_be_mended_is_an_alarm():
     fleet = Fleet()
     legs = watching(fleet, 800.0)
-    told = [one for n in range(20) for one in tell(legs, 0.3 * n, 500.0, 800) if isinstance(one, Notice)]
-    assert [one.level for one in told] == ["warning", "alarm"]
+    notices = [one for n in range(20) for one in report(legs, 0.3 * n, 500.0, 800) if isinstance(one, Notice)]
+    assert [one.level for one in notices] == ["warning", "alarm"]
     assert len(fleet.selections) == 3
     assert not fleet.watched
 
@@ -103,15 +103,15 @@ def test_a_leg_is_watched_until_its_end_and_no_longer(end):
     assert legs.poll(at(0.1))
     assert fleet.watched
     if end == "next item":
-        tell(legs, 1.0, 0.0, 800, seq=2)
+        report(legs, 1.0, 0.0, 800, seq=2)
     elif end == "other mode":
         fleet.now = replace(fleet.now, mode="RTL")
-        tell(legs, 1.0, 0.0, 800)
+        report(legs, 1.0, 0.0, 800)
     else:
         legs.poll(at(10.0))
     assert not fleet.watched
-    tell(legs, 1.2, 900.0, 800)
-    tell(legs, 1.4, 900.0, 800)
+    report(legs, 1.2, 900.0, 800)
+    report(legs, 1.4, 900.0, 800)
     assert fleet.selections == []
 
 

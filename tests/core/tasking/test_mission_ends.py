@@ -1,4 +1,4 @@
-"""A vehicle would fly home, or circle for ever, without having reached its target, and nobody would know."""
+"""A vehicle would return, or circle for ever, without having reached its target, unnoticed."""
 
 import pytest
 from core.tasking.test_onboard_missions import CONFIG, FRAME, Fleet
@@ -39,22 +39,22 @@ class UploadManager:
         return self._onboard.has_passed_route_end(vehicle)
 
 
-def looked(tasking, seq, seconds, active=(1,)):
+def check_ends(tasking, seq, seconds, active=(1,)):
     ends = MissionEnds(tasking, 40.0)
     tasking.fleet.one.mission_seq = seq
-    told = [notice.text for second in range(seconds) for notice in ends.check(at(float(second)), active)]
-    return told, ends.has_missed(1)
+    texts = [notice.text for second in range(seconds) for notice in ends.check(at(float(second)), active)]
+    return texts, ends.has_missed(1)
 
 
-def test_flight_g4_a_vehicle_that_flies_home_without_its_target_is_told_and_tasked_again():
-    told, missed = looked(UploadManager("land"), seq=3, seconds=20)
-    assert told == ["ended its route without having reached its target: it returns to land"]
+def test_flight_g4_a_vehicle_that_returns_without_its_target_is_reported_and_tasked_again():
+    texts, missed = check_ends(UploadManager("land"), seq=3, seconds=20)
+    assert texts == ["ended its route without having reached its target: it returns to land"]
     assert missed
 
 
-def test_a_vehicle_on_final_is_told_and_let_land():
-    told, missed = looked(UploadManager("land"), seq=4, seconds=20)
-    assert told == [
+def test_a_vehicle_on_final_is_reported_and_lands():
+    texts, missed = check_ends(UploadManager("land"), seq=4, seconds=20)
+    assert texts == [
         "ended its route without having reached its target: it lands, and gets no other mission before that"
     ]
     assert not missed
@@ -62,18 +62,18 @@ def test_a_vehicle_on_final_is_told_and_let_land():
 
 @pytest.mark.parametrize(("radius_m", "is_missed"), [(80.0, True), (30.0, False)])
 def test_a_circle_that_never_comes_within_reach_is_no_arrival(radius_m, is_missed):
-    told, missed = looked(UploadManager("loiter", radius_m), seq=3, seconds=20)
-    assert told == ["ended its route without having reached its target: it circles at its route's end"]
+    texts, missed = check_ends(UploadManager("loiter", radius_m), seq=3, seconds=20)
+    assert texts == ["ended its route without having reached its target: it circles at its route's end"]
     assert missed == is_missed
 
 
 @pytest.mark.parametrize(("seq", "seconds", "active"), [(2, 60, (1,)), (3, 4, (1,)), (3, 60, ())])
-def test_a_vehicle_on_its_way_about_to_arrive_or_arrived_is_not_told_of(seq, seconds, active):
-    assert looked(UploadManager("land"), seq, seconds, active) == ([], False)
+def test_a_vehicle_on_its_route_about_to_arrive_or_arrived_is_not_reported(seq, seconds, active):
+    assert check_ends(UploadManager("land"), seq, seconds, active) == ([], False)
 
 
 class Returned:
-    """A virtual flight in which vehicle 1 goes to RTL after a while, and what the operator is told of it."""
+    """A virtual flight in which vehicle 1 goes to RTL after a while, and the operator's notices of it."""
 
     def __init__(self, goes, at_s, until_s):
         self.effects = []

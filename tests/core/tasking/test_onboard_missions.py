@@ -27,7 +27,7 @@ class Fleet:
         return self.one
 
 
-def holding(wait_m, seq, mode=AUTO):
+def stored(wait_m, seq, mode=AUTO):
     route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0, wait_m=wait_m)
     planned = MissionBuilder(CONFIG.mission, CONFIG.airframe, FRAME).of(route, 1, None)
     items = ARDUPLANE.items(planned, Home(33.2, -87.6, 70.0))
@@ -38,19 +38,19 @@ def holding(wait_m, seq, mode=AUTO):
 
 @pytest.mark.parametrize(("seq", "points"), [(1, 2), (2, 1)])
 def test_a_vehicle_flies_to_its_points_and_then_to_its_circle(seq, points):
-    ahead = holding((900.0, -200.0), seq).forward_simulation(1, 0.0, 0)
+    ahead = stored((900.0, -200.0), seq).forward_simulation(1, 0.0, 0)
     assert len(ahead.points_m) == points
     assert ahead.circle.centre_m == (900.0, -200.0)
     assert ahead.circle.radius_m == CONFIG.mission.loiter_radius_m
-    assert holding(None, seq).forward_simulation(1, 0.0, 0).circle.centre_m == (900.0, 0.0)
+    assert stored(None, seq).forward_simulation(1, 0.0, 0).circle.centre_m == (900.0, 0.0)
 
 
 def test_a_target_is_passed_when_the_circle_elsewhere_is_flown():
-    assert [holding((900.0, -200.0), seq).has_passed_route_end(1) for seq in (1, 2, 3)] == [
+    assert [stored((900.0, -200.0), seq).has_passed_route_end(1) for seq in (1, 2, 3)] == [
         False,
         False,
         True,
     ]
-    assert not holding((900.0, -200.0), 3, LOITER).has_passed_route_end(1)
-    assert not holding(None, 3).has_passed_route_end(1)
-    assert not holding((900.0, -200.0), 3).has_passed_route_end(2)
+    assert not stored((900.0, -200.0), 3, LOITER).has_passed_route_end(1)
+    assert not stored(None, 3).has_passed_route_end(1)
+    assert not stored((900.0, -200.0), 3).has_passed_route_end(2)

@@ -5,7 +5,7 @@ import pytest
 from gcs.core.tasking.upload_latency import DELIVERY_S, UploadLatency
 
 
-def test_a_good_link_is_what_is_expected_at_first() -> None:
+def test_a_good_link_is_expected_at_first() -> None:
     delays = UploadLatency()
     assert delays.late_s(1) == 0.0
     assert delays.left_s(1, 0.0) == DELIVERY_S
@@ -23,7 +23,7 @@ def test_the_time_is_learnt_from_missions_that_arrived_and_forgotten_when_the_li
     assert delays.late_s(1) < 0.2
 
 
-def test_a_upload_that_was_given_up_says_only_that_it_takes_longer() -> None:
+def test_an_abandoned_upload_shows_only_a_lower_bound() -> None:
     delays = UploadLatency()
     delays.note_failure(1, 0.3)
     assert delays.late_s(1) == 0.0

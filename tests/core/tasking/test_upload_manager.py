@@ -24,7 +24,7 @@ ROUTE = read_only([[0.0, 500.0], [500.0, 500.0], [900.0, 0.0]])
 
 
 class Swarm:
-    """Planes, and the link side of the fold, in memory on one clock."""
+    """Planes, and the link side of the engine, in memory on one clock."""
 
     def __init__(self, count, most=32, mode=LOITER):
         self.planes = {n: Plane(n, mode=mode) for n in range(1, count + 1)}
@@ -67,7 +67,7 @@ class Swarm:
         return [effect for effect in self.effects if isinstance(effect, UploadReport)]
 
 
-def test_uploads_wait_for_room_on_their_link_and_all_are_delivered():
+def test_uploads_wait_for_the_window_of_their_link_and_all_are_delivered():
     swarm = Swarm(12, most=3)
     for plane in swarm.planes.values():
         plane.ignores.add("MISSION_REQUEST_LIST")  # so that they last
@@ -82,7 +82,7 @@ def test_uploads_wait_for_room_on_their_link_and_all_are_delivered():
     assert swarm.busiest <= 3
 
 
-def test_an_operators_loiter_is_told_and_kept_until_an_order():
+def test_an_operators_loiter_is_reported_and_kept_until_an_order():
     swarm = Swarm(1)
     swarm.task(1)
     swarm.run(5.0)
@@ -138,7 +138,7 @@ def test_a_reboot_in_mid_upload_starts_the_upload_again():
 
 
 def test_a_vehicle_about_to_take_its_next_item_is_not_made_to_hold_for_a_new_mission(monkeypatch):
-    """It would turn where nobody planned it; seconds later, past the item, it need not."""
+    """It would turn where no route does; seconds later, past the item, it need not."""
     assert holds_in_flight() <= 1
     monkeypatch.setattr("gcs.core.tasking.upload_queue._MAX_ITEM_WAIT_NS", 0)
     assert holds_in_flight() >= 3
@@ -179,7 +179,7 @@ def re_tasked_on_a_bad_link():
     return swarm
 
 
-def test_a_route_that_waits_is_not_sent_to_a_vehicle_that_somebody_took_meanwhile():
+def test_a_route_that_waits_is_not_sent_to_a_vehicle_under_an_override():
     swarm = Swarm(2, most=1)
     swarm.planes[1].ignores.add("MISSION_REQUEST_LIST")  # so that it lasts
     swarm.task(1)
@@ -221,7 +221,7 @@ def test_a_route_takes_the_place_of_a_clearing_and_the_link_is_free_afterwards()
     assert [report.vehicle for report in swarm.reports() if report.ok][-1] == 1
 
 
-def test_after_failures_a_vehicle_is_tasked_again_ever_more_slowly_and_the_operator_is_told():
+def test_after_failures_a_vehicle_is_tasked_again_ever_more_slowly_with_notices():
     swarm = Swarm(1)
     swarm.planes[1].ignores |= {"MISSION_COUNT", "MISSION_CLEAR_ALL"}
     for _ in range(160):
@@ -250,7 +250,7 @@ def alarms(swarm):
     return [one.text for one in swarm.effects if isinstance(one, Notice) and one.level == "alarm"]
 
 
-def test_a_refused_mission_that_is_taken_off_a_px4_is_told():
+def test_a_refused_mission_that_is_cleared_from_a_px4_is_reported():
     swarm = px4_swarm(tamper=lambda fields: (*fields[:5], fields[5] + 1.0, *fields[6:]))
     swarm.task(1)
     swarm.run(60.0)
@@ -272,7 +272,7 @@ def test_a_mission_that_a_px4_rejects_later_on_is_no_operators_hold():
     assert any("its navigator rejects its onboard mission" in text for text in alarms(swarm))
 
 
-def test_a_px4_that_somebody_holds_and_clears_is_theirs():
+def test_a_px4_that_another_station_holds_and_clears_is_overridden():
     swarm = px4_swarm()
     swarm.task(1)
     swarm.run(5.0)
@@ -284,8 +284,8 @@ def test_a_px4_that_somebody_holds_and_clears_is_theirs():
     assert 1 in swarm.tasking.overrides.modes()
 
 
-def test_nothing_false_is_said_of_a_px4():
-    """It refuses a rate for MISSION_CURRENT, and sends it all the same; and it never holds a mix."""
+def test_a_px4_gets_no_false_notice():
+    """It refuses a rate for MISSION_CURRENT but sends it; its onboard mission is never inconsistent."""
     swarm = px4_swarm()
     swarm.run(10.0)
     assert not [notice.text for notice in swarm.fleet.notices() if "does not give" in notice.text]

@@ -42,7 +42,7 @@ def free_port(kind: int) -> int:
         return int(probe.getsockname()[1])
 
 
-def test_udp_out_speaks_first_and_hears_what_answers():
+def test_udp_out_sends_first_and_receives_the_answers():
     async def scenario() -> None:
         handler = RecordingHandler(S)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
@@ -72,7 +72,7 @@ def test_tcp_is_tried_until_it_is_accepted_and_again_when_it_is_lost():
         name = f"tcp:127.0.0.1:{port}"
         links = opened(link(name))
         links.start(asyncio.get_running_loop(), handler)
-        await handler.until(lambda: "not connected" in str(handler.news), "the refusal was not told")
+        await handler.until(lambda: "not connected" in str(handler.news), "the refusal was not reported")
         for turn in (1, 2):
             writers = []
             accepted = asyncio.Event()
@@ -97,7 +97,7 @@ def test_tcp_is_tried_until_it_is_accepted_and_again_when_it_is_lost():
     run(scenario())
 
 
-def test_who_connects_by_tcp_is_heard_and_answered_and_a_peer_that_never_reads_stops_nobody():
+def test_a_tcp_client_is_heard_and_answered_and_one_that_never_reads_blocks_no_other():
     async def scenario() -> None:
         handler, links = RecordingHandler(S), opened(link("tcpin:127.0.0.1:0"))
         links.start(asyncio.get_running_loop(), handler)
@@ -111,7 +111,7 @@ def test_who_connects_by_tcp_is_heard_and_answered_and_a_peer_that_never_reads_s
             links.send("tcpin:127.0.0.1:0", peer, bytes(10_000))
         assert links.unsent()["tcpin:127.0.0.1:0"] > 0
         writer.transport.abort()
-        await handler.until(lambda: "disconnected" in str(handler.news), "the end was not told")
+        await handler.until(lambda: "disconnected" in str(handler.news), "the end was not reported")
         links.close()
 
     run(scenario())
@@ -123,7 +123,9 @@ def test_a_serial_port_that_is_unplugged_is_opened_again(tmp_path: Path):
         name = f"serial:{device}:57600"
         links = opened(link(name))
         links.start(asyncio.get_running_loop(), handler)
-        await handler.until(lambda: "cannot be opened" in str(handler.news), "the missing port was not told")
+        await handler.until(
+            lambda: "cannot be opened" in str(handler.news), "the missing port was not reported"
+        )
         for turn in (1, 2):
             ours, theirs = os.openpty()
             tty.setraw(theirs)
@@ -138,7 +140,7 @@ def test_a_serial_port_that_is_unplugged_is_opened_again(tmp_path: Path):
             os.close(ours)
             os.close(theirs)
             await handler.until(
-                lambda n=turn: str(handler.news).count("lost (") == n, "the loss was not told"
+                lambda n=turn: str(handler.news).count("lost (") == n, "the loss was not reported"
             )
         links.close()
 
@@ -166,7 +168,7 @@ def test_another_station_sees_vehicles_and_targets_and_its_word_reaches_one_vehi
         assert await loop.sock_recv(vehicles[1], 1000) == arm(2)
         with pytest.raises(BlockingIOError):
             vehicles[0].recv(1000)
-        await handler.until(lambda: handler.frames() == 3, "central command was not told")
+        await handler.until(lambda: handler.frames() == 3, "central command was not reported")
         assert handler.heard[-1][2] == arm(2)
 
         vehicles[0].sendto(beat(1), ("127.0.0.1", ports[0]))

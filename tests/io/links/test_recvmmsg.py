@@ -66,7 +66,7 @@ def heard_across(pauses: list[tuple[float, int]]) -> list[bytes]:
     return asyncio.run(run())
 
 
-def test_a_busy_loop_loses_no_datagrams_that_the_kernel_has_no_memory_for():
+def test_a_busy_loop_loses_no_datagrams_beyond_the_receive_buffer():
     assert heard_across([(0.6, 400)]) == [f"{number}".encode() for number in range(400)]
 
 
@@ -76,7 +76,7 @@ def test_datagrams_that_waited_too_long_are_not_taken_for_new():
     assert b"0" not in heard
 
 
-def test_a_read_that_fails_is_told_and_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_read_that_fails_is_reported_and_retried(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recvmmsg, "_RETRY_MS", 20)
     reads = [OSError("no memory")]
     plain = SingleReader()

@@ -45,13 +45,13 @@ def test_a_mavsdk_that_starts_is_no_problem():
 async def scene():
     """One vehicle behind the uploader; its process is killed between two uploads."""
     vehicle = SimVehicle(VehicleSpec(7, 0.0, 0.0, 0.0, 100.0, 15.0), LocalFrame(*HOME), time.time_ns())
-    sent, answers, told = set(), [], []
+    sent, answers, notices = set(), [], []
 
     def send(system_id, frame):
         sent.update((system_id, message.get_type()) for message in decode(frame)[0])
         vehicle.receive_datagram(frame, time.time_ns())
 
-    uploader = MavsdkUploader(send, answers.append, told.append, time.time_ns)
+    uploader = MavsdkUploader(send, answers.append, notices.append, time.time_ns)
     running = asyncio.create_task(uploader.run())
 
     async def until(condition):
@@ -70,17 +70,17 @@ async def scene():
     await until(lambda: uploader.process_id not in (None, first))
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)
-    return vehicle, sent, answers, told
+    return vehicle, sent, answers, notices
 
 
 def test_it_uploads_commands_nothing_and_survives_the_death_of_its_process():
-    vehicle, sent, answers, told = asyncio.run(asyncio.wait_for(scene(), 60.0))
+    vehicle, sent, answers, notices = asyncio.run(asyncio.wait_for(scene(), 60.0))
     early, good, killed = answers
     assert (early.ok, early.begun, early.detail) == (False, False, "MAVSDK's process is not running")
     assert (good.ok, good.begun, good.mission_id) == (True, True, 2)
     assert (killed.ok, killed.begun, killed.mission_id) == (False, False, 3)
-    assert "-9" in told[0]
-    assert "started again" in told[0]
+    assert "-9" in notices[0]
+    assert "started again" in notices[0]
     assert ARDUPLANE.difference(ITEMS, [*ITEMS[:1], *_held(vehicle)]) == ""
     assert {name for _, name in sent} <= {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ACK", "COMMAND_LONG"}
     assert vehicle.autopilot.mode.name == "LOITER"

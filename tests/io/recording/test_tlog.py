@@ -91,7 +91,7 @@ def test_a_log_cut_off_in_its_last_entry_is_read_up_to_it(cut: int) -> None:
     assert damage(found) == [UnreadableBytes(len(whole), cut)]
 
 
-def test_a_marker_in_the_damage_does_not_swallow_what_follows() -> None:
+def test_a_marker_in_the_damage_does_not_swallow_later_frames() -> None:
     for marker in (b"\xfd\xff", b"\xfe\xff", b"\xfd\x00\x00", b"\xfe\xfe\xfd\xfd"):
         found = parts(entry(frame(0)) + marker + entry(frame(1)) + entry(frame(2)))
         assert frames(found) == [frame(0), frame(1), frame(2)]
@@ -116,12 +116,12 @@ def test_frames_of_other_dialects_have_their_place() -> None:
     assert not damage(parts(data))
 
 
-def test_a_stamp_that_cannot_be_is_not_believed() -> None:
+def test_an_impossible_timestamp_is_refused() -> None:
     found = parts(entry(frame(0)) + entry(frame(1), 2**63) + entry(frame(2), T0_US + 5))
     assert [part.t_ns // 1000 - T0_US for part in found if isinstance(part, LogFrame)] == [0, 0, 5]
 
 
-def test_a_tlog_is_told_from_a_raw_stream() -> None:
+def test_a_tlog_is_distinguished_from_a_raw_stream() -> None:
     some = [frame(number) for number in range(5)]
     assert is_stamped(io.BytesIO(b"".join(map(entry, some))), "x") is True
     assert is_stamped(io.BytesIO(b"junk" * 100 + b"".join(map(entry, some))), "x") is True

@@ -71,7 +71,7 @@ def test_mavlink_that_was_logged_stays(killed: Path) -> None:
         start_in(killed)
 
 
-def test_a_recording_that_somebody_has_just_begun_is_not_replaced(tmp_path: Path) -> None:
+def test_a_recording_that_another_process_has_just_begun_is_not_replaced(tmp_path: Path) -> None:
     with Recorder(tmp_path / "run", CONFIG, VERSIONS) as other:
         assert not remove_empty(tmp_path / "run")
         with pytest.raises(RecordingError, match="has a recording already"):

@@ -81,7 +81,7 @@ def test_mistakes_in_a_key_file_name_the_place_and_never_the_key(tmp_path, text,
     assert KEY.hex()[:16] not in str(caught.value)
 
 
-def test_a_missing_key_file_says_how_to_make_one(tmp_path):
+def test_a_missing_key_file_is_refused_with_the_remedy(tmp_path):
     with pytest.raises(ConfigError, match="gcs keys new"):
         read_keys(tmp_path / "none.toml")
 
@@ -108,7 +108,7 @@ def test_signing_time_goes_on_after_a_crash_and_after_the_clock_went_back(tmp_pa
     assert time_of(Signing([link], keys), NOW - 3600 * S) == crashed.gate.timestamp + 1
 
 
-def test_a_damaged_time_file_is_said_and_not_stepped_over(tmp_path):
+def test_a_damaged_time_file_is_reported_and_not_skipped(tmp_path):
     keys = key_file(tmp_path, default=KEY)
     TimeFile(keys).path.write_bytes(b"{")
     with pytest.raises(ConfigError, match="damaged"):

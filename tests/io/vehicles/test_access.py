@@ -37,7 +37,7 @@ def test_while_the_service_runs_its_forward_endpoint_is_used_under_another_id(mi
         assert vehicle_access(mission('name="other"'), None, writes=True).service is None
 
 
-def test_a_service_that_lets_nobody_write_is_named_with_what_to_do(mission):
+def test_a_service_that_permits_no_writes_is_named_with_the_remedy(mission):
     config = mission('links.forward=[{endpoint="udpin:0.0.0.0:14551", access="read-only"}]')
     with announced(config.name, "tcp/127.0.0.1:7447"):
         (link,) = vehicle_access(config, None, writes=False).links

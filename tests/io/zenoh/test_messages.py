@@ -209,11 +209,11 @@ def test_truth_and_plans_survive() -> None:
     plan = Plan(1, 2, (Route(1, (0, 2), read_only([[1.0, 2.0]]), 3.0),), (4,), ((0, 1),), "why", (1,))
     back = decode("k", encode(plan), Plan)
     assert (back.routes[0].target, back.unassigned_targets, back.changed) == ((0, 2), ((0, 1),), (1,))
-    fate = AgentStatus(1, 2, "arrived", (0, 3), (1.0, 2.0))
-    assert decode("k", encode(fate), AgentStatus) == fate
+    status = AgentStatus(1, 2, "arrived", (0, 3), (1.0, 2.0))
+    assert decode("k", encode(status), AgentStatus) == status
 
 
-def test_truth_from_a_stranger_is_refused() -> None:
+def test_truth_with_unknown_kinds_is_refused() -> None:
     with pytest.raises(WireError, match="kind"):
         decode(
             "k",

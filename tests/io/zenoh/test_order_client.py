@@ -1,4 +1,4 @@
-"""`gcs order` against a service over real zenoh: answered, or told clearly that nobody is there."""
+"""`gcs order` against a service over real zenoh: answered, or a clear error without a service."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def loopback(port: int = 0) -> Links:
 
 
 class Events:
-    """Keeps the orders that went into the fold."""
+    """Keeps the orders that the engine received."""
 
     def __init__(self) -> None:
         self.orders: list[Order] = []
@@ -132,11 +132,11 @@ def test_confirm_without_a_number_prints_the_plan_and_confirms_that_one(serving:
     assert "plan 7 waits to be confirmed, shown" in done.output
     assert "target T0.1 moved 66 m" in done.output
     assert [(o.action, o.plan_id) for o in serving.orders][-2:] == [("plan", None), ("confirm", 7)]
-    assert "agent 3 is not seen by any sensor now" in done.output  # nobody flies here
+    assert "agent 3 is not seen by any sensor now" in done.output  # no vehicle flies here
     assert done.exit_code == 1
 
 
-def test_nobody_there_is_said_clearly(runtime: Path) -> None:
+def test_a_missing_service_is_a_clear_error(runtime: Path) -> None:
     none = CliRunner().invoke(app, ["order", "return", "--all"])
     assert none.exit_code == 1
     assert "no service runs on this machine" in none.output
@@ -178,7 +178,7 @@ def test_a_service_that_was_killed_is_not_found(runtime: Path) -> None:
     assert running_services() == []
 
 
-def test_a_folder_that_others_may_write_to_is_not_believed(runtime: Path) -> None:
+def test_a_folder_that_others_may_write_to_is_not_trusted(runtime: Path) -> None:
     with announced("prescribed", "tcp/127.0.0.1:1"):
         (folder,) = runtime.iterdir()
         folder.chmod(0o777)

@@ -63,7 +63,7 @@ def test_places_in_degrees_become_local_metres() -> None:
         ),
     ],
 )
-def test_what_does_not_make_sense_is_refused_with_what_is_wrong(fields, words) -> None:
+def test_a_wrong_order_is_refused_with_its_defect(fields, words) -> None:
     with pytest.raises(WireError, match=words):
         read(**fields)
 

@@ -84,7 +84,7 @@ def test_the_listener_may_come_up_later_and_come_back() -> None:
                 publish_until_heard(sensor, "swarm/m/x", inbox(service, "swarm/m/x"))
 
 
-def test_a_second_listener_is_told_that_the_port_is_taken() -> None:
+def test_a_second_listener_is_refused_as_the_port_is_in_use() -> None:
     endpoint = free_endpoint()
     with (
         ZenohSession(listen=endpoint),
@@ -97,7 +97,7 @@ def test_a_second_listener_is_told_that_the_port_is_taken() -> None:
 @pytest.mark.parametrize(
     "endpoint", ["tcp/127.0.0.1:99999", "carrier-pigeon/1", "7447", "tcp/no-such-host.invalid:1"]
 )
-def test_what_is_no_endpoint_is_said_to_be_none(endpoint: str) -> None:
+def test_a_wrong_endpoint_is_refused(endpoint: str) -> None:
     with pytest.raises(LinkError) as caught:
         ZenohSession(listen=endpoint)
     assert caught.value.endpoint == endpoint

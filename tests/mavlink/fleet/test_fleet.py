@@ -1,4 +1,4 @@
-"""A user would lose the true picture of the fleet: to unknown_systems, spoofers, late frames or silence."""
+"""A user would lose the true picture of the fleet: to unknown systems, spoofers, late frames or link loss."""
 
 import math
 
@@ -81,7 +81,7 @@ def test_a_vehicles_reports_become_its_state_in_the_local_frame():
     assert air.fleet.state(2) is None
 
 
-def test_mode_and_arming_changes_are_told():
+def test_mode_and_arming_changes_are_reported():
     air = Air()
     air.hear(0, beat(0, armed=False))
     air.texts()
@@ -95,7 +95,7 @@ def test_px4_modes_have_the_same_names():
     assert air.fleet.state(1).mode == "AUTO"
 
 
-def test_a_vehicle_that_stands_still_points_where_its_compass_says():
+def test_a_vehicle_that_stands_still_has_its_compass_heading():
     air = Air()
     air.hear(0, beat(), position(1, hdg=27000))
     assert air.fleet.state(1).course_rad == pytest.approx(-math.pi / 2)
@@ -147,7 +147,7 @@ def test_another_address_that_claims_a_living_vehicle_is_a_conflict():
     assert {peer for peer, _ in air.poll(3.1)} == {HERE}
 
 
-def test_after_a_silence_a_vehicle_may_come_back_from_another_address():
+def test_after_a_link_loss_a_vehicle_may_come_back_from_another_address():
     air = Air()
     air.hear(0, beat(), position(1, 10, 0))
     air.poll(0)
@@ -254,7 +254,7 @@ def test_one_report_from_the_future_does_not_freeze_a_vehicle():
     assert air.fleet.state(1).east_m == pytest.approx(19, abs=0.02)
 
 
-# ---------------------------------------------------------------- loss and silence
+# ---------------------------------------------------------------- link loss
 
 
 def test_gaps_count_as_loss_and_late_frames_do_not():
@@ -266,7 +266,7 @@ def test_gaps_count_as_loss_and_late_frames_do_not():
     assert air.health().lost == 2
 
 
-def test_silence_is_told_once_and_so_is_the_return():
+def test_a_link_loss_is_reported_once_and_so_is_the_return():
     air = Air()
     for n in range(3):
         air.hear(n, beat(), system_id=1)
@@ -277,8 +277,8 @@ def test_silence_is_told_once_and_so_is_the_return():
         air.poll(n)
         if n == 6:
             assert air.health().liveness == "stale"
-    told = [(notice.level, notice.vehicle, notice.text) for notice in air.fleet.notices()]
-    assert told == [("warning", 1, "not heard for 3.0 s"), ("alarm", 1, "link down: not heard for 6.0 s")]
+    found = [(notice.level, notice.vehicle, notice.text) for notice in air.fleet.notices()]
+    assert found == [("warning", 1, "not heard for 3.0 s"), ("alarm", 1, "link down: not heard for 6.0 s")]
     assert [h.liveness for h in air.fleet.health()] == ["down", "alive"]
     air.hear(20, beat())
     assert (1, "heard again after 18.0 s") in air.texts()

@@ -19,13 +19,13 @@ def add_chunk(messages):
     return [text for message in messages for text in chunks.add_chunk(message)]
 
 
-def test_a_long_text_is_said_once_and_whole():
+def test_a_long_text_is_one_whole_notice():
     assert add_chunk([*pieces(LONG, 3), *pieces("short", 0)]) == [LONG, "short"]
     assert add_chunk(pieces("x" * 100, 4)) == ["x" * 100]
     assert add_chunk(pieces("Takeoff detected\t", 0)) == ["Takeoff detected"]
 
 
-def test_a_text_of_which_a_piece_was_lost_is_said_with_a_gap():
+def test_a_text_with_a_lost_piece_is_shown_with_a_gap():
     first, second = pieces(LONG, 3)
     assert add_chunk([second]) == ["[...]" + LONG[50:]]
     assert add_chunk([first, *pieces("next", 0)]) == [LONG[:50] + "[...]", "next"]

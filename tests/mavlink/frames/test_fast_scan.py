@@ -72,7 +72,7 @@ def agree(data, scanner):
 
 @settings(max_examples=300, deadline=None)
 @given(st.lists(BYTES, min_size=1, max_size=3))
-def test_the_kernel_finds_what_the_scan_finds_in_any_bytes(datagrams):
+def test_the_kernel_finds_the_frames_of_the_scan_in_any_bytes(datagrams):
     scanner = Scanner()
     found = [agree(data, scanner) for data in datagrams]
     for data, frames in zip(datagrams, found, strict=True):  # later scans left them as they were
@@ -86,7 +86,7 @@ def test_hostile_bytes_and_large_datagrams_are_framed_the_same():
 
 @settings(max_examples=300, deadline=None)
 @given(GOOD)
-def test_a_message_is_what_pymavlink_makes_of_the_frame(data):
+def test_a_message_equals_that_of_pymavlink(data):
     for found in scan(data).frames:
         ours, theirs = found.message(), found._decode_any()
         assert (ours is None) == (theirs is None)
@@ -139,7 +139,7 @@ class Swarm:
         network = self.pick(0, 1)
         data = b""
         for _ in range(self.rng.integers(1, 8)):
-            system = int(self.rng.integers(1, 5))  # 4 is a stranger
+            system = int(self.rng.integers(1, 5))  # 4 is an unknown system
             component = self.pick(1, 1, 1, 1, 1, 154) if self.is_rare(10) else 1
             pen = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
             sequence = self.sequences.get((network, system), 0) + self.pick(1, 1, 1, 1, 1, 3, 255, 200)
@@ -170,7 +170,7 @@ class News:
         return before != self.beats[vehicle]
 
 
-def told(fleet):
+def fleet_state(fleet):
     return (
         fleet.states(),
         fleet.health(),
@@ -201,8 +201,8 @@ def test_a_fleet_knows_the_same_with_and_without_the_kernel(seed):
         assert (fast._table == simple._table).all()
         if step % 5 == 0:
             assert fast.poll(t_ns) == simple.poll(t_ns)
-            known = told(fast)
-            assert known == told(simple)
+            known = fleet_state(fast)
+            assert known == fleet_state(simple)
             notices += known[4]
     assert any("signs its frames" in n.text for n in notices)
     refused = set().union(*(one.refused for one in fast.health()))
@@ -212,7 +212,7 @@ def test_a_fleet_knows_the_same_with_and_without_the_kernel(seed):
     assert fast.counters.conflicts > 0
 
 
-def test_a_heartbeat_that_says_nothing_new_is_given_to_who_attends():
+def test_an_unchanged_heartbeat_reaches_its_listeners():
     fleet = Fleet([1], FRAME)
     pen = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
 

@@ -63,8 +63,8 @@ def test_both_ways_of_checking_let_in_the_same_and_remember_the_same(seed):
     fast, simple = SigningGate(KEYS, LINKS), SigningGate(KEYS, LINKS)
     simple._verifier.check = lambda *_: None
     air, whole = Air(seed), 0
-    looks = []
-    fast._is_accepted = lambda *args: looks.append(1) or SigningGate._is_accepted(fast, *args)
+    slow_checks = []
+    fast._is_accepted = lambda *args: slow_checks.append(1) or SigningGate._is_accepted(fast, *args)
     for step in range(1500):
         network = int(air.rng.integers(2))
         data = air.datagram(network)
@@ -76,4 +76,4 @@ def test_both_ways_of_checking_let_in_the_same_and_remember_the_same(seed):
     reasons = {reason for link in fast.counters.values() for reason in link.rejected}
     assert len(reasons) >= 3, "not signed, another key, sent again"
     assert whole > 700
-    assert len(looks) < sum(link.verified for link in fast.counters.values()), "few need the long look"
+    assert len(slow_checks) < sum(link.verified for link in fast.counters.values()), "few need the slow check"

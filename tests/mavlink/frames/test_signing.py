@@ -1,4 +1,4 @@
-"""A user would lose a vehicle to whoever can send a datagram: frames are checked against their keys.
+"""A user would lose a vehicle to any sender of datagrams: frames are checked against their keys.
 
 The peer is pymavlink's own signing.
 """
@@ -105,7 +105,7 @@ def test_what_pymavlink_signs_is_let_in_as_it_came():
     assert subject.counters[VEHICLES.name].verified == 2
 
 
-def test_what_is_not_signed_is_kept_out_and_what_stands_beside_it_is_let_in():
+def test_unsigned_frames_are_refused_and_signed_ones_next_to_them_accepted():
     subject, peer = gate(), Peer()
     good, unsigned = peer.send(), Encoder(1, 1)(beat())
     old = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
@@ -133,7 +133,7 @@ def test_a_frame_sent_again_is_kept_out_from_any_address():
     assert subject.accept_frames(NOW, HERE, scan(frame)) == b""
 
 
-def test_time_is_judged_for_each_sender_and_link_id_by_itself():
+def test_time_is_checked_for_each_sender_and_link_id_by_itself():
     subject = gate()
     for peer in (Peer(1), Peer(2), Peer(1, link_id=1)):
         assert subject.accept_frames(NOW, HERE, scan(peer.send()))
@@ -144,7 +144,7 @@ def test_a_new_sender_may_be_a_minute_behind_and_no_more():
     assert gate().accept_frames(NOW, HERE, scan(Peer(t_ns=NOW - 61 * S).send())) == b""
 
 
-def test_a_vehicle_without_the_time_is_told_it_and_heard_then():
+def test_a_vehicle_without_the_time_gets_it_and_is_heard_then():
     subject, peer = gate(), Peer(t_ns=NOW - 86_400 * S)
     assert subject.accept_frames(NOW, HERE, scan(peer.send())) == b""
     assert subject.take_stale_senders() == [HERE]
@@ -159,7 +159,7 @@ def test_a_forger_cannot_move_a_vehicles_time():
     assert subject.accept_frames(NOW, HERE, scan(Peer().send()))
 
 
-def test_after_a_restart_what_was_heard_before_it_is_still_old():
+def test_after_a_restart_frames_from_before_it_are_still_old():
     first, peer = gate(), Peer()
     frame = peer.send()
     assert first.accept_frames(NOW, HERE, scan(frame))

@@ -54,7 +54,7 @@ def begin(plane, mission_type, items):
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 @pytest.mark.parametrize(("mission_type", "items"), [(FENCE, ITEMS), (RALLY, POINTS)])
-def test_what_is_uploaded_is_what_is_held_and_what_is_cleared_is_gone(autopilot, mission_type, items):
+def test_uploaded_items_are_stored_and_cleared_ones_are_gone(autopilot, mission_type, items):
     plane = vehicle(autopilot)
     done = talk(begin(plane, mission_type, items), plane)
     assert (done.ok, done.detail, done.retries) == (True, "read back equal", 0)
@@ -104,7 +104,7 @@ def test_another_ground_stations_words_and_another_list_are_not_taken_for_ours()
     assert (result.ok, result.retries) == (True, 0)
 
 
-def test_a_vehicle_without_fences_or_without_an_answer_is_told_as_that():
+def test_a_vehicle_without_fences_and_one_without_an_answer_differ():
     plane, own = vehicle(), Encoder(7, 1)
     refusal = dialect.MAVLink_mission_ack_message(0, 0, dialect.MAV_MISSION_UNSUPPORTED, FENCE)
     task = begin(plane, FENCE, ITEMS)

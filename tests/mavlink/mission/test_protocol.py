@@ -1,4 +1,4 @@
-"""A user on a bad radio would lose minutes to one lost item, or the radio to repeats that nobody needs."""
+"""A user on a bad radio would lose minutes to one lost item, or the radio to needless repeats."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_what_is_asked_for_is_sent_and_nothing_else_while_requests_come():
     assert sending.is_all_sent
 
 
-def test_after_a_silence_the_item_goes_out_again_and_the_one_whose_request_may_be_lost():
+def test_after_a_timeout_the_item_is_repeated_and_the_one_whose_request_may_be_lost():
     sending = MissionUpload(ITEMS, TO, RttEstimator(0.1))
     sending.answer_request(0, 0)
     sending.answer_request(1, at(0.1))
@@ -57,7 +57,7 @@ def test_after_a_silence_the_item_goes_out_again_and_the_one_whose_request_may_b
     assert seqs(sending.poll(at(3.0), window=3)) == [3, 4]
 
 
-def test_where_the_order_matters_only_what_was_asked_for_is_sent_again():
+def test_where_the_order_matters_only_the_requested_item_is_sent_again():
     sending = MissionUpload(ITEMS, TO, RttEstimator(0.1))
     sending.answer_request(0, 0)
     assert [seqs(sending.poll(at(t))) for t in (1, 2, 3)] == [[0]] * 3
@@ -126,7 +126,7 @@ def test_a_read_back_in_vain_ends():
 
 def test_the_wait_follows_the_link_and_outliers_do_not_move_it():
     rtt = RttEstimator()
-    for took_s in (0.1, 1.1, 0.12, 0.1, 1.2):  # a vehicle that repeats its request looks slow
+    for took_s in (0.1, 1.1, 0.12, 0.1, 1.2):  # a vehicle that repeats its request seems slow
         rtt.add_sample(took_s)
     assert rtt.wait_s == pytest.approx(0.24)
     for _ in range(9):
@@ -232,7 +232,7 @@ def test_what_counts_as_arrived_is_held_over_loss_doubles_and_any_order(
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_mission_that_replaces_another_in_mid_transfer_is_the_one_that_is_held(autopilot, seed):
-    """A PX4 would not take the new one's MISSION_COUNT before it is told that the old one is over."""
+    """A PX4 would not take the new one's MISSION_COUNT before the old one is over."""
     talk = Talk(autopilot, seed, loss=0.2, doubles=0.1, delay_s=(0.01, 0.2))
     first = task_for(autopilot, 20)
     enough = int(np.random.default_rng(seed).integers(1, 15))

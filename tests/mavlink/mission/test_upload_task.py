@@ -71,7 +71,7 @@ def test_it_never_arms():
     assert not plane.armed
 
 
-def test_a_plane_that_already_flies_its_first_item_is_told_to_take_the_new_one():
+def test_a_plane_that_already_flies_its_first_item_restarts_at_the_new_one():
     """MISSION_CURRENT says 1 before and after: the vehicle repeats the 0 that selects its first item."""
     for seed in range(8):
         plane, old = flying()
@@ -130,7 +130,7 @@ def test_a_hundred_of_a_hundred_uploads_of_thirty_items_at_30_percent_loss_each_
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_at_half_loss_it_is_equal_or_reported_and_no_mix_is_left_to_fly(seed):
+def test_at_half_loss_it_is_equal_or_reported_and_no_inconsistent_mission_is_flown(seed):
     plane, old = flying(leg_s=20.0)
     link = joined(plane, 28, seed=seed, loss=0.5, doubles=0.1, delay_s=(0.01, 0.3), old=old)
     result = link.run(1000)
@@ -223,7 +223,7 @@ def test_a_vehicle_that_keeps_its_old_mission_on_failure_keeps_flying_it():
     assert plane.holds(old)
 
 
-def test_a_dead_vehicle_is_reported_within_bounds():
+def test_a_lost_vehicle_is_reported_within_bounds():
     plane, _ = flying()
     plane.silent = True
     result = joined(plane).run(300)
@@ -265,7 +265,7 @@ def test_a_plane_that_reaches_its_waypoint_in_mid_transfer_is_held_then_sent_on(
     assert plane.mixed_legs == [] or plane.mixed_legs[-1] < 9 * S
 
 
-def test_a_task_that_is_abandoned_midway_leaves_no_mix():
+def test_a_task_that_is_abandoned_midway_leaves_no_inconsistent_mission():
     plane, _ = flying(leg_s=5.0)
     link = joined(plane, 20)
     for _ in range(8):
@@ -376,7 +376,7 @@ def test_a_mode_that_an_operator_chooses_in_mid_transfer_is_left_alone(mode, at_
     assert "was chosen meanwhile" in result.detail
     assert plane.mode == mode
     assert plane.holds(link.task.items)
-    assert plane.current == 1  # ready for whoever switches to AUTO
+    assert plane.current == 1  # ready for a switch to AUTO
 
 
 def test_a_vehicle_near_its_next_waypoint_waits_before_anything_is_changed():
@@ -409,7 +409,7 @@ def test_a_vehicle_never_counts_on_into_a_mission_of_which_nothing_was_selected(
     assert (plane.mode, plane.current) == (AUTO, 1)
 
 
-def test_a_task_that_is_superseded_before_it_could_select_says_so():
+def test_a_task_that_is_superseded_before_selection_reports_it():
     plane, old = flying(points=12)
     plane._fly_to(9)
     plane.ignores = {"MISSION_SET_CURRENT"}
@@ -421,7 +421,7 @@ def test_a_task_that_is_superseded_before_it_could_select_says_so():
     assert (link.task.result.onboard, link.task.result.selected) == ("equal", False)
 
 
-def test_a_vehicle_that_cannot_be_told_to_wait_keeps_its_mission():
+def test_a_vehicle_that_cannot_wait_keeps_its_mission():
     plane, old = flying(leg_s=2.0)
     plane.ignores.add("COMMAND_LONG")
     result = joined(plane, 10).run()
@@ -439,7 +439,7 @@ def test_a_vehicle_that_waited_in_vain_goes_on_with_its_old_mission():
 
 
 @pytest.mark.parametrize("loss", [0.2, 0.3])
-def test_no_mix_is_flown_over_a_bad_radio(loss):
+def test_no_inconsistent_mission_is_flown_over_a_bad_radio(loss):
     for seed in range(4):
         plane, old = flying(points=40, leg_s=9.0)
         link = joined(plane, 20, seed=50 + seed, loss=loss, doubles=0.05, old=old)
@@ -473,7 +473,7 @@ def test_a_program_that_never_began_leaves_the_old_mission():
     assert "not running" in task.result.detail
 
 
-def test_a_mix_that_another_program_leaves_is_repaired_by_us():
+def test_an_inconsistent_mission_of_another_program_is_repaired_by_us():
     plane, _ = flying(mode=LOITER)
     task = UploadTask(mission(), HOME, Encoder(), authority=ModeAuthority("LOITER"), delegated=True)
     plane.mean(task.items)

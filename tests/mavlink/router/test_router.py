@@ -79,7 +79,7 @@ def test_telemetry_goes_to_every_station_and_to_no_vehicle():
     assert set(to) == {desk.onlooker, desk.worker, WIRED}
 
 
-def test_a_command_goes_to_its_vehicle_alone_and_the_answer_to_who_asked():
+def test_a_command_goes_to_its_vehicle_alone_and_the_answer_to_its_sender():
     desk = Desk()
     assert desk.router.route_frame(S, desk.worker, arm(2)).to == (desk.other,)
     ack = frame(dialect.MAVLink_command_ack_message(400, 0, 0, 0, 255, 190), 2)
@@ -131,7 +131,7 @@ def test_a_read_only_station_may_request_and_not_command():
     assert desk.router.counters[LOOK].refused["read-only"] == 13
 
 
-def test_nobody_writes_a_mission_while_ours_is_on_its_way_to_that_vehicle():
+def test_no_station_writes_a_mission_during_our_upload_to_that_vehicle():
     desk = Desk()
     desk.busy.add(1)
     assert desk.router.route_frame(S, desk.worker, count(1)).refusal == "mission transfer under way"
@@ -168,7 +168,7 @@ def test_the_same_command_by_two_ways_is_done_once_and_a_repeat_again():
     assert desk.router.route_frame(9 * S, again, arm(1, sequence=1)).refusal != "duplicate"
 
 
-def test_a_vehicle_keeps_its_place_while_it_is_heard_and_moves_after_a_silence():
+def test_a_vehicle_keeps_its_address_while_it_is_heard_and_moves_after_a_timeout():
     desk = Desk()
     impostor = (RADIO, "10.6.6.6:50")
     assert desk.router.route_frame(S, impostor, beat(1)).refusal == "is heard elsewhere"

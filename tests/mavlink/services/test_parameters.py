@@ -1,4 +1,4 @@
-"""A user would be told that a failsafe is set when it is not."""
+"""A user would trust a failsafe that is not set."""
 
 import struct
 from collections import deque
@@ -47,7 +47,7 @@ def test_both_ways_to_carry_a_number_are_read_as_they_are_meant(kind):
     assert (decode_value(said(42.0, kind), True) == 42) is (kind == 9)
 
 
-def test_capabilities_come_before_what_a_firmware_usually_does():
+def test_capabilities_come_before_the_firmwares_usual_encoding():
     bytewise = dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
     assert is_bytewise(dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, bytewise)
     assert not is_bytewise(dialect.MAV_AUTOPILOT_PX4, dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST)
@@ -88,7 +88,7 @@ def test_parameters_are_read_over_a_lossy_link_in_either_encoding(autopilot, nam
     assert len({"RTL_RETURN_ALT", "RTL_ALTITUDE"} & reading.values.keys()) == 1
 
 
-def test_an_older_name_that_nobody_answers_for_costs_no_time():
+def test_an_older_name_without_an_answer_costs_no_time():
     plane = vehicle()
     reading = ParameterReader(7, [("MAV_GCS_SYSID", "SYSID_MYGCS")], False, Encoder())
     assert talk(reading, plane, lambda: reading.is_done) < 2.0

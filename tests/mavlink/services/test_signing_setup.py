@@ -22,7 +22,7 @@ def vehicle(key: bytes | None = None, *, airborne: bool = False) -> SimVehicle:
 
 
 def give(plane: SimVehicle, old: bytes | None = None, *, drops=lambda _n: False, seconds=10) -> SigningSetup:
-    """Join both ends in memory; `drops` tells which of our frames get lost."""
+    """Join both ends in memory; `drops` selects our lost frames."""
     counter, sent = itertools.count(NOW // 10_000 - 1_420_070_400 * 100_000), itertools.count()
     installation = SigningSetup(1, KEY, old, lambda _t: next(counter), NOW + seconds * S)
     for t_ns in range(NOW, NOW + (seconds + 1) * S, S // 20):
@@ -53,14 +53,14 @@ def test_a_new_key_goes_out_under_the_old_one():
 
 
 @pytest.mark.parametrize("known", [None, OTHER])
-def test_a_vehicle_with_a_key_that_we_do_not_have_keeps_it_and_it_is_said(known):
+def test_a_vehicle_with_an_unknown_key_keeps_it_and_is_reported(known):
     plane = vehicle(OLD)
     installation = give(plane, known, seconds=4)
     assert (installation.outcome, installation.detail) == ("failed", "did not begin to sign with the key")
     assert plane._link.signing.state.secret_key == OLD
 
 
-def test_who_holds_the_key_already_is_asked_and_not_told_it_again():
+def test_a_vehicle_with_the_key_is_checked_and_does_not_get_it_again():
     installation = give(vehicle(KEY))
     assert (installation.outcome, installation.sent) == ("done", 0)
 
@@ -71,7 +71,7 @@ def test_no_key_goes_to_a_vehicle_that_is_armed():
     assert "armed" in installation.detail
 
 
-def test_nobody_there_is_said():
+def test_a_missing_vehicle_is_reported():
     installation = SigningSetup(9, KEY, None, lambda t: t, NOW)
     assert installation.poll(NOW) == []
     assert (installation.outcome, installation.detail) == ("failed", "was not heard")
