@@ -249,7 +249,7 @@ class Service:
         data = frames.data
         if not data:
             return
-        self._put(Datagram(t_ns, link, peer, data), frames if len(frames) <= _MAX_QUEUED_FRAMES else None)
+        self._put(Datagram(t_ns, link, peer, data), frames if frames.count <= _MAX_QUEUED_FRAMES else None)
         if self._uploader is not None and not self.command.external_uploads.hosts(link):
             self._uploader.forward(data)
 

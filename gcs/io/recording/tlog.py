@@ -22,7 +22,7 @@ from typing import BinaryIO, Literal, NamedTuple, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.errors import RecordingError
-from gcs.mavlink.frames.codec import Frame, checked_frame, scan
+from gcs.mavlink.frames.codec import Frame, checked_frame, frame_at, scan
 
 _STAMP = struct.Struct(">Q")
 _MAX_STAMP_US = 4_102_444_800_000_000
@@ -131,16 +131,8 @@ def _entry(data: bytes, at: int, lead: int, *, in_step: bool) -> tuple[Frame, Va
     next_at = at + length + lead
     if not in_step or not (at + length == end or (next_at < end and data[next_at] in b"\xfd\xfe")):
         return None
-    frame = _unchecked(data[at : at + length])
+    frame = frame_at(data, at, length)
     return frame, "bad checksum" if frame.message_id in dialect.mavlink_map else "unknown id"
-
-
-def _unchecked(data: bytes) -> Frame:
-    """Read the header of a frame whose checksum is not valid or not known."""
-    if data[0] == 0xFD:
-        message_id = int.from_bytes(data[7:10], "little")
-        return Frame(data[5], data[6], data[4], message_id, bool(data[2] & 1), data)
-    return Frame(data[3], data[4], data[2], data[5], False, data)
 
 
 def split_frames(datagram: bytes) -> list[bytes]:

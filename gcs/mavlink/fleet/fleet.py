@@ -194,7 +194,7 @@ class Fleet:
         if link is None:
             link = self.links[datagram.link] = LinkCounters()
         link.datagrams += 1
-        link.frames += len(frames) - frames.unknown
+        link.frames += frames.count - frames.unknown
         link.unknown_ids += frames.unknown
         link.bytes += len(datagram.data)
         if frames.bad_bytes or frames.crc_errors:
@@ -213,12 +213,12 @@ class Fleet:
         network = self._networks.get(datagram.link, 0)
         accepted = []
         at = 0
-        while at < len(frames):
+        while at < frames.count:
             if self._fast_path is not None:
                 number = self._addresses.number_of(address)
                 at, lost = self._fast_path.apply_frames(frames, at, number, t_ns, network)
                 link.lost += lost
-                if at == len(frames):
+                if at == frames.count:
                     break
             if frames.is_checked(at):
                 frame = frames.frame(at)

@@ -137,14 +137,11 @@ class FrameTable:
         Frames of an id that the dialect lacks: forwarded, not read.
     """
 
-    __slots__ = ("bad_bytes", "crc_errors", "data", "rows", "unknown")
+    __slots__ = ("bad_bytes", "count", "crc_errors", "data", "rows", "unknown")
 
     def __init__(self, data: bytes, rows: Int32Array, bad_bytes: int, crc_errors: int, unknown: int) -> None:
-        self.data, self.rows = data, rows
+        self.data, self.rows, self.count = data, rows, len(rows)
         self.bad_bytes, self.crc_errors, self.unknown = bad_bytes, crc_errors, unknown
-
-    def __len__(self) -> int:
-        return len(self.rows)
 
     def __iter__(self) -> Iterator[Frame]:
         return (self._frame(row) for row in self.rows.tolist())

@@ -206,8 +206,8 @@ class Scanner:
         """Return the frames of a datagram."""
         if len(self._rows) < len(data) // _MIN_FRAME_BYTES + 2:
             self._rows = np.zeros((len(data) // _MIN_FRAME_BYTES + 2, WIDTH), np.int32)
-        count, *counters = _scan_kernel(data, CRC_EXTRAS, self._rows)
-        return FrameTable(data, self._rows[:count].copy(), *counters)
+        count, bad_bytes, crc_errors, unknown = _scan_kernel(data, CRC_EXTRAS, self._rows)
+        return FrameTable(data, self._rows[:count].copy(), bad_bytes, crc_errors, unknown)
 
 
 def warm_up_calls() -> list[jit.Call]:

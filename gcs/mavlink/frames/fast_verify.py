@@ -83,7 +83,7 @@ class Verifier:
                 return None
             times[stream] = last = timestamp
             keys[key] = None
-        return Verified(len(frames), times, keys)
+        return Verified(frames.count, times, keys)
 
     def _add_sender(
         self, link: Link, senders: dict[int, tuple[bytes, str]], sender: int, ids: tuple[int, int, int]

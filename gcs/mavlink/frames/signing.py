@@ -219,7 +219,7 @@ class SigningGate:
         in_order = sorted(frames, key=signing_time)
         kept = [frame.data for frame in in_order if self._is_accepted(t_ns, address, link, frame)]
         hides = frames.bad_bytes and has_setup  # a damaged frame may hold most of a key
-        return data if len(kept) == len(frames) and not hides else b"".join(kept)
+        return data if len(kept) == frames.count and not hides else b"".join(kept)
 
     def _note_verified(self, t_ns: int, address: Address, verified: Verified) -> None:
         """Note the keys and times of a fully verified datagram."""
