@@ -4,7 +4,7 @@ Vehicles send their true state ten times a second of run time (SYSTEM_TIME and S
 At each scan time the world waits for the states of all living agents, interpolates, and publishes. An agent
 without further states is lost, by the scenario or since its process was killed.
 
-With `waits_for_ground` targets stand until a vehicle has ground contact, shown by a HEARTBEAT beside its true
+With `waits_for_ground` targets stand until a vehicle has ground contact, shown by a HEARTBEAT with its true
 state. The line ``ready PORT`` has the port of the true states.
 """
 

@@ -58,7 +58,7 @@ class IngestResult(NamedTuple):
 
 
 class PymavlinkUser:
-    """The least that a user of pymavlink keeps to know of each vehicle what the fleet's states tell."""
+    """The least that a user of pymavlink keeps for the fleet's states of each vehicle."""
 
     def __init__(self):
         self.places, self.beats, self.heard_s, self.sequence, self.lost = {}, {}, {}, {}, 0

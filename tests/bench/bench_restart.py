@@ -1,4 +1,4 @@
-"""Kill central command at random moments, restart it, and compare with the same flight without a restart.
+"""Kill central command at random times, restart it, and compare with the same flight without a restart.
 
 ``python tests/bench/bench_restart.py [--runs 200] [--outage 2]`` flies missions of the paper on virtual time.
 The restarted service continues from the journal's state, up to 0.5 s old. Some seconds later labels of

@@ -2,7 +2,7 @@
 
 ``python tests/bench/bench_transfer.py [--trials 100] [--loss 0 0.1 0.3 0.5]`` flies a scripted ArduPlane
 along an old mission of forty legs while a new one of 30 items is uploaded, on virtual time over two lossy
-channels (datagrams lost, delayed by 10-100 ms, 5 % doubled), and prints a row for each loss. A "mix flown"
+channels (datagrams lost, delayed by 10-100 ms, 5 % doubled), and prints a row for each loss. "Mixture flown"
 is a leg that began with an item taken from a store that was neither mission: during the task, and in ten
 minutes after it. ``--short`` uploads 8 items to simulated vehicles of both firmwares that wait, over a link
 of 20 ms round trip, on virtual time with the service's tick of 50 ms, until they are read back, selected
@@ -81,7 +81,7 @@ def table(losses: list[float], trials: int) -> None:
         "s, median / 95 % / worst",
         "ordered to hold",
     ]
-    heads += ["mix flown during / after"]
+    heads += ["mixture flown during / after"]
     print("| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
     for loss in losses:
         rows = [trial(1000 + seed, loss) for seed in range(trials)]

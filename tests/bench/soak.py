@@ -226,7 +226,7 @@ def soak(hours: float, loss: float, seed: int, warm_up_s: float = WARM_UP_S, sam
     warm_up_planning()
     with (
         tempfile.TemporaryDirectory() as folder,
-        patch.object(agent_status, "ARRIVAL_MOMENTS", math.inf),
+        patch.object(agent_status, "ARRIVAL_EPOCHS", math.inf),
     ):
         run = Soak(seed, loss, Path(folder))
         run.fly(warm_up_s)

@@ -77,7 +77,7 @@ class Traffic(NamedTuple):
 
 
 def traffic(vehicles, hz, seconds, together, key=None):
-    """Make it; frames are put together up to so many bytes, or go alone where there is no room for two."""
+    """Make it; frames are put together up to so many bytes, or go alone where two do not fit."""
     systems = np.arange(1, vehicles + 1)
     sequence = np.zeros(vehicles, np.int64)
     phases, per_tick = max(1, round(1 / hz / TICK_S)), max(1, round(hz * TICK_S))

@@ -163,7 +163,7 @@ def test_every_scan_is_answered_with_the_picture_of_both_kinds(flight: Flight) -
 
 # ---------------------------------------------------------------- hostile datagrams
 
-STRANGER = "10.6.6.6:666"
+OTHER_PEER = "10.6.6.6:666"
 FOREIGN_MESSAGES = [
     dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3),
     dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3),
@@ -221,9 +221,9 @@ def test_hostile_datagrams_change_nothing_but_notices(
     bombarded = list(events)
     places = sorted((first + place % (len(events) - first), data) for place, data in attack)
     for place, data in reversed(places):
-        bombarded.insert(place, Datagram(events[place].t_ns, LINK, STRANGER, data))
+        bombarded.insert(place, Datagram(events[place].t_ns, LINK, OTHER_PEER, data))
     effects = play(flight.config, bombarded)
-    assert all(effect.peer != STRANGER for effect in effects if isinstance(effect, Send))
+    assert all(effect.peer != OTHER_PEER for effect in effects if isinstance(effect, Send))
     assert written(effects, without=(Notice,)) == quiet
 
 
@@ -235,7 +235,7 @@ def test_a_bombardment_all_the_way_changes_nothing(flight: Flight) -> None:
         if index >= first and isinstance(event, Tick):
             spoof = frame(FOREIGN_MESSAGES[index % len(FOREIGN_MESSAGES)], int(rng.integers(1, 6)))
             attack = (rng.bytes(80), spoof, spoof[: int(rng.integers(1, len(spoof)))])
-            bombarded += [Datagram(event.t_ns, LINK, STRANGER, data) for data in attack]
+            bombarded += [Datagram(event.t_ns, LINK, OTHER_PEER, data) for data in attack]
     effects = play(flight.config, bombarded)
     assert written(effects, without=(Notice,)) == written(play(flight.config, events), without=(Notice,))
     assert sum(isinstance(effect, Notice) for effect in effects) < 100
@@ -246,7 +246,7 @@ def test_an_unknown_system_heard_first_is_not_flown(flight: Flight) -> None:
     effects = []
     for t_s in np.arange(0.0, 10.0, 0.25):
         data = b"".join(frame(message, 77) for message in FOREIGN_MESSAGES)
-        effects += command.step(Datagram(at(t_s), LINK, STRANGER, data))
+        effects += command.step(Datagram(at(t_s), LINK, OTHER_PEER, data))
         effects += command.step(Tick(at(t_s)))
     assert {type(effect) for effect in effects} == {Notice}
 

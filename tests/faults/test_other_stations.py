@@ -16,7 +16,7 @@ from gcs.mavlink.router.router import Router
 from gcs.model import NS_PER_S, Control, Datagram, Notice
 
 AIR = Link(parse_endpoint("udpin:0.0.0.0:1"))
-LOOK = Link(parse_endpoint("udpin:0.0.0.0:2"), role="read-only")
+READ_ONLY = Link(parse_endpoint("udpin:0.0.0.0:2"), role="read-only")
 WORK = Link(parse_endpoint("udpin:0.0.0.0:3"), role="full")
 PLANES = [(AIR.name, "10.0.0.1:50"), (AIR.name, "10.0.0.2:50")]
 BEAT = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
@@ -33,7 +33,7 @@ def command(number: int, target: int = 1, *parameters: float) -> dialect.MAVLink
 
 
 def routes(t_ns: int = 0) -> Router:
-    router = Router([AIR, LOOK, WORK], [1, 2])
+    router = Router([AIR, READ_ONLY, WORK], [1, 2])
     keep(router, t_ns)
     return router
 
@@ -63,8 +63,8 @@ def telemetry(router: Router, t_ns: int) -> tuple[tuple[str, str], ...]:
 )
 def test_a_read_only_station_may_ask_one_vehicle_and_not_all_of_them_at_once(make):
     router = routes()
-    assert router.route_frame(1, (LOOK.name, "10.0.1.1:1"), frame(make(1))).to == (PLANES[0],)
-    refused = router.route_frame(1, (LOOK.name, "10.0.1.1:1"), frame(make(0)))
+    assert router.route_frame(1, (READ_ONLY.name, "10.0.1.1:1"), frame(make(1))).to == (PLANES[0],)
+    refused = router.route_frame(1, (READ_ONLY.name, "10.0.1.1:1"), frame(make(0)))
     assert refused.to == ()
     assert "read-only" in refused.refusal
     assert set(router.route_frame(1, (WORK.name, "10.0.1.1:1"), frame(make(0))).to) == set(PLANES)
@@ -111,7 +111,7 @@ def test_arming_is_a_warning_and_a_mode_is_information():
 
 def test_one_datagram_with_an_invented_sender_gets_no_telemetry():
     router = routes()
-    victim = (LOOK.name, "198.51.100.7:53")
+    victim = (READ_ONLY.name, "198.51.100.7:53")
     for millisecond in range(100):
         router.route_frame(millisecond * 1_000_000, victim, frame(BEAT))
     assert telemetry(router, NS_PER_S // 4) == ()
@@ -122,20 +122,20 @@ def test_one_datagram_with_an_invented_sender_gets_no_telemetry():
 
 def test_invented_stations_do_not_lock_out_one_that_stays():
     """A flood of 500 senders a second, none of which is heard twice, and one that sends heartbeats."""
-    router, station = routes(), (LOOK.name, "10.0.1.1:14550")
+    router, station = routes(), (READ_ONLY.name, "10.0.1.1:14550")
     for number in range(2000):
         t_ns = number * NS_PER_S // 500
-        router.route_frame(t_ns, (LOOK.name, f"66.6.{number // 250}.{number % 250}:6"), frame(BEAT))
+        router.route_frame(t_ns, (READ_ONLY.name, f"66.6.{number // 250}.{number % 250}:6"), frame(BEAT))
         if number % 500 == 250:
             router.route_frame(t_ns, station, frame(BEAT, 255))
     assert telemetry(router, 4 * NS_PER_S) == (station,)
 
 
 def test_a_host_with_many_stations_does_not_lock_out_another_host():
-    router, station = routes(), (LOOK.name, "10.0.1.1:14550")
+    router, station = routes(), (READ_ONLY.name, "10.0.1.1:14550")
     for second in range(4):
         for port in range(60):
-            router.route_frame(second * NS_PER_S, (LOOK.name, f"66.6.6.6:{port}"), frame(BEAT))
+            router.route_frame(second * NS_PER_S, (READ_ONLY.name, f"66.6.6.6:{port}"), frame(BEAT))
         router.route_frame(second * NS_PER_S, station, frame(BEAT, 255))
     heard = telemetry(router, 3 * NS_PER_S)
     assert station in heard
@@ -146,8 +146,8 @@ def test_a_station_that_fell_silent_gives_its_place_to_another():
     router = routes()
     for t_ns in (0, NS_PER_S):
         for number in range(32):
-            router.route_frame(t_ns, (LOOK.name, f"10.0.2.{number}:1"), frame(BEAT))
-    late = (LOOK.name, "10.0.1.1:1")
+            router.route_frame(t_ns, (READ_ONLY.name, f"10.0.2.{number}:1"), frame(BEAT))
+    late = (READ_ONLY.name, "10.0.1.1:1")
     for t_ns in (2 * NS_PER_S, 3 * NS_PER_S):
         router.route_frame(t_ns, late, frame(BEAT))
     assert late not in telemetry(router, 3 * NS_PER_S)

@@ -19,7 +19,7 @@ class Px4:
     def __init__(self, system_id=1, *, mode=HOLD, rejects=False, tamper=lambda item: item):
         self.system_id, self.mode, self.rejects, self.tamper = system_id, mode, rejects, tamper
         self.store, self.valid, self.current, self.armed = [], False, 0, True
-        self.commands, self.modes_told, self.uploads = [], [], 0
+        self.commands, self.modes_sent, self.uploads = [], [], 0
         self._encode = Encoder(system_id, 1)
         self._incoming, self._count, self._beat_t_ns = [], 0, -(10**18)
 
@@ -92,7 +92,7 @@ class Px4:
         result, extra = 0, []
         if message.command == 176:
             mode = int(message.param2) << 16 | int(message.param3) << 24
-            self.modes_told.append(PX4.mode_name(mode))
+            self.modes_sent.append(PX4.mode_name(mode))
             if mode == AUTO and not self.valid:
                 result = dialect.MAV_RESULT_TEMPORARILY_REJECTED
             else:

@@ -1,4 +1,4 @@
-"""An operator would lose the aircraft to a service that tasks a vehicle which somebody else controls."""
+"""An operator would lose the aircraft to a service that tasks a vehicle under another controller."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import Scenario, load, parse_scenario
 
 HERE = Path(__file__).parent
-JUDGED = (Picture, Plan, UploadReport, AgentStatus, MissionEnded, OrderAnswer, Proposal)
+COMPARED = (Picture, Plan, UploadReport, AgentStatus, MissionEnded, OrderAnswer, Proposal)
 TOLERANCE = 1e-6
 
 
@@ -208,11 +208,11 @@ class _Fields:
 
     def event(self, number: int, t_ns: int, effects: list[Effect], *, in_window: bool) -> None:
         self._close()
-        self._now.extend(effect for effect in effects if isinstance(effect, JUDGED))
+        self._now.extend(effect for effect in effects if isinstance(effect, COMPARED))
         self._t_ns = t_ns
 
     def recorded(self, record: Record, effect: Effect) -> None:
-        if isinstance(effect, JUDGED):
+        if isinstance(effect, COMPARED):
             self._then.append(effect)
 
     def end(self, number: int, t_ns: int, *, broken_off: bool) -> None:
@@ -296,5 +296,5 @@ class _Ospa:
 def _short(value: Any) -> str:
     text = "nothing" if value is None else value if isinstance(value, str) else ""
     if not text:
-        text = encode(value).decode() if isinstance(value, JUDGED) else repr(value)
+        text = encode(value).decode() if isinstance(value, COMPARED) else repr(value)
     return text if len(text) <= 120 else f"{text[:119]}…"

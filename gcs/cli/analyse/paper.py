@@ -76,7 +76,7 @@ def run_paper(out: Path, console: Console, *, as_json: bool) -> None:
         lead="Each mission is one run with a fixed seed. All numbers were computed from these runs when this "
         "page was made.",
         sections=(Section("Claims", "", (), (_table(found),)), *sections),
-        footer="Made by gcs report --paper. The recordings are beside it: gcs report, gcs replay --verify "
+        footer="Made by gcs report --paper. The recordings are next to it: gcs report, gcs replay --verify "
         "and gcs info read them.",
     )
     save_page(page, out / "index.html")

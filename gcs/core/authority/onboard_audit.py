@@ -6,7 +6,7 @@ vehicle is suspended until an operator orders `resume`. A vehicle that does not 
 go on.
 
 A vehicle that rebooted is audited, too. If it has lost its mission by the reboot, it stays ours and is
-planned for again. If the mission is gone without a reboot, somebody cleared it: the vehicle is suspended.
+planned for again. If the mission is gone without a reboot, it was cleared: the vehicle is suspended.
 
 Not detected: an upload over another link while the vehicle was heard here all the time. The read-back of our
 next upload then replaces that mission.

@@ -23,7 +23,7 @@ _NO_ITEMS: Final = 0xFFFF
 _BOOT_NS: Final = 10 * NS_PER_S
 """A mode seen this soon after a boot is the one that the vehicle started in."""
 _COMPLETION_NS: Final = 3 * NS_PER_S
-"""After a change to RTL, MISSION_CURRENT (1 Hz) tells within this time whether the mission is complete."""
+"""After a change to RTL, MISSION_CURRENT (1 Hz) shows within this time whether the mission is complete."""
 
 
 class Overrides:

@@ -91,8 +91,8 @@ class ActiveUploads(UploadPolicy):
         upload = self._uploads.get(vehicle)
         return upload is not None and upload.mission is not None
 
-    def has_room(self, vehicle: int) -> bool:
-        """Return True if an upload to a vehicle may begin; clearing makes room for a mission."""
+    def has_capacity(self, vehicle: int) -> bool:
+        """Return True if an upload to a vehicle may begin; clearing precedes a mission."""
         link = self._fleet.link(vehicle)
         if vehicle in self._uploads:
             return not self.has_mission(vehicle)

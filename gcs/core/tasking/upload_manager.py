@@ -310,7 +310,7 @@ class UploadManager:
         """Start the uploads that need not wait any longer."""
         effects: list[Effect] = []
         for vehicle in self._queue.vehicles:
-            may_start = self._active.has_room(vehicle) and vehicle not in self._paused
+            may_start = self._active.has_capacity(vehicle) and vehicle not in self._paused
             is_due = may_start and not self._is_climbing(vehicle) and self._queue.is_due(vehicle, t_ns)
             if is_due and not self._holds_back(vehicle):
                 queued = self._queue.pop(vehicle)

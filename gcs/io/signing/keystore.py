@@ -14,7 +14,7 @@ A key file is TOML, for its owner alone (mode 600), and is replaced whole and at
     3 = "..."                              # new key of a rotation; the vehicle may have it already
 
 The signing time (``keys.toml.time``) must never decrease, or vehicles reject our frames. It is written ahead
-of the time in use, so that a crash loses nothing. Stream times belong to the Unix time beside them; after a
+of the time in use, so that a crash loses nothing. Stream times belong to the stored Unix time; after a
 crash they are advanced (`TimeFile.read`).
 """
 
@@ -153,14 +153,14 @@ def _key(source: str, where: str, text: str) -> bytes:
 
 def write_secret(path: Path, data: bytes) -> None:
     """Replace a file atomically, with mode 600."""
-    beside = path.with_name(f"{path.name}.{os.getpid()}.new")
-    beside.unlink(missing_ok=True)
-    descriptor = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.new")
+    temporary.unlink(missing_ok=True)
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "wb") as file:
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
-    beside.replace(path)
+    temporary.replace(path)
 
 
 class TimeFile:

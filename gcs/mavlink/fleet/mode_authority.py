@@ -1,18 +1,18 @@
 """Control authority over one vehicle: ours, or overridden by a pilot, a failsafe or another station.
 
-A mode alone does not tell who chose it. Each change of mode is classified:
+A mode alone does not show its cause. Each change of mode is classified:
 
 =====================================================  ==============================================
 AUTO                                                   ours, also by an operator
 LOITER that we commanded, and no other mode since      ours
 LOITER before the first AUTO or task                   ours: the vehicle waits for its first mission
 LOITER at the mission's end, where that is the mode    ours
-LOITER because the navigator rejected its mission      ours (MISSION_CURRENT tells, shortly after)
-RTL out of AUTO because the mission is complete        ours (MISSION_CURRENT tells, shortly after)
+LOITER because the navigator rejected its mission      ours (MISSION_CURRENT shows it soon)
+RTL out of AUTO because the mission is complete        ours (MISSION_CURRENT shows it soon)
 any other change                                       override, until AUTO or a resume order
 =====================================================  ==============================================
 
-A LOITER that an operator chooses while we hold the vehicle in LOITER looks like ours.
+A LOITER that an operator chooses while we hold the vehicle in LOITER counts as ours.
 """
 
 from __future__ import annotations
@@ -87,11 +87,11 @@ class ModeAuthority:
         taken = self.mode if self.has_ended else self.override
         return PersistedAuthority(self.mode, taken, self._commanded, self._tasked)
 
-    def restore(self, memory: PersistedAuthority, t_ns: int) -> None:
+    def restore(self, kept: PersistedAuthority, t_ns: int) -> None:
         """Restore a kept state: the next observed mode is compared with it."""
-        self.mode, self._commanded, self._tasked = memory.mode, memory.ordered, memory.tasked
-        if memory.taken:
-            self.control.restore(Authority.OVERRIDDEN, t_ns, memory.taken)
+        self.mode, self._commanded, self._tasked = kept.mode, kept.ordered, kept.tasked
+        if kept.taken:
+            self.control.restore(Authority.OVERRIDDEN, t_ns, kept.taken)
 
     def note_reboot(self, t_ns: int) -> None:
         """Forget the mode: the mode after a boot is no override."""

@@ -10,7 +10,7 @@ Reasons for a refusal, which are counted:
   Earth is near again);
 * ``late``: measured before an accepted report. Datagrams overtake each other.
 
-Time since boot tells a reboot from late reports. Late reports come between newer ones. After a reboot the
+Time since boot separates a reboot from late reports. Late reports come between newer ones. After a reboot the
 vehicle's clock runs on steadily from an earlier value, and no newer report comes.
 """
 

@@ -5,7 +5,7 @@ Reports carry the time since boot; between two of them a vehicle flies at most `
 * ``speed``: greater ground speed. Refused.
 * ``jump``: out of reach of the last accepted position. Refused, unless reports continue from there for
   `CONFIRM_S` and none from the old position: then it is accepted, with an alarm. The receiver has recovered,
-  or is spoofed; `gcs.core.perception.position_integrity` tells which, where sensors look.
+  or is spoofed; `gcs.core.perception.position_integrity` decides, where sensors cover it.
 * ``frozen``: the same position while the ground speed adds up to `FROZEN_M`. Refused, with an alarm, until
   the position changes: a receiver that stands still, or replayed reports.
 * Two *sources* whose reports alternate, with different boot times or positions out of each other's reach, are

@@ -1,6 +1,6 @@
 """The two exchanges of the mission protocol: `MissionDownload` and `MissionUpload`. Sans-I/O.
 
-MAV_MISSION_TYPE tells missions, fences and rally points apart. Sources:
+MAV_MISSION_TYPE distinguishes missions, fences and rally points. Sources:
 https://mavlink.io/en/services/mission.html, ArduPilot's `MissionItemProtocol`, PX4's `mavlink_mission`.
 
 Upload: the vehicle requests one item after the other. ArduPilot repeats a lost request only once a second. So

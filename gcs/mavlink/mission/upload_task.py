@@ -5,7 +5,7 @@ Sources: https://mavlink.io/en/services/mission.html, ArduPilot's `MissionItemPr
 `gcs.mavlink.mission.upload_stages`. Rules:
 
 * An ArduPlane upload is in place. From MISSION_COUNT to the last item the onboard mission is inconsistent.
-  Only the read-back tells what is stored, also after a lost ACK. A PX4 upload is atomic: the onboard mission
+  The read-back shows the stored mission, also after a lost ACK. A PX4 upload is atomic: the onboard mission
   is always whole, and hold and clear are not needed.
 * Over an inconsistent mission the vehicle may stay in AUTO while it flies its cached waypoint. It must not
   take the next item. When that is nearer than `UploadTiming.guard_s` it gets LOITER ("park" before the

@@ -1,4 +1,4 @@
-"""Other ground stations: what they tell our vehicles is seen, and who got a mission of theirs is theirs."""
+"""Other ground stations: their commands are seen, and a vehicle with their mission is overridden."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from gcs.core.perception.confirmation import TrackConfirmation
 AGENT, TARGET = (0, 0), (0, 1)
 RADIUS_M = 40.0
 HERE, FAR = (0.0, 0.0), (500.0, 0.0)
-NOBODY = TrackConfirmation(0.01)
+NO_TRACKS = TrackConfirmation(0.01)
 
 
 class Scene:
@@ -23,8 +23,8 @@ class Scene:
     def scan(self, agent=None, target=None, *, associated=True, reporting=True, tasked=True, again=False):
         """Process a scan with this agent's and this target's track; return (vehicle, status) that changed."""
         self.t_s += not again
-        agents = confirmed(agent) if agent else NOBODY
-        targets = confirmed(target) if target else NOBODY
+        agents = confirmed(agent) if agent else NO_TRACKS
+        targets = confirmed(target) if target else NO_TRACKS
         changed = self.monitor.update(
             at(self.t_s),
             at(self.t_s),
@@ -66,7 +66,8 @@ def test_an_agent_whose_track_was_only_missed_flies_on():
         scene.t_s += 1
         doubted.update(picture(flying(existence=0.3, estimated=False)))
         assert (
-            scene.monitor.update(at(scene.t_s), at(scene.t_s), doubted, NOBODY, {1: AGENT}, {}, set()) == []
+            scene.monitor.update(at(scene.t_s), at(scene.t_s), doubted, NO_TRACKS, {1: AGENT}, {}, set())
+            == []
         )
 
 
@@ -75,7 +76,7 @@ def test_the_last_place_known_is_one_where_it_was_seen():
     scene.scan(flying((300.0, 40.0)), goal())
     coasted = confirmed(flying((300.0, 40.0)))
     coasted.update(picture(flying((390.0, 40.0), existence=0.2, estimated=False)))
-    scene.monitor.update(at(2), at(2), coasted, NOBODY, {1: AGENT}, {}, set())
+    scene.monitor.update(at(2), at(2), coasted, NO_TRACKS, {1: AGENT}, {}, set())
     scene.scan(None, goal(), reporting=False)
     assert scene.status.position_m == (300.0, 40.0)
 

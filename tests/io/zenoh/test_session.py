@@ -15,7 +15,7 @@ from gcs.io.zenoh.keys import sensor_scan_keys
 from gcs.io.zenoh.scans import decode_scan
 from gcs.io.zenoh.session import ZenohSession, free_endpoint, service_bus
 
-PATIENCE_S = 20.0
+TIMEOUT_S = 20.0
 
 Inbox = queue.Queue[tuple[str, bytes]]
 
@@ -28,7 +28,7 @@ def inbox(bus: ZenohSession, key_expr: str) -> Inbox:
 
 def publish_until_heard(bus: ZenohSession, key: str, messages: Inbox) -> tuple[str, bytes]:
     """Publish again and again: who connects is heard only from then on."""
-    give_up = time.monotonic() + PATIENCE_S
+    give_up = time.monotonic() + TIMEOUT_S
     while time.monotonic() < give_up:
         bus.publish(key, b"hello")
         try:
@@ -71,7 +71,7 @@ def test_a_burst_arrives_whole_and_in_order() -> None:
             sensor.publish("swarm/m/burst", b"%d" % number)
         heard: list[bytes] = []
         while len(heard) < 3000:
-            key, payload = scans.get(timeout=PATIENCE_S)
+            key, payload = scans.get(timeout=TIMEOUT_S)
             heard += [payload] if key == "swarm/m/burst" else []
         assert heard == [b"%d" % number for number in range(3000)]
 
@@ -133,7 +133,7 @@ def test_the_documented_sensor_feeds_the_service() -> None:
             [sys.executable, "-P", "-c", program.replace("tcp/127.0.0.1:7447", endpoint)]
         )
         try:
-            key, payload = scans.get(timeout=PATIENCE_S)
+            key, payload = scans.get(timeout=TIMEOUT_S)
         finally:
             sensor.terminate()
             sensor.wait()

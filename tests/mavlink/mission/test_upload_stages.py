@@ -77,7 +77,7 @@ MESSAGES = st.one_of(
     built("command_ack", st.sampled_from([176, 512]), st.integers(0, 9), zero, zero, systems, components),
     built("heartbeat", st.just(1), st.just(3), st.just(129), modes, st.just(4), st.just(3)),
 )
-ORDERS = st.sampled_from(["reboot", "abandon", "supersede", "silence", AUTO, LOITER, RTL, MANUAL])
+ORDERS = st.sampled_from(["reboot", "abandon", "supersede", "no answer", AUTO, LOITER, RTL, MANUAL])
 
 
 def order(link, what, authority):
@@ -91,7 +91,7 @@ def order(link, what, authority):
             link.up.put(task.abandon("ordered to", t_ns), t_ns)
         case "supersede":
             link.up.put(task.supersede(t_ns), t_ns)
-        case "silence":
+        case "no answer":
             plane.silent = not plane.silent
         case _:
             plane.mode = what

@@ -11,7 +11,7 @@ from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, F
 from gcs.mavlink.router.router import Router, RoutingSettings
 
 S = 1_000_000_000
-RADIO, WIFI, LOOK, WORK, WIRE = (
+RADIO, WIFI, READ_ONLY, WORK, WIRE = (
     "udpin:0.0.0.0:1",
     "udpin:0.0.0.0:2",
     "udpin:0.0.0.0:3",
@@ -21,7 +21,7 @@ RADIO, WIFI, LOOK, WORK, WIRE = (
 LINKS = [
     Link(parse_endpoint(RADIO)),
     Link(parse_endpoint(WIFI)),
-    Link(parse_endpoint(LOOK), role="read-only"),
+    Link(parse_endpoint(READ_ONLY), role="read-only"),
     Link(parse_endpoint(WORK), role="full"),
     Link(parse_endpoint(WIRE), role="full"),
 ]
@@ -58,7 +58,7 @@ class Desk:
     """Two vehicles on two links, a read-only ground station, one with full access, and one on a wire."""
 
     vehicle, other = (RADIO, "10.0.0.1:50"), (WIFI, "10.0.0.2:50")
-    onlooker, worker = (LOOK, "10.0.0.3:50"), (WORK, "10.0.0.4:50")
+    onlooker, worker = (READ_ONLY, "10.0.0.3:50"), (WORK, "10.0.0.4:50")
 
     def __init__(self, **changes) -> None:
         self.busy: set[int] = set()
@@ -128,7 +128,7 @@ def test_a_read_only_station_may_request_and_not_command():
     ):
         routed = ask(message)
         assert (routed.to, routed.refusal) == ((), "read-only"), message
-    assert desk.router.counters[LOOK].refused["read-only"] == 13
+    assert desk.router.counters[READ_ONLY].refused["read-only"] == 13
 
 
 def test_no_station_writes_a_mission_during_our_upload_to_that_vehicle():
@@ -215,7 +215,7 @@ def test_targets_are_found_as_the_dialect_unpacks_them():
 # ---------------------------------------------------------------- whatever comes
 
 ADDRESSES = [
-    *((link, f"10.0.{i}.{j}:9") for i, link in enumerate((RADIO, WIFI, LOOK, WORK)) for j in range(4)),
+    *((link, f"10.0.{i}.{j}:9") for i, link in enumerate((RADIO, WIFI, READ_ONLY, WORK)) for j in range(4)),
     WIRED,
     ("udpin:9.9.9.9:9", "x"),
 ]
@@ -268,6 +268,6 @@ def test_routes_hold_whatever_comes(steps):
             assert sides == {True}
             assert roles[address[0]] == "full"
         stations = router.clients(t_ns)
-        for link in (LOOK, WORK):
+        for link in (READ_ONLY, WORK):
             assert sum(station[0] == link for station in stations) <= 3
         assert all(len(ids) <= 2 for ids in stations.values())
