@@ -28,6 +28,7 @@ from telemetry import Batch, Player, beat_frames, position_frames, put_together,
 
 from gcs.endpoints import Link, parse_endpoint
 from gcs.geo import LocalFrame
+from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.manager import Links
 from gcs.io.links.recvmmsg import BatchReader
 from gcs.io.signing.gate import Signing
@@ -116,17 +117,18 @@ def receive_by_pymavlink(args, together, keeps=True):
 
 
 class Intake:
-    """The service's queue and consumer, with a fleet behind it."""
+    """The service's noise filter, queue and consumer, with a fleet behind it."""
 
     def __init__(self, links, vehicles):
         self.fleet = Fleet(vehicles, FRAME, links=links)
-        self.queue = asyncio.Queue(20_000)
+        self.garbage, self.queue = GarbageFilter(), asyncio.Queue(20_000)
         self.dropped = 0
 
     def now_ns(self):
         return time.time_ns()
 
     def on_datagram(self, link, peer, frames):
+        frames = self.garbage.filter_datagram(time.time_ns(), link, frames)
         try:
             self.queue.put_nowait((Datagram(time.time_ns(), link, peer, frames.data), frames))
         except asyncio.QueueFull:
