@@ -4,7 +4,7 @@ In reading order:
 
 - `vehicle`: one vehicle: `airframe` and `guidance`; `link` and `telemetry` for MAVLink; `failsafe`, `fence`,
   `parameters` and `commands` of the autopilots.
-- `autopilots`: ArduPlane and PX4 (`personality`, `arduplane`, `px4`), their mission protocols, and real
+- `autopilots`: ArduPlane and PX4 (`base`, `arduplane`, `px4`), their mission protocols, and real
   firmware in the loop (`firmware`, `firmware_process`).
 - `world`: `scenario` (the `[simulation]` table), targets, sensors, ground truth, and their process.
 - `campaign`: whole missions on virtual time. `virtual_run` flies one, `campaign` many.

@@ -1,4 +1,4 @@
-"""Records of `gcs.model` as JSON, and their topics in recordings.
+"""Records of `gcs.model` as JSON.
 
 The JSON (RFC 8259, UTF-8) is the same on zenoh, in recordings and in the journal. Records are objects with
 the record's field names; arrays are (nested) lists of numbers, bytes are base64 text, tuples are lists.
@@ -12,74 +12,18 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import Any, Final, TypeAlias, TypeVar
+from typing import Any, Final, TypeVar
 
 import msgspec
 import numpy as np
 
 from gcs.errors import WireError
-from gcs.model import (
-    AgentStatus,
-    BadInput,
-    ClockStep,
-    Datagram,
-    Effect,
-    Event,
-    LinkNews,
-    MissionEnded,
-    Notice,
-    Order,
-    OrderAnswer,
-    Picture,
-    Plan,
-    Proposal,
-    Resumed,
-    Scan,
-    Send,
-    SwarmStatus,
-    Tick,
-    Truth,
-    Upload,
-    UploadAnswer,
-    UploadReport,
-    read_only,
-)
+from gcs.io.recording.topics import TOPICS, Recordable
+from gcs.model import Scan, read_only
 
 MAX_PAYLOAD_BYTES = 2 * 1024 * 1024
 
-Recordable: TypeAlias = Event | Effect | Truth
 RecordT = TypeVar("RecordT")
-
-TOPICS: Final[dict[type, str]] = {
-    Datagram: "/event/datagram",
-    Scan: "/event/scan",
-    Tick: "/event/tick",
-    BadInput: "/event/bad_input",
-    LinkNews: "/event/link",
-    ClockStep: "/event/clock_step",
-    Order: "/event/order",
-    UploadAnswer: "/event/upload_answer",
-    Resumed: "/event/resumed",
-    Send: "/effect/send",
-    Upload: "/effect/upload_order",
-    Picture: "/effect/picture",
-    Plan: "/effect/plan",
-    UploadReport: "/effect/upload",
-    Notice: "/effect/notice",
-    AgentStatus: "/effect/agent_status",
-    MissionEnded: "/effect/ended",
-    OrderAnswer: "/effect/answer",
-    SwarmStatus: "/effect/status",
-    Proposal: "/effect/proposal",
-    Truth: "/truth",
-}
-"""Topic of each record in a recording; pictures have one for each kind, below theirs."""
-
-
-def topic_of(record: Recordable) -> str:
-    """Return the topic of a record in a recording."""
-    topic = TOPICS[type(record)]
-    return f"{topic}/{record.kind}" if isinstance(record, Picture) else topic
 
 
 def _to_plain(value: Any) -> Any:

@@ -16,7 +16,8 @@ from typing import Protocol
 from gcs.config import Config
 from gcs.core.engine import Engine
 from gcs.io.recording.reader import Damage, Record
-from gcs.io.records import encode, topic_of
+from gcs.io.recording.topics import topic_of
+from gcs.io.records import encode
 from gcs.model import NS_PER_S, Effect, Event, Notice, Truth
 from gcs.report.run.verification import Output, Verification
 from gcs.service.service import LAG_TEXT, Sink

@@ -30,8 +30,8 @@ from collections import deque
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
+from sim_vehicles.autopilots.base import ARDUPLANE, Mode, Personality
 from sim_vehicles.autopilots.missions import MISSION, Item, MissionStore
-from sim_vehicles.autopilots.personality import ARDUPLANE, Mode, Personality
 from sim_vehicles.autopilots.state import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
 from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.failsafe import Failsafe, PlaneFailsafe

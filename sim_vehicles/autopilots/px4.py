@@ -16,8 +16,8 @@ from __future__ import annotations
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_vehicles.autopilots.arduplane import Autopilot
+from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.autopilots.missions import Item
-from sim_vehicles.autopilots.personality import Mode
 from sim_vehicles.autopilots.state import MissionState
 from sim_vehicles.vehicle.failsafe import Px4Failsafe
 from sim_vehicles.vehicle.guidance import Goal

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
-from sim_vehicles.autopilots.personality import Mode
+from sim_vehicles.autopilots.base import Mode
 
 if TYPE_CHECKING:
     from sim_vehicles.autopilots.arduplane import Autopilot

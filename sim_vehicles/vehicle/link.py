@@ -15,8 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.mavlink.services.parameters import decode_value, encode_value
 from sim_vehicles.autopilots.arduplane import Autopilot
+from sim_vehicles.autopilots.base import PX4, Mode
 from sim_vehicles.autopilots.missions import MISSION, NEVER_NS, MissionServer
-from sim_vehicles.autopilots.personality import PX4, Mode
 from sim_vehicles.autopilots.px4_missions import Px4MissionServer
 from sim_vehicles.autopilots.state import ItemReached, StatusText
 from sim_vehicles.vehicle.commands import Commands

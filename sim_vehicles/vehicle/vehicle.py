@@ -18,8 +18,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.arduplane import Autopilot
+from sim_vehicles.autopilots.base import PERSONALITIES
 from sim_vehicles.autopilots.missions import NEVER_NS
-from sim_vehicles.autopilots.personality import PERSONALITIES
 from sim_vehicles.autopilots.px4 import Px4Autopilot
 from sim_vehicles.vehicle.airframe import STEP_NS, Airframe
 from sim_vehicles.vehicle.banked_airframe import BankedAirframe

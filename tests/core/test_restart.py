@@ -31,7 +31,7 @@ from gcs.model import (
     Resumed,
     Tick,
 )
-from sim_vehicles.autopilots.personality import Mode
+from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import Scenario, load, parse_scenario
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from gcs.io.recording.topics import Recordable
 from gcs.io.recording.writer import Recorder
-from gcs.io.records import Recordable
 
 sys.path.insert(0, str(Path(__file__).parent))
 

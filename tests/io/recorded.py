@@ -10,8 +10,9 @@ from gcs.config import load
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Damage, Record
+from gcs.io.recording.topics import Recordable
 from gcs.io.recording.writer import DiskBudget, Recorder
-from gcs.io.records import Recordable, encode
+from gcs.io.records import encode
 from gcs.model import (
     NS_PER_S,
     AgentStatus,

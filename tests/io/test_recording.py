@@ -10,8 +10,8 @@ from recorded import CONFIG, VERSIONS, frames, texts, whole
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import read, read_info
+from gcs.io.recording.topics import TOPICS, Recordable
 from gcs.io.recording.writer import Recorder
-from gcs.io.records import TOPICS, Recordable
 from gcs.model import (
     Datagram,
     Notice,

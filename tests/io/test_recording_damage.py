@@ -9,7 +9,7 @@ from recorded import texts, whole
 
 from gcs.errors import RecordingError
 from gcs.io.recording.reader import Damage, read, read_info
-from gcs.io.records import Recordable
+from gcs.io.recording.topics import Recordable
 
 
 @pytest.mark.parametrize("step", [1, 997])

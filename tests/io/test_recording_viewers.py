@@ -9,7 +9,7 @@ from pymavlink import mavutil
 from recorded import T0_NS, frames
 
 from gcs.io.recording.tlog import split_frames
-from gcs.io.records import TOPICS, Recordable
+from gcs.io.recording.topics import TOPICS, Recordable
 
 
 def test_other_mcap_tools_read_it_by_its_index(recording: tuple[Path, list[Recordable]]) -> None:

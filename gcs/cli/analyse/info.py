@@ -24,7 +24,7 @@ from gcs.io.detections.tables import ENDINGS
 from gcs.io.recording.reader import Damage, is_recording, mcap_paths, read, read_info, recording_bytes
 from gcs.io.recording.timestamps import FrameTimes
 from gcs.io.recording.tlog import LogFrame, UnreadableBytes, is_stamped, read_log
-from gcs.io.records import topic_of
+from gcs.io.recording.topics import topic_of
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, AgentStatus, Datagram, MissionEnded, Scan, Send
 from gcs.report.telemetry.traffic import Traffic, rate_hz

@@ -15,10 +15,10 @@ from typing import Final
 
 from gcs.core.authority.overrides import Overrides
 from gcs.core.tasking.first_legs import FirstLegs
-from gcs.core.tasking.link_window import UploadWindow
 from gcs.core.tasking.mission_builder import points_passed
 from gcs.core.tasking.onboard_missions import OnboardMission, OnboardMissions
 from gcs.core.tasking.upload_queue import UploadQueue
+from gcs.core.tasking.upload_window import UploadWindow
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message

@@ -2,7 +2,7 @@
 
 A newer route for a vehicle supersedes its upload in progress. Other routes wait in the queue
 (`gcs.core.tasking.upload_queue`) until the upload window of their link has room
-(`gcs.core.tasking.link_window`). Uploads in progress are in `gcs.core.tasking.active_uploads`.
+(`gcs.core.tasking.upload_window`). Uploads in progress are in `gcs.core.tasking.active_uploads`.
 """
 
 from __future__ import annotations

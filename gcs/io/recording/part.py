@@ -24,7 +24,8 @@ from gcs.io.recording.folder import (
 )
 from gcs.io.recording.schemas import json_schema
 from gcs.io.recording.tlog import tlog_entries
-from gcs.io.records import TOPICS, Recordable, encode, topic_of
+from gcs.io.recording.topics import TOPICS, Recordable, topic_of
+from gcs.io.records import encode
 from gcs.model import Datagram, Picture, Send
 
 PendingRecord: TypeAlias = tuple[Recordable, int, bytes]

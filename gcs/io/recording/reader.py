@@ -39,7 +39,8 @@ from gcs.io.recording.folder import (
     Run,
     part_paths,
 )
-from gcs.io.records import TOPICS, Recordable, decode
+from gcs.io.recording.topics import TOPICS, Recordable
+from gcs.io.records import decode
 from gcs.model import Picture
 
 _MAX_DEFINITIONS = 200_000

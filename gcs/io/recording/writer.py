@@ -30,7 +30,7 @@ from gcs.errors import RecordingError
 from gcs.io.private_files import make_private, new_folder, private
 from gcs.io.recording.folder import CONFIG_NAME, MCAP_NAME, TLOG_NAME, VERSIONS_NAME, Run, part_paths
 from gcs.io.recording.part import PendingRecord, RecordingPart
-from gcs.io.records import Recordable
+from gcs.io.recording.topics import Recordable
 from gcs.model import Effect, Event, Level, Truth
 
 _ROTATE_BYTES: Final = 500_000_000

@@ -18,8 +18,9 @@ from gcs.cli import app
 from gcs.config import load
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Damage, Record, read, read_info
+from gcs.io.recording.topics import Recordable
 from gcs.io.recording.writer import Recorder
-from gcs.io.records import Recordable, encode
+from gcs.io.records import encode
 from gcs.model import (
     BadInput,
     Datagram,

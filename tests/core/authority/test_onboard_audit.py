@@ -6,7 +6,7 @@ import pytest
 from core.test_restart import SEED, standing, through_the_journal
 
 from gcs.model import Effect, Notice, UploadReport
-from sim_vehicles.autopilots.personality import Mode
+from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import VirtualRun
 
 S = 1_000_000_000

@@ -15,7 +15,7 @@ from gcs.io.records import decode, encode
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.model import Effect, Event, MissionEnded, Notice, Order, OrderAnswer, Plan, Send
-from sim_vehicles.autopilots.personality import Mode
+from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
 

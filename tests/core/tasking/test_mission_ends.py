@@ -10,7 +10,7 @@ from gcs.core.tasking.onboard_missions import OnboardMission, OnboardMissions
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.mission.items import Home
 from gcs.model import NS_PER_S, Notice, Route, UploadReport, read_only
-from sim_vehicles.autopilots.personality import Mode
+from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
 

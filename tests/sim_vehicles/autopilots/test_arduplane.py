@@ -8,8 +8,8 @@ import pytest
 
 from gcs.geo import LocalFrame
 from sim_vehicles.autopilots.arduplane import Autopilot
+from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.autopilots.missions import Item
-from sim_vehicles.autopilots.personality import Mode
 from sim_vehicles.autopilots.state import ItemReached, StatusText
 from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.banked_airframe import BankedAirframe

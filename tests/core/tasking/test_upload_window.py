@@ -1,6 +1,6 @@
 """A user with a slow radio would lose every mission to too many at once."""
 
-from gcs.core.tasking.link_window import UploadWindow
+from gcs.core.tasking.upload_window import UploadWindow
 
 S = 10**9
 
