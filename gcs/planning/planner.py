@@ -189,9 +189,9 @@ def _with_terminal_loiter(
     end = plan_terminal_loiter(grid, start, route.points_m, target_m, options, options.loiter)
     problem = ""
     if end.clearance_m < 0.0:
-        problem = "no clear way to pass target {} or to wait near it: it would fly into an obstacle there"
+        problem = "no clear path past target {}, and no clear loiter near it: it would hit an obstacle"
     elif not end.passes_target:
-        problem = "no clear way to pass target {}; it waits near it"
+        problem = "no clear path past target {}: it loiters near it"
     if end.points_m is route.points_m:
         return replace(route, wait_m=end.wait_m), problem
     path_m = np.vstack(((start.east_m, start.north_m), end.points_m))

@@ -194,11 +194,11 @@ class RouteSearch:
         if not shaped.keeps_clearance:
             notes.append(
                 f"the route to target {{}} comes nearer than {clearance_m:g} m to obstacles: "
-                "no way but a long detour, or none, keeps away"
+                "every path that keeps this distance is a long detour, or there is none"
             )
         if shaped.problem & SHARP_START:
-            notes.append("no clear turn on to its route; it turns as tightly as it can")
+            notes.append("no clear turn onto its route: it makes its tightest turn")
         if shaped.problem & SHARP_CORNER:
-            notes.append("its route has corners that it cannot fly without coming too near")
+            notes.append("its route has corners that it cannot fly at that distance")
         length_m, met_m = shaped.length * grid.spacing_m, (float(place_m[0]), float(place_m[1]))
         return PlannedRoute(read_only(points[1:]), length_m, grid_length_m, met_m, tuple(notes))

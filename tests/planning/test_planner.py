@@ -295,4 +295,4 @@ def test_a_loop_on_to_the_route_never_leads_through_the_obstacle_that_its_agent_
     )
     points = [tuple(p) for p in result.routes[0].points_m.tolist()]
     assert all(line_of_sight(grid, a, b) for a, b in itertools.pairwise(points))
-    assert any("no clear turn on to its route" in note for note in result.notes)
+    assert any("no clear turn onto its route" in note for note in result.notes)

@@ -94,7 +94,7 @@ class PlanFigures:
         """Return how a route differs from the one shown; empty if it is about the same."""
         agent = f"agent {vehicle_name(now.vehicle)}"
         if now.is_short and not shown.is_short:
-            return f"no clear way leads {agent} past target {target_name(route.target)} any more"
+            return f"no clear path leads {agent} past target {target_name(route.target)} any more"
         longer_m = now.length_m - shown.length_m
         if longer_m > max(LONGER_FRACTION * shown.length_m, self._full_turn_m):
             return f"the route of {agent} is {longer_m:.0f} m longer than shown ({shown.length_m:.0f} m)"

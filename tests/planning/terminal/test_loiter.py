@@ -103,7 +103,7 @@ def test_no_agent_passes_a_target_without_a_clear_route():
     grid = OPEN.with_obstacles(cells=walls, boxes_m=[(1160.0, 820.0, 1340.0, 1180.0)])
     route, result = planned(grid, (1250.0, 1000.0))
     assert result.stops_short == {1}
-    assert any("no clear way to pass target T0.0" in note for note in result.notes)
+    assert any("no clear path past target T0.0" in note for note in result.notes)
     assert not any(is_inside(grid, place) for place in flown(route))
 
 
