@@ -19,6 +19,7 @@ from gcs.core.operator.replies import OrderInProgress
 from gcs.core.stages import Stages
 from gcs.mavlink.frames.codec import FrameTable, scan
 from gcs.model import (
+    NS_PER_S,
     AgentStatus,
     BadInput,
     ClockStep,
@@ -36,6 +37,8 @@ from gcs.model import (
     Tick,
     UploadAnswer,
 )
+
+_CONTROL_PERIOD_NS = NS_PER_S // 2
 
 
 class Engine(Stages):
@@ -168,12 +171,16 @@ class Engine(Stages):
         effects += self.external_uploads.poll(t_ns)
         effects += self.orders.poll(t_ns) + self.onboard_audit.poll(t_ns)
         effects += self.takeoff_sequence.check(t_ns, self.orders.launching())
-        self.control.update(t_ns)
+        if t_ns >= self._control_due_t_ns:  # for displays and the journal; decisions update it themselves
+            self._control_due_t_ns = t_ns + _CONTROL_PERIOD_NS
+            self.control.update(t_ns)
         modes = self.tasking.overrides.modes()
         silent = modes.keys() - self.overridden().keys() | self.tasking.overrides.recently_in_rtl(t_ns)
         effects += self.override_notices.poll(t_ns, modes, silent)
         if not self.restart.is_under_way:
-            effects += self.disarmed_in_auto.poll(t_ns, lambda vehicle: self.control.of(vehicle).is_ours)
+            effects += self.disarmed_in_auto.poll(
+                t_ns, lambda vehicle: self.control.updated(vehicle, t_ns).is_ours
+            )
         return effects
 
     def _scan(self, event: Scan) -> list[Effect]:

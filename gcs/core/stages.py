@@ -184,6 +184,7 @@ class Stages:
         self._max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)
         self._ended = False
         self._measured_t_ns = 0
+        self._control_due_t_ns = 0
 
     @property
     def grid(self) -> Grid:

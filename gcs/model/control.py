@@ -117,6 +117,13 @@ TRANSITIONS: Final[dict[Authority, tuple[ControlEvent, tuple[ControlEvent, ...]]
     _A.HELD: (_E.HOLD, (_E.RETURN, _E.RESUME, _E.AUDIT_DIFFERENT)),
 }
 """The event that begins each claim, and those that end it; `docs/orders.md` shows them."""
+_BEGUN: Final = {
+    event: tuple(claim for claim, (begins, _) in TRANSITIONS.items() if event is begins)
+    for event in ControlEvent
+}
+_ENDED: Final = {
+    event: tuple(claim for claim, (_, ends) in TRANSITIONS.items() if event in ends) for event in ControlEvent
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,11 +169,10 @@ class Control:
 
     def apply(self, event: ControlEvent, t_ns: int, detail: str = "") -> None:
         """Process an event; a claim that goes on keeps its time."""
-        for authority, (begins, ends) in TRANSITIONS.items():
-            if event in ends:
-                self.claims.pop(authority, None)
-            elif event is begins:
-                self.restore(authority, t_ns, detail)
+        for authority in _ENDED[event]:
+            self.claims.pop(authority, None)
+        for authority in _BEGUN[event]:
+            self.restore(authority, t_ns, detail)
 
     def restore(self, authority: Authority, t_ns: int, detail: str = "") -> None:
         """Begin a claim without an event, from persisted state."""

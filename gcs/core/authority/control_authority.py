@@ -38,12 +38,17 @@ class ControlAuthority:
 
     def update(self, t_ns: int) -> None:
         """Apply the events that follow from modes, missions, commands and climbs."""
-        waiting = self.orders.waiting
-        for vehicle, control in self.controls.items():
-            for event, detail in self._events(vehicle, is_waiting=vehicle in waiting):
-                control.apply(event, t_ns, detail)
+        for vehicle in self.controls:
+            self.updated(vehicle, t_ns)
 
-    def _events(self, vehicle: int, *, is_waiting: bool) -> Iterator[tuple[ControlEvent, str]]:
+    def updated(self, vehicle: int, t_ns: int) -> Control:
+        """Apply these events to one vehicle; return its control."""
+        control = self.controls[vehicle]
+        for event, detail in self._events(vehicle):
+            control.apply(event, t_ns, detail)
+        return control
+
+    def _events(self, vehicle: int) -> Iterator[tuple[ControlEvent, str]]:
         state = self.fleet.state(vehicle)
         mode = "" if state is None else state.mode
         is_mission_mode = mode in _MISSION_MODES or self._missed_in_rtl(vehicle)
@@ -57,6 +62,7 @@ class ControlAuthority:
         yield ControlEvent.LANDING_BEGUN if is_landing else ControlEvent.LANDING_ENDED, ""
         yield ControlEvent.FIRMWARE_UNKNOWN if is_unknown else ControlEvent.FIRMWARE_KNOWN, ""
         yield ControlEvent.TAKEOFF_BLOCKED if is_blocked else ControlEvent.TAKEOFF_CLEAR, ""
+        is_waiting = self.orders.is_waiting(vehicle)
         yield ControlEvent.WAIT_COMMANDED if is_waiting else ControlEvent.WAIT_ENDED, ""
 
     def untaskable(self) -> dict[int, str]:

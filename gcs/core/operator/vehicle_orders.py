@@ -87,11 +87,11 @@ class Orders:
         self._controls = controls
         self._commands: dict[int, tuple[CommandSender, OrderInProgress]] = {}
 
-    @property
-    def waiting(self) -> Set[int]:
-        """Vehicles that an order to resume sets to LOITER, without a route."""
-        routes, commands = self._replanner.routes, self._commands.items()
-        return {v for v, (_, one) in commands if one.order.action == "resume" and v not in routes}
+    def is_waiting(self, vehicle: int) -> bool:
+        """Return True if an order to resume sets a vehicle to LOITER, without a route."""
+        command = self._commands.get(vehicle)
+        is_resumed = command is not None and command[1].order.action == "resume"
+        return is_resumed and vehicle not in self._replanner.routes
 
     @property
     def commanded(self) -> Set[int]:
