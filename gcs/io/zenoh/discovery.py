@@ -77,10 +77,10 @@ def find_service(mission: str | None) -> ServiceInfo:
         return found[0]
     if found:
         names = ", ".join(f"{one.mission} at {one.zenoh}" for one in found)
-        raise LinkError("gcs order", f"several services run here ({names}): choose by --mission and --zenoh")
+        raise LinkError("gcs", f"several services run here ({names}): choose by --mission and --zenoh")
     what = "no service" if mission is None else f"no service of the mission {mission}"
     raise LinkError(
-        "gcs order",
+        "gcs",
         f"{what} runs on this machine: start `gcs run` or `gcs demo`, or name another machine's with "
         "--mission NAME --zenoh tcp/HOST:PORT",
     )
