@@ -37,7 +37,7 @@ class Authority(IntEnum):
     OURS = "ours", ""
     GROUNDED = "grounded", "stands where its take-off is not clear"
     OTHER_MODE = "overridden", "is in {} and left alone"
-    """In a mode other than AUTO and LOITER, whoever chose it."""
+    """In a mode other than AUTO and LOITER."""
     OVERRIDDEN = "overridden", "is in {} and left alone"
     """In a mode that a pilot, another station or a failsafe chose."""
     LANDING = "landing", "is landing and left alone"
