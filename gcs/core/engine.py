@@ -75,7 +75,7 @@ class Engine(Stages):
             t_ns=t_ns,
             mission_count=self.tasking.mission_count,
             plan_count=self.approval.count,
-            ended=self._ended,
+            ended=self.state.has_ended,
             vehicles=self.restart.vehicles(),
             trackers=self.trackers.persisted(),
             no_fly_zones=tuple(self.no_fly_zones.areas.values()),
@@ -91,7 +91,7 @@ class Engine(Stages):
 
     def _resume(self, event: Resumed) -> list[Effect]:
         state = event.state
-        self.approval.count, self._ended = state.plan_count, state.ended
+        self.approval.count, self.state.has_ended = state.plan_count, state.ended
         for zone in state.no_fly_zones:
             if not self.no_fly_zones.refusal(zone):
                 self.no_fly_zones.change(zone)
@@ -123,9 +123,9 @@ class Engine(Stages):
         self.control.update(event.t_ns)
         match event.action:
             case "status":
-                return [self.status_report.build(event.t_ns, event.order_id, has_ended=self._ended)]
+                return [self.status_report.build(event.t_ns, event.order_id, has_ended=self.state.has_ended)]
             case "confirm" | "reject":
-                inputs = self.planning_inputs.build(event.t_ns, self._measured_t_ns)
+                inputs = self.planning_inputs.build(event.t_ns, self.state.measured_t_ns)
                 effects, routes = self.approval.decide(event, inputs)
                 effects += self.dispatch.send(routes, event.t_ns)
             case "plan":
@@ -148,7 +148,7 @@ class Engine(Stages):
         """Plan on a changed map."""
         effects: list[Effect] = [*self._check_climbs(t_ns)]
         if self.sensor_watchdog.scan_t_ns is not None:
-            effects += self._plan(t_ns, self._measured_t_ns, urgent)
+            effects += self._plan(t_ns, self.state.measured_t_ns, urgent)
         return effects
 
     def _release(self, vehicle: int, t_ns: int) -> None:
@@ -171,8 +171,10 @@ class Engine(Stages):
         effects += self.external_uploads.poll(t_ns)
         effects += self.orders.poll(t_ns) + self.onboard_audit.poll(t_ns)
         effects += self.takeoff_sequence.check(t_ns, self.orders.launching())
-        if t_ns >= self._control_due_t_ns:  # for displays and the journal; decisions update it themselves
-            self._control_due_t_ns = t_ns + _CONTROL_PERIOD_NS
+        if (
+            t_ns >= self.state.control_due_t_ns
+        ):  # for displays and the journal; decisions update it themselves
+            self.state.control_due_t_ns = t_ns + _CONTROL_PERIOD_NS
             self.control.update(t_ns)
         modes = self.tasking.overrides.modes()
         silent = modes.keys() - self.overridden().keys() | self.tasking.overrides.recently_in_rtl(t_ns)
@@ -208,7 +210,7 @@ class Engine(Stages):
         refusal = self.trackers.refusal(event)  # again: a duplicate may have come while it waited
         if refusal:
             return self._refuse(event, refusal)
-        t_ns, self._measured_t_ns = event.t_ns, event.measured_t_ns
+        t_ns, self.state.measured_t_ns = event.t_ns, event.measured_t_ns
         newest = self.fleet.states()
         self.report_history.add(t_ns, newest)
         states = self.report_history.at(event.measured_t_ns, newest)
@@ -236,7 +238,7 @@ class Engine(Stages):
         if self.no_fly_zones.closed:
             effects += self.incursions.check(t_ns, newest, self.no_fly_zones.closed)
         open_targets = self.planning_inputs.open_targets()
-        effects += self.unattended_targets.check(t_ns, open_targets, ended=self._ended)
+        effects += self.unattended_targets.check(t_ns, open_targets, ended=self.state.has_ended)
         effects += self._end(t_ns)
         for is_contradiction, text in self.trackers.findings:
             effects.append(Notice(t_ns, "warning" if is_contradiction else "info", text))
@@ -264,7 +266,7 @@ class Engine(Stages):
 
     def _plan(self, t_ns: int, picture_t_ns: int, urgent: Container[int] = ()) -> list[Effect]:
         targets = self.trackers.targets.confirmation.tracks
-        if self._ended or self.restart.is_waiting(t_ns, targets):
+        if self.state.has_ended or self.restart.is_waiting(t_ns, targets):
             return []
         if not self.replanner.is_due(t_ns):
             return []
@@ -288,9 +290,9 @@ class Engine(Stages):
         active = self.agent_status.active()
         reached = len(self.agent_status.at_targets())
         is_done = reached >= max(1, self._expected_targets) and not self.planning_inputs.open_targets()
-        if self._ended or (active and not is_done):
+        if self.state.has_ended or (active and not is_done):
             return []
-        self._ended = True
+        self.state.has_ended = True
         arrived, lost = (
             tuple(one.vehicle for one in self.agent_status.by_vehicle.values() if one.status == status)
             for status in ("arrived", "lost")

@@ -34,6 +34,7 @@ from gcs.core.replanning.input_builder import PlanningInputBuilder
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.restart import Restart
+from gcs.core.state import State
 from gcs.core.takeoff.climbs import Climbs
 from gcs.core.takeoff.sequence import TakeoffSequence
 from gcs.core.tasking.dispatch import Dispatch
@@ -41,7 +42,7 @@ from gcs.core.tasking.mission_ends import MissionEnds
 from gcs.core.tasking.upload_latency import UploadLatency
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
-from gcs.model import NS_PER_S, Control
+from gcs.model import NS_PER_S
 from gcs.planning.map.grid import Grid
 
 
@@ -54,10 +55,14 @@ class Stages:
         The mission.
     seed : int
         Seed of the map's random obstacles.
+    state : State, optional
+        State to continue from; that before the first event by default.
     """
 
-    def __init__(self, config: Config, seed: int) -> None:
+    def __init__(self, config: Config, seed: int, state: State | None = None) -> None:
         vehicles = [agent.vehicle for agent in config.agents]
+        self.state = State.initial(vehicles) if state is None else state
+        agents = self.state.agents
         tracking, telemetry, links = config.tracking, config.telemetry, config.mavlink_links
         self._needs_approval = config.planning.retask == "confirm"
         grid = mission_grid(config, seed)
@@ -73,7 +78,7 @@ class Stages:
             links=[link for link in links if link.role == "vehicles"],
             extra_ids=[MAVLINK_MSG_ID_PARAM_VALUE],
         )
-        controls = {vehicle: Control() for vehicle in vehicles}
+        controls = {vehicle: agent.control for vehicle, agent in agents.items()}
         self.external_uploads = ExternalUploads(links, controls, self.fleet.is_atomic)
         # Perception
         self.scan_timing = ScanTiming()
@@ -105,7 +110,7 @@ class Stages:
         )
         self.takeoff_sequence = TakeoffSequence(config, self.fleet, self.tasking)
         self.mission_ends = MissionEnds(self.tasking, config.planning.capture_radius_m)
-        self.upload_latency = UploadLatency()
+        self.upload_latency = UploadLatency(agents)
         self.approval = PlanApproval(config, self.replanner)
         self.dispatch = Dispatch(
             self.replanner,
@@ -182,9 +187,6 @@ class Stages:
         )
         self._expected_targets = len(config.births)
         self._max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)
-        self._ended = False
-        self._measured_t_ns = 0
-        self._control_due_t_ns = 0
 
     @property
     def grid(self) -> Grid:
@@ -198,4 +200,8 @@ class Stages:
                 return "has reached its target and gets no other"
             case "lost":
                 return "is lost; it gets a mission when it is tracked again"
-        return "gets no mission, since the mission has ended" if self._ended else "waits for its next mission"
+        return (
+            "gets no mission, since the mission has ended"
+            if self.state.has_ended
+            else "waits for its next mission"
+        )

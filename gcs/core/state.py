@@ -1,0 +1,64 @@
+"""The state of the decision core: one tree of plain records.
+
+`gcs.core.engine.Engine.step` alone changes it. Each stage gets the part that it may change.
+`gcs.core.snapshot` encodes the whole tree. A snapshot and the events after it are the service.
+
+Everything else in the engine is derived from the mission file and from this tree, or is a cache that changes
+no result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from gcs.core.airspace.records import AirspaceState
+from gcs.core.authority.records import AgentAuthority, AuthorityState
+from gcs.core.operator.records import AgentOrders, OperatorState
+from gcs.core.perception.records import AgentPerception, PerceptionState
+from gcs.core.replanning.records import AgentRoutes, ReplanningState
+from gcs.core.takeoff.records import AgentTakeoff, TakeoffState
+from gcs.core.tasking.records import AgentTasking, TaskingState
+from gcs.mavlink.fleet.records import FleetState, VehicleLink
+from gcs.model import Control
+
+
+@dataclass(slots=True)
+class Agent:
+    """Everything that is known and wanted of one vehicle."""
+
+    control: Control = field(default_factory=Control)
+    authority: AgentAuthority = field(default_factory=AgentAuthority)
+    link: VehicleLink = field(default_factory=VehicleLink)
+    perception: AgentPerception = field(default_factory=AgentPerception)
+    routes: AgentRoutes = field(default_factory=AgentRoutes)
+    tasking: AgentTasking = field(default_factory=AgentTasking)
+    takeoff: AgentTakeoff = field(default_factory=AgentTakeoff)
+    orders: AgentOrders = field(default_factory=AgentOrders)
+
+
+@dataclass(slots=True)
+class State:
+    """The whole state."""
+
+    agents: dict[int, Agent]
+    """By vehicle, in the order of the mission file."""
+    fleet: FleetState = field(default_factory=FleetState)
+    perception: PerceptionState = field(default_factory=PerceptionState)
+    replanning: ReplanningState = field(default_factory=ReplanningState)
+    tasking: TaskingState = field(default_factory=TaskingState)
+    takeoff: TakeoffState = field(default_factory=TakeoffState)
+    authority: AuthorityState = field(default_factory=AuthorityState)
+    airspace: AirspaceState = field(default_factory=AirspaceState)
+    operator: OperatorState = field(default_factory=OperatorState)
+    has_ended: bool = False
+    """True after the end of the mission."""
+    measured_t_ns: int = 0
+    """Measurement time of the last scan."""
+    control_due_t_ns: int = 0
+    """Next time at which the control of all vehicles is updated for displays."""
+
+    @classmethod
+    def initial(cls, vehicles: Iterable[int]) -> State:
+        """Return the state before the first event."""
+        return cls({vehicle: Agent() for vehicle in vehicles})
