@@ -15,7 +15,7 @@ from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.command_sender import CommandSender, HeartbeatState, set_mode
+from gcs.mavlink.services.command_sender import CommandSender, set_mode
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice, VehicleState
 
@@ -67,7 +67,7 @@ class DisarmedInAuto:
             return []
         command = set_mode(vehicle, profile.autopilot, LOITER)
         self._tasking.overrides.note_command(vehicle, LOITER)
-        self._senders[vehicle] = CommandSender(command, _is_in_loiter, self._fleet.encoder(vehicle), t_ns)
+        self._senders[vehicle] = CommandSender.begin(command, t_ns, mode=LOITER)
         text = "stands on the ground in AUTO with no mission to fly: armed, it would take off; set to LOITER"
         return [Notice(t_ns, "info", text, vehicle), *self._progress(vehicle, t_ns)]
 
@@ -76,7 +76,9 @@ class DisarmedInAuto:
         if state is not None and state.armed:  # it flies, or will soon: it must not be stopped now
             del self._senders[vehicle]
             return []
-        effects: list[Effect] = [*self._fleet.address_frames(vehicle, sender.poll(t_ns))]
+        effects: list[Effect] = [
+            *self._fleet.address_frames(vehicle, sender.poll(t_ns, self._fleet.encoder(vehicle)))
+        ]
         self._fleet.forward_next_heartbeat(vehicle)
         if sender.outcome is None:
             return effects
@@ -87,7 +89,3 @@ class DisarmedInAuto:
             text = f"stays in AUTO on the ground ({detail}): armed, it would take off with an old mission; "
             effects.append(Notice(t_ns, "alarm", text + "set LOITER or Hold by hand before arming", vehicle))
         return effects
-
-
-def _is_in_loiter(shown: HeartbeatState) -> bool:
-    return shown.mode == LOITER

@@ -30,7 +30,7 @@ from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.command_sender import CommandSender, HeartbeatState, command_long, set_mode
+from gcs.mavlink.services.command_sender import CommandSender, command_long, set_mode
 from gcs.model import (
     AnswerState,
     Authority,
@@ -281,7 +281,7 @@ class Orders:
         if order.action in ("arm", "disarm"):
             arm = order.action == "arm"
             command = command_long(vehicle, _ARM_DISARM, 1.0 if arm else 0.0)
-            return effects + self._send(ongoing, vehicle, command, lambda shown: shown.armed is arm)
+            return effects + self._send(ongoing, vehicle, command, armed=arm)
         if order.action == "resume":
             mode = self._resume(vehicle, targets, order.t_ns)
         else:
@@ -290,7 +290,7 @@ class Orders:
             self._controls[vehicle].apply(event, order.t_ns)
             effects += self._suspend(vehicle, order.action, order.t_ns)
         command = set_mode(vehicle, autopilot, mode)
-        return effects + self._send(ongoing, vehicle, command, lambda shown: shown.mode == mode)
+        return effects + self._send(ongoing, vehicle, command, mode=mode)
 
     def _suspend(self, vehicle: int, action: str, t_ns: int) -> list[Effect]:
         route = self._replanner.routes.get(vehicle)
@@ -324,15 +324,19 @@ class Orders:
         ongoing: OrderInProgress,
         vehicle: int,
         command: Message,
-        is_shown: Callable[[HeartbeatState], bool],
+        *,
+        mode: str = "",
+        armed: bool | None = None,
     ) -> list[Effect]:
-        sender = CommandSender(command, is_shown, self._fleet.encoder(vehicle), ongoing.order.t_ns)
+        sender = CommandSender.begin(command, ongoing.order.t_ns, mode=mode, armed=armed)
         self._commands[vehicle] = (sender, ongoing)
         return self._progress(vehicle, ongoing.order.t_ns)
 
     def _progress(self, vehicle: int, t_ns: int) -> list[Effect]:
         sender, ongoing = self._commands[vehicle]
-        effects: list[Effect] = [*self._fleet.address_frames(vehicle, sender.poll(t_ns))]
+        effects: list[Effect] = [
+            *self._fleet.address_frames(vehicle, sender.poll(t_ns, self._fleet.encoder(vehicle)))
+        ]
         self._fleet.forward_next_heartbeat(vehicle)
         if sender.outcome is not None:
             del self._commands[vehicle]

@@ -10,7 +10,8 @@ several refusals, or when its tries are used up. The vehicle's STATUSTEXT gives 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from dataclasses import dataclass
+from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -66,60 +67,47 @@ def set_mode(vehicle: int, autopilot: int, name: str) -> Message:
     return command_long(vehicle, SET_MODE, custom, *profile.mode_numbers(name))
 
 
-class HeartbeatState(NamedTuple):
-    """Mode and arming state of a heartbeat."""
-
-    mode: str
-    armed: bool
-
-
+@dataclass(slots=True)
 class CommandSender:
-    """Sends one COMMAND_LONG until it is done.
+    """Sends one COMMAND_LONG until a heartbeat shows it as done."""
 
-    Parameters
-    ----------
-    request : Message
-        The command.
-    is_done : callable
-        Returns True if a `HeartbeatState` shows the command as done.
-    encode : callable
-        Message to frame for this vehicle, such as `Fleet.encoder`.
-    """
+    timer: RetryTimer
+    """Of the command."""
+    mode: str = ""
+    """Mode that shows it as done; empty for any."""
+    armed: bool | None = None
+    """Arming state that shows it as done; None for any."""
+    outcome: tuple[bool, str] | None = None
+    """(True if done, detail or reason), once it has ended."""
+    confirmations: int = 0
+    """Heartbeats in a row that show it as done."""
+    refusals: int = 0
+    rejection: str = ""
+    """Result of the last temporary rejection."""
+    statustext: str = ""
+    """Last warning of the vehicle."""
 
-    def __init__(
-        self,
-        request: Message,
-        is_done: Callable[[HeartbeatState], bool],
-        encode: Callable[[Message], bytes],
-        t_ns: int,
-    ) -> None:
-        self.outcome: tuple[bool, str] | None = None
-        """(True if done, detail or reason), once it has ended."""
-        self._vehicle: int = request.target_system
-        self._command: int = request.command
-        self._is_done, self._encode = is_done, encode
-        self._timer = RetryTimer(request, COMMAND_RETRY_POLICY, t_ns)
-        self._confirmations = self._refusals = 0
-        self._statustext = self._rejection = ""
+    @classmethod
+    def begin(
+        cls, request: Message, t_ns: int, *, mode: str = "", armed: bool | None = None
+    ) -> CommandSender:
+        """Return the sender of a command that is done in a mode, or in an arming state."""
+        return cls(RetryTimer(request, COMMAND_RETRY_POLICY, t_ns), mode, armed)
 
-    def poll(self, t_ns: int) -> list[bytes]:
-        """Advance the timers; return the frames to send."""
+    def poll(self, t_ns: int, encode: Callable[[Message], bytes]) -> list[bytes]:
+        """Advance the timers; return the frames to send, framed by an encoder of the vehicle."""
         if self.outcome is not None:
             return []
-        if self._timer.is_exhausted(t_ns):
-            nothing = f"{self._rejection or 'no answer'} to {self._timer.sent} commands"
-            self.outcome = (False, self._statustext or nothing)
+        if self.timer.is_exhausted(t_ns):
+            nothing = f"{self.rejection or 'no answer'} to {self.timer.sent} commands"
+            self.outcome = (False, self.statustext or nothing)
             return []
         # A mode shown once is not commanded again before the next heartbeat.
-        return (
-            [self._encode(self._timer.request)]
-            if not self._confirmations and self._timer.start_try(t_ns)
-            else []
-        )
+        return [encode(self.timer.request)] if not self.confirmations and self.timer.start_try(t_ns) else []
 
     def receive(self, message: Message) -> None:
         """Process a message of the vehicle."""
-        if self.outcome is not None or message.get_srcSystem() != self._vehicle:
+        if self.outcome is not None or message.get_srcSystem() != self.timer.request.target_system:
             return
         match message.get_type():
             case "HEARTBEAT" if message.get_srcComponent() == AUTOPILOT_COMPONENT_ID:
@@ -127,27 +115,28 @@ class CommandSender:
             case "COMMAND_ACK":
                 self._on_ack(message)
             case "STATUSTEXT" if message.severity <= _WARNING:
-                self._statustext = printable(str(message.text))
+                self.statustext = printable(str(message.text))
 
     def _on_heartbeat(self, message: Message) -> None:
-        shown = HeartbeatState(mode_name(message), bool(message.base_mode & _ARMED))
-        self._confirmations = self._confirmations + 1 if self._timer.sent and self._is_done(shown) else 0
-        if self._confirmations >= _MIN_CONFIRMATIONS:
-            self.outcome = (True, f"{shown.mode}, {'armed' if shown.armed else 'disarmed'}")
+        mode, armed = mode_name(message), bool(message.base_mode & _ARMED)
+        is_done = self.mode in ("", mode) and self.armed in (None, armed)
+        self.confirmations = self.confirmations + 1 if self.timer.sent and is_done else 0
+        if self.confirmations >= _MIN_CONFIRMATIONS:
+            self.outcome = (True, f"{mode}, {'armed' if armed else 'disarmed'}")
 
     def _on_ack(self, message: Message) -> None:
         is_ours = is_for(message, _OWN)
-        if not is_ours or message.command != self._command:
+        if not is_ours or message.command != self.timer.request.command:
             return
         if message.result == dialect.MAV_RESULT_TEMPORARILY_REJECTED:
-            self._rejection = (
+            self.rejection = (
                 "TEMPORARILY_REJECTED"  # it may do so later: PX4 says so of AUTO without a mission
             )
             return
         if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
             return
-        self._refusals += 1
-        if self._refusals >= _MAX_REFUSALS:
+        self.refusals += 1
+        if self.refusals >= _MAX_REFUSALS:
             name = dialect.enums["MAV_RESULT"].get(message.result)
             result = name.name.removeprefix("MAV_RESULT_") if name is not None else str(message.result)
-            self.outcome = (False, f"{result}: {self._statustext}" if self._statustext else result)
+            self.outcome = (False, f"{result}: {self.statustext}" if self.statustext else result)

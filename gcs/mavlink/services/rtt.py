@@ -11,7 +11,7 @@ each repeat is sent twice. ArduPlane itself repeats a lost request after 1 s onl
 
 from __future__ import annotations
 
-from collections import deque
+from dataclasses import dataclass, field
 from statistics import median_low
 from typing import Final
 
@@ -33,39 +33,54 @@ _SHORT_GROWTH: Final = 1.1
 _MAX_SHORT_GROWTH: Final = 1.3
 
 
+@dataclass(slots=True)
 class RttEstimator:
-    """Round-trip time of one vehicle's link.
+    """Round-trip time of one vehicle's link."""
 
-    Parameters
-    ----------
-    round_trip_s : float
-        Earlier measurement; 0 for none.
-    """
+    earlier_s: float = 0.0
+    """Earlier measurement; 0 for none."""
+    samples_s: list[float] = field(default_factory=list)
+    """Last measurements here."""
+    retransmissions: int = 0
+    """Messages sent again."""
+    growth: float = 1.0
+    """Growth of the wait since the last measurement."""
 
-    def __init__(self, round_trip_s: float = 0.0) -> None:
-        self.round_trip_s: float | None = None
-        """None before the first sample here."""
-        self.retransmissions = 0
-        """Messages sent again."""
-        self._samples_s = deque([round_trip_s] if round_trip_s else [], _MAX_SAMPLES)
-        self._base_wait_s = (
-            max(_MIN_WAIT_S, _WAIT_ROUND_TRIPS * round_trip_s) if round_trip_s else _INITIAL_WAIT_S
-        )
-        self._growth = 1.0
+    @property
+    def round_trip_s(self) -> float | None:
+        """Estimate; None before the first sample here."""
+        return self._estimate_s() if self.samples_s else None
+
+    def _estimate_s(self) -> float:
+        """Return the estimate, also from the earlier measurement; 0 without any."""
+        earlier_s = [self.earlier_s] if self.earlier_s else []
+        samples_s = [*earlier_s, *self.samples_s][-_MAX_SAMPLES:]
+        return median_low(samples_s) if samples_s else 0.0
 
     @property
     def wait_s(self) -> float:
         """Present wait for an answer."""
-        return max(self._base_wait_s, min(self._base_wait_s * self._growth, _MAX_WAIT_S))
+        base_wait_s = self._base_wait_s
+        return max(base_wait_s, min(base_wait_s * self.growth, _MAX_WAIT_S))
+
+    @property
+    def _base_wait_s(self) -> float:
+        if not self._is_measured:
+            return _INITIAL_WAIT_S
+        return max(_MIN_WAIT_S, _WAIT_ROUND_TRIPS * self._estimate_s())
+
+    @property
+    def _is_measured(self) -> bool:
+        return bool(self.earlier_s or self.samples_s)
 
     @property
     def copies(self) -> int:
         """Copies of a repeat to send at once."""
-        return 2 if self._samples_s and self._base_wait_s < _DUPLICATE_BELOW_S else 1
+        return 2 if self._is_measured and self._base_wait_s < _DUPLICATE_BELOW_S else 1
 
     @property
     def _is_short(self) -> bool:
-        return bool(self._samples_s) and self._base_wait_s < _SHORT_WAIT_S
+        return self._is_measured and self._base_wait_s < _SHORT_WAIT_S
 
     def retry_policy(self, max_tries: int, min_total_s: float = 0.0) -> RetryPolicy:
         """Return the policy of one request: at least `max_tries`, and more for at least `min_total_s`."""
@@ -82,12 +97,10 @@ class RttEstimator:
         """Add the round trip of an answer; None if it was ambiguous."""
         if round_trip_s is None:
             return
-        self._samples_s.append(round_trip_s)
-        self.round_trip_s = median_low(self._samples_s)
-        self._base_wait_s = max(_MIN_WAIT_S, _WAIT_ROUND_TRIPS * self.round_trip_s)
-        self._growth = 1.0
+        self.samples_s = [*self.samples_s, round_trip_s][-_MAX_SAMPLES:]
+        self.growth = 1.0
 
     def back_off(self) -> None:
         """Note a missing answer: the wait grows."""
         growth, max_growth = (_SHORT_GROWTH, _MAX_SHORT_GROWTH) if self._is_short else (_GROWTH, _MAX_GROWTH)
-        self._growth = max(self._growth, min(self._growth * growth, max_growth))
+        self.growth = max(self.growth, min(self.growth * growth, max_growth))
