@@ -24,6 +24,7 @@ from plane_double import AUTO, Channel, Joined, OfPlane, Plane, S
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
+from gcs.mavlink.fleet.records import ModeRecord
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_task import UploadTask
@@ -47,7 +48,7 @@ def trial(seed: int, loss: float) -> tuple[str, float, int, int, bool]:
     old = ARDUPLANE.items(mission(40, 0.1), HOME)
     plane.load(old, current=2)
     task = UploadTask(
-        mission(28), HOME, Encoder(), authority=ModeAuthority("AUTO"), old=old,
+        mission(28), HOME, Encoder(), authority=ModeAuthority(ModeRecord("AUTO", tasked=True)), old=old,
         policy=OfPlane(plane), current=2,
     )  # fmt: skip
     plane.mean(task.items)
@@ -109,7 +110,7 @@ def short(autopilot: str, seed: int, loss: float, delay_s: float = 0.01) -> tupl
         HOME,
         Encoder(),
         profile=profile,
-        authority=ModeAuthority("LOITER"),
+        authority=ModeAuthority(ModeRecord("LOITER")),
         rtt=RttEstimator(2.0 * delay_s),  # measured on contact
     )
     assert len(task.items) == 8
@@ -159,7 +160,7 @@ async def upload(uploader: str, loss: float, seed: int) -> tuple[bool, float]:
 
     rng = np.random.default_rng(seed)
     vehicle = SimVehicle(VehicleSpec(7, 0.0, 0.0, 0.0, 100.0, 15.0), LocalFrame(*HOME), time.time_ns())
-    task = UploadTask(mission(18, vehicle=7), HOME, Encoder(), authority=ModeAuthority("LOITER"))
+    task = UploadTask(mission(18, vehicle=7), HOME, Encoder(), authority=ModeAuthority(ModeRecord("LOITER")))
     answers = []
 
     def send(_system_id: int, frame: bytes) -> None:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
 from gcs.mavlink.mission.upload_timing import UploadPolicy
 
@@ -25,6 +26,13 @@ S = 1_000_000_000
 HOME = (-353632621, 1491652370, 584.09)
 MANUAL, AUTO, RTL, LOITER = 0, 10, 11, 12
 GCS = (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
+
+
+def authority_in(mode):
+    """Return the authority over a vehicle whose first heartbeat shows a mode."""
+    authority = ModeAuthority()
+    authority.observe_mode(mode, 0)
+    return authority
 
 
 @dataclass(frozen=True)

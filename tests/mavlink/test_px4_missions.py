@@ -1,12 +1,11 @@
 """A PX4 would stay armed with a mission that was refused, or be given up as an operator's."""
 
 import pytest
-from plane_double import Channel, Joined
+from plane_double import Channel, Joined, authority_in
 from px4_double import AUTO, HOLD, Px4
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import PX4
-from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_task import UploadTask
@@ -18,7 +17,7 @@ NAMES = {AUTO: "AUTO", HOLD: "LOITER"}
 
 
 def joined(px4, *, loss=0.0, **options):
-    options.setdefault("authority", ModeAuthority(NAMES[px4.mode]))
+    options.setdefault("authority", authority_in(NAMES[px4.mode]))
     task = UploadTask(MISSION, HOME, Encoder(), profile=PX4, **options)
     way = {"loss": loss, "delay_s": (0.02, 0.02)}
     return Joined(task, px4, Channel(1, **way), Channel(2, **way))
@@ -62,7 +61,7 @@ def px4_refusal(sender):
 @pytest.mark.parametrize("loss", [0.0, 0.2])
 def test_a_mission_that_the_navigator_rejects_is_no_operators_doing(mode, loss):
     """It was acknowledged; then the vehicle is in Hold, as if another station had chosen it."""
-    px4, authority = Px4(mode=mode, rejects=True), ModeAuthority(NAMES[mode])
+    px4, authority = Px4(mode=mode, rejects=True), authority_in(NAMES[mode])
     result = joined(px4, authority=authority, loss=loss).run()
     assert not result.ok
     assert "navigator rejects the mission" in result.detail
@@ -71,7 +70,7 @@ def test_a_mission_that_the_navigator_rejects_is_no_operators_doing(mode, loss):
 
 
 def test_a_hold_that_another_station_chooses_is_still_an_override():
-    px4, authority = Px4(mode=AUTO), ModeAuthority("AUTO")
+    px4, authority = Px4(mode=AUTO), authority_in("AUTO")
     link = joined(px4, authority=authority)
     obey = px4._on_command_long
 

@@ -38,7 +38,7 @@ class Overrides:
     def of(self, vehicle: int) -> ModeAuthority:
         """Return the mode authority over one vehicle."""
         if vehicle not in self._authority:
-            self._authority[vehicle] = ModeAuthority(control=self._controls.get(vehicle))
+            self._authority[vehicle] = ModeAuthority(control=self._controls.get(vehicle, Control()))
         return self._authority[vehicle]
 
     def modes(self) -> dict[int, str]:
@@ -104,7 +104,7 @@ class Overrides:
 
     def has_completed(self, vehicle: int) -> bool:
         """Return True if a vehicle is in RTL because its mission is complete."""
-        return vehicle in self._authority and self._authority[vehicle].has_ended
+        return vehicle in self._authority and self._authority[vehicle].record.has_ended
 
     def note_mission_lost(self, vehicle: int, booted_t_ns: int, t_ns: int) -> None:
         """Note that a vehicle lost its mission at a boot: a LOITER that it started in is no override."""

@@ -17,24 +17,24 @@ A LOITER that an operator chooses while we hold the vehicle in LOITER counts as 
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
+from gcs.mavlink.fleet.records import ModeRecord
 from gcs.model import Authority, Control, ControlEvent, PersistedAuthority
 
 
+@dataclass(frozen=True, slots=True)
 class ModeAuthority:
     """Classification of the mode changes of one vehicle, as events of its control."""
 
-    def __init__(self, mode: str = "", control: Control | None = None) -> None:
-        self.control = Control() if control is None else control
-        self.mode = ""
+    record: ModeRecord = field(default_factory=ModeRecord)
+    control: Control = field(default_factory=Control)
+
+    @property
+    def mode(self) -> str:
         """Mode of the last heartbeat; empty before the first."""
-        self.has_ended = False
-        """True if the vehicle is in RTL because its mission is complete."""
-        self._previous = ""
-        self._commanded = ""
-        self._tasked = False
-        if mode:
-            self.observe_mode(mode, 0)
+        return self.record.mode
 
     @property
     def override(self) -> str:
@@ -49,21 +49,22 @@ class ModeAuthority:
 
     def note_command(self, mode: str) -> None:
         """Note that we command this mode."""
-        self._commanded = mode
-        self._tasked = self._tasked or mode == AUTO
+        self.record.commanded = mode
+        self.record.tasked |= mode == AUTO
 
     def observe_mode(self, mode: str, t_ns: int, *, at_end: bool = False) -> None:
         """Process the mode of a heartbeat; `at_end` is True if the mission's end would show as this mode."""
-        if mode == self.mode:
+        record = self.record
+        if mode == record.mode:
             return
-        first, self._previous, self.mode, self.has_ended = not self.mode, self.mode, mode, False
+        first, record.previous, record.mode, record.has_ended = not record.mode, record.mode, mode, False
         if mode == AUTO:
-            self._tasked = True
+            record.tasked = True
             self.control.apply(ControlEvent.AUTO_SEEN, t_ns)
-        elif mode == LOITER and (self._commanded == LOITER or not self._tasked or at_end):
+        elif mode == LOITER and (record.commanded == LOITER or not record.tasked or at_end):
             self.control.apply(ControlEvent.WAITING_SEEN, t_ns)
         elif not (first and mode == LOITER):
-            self._commanded = ""
+            record.commanded = ""
             self.control.apply(ControlEvent.MODE_CHOSEN, t_ns, mode)
 
     def note_rejection(self, t_ns: int) -> None:
@@ -74,32 +75,34 @@ class ModeAuthority:
     @property
     def may_have_ended(self) -> bool:
         """True if the vehicle went from AUTO to RTL: at its mission's end, by a failsafe or an order."""
-        return self.override == RTL and self._previous == AUTO
+        return self.override == RTL and self.record.previous == AUTO
 
     def note_completion(self, t_ns: int) -> None:
         """Note that the vehicle went from AUTO to RTL because its mission is complete."""
         if self.may_have_ended:
-            self.has_ended = True
+            self.record.has_ended = True
             self.control.apply(ControlEvent.MISSION_COMPLETE, t_ns)
 
     def persisted(self) -> PersistedAuthority:
         """Return the state to keep over a restart of the service."""
-        taken = self.mode if self.has_ended else self.override
-        return PersistedAuthority(self.mode, taken, self._commanded, self._tasked)
+        record = self.record
+        taken = record.mode if record.has_ended else self.override
+        return PersistedAuthority(record.mode, taken, record.commanded, record.tasked)
 
     def restore(self, kept: PersistedAuthority, t_ns: int) -> None:
         """Restore a kept state: the next observed mode is compared with it."""
-        self.mode, self._commanded, self._tasked = kept.mode, kept.ordered, kept.tasked
+        record = self.record
+        record.mode, record.commanded, record.tasked = kept.mode, kept.ordered, kept.tasked
         if kept.taken:
             self.control.restore(Authority.OVERRIDDEN, t_ns, kept.taken)
 
     def note_reboot(self, t_ns: int) -> None:
         """Forget the mode: the mode after a boot is no override."""
-        self.mode = self._previous = self._commanded = ""
-        self.has_ended = False
+        self.record.mode = self.record.previous = self.record.commanded = ""
+        self.record.has_ended = False
         self.control.apply(ControlEvent.REBOOT, t_ns)
 
     def release(self, t_ns: int) -> None:
         """Take control back, on an operator's order to resume."""
-        self._tasked = False
+        self.record.tasked = False
         self.control.apply(ControlEvent.RESUME, t_ns)

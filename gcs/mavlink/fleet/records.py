@@ -6,6 +6,22 @@ from dataclasses import dataclass
 
 
 @dataclass(slots=True)
+class ModeRecord:
+    """Modes that one vehicle showed, and that we commanded (`gcs.mavlink.fleet.mode_authority`)."""
+
+    mode: str = ""
+    """Mode of the last heartbeat; empty before the first."""
+    previous: str = ""
+    """Mode before that."""
+    commanded: str = ""
+    """Mode that we commanded last; empty if another was chosen since."""
+    tasked: bool = False
+    """True if the vehicle was in AUTO, or was commanded to it."""
+    has_ended: bool = False
+    """True if the vehicle is in RTL because its mission is complete."""
+
+
+@dataclass(slots=True)
 class VehicleLink:
     """Link and telemetry of one vehicle."""
 

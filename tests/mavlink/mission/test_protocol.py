@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plane_double import Channel
+from plane_double import Channel, authority_in
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
-from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home, Item
 from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
@@ -173,7 +172,7 @@ def simulated(autopilot):
 def task_for(autopilot, points, shift_deg=0.0):
     route = tuple(Waypoint(33.2 + n * 1e-3 + shift_deg, -87.6, 100.0, 10.0) for n in range(points))
     profile = {"ardupilot": ARDUPLANE, "px4": PX4}[autopilot]
-    authority = ModeAuthority("LOITER")
+    authority = authority_in("LOITER")
     return UploadTask(Mission(1, 7, route), HOME, Encoder(), profile=profile, authority=authority)
 
 

@@ -7,11 +7,10 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plane_double import AUTO, GCS, LOITER, MANUAL, RTL, Channel, Joined, OfPlane, Plane, S
+from plane_double import AUTO, GCS, LOITER, MANUAL, RTL, Channel, Joined, OfPlane, Plane, S, authority_in
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
-from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_stages import TRANSITIONS, OnboardState, Stage, TransitionError
@@ -102,7 +101,7 @@ def flown(data, hostile):
     draw = data.draw
     plane = Plane(mode=draw(st.sampled_from([AUTO, AUTO, LOITER])), leg_s=draw(st.floats(1.0, 60.0)))
     plane.load(OLD, current=draw(st.integers(1, OLD_POINTS)))
-    authority, clears = ModeAuthority(MODES[plane.mode]), draw(st.integers(0, 5)) == 0
+    authority, clears = authority_in(MODES[plane.mode]), draw(st.integers(0, 5)) == 0
     task = Recorded(
         mission(draw(st.integers(1, 12))),
         HOME,
@@ -169,7 +168,7 @@ def test_forged_messages_of_the_vehicle_cause_no_other_transition(data):
 )
 def test_messages_in_any_order_cause_no_other_transition(profile, delegated, mode, steps):
     task = Recorded(
-        mission(3), HOME, Encoder(), profile=profile, authority=ModeAuthority(mode), delegated=delegated
+        mission(3), HOME, Encoder(), profile=profile, authority=authority_in(mode), delegated=delegated
     )
     t_ns, calls = 0, Counter()
     task.start(0)

@@ -3,11 +3,10 @@
 import math
 
 import pytest
-from plane_double import AUTO, GCS, LOITER, MANUAL, RTL, Channel, Joined, OfPlane, Plane, S
+from plane_double import AUTO, GCS, LOITER, MANUAL, RTL, Channel, Joined, OfPlane, Plane, S, authority_in
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE
-from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_task import UploadTask
@@ -35,7 +34,7 @@ def flying(points=6, leg_s=math.inf, mode=AUTO):
 
 def joined(plane, points=4, *, seed=1, loss=0.0, doubles=0.0, delay_s=(0.005, 0.03), **options):
     known = {
-        "authority": ModeAuthority(MODE_NAMES[plane.mode]),
+        "authority": authority_in(MODE_NAMES[plane.mode]),
         "policy": OfPlane(plane),
         "current": plane.current,
     }
@@ -233,7 +232,7 @@ def test_a_lost_vehicle_is_reported_within_bounds():
 @pytest.mark.parametrize("at_s", [0.05, 0.2, 0.4, 0.7])
 def test_a_reboot_in_mid_transfer_starts_it_again(at_s):
     plane, _ = flying()
-    authority = ModeAuthority("AUTO")
+    authority = authority_in("AUTO")
     link = joined(plane, 10, authority=authority)
     rebooted = []
 
@@ -336,7 +335,7 @@ def test_another_station_in_the_middle_of_its_own_upload_is_waited_for():
 
 
 def test_a_request_that_runs_ahead_is_not_answered():
-    task = UploadTask(mission(6), HOME, Encoder(), authority=ModeAuthority("LOITER"))
+    task = UploadTask(mission(6), HOME, Encoder(), authority=authority_in("LOITER"))
     task.start(0)
     assert task.receive(said((1, 1), dialect.MAVLink_mission_request_message(*GCS, 4, 0)), 1) == []
     answered = task.receive(said((1, 1), dialect.MAVLink_mission_request_message(*GCS, 0, 0)), 2)
@@ -452,7 +451,7 @@ def test_no_inconsistent_mission_is_flown_over_a_bad_radio(loss):
 
 def test_an_upload_by_another_program_counts_when_it_is_read_back():
     plane, _ = flying(mode=LOITER)
-    task = UploadTask(mission(), HOME, Encoder(), authority=ModeAuthority("LOITER"), delegated=True)
+    task = UploadTask(mission(), HOME, Encoder(), authority=authority_in("LOITER"), delegated=True)
     plane.mean(task.items)
     link = Joined(task, plane, Channel(1), Channel(2))
     assert task.start(0) == []
@@ -466,7 +465,7 @@ def test_an_upload_by_another_program_counts_when_it_is_read_back():
 
 def test_a_program_that_never_began_leaves_the_old_mission():
     _plane, old = flying(mode=LOITER)
-    task = UploadTask(mission(), HOME, Encoder(), authority=ModeAuthority("LOITER"), old=old, delegated=True)
+    task = UploadTask(mission(), HOME, Encoder(), authority=authority_in("LOITER"), old=old, delegated=True)
     task.start(0)
     task.add_external_result(False, False, "MAVSDK's process is not running", 1)
     assert (task.result.ok, task.result.onboard) == (False, "old")
@@ -475,7 +474,7 @@ def test_a_program_that_never_began_leaves_the_old_mission():
 
 def test_an_inconsistent_mission_of_another_program_is_repaired_by_us():
     plane, _ = flying(mode=LOITER)
-    task = UploadTask(mission(), HOME, Encoder(), authority=ModeAuthority("LOITER"), delegated=True)
+    task = UploadTask(mission(), HOME, Encoder(), authority=authority_in("LOITER"), delegated=True)
     plane.mean(task.items)
     link = Joined(task, plane, Channel(1), Channel(2))
     task.start(0)
