@@ -78,7 +78,7 @@ class Engine(Stages):
             ended=self.state.has_ended,
             vehicles=self.restart.vehicles(),
             trackers=self.trackers.persisted(),
-            no_fly_zones=tuple(self.no_fly_zones.areas.values()),
+            no_fly_zones=tuple(self.state.airspace.zones.values()),
         )
 
     def untaskable(self) -> dict[int, str]:
@@ -95,7 +95,6 @@ class Engine(Stages):
         for zone in state.no_fly_zones:
             if not self.no_fly_zones.refusal(zone):
                 self.no_fly_zones.change(zone)
-        self.no_fly_zone_orders.use_map()
         return self.restart.begin(event)
 
     # ------------------------------------------------------------ datagrams and orders

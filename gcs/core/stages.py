@@ -66,7 +66,7 @@ class Stages:
         tracking, telemetry, links = config.tracking, config.telemetry, config.mavlink_links
         self._needs_approval = config.planning.retask == "confirm"
         grid = mission_grid(config, seed)
-        self.no_fly_zones = NoFlyZones(grid)
+        self.no_fly_zones = NoFlyZones(self.state.airspace, grid)
         self.fleet = Fleet(
             vehicles,
             config.local_frame,
@@ -94,9 +94,9 @@ class Stages:
         self.sensor_watchdog, self.input_errors = SensorWatchdog(), InputErrors()
         self.never_heard = NeverHeardCheck(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
         # Planning and tasking
-        self.replanner = Replanner(config, grid)
-        self.return_routes = ReturnRoutes(config, grid, self.fleet)
-        self.climbs = Climbs(config, grid, self.fleet)
+        self.replanner = Replanner(config, self.no_fly_zones)
+        self.return_routes = ReturnRoutes(config, self.no_fly_zones, self.fleet)
+        self.climbs = Climbs(config, self.no_fly_zones, self.fleet)
         self.tasking = UploadManager(
             config.mission,
             config.airframe,
@@ -111,7 +111,7 @@ class Stages:
         self.takeoff_sequence = TakeoffSequence(config, self.fleet, self.tasking)
         self.mission_ends = MissionEnds(self.tasking, config.planning.capture_radius_m)
         self.upload_latency = UploadLatency(agents)
-        self.approval = PlanApproval(config, self.replanner)
+        self.approval = PlanApproval(config, self.no_fly_zones, self.replanner)
         self.dispatch = Dispatch(
             self.replanner,
             self.return_routes,
@@ -131,13 +131,12 @@ class Stages:
             controls,
             self._outlook,
         )
-        self.incursions = IncursionWarnings(self.tasking.onboard_missions)
+        self.incursions = IncursionWarnings(self.state.airspace, self.tasking.onboard_missions)
         self.no_fly_zone_orders = NoFlyZoneOrders(
             self.no_fly_zones,
             self.fleet,
             self.replanner,
             self.return_routes,
-            self.climbs,
             self.agent_status,
             self.incursions,
             self._needs_approval,

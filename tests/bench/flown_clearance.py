@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
 
+from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.airspace.records import AirspaceState
 from gcs.model import NS_PER_S, AgentStatus, Effect, Event, FloatArray, Plan, Tick
 from gcs.planning.map.grid import Grid
 from sim_vehicles.campaign.virtual_run import START_T_NS, STEP_NS, VirtualRun
@@ -150,9 +152,8 @@ def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict
     run = VirtualRun(scenario, seed, on_event=on_event, on_effect=on_effect)
     cells = np.argwhere(run.command.grid.blocked)[:, ::-1].astype(np.float64)
     if straight:
-        run.command.return_routes.grid = Grid(
-            run.command.grid.origin_m, run.command.grid.spacing_m, np.zeros_like(run.command.grid.blocked)
-        )
+        empty = replace(run.command.grid, blocked=np.zeros_like(run.command.grid.blocked))
+        run.command.return_routes._zones = NoFlyZones(AirspaceState(), empty)
     flown_s = run.run()
     while any(run.vehicles[peer].autopilot.flying for peer in run.vehicles) and flown_s < _LATEST_S:
         run.ended = False

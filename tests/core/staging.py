@@ -10,6 +10,9 @@ import numpy as np
 from msgspec.structs import replace
 
 from gcs.config import Config, parse
+from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.airspace.records import AirspaceState
 from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.model import NS_PER_S, Kind, Label, Picture, Scan, Sensor, Track, VehicleState, read_only
 
@@ -80,6 +83,11 @@ def mission(
     config = parse(text + tables, "staged.toml")
     paper = {key: value for key, value in PAPER.items() if f"{key} =" not in tables}
     return replace(config, planning=replace(config.planning, **paper))
+
+
+def zones(config: Config) -> NoFlyZones:
+    """Return the map of a mission, without closed zones."""
+    return NoFlyZones(AirspaceState(), mission_grid(config, 0))
 
 
 RADAR = Sensor("radar", 0.98, 4e-6, read_only(np.eye(2) * 10.0), (-100.0, -100.0, 2100.0, 2100.0))

@@ -10,9 +10,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from core.operator.test_plan_approval import Flight, after, silent
-from staging import S, at, mission, track
+from staging import S, at, mission, track, zones
 
-from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.operator.plan_approval import MIN_READING_S, PlanApproval
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.replanner import Replanner
@@ -31,8 +30,9 @@ class Stage:
         self.agents = agents or {1: (100.0, 200.0), 2: (100.0, 800.0)}
         self.targets: dict[Label, Place] = {A: (1500.0, 200.0), B: (1500.0, 800.0)}
         config = mission(list(self.agents.values()), list(self.targets.values()), tables)
-        self.replanner = Replanner(config, mission_grid(config, 0))
-        self.approval = PlanApproval(config, self.replanner)
+        airspace = zones(config)
+        self.replanner = Replanner(config, airspace)
+        self.approval = PlanApproval(config, airspace, self.replanner)
         self.shown: list[Proposal] = []
 
     def inputs(self, t_s: float) -> PlanningInputs:

@@ -136,7 +136,7 @@ def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
     flight = flight_with_a_restart(30.0, 4.0, 60.0, orders=(order(20.0, "hold", 1), close))
     command = flight.run.command
     assert command.control.suspensions() == {1: "hold"}
-    assert command.no_fly_zones.areas == {"fire": area}
+    assert command.state.airspace.zones == {"fire": area}
     assert command.grid.blocked[30, 42]
     assert not {m.get_type() for m in flight.messages_to(1, 34.0, 60.0)} & MISSION
     assert flight.mode(1) is Mode.LOITER

@@ -19,9 +19,15 @@ from gcs.io.records import encode
 from gcs.model import Event, Truth
 
 RECORDINGS = sorted((Path(__file__).parents[1] / "recordings").glob("*.mcap"))
-CACHES: frozenset[str] = frozenset()
+CACHES: frozenset[str] = frozenset(
+    {
+        "gcs.core.airspace.no_fly_zones.NoFlyZones.closed",  # cells of the closed zones, drawn from the state
+        "gcs.core.airspace.no_fly_zones.NoFlyZones.grid",
+        "gcs.planning.map.grid.Grid.blocked",
+    }
+)
 """Attributes that may change outside the state: they change no result."""
-DONE = ("gcs.core.tasking.upload_latency",)
+DONE = ("gcs.core.airspace", "gcs.core.tasking.upload_latency")
 """Packages and modules whose whole state is in the tree."""
 MAX_DEPTH = 12
 

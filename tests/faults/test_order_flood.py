@@ -12,6 +12,7 @@ import pytest
 
 from gcs.config import load
 from gcs.core.airspace.incursion_warning import IncursionWarnings
+from gcs.core.airspace.records import AirspaceState
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
@@ -142,7 +143,7 @@ def test_a_vehicle_clear_of_all_areas_is_checked_once(monkeypatch):
         one = blocked.copy()
         one[60 + number % 5, 10] = True
         areas[f"a{number}"] = Grid((0.0, 0.0), 10.0, one)
-    warnings = IncursionWarnings(OnboardMissions())  # type: ignore[arg-type]
+    warnings = IncursionWarnings(AirspaceState(), OnboardMissions())  # type: ignore[arg-type]
     checks = []
     entry = warnings._entry
     monkeypatch.setattr(warnings, "_entry", lambda *a: checks.append(a) or entry(*a))

@@ -15,6 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from gcs.core.airspace.records import AirspaceState
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.model import Notice, VehicleState
 from gcs.planning.map.grid import Grid, Point
@@ -51,10 +52,8 @@ class Incursion:
 class IncursionWarnings:
     """Predicts incursions of onboard missions."""
 
-    def __init__(self, onboard_missions: OnboardMissions) -> None:
-        self._onboard_missions = onboard_missions
-        self._warned: dict[tuple[int, str], float] = {}
-        """Time to each incursion at the last check, by vehicle and zone."""
+    def __init__(self, state: AirspaceState, onboard_missions: OnboardMissions) -> None:
+        self._state, self._onboard_missions = state, onboard_missions
 
     def entries(self, states: Iterable[VehicleState], zones: Mapping[str, Grid]) -> list[Incursion]:
         """Return the first predicted incursion of each vehicle; `zones` have the closed cells of each."""
@@ -73,13 +72,12 @@ class IncursionWarnings:
     def check(self, t_ns: int, states: Iterable[VehicleState], zones: Mapping[str, Grid]) -> list[Notice]:
         """Return alarms of imminent and actual incursions, each once until it is over."""
         due = {(e.vehicle, e.zone): e for e in self.entries(states, zones) if e.after_s <= WARNING_S}
-        self._warned = {key: after_s for key, after_s in self._warned.items() if key in due}
         notices = []
         for key, entry in due.items():
-            before_s = self._warned.get(key)
+            before_s = self._state.incursions_s.get(key)
             if before_s is None or (entry.after_s == 0.0 < before_s):
                 notices.append(Notice(t_ns, "alarm", entry.text, entry.vehicle))
-            self._warned[key] = entry.after_s
+        self._state.incursions_s = {key: entry.after_s for key, entry in due.items()}
         return notices
 
     def _entry(self, state: VehicleState, name: str, closed: Grid) -> Incursion | None:

@@ -5,63 +5,71 @@ A zone blocks every grid cell that it overlaps, like an obstacle of the map.
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
+from dataclasses import replace
 
-from gcs.model import NoFlyZone
+import numpy as np
+
+from gcs.core.airspace.records import AirspaceState
+from gcs.model import BoolArray, NoFlyZone
 from gcs.planning.map.grid import Grid
 
 _MAX_ZONES = 100
 
 
 class NoFlyZones:
-    """Closed zones, and the map with them.
+    """The map with the closed zones.
+
+    Parameters
+    ----------
+    state : AirspaceState
+        Closed zones.
+    grid : Grid
+        Map of the mission.
 
     Attributes
     ----------
-    areas : dict of str to NoFlyZone
-        Closed zones by name.
     closed : dict of str to Grid
         Cells that each zone blocks.
     grid : Grid
         The current map.
     """
 
-    def __init__(self, grid: Grid) -> None:
-        self.areas: dict[str, NoFlyZone] = {}
-        self.closed: dict[str, Grid] = {}
-        self.grid = grid
-        self._open = grid
+    def __init__(self, state: AirspaceState, grid: Grid) -> None:
+        self._state, self._open = state, grid
+        self._draw()
+
+    def _draw(self) -> None:
+        grid = self._open
+        self.closed = {
+            name: replace(grid, blocked=closed_cells(grid, zone)) for name, zone in self._state.zones.items()
+        }
+        closed = [one.blocked for one in self.closed.values()]
+        self.grid = replace(grid, blocked=np.logical_or.reduce([grid.blocked, *closed]))
 
     def refusal(self, zone: NoFlyZone) -> str:
         """Return why a zone cannot be closed or opened; empty if it can."""
+        zones = self._state.zones
         if zone.disc_m is None and not zone.polygon_m:
-            if zone.name in self.areas:
+            if zone.name in zones:
                 return ""
-            return f"no no-fly zone is called {zone.name}; there are: {', '.join(self.areas) or 'none'}"
-        if zone.name not in self.areas and len(self.areas) >= _MAX_ZONES:
+            return f"no no-fly zone is called {zone.name}; there are: {', '.join(zones) or 'none'}"
+        if zone.name not in zones and len(zones) >= _MAX_ZONES:
             return f"there are {_MAX_ZONES} no-fly zones already; open some first"
         return "" if closed_cells(self._open, zone).any() else "it lies outside the map"
 
     def change(self, zone: NoFlyZone) -> Grid:
         """Close or open a zone; return the cells that are newly blocked."""
         before = self.grid
-        self.areas.pop(zone.name, None)
-        self.closed.pop(zone.name, None)
+        self._state.zones.pop(zone.name, None)
         if zone.disc_m is not None or zone.polygon_m:
-            self.areas[zone.name] = zone
-            cells = closed_cells(self._open, zone)
-            self.closed[zone.name] = Grid(before.origin_m, before.spacing_m, cells)
-        blocked = self._open.blocked
-        for one in self.closed.values():
-            blocked = blocked | one.blocked
-        self.grid = Grid(before.origin_m, before.spacing_m, blocked)
-        return Grid(before.origin_m, before.spacing_m, blocked & ~before.blocked)
+            self._state.zones[zone.name] = zone
+        self._draw()
+        return replace(before, blocked=self.grid.blocked & ~before.blocked)
 
 
-def closed_cells(grid: Grid, zone: NoFlyZone) -> npt.NDArray[np.bool_]:
+def closed_cells(grid: Grid, zone: NoFlyZone) -> BoolArray:
     """Return a mask of the cells that a zone overlaps, (rows, cols)."""
-    free = Grid(grid.origin_m, grid.spacing_m, np.zeros(grid.shape, dtype=np.bool_))
+    free = replace(grid, blocked=np.zeros(grid.shape, dtype=np.bool_))
     if zone.disc_m is not None:
         return free.with_obstacles(discs_m=[zone.disc_m]).blocked
     return free.with_obstacles(polygons_m=[[zone.polygon_m]]).blocked

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from gcs.model import NoFlyZone
 
 
 @dataclass(slots=True)
 class AirspaceState:
     """No-fly zones and warnings."""
+
+    zones: dict[str, NoFlyZone] = field(default_factory=dict)
+    """Closed zones by name."""
+    incursions_s: dict[tuple[int, str], float] = field(default_factory=dict)
+    """Time to each imminent incursion at the last check, by vehicle and zone."""

@@ -11,7 +11,6 @@ from gcs.core.operator.replies import OrderInProgress, named
 from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
-from gcs.core.takeoff.climbs import Climbs
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Effect, Notice, Order
 
@@ -24,15 +23,9 @@ class NoFlyZoneOrders:
     fleet: Fleet
     replanner: Replanner
     return_routes: ReturnRoutes
-    climbs: Climbs
     agent_status: AgentStatusMonitor
     incursions: IncursionWarnings
     needs_approval: bool
-
-    def use_map(self) -> None:
-        """Plan on the map with the closed zones."""
-        self.return_routes.grid = self.climbs.grid = self.zones.grid
-        self.replanner.use_map(self.zones.grid)
 
     def carry_out(self, order: Order, replan: Callable[[Collection[int]], list[Effect]]) -> list[Effect]:
         """Close or open a zone, and plan again at once.
@@ -51,8 +44,7 @@ class NoFlyZoneOrders:
         if refusal:
             return [ongoing.answer(order.t_ns, "refused", refusal)]
         closed = self.zones.change(zone)
-        self.use_map()
-        verb = "closed" if zone.name in self.zones.areas else "opened"
+        verb = "closed" if zone.name in self.zones.closed else "opened"
         states = self.fleet.states()
         positions = {state.system_id: (state.east_m, state.north_m) for state in states}
         routes = self.replanner.routes
@@ -60,7 +52,7 @@ class NoFlyZoneOrders:
             closed, {v: position for v, position in positions.items() if v not in routes}
         )
         affected = self.replanner.change_map(
-            order.t_ns, self.zones.grid, closed, positions, f"no-fly zone {zone.name} {verb}", without_return
+            order.t_ns, closed, positions, f"no-fly zone {zone.name} {verb}", without_return
         )
         arrived = self.agent_status.arrived() & without_return
         effects = replan(affected)

@@ -18,6 +18,7 @@ from collections.abc import Container, Iterable, Sequence
 from dataclasses import replace
 
 from gcs.config import Config
+from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.operator.plan_figures import PlanFigures
 from gcs.core.operator.replies import OrderInProgress, named
 from gcs.core.replanning.inputs import PlanningInputs
@@ -46,11 +47,11 @@ RENEWAL_S = 5.0
 class PlanApproval:
     """The proposal that waits, and its confirmations in progress."""
 
-    def __init__(self, config: Config, replanner: Replanner) -> None:
+    def __init__(self, config: Config, zones: NoFlyZones, replanner: Replanner) -> None:
         self.pending: Proposal | None = None
         self.count = 0
         """Number of the last proposal."""
-        self._replanner, self._figures = replanner, PlanFigures(config)
+        self._zones, self._replanner, self._figures = zones, replanner, PlanFigures(config)
         self._plan: Plan | None = None
         self._shown: dict[int, RouteFigures] = {}
         """Figures of each vehicle when the number was first shown."""
@@ -141,7 +142,7 @@ class PlanApproval:
         replanner = self._replanner
         positions = {vehicle: place_of(track) for vehicle, track in inputs.agents.items()}
         apart_m = replanner.separation_m(inputs)
-        return self._figures.of(routes, shown, replanner.grid, positions, apart_m, replanner.short)
+        return self._figures.of(routes, shown, self._zones.grid, positions, apart_m, replanner.short)
 
     def _changes(self, routes: Sequence[Route], figures: Sequence[RouteFigures]) -> list[str]:
         """Return the changes of routes since they were first shown, in words."""

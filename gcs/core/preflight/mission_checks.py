@@ -11,7 +11,9 @@ from operator import attrgetter
 import numpy as np
 
 from gcs.config import Config
+from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.result import Check, Level
 from gcs.core.replanning.altitude_layers import layer_count, preferred_layers
 from gcs.core.replanning.plan_targets import plan_options
@@ -61,7 +63,7 @@ def rehearse(
         for agent in config.agents
     }
     grid = mission_grid(config, seed)
-    takeoffs = None if fleet is None else Climbs(config, grid, fleet)
+    takeoffs = None if fleet is None else Climbs(config, NoFlyZones(AirspaceState(), grid), fleet)
     found = (
         {}
         if takeoffs is None

@@ -17,6 +17,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from gcs.config import Config
+from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning import reasons
 from gcs.core.replanning.altitude_layers import AltitudeLayers
 from gcs.core.replanning.inputs import PlanningInputs
@@ -46,9 +47,9 @@ _SAME_PLACE_M = 1.0
 class Replanner:
     """Plans when a trigger asks for it, and keeps the routes of all vehicles."""
 
-    def __init__(self, config: Config, grid: Grid) -> None:
+    def __init__(self, config: Config, zones: NoFlyZones) -> None:
         planning = config.planning
-        self._grid = grid
+        self._zones = zones
         self._options = plan_options(config)
         self.plan_targets = PlanTargets(config)
         self._layers = AltitudeLayers(config)
@@ -68,7 +69,7 @@ class Replanner:
         self.unrouted: frozenset[int] = frozenset()
         """Vehicles whose proposed routes could not be planned again the last time."""
         self._current = CurrentRoutes()
-        self._triggers = Triggers(config, self.plan_targets, self._current, grid)
+        self._triggers = Triggers(config, self.plan_targets, self._current, zones)
 
     @property
     def routes(self) -> dict[int, Route]:
@@ -84,11 +85,6 @@ class Replanner:
     def blocked(self) -> set[int]:
         """Vehicles whose flown or return routes lead through an area that was closed since."""
         return self._current.blocked
-
-    @property
-    def grid(self) -> Grid:
-        """The current map."""
-        return self._grid
 
     def layer(self, vehicle: int) -> int:
         """Return the altitude layer of a vehicle's route, or the one that it gets first."""
@@ -119,10 +115,6 @@ class Replanner:
         self.drop(route.vehicle)
         self.routes[route.vehicle] = route
 
-    def use_map(self, grid: Grid) -> None:
-        """Plan on another map than the mission's own."""
-        self._grid = self._triggers.grid = grid
-
     def resume(self, t_ns: int, routes: Mapping[int, Route], targets: Iterable[Label]) -> None:
         """Begin with routes that are flown already, and check at once."""
         self._current.flown = dict(routes)
@@ -139,13 +131,12 @@ class Replanner:
     def change_map(
         self,
         t_ns: int,
-        grid: Grid,
         closed: Grid,
         places: Mapping[int, Point],
         news: str,
         without_return: Collection[int] = (),
     ) -> list[int]:
-        """Plan on another map from now on, and check at once.
+        """Check at once on a changed map.
 
         Parameters
         ----------
@@ -163,7 +154,6 @@ class Replanner:
         list of int
             Vehicles that will fly through the closed cells unless they get another route.
         """
-        self.use_map(grid)
         crossed = {v for v, r in self.routes.items() if is_crossed(closed, r.flown_m, places.get(v))}
         self.blocked.update(crossed | {v for v in self.routes if v in without_return})
         self._current.proposed = {
@@ -329,7 +319,7 @@ class Replanner:
         if fixed:
             demands = {label: replace(one, agents=counts[label]) for label, one in demands.items()}
         return plan_routes(
-            self._grid,
+            self._zones.grid,
             starts,
             {label: self._place(track, inputs) for label, track in targets.items()},
             flown,
@@ -348,7 +338,13 @@ class Replanner:
         for one in plain.routes if vehicle not in plain.stops_short else ():
             horizon_s = turn_around_s(motion, options.turn_radius_m, self._lag_s)
             length_m = capture_length_m(
-                self._grid, motion, one.points_m, self._corners, horizon_s, self._lag_s, options.clearance_m
+                self._zones.grid,
+                motion,
+                one.points_m,
+                self._corners,
+                horizon_s,
+                self._lag_s,
+                options.clearance_m,
             )
             if length_m < route.length_m:
                 return replace(one, length_m=length_m)
@@ -366,11 +362,11 @@ class Replanner:
     def _expected(self, vehicle: int, inputs: PlanningInputs, more_s: float) -> Motion:
         """Return an agent's motion `more_s` after it got a route that is planned now, or after its climb."""
         if vehicle in inputs.climbs:
-            return predict_motion(self._grid, inputs.motion(vehicle), more_s, self._lag_s)
+            return predict_motion(self._zones.grid, inputs.motion(vehicle), more_s, self._lag_s)
         motion, late_s = inputs.motion(vehicle), inputs.late_s.get(vehicle, 0.0)
         until_hold_s = max(0.0, motion.ahead.next_s - UploadTiming().guard_s)
         ahead_s = DELIVERY_S + motion.ahead.wait_s + min(late_s, until_hold_s) + more_s
-        return predict_motion(self._grid, motion, ahead_s, self._lag_s)
+        return predict_motion(self._zones.grid, motion, ahead_s, self._lag_s)
 
     def _place(self, target: Track, inputs: PlanningInputs) -> Point:
         """Return the position of a target at the time when agents begin routes that are planned now."""

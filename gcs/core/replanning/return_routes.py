@@ -10,6 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gcs.config import Config
+from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning.plan_targets import plan_options
 from gcs.core.replanning.replanner import is_crossed
 from gcs.core.tasking.mission_builder import corners_of
@@ -32,14 +33,12 @@ class ReturnRoutes:
 
     Attributes
     ----------
-    grid : Grid
-        The current map.
     newest_m : dict of int to ndarray, shape (k, 2)
         Newest return route of each vehicle, from the end of its route.
     """
 
-    def __init__(self, config: Config, grid: Grid, fleet: Fleet) -> None:
-        self.grid = grid
+    def __init__(self, config: Config, zones: NoFlyZones, fleet: Fleet) -> None:
+        self._zones = zones
         self._config, self._options, self._landing = config, plan_options(config), landing_of(config)
         self._fleet = fleet
         self.newest_m: dict[int, FloatArray] = {}
@@ -60,7 +59,7 @@ class ReturnRoutes:
         speed_m_s = self._speeds_m_s.get(vehicle, self._config.airframe.speed_m_s)
         east_m, north_m = points_m[0].tolist() if state is None else (state.east_m, state.north_m)
         start = AgentState(east_m, north_m, None if state is None else state.course_rad, speed_m_s)
-        planned = plan_return_route(self.grid, start, points_m, home_m, self._options, self._landing)
+        planned = plan_return_route(self._zones.grid, start, points_m, home_m, self._options, self._landing)
         self.newest_m[vehicle] = np.vstack((points_m[-1:], planned.points_m))
         before, self._problems[vehicle] = self._problems.get(vehicle, ""), planned.problem
         is_news = planned.problem not in ("", before)

@@ -14,12 +14,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 from gcs.config import Config
+from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.plan_targets import PlanTargets, is_arriving, plan_options
 from gcs.core.replanning.reasons import Reason
 from gcs.model import NS_PER_S, Label, Route, Track, target_name
-from gcs.planning.map.grid import Grid
 from gcs.planning.route_capture import simulate_until_blocked, turn_around_s
 
 _URGENT_FACTOR = 3.0
@@ -50,14 +50,14 @@ class Triggers:
 
     Attributes
     ----------
-    grid : Grid
-        The current map.
     planned_agents, planned_targets : frozenset
         Agents and targets of the last plan.
     """
 
-    def __init__(self, config: Config, plan_targets: PlanTargets, routes: CurrentRoutes, grid: Grid) -> None:
-        self.grid = grid
+    def __init__(
+        self, config: Config, plan_targets: PlanTargets, routes: CurrentRoutes, zones: NoFlyZones
+    ) -> None:
+        self._zones = zones
         self.planned_agents: frozenset[int] = frozenset()
         self.planned_targets: frozenset[Label] = frozenset()
         self._routes, self._plan_targets = routes, plan_targets
@@ -180,7 +180,7 @@ class Triggers:
             return False
         horizon_s = turn_around_s(motion, options.turn_radius_m, self._lag_s)
         is_clear, last = simulate_until_blocked(
-            self.grid, motion, horizon_s, self._lag_s, options.clearance_m
+            self._zones.grid, motion, horizon_s, self._lag_s, options.clearance_m
         )
         return not is_clear and bool(last.ahead.points_m)
 

@@ -11,12 +11,12 @@ import math
 from collections.abc import Mapping
 
 from gcs.config import Config
+from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning.plan_targets import plan_options
 from gcs.geo import wrap_pi
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import FloatArray, Notice
-from gcs.planning.map.grid import Grid
 from gcs.planning.terminal.climb import Climb, climb_problem, turn_problem
 
 _MAX_HEADING_ERROR_RAD = math.radians(15.0)
@@ -31,14 +31,12 @@ class Climbs:
 
     Attributes
     ----------
-    grid : Grid
-        The current map.
     blocked : dict of int to str
         Vehicles on the ground whose climbs are not clear, with the reason: they get no mission.
     """
 
-    def __init__(self, config: Config, grid: Grid, fleet: Fleet) -> None:
-        self.grid = grid
+    def __init__(self, config: Config, zones: NoFlyZones, fleet: Fleet) -> None:
+        self._zones = zones
         self.blocked: dict[int, str] = {}
         self._config, self._options, self._fleet = config, plan_options(config), fleet
 
@@ -106,8 +104,11 @@ class Climbs:
                 f"its nose points to {math.degrees(course_rad) % 360.0:.0f} degrees, takeoff.heading_deg is "
                 f"{math.degrees(climb.heading_rad):.0f}; turn it along the runway, or correct the key"
             )
-        problem = climb_problem(self.grid, climb, options.clearance_m + extra_m)
+        grid = self._zones.grid
+        problem = climb_problem(grid, climb, options.clearance_m + extra_m)
         if not problem and points_m is not None:
             points = [(east_m, north_m) for east_m, north_m in points_m.tolist()]
-            problem = turn_problem(self.grid, climb, points, options.turn_radius_m, options.clearance_m)
+            problem = turn_problem(
+                self._zones.grid, climb, points, options.turn_radius_m, options.clearance_m
+            )
         return f"{problem}; {_REMEDY}" if problem else ""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from staging import at, mission, track
+from staging import at, mission, track, zones
 
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.replanning.inputs import PlanningInputs
@@ -27,7 +27,7 @@ class Desk:
             agents=list(agents.values()), births=[(1900.0, 100.0 * i) for i in range(count)], tables=tables
         )
         self.grid = mission_grid(config, 0)
-        self.replanner = Replanner(config, self.grid)
+        self.replanner = Replanner(config, zones(config))
         self.agents, self.targets, self.arrived = dict(agents), dict(targets), set()
         self.lost, self.velocities, self.plans = set(), {}, []
 
@@ -405,7 +405,7 @@ def test_agent_and_target_are_both_taken_to_the_time_at_which_the_route_is_taken
     agent = replace(track((0, 1), (100.0, 200.0), (speed_m_s, 0.0)), **sure)
     target = replace(track(A, (1500.0, 200.0), tuple(velocity_m_s)), **sure)
     inputs = PlanningInputs(at(delay_s), at(0.0), {1: agent}, {A: target}, frozenset())
-    (route,) = Replanner(config, mission_grid(config, 0)).check(inputs).routes
+    (route,) = Replanner(config, zones(config)).check(inputs).routes
     taken_up_s = delay_s + DELIVERY_S + 0.5 * config.airframe.turn_lag_s
     start_m = np.array([100.0 + speed_m_s * taken_up_s, 200.0])
     assert route.length_m == pytest.approx(np.hypot(*(route.points_m[-1] - start_m)))
@@ -424,7 +424,7 @@ def test_a_mission_that_takes_long_to_its_vehicle_is_planned_to_meet_the_target_
     agent = replace(track((0, 1), (100.0, 200.0), (speed_m_s, 0.0)), **sure)
     target = replace(track(A, (1500.0, 200.0), tuple(velocity_m_s)), **sure)
     bad = PlanningInputs(at(0.0), at(0.0), {1: agent}, {A: target}, frozenset(), late_s={1: late_s})
-    replanner = Replanner(config, mission_grid(config, 0))
+    replanner = Replanner(config, zones(config))
     (route,) = replanner.check(bad).routes
     meeting_s = DELIVERY_S + 0.5 * config.airframe.turn_lag_s + late_s + route.length_m / speed_m_s
     assert math.dist([1500.0, 200.0] + velocity_m_s * meeting_s, route.points_m[-1]) < 5.0
