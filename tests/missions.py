@@ -1,9 +1,14 @@
-"""A mission that is over soon, for faults that must not end it."""
+"""Missions that are over soon, and uploads without a mission, for tests of all folders."""
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
-from gcs.config import read_text
+from gcs.config import parse, read_text
+from gcs.core.state import State
+from gcs.core.tasking.upload_manager import UploadManager
+from gcs.geo import LocalFrame
+from gcs.mavlink.fleet.fleet import Fleet
 
 
 def short_mission(folder: Path) -> Path:
@@ -15,3 +20,27 @@ def short_mission(folder: Path) -> Path:
     file = folder / "short.toml"
     file.write_text(text)
     return file
+
+
+def upload_manager(
+    fleet: Fleet, frame: LocalFrame, vehicles: Iterable[int], max_parallel: int = 32
+) -> UploadManager:
+    """Return the uploads to these vehicles, before the first event."""
+    text = f"""
+name = "uploads"
+[frame]
+lat_deg = {frame.lat_deg}
+lon_deg = {frame.lon_deg}
+alt_msl_m = {frame.alt_msl_m}
+[links]
+max_parallel_uploads = {max_parallel}
+[[agents]]
+system_id = 1
+east_m = 100.0
+north_m = 100.0
+[[births]]
+east_m = 500.0
+north_m = 500.0
+"""
+    state = State.initial(vehicles)
+    return UploadManager(parse(text, "uploads.toml"), fleet, state.agents, state.tasking)

@@ -73,7 +73,7 @@ class Engine(Stages):
         """Return the state that a restarted service needs (`Resumed`)."""
         return PersistedState(
             t_ns=t_ns,
-            mission_count=self.tasking.mission_count,
+            mission_count=self.state.tasking.mission_count,
             plan_count=self.approval.count,
             ended=self.state.has_ended,
             vehicles=self.restart.vehicles(),
@@ -259,8 +259,9 @@ class Engine(Stages):
         self.control.update(t_ns)
         ours = [vehicle for vehicle in self.agent_status.active() if self.control.of(vehicle).is_ours]
         notices = self.climbs.check(self.planning_inputs.climbs(ours), t_ns)
-        for vehicle in self.climbs.blocked:
-            self.replanner.drop(vehicle)
+        for vehicle, agent in self.state.agents.items():
+            if agent.takeoff.blocked:
+                self.replanner.drop(vehicle)
         return notices
 
     def _plan(self, t_ns: int, picture_t_ns: int, urgent: Container[int] = ()) -> list[Effect]:

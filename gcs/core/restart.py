@@ -26,7 +26,7 @@ from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
 from gcs.core.replanning.replanner import Replanner
-from gcs.core.tasking.onboard_missions import OnboardMission
+from gcs.core.tasking.records import OnboardMission
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
@@ -104,7 +104,7 @@ class Restart:
         """Restore persisted state; return notices."""
         state, t_ns = event.state, event.t_ns
         age_s = max(0.0, (t_ns - state.t_ns) / NS_PER_S)
-        self._tasking.mission_count = state.mission_count
+        self._tasking.state.mission_count = state.mission_count
         self._until_t_ns = t_ns + round(_MAX_WAIT_S * NS_PER_S)
         effects: list[Effect] = []
         known = set(self._agent_status.by_vehicle)

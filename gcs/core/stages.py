@@ -96,20 +96,18 @@ class Stages:
         # Planning and tasking
         self.replanner = Replanner(config, self.no_fly_zones)
         self.return_routes = ReturnRoutes(config, self.no_fly_zones, self.fleet)
-        self.climbs = Climbs(config, self.no_fly_zones, self.fleet)
+        self.climbs = Climbs(config, self.no_fly_zones, self.fleet, agents)
         self.tasking = UploadManager(
-            config.mission,
-            config.airframe,
-            config.local_frame,
+            config,
             self.fleet,
-            config.links.max_parallel_uploads,
+            agents,
+            self.state.tasking,
             self.climbs,
             MissionBoundsCheck(config, grid),
             lambda vehicle: self.takeoff_sequence.holds_back(vehicle, self.orders.launching()),
-            controls,
         )
-        self.takeoff_sequence = TakeoffSequence(config, self.fleet, self.tasking)
-        self.mission_ends = MissionEnds(self.tasking, config.planning.capture_radius_m)
+        self.takeoff_sequence = TakeoffSequence(config, self.fleet, self.tasking, agents, self.state.takeoff)
+        self.mission_ends = MissionEnds(agents, self.tasking, config.planning.capture_radius_m)
         self.upload_latency = UploadLatency(agents)
         self.approval = PlanApproval(config, self.no_fly_zones, self.replanner)
         self.dispatch = Dispatch(
@@ -145,7 +143,7 @@ class Stages:
         self.onboard_audit = OnboardAudit(self.fleet, self.tasking, self.replanner, controls)
         self.override_notices, self.unattended_targets = OverrideNotices(), UnattendedTargets()
         self.control = ControlAuthority(
-            controls, self.fleet, self.tasking, self.orders, self.mission_ends, self.climbs
+            controls, self.fleet, self.tasking, self.orders, self.mission_ends, agents
         )
         self.restart = Restart(
             self.fleet,

@@ -16,12 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[1] / "mavlink"))
+from missions import upload_manager
 from plane_double import LOITER, Plane
 
-from gcs.config.airframe import AirframeTable
-from gcs.config.schema import MissionTable
-from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Datagram, Route, Send, UploadReport, read_only
@@ -61,7 +60,7 @@ def once(count: int, items: int, window: int) -> tuple[float, float, int, float]
     process = multiprocessing.Process(target=vehicles, args=(ids, port), daemon=True)
     process.start()
     fleet = Fleet(ids, FRAME)
-    tasking = UploadManager(MissionTable(), AirframeTable(), FRAME, fleet, window)
+    tasking = upload_manager(fleet, FRAME, ids, window)
     rng = np.random.default_rng(1)
     done: list[UploadReport] = []
     polled_s = 0.0

@@ -14,12 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[1] / "mavlink"))
+from missions import upload_manager
 from plane_double import LOITER, Plane, S
 
-from gcs.config.airframe import AirframeTable
-from gcs.config.schema import MissionTable
-from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Datagram, Route, Send, UploadReport, read_only
@@ -62,7 +61,7 @@ def fly(vehicles: int, loss: float, telemetry: float) -> str:
     """Return the row of one run."""
     planes = {n: Plane(n, mode=LOITER) for n in range(1, vehicles + 1)}
     fleet = Fleet(planes, FRAME)
-    tasking = UploadManager(MissionTable(), AirframeTable(), FRAME, fleet)
+    tasking = upload_manager(fleet, FRAME, planes)
     up, down = Radio(1, loss), Radio(2, loss, telemetry)
     reports: list[UploadReport] = []
 

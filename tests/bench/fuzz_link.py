@@ -9,14 +9,16 @@ noise.
 
 import argparse
 import math
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.config.airframe import AirframeTable
-from gcs.config.schema import MissionTable
-from gcs.core.tasking.upload_manager import UploadManager
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from missions import upload_manager
+
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Datagram, Route, Send, read_only
@@ -109,7 +111,7 @@ def run(inputs: int, seed: int, seconds: float = math.inf, pool: int = 20_000) -
     """Feed so many datagrams, or for so long; return how many, and what came of them."""
     maker, rng = Maker(seed, pool), np.random.default_rng(seed + 1)
     fleet = Fleet(VEHICLES, FRAME)
-    tasking = UploadManager(MissionTable(), AirframeTable(), FRAME, fleet, 3)
+    tasking = upload_manager(fleet, FRAME, VEHICLES, 3)
     t_ns, began_s, done = 0, time.monotonic(), 0
     seen = {"messages": 0, "sends": 0, "ended": 0, "tasks": 0, "notices": 0}
     while done < inputs and (done % 1000 or time.monotonic() - began_s < seconds):

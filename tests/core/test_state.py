@@ -27,7 +27,7 @@ CACHES: frozenset[str] = frozenset(
     }
 )
 """Attributes that may change outside the state: they change no result."""
-DONE = ("gcs.core.airspace", "gcs.core.tasking.upload_latency")
+DONE = ("gcs.core.airspace", "gcs.core.takeoff", "gcs.core.tasking.upload_latency")
 """Packages and modules whose whole state is in the tree."""
 MAX_DEPTH = 12
 

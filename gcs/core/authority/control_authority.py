@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gcs.core.operator.vehicle_orders import Orders
-from gcs.core.takeoff.climbs import Climbs
+from gcs.core.state import Agent
 from gcs.core.tasking.mission_ends import MissionEnds
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
@@ -30,7 +30,7 @@ class ControlAuthority:
     tasking: UploadManager
     orders: Orders
     mission_ends: MissionEnds
-    climbs: Climbs
+    agents: Mapping[int, Agent]
 
     def of(self, vehicle: int) -> Control:
         """Return the control of a vehicle."""
@@ -54,7 +54,7 @@ class ControlAuthority:
         is_mission_mode = mode in _MISSION_MODES or self._missed_in_rtl(vehicle)
         is_landing = self.tasking.terminal_phase(vehicle) == "landing"
         is_unknown = bool(self.fleet.link(vehicle)) and self.fleet.profile(vehicle) is None
-        is_blocked = vehicle in self.climbs.blocked
+        is_blocked = bool(self.agents[vehicle].takeoff.blocked)
         if is_mission_mode:
             yield ControlEvent.MISSION_MODE_SEEN, ""
         else:

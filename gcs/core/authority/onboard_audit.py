@@ -20,7 +20,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.replanning.replanner import Replanner
-from gcs.core.tasking.onboard_missions import OnboardMission
+from gcs.core.tasking.records import OnboardMission
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message

@@ -63,7 +63,7 @@ def rehearse(
         for agent in config.agents
     }
     grid = mission_grid(config, seed)
-    takeoffs = None if fleet is None else Climbs(config, NoFlyZones(AirspaceState(), grid), fleet)
+    takeoffs = None if fleet is None else Climbs(config, NoFlyZones(AirspaceState(), grid), fleet, {})
     found = (
         {}
         if takeoffs is None

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning.plan_targets import plan_options
+from gcs.core.state import Agent
 from gcs.geo import wrap_pi
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
@@ -27,17 +28,10 @@ _REMEDY = "lower takeoff.altitude_rel_m, or take off from elsewhere or in anothe
 
 
 class Climbs:
-    """Climbs of vehicles on the ground, or in their take-off.
+    """Climbs of vehicles on the ground, or in their take-off."""
 
-    Attributes
-    ----------
-    blocked : dict of int to str
-        Vehicles on the ground whose climbs are not clear, with the reason: they get no mission.
-    """
-
-    def __init__(self, config: Config, zones: NoFlyZones, fleet: Fleet) -> None:
-        self._zones = zones
-        self.blocked: dict[int, str] = {}
+    def __init__(self, config: Config, zones: NoFlyZones, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
+        self._zones, self._agents = zones, agents
         self._config, self._options, self._fleet = config, plan_options(config), fleet
 
     def climb(self, vehicle: int, layer: int, *, in_takeoff: bool = False) -> Climb | None:
@@ -71,21 +65,20 @@ class Climbs:
 
     def check(self, climbs: Mapping[int, Climb], t_ns: int) -> list[Notice]:
         """Check the climbs of all vehicles that may get a mission; return alarms and all-clears."""
-        standing = {
-            v: climb for v, climb in climbs.items() if is_on_ground(self._fleet.state(v), self._fleet.home(v))
-        }
-        problems = {
-            v: self.problem(v, climb, None, _HYSTERESIS_M if v in self.blocked else 0.0)
-            for v, climb in standing.items()
-        }
-        before, self.blocked = self.blocked, {v: why for v, why in problems.items() if why}
-        notices = [
-            Notice(t_ns, "alarm", f"its take-off is not clear, it gets no mission: {why}", v)
-            for v, why in self.blocked.items()
-            if v not in before
-        ]
-        clear = [v for v in before if v in standing and v not in self.blocked]
-        return notices + [Notice(t_ns, "info", "its take-off is clear again", v) for v in clear]
+        alarms, all_clears = [], []
+        for vehicle, agent in self._agents.items():
+            climb, was_blocked = climbs.get(vehicle), bool(agent.takeoff.blocked)
+            agent.takeoff.blocked = ""
+            if climb is None or not is_on_ground(self._fleet.state(vehicle), self._fleet.home(vehicle)):
+                continue
+            why = self.problem(vehicle, climb, None, _HYSTERESIS_M if was_blocked else 0.0)
+            agent.takeoff.blocked = why
+            if why and not was_blocked:
+                text = f"its take-off is not clear, it gets no mission: {why}"
+                alarms.append(Notice(t_ns, "alarm", text, vehicle))
+            elif was_blocked and not why:
+                all_clears.append(Notice(t_ns, "info", "its take-off is clear again", vehicle))
+        return alarms + all_clears
 
     def problem(self, vehicle: int, climb: Climb, points_m: FloatArray | None, extra_m: float = 0.0) -> str:
         """Return what obstructs a take-off, where, and the remedy; empty if it is clear.

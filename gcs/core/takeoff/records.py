@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(slots=True)
 class AgentTakeoff:
     """Take-off of one vehicle."""
 
+    blocked: str = ""
+    """Why the climb of the vehicle, which stands on the ground, is not clear: it gets no mission."""
+    is_grounded: bool = False
+    """True if the vehicle was on the ground when it was last checked."""
+    is_climbing: bool = False
+    """True from the ground to the lowest altitude layer."""
+    is_waiting: bool = False
+    """True while its take-off waits for that of another vehicle."""
+
 
 @dataclass(slots=True)
 class TakeoffState:
     """What belongs to no single vehicle."""
+
+    next_check_t_ns: int = 0
+    close_pairs: list[tuple[int, int]] = field(default_factory=list)
+    """Vehicles that climb near each other, in order; an alarm has been raised."""

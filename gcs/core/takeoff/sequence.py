@@ -11,10 +11,12 @@ names two that climb near each other.
 from __future__ import annotations
 
 import math
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from typing import Final
 
 from gcs.config import Config
+from gcs.core.state import Agent
+from gcs.core.takeoff.records import TakeoffState
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.autopilots.modes import AUTO
@@ -34,17 +36,20 @@ _PERIOD_NS: Final = ns(1.0)
 class TakeoffSequence:
     """Separation of take-offs."""
 
-    def __init__(self, config: Config, fleet: Fleet, tasking: UploadManager) -> None:
+    def __init__(
+        self,
+        config: Config,
+        fleet: Fleet,
+        tasking: UploadManager,
+        agents: Mapping[int, Agent],
+        state: TakeoffState,
+    ) -> None:
         self._config, self._fleet, self._tasking = config, fleet, tasking
+        self._agents, self._state = agents, state
         self._low_m = config.mission.altitude_rel_m - _ALTITUDE_TOLERANCE_M
         climb_m = config.takeoff.length_m(config.mission.altitude_rel_m)
         self.distance_m = climb_m + config.planning.separation_m
         """Distance within which two vehicles must not take off together."""
-        self._grounded: set[int] = set()
-        self._climbing: set[int] = set()
-        self._alarmed: set[tuple[int, int]] = set()
-        self._waiting: set[int] = set()
-        self._next_check_t_ns = 0
 
     def blocked_by(self, vehicle: int, starting: Container[int]) -> str:
         """Return which vehicle blocks a take-off, and how long to wait; empty if none does.
@@ -109,41 +114,38 @@ class TakeoffSequence:
 
     def check(self, t_ns: int, starting: Container[int]) -> list[Effect]:
         """Check once a second which take-offs wait, and which vehicles climb near each other."""
-        if t_ns < self._next_check_t_ns:
+        if t_ns < self._state.next_check_t_ns:
             return []
-        self._next_check_t_ns = t_ns + _PERIOD_NS
+        self._state.next_check_t_ns = t_ns + _PERIOD_NS
         return self._check_waiting(t_ns, starting) + self._check_climbs(t_ns)
 
     def _check_waiting(self, t_ns: int, starting: Container[int]) -> list[Effect]:
-        delayed = {
-            vehicle: reason
-            for vehicle, stage in self._tasking.stages.items()
-            if stage == "waiting" and (reason := self.holds_back(vehicle, starting))
-        }
-        new = delayed.keys() - self._waiting
-        self._waiting = set(delayed)
-        return [Notice(t_ns, "warning", f"its take-off waits: {delayed[v]}", v) for v in sorted(new)]
+        effects: list[Effect] = []
+        stages = self._tasking.stages
+        for vehicle, agent in sorted(self._agents.items()):
+            is_queued, was_waiting = stages.get(vehicle) == "waiting", agent.takeoff.is_waiting
+            reason = self.holds_back(vehicle, starting) if is_queued else ""
+            agent.takeoff.is_waiting = bool(reason)
+            if reason and not was_waiting:
+                effects.append(Notice(t_ns, "warning", f"its take-off waits: {reason}", vehicle))
+        return effects
 
     def _check_climbs(self, t_ns: int) -> list[Effect]:
         climbing = []
         for state in self._fleet.states():
-            vehicle = state.system_id
-            if is_on_ground(state, self._fleet.home(vehicle)):
-                self._grounded.add(vehicle)
-                self._climbing.discard(vehicle)
-            elif vehicle in self._grounded:
-                self._grounded.discard(vehicle)
-                self._climbing.add(vehicle)
-            if self._height_m(state) >= self._low_m:
-                self._climbing.discard(vehicle)
-            if self._climbs(vehicle) and not is_on_ground(state, self._fleet.home(vehicle)):
+            takeoff = self._agents[state.system_id].takeoff
+            was_grounded, is_low = takeoff.is_grounded, self._height_m(state) < self._low_m
+            takeoff.is_grounded = is_on_ground(state, self._fleet.home(state.system_id))
+            takeoff.is_climbing = not takeoff.is_grounded and (was_grounded or takeoff.is_climbing) and is_low
+            if not takeoff.is_grounded and self._climbs(state.system_id):
                 climbing.append(state)
         near = {
             (one.system_id, other.system_id): _distance_m(one, other)
             for i, one in enumerate(climbing)
             for other in climbing[i + 1 :]
         }
-        still = {pair for pair in self._alarmed if near.get(pair, math.inf) <= _HYSTERESIS * self.distance_m}
+        before = set(self._state.close_pairs)
+        still = {pair for pair in before if near.get(pair, math.inf) <= _HYSTERESIS * self.distance_m}
         new = {pair for pair, away_m in near.items() if away_m <= self.distance_m} - still
         effects: list[Effect] = []
         for first, second in sorted(new):
@@ -153,17 +155,18 @@ class TakeoffSequence:
                 "height yet. Watch both; if they close, let a pilot take one over"
             )
             effects.append(Notice(t_ns, "alarm", text, first))
-        for first, second in sorted(self._alarmed - still):
+        for first, second in sorted(before - still):
             text = f"no longer climbs out near agent {vehicle_name(second)}"
             effects.append(Notice(t_ns, "info", text, first))
-        self._alarmed = still | new
+        self._state.close_pairs = sorted(still | new)
         return effects
 
     def _climbs(self, vehicle: int) -> bool:
         state = self._fleet.state(vehicle)
         if state is None or not state.armed or self._height_m(state) >= self._low_m:
             return False
-        return vehicle in self._climbing or self._tasking.is_in_takeoff(vehicle) or state.mode == "TAKEOFF"
+        is_climbing = self._agents[vehicle].takeoff.is_climbing or state.mode == "TAKEOFF"
+        return is_climbing or self._tasking.is_in_takeoff(vehicle)
 
     def _height_m(self, state: VehicleState) -> float:
         """Return the height above home; above the mission's origin if home is unknown."""

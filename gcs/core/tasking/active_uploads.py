@@ -7,17 +7,18 @@ an inconsistent mission is held and cleared, unless a new mission replaces it fi
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
 from gcs.core.authority.overrides import Overrides
+from gcs.core.state import Agent
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import points_passed
-from gcs.core.tasking.onboard_missions import OnboardMission, OnboardMissions
-from gcs.core.tasking.upload_queue import UploadQueue
+from gcs.core.tasking.onboard_missions import OnboardMissions
+from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.upload_retry import UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
@@ -47,30 +48,26 @@ class ActiveUploads(UploadPolicy):
 
     Parameters
     ----------
+    windows : dict of str to UploadWindow
+        By link.
     max_parallel : int
         Maximum number of uploads at a time over one link.
-
-    Attributes
-    ----------
-    inconsistent : set of int
-        Vehicles whose onboard mission may be inconsistent.
     """
 
     def __init__(
         self,
         fleet: Fleet,
+        agents: Mapping[int, Agent],
+        windows: dict[str, UploadWindow],
         onboard: OnboardMissions,
         overrides: Overrides,
         first_legs: FirstLegs,
-        queue: UploadQueue,
         max_parallel: int,
     ) -> None:
-        self.inconsistent: set[int] = set()
-        self._fleet, self._onboard, self._overrides = fleet, onboard, overrides
-        self._first_legs, self._queue = first_legs, queue
+        self._fleet, self._agents, self._windows = fleet, agents, windows
+        self._onboard, self._overrides, self._first_legs = onboard, overrides, first_legs
+        self._max_parallel = max_parallel
         self._uploads: dict[int, _ActiveUpload] = {}
-        self._windows: defaultdict[str, UploadWindow] = defaultdict(lambda: UploadWindow(max_parallel))
-        self._counts: defaultdict[str, int] = defaultdict(int)
 
     def __contains__(self, vehicle: int) -> bool:
         """Return True if an upload to a vehicle is in progress, or its mission is being cleared."""
@@ -93,24 +90,29 @@ class ActiveUploads(UploadPolicy):
 
     def has_capacity(self, vehicle: int) -> bool:
         """Return True if an upload to a vehicle may begin; clearing precedes a mission."""
-        link = self._fleet.link(vehicle)
         if vehicle in self._uploads:
             return not self.has_mission(vehicle)
-        return self._counts[link] < self._windows[link].window
+        window = self._window(self._fleet.link(vehicle))
+        return window.active < window.window
 
     def may_be_inconsistent(self, vehicle: int) -> bool:
         """Return True if the onboard mission may be inconsistent; never where uploads are atomic."""
-        is_unsure = vehicle in self._uploads or vehicle in self.inconsistent
+        is_unsure = vehicle in self._uploads or self._agents[vehicle].tasking.is_inconsistent
         return is_unsure and not self._fleet.is_atomic(vehicle)
 
     def mark_inconsistent(self, vehicle: int) -> None:
         """Mark an onboard mission as inconsistent: the vehicle is held and cleared when it is heard."""
-        self.inconsistent.add(vehicle)
+        self._agents[vehicle].tasking.is_inconsistent = True
         self._fleet.forward_next_heartbeat(vehicle)
 
     def round_trip_s(self, link: str) -> float:
         """Return the round-trip time that the last upload over a link measured; 0 if there was none."""
-        return self._windows[link].round_trip_s
+        return self._window(link).round_trip_s
+
+    def _window(self, link: str) -> UploadWindow:
+        if link not in self._windows:
+            self._windows[link] = UploadWindow.first(self._max_parallel)
+        return self._windows[link]
 
     # ------------------------------------------------------------ policy of the tasks
 
@@ -132,7 +134,7 @@ class ActiveUploads(UploadPolicy):
 
     def max_items_in_flight(self, vehicle: int) -> int:
         """Return the number of items that an upload may have in flight on its link."""
-        return max(1, _MAX_ITEMS_IN_FLIGHT // self._counts[self._uploads[vehicle].link])
+        return max(1, _MAX_ITEMS_IN_FLIGHT // self._window(self._uploads[vehicle].link).active)
 
     # ------------------------------------------------------------ uploads
 
@@ -140,7 +142,7 @@ class ActiveUploads(UploadPolicy):
         """Start the upload of a mission whose route was planned at `planned_t_ns`."""
         vehicle = mission.route.vehicle
         self._add(_ActiveUpload(task, self._fleet.link(vehicle), t_ns, mission, planned_t_ns))
-        self._queue.began(vehicle, t_ns)
+        self._agents[vehicle].tasking.retry.note_begin(t_ns)
         return self._run(vehicle, partial(task.start, t_ns), t_ns)
 
     def clear(self, vehicle: int, task: UploadTask, t_ns: int) -> list[Effect]:
@@ -150,10 +152,10 @@ class ActiveUploads(UploadPolicy):
 
     def _add(self, upload: _ActiveUpload) -> None:
         vehicle = upload.task.mission.vehicle
-        self.inconsistent.discard(vehicle)
+        self._agents[vehicle].tasking.is_inconsistent = False
         self._first_legs.end(vehicle)
         self._uploads[vehicle] = upload
-        self._counts[upload.link] += 1
+        self._window(upload.link).active += 1
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""
@@ -196,19 +198,20 @@ class ActiveUploads(UploadPolicy):
     def _remove(self, vehicle: int) -> None:
         """Remove an ended upload and keep its result."""
         upload = self._uploads.pop(vehicle)
-        self._counts[upload.link] -= 1
+        self._window(upload.link).active -= 1
         task, result, mission = upload.task, upload.task.result, upload.mission
+        tasking = self._agents[vehicle].tasking
         assert result is not None
         if task.uploads:
-            self._onboard.select(vehicle, selected=result.selected)
+            tasking.is_selected = result.selected
         if task.is_inconsistent:
             self.mark_inconsistent(vehicle)
         elif result.onboard is OnboardState.EQUAL and mission is not None:
-            self._onboard.note(mission)
+            tasking.onboard = mission
             if result.ok:
                 self._first_legs.begin(mission, task.first_seq, task.leg_t_ns, result.t_ns)
         elif result.onboard is not OnboardState.OLD:
-            self._onboard.forget(vehicle)
+            tasking.onboard = None
 
     def _run(self, vehicle: int, step: Callable[[], list[bytes]], t_ns: int) -> list[Effect]:
         """Run a step of a task. After a programming error it ends: the vehicle is held and cleared."""
@@ -231,11 +234,14 @@ class ActiveUploads(UploadPolicy):
             self._fleet.forward_next_heartbeat(vehicle)
             return effects
         self._remove(vehicle)
-        window, repeated = self._windows[upload.link], result.retries / len(task.items)
-        window.ended(upload.began_t_ns, result.t_ns, task.round_trip_s, repeated)
+        window, repeated = self._window(upload.link), result.retries / len(task.items)
+        window.note_end(upload.began_t_ns, result.t_ns, task.round_trip_s, repeated)
         if upload.mission is not None:
             effects.append(task.report())
-            effects += self._queue.ended(vehicle, result.t_ns, ok=result.ok)
+            if result.ok:
+                self._agents[vehicle].tasking.retry = UploadRetry()
+            else:
+                effects += self._agents[vehicle].tasking.retry.note_failure(vehicle, result.t_ns)
         is_cleared, override = result.onboard is OnboardState.CLEARED, self._overrides.of(vehicle).override
         if result.ok or not (result.was_held or override or upload.mission is None or is_cleared):
             return effects

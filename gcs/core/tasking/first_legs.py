@@ -11,12 +11,11 @@ another selection, with a notice.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.tasking.onboard_missions import OnboardMission
+from gcs.core.tasking.records import FirstLeg, OnboardMission
 from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
@@ -36,28 +35,11 @@ _MAX_CORRECTIONS: Final = 3
 _REQUESTED: Final = (dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT, dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
 
 
-@dataclass(slots=True)
-class _Leg:
-    """The first leg of one vehicle's new mission."""
-
-    seq: int
-    item_m: tuple[float, float]
-    """Position of its item, east and north."""
-    began_t_ns: int
-    next_t_ns: int
-    problem: str = ""
-    """Error of the newest sample in words; empty if there is none."""
-    has_sample: bool = False
-    off: int = 0
-    corrections: int = 0
-
-
 class FirstLegs:
     """Monitor of first legs."""
 
-    def __init__(self, fleet: Fleet) -> None:
-        self._fleet = fleet
-        self._legs: dict[int, _Leg] = {}
+    def __init__(self, fleet: Fleet, legs: dict[int, FirstLeg]) -> None:
+        self._fleet, self._legs = fleet, legs
 
     def begin(self, mission: OnboardMission, seq: int, began_t_ns: int, t_ns: int) -> None:
         """Monitor the leg to item `seq`, which was selected at `began_t_ns`.
@@ -69,7 +51,7 @@ class FirstLegs:
         if profile is None or not profile.tracks_old_leg or not 0 <= index < len(mission.route.points_m):
             return
         east_m, north_m = mission.route.points_m[index].tolist()
-        self._legs[vehicle] = _Leg(seq, (east_m, north_m), began_t_ns, t_ns)
+        self._legs[vehicle] = FirstLeg(seq, (east_m, north_m), began_t_ns, t_ns)
         self._fleet.watch_leg(vehicle, watched=True)
 
     def end(self, vehicle: int) -> None:
@@ -108,7 +90,7 @@ class FirstLegs:
                 return self._correct(vehicle, leg, t_ns)
         return []
 
-    def _correct(self, vehicle: int, leg: _Leg, t_ns: int) -> list[Effect]:
+    def _correct(self, vehicle: int, leg: FirstLeg, t_ns: int) -> list[Effect]:
         """Start the leg again at the vehicle; raise an alarm if that has not helped."""
         profile = self._fleet.profile(vehicle)
         assert profile is not None  # watched
@@ -129,7 +111,7 @@ class FirstLegs:
         return [*self._fleet.address_frames(vehicle, map(self._fleet.encoder(vehicle), messages))]
 
 
-def _problem(output: Message, leg: _Leg, state: VehicleState, t_ns: int) -> str:
+def _problem(output: Message, leg: FirstLeg, state: VehicleState, t_ns: int) -> str:
     """Return the error that a NAV_CONTROLLER_OUTPUT shows; empty if there is none."""
     speed_m_s, off_m = state.ground_speed_m_s, abs(output.xtrack_error)
     if off_m > _OFF_M + speed_m_s * (t_ns - leg.began_t_ns) / NS_PER_S:

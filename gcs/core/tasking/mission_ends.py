@@ -7,10 +7,12 @@ notified and the next plan gives the vehicle a new mission. A vehicle in its lan
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Final
 
-from gcs.core.tasking.onboard_missions import OnboardMission, TerminalPhase
+from gcs.core.state import Agent
+from gcs.core.tasking.onboard_missions import TerminalPhase
+from gcs.core.tasking.records import NO_MISSION
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice
@@ -37,37 +39,36 @@ class MissionEnds:
         Distance at which a vehicle has reached its target.
     """
 
-    def __init__(self, tasking: UploadManager, capture_radius_m: float) -> None:
-        self._tasking, self._max_radius_m = tasking, capture_radius_m
-        self._since: dict[int, tuple[OnboardMission | None, int]] = {}
-        self._reported: dict[int, OnboardMission | None] = {}
-        self._missed: set[int] = set()
+    def __init__(self, agents: Mapping[int, Agent], tasking: UploadManager, capture_radius_m: float) -> None:
+        self._agents, self._tasking, self._max_radius_m = agents, tasking, capture_radius_m
 
     def check(self, t_ns: int, active: Iterable[int]) -> list[Effect]:
         """Check the vehicles that have not reached a target; report each mission once."""
         effects: list[Effect] = []
-        self._missed.clear()
+        for agent in self._agents.values():
+            agent.tasking.route_end.has_missed = False
         for vehicle in active:
-            mission, phase = self._tasking.onboard(vehicle), self._tasking.terminal_phase(vehicle)
+            tasking, phase = self._agents[vehicle].tasking, self._tasking.terminal_phase(vehicle)
+            mission, end = tasking.onboard, tasking.route_end
             if not phase or (mission is None and phase != "return"):
-                self._since.pop(vehicle, None)
+                end.since_t_ns = None
                 continue
-            since, since_t_ns = self._since.setdefault(vehicle, (mission, t_ns))
-            if since is not mission:
-                self._since[vehicle] = mission, t_ns
+            mission_id = NO_MISSION if mission is None else mission.mission_id
+            if end.since_t_ns is None or end.mission_id != mission_id:
+                end.since_t_ns, end.mission_id = t_ns, mission_id
                 continue
             circle = None if mission is None else mission.circle
             is_at_target = phase == "circle" and circle is not None and circle.radius_m <= self._max_radius_m
-            if t_ns - since_t_ns < (_CIRCLING_NS if is_at_target else _ARRIVAL_NS):
+            if t_ns - end.since_t_ns < (_CIRCLING_NS if is_at_target else _ARRIVAL_NS):
                 continue
-            if not is_at_target and phase != "landing":
-                self._missed.add(vehicle)
-            if vehicle not in self._reported or self._reported[vehicle] is not mission:
-                self._reported[vehicle] = mission
+            end.has_missed = not is_at_target and phase != "landing"
+            if end.reported_id != mission_id:
+                end.reported_id = mission_id
                 text = f"ended its route without having reached its target: {_PHASE_WORDS[phase]}"
                 effects.append(Notice(t_ns, "alarm", text, vehicle))
         return effects
 
     def has_missed(self, vehicle: int) -> bool:
         """Return True if a vehicle has passed its target, and its mission does not lead back to it."""
-        return vehicle in self._missed or self._tasking.has_passed_route_end(vehicle)
+        has_missed = self._agents[vehicle].tasking.route_end.has_missed
+        return has_missed or self._tasking.has_passed_route_end(vehicle)

@@ -2,13 +2,102 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_UNLIM
+
+from gcs.core.tasking.upload_retry import UploadRetry
+from gcs.core.tasking.upload_window import UploadWindow
+from gcs.mavlink.mission.items import Item
+from gcs.model import Route
+from gcs.planning.terminal.landing import ReturnRoute
+from gcs.planning.vehicle_model import LoiterCircle
+
+NO_MISSION = -1
+"""Instead of a mission number."""
+
+
+@dataclass(frozen=True, slots=True)
+class OnboardMission:
+    """Onboard mission of one vehicle, by the last read-back."""
+
+    route: Route
+    items: tuple[Item, ...]
+    first_point: int
+    """Number of the item that is the route's first point."""
+    mission_id: int = 0
+    """Number of the mission; 0 if it was uploaded before a restart."""
+
+    @property
+    def circle(self) -> LoiterCircle | None:
+        """Loiter circle at the end; None if the autopilot sets the radius, or the vehicle lands."""
+        radius_m = self.items[-1].param3 if self.items[-1].command == MAV_CMD_NAV_LOITER_UNLIM else 0.0
+        east_m, north_m = self.route.flown_m[-1].tolist()
+        return LoiterCircle((east_m, north_m), radius_m) if radius_m > 0.0 else None
+
+
+@dataclass(frozen=True, slots=True)
+class QueuedRoute:
+    """A route that waits for its upload."""
+
+    route: Route
+    planned_t_ns: int
+    until_ns: int
+    """End of the wait for an item."""
+    at_once: bool
+    return_route: ReturnRoute | None
+
+
+@dataclass(slots=True)
+class FirstLeg:
+    """The first leg of one vehicle's new mission."""
+
+    seq: int
+    item_m: tuple[float, float]
+    """Position of its item, east and north."""
+    began_t_ns: int
+    next_t_ns: int
+    problem: str = ""
+    """Error of the newest sample in words; empty if there is none."""
+    has_sample: bool = False
+    off: int = 0
+    corrections: int = 0
+
+
+@dataclass(slots=True)
+class RouteEnd:
+    """End of a route that a vehicle has passed without having reached its target."""
+
+    since_t_ns: int | None = None
+    """Time since when it has passed the end; None if it has not."""
+    mission_id: int = NO_MISSION
+    """Number of the mission with this route."""
+    reported_id: int | None = None
+    """Number of the last mission that was reported; None before the first."""
+    has_missed: bool = False
+    """True if the mission does not lead back to the target."""
 
 
 @dataclass(slots=True)
 class AgentTasking:
     """Missions of one vehicle: queued, uploading, on board."""
 
+    onboard: OnboardMission | None = None
+    """Onboard mission by the last read-back; None if it is unknown."""
+    is_selected: bool = True
+    """False while the vehicle still counts items of the mission before."""
+    is_inconsistent: bool = False
+    """True if the onboard mission may be inconsistent: the vehicle is held and cleared when it is heard."""
+    is_paused: bool = False
+    """True while the onboard mission is audited: no upload starts."""
+    boots: int = 0
+    """Reboots that have been processed."""
+    before_boot: OnboardMission | None = None
+    """Mission that the vehicle stored before it rebooted outside an upload, until its audit begins."""
+    refusal: str = ""
+    """Why the newest mission was refused, without figures: positions are noisy."""
+    retry: UploadRetry = field(default_factory=UploadRetry)
+    route_end: RouteEnd = field(default_factory=RouteEnd)
     usual_upload_s: float | None = None
     """Estimated duration of an upload; None before the first one."""
 
@@ -16,3 +105,12 @@ class AgentTasking:
 @dataclass(slots=True)
 class TaskingState:
     """Uploads over each link."""
+
+    mission_count: int = 0
+    """Number of missions made so far."""
+    queue: dict[int, QueuedRoute] = field(default_factory=dict)
+    """By vehicle, the longest waiting first."""
+    first_legs: dict[int, FirstLeg] = field(default_factory=dict)
+    """Monitored first legs by vehicle, in order of their begin."""
+    windows: dict[str, UploadWindow] = field(default_factory=dict)
+    """By link."""

@@ -11,17 +11,18 @@ import math
 from collections.abc import Callable, Container, Mapping
 from typing import Final
 
-from gcs.config.airframe import AirframeTable
-from gcs.config.schema import MissionTable
+from gcs.config import Config
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.authority.overrides import Overrides
+from gcs.core.state import Agent
 from gcs.core.takeoff.climbs import Climbs
 from gcs.core.tasking.active_uploads import ActiveUploads
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import MissionBuilder
-from gcs.core.tasking.onboard_missions import OnboardMission, OnboardMissions, TerminalPhase
+from gcs.core.tasking.onboard_missions import OnboardMissions, TerminalPhase
+from gcs.core.tasking.records import OnboardMission, TaskingState
 from gcs.core.tasking.upload_queue import UploadQueue
-from gcs.geo import LocalFrame
+from gcs.core.tasking.upload_retry import UploadRetry
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
@@ -29,7 +30,7 @@ from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.mavlink.services.rtt import RttEstimator
-from gcs.model import Control, Effect, Notice, Route, UploadAnswer, UploadReport, VehicleState
+from gcs.model import Effect, Notice, Route, UploadAnswer, UploadReport, VehicleState
 from gcs.planning.terminal.climb import Climb
 from gcs.planning.terminal.landing import ReturnRoute
 from gcs.planning.vehicle_model import RemainingMission
@@ -43,23 +44,15 @@ class UploadManager:
 
     Parameters
     ----------
-    table : MissionTable
-        Altitudes, acceptance radii and the uploader.
-    max_parallel : int
-        Maximum number of uploads at a time over one link.
     climbs : Climbs or None
         Gives the climbs of vehicles on the ground, and checks them; None: no vehicle climbs.
     bounds : MissionBoundsCheck or None
         Refuses missions with an item outside the map or the fence; None: none is refused.
     holds_back : callable
         Returns why an armed vehicle on the ground must not start yet; empty if it may.
-    controls : mapping or None
-        Control of each vehicle; None: overrides alone.
 
     Attributes
     ----------
-    mission_count : int
-        Number of missions made so far.
     onboard_missions : OnboardMissions
         Verified missions of vehicles.
     overrides : Overrides
@@ -68,41 +61,39 @@ class UploadManager:
 
     def __init__(
         self,
-        table: MissionTable,
-        airframe: AirframeTable,
-        frame: LocalFrame,
+        config: Config,
         fleet: Fleet,
-        max_parallel: int = 32,
+        agents: Mapping[int, Agent],
+        state: TaskingState,
         climbs: Climbs | None = None,
         bounds: MissionBoundsCheck | None = None,
         holds_back: Callable[[int], str] = lambda _vehicle: "",
-        controls: Mapping[int, Control] | None = None,
     ) -> None:
-        self.mission_count = 0
-        self._table, self._frame, self._climbs = table, frame, climbs
-        self._bounds, self._holds_back, self._fleet = bounds, holds_back, fleet
-        self._missions = MissionBuilder(table, airframe, frame)
-        self._default_home = Home(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
-        self.onboard_missions = OnboardMissions(fleet, stays=table.end == "loiter")
-        self.overrides = Overrides(self.onboard_missions, controls or {})
-        self._first_legs = FirstLegs(fleet)
-        self._queue = UploadQueue(self._item_wait_s)
+        self.state = state
+        self._table, self._frame, self._climbs = config.mission, config.local_frame, climbs
+        self._bounds, self._holds_back, self._fleet, self._agents = bounds, holds_back, fleet, agents
+        self._missions = MissionBuilder(config.mission, config.airframe, config.local_frame)
+        self._default_home = Home(config.frame.lat_deg, config.frame.lon_deg, config.frame.alt_msl_m)
+        self.onboard_missions = OnboardMissions(fleet, agents, stays=config.mission.end == "loiter")
+        self.overrides = Overrides(self.onboard_missions, {v: agent.control for v, agent in agents.items()})
+        self._first_legs = FirstLegs(fleet, state.first_legs)
+        self._queue = UploadQueue(agents, state.queue, self._item_wait_s)
         self._active = ActiveUploads(
-            fleet, self.onboard_missions, self.overrides, self._first_legs, self._queue, max_parallel
+            fleet,
+            agents,
+            state.windows,
+            self.onboard_missions,
+            self.overrides,
+            self._first_legs,
+            config.links.max_parallel_uploads,
         )
-        self._paused: set[int] = set()
-        """Vehicles whose onboard mission is being audited."""
-        self._boots: dict[int, int] = {}
-        self._before_boot: dict[int, OnboardMission] = {}
-        self._refusals: dict[int, str] = {}
-        """Why the newest mission of each vehicle was refused, without figures: positions are noisy."""
 
     # ------------------------------------------------------------ queries
 
     @property
     def stages(self) -> dict[int, str]:
         """Stage of each upload, by vehicle; "waiting" for queued routes."""
-        return dict.fromkeys(self._queue.vehicles, "waiting") | self._active.stages
+        return dict.fromkeys(self.state.queue, "waiting") | self._active.stages
 
     def elapsed_s(self, vehicle: int, t_ns: int) -> float | None:
         """Return the time since an upload began; None if there is none."""
@@ -114,11 +105,11 @@ class UploadManager:
 
     def has_pending(self, vehicle: int) -> bool:
         """Return True if a mission is queued or being uploaded."""
-        return vehicle in self._queue.vehicles or self.is_uploading(vehicle)
+        return vehicle in self.state.queue or self.is_uploading(vehicle)
 
     def has_failed(self, vehicle: int) -> bool:
         """Return True if the last upload failed: the next one may have to wait."""
-        return self._queue.has_failed(vehicle)
+        return self._agents[vehicle].tasking.retry.failures > 0
 
     def may_be_inconsistent(self, vehicle: int) -> bool:
         """Return True if the onboard mission may be inconsistent; never where uploads are atomic."""
@@ -169,8 +160,8 @@ class UploadManager:
     def forget_onboard(self, vehicle: int) -> None:
         """Note that the onboard mission of a vehicle is unknown."""
         self._first_legs.end(vehicle)
-        self.onboard_missions.forget(vehicle)
-        self._active.inconsistent.discard(vehicle)
+        tasking = self._agents[vehicle].tasking
+        tasking.onboard, tasking.is_inconsistent = None, False
 
     def mark_inconsistent(self, vehicle: int) -> None:
         """Mark an onboard mission as inconsistent: the vehicle is held and cleared when it is heard."""
@@ -178,21 +169,23 @@ class UploadManager:
 
     def pop_mission_before_boot(self, vehicle: int) -> OnboardMission | None:
         """Return, once, the mission that a vehicle stored before it rebooted outside an upload."""
-        return self._before_boot.pop(vehicle, None)
+        tasking = self._agents[vehicle].tasking
+        mission, tasking.before_boot = tasking.before_boot, None
+        return mission
 
     def pause_uploads(self, vehicle: int) -> None:
         """Start no upload to a vehicle before `resume_uploads`."""
-        self._paused.add(vehicle)
+        self._agents[vehicle].tasking.is_paused = True
         self._fleet.forward_next_heartbeat(vehicle)
 
     def resume_uploads(self, vehicle: int) -> None:
         """Allow uploads to a vehicle again."""
-        self._paused.discard(vehicle)
+        self._agents[vehicle].tasking.is_paused = False
 
     def release_override(self, vehicle: int, t_ns: int) -> None:
         """Take control of a vehicle back, on an operator's order."""
         self.overrides.of(vehicle).release(t_ns)
-        self._queue.forgive(vehicle)
+        self._agents[vehicle].tasking.retry = UploadRetry()
 
     # ------------------------------------------------------------ uploads
 
@@ -209,18 +202,18 @@ class UploadManager:
             self.is_uploading(vehicle)
             and not self._is_climbing(vehicle)
             and not self._holds_back(vehicle)
-            and (at_once or self._queue.may_supersede(vehicle, t_ns))
+            and (at_once or self._agents[vehicle].tasking.retry.may_supersede(t_ns))
         ):
-            self._queue.pop(vehicle)
+            self.state.queue.pop(vehicle, None)
             return self._active.supersede(vehicle, t_ns) + self._start(route, t_ns, return_route, t_ns)
         self._queue.put(route, t_ns, return_route, at_once=at_once)
         return self._start_due(t_ns)
 
     def withdraw_except(self, wanted: Container[int]) -> list[int]:
         """Remove the queued routes of all other vehicles; return these vehicles."""
-        unwanted = [vehicle for vehicle in self._queue.vehicles if vehicle not in wanted]
+        unwanted = [vehicle for vehicle in self.state.queue if vehicle not in wanted]
         for vehicle in unwanted:
-            self._queue.pop(vehicle)
+            del self.state.queue[vehicle]
         return unwanted
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
@@ -239,37 +232,38 @@ class UploadManager:
 
     def cancel(self, vehicle: int, t_ns: int) -> None:
         """Send nothing more to a lost vehicle; if it is heard again, an inconsistent mission is cleared."""
-        self._queue.pop(vehicle)
+        self.state.queue.pop(vehicle, None)
         self._active.supersede(vehicle, t_ns)
-        self._queue.forgive(vehicle)
+        self._agents[vehicle].tasking.retry = UploadRetry()
 
     def abandon(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
         """End an upload safely: the vehicle keeps a whole mission, or is held and cleared."""
-        queued = self._queue.pop(vehicle)
+        queued = self.state.queue.pop(vehicle, None)
         if vehicle in self._active:
             return self._active.abandon(vehicle, reason, t_ns)
         return [] if queued is None else self._not_begun(vehicle, reason, t_ns)
 
     def _observe(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process reboots, mode changes and mission states of a vehicle."""
-        if self._fleet.boots(vehicle) != self._boots.setdefault(vehicle, 0):
+        tasking = self._agents[vehicle].tasking
+        if self._fleet.boots(vehicle) != tasking.boots:
             return self._rebooted(vehicle, t_ns)
         profile, is_uploading = self._fleet.profile(vehicle), vehicle in self._active
         if profile is None:
             return []
         if message.get_type() == "MISSION_CURRENT":
-            is_changing = is_uploading or vehicle in self._active.inconsistent
+            is_changing = is_uploading or tasking.is_inconsistent
             self.overrides.observe_completion(vehicle, profile, message, t_ns, is_changing=is_changing)
             if self.overrides.observe_rejection(vehicle, profile, message, t_ns, is_uploading=is_uploading):
-                self.onboard_missions.forget(vehicle)
+                tasking.onboard = None
                 text = "its navigator rejects its onboard mission (no valid mission): it waits in Hold"
                 return [Notice(t_ns, "alarm", text, vehicle), *self._not_begun(vehicle, text, t_ns)]
         if message.get_type() != "HEARTBEAT":
             return []
         self.overrides.observe_mode(vehicle, profile, message, t_ns)
         if profile.atomic:
-            self._active.inconsistent.discard(vehicle)
-        if vehicle not in self._active.inconsistent or is_uploading:
+            tasking.is_inconsistent = False
+        if not tasking.is_inconsistent or is_uploading:
             return []
         task = UploadTask(
             self._missions.empty(vehicle),
@@ -284,21 +278,19 @@ class UploadManager:
 
     def _rebooted(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Forget the onboard mission, and restart an upload in progress."""
-        self._boots[vehicle] = self._fleet.boots(vehicle)
+        tasking, is_uploading = self._agents[vehicle].tasking, vehicle in self._active
+        tasking.boots = self._fleet.boots(vehicle)
         self.overrides.of(vehicle).note_reboot(t_ns)
         self._first_legs.end(vehicle)
-        onboard, is_uploading = self.onboard_missions.of(vehicle), vehicle in self._active
-        if onboard is not None and not is_uploading:
-            self._before_boot[vehicle] = onboard
-        self.onboard_missions.forget(vehicle)
-        self.onboard_missions.select(vehicle)
+        if tasking.onboard is not None and not is_uploading:
+            tasking.before_boot = tasking.onboard
+        tasking.onboard, tasking.is_selected = None, True
         return self._active.restart(vehicle, t_ns) if is_uploading else []
 
     def _item_wait_s(self, vehicle: int, t_ns: int) -> float:
         """Return how long to wait until a vehicle has passed an item; 0 with an inconsistent mission."""
-        return (
-            0.0 if vehicle in self._active.inconsistent else self.onboard_missions.item_wait_s(vehicle, t_ns)
-        )
+        is_inconsistent = self._agents[vehicle].tasking.is_inconsistent
+        return 0.0 if is_inconsistent else self.onboard_missions.item_wait_s(vehicle, t_ns)
 
     def _is_climbing(self, vehicle: int) -> bool:
         """Return True if a vehicle is in the air in its take-off: a new mission would turn it at once."""
@@ -309,12 +301,11 @@ class UploadManager:
     def _start_due(self, t_ns: int) -> list[Effect]:
         """Start the uploads that need not wait any longer."""
         effects: list[Effect] = []
-        for vehicle in self._queue.vehicles:
-            may_start = self._active.has_capacity(vehicle) and vehicle not in self._paused
+        for vehicle in list(self.state.queue):
+            may_start = self._active.has_capacity(vehicle) and not self._agents[vehicle].tasking.is_paused
             is_due = may_start and not self._is_climbing(vehicle) and self._queue.is_due(vehicle, t_ns)
             if is_due and not self._holds_back(vehicle):
-                queued = self._queue.pop(vehicle)
-                assert queued is not None
+                queued = self.state.queue.pop(vehicle)
                 effects += self._active.supersede(vehicle, t_ns)
                 effects += self._start(queued.route, queued.planned_t_ns, queued.return_route, t_ns)
         return effects
@@ -339,10 +330,10 @@ class UploadManager:
             return self._not_begun(
                 vehicle, "not begun: its home moved after its return route was planned", t_ns
             )
-        self.mission_count += 1
-        mission = self._missions.of(route, self.mission_count, state, return_route, climb)
+        self.state.mission_count += 1
+        mission = self._missions.of(route, self.state.mission_count, state, return_route, climb)
         from_ground = is_on_ground(state, fleet.home(vehicle))
-        old, link = self.onboard_missions.of(vehicle), fleet.link(vehicle)
+        tasking, link = self._agents[vehicle].tasking, fleet.link(vehicle)
         round_trip_s = self._active.round_trip_s(link) or fleet.round_trip_s(vehicle)
         task = UploadTask(
             mission,
@@ -350,8 +341,8 @@ class UploadManager:
             fleet.encoder(vehicle),
             profile=profile,
             authority=authority,
-            old=None if old is None else old.items,
-            inconsistent=vehicle in self._active.inconsistent,
+            old=None if tasking.onboard is None else tasking.onboard.items,
+            inconsistent=tasking.is_inconsistent,
             current=state.mission_seq if state is not None and state.mission_seq >= 0 else None,
             policy=self._active,
             from_ground=from_ground,
@@ -363,8 +354,9 @@ class UploadManager:
             problem = self._bounds.problem(task.items[profile.home_items :], state)
             if problem:
                 return self._refused(vehicle, f"{problem}; the vehicle keeps its onboard mission", t_ns)
-        self._refusals.pop(vehicle, None)
-        onboard = OnboardMission(route, task.items, profile.home_items + int(from_ground))
+        tasking.refusal = ""
+        first_point = profile.home_items + int(from_ground)
+        onboard = OnboardMission(route, task.items, first_point, mission.mission_id)
         return self._active.start(task, onboard, planned_t_ns, t_ns)
 
     def _has_moved(self, home: Home, return_route: ReturnRoute) -> bool:
@@ -373,18 +365,20 @@ class UploadManager:
 
     def _not_begun(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
         """Report an upload that was not begun as failed."""
-        return [self._failure(vehicle, reason, t_ns), *self._queue.ended(vehicle, t_ns, ok=False)]
+        pause = self._agents[vehicle].tasking.retry.note_failure(vehicle, t_ns)
+        return [self._failure(vehicle, reason, t_ns), *pause]
 
     def _refused(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
         """Report a mission that is not uploaded, with an alarm once for each reason."""
         effects: list[Effect] = []
         kind = "".join(letter for letter in reason if not letter.isdigit())
-        if self._refusals.get(vehicle) != kind:
+        tasking = self._agents[vehicle].tasking
+        if tasking.refusal != kind:
             effects.append(Notice(t_ns, "alarm", f"its mission is not uploaded, {reason}", vehicle))
-        self._refusals[vehicle] = kind
-        self._queue.ended(vehicle, t_ns, ok=False)
+        tasking.refusal = kind
+        tasking.retry.note_failure(vehicle, t_ns)
         return [*effects, self._failure(vehicle, reason, t_ns)]
 
     def _failure(self, vehicle: int, reason: str, t_ns: int) -> UploadReport:
-        self.mission_count += 1
-        return UploadReport(t_ns, vehicle, self.mission_count, 0, False, reason, 0.0, 0)
+        self.state.mission_count += 1
+        return UploadReport(t_ns, vehicle, self.state.mission_count, 0, False, reason, 0.0, 0)

@@ -9,6 +9,7 @@ loss and short round trips is poor rather than congested, and keeps a few upload
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
 _FIRST_WINDOW: Final = 8
@@ -18,18 +19,25 @@ _REPEATED: Final = 0.25
 _LOSSY_WINDOW: Final = 4
 
 
+@dataclass(slots=True)
 class UploadWindow:
-    """Upload window of one link, at most `max_window`."""
+    """Upload window of one link."""
 
-    def __init__(self, max_window: int) -> None:
-        self.window = min(max_window, _FIRST_WINDOW)
-        self.round_trip_s = 0.0
-        """Round-trip time of the last upload; 0 before the first."""
-        self._max_window = max_window
-        self._min_round_trip_s = math.inf
-        self._narrowed_t_ns = -1
+    max_window: int
+    window: int
+    active: int = 0
+    """Number of uploads in progress."""
+    round_trip_s: float = 0.0
+    """Round-trip time of the last upload; 0 before the first."""
+    min_round_trip_s: float = math.inf
+    narrowed_t_ns: int = -1
 
-    def ended(self, began_t_ns: int, t_ns: int, round_trip_s: float | None, repeated: float) -> None:
+    @classmethod
+    def first(cls, max_window: int) -> UploadWindow:
+        """Return the window before the first upload."""
+        return cls(max_window, min(max_window, _FIRST_WINDOW))
+
+    def note_end(self, began_t_ns: int, t_ns: int, round_trip_s: float | None, repeated: float) -> None:
         """Adjust the window to the result of an upload.
 
         Parameters
@@ -44,11 +52,11 @@ class UploadWindow:
         is_long = False
         if round_trip_s is not None:
             self.round_trip_s = round_trip_s
-            self._min_round_trip_s = min(self._min_round_trip_s, round_trip_s)
-            is_long = round_trip_s > _LONG * self._min_round_trip_s + _SLACK_S
+            self.min_round_trip_s = min(self.min_round_trip_s, round_trip_s)
+            is_long = round_trip_s > _LONG * self.min_round_trip_s + _SLACK_S
         if not is_long and repeated <= _REPEATED:
-            self.window = min(self._max_window, self.window + 1)
-        elif began_t_ns > self._narrowed_t_ns:
+            self.window = min(self.max_window, self.window + 1)
+        elif began_t_ns > self.narrowed_t_ns:
             is_lossy = round_trip_s is not None and not is_long
             self.window = max(1, min(_LOSSY_WINDOW, self.window) if is_lossy else 0, self.window // 2)
-            self._narrowed_t_ns = t_ns
+            self.narrowed_t_ns = t_ns

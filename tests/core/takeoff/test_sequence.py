@@ -8,6 +8,7 @@ from core.takeoff.test_climbs import BOX, FIELD
 from staging import S, at, mission, state
 
 from gcs.core.preflight.mission_checks import mission_checks, rehearse
+from gcs.core.state import State
 from gcs.core.takeoff.sequence import TakeoffSequence
 from gcs.mavlink.mission.items import Home
 from gcs.model import Notice, Order, OrderAnswer
@@ -148,6 +149,11 @@ class Swarm:
         return False
 
 
+def sequence(swarm):
+    start = State.initial([1, 2])
+    return TakeoffSequence(swarm.config, swarm, swarm, start.agents, start.takeoff)
+
+
 @pytest.mark.parametrize(
     ("swarm", "expected"),
     [
@@ -167,13 +173,13 @@ class Swarm:
     ],
 )
 def test_only_a_low_or_landing_vehicle_delays_a_takeoff(swarm, expected):
-    reason = TakeoffSequence(swarm.config, swarm, swarm).blocked_by(1, ())
+    reason = sequence(swarm).blocked_by(1, ())
     assert (expected in reason) if expected else reason == ""
 
 
 def test_two_that_climb_apart_are_not_reported():
     swarm = Swarm((900.0, 0.0), 30.0, mode="TAKEOFF")
-    takeoff_sequence = TakeoffSequence(swarm.config, swarm, swarm)
+    takeoff_sequence = sequence(swarm)
     assert takeoff_sequence.check(at(0.0), ()) == []
 
 

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import at, state
 
 from gcs.core.tasking.first_legs import FirstLegs
-from gcs.core.tasking.onboard_missions import OnboardMission
+from gcs.core.tasking.records import OnboardMission
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.model import Notice, Route, Send, read_only
 
@@ -56,7 +56,7 @@ class Fleet:
 
 def watching(fleet, distance_m):
     route = Route(1, (0, 0), read_only([[0.0, distance_m], [900.0, 900.0]]), 1.0)
-    legs = FirstLegs(fleet)
+    legs = FirstLegs(fleet, {})
     legs.begin(OnboardMission(route, (), first_point=1), 1, at(0.0), at(0.0))
     return legs
 

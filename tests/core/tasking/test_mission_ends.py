@@ -4,9 +4,11 @@ import pytest
 from core.tasking.test_onboard_missions import CONFIG, FRAME, Fleet
 from staging import at, mission
 
+from gcs.core.state import State
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.mission_ends import MissionEnds
-from gcs.core.tasking.onboard_missions import OnboardMission, OnboardMissions
+from gcs.core.tasking.onboard_missions import OnboardMissions
+from gcs.core.tasking.records import OnboardMission
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.mission.items import Home
 from gcs.model import NS_PER_S, Notice, Route, UploadReport, read_only
@@ -24,13 +26,11 @@ class UploadManager:
         planned = MissionBuilder(table, CONFIG.airframe, FRAME).of(route, 1, None)
         self.fleet = Fleet(1)
         self.fleet.one.armed = True
-        self._onboard = OnboardMissions(self.fleet, stays=end == "loiter")
+        self.agents = State.initial([1]).agents
+        self._onboard = OnboardMissions(self.fleet, self.agents, stays=end == "loiter")
         self._onboard.note(
             OnboardMission(route, ARDUPLANE.items(planned, Home(33.2, -87.6, 70.0)), first_point=1)
         )
-
-    def onboard(self, vehicle):
-        return self._onboard.of(vehicle)
 
     def terminal_phase(self, vehicle):
         return self._onboard.terminal_phase(vehicle)
@@ -40,7 +40,7 @@ class UploadManager:
 
 
 def check_ends(tasking, seq, seconds, active=(1,)):
-    ends = MissionEnds(tasking, 40.0)
+    ends = MissionEnds(tasking.agents, tasking, 40.0)
     tasking.fleet.one.mission_seq = seq
     texts = [notice.text for second in range(seconds) for notice in ends.check(at(float(second)), active)]
     return texts, ends.has_missed(1)

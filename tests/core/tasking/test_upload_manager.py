@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
+from missions import upload_manager
 from plane_double import AUTO, LOITER, MANUAL, Plane, S
 from px4_double import HOLD, Px4
 
-from gcs.config.airframe import AirframeTable
-from gcs.config.schema import MissionTable
-from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.upload_stages import Stage, TransitionError
@@ -29,7 +27,7 @@ class Swarm:
     def __init__(self, count, most=32, mode=LOITER):
         self.planes = {n: Plane(n, mode=mode) for n in range(1, count + 1)}
         self.fleet = Fleet(self.planes, FRAME)
-        self.tasking = UploadManager(MissionTable(), AirframeTable(), FRAME, self.fleet, most)
+        self.tasking = upload_manager(self.fleet, FRAME, self.planes, most)
         self.t_ns, self.effects, self.busiest = 0, [], 0
         self.mute = set()
         self.run(2.0)
@@ -164,7 +162,7 @@ def holds_in_flight():
 def test_on_a_lossy_link_a_upload_is_let_end_though_ever_newer_routes_come(monkeypatch):
     """A vehicle would circle for minutes over transfers that all give way to the next one."""
     delivered = sum(report.ok for report in re_tasked_on_a_bad_link().reports())
-    monkeypatch.setattr("gcs.core.tasking.upload_queue._SUPERSEDE_NS", 10**12)
+    monkeypatch.setattr("gcs.core.tasking.upload_retry._SUPERSEDE_NS", 10**12)
     assert delivered >= 3 * max(1, len(re_tasked_on_a_bad_link().reports()))
 
 
@@ -241,7 +239,7 @@ def px4_swarm(**options):
     swarm = Swarm(0)
     swarm.planes = {1: Px4(1, **options)}
     swarm.fleet = Fleet(swarm.planes, FRAME)
-    swarm.tasking = UploadManager(MissionTable(), AirframeTable(), FRAME, swarm.fleet)
+    swarm.tasking = upload_manager(swarm.fleet, FRAME, swarm.planes)
     swarm.run(2.0)
     return swarm
 
