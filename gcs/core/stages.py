@@ -77,6 +77,8 @@ class Stages:
             ),
             links=[link for link in links if link.role == "vehicles"],
             extra_ids=[MAVLINK_MSG_ID_PARAM_VALUE],
+            state=self.state.fleet,
+            vehicle_links={vehicle: agent.link for vehicle, agent in agents.items()},
         )
         controls = {vehicle: agent.control for vehicle, agent in agents.items()}
         self.external_uploads = ExternalUploads(links, controls, self.fleet.is_atomic)
@@ -119,7 +121,7 @@ class Stages:
             self.external_uploads,
         )
         # Orders and control authority
-        self.return_heights = ReturnHeightMonitor(config, self.fleet)
+        self.return_heights = ReturnHeightMonitor(config, self.fleet, agents)
         self.orders = Orders(
             self.fleet,
             self.tasking,

@@ -20,6 +20,7 @@ from gcs.core.replanning.records import AgentRoutes, ReplanningState
 from gcs.core.takeoff.records import AgentTakeoff, TakeoffState
 from gcs.core.tasking.records import AgentTasking, TaskingState
 from gcs.mavlink.fleet.records import FleetState, VehicleLink
+from gcs.mavlink.fleet.telemetry_table import new_table
 from gcs.model import Control
 
 
@@ -35,6 +36,8 @@ class Agent:
     tasking: AgentTasking = field(default_factory=AgentTasking)
     takeoff: AgentTakeoff = field(default_factory=AgentTakeoff)
     orders: AgentOrders = field(default_factory=AgentOrders)
+    return_parameters: dict[str, float] = field(default_factory=dict)
+    """Parameters heard that set its return height, by name."""
 
 
 @dataclass(slots=True)
@@ -61,4 +64,5 @@ class State:
     @classmethod
     def initial(cls, vehicles: Iterable[int]) -> State:
         """Return the state before the first event."""
-        return cls({vehicle: Agent() for vehicle in vehicles})
+        agents = {vehicle: Agent() for vehicle in vehicles}
+        return cls(agents, FleetState(new_table(len(agents))))

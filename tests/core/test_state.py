@@ -23,11 +23,28 @@ CACHES: frozenset[str] = frozenset(
     {
         "gcs.core.airspace.no_fly_zones.NoFlyZones.closed",  # cells of the closed zones, drawn from the state
         "gcs.core.airspace.no_fly_zones.NoFlyZones.grid",
+        "gcs.mavlink.fleet.vehicle.Vehicle._state",  # from its link and its row of the telemetry table
+        "gcs.mavlink.fleet.vehicle.Vehicle._state_positions",
+        "gcs.mavlink.frames.fast_scan.Scanner._rows",  # buffer, empty before each datagram
         "gcs.planning.map.grid.Grid.blocked",
     }
 )
 """Attributes that may change outside the state: they change no result."""
-DONE = ("gcs.core.airspace", "gcs.core.takeoff", "gcs.core.tasking.upload_latency")
+DONE = (
+    "gcs.core.airspace",
+    "gcs.core.preflight",
+    "gcs.core.takeoff",
+    "gcs.core.tasking.upload_latency",
+    "gcs.mavlink.fleet.fleet",
+    "gcs.mavlink.fleet.link_stats",
+    "gcs.mavlink.fleet.notice_queue",
+    "gcs.mavlink.fleet.peers",
+    "gcs.mavlink.fleet.position",
+    "gcs.mavlink.fleet.statustext",
+    "gcs.mavlink.fleet.stream_requests",
+    "gcs.mavlink.fleet.vehicle",
+    "gcs.mavlink.frames",
+)
 """Packages and modules whose whole state is in the tree."""
 MAX_DEPTH = 12
 
@@ -78,9 +95,9 @@ def values(engine: Engine) -> dict[str, str]:
         if isinstance(thing, int | float | str | bytes | np.generic | None):
             return repr(thing)
         if id(thing) in in_state:
-            return "(state)"
+            return type(thing).__name__
         if isinstance(thing, np.ndarray):
-            return str(hash(thing.tobytes()))
+            return "view" if id(thing.base) in in_state else str(hash(thing.tobytes()))
         if depth > MAX_DEPTH:
             return "..."
         if isinstance(thing, Mapping):

@@ -7,7 +7,6 @@ are set to.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,6 +14,7 @@ from typing import Final
 
 from gcs.config import Config
 from gcs.core.preflight.result import Check
+from gcs.core.state import Agent
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
@@ -87,15 +87,15 @@ class ReturnHeightMonitor:
     another ground station requests them through the service.
     """
 
-    def __init__(self, config: Config, fleet: Fleet) -> None:
-        self._fleet, self._step_m = fleet, config.mission.layer_step_m
+    def __init__(self, config: Config, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
+        self._fleet, self._agents, self._step_m = fleet, agents, config.mission.layer_step_m
         self._rally_m = [float(point.alt_rel_m) for point in config.rally]
-        self._values: defaultdict[int, dict[str, float]] = defaultdict(dict)
 
     def receive(self, vehicle: int, message: Message) -> None:
         """Process a message of a vehicle: keep the parameters that set its return height."""
         if message.get_type() == "PARAM_VALUE" and message.param_id in _UNITS_PER_M:
-            self._values[vehicle][message.param_id] = decode_value(message, self._fleet.is_atomic(vehicle))
+            values = self._agents[vehicle].return_parameters
+            values[message.param_id] = decode_value(message, self._fleet.is_atomic(vehicle))
 
     def warning(self, vehicles: Collection[int]) -> str:
         """Return a warning of vehicles that would return nearer in height than a layer step; else empty."""
@@ -112,7 +112,7 @@ class ReturnHeightMonitor:
         profile = self._fleet.profile(vehicle)
         if profile is None or is_on_ground(self._fleet.state(vehicle), self._fleet.home(vehicle)):
             return None
-        return return_of(vehicle, profile, self._values[vehicle], self._rally_m)
+        return return_of(vehicle, profile, self._agents[vehicle].return_parameters, self._rally_m)
 
 
 def returns_check(heights: Sequence[ReturnHeight], step_m: float) -> Iterator[Check]:

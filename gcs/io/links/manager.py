@@ -21,7 +21,7 @@ from gcs.io.links.transport import Transport
 from gcs.io.links.udp import UdpIn, UdpOut
 from gcs.io.signing.gate import Signing
 from gcs.mavlink.fleet.heartbeat import heartbeat
-from gcs.mavlink.fleet.vehicle import Address
+from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.frames.codec import Encoder, Frame, FrameTable, scan
 from gcs.mavlink.frames.signing import SigningGate
 from gcs.mavlink.router.router import PortCounters, Router

@@ -14,7 +14,7 @@ Vehicles are numbered by `gcs.model.vehicle_id`; on network 0 that is the system
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -26,10 +26,11 @@ from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.fleet.heartbeat import heartbeat, is_from_autopilot, is_heartbeat
-from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, UnknownSystems, total
-from gcs.mavlink.fleet.notice_queue import NoticeQueue
-from gcs.mavlink.fleet.peers import Peers
-from gcs.mavlink.fleet.stream_requests import StreamRequests
+from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, total
+from gcs.mavlink.fleet.peers import Address
+from gcs.mavlink.fleet.position_plausibility import Notify
+from gcs.mavlink.fleet.records import FleetState, VehicleLink
+from gcs.mavlink.fleet.stream_requests import StreamRequests, message_requests
 from gcs.mavlink.fleet.telemetry_table import (
     ADDRESS,
     BOOT_OFFSET_NS,
@@ -39,9 +40,9 @@ from gcs.mavlink.fleet.telemetry_table import (
     LEG_WATCHED,
     NO_ADDRESS,
     POSITIONS,
-    new_record,
+    new_table,
 )
-from gcs.mavlink.fleet.vehicle import Address, Health, Notify, Vehicle
+from gcs.mavlink.fleet.vehicle import Health, Vehicle
 from gcs.mavlink.frames.codec import (
     AUTOPILOT_COMPONENT_ID,
     GCS_COMPONENT_ID,
@@ -50,6 +51,7 @@ from gcs.mavlink.frames.codec import (
     Frame,
     FrameTable,
     Message,
+    next_sequence,
     scan,
 )
 from gcs.mavlink.frames.signing import MIN_SIGNED_LATER_NS, signed_t_ns
@@ -120,6 +122,10 @@ class Fleet:
     kernel : bool
         True to apply routine telemetry by a compiled kernel (`gcs.mavlink.fleet.fast_telemetry`, warmed up
         before). The result is the same without it.
+    state : FleetState, optional
+        State to continue from, with `vehicle_links`; that before the first datagram by default.
+    vehicle_links : mapping, optional
+        Link of each vehicle.
     """
 
     def __init__(
@@ -132,20 +138,24 @@ class Fleet:
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
         extra_ids: Iterable[int] = (),
         kernel: bool = True,
+        state: FleetState | None = None,
+        vehicle_links: Mapping[int, VehicleLink] | None = None,
     ) -> None:
+        called = sorted(set(expected))
+        self._state = FleetState(new_table(len(called))) if state is None else state
+        if vehicle_links is None:
+            vehicle_links = {vehicle: VehicleLink() for vehicle in called}
+        self.links = self._state.links
+        """Counters by link, in order of the first datagram."""
+        self._peers, self._notices = self._state.peers, self._state.notices
         extra = frozenset(extra_ids)
         self._needed = _NEEDED | extra
-        self.links: dict[str, LinkCounters] = {}
-        """By link, in order of the first datagram."""
         self._networks = {link.name: link.network for link in links}
-        self._outgoing = {
-            (link.name, link.endpoint.remote): Encoder(*own) for link in links if link.endpoint.remote
-        }
+        self._encoder = Encoder(*own)
+        self._outgoing = [(link.name, link.endpoint.remote) for link in links if link.endpoint.remote]
         self._settings = settings or FleetSettings()
         self._stale_after_ns = ns(self._settings.stale_after_s)
         self._lost_after_ns = ns(self._settings.lost_after_s)
-        called = sorted(set(expected))
-        self._table = np.tile(new_record(), (len(called), 1))
         self._scan: Callable[[bytes], FrameTable] = scan
         self._fast_path: VehicleTable | None = None
         if kernel:
@@ -154,31 +164,28 @@ class Fleet:
 
             self._scan = Scanner()
             self._fast_path = VehicleTable(
-                self._table,
+                self._state.table,
                 called,
                 _NEEDED,
                 extra,
                 frame,
                 (self._settings.max_distance_m, self._settings.max_speed_m_s),
             )
+        requests = message_requests(self._settings.position_rate_hz)
         self._vehicles = {
             vehicle: Vehicle(
                 vehicle,
+                link := vehicle_links[vehicle],
+                record,
                 frame,
-                Encoder(*own),
-                StreamRequests(vehicle, own, self._settings.position_rate_hz, record),
+                self._encoder,
+                StreamRequests(vehicle, own, requests, link.requests, record),
                 self._settings.max_distance_m,
                 self._settings.max_speed_m_s,
-                record,
             )
-            for vehicle, record in zip(called, self._table, strict=True)
+            for vehicle, record in zip(called, self._state.table, strict=True)
         }
         self._in_order = tuple(self._vehicles.values())
-        self._unknown_systems = UnknownSystems(self._settings.max_unknown_systems)
-        self._addresses = Peers(self._used_addresses, min_kept=2 * len(self._vehicles))
-        self._notices = NoticeQueue()
-        self._claimed_t_ns: dict[int, int] = {}
-        """Time of the last frame from another address that used a vehicle's id."""
 
     # ------------------------------------------------------------ in
 
@@ -215,7 +222,7 @@ class Fleet:
         at = 0
         while at < frames.count:
             if self._fast_path is not None:
-                number = self._addresses.number_of(address)
+                number = self._peers.number_of(address)
                 at, lost = self._fast_path.apply_frames(frames, at, number, t_ns, network)
                 link.lost += lost
                 if at == frames.count:
@@ -242,16 +249,16 @@ class Fleet:
         if message is None and frame.message_id in self._needed:
             message = frame.message()
         silent_ns = t_ns - vehicle.heard_t_ns
-        if vehicle.liveness in ("stale", "down"):
-            if vehicle.liveness == "down":
-                vehicle.returns += 1
+        if vehicle.link.liveness in ("stale", "down"):
+            if vehicle.link.liveness == "down":
+                vehicle.link.returns += 1
                 vehicle.forward_next_heartbeat()
                 self._set_address(vehicle, address)
-            vehicle.record[ADDRESS] = self._addresses.number_of(address)
+            vehicle.record[ADDRESS] = self._peers.number_of(address)
             self._notices.add(
                 "info", f"heard again after {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id
             )
-        vehicle.liveness = "alive"
+        vehicle.link.liveness = "alive"
         lost = vehicle.lost
         vehicle.count(frame.sequence, t_ns)
         if frame.signed is not vehicle.signed:
@@ -260,9 +267,10 @@ class Fleet:
         if message is None:
             return None
         if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT:
-            texts = vehicle.texts.add_chunk(message)
+            texts = vehicle.link.texts.add_chunk(message)
             for text in texts:
-                self._notices.add_statustext(text, message.severity, vehicle.system_id, t_ns)
+                if vehicle.link.texts.count_text(t_ns):
+                    self._notices.add_statustext(text, message.severity, vehicle.system_id, t_ns)
             if not texts:
                 return None
             message.text, message.id = texts[-1], 0
@@ -279,48 +287,51 @@ class Fleet:
         self, vehicle: Vehicle, frame: Frame, message: Message | None, address: Address, t_ns: int
     ) -> bool:
         """Return True if the frame is the vehicle's; an autopilot's heartbeat may set its address."""
-        if vehicle.address == address:
+        link = vehicle.link
+        if link.address == address:
             return not is_heartbeat(frame) or is_from_autopilot(message)
-        is_heard = vehicle.address is not None and t_ns - vehicle.heard_t_ns <= self._lost_after_ns
+        is_heard = link.address is not None and t_ns - vehicle.heard_t_ns <= self._lost_after_ns
         later = is_heard and is_from_autopilot(message) and self._is_signed_later(vehicle, frame, t_ns)
-        if vehicle.address is not None and is_heard and not later:
-            vehicle.conflicts += 1
-            self._claimed_t_ns[vehicle.system_id] = t_ns
+        if link.address is not None and is_heard and not later:
+            link.conflicts += 1
+            link.claimed_t_ns = t_ns
             self.links[address[0]].conflicts += 1
-            text = f"{address[1]} on {address[0]} uses its system id, heard from {vehicle.address[1]}"
+            text = f"{address[1]} on {address[0]} uses its system id, heard from {link.address[1]}"
             self._notices.add_rate_limited("conflict", vehicle.system_id, t_ns, "alarm", text)
             return False
         if not is_heartbeat(frame) or not is_from_autopilot(message):
             self.links[address[0]].ignored += 1
             return False
-        moved = "in contact" if vehicle.address is None else "moved"
-        if later and vehicle.address is not None:
-            text = f"{vehicle.address[1]} on {vehicle.address[0]} sent recorded frames with its id"
+        moved = "in contact" if link.address is None else "moved"
+        if later and link.address is not None:
+            text = f"{link.address[1]} on {link.address[0]} sent recorded frames with its id"
             self._notices.add("alarm", text, t_ns, vehicle.system_id)
         self._set_address(vehicle, address)
         signed_ns = signed_t_ns(frame)
-        vehicle.signed_lead_ns = None if signed_ns is None else signed_ns - t_ns
+        link.signed_lead_ns = None if signed_ns is None else signed_ns - t_ns
         self._notices.add("info", f"{moved}: {address[1]} on {address[0]}", t_ns, vehicle.system_id)
         return True
 
     def _is_signed_later(self, vehicle: Vehicle, frame: Frame, t_ns: int) -> bool:
         """Return True if a checked frame is signed later than frames from the vehicle's address are."""
-        signed_ns, lead_ns = signed_t_ns(frame), vehicle.signed_lead_ns
+        signed_ns, lead_ns = signed_t_ns(frame), vehicle.link.signed_lead_ns
         if not self._settings.checks_signatures or signed_ns is None or lead_ns is None:
             return False
         return signed_ns - t_ns - lead_ns > MIN_SIGNED_LATER_NS
 
     def _set_address(self, vehicle: Vehicle, address: Address) -> None:
         """Set a vehicle's address."""
-        vehicle.set_address(address, self._addresses.add(address))
+        number = self._peers.add(address, self._used_addresses, 2 * len(self._vehicles))
+        vehicle.set_address(address, number)
 
     def _used_addresses(self) -> set[Address]:
         """Addresses of vehicles and of outgoing endpoints."""
-        heard = {vehicle.address for vehicle in self._in_order if vehicle.address is not None}
-        return heard | self._outgoing.keys()
+        heard = {v.link.address for v in self._in_order if v.link.address is not None}
+        return heard.union(self._outgoing)
 
     def _count_unknown(self, frame: Frame, address: Address, t_ns: int) -> None:
-        if self._unknown_systems.add_frame(frame.system_id, frame.component_id, address, t_ns):
+        unknown, limit = self._state.unknown_systems, self._settings.max_unknown_systems
+        if unknown.add_frame(frame.system_id, frame.component_id, address, t_ns, limit):
             text = f"unknown system {frame.system_id}, component {frame.component_id}, from {address[1]}"
             self._notices.add("info", text, t_ns)
 
@@ -328,51 +339,52 @@ class Fleet:
 
     def poll(self, t_ns: int) -> list[Send]:
         """Advance the timers; return what to send."""
-        out = [
-            Send(*address, encode(heartbeat()))
-            for address, encode in self._outgoing.items()
-            if self._addresses.start_heartbeat(address, t_ns)
-        ]
+        out = []
+        for address in self._outgoing:
+            if self._peers.start_heartbeat(address, t_ns, self._used_addresses):
+                sequence = self._state.sequences.get(address, 0)
+                out.append(Send(*address, self._encoder.pack(heartbeat(), sequence)))
+                self._state.sequences[address] = next_sequence(sequence)
         for index in np.flatnonzero(self._is_due(t_ns)).tolist():
             vehicle = self._in_order[index]
-            if vehicle.address is not None:
-                messages = self._poll_vehicle(vehicle, vehicle.address, t_ns)
-                out += [Send(*vehicle.address, vehicle.encoder(message)) for message in messages]
+            heard_at = vehicle.link.address
+            if heard_at is not None:
+                messages = self._poll_vehicle(vehicle, heard_at, t_ns)
+                out += [Send(*heard_at, vehicle.encode(message)) for message in messages]
         return out
 
     def _is_due(self, t_ns: int) -> npt.NDArray[np.bool_]:
         """Return a mask of the vehicles with something to send, or with a timeout."""
-        table = self._table
+        table = self._state.table
         is_silent = (table[:, ADDRESS] != NO_ADDRESS) & (t_ns - table[:, HEARD_NS] > self._stale_after_ns)
         return np.asarray(is_silent | (table[:, DUE_NS] <= t_ns))
 
     def _poll_vehicle(self, vehicle: Vehicle, address: Address, t_ns: int) -> list[Message]:
         self._check_liveness(vehicle, t_ns)
-        messages = vehicle.poll(t_ns) if vehicle.liveness == "alive" else []
-        if self._addresses.start_heartbeat(address, t_ns):
+        link = vehicle.link
+        messages = vehicle.poll(t_ns) if link.liveness == "alive" else []
+        if self._peers.start_heartbeat(address, t_ns, self._used_addresses):
             messages.append(heartbeat())
-        next_heartbeat_ns = self._addresses.next_heartbeat_ns(address)
+        next_heartbeat_ns = self._peers.next_heartbeat_ns(address)
         lost_t_ns = vehicle.heard_t_ns + self._lost_after_ns + 1
-        due = {"alive": vehicle.stream_requests.idle_until_ns, "stale": lost_t_ns}.get(
-            vehicle.liveness, next_heartbeat_ns
-        )
+        due = {"alive": link.requests.idle_until_ns, "stale": lost_t_ns}.get(link.liveness, next_heartbeat_ns)
         vehicle.record[DUE_NS] = min(next_heartbeat_ns, due)
         return messages
 
     def _check_liveness(self, vehicle: Vehicle, t_ns: int) -> None:
         """Notify of timeouts, and of the end of an id conflict."""
         notify, silent_ns = self._notifier(t_ns, vehicle.system_id), t_ns - vehicle.heard_t_ns
-        if vehicle.liveness in ("alive", "stale") and silent_ns > self._lost_after_ns:
-            vehicle.liveness, vehicle.record[ADDRESS] = "down", NO_ADDRESS
+        link = vehicle.link
+        if link.liveness in ("alive", "stale") and silent_ns > self._lost_after_ns:
+            link.liveness, vehicle.record[ADDRESS] = "down", NO_ADDRESS
             notify("alarm", f"link down: not heard for {silent_ns / NS_PER_S:.1f} s")
-        elif vehicle.liveness == "alive" and silent_ns > self._stale_after_ns:
-            vehicle.liveness, vehicle.record[ADDRESS] = "stale", NO_ADDRESS
+        elif link.liveness == "alive" and silent_ns > self._stale_after_ns:
+            link.liveness, vehicle.record[ADDRESS] = "stale", NO_ADDRESS
             notify("warning", f"not heard for {silent_ns / NS_PER_S:.1f} s")
-        elif vehicle.liveness == "alive":
+        elif link.liveness == "alive":
             vehicle.check_position_age(t_ns, notify)
-        claimed_t_ns = self._claimed_t_ns.get(vehicle.system_id)
-        if claimed_t_ns is not None and t_ns - claimed_t_ns > _REPEAT_NOTICE_NS:
-            del self._claimed_t_ns[vehicle.system_id]
+        if link.claimed_t_ns is not None and t_ns - link.claimed_t_ns > _REPEAT_NOTICE_NS:
+            link.claimed_t_ns = None
             notify("info", "no other address uses its system id any more")
 
     def _notifier(self, t_ns: int, system_id: int) -> Notify:
@@ -392,11 +404,11 @@ class Fleet:
 
     def encoder(self, system_id: int) -> Callable[[Message], bytes]:
         """Return the encoder of one vehicle, with its own sequence."""
-        return self._vehicles[system_id].encoder
+        return self._vehicles[system_id].encode
 
     def address_frames(self, system_id: int, frames: Iterable[bytes]) -> list[Send]:
         """Address frames to a vehicle; return none if it has never been heard."""
-        address = self._vehicles[system_id].address
+        address = self._vehicles[system_id].link.address
         return [] if address is None else [Send(*address, frame) for frame in frames]
 
     # ------------------------------------------------------------ state
@@ -430,19 +442,19 @@ class Fleet:
 
     def returns(self, system_id: int) -> int:
         """Return how often the vehicle was heard again after its link was down."""
-        return self._vehicles[system_id].returns
+        return self._vehicles[system_id].link.returns
 
     def round_trip_s(self, system_id: int) -> float:
         """Return the round trip of a command in seconds; 0 before it was measured."""
-        return self._vehicles[system_id].stream_requests.round_trip_s
+        return self._vehicles[system_id].link.requests.round_trip_s
 
     def boots(self, system_id: int) -> int:
         """Return the number of reboots seen."""
-        return self._vehicles[system_id].boots
+        return self._vehicles[system_id].link.boots
 
     def link(self, system_id: int) -> str:
         """Return the vehicle's link; empty before it is heard."""
-        address = self._vehicles[system_id].address
+        address = self._vehicles[system_id].link.address
         return "" if address is None else address[0]
 
     def is_signed(self, system_id: int) -> bool:
@@ -451,7 +463,7 @@ class Fleet:
 
     def home(self, system_id: int) -> Home | None:
         """Return the vehicle's home position, if known."""
-        return self._vehicles[system_id].home
+        return self._vehicles[system_id].link.home
 
     def health(self) -> tuple[Health, ...]:
         """Return link and equipment of every expected vehicle, by system id."""
@@ -459,4 +471,4 @@ class Fleet:
 
     def unknown_systems(self) -> tuple[UnknownSystem, ...]:
         """Return the unknown systems on the links, in order of appearance."""
-        return self._unknown_systems.systems()
+        return tuple(self._state.unknown_systems.known.values())

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
 
-from gcs.mavlink.fleet.vehicle import Address
+from gcs.mavlink.fleet.peers import Address
 
 
 @dataclass(slots=True)
@@ -46,25 +46,23 @@ class UnknownSystem:
     heard_t_ns: int
 
 
+@dataclass(slots=True)
 class UnknownSystems:
     """List of unknown systems, with a bound."""
 
-    def __init__(self, max_systems: int) -> None:
-        self._max_systems = max_systems
-        self._known: dict[tuple[int, int, Address], UnknownSystem] = {}
+    known: dict[tuple[int, int, Address], UnknownSystem] = field(default_factory=dict)
+    """By system id, component id and address, in order of appearance."""
 
-    def add_frame(self, system_id: int, component_id: int, address: Address, t_ns: int) -> bool:
-        """Count a frame; return True if its sender is new in the list."""
+    def add_frame(
+        self, system_id: int, component_id: int, address: Address, t_ns: int, max_systems: int
+    ) -> bool:
+        """Count a frame; return True if its sender is new in the list of at most `max_systems`."""
         key = (system_id, component_id, address)
-        known = self._known.get(key)
+        known = self.known.get(key)
         if known is not None:
             known.frames += 1
             known.heard_t_ns = t_ns
-        elif len(self._known) < self._max_systems:
-            self._known[key] = UnknownSystem(*key, 1, t_ns)
+        elif len(self.known) < max_systems:
+            self.known[key] = UnknownSystem(*key, 1, t_ns)
             return True
         return False
-
-    def systems(self) -> tuple[UnknownSystem, ...]:
-        """Return them in order of appearance."""
-        return tuple(self._known.values())

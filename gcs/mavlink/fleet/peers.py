@@ -6,54 +6,55 @@ An address is a link and a peer; vehicles may share one. Entries of unused addre
 from __future__ import annotations
 
 from collections.abc import Callable, Set
+from dataclasses import dataclass, field
+from typing import TypeAlias
 
 from gcs.mavlink.fleet.heartbeat import HEARTBEAT_PERIOD_NS
 from gcs.mavlink.fleet.telemetry_table import NO_ADDRESS
-from gcs.mavlink.fleet.vehicle import Address
+
+Address: TypeAlias = tuple[str, str]
+"""(link, peer)."""
+UsedAddresses: TypeAlias = Callable[[], Set[Address]]
+"""Returns the addresses in use."""
 
 
+@dataclass(slots=True)
 class Peers:
-    """Addresses of all vehicles.
+    """Addresses of all vehicles."""
 
-    Parameters
-    ----------
-    used_addresses : callable
-        Returns the addresses in use.
-    min_kept : int
-        Numbers that are kept at least.
-    """
-
-    def __init__(self, used_addresses: Callable[[], Set[Address]], min_kept: int) -> None:
-        self._used_addresses, self._min_kept = used_addresses, min_kept
-        self._numbers: dict[Address, int] = {}
-        self._next_number = 0
-        self._heartbeat_t_ns: dict[Address, int] = {}
+    numbers: dict[Address, int] = field(default_factory=dict)
+    next_number: int = 0
+    heartbeat_t_ns: dict[Address, int] = field(default_factory=dict)
+    """Time of our last heartbeat to each address."""
 
     def number_of(self, address: Address) -> int:
         """Return the number of an address; `NO_ADDRESS` if no vehicle was heard there."""
-        return self._numbers.get(address, NO_ADDRESS)
+        return self.numbers.get(address, NO_ADDRESS)
 
-    def add(self, address: Address) -> int:
-        """Return the number of an address at which a vehicle is heard from now on."""
-        if address not in self._numbers:
-            if len(self._numbers) > self._min_kept:
-                used_addresses = self._used_addresses()
-                self._numbers = {a: number for a, number in self._numbers.items() if a in used_addresses}
-            self._numbers[address] = self._next_number
-            self._next_number += 1
-        return self._numbers[address]
+    def add(self, address: Address, used_addresses: UsedAddresses, min_kept: int) -> int:
+        """Return the number of an address at which a vehicle is heard from now on.
 
-    def start_heartbeat(self, address: Address, t_ns: int) -> bool:
+        `min_kept` numbers are kept at least.
+        """
+        if address not in self.numbers:
+            if len(self.numbers) > min_kept:
+                used = used_addresses()
+                self.numbers = {a: number for a, number in self.numbers.items() if a in used}
+            self.numbers[address] = self.next_number
+            self.next_number += 1
+        return self.numbers[address]
+
+    def start_heartbeat(self, address: Address, t_ns: int, used_addresses: UsedAddresses) -> bool:
         """Return True, once a period, if a heartbeat to an address is due."""
-        last_t_ns = self._heartbeat_t_ns.get(address)
+        last_t_ns = self.heartbeat_t_ns.get(address)
         if last_t_ns is not None and t_ns - last_t_ns < HEARTBEAT_PERIOD_NS:
             return False
         if last_t_ns is None:
-            used_addresses = self._used_addresses()
-            self._heartbeat_t_ns = {a: t for a, t in self._heartbeat_t_ns.items() if a in used_addresses}
-        self._heartbeat_t_ns[address] = t_ns
+            used = used_addresses()
+            self.heartbeat_t_ns = {a: t for a, t in self.heartbeat_t_ns.items() if a in used}
+        self.heartbeat_t_ns[address] = t_ns
         return True
 
     def next_heartbeat_ns(self, address: Address) -> int:
         """Return when the next heartbeat to an address is due."""
-        return self._heartbeat_t_ns[address] + HEARTBEAT_PERIOD_NS
+        return self.heartbeat_t_ns[address] + HEARTBEAT_PERIOD_NS

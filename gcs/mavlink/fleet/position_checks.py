@@ -17,6 +17,7 @@ vehicle's clock runs on steadily from an earlier value, and no newer report come
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
 from gcs.geo import LocalFrame
@@ -26,7 +27,6 @@ from gcs.mavlink.fleet.telemetry_table import (
     IN_LATE_RUN,
     NONE,
     VehicleRecord,
-    new_record,
 )
 from gcs.mavlink.services.retry import ns
 
@@ -43,6 +43,7 @@ _MIN_JUMP_NS: Final = ns(5.0)
 _MAX_JITTER_NS: Final = ns(1.0)
 
 
+@dataclass(slots=True)
 class BootClock:
     """A vehicle's time since boot: detects late reports and reboots.
 
@@ -51,33 +52,31 @@ class BootClock:
     that became slower by less is not.
     """
 
-    def __init__(self, record: VehicleRecord | None = None) -> None:
-        self._record = new_record() if record is None else record
-        self._run = (0, 0, 0)
-        """First arrival, its offset between our clock and the vehicle's, and the number of reports."""
+    run: tuple[int, int, int] = (0, 0, 0)
+    """First arrival, its offset between our clock and the vehicle's, and the number of reports."""
 
-    def add_report(self, boot_ms: int, t_ns: int) -> ReportOrder:
-        """Add a report's time since boot; only "new" and "rebooted" reports count."""
-        latest_ms, latest_offset_ns = self._record.item(BOOT_MS), self._record.item(BOOT_OFFSET_NS)
+    def add_report(self, record: VehicleRecord, boot_ms: int, t_ns: int) -> ReportOrder:
+        """Add a report's time since boot to a vehicle's record; only "new" and "rebooted" reports count."""
+        latest_ms, latest_offset_ns = record.item(BOOT_MS), record.item(BOOT_OFFSET_NS)
         offset_ns = t_ns - boot_ms * _NS_PER_MS
         ahead_ms = 1 if latest_ms == NONE else (boot_ms - latest_ms) % _BOOT_WRAP_MS
         if 0 < ahead_ms < _BOOT_WRAP_MS // 2:
-            return self._set_latest(boot_ms, offset_ns, "new")
+            return _set_latest(record, boot_ms, offset_ns, "new")
         if offset_ns - latest_offset_ns < _MIN_JUMP_NS:
             return "late"
-        if not self._record[IN_LATE_RUN] or abs(offset_ns - self._run[1]) > _MAX_JITTER_NS:
-            self._run = (t_ns, offset_ns, 0)
-            self._record[IN_LATE_RUN] = True
-        began_t_ns, run_offset_ns, reports = self._run
-        self._run = (began_t_ns, run_offset_ns, reports + 1)
+        if not record[IN_LATE_RUN] or abs(offset_ns - self.run[1]) > _MAX_JITTER_NS:
+            self.run = (t_ns, offset_ns, 0)
+            record[IN_LATE_RUN] = True
+        began_t_ns, run_offset_ns, reports = self.run
+        self.run = (began_t_ns, run_offset_ns, reports + 1)
         if reports >= 2 and t_ns - began_t_ns >= _CONFIRM_NS:
-            return self._set_latest(boot_ms, offset_ns, "rebooted")
+            return _set_latest(record, boot_ms, offset_ns, "rebooted")
         return "late"
 
-    def _set_latest(self, boot_ms: int, offset_ns: int, order: ReportOrder) -> ReportOrder:
-        self._record[BOOT_MS], self._record[BOOT_OFFSET_NS] = boot_ms, offset_ns
-        self._record[IN_LATE_RUN] = False
-        return order
+
+def _set_latest(record: VehicleRecord, boot_ms: int, offset_ns: int, order: ReportOrder) -> ReportOrder:
+    record[BOOT_MS], record[BOOT_OFFSET_NS], record[IN_LATE_RUN] = boot_ms, offset_ns, False
+    return order
 
 
 def position_problem(

@@ -2,7 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystems
+from gcs.mavlink.fleet.notice_queue import NoticeQueue
+from gcs.mavlink.fleet.peers import Address, Peers
+from gcs.mavlink.fleet.position_checks import BootClock
+from gcs.mavlink.fleet.position_plausibility import DuplicateIdDetector, MotionCheck
+from gcs.mavlink.fleet.statustext import TextChunks
+from gcs.mavlink.fleet.stream_requests import StreamRecord
+from gcs.mavlink.fleet.telemetry_table import new_table
+from gcs.mavlink.mission.items import Home
+from gcs.model import IntArray
+
+Liveness: TypeAlias = Literal["waiting", "alive", "stale", "down"]
+"""Not heard yet, heard, silent, or silent for so long that another address may be its own."""
 
 
 @dataclass(slots=True)
@@ -22,10 +39,62 @@ class ModeRecord:
 
 
 @dataclass(slots=True)
+class PositionChecks:
+    """Checks of one vehicle's position reports."""
+
+    clock: BootClock = field(default_factory=BootClock)
+    motion: MotionCheck = field(default_factory=MotionCheck)
+    duplicates: DuplicateIdDetector = field(default_factory=DuplicateIdDetector)
+    positions: int = 0
+    """Accepted positions that the checks have processed."""
+    has_no_position: bool = False
+    """True after the notice that no position is accepted for a while."""
+    refused: dict[str, int] = field(default_factory=dict)
+    """Refused position reports, by reason."""
+
+
+@dataclass(slots=True)
 class VehicleLink:
-    """Link and telemetry of one vehicle."""
+    """Link and telemetry of one vehicle; more is in its row of the telemetry table."""
+
+    address: Address | None = None
+    liveness: Liveness = "waiting"
+    returns: int = 0
+    """Times that it was heard again after its link was down."""
+    conflicts: int = 0
+    """Frames that used its id from another address."""
+    claimed_t_ns: int | None = None
+    """Time of the last such frame; None after a while without one."""
+    signed_lead_ns: int | None = None
+    """Signing time of the heartbeat that set the address, less our time; None if unsigned."""
+    sequence: int = 0
+    """Sequence number of our next frame to it."""
+    autopilot: int = dialect.MAV_AUTOPILOT_INVALID
+    """MAV_AUTOPILOT; invalid before its first heartbeat."""
+    vehicle_type: int = dialect.MAV_TYPE_GENERIC
+    boots: int = 0
+    """Reboots seen."""
+    mode: str = ""
+    """Empty before its first heartbeat."""
+    armed: bool = False
+    mission_seq: int = -1
+    """Current mission item; -1 if unknown."""
+    home: Home | None = None
+    checks: PositionChecks = field(default_factory=PositionChecks)
+    requests: StreamRecord = field(default_factory=StreamRecord)
+    texts: TextChunks = field(default_factory=TextChunks)
 
 
 @dataclass(slots=True)
 class FleetState:
-    """Links and addresses of all vehicles."""
+    """Telemetry table of all vehicles, links and addresses."""
+
+    table: IntArray = field(default_factory=lambda: new_table(0))
+    """A row for each vehicle, by system id (`gcs.mavlink.fleet.telemetry_table`)."""
+    links: dict[str, LinkCounters] = field(default_factory=dict)
+    """By link, in order of the first datagram."""
+    peers: Peers = field(default_factory=Peers)
+    sequences: dict[Address, int] = field(default_factory=dict)
+    """Sequence number of our next heartbeat to each outgoing endpoint."""
+    unknown_systems: UnknownSystems = field(default_factory=UnknownSystems)
+    notices: NoticeQueue = field(default_factory=NoticeQueue)

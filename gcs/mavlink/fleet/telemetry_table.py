@@ -9,9 +9,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-VehicleRecord = npt.NDArray[np.int64]
+from gcs.model import IntArray
+
+VehicleRecord = IntArray
 """Integers of one vehicle, by the columns below."""
 
 (
@@ -46,8 +47,8 @@ NONE: Final = -1
 NO_ADDRESS: Final = -1
 
 
-def new_record() -> VehicleRecord:
-    """Return the record of a vehicle that was never heard."""
-    record = np.zeros(WIDTH, np.int64)
-    record[[ADDRESS, LAST_SEQUENCE, BOOT_MS, FIX_TYPE, BEST_FIX, BATTERY_PERCENT, HEARTBEAT_KEY]] = NONE
-    return record
+def new_table(vehicles: int) -> IntArray:
+    """Return the records of vehicles that were never heard."""
+    table = np.zeros((vehicles, WIDTH), np.int64)
+    table[:, [ADDRESS, LAST_SEQUENCE, BOOT_MS, FIX_TYPE, BEST_FIX, BATTERY_PERCENT, HEARTBEAT_KEY]] = NONE
+    return table

@@ -10,16 +10,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias
+from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import AutopilotProfile, mode_name, profile_of
 from gcs.mavlink.fleet.heartbeat import heartbeat_key
-from gcs.mavlink.fleet.position_checks import BootClock, position_problem
-from gcs.mavlink.fleet.position_plausibility import DuplicateIdDetector, MotionCheck, Report
-from gcs.mavlink.fleet.statustext import TextChunks
+from gcs.mavlink.fleet.peers import Address
+from gcs.mavlink.fleet.position_checks import position_problem
+from gcs.mavlink.fleet.position_plausibility import Notify, Report
+from gcs.mavlink.fleet.records import Liveness, VehicleLink
 from gcs.mavlink.fleet.stream_requests import StreamRequests
 from gcs.mavlink.fleet.telemetry_table import (
     ADDRESS,
@@ -39,19 +40,11 @@ from gcs.mavlink.fleet.telemetry_table import (
     POSITION_NS,
     POSITIONS,
     VehicleRecord,
-    new_record,
 )
-from gcs.mavlink.frames.codec import Encoder, Message
+from gcs.mavlink.frames.codec import Encoder, Message, next_sequence
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.services.retry import ns
-from gcs.model import NS_PER_S, Level, VehicleState
-
-Address: TypeAlias = tuple[str, str]
-"""(link, peer)."""
-Liveness: TypeAlias = Literal["waiting", "alive", "stale", "down"]
-"""Not heard yet, heard, silent, or silent for so long that another address may be its own."""
-Notify: TypeAlias = Callable[[Level, str], None]
-"""Takes level and text of a notice about this vehicle."""
+from gcs.model import NS_PER_S, VehicleState
 
 _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _UNKNOWN_HEADING: Final = 65535
@@ -87,44 +80,35 @@ class Health:
 
 
 class Vehicle:
-    """State of one expected vehicle. Only frames of its own autopilot reach it."""
+    """State of one expected vehicle. Only frames of its own autopilot reach it.
+
+    Parameters
+    ----------
+    link : VehicleLink
+        What is known of it.
+    record : (WIDTH,) array
+        Its row of the telemetry table: fields that routine telemetry changes, here or in the kernel.
+    """
 
     def __init__(
         self,
         system_id: int,
+        link: VehicleLink,
+        record: VehicleRecord,
         frame: LocalFrame,
         encoder: Encoder,
         stream_requests: StreamRequests,
         max_distance_m: float,
         max_speed_m_s: float,
-        record: VehicleRecord | None = None,
     ) -> None:
-        self.system_id = system_id
-        self.record = new_record() if record is None else record
-        """Fields that routine telemetry changes, here or in the kernel."""
-        self.address: Address | None = None
-        self.signed_lead_ns: int | None = None
-        """Signing time of the heartbeat that set the address, less our time; None if unsigned."""
-        self.liveness: Liveness = "waiting"
-        self.conflicts = self.boots = self.returns = 0
-        self.autopilot = dialect.MAV_AUTOPILOT_INVALID
-        self.profile: AutopilotProfile | None = None
-        """Profile of its firmware; None before its first heartbeat, or if unknown."""
-        self.home: Home | None = None
+        self.system_id, self.link, self.record = system_id, link, record
         self.stream_requests = stream_requests
-        self.encoder = encoder
-        self.texts = TextChunks()
-        self.refused: dict[str, int] = {}
-        self._frame, self._max_distance_m = frame, max_distance_m
-        self._clock = BootClock(self.record)
-        self._motion_check, self._duplicates = MotionCheck(max_speed_m_s), DuplicateIdDetector(max_speed_m_s)
-        self._checked_positions = 0
-        """`POSITIONS` when the two checks had processed all of them."""
-        self._has_no_position = False
-        self._mode, self._armed, self._mission_seq = "", False, -1
+        self._encoder, self._frame = encoder, frame
+        self._max_distance_m, self._max_speed_m_s = max_distance_m, max_speed_m_s
         self._state: VehicleState | None = None
+        """Derived from link and record; None after a change."""
         self._state_positions = 0
-        """`POSITIONS` of the present state."""
+        """`POSITIONS` of that state."""
         self._handlers: dict[str, Callable[[Message, int, Notify], None]] = {
             "HEARTBEAT": self._on_heartbeat,
             "GLOBAL_POSITION_INT": self._on_position,
@@ -150,9 +134,20 @@ class Vehicle:
         """Frames missing in the sequence."""
         return self.record.item(LOST)
 
+    @property
+    def profile(self) -> AutopilotProfile | None:
+        """Profile of its firmware; None before its first heartbeat, or if unknown."""
+        return profile_of(self.link.autopilot, self.link.vehicle_type)
+
+    def encode(self, message: Message) -> bytes:
+        """Return the next frame to it."""
+        frame = self._encoder.pack(message, self.link.sequence)
+        self.link.sequence = next_sequence(self.link.sequence)
+        return frame
+
     def set_address(self, address: Address, number: int) -> None:
         """Set the address, and its number in the telemetry table; request the streams again."""
-        self.address = address
+        self.link.address = address
         self.record[ADDRESS], self.record[LAST_SEQUENCE], self.record[DUE_NS] = number, NONE, 0
         self.record[HEARTBEAT_KEY] = NONE
         self.stream_requests.begin()
@@ -178,7 +173,7 @@ class Vehicle:
 
     def poll(self, t_ns: int) -> list[Message]:
         """Return the requests to it that are due."""
-        if t_ns >= self.stream_requests.idle_until_ns and self.record[POSITIONS]:
+        if t_ns >= self.link.requests.idle_until_ns and self.record[POSITIONS]:
             # The kernel only stores it.
             self.stream_requests.heard("GLOBAL_POSITION_INT", self.record.item(POSITION_NS))
         return self.stream_requests.poll(t_ns)
@@ -196,9 +191,9 @@ class Vehicle:
         """Return its state; None before its first accepted position."""
         positions = self.record.item(POSITIONS)
         if positions and (self._state is None or positions != self._state_positions):
-            self._state_positions = positions
+            self._state_positions, link = positions, self.link
             self._state = VehicleState(
-                self.system_id, *self._last_position(), self._mode, self._armed, self._mission_seq
+                self.system_id, *self._last_position(), link.mode, link.armed, link.mission_seq
             )
         return self._state
 
@@ -219,20 +214,21 @@ class Vehicle:
 
     def health(self) -> Health:
         """Return its link and equipment."""
+        link = self.link
         return Health(
             system_id=self.system_id,
-            liveness=self.liveness,
+            liveness=link.liveness,
             heard_t_ns=self.heard_t_ns,
-            address=self.address,
-            autopilot=self.autopilot,
-            home=self.home,
+            address=link.address,
+            autopilot=link.autopilot,
+            home=link.home,
             fix_type=self._value_or_none(FIX_TYPE),
             battery_percent=self._value_or_none(BATTERY_PERCENT),
-            boots=self.boots,
+            boots=link.boots,
             frames=self.record.item(FRAMES),
             lost=self.lost,
-            conflicts=self.conflicts,
-            refused=dict(self.refused),
+            conflicts=link.conflicts,
+            refused=dict(link.checks.refused),
             signed=self.signed,
         )
 
@@ -243,21 +239,21 @@ class Vehicle:
     # ------------------------------------------------------------ messages
 
     def _on_heartbeat(self, message: Message, _t_ns: int, notify: Notify) -> None:
-        if message.autopilot != self.autopilot:
+        link = self.link
+        if message.autopilot != link.autopilot:
             self._set_autopilot(message, notify)
         mode, armed = mode_name(message), bool(message.base_mode & _ARMED)
-        if self._mode and mode != self._mode:
-            notify("info", f"mode {self._mode} -> {mode}")
-        if self._mode and armed != self._armed:
+        if link.mode and mode != link.mode:
+            notify("info", f"mode {link.mode} -> {mode}")
+        if link.mode and armed != link.armed:
             notify("info", "armed" if armed else "disarmed")
-        if (mode, armed) != (self._mode, self._armed):
-            self._mode, self._armed, self._state = mode, armed, None
+        if (mode, armed) != (link.mode, link.armed):
+            link.mode, link.armed, self._state = mode, armed, None
         self.record[HEARTBEAT_KEY] = heartbeat_key(message)
 
     def _set_autopilot(self, heartbeat: Message, notify: Notify) -> None:
         """Note its firmware."""
-        self.autopilot = heartbeat.autopilot
-        self.profile = profile_of(heartbeat.autopilot, heartbeat.type)
+        self.link.autopilot, self.link.vehicle_type = heartbeat.autopilot, heartbeat.type
         if self.profile is None:
             text = (
                 f"MAV_AUTOPILOT {heartbeat.autopilot} on MAV_TYPE {heartbeat.type}: a firmware not known here"
@@ -265,8 +261,9 @@ class Vehicle:
             notify("alarm", f"{text}; it is tracked and never tasked")
 
     def _on_position(self, message: Message, t_ns: int, notify: Notify) -> None:
+        checks = self.link.checks
         self._resume_from_record()
-        order = self._clock.add_report(message.time_boot_ms, t_ns)
+        order = checks.clock.add_report(self.record, message.time_boot_ms, t_ns)
         if order == "rebooted":
             self._reboot(notify)
         problem = self._check_position(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
@@ -278,13 +275,13 @@ class Vehicle:
             )
             problem = self._check_motion(report, notify, late=order == "late")
         if problem:
-            self.refused[problem] = self.refused.get(problem, 0) + 1
+            checks.refused[problem] = checks.refused.get(problem, 0) + 1
             return
         self.record[POSITION_NS:POSITIONS] = (
             t_ns, message.lat, message.lon, message.alt, message.vx, message.vy, message.hdg
         )  # fmt: skip
         self.record[POSITIONS] += 1
-        self._checked_positions = self.record.item(POSITIONS)
+        checks.positions = self.record.item(POSITIONS)
 
     def _report(
         self, t_ns: int, boot_ms: int, lat: int, lon: int, v_north_cm_s: int, v_east_cm_s: int
@@ -294,35 +291,35 @@ class Vehicle:
 
     def _resume_from_record(self) -> None:
         """Continue the checks from the last position that the kernel stored."""
-        if self.record.item(POSITIONS) == self._checked_positions:
+        checks = self.link.checks
+        if self.record.item(POSITIONS) == checks.positions:
             return
-        self._checked_positions = self.record.item(POSITIONS)
+        checks.positions = self.record.item(POSITIONS)
         t_ns, lat, lon, _, v_north_cm_s, v_east_cm_s, _ = self.record[POSITION_NS:POSITIONS].tolist()
         last = self._report(t_ns, self.record.item(BOOT_MS), lat, lon, v_north_cm_s, v_east_cm_s)
-        self._motion_check.resume(last)
-        self._duplicates.resume(last)
+        checks.motion.resume(last)
+        checks.duplicates.resume(last)
 
     def _check_motion(self, report: Report, notify: Notify, *, late: bool) -> str:
         """Compare a report with those before; return why it is refused."""
-        self._duplicates.add_report(report)
-        problem = "late" if late else self._motion_check.check_report(report)
-        for level, text in (*self._duplicates.notices, *([] if late else self._motion_check.notices)):
-            notify(level, text)
-        self.record[CHECK_NEXT] = bool(problem) or self._duplicates.is_watching
+        checks, max_speed_m_s = self.link.checks, self._max_speed_m_s
+        checks.duplicates.add_report(report, max_speed_m_s, notify)
+        problem = "late" if late else checks.motion.check_report(report, max_speed_m_s, notify)
+        self.record[CHECK_NEXT] = bool(problem) or checks.duplicates.is_watching
         return problem
 
     def check_position_age(self, t_ns: int, notify: Notify) -> None:
         """Notify when no position is accepted for a while, and when one is again."""
         if not self.record[POSITIONS]:
             return
-        silent_ns = t_ns - self.record.item(POSITION_NS)
-        if not self._has_no_position and silent_ns > _NO_POSITION_NS:
-            self._has_no_position = True
-            why = ", ".join(f"{count} {reason}" for reason, count in self.refused.items())
+        checks, silent_ns = self.link.checks, t_ns - self.record.item(POSITION_NS)
+        if not checks.has_no_position and silent_ns > _NO_POSITION_NS:
+            checks.has_no_position = True
+            why = ", ".join(f"{count} {reason}" for reason, count in checks.refused.items())
             text = f"no position that can be believed for {silent_ns / NS_PER_S:.0f} s"
             notify("alarm", f"{text}; refused so far: {why}" if why else text)
-        elif self._has_no_position and silent_ns <= _NO_POSITION_NS:
-            self._has_no_position = False
+        elif checks.has_no_position and silent_ns <= _NO_POSITION_NS:
+            checks.has_no_position = False
             notify("info", "its positions are believed again")
 
     def _check_position(self, lat_deg: float, lon_deg: float, alt_msl_m: float) -> str:
@@ -332,21 +329,21 @@ class Vehicle:
 
     def _reboot(self, notify: Notify) -> None:
         """Reset the state after a boot; mode and arming come with the next heartbeat."""
-        self.boots += 1
-        self._mission_seq, self.home = -1, None
+        self.link.boots += 1
+        self.link.mission_seq, self.link.home = -1, None
         self.record[BEST_FIX] = self.record[LAST_SEQUENCE] = self.record[HEARTBEAT_KEY] = NONE
-        self._motion_check.begin()
+        self.link.checks.motion.begin()
         self.stream_requests.begin()
         notify("alarm", "rebooted")
 
     def _on_mission_current(self, message: Message, _t_ns: int, _notify: Notify) -> None:
-        if message.seq != self._mission_seq:
-            self._mission_seq, self._state = message.seq, None
+        if message.seq != self.link.mission_seq:
+            self.link.mission_seq, self._state = message.seq, None
 
     def _on_home(self, message: Message, t_ns: int, _notify: Notify) -> None:
         home = Home(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
         if not position_problem(*home, self._frame, self._max_distance_m):
-            self.home = home
+            self.link.home = home
             self.stream_requests.heard("HOME_POSITION", t_ns)
 
     def _on_sys_status(self, message: Message, _t_ns: int, _notify: Notify) -> None:

@@ -234,12 +234,24 @@ class Encoder:
 
     def __init__(self, system_id: int = GCS_SYSTEM_ID, component_id: int = GCS_COMPONENT_ID) -> None:
         self._packer = dialect.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
+        self._sequence = 0
 
     def __call__(self, message: Message) -> bytes:
         """Pack one message and count it."""
-        frame: bytes = message.pack(self._packer)
-        self._packer.seq = (self._packer.seq + 1) % 256
+        frame = self.pack(message, self._sequence)
+        self._sequence = next_sequence(self._sequence)
         return frame
+
+    def pack(self, message: Message, sequence: int) -> bytes:
+        """Pack one message with a sequence number of the caller."""
+        self._packer.seq = sequence
+        frame: bytes = message.pack(self._packer)
+        return frame
+
+
+def next_sequence(sequence: int) -> int:
+    """Return the sequence number of the next frame."""
+    return (sequence + 1) % 256
 
 
 def _frame_length(data: bytes, at: int, end: int) -> int:

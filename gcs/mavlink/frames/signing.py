@@ -30,7 +30,7 @@ from typing import Final, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
-from gcs.mavlink.fleet.vehicle import Address
+from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.frames.codec import Frame, FrameTable, target_of
 from gcs.mavlink.frames.fast_verify import Verified, Verifier
 from gcs.model import NS_PER_S, network_of, vehicle_id

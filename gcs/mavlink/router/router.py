@@ -33,7 +33,7 @@ from typing import Final, NamedTuple, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
-from gcs.mavlink.fleet.vehicle import Address
+from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Frame, target_of
 from gcs.mavlink.frames.signing import MIN_SIGNED_LATER_NS, signed_t_ns
 from gcs.mavlink.router import access_policy

@@ -111,7 +111,7 @@ def test_a_vehicle_counted_as_lost_in_mid_upload_is_cleared_when_it_is_heard():
 
 def test_a_firmware_that_is_not_known_gets_no_mission():
     swarm = Swarm(1)
-    swarm.fleet._vehicles[1].profile = None
+    swarm.fleet._vehicles[1].link.vehicle_type = 0
     swarm.task(1)
     swarm.run(1.0)
     (report,) = swarm.reports()
@@ -128,7 +128,7 @@ def test_a_reboot_in_mid_upload_starts_the_upload_again():
     swarm.run(2.0)
     plane.reboot(swarm.t_ns)
     plane.ignores.clear()
-    swarm.fleet._vehicles[1].boots += 1
+    swarm.fleet._vehicles[1].link.boots += 1
     swarm.run(15.0)
     assert len(plane.store) == 5
     assert plane.mode == MANUAL

@@ -17,18 +17,16 @@ def report(t_s, east_m, north_m=0.0, speed_m_s=15.0, boot_s=0.0, delay_s=0.0):
 
 
 def checked(reports, max_speed_m_s=75.0):
-    motion, refusals, news = MotionCheck(max_speed_m_s), [], []
-    for one in reports:
-        refusals.append(motion.check_report(one))
-        news += motion.notices
-    return refusals, news
+    motion, news = MotionCheck(), []
+    return [
+        motion.check_report(one, max_speed_m_s, lambda *notice: news.append(notice)) for one in reports
+    ], news
 
 
 def duplicates_in(reports):
-    detector, news = DuplicateIdDetector(75.0), []
+    detector, news = DuplicateIdDetector(), []
     for one in reports:
-        detector.add_report(one)
-        news += detector.notices
+        detector.add_report(one, 75.0, lambda *notice: news.append(notice))
     return detector.has_duplicate, news
 
 
@@ -96,10 +94,10 @@ def test_what_stands_on_the_ground_is_not_frozen():
 
 
 def test_after_a_reboot_it_may_be_anywhere():
-    motion = MotionCheck(75.0)
-    motion.check_report(report(0, 0))
+    motion = MotionCheck()
+    motion.check_report(report(0, 0), 75.0, print)
     motion.begin()
-    assert motion.check_report(report(1, 9000)) == ""
+    assert motion.check_report(report(1, 9000), 75.0, print) == ""
 
 
 @pytest.mark.parametrize(

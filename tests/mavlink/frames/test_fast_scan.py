@@ -198,7 +198,7 @@ def test_a_fleet_knows_the_same_with_and_without_the_kernel(seed):
         heard, all_of_it = fast.receive(datagram), simple.receive(datagram)
         folded += len(all_of_it) - len(heard)
         assert fast_news.of(heard) == simple_news.of(all_of_it)
-        assert (fast._table == simple._table).all()
+        assert (fast._state.table == simple._state.table).all()
         if step % 5 == 0:
             assert fast.poll(t_ns) == simple.poll(t_ns)
             known = fleet_state(fast)
