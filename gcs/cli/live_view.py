@@ -155,7 +155,7 @@ class LiveView:
 
     def _tables(self, width: int, rows: int) -> Iterator[RenderableType]:
         """Yield the tables that fit into `rows`, and a line about those that do not."""
-        status = self._command.status_report.build(self._t_ns, has_ended=False)
+        status = self._command.status_report.build(self._t_ns)
         agents, targets = len(status.agents), len(status.targets)
         link_counters = link_rows(self._command.fleet, self._links, self._t_ns)
         free_rows = rows - 2 * _TABLE_FRAME
@@ -223,7 +223,7 @@ class LiveView:
 
     def _proposal_lines(self) -> list[str]:
         """Return the lines about the proposed plan, a title and one for each route; empty without one."""
-        pending = self._command.approval.pending
+        pending = self._command.state.operator.approval.pending
         if pending is None:
             return []
         title = f"{proposal_title(pending, self._t_ns)} (gcs order confirm {pending.plan_id})"
@@ -252,7 +252,7 @@ class LiveView:
         for route in self._command.replanner.routes.values():
             for east_m, north_m in route.points_m:
                 put(east_m, north_m, "·", "cyan")
-        pending = self._command.approval.pending
+        pending = self._command.state.operator.approval.pending
         for route in pending.routes if pending is not None else ():
             for east_m, north_m in route.points_m:
                 put(east_m, north_m, "·", "bold yellow")

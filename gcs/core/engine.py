@@ -74,7 +74,7 @@ class Engine(Stages):
         return PersistedState(
             t_ns=t_ns,
             mission_count=self.state.tasking.mission_count,
-            plan_count=self.approval.count,
+            plan_count=self.state.operator.approval.count,
             ended=self.state.has_ended,
             vehicles=self.restart.vehicles(),
             trackers=self.trackers.persisted(),
@@ -91,7 +91,7 @@ class Engine(Stages):
 
     def _resume(self, event: Resumed) -> list[Effect]:
         state = event.state
-        self.approval.count, self.state.has_ended = state.plan_count, state.ended
+        self.state.operator.approval.count, self.state.has_ended = state.plan_count, state.ended
         for zone in state.no_fly_zones:
             if not self.no_fly_zones.refusal(zone):
                 self.no_fly_zones.change(zone)
@@ -122,7 +122,7 @@ class Engine(Stages):
         self.control.update(event.t_ns)
         match event.action:
             case "status":
-                return [self.status_report.build(event.t_ns, event.order_id, has_ended=self.state.has_ended)]
+                return [self.status_report.build(event.t_ns, event.order_id)]
             case "confirm" | "reject":
                 inputs = self.planning_inputs.build(event.t_ns, self.state.measured_t_ns)
                 effects, routes = self.approval.decide(event, inputs)
@@ -130,7 +130,7 @@ class Engine(Stages):
             case "plan":
                 overridden = self.overridden()
                 text = overridden_text(overridden)
-                ongoing = OrderInProgress(event, overridden)
+                ongoing = OrderInProgress(event, tuple(overridden))
                 effects = [ongoing.answer(event.t_ns, "accepted", text)] if text else []
                 effects += self.approval.answer(event)
             case "no-fly-zone":
@@ -283,7 +283,7 @@ class Engine(Stages):
         return [plan, *notes, *self.dispatch.send(routes, plan.t_ns, urgent)]
 
     def _planner_notes(self, t_ns: int) -> list[Effect]:
-        return [Notice(t_ns, "warning", note) for note in self.replanner.notes]
+        return [Notice(t_ns, "warning", note) for note in self.state.replanning.new_notes]
 
     def _end(self, t_ns: int) -> list[Effect]:
         """End the mission when no agent is active, or every expected target has its agents."""

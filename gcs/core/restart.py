@@ -14,18 +14,18 @@ No plan is made before this has ended, which is bounded in time.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Container
+from collections.abc import Collection, Container, Mapping
 from typing import Final
 
 from gcs.core.authority.control_authority import ControlAuthority
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.authority.onboard_audit import OnboardAudit
 from gcs.core.operator.replies import named
-from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
 from gcs.core.replanning.replanner import Replanner
+from gcs.core.state import Agent
 from gcs.core.tasking.records import OnboardMission
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO
@@ -47,10 +47,10 @@ class Restart:
 
     def __init__(
         self,
+        agents: Mapping[int, Agent],
         fleet: Fleet,
         tasking: UploadManager,
         replanner: Replanner,
-        orders: Orders,
         control: ControlAuthority,
         agent_status: AgentStatusMonitor,
         trackers: MultiSensorTracker,
@@ -59,7 +59,7 @@ class Restart:
         onboard_audit: OnboardAudit,
     ) -> None:
         self._fleet, self._tasking, self._replanner = fleet, tasking, replanner
-        self._orders, self._control = orders, control
+        self._agents, self._control = agents, control
         self._agent_status, self._trackers = agent_status, trackers
         self._association, self._external_uploads = association, external_uploads
         self._onboard_audit = onboard_audit
@@ -77,13 +77,13 @@ class Restart:
     def _persisted(self, vehicle: int) -> PersistedVehicle:
         audited = self._onboard_audit.expected(vehicle)  # still the persisted mission
         onboard = audited or self._tasking.onboard(vehicle)
-        wanted = (self._replanner.routes, self._orders.suspended_routes, self._verified)
-        route = next((routes[vehicle] for routes in wanted if vehicle in routes), None)
+        routes = self._agents[vehicle].routes
+        route = routes.flown or routes.suspended or self._verified.get(vehicle)
         unsure = self._tasking.may_be_inconsistent(vehicle)
         is_obsolete = route is None and vehicle not in self._audited
         if onboard is not None and (audited is not None or (is_obsolete and not unsure)):
             route = onboard.route
-        if onboard is None or onboard.route is not route:
+        if onboard is None or not onboard.route.is_same(route):
             onboard = None
         return PersistedVehicle(
             status=self._agent_status.by_vehicle[vehicle],
@@ -182,16 +182,15 @@ class Restart:
         """Give the verified routes to the replanner."""
         self._until_t_ns = None
         routes, self._verified = self._verified, {}
-        for vehicle in self._control.suspensions().keys() & routes.keys():
-            self._orders.suspended_routes[vehicle] = routes.pop(vehicle)
+        suspended = {v: routes.pop(v) for v in self._control.suspensions() if v in routes}
         for vehicle in [vehicle for vehicle in routes if not self._is_flown(vehicle)]:
             del routes[vehicle]  # it does not fly its onboard mission: it gets another with the next plan
-        self._replanner.resume(t_ns, routes, targets)
+        self._replanner.resume(t_ns, routes, suspended, targets)
 
     def _is_flown(self, vehicle: int) -> bool:
         """Return True if a vehicle flies its onboard mission."""
         state = self._fleet.state(vehicle)
-        return state is not None and state.mode == AUTO and vehicle not in self._orders.commanded
+        return state is not None and state.mode == AUTO and self._agents[vehicle].orders.command is None
 
 
 def _contents(state: PersistedState, known: Container[int]) -> str:

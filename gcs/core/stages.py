@@ -96,8 +96,8 @@ class Stages:
         self.sensor_watchdog, self.input_errors = SensorWatchdog(), InputErrors()
         self.never_heard = NeverHeardCheck(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
         # Planning and tasking
-        self.replanner = Replanner(config, self.no_fly_zones)
-        self.return_routes = ReturnRoutes(config, self.no_fly_zones, self.fleet)
+        self.replanner = Replanner(config, self.no_fly_zones, agents, self.state.replanning)
+        self.return_routes = ReturnRoutes(config, self.no_fly_zones, self.fleet, agents)
         self.climbs = Climbs(config, self.no_fly_zones, self.fleet, agents)
         self.tasking = UploadManager(
             config,
@@ -111,7 +111,7 @@ class Stages:
         self.takeoff_sequence = TakeoffSequence(config, self.fleet, self.tasking, agents, self.state.takeoff)
         self.mission_ends = MissionEnds(agents, self.tasking, config.planning.capture_radius_m)
         self.upload_latency = UploadLatency(agents)
-        self.approval = PlanApproval(config, self.no_fly_zones, self.replanner)
+        self.approval = PlanApproval(config, self.no_fly_zones, self.replanner, agents, self.state.operator)
         self.dispatch = Dispatch(
             self.replanner,
             self.return_routes,
@@ -123,12 +123,12 @@ class Stages:
         # Orders and control authority
         self.return_heights = ReturnHeightMonitor(config, self.fleet, agents)
         self.orders = Orders(
+            self.state,
             self.fleet,
             self.tasking,
             self.replanner,
             self.takeoff_sequence,
             self.return_heights,
-            controls,
             self._outlook,
         )
         self.incursions = IncursionWarnings(self.state.airspace, self.tasking.onboard_missions)
@@ -141,17 +141,17 @@ class Stages:
             self.incursions,
             self._needs_approval,
         )
-        self.disarmed_in_auto = DisarmedInAuto(self.fleet, self.tasking, self.orders)
+        self.disarmed_in_auto = DisarmedInAuto(agents, self.fleet, self.tasking, self.orders)
         self.onboard_audit = OnboardAudit(self.fleet, self.tasking, self.replanner, controls)
         self.override_notices, self.unattended_targets = OverrideNotices(), UnattendedTargets()
         self.control = ControlAuthority(
             controls, self.fleet, self.tasking, self.orders, self.mission_ends, agents
         )
         self.restart = Restart(
+            agents,
             self.fleet,
             self.tasking,
             self.replanner,
-            self.orders,
             self.control,
             self.agent_status,
             self.trackers,
@@ -160,6 +160,7 @@ class Stages:
             self.onboard_audit,
         )
         self.planning_inputs = PlanningInputBuilder(
+            agents,
             config.local_frame,
             self.fleet,
             self.trackers,
@@ -173,6 +174,7 @@ class Stages:
             self.replanner,
         )
         self.status_report = StatusReport(
+            self.state,
             self.fleet,
             self.trackers,
             self.association,
@@ -180,9 +182,7 @@ class Stages:
             self.position_integrity,
             self.sensor_watchdog,
             self.replanner,
-            self.approval,
             self.tasking,
-            self.control,
         )
         self._expected_targets = len(config.births)
         self._max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)

@@ -62,6 +62,19 @@ class Route:
         """Points of the route and the centre of the loiter circle that follows, (k, 2)."""
         return self.points_m if self.wait_m is None else np.vstack((self.points_m, self.wait_m))
 
+    def is_same(self, other: Route | None) -> bool:
+        """Return True if another route has the same values."""
+        if other is None or other is self:
+            return other is self
+        return (
+            self.vehicle == other.vehicle
+            and self.target == other.target
+            and self.length_m == other.length_m
+            and self.layer == other.layer
+            and self.wait_m == other.wait_m
+            and np.array_equal(self.points_m, other.points_m)
+        )
+
 
 Cause: TypeAlias = Literal[
     "first plan",

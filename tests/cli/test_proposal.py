@@ -56,8 +56,8 @@ def test_plans_that_wait_push_no_alarm_out_of_the_live_view() -> None:
     view.event(Tick(1 * S))
     view.effect(1 * S, Notice(1 * S, "alarm", "not heard at all", 3))
     for number in range(1, 31):
-        command.approval.pending = proposal(number, 1.0 + number, 1.0 + number)
-        view.effect((1 + number) * S, command.approval.pending)
+        command.state.operator.approval.pending = proposal(number, 1.0 + number, 1.0 + number)
+        view.effect((1 + number) * S, command.state.operator.approval.pending)
     view.event(Tick(44 * S))
     screen.print(view)
     shown = text_of(screen)

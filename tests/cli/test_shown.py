@@ -76,7 +76,7 @@ def live_view(scenario: str, width: int, height: int) -> list[str]:
     """Draw a mission with a target for each agent, and an agent with a failed upload."""
     config = load(scenario)
     command = Engine(config, 1)
-    before = command.status_report.build(0, has_ended=False)
+    before = command.status_report.build(0)
     status = replace(
         before,
         agents=tuple(replace(one, has_failed=one.vehicle == 1) for one in before.agents),
@@ -97,8 +97,8 @@ class Given:
     def __init__(self, status: SwarmStatus) -> None:
         self._status = status
 
-    def build(self, _t_ns: int, *, has_ended: bool) -> SwarmStatus:
-        return replace(self._status, has_ended=has_ended)
+    def build(self, _t_ns: int) -> SwarmStatus:
+        return self._status
 
 
 def drawn(view: LiveView, width: int, height: int) -> list[str]:

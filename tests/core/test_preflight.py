@@ -16,6 +16,7 @@ from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_c
 from gcs.core.preflight.return_heights import return_of, returns_check
 from gcs.core.preflight.vehicle import VehicleChecks, envelope_of
 from gcs.core.replanning.altitude_layers import AltitudeLayers
+from gcs.core.state import State
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Encoder, scan
@@ -228,7 +229,9 @@ def test_the_layers_shown_before_the_flight_are_those_that_are_flown(setting):
     rehearsal = rehearse(config, 1, {})
     starts = {agent.vehicle: (agent.east_m, agent.north_m) for agent in config.agents}
     tracks = {vehicle: track((0, vehicle), place) for vehicle, place in starts.items()}
-    routes, _ = AltitudeLayers(config).give(rehearsal.plan.routes, starts, tracks, ())
+    state = State.initial(starts)
+    layers = AltitudeLayers(config, state.agents, state.replanning)
+    routes, _ = layers.give(rehearsal.plan.routes, starts, tracks, ())
     altitudes = {config.mission.altitude_rel_m + r.layer * config.mission.layer_step_m for r in routes}
     row = {row.name: row for row in mission_checks(config, rehearsal)}["separation"]
     shown = re.findall(r"[\d.]+(?=,| m)", row.value.split(" at ")[1])

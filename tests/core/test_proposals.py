@@ -15,6 +15,7 @@ from staging import S, at, mission, track, zones
 from gcs.core.operator.plan_approval import MIN_READING_S, PlanApproval
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.replanner import Replanner
+from gcs.core.state import State
 from gcs.model import Effect, Label, MissionEnded, Order, OrderAnswer, Plan, Proposal, Route
 from sim_vehicles.campaign.virtual_run import START_T_NS
 
@@ -31,8 +32,10 @@ class Stage:
         self.targets: dict[Label, Place] = {A: (1500.0, 200.0), B: (1500.0, 800.0)}
         config = mission(list(self.agents.values()), list(self.targets.values()), tables)
         airspace = zones(config)
-        self.replanner = Replanner(config, airspace)
-        self.approval = PlanApproval(config, airspace, self.replanner)
+        self.state = State.initial(self.agents)
+        agents = self.state.agents
+        self.replanner = Replanner(config, airspace, agents, self.state.replanning)
+        self.approval = PlanApproval(config, airspace, self.replanner, agents, self.state.operator)
         self.shown: list[Proposal] = []
 
     def inputs(self, t_s: float) -> PlanningInputs:
@@ -44,7 +47,11 @@ class Stage:
         """Check as at a scan; return the pending plan."""
         if self.replanner.is_due(at(t_s)):
             self._keep(self.approval.check(self.inputs(t_s)))
-        return self.approval.pending
+        return self.pending
+
+    @property
+    def pending(self) -> Proposal | None:
+        return self.state.operator.approval.pending
 
     def confirm(self, t_s: float, plan_id: int) -> tuple[OrderAnswer, list[Route]]:
         order = Order(at(t_s), f"confirm-{t_s}", "confirm", None, plan_id)
@@ -136,7 +143,7 @@ def test_a_plan_that_became_another_one_is_refused_and_proposed_again(change, wo
     assert (answer.state, routes) == ("refused", [])
     assert re.search(words, answer.detail)
     assert answer.detail.endswith("plan 2 waits instead")
-    pending = stage.approval.pending
+    pending = stage.pending
     assert pending is not None
     assert pending.plan_id == 2
     assert re.search(words, pending.reason)
@@ -188,7 +195,7 @@ def test_a_plan_keeps_its_number_while_targets_jitter_and_routes_are_kept_up_to_
         stage.agents = {1: (100.0 + 4.0 * t_s, 200.0), 2: (100.0 + 4.0 * t_s, 800.0)}
         stage.check(float(t_s))
     assert stage.numbers == {1: 0.0}
-    pending = stage.approval.pending
+    pending = stage.pending
     assert pending is not None
     assert pending.age_s >= 255.0
     for figures in pending.figures:

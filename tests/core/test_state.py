@@ -32,7 +32,9 @@ CACHES: frozenset[str] = frozenset(
 """Attributes that may change outside the state: they change no result."""
 DONE = (
     "gcs.core.airspace",
+    "gcs.core.operator",
     "gcs.core.preflight",
+    "gcs.core.replanning",
     "gcs.core.takeoff",
     "gcs.core.tasking.upload_latency",
     "gcs.mavlink.fleet.fleet",

@@ -7,10 +7,11 @@ read back its onboard mission, and that is the one to fly now. An overridden veh
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from gcs.core.operator.vehicle_orders import Orders
+from gcs.core.state import Agent
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
@@ -26,7 +27,10 @@ _MAX_SPEED_M_S: Final = 2.0
 class DisarmedInAuto:
     """Sets disarmed vehicles in AUTO to LOITER."""
 
-    def __init__(self, fleet: Fleet, tasking: UploadManager, orders: Orders) -> None:
+    def __init__(
+        self, agents: Mapping[int, Agent], fleet: Fleet, tasking: UploadManager, orders: Orders
+    ) -> None:
+        self._agents = agents
         self._fleet, self._tasking, self._orders = fleet, tasking, orders
         self._senders: dict[int, CommandSender] = {}
         self._failed: set[int] = set()
@@ -58,7 +62,7 @@ class DisarmedInAuto:
         """Return True if arming would start a mission that the vehicle is not to fly."""
         vehicle = state.system_id
         stands = not state.armed and state.mode == AUTO and state.ground_speed_m_s <= _MAX_SPEED_M_S
-        is_busy = vehicle in self._tasking.stages or vehicle in self._orders.commanded
+        is_busy = vehicle in self._tasking.stages or self._agents[vehicle].orders.command is not None
         return stands and not is_busy and not self._orders.may_fly(vehicle)
 
     def _begin(self, vehicle: int, t_ns: int) -> list[Effect]:

@@ -48,9 +48,8 @@ class NoFlyZoneOrders:
         states = self.fleet.states()
         positions = {state.system_id: (state.east_m, state.north_m) for state in states}
         routes = self.replanner.routes
-        without_return = self.return_routes.crossed(
-            closed, {v: position for v, position in positions.items() if v not in routes}
-        )
+        returning = {v: position for v, position in positions.items() if v not in routes}
+        without_return = self.return_routes.crossed(closed, returning)
         affected = self.replanner.change_map(
             order.t_ns, closed, positions, f"no-fly zone {zone.name} {verb}", without_return
         )

@@ -9,23 +9,26 @@ not before an operator could read the last one, unless it is urgent: a vehicle w
 was closed, a vehicle would hit an obstacle. A confirmation of a plan that has changed meanwhile is refused,
 and the new plan is proposed.
 
-A rejected plan is not proposed again before something changes (`Replanner.proposed` keeps it).
+A rejected plan is not proposed again before something changes (`AgentRoutes.declined` keeps it).
 """
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.operator.plan_figures import PlanFigures
+from gcs.core.operator.records import OperatorState
 from gcs.core.operator.replies import OrderInProgress, named
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.plan_targets import place_of
 from gcs.core.replanning.replanner import Replanner
+from gcs.core.state import Agent
 from gcs.model import (
     NS_PER_S,
+    AnswerState,
     Effect,
     Order,
     OrderAnswer,
@@ -45,50 +48,50 @@ RENEWAL_S = 5.0
 
 
 class PlanApproval:
-    """The proposal that waits, and its confirmations in progress."""
+    """Proposes plans, and carries out confirmations."""
 
-    def __init__(self, config: Config, zones: NoFlyZones, replanner: Replanner) -> None:
-        self.pending: Proposal | None = None
-        self.count = 0
-        """Number of the last proposal."""
+    def __init__(
+        self,
+        config: Config,
+        zones: NoFlyZones,
+        replanner: Replanner,
+        agents: Mapping[int, Agent],
+        state: OperatorState,
+    ) -> None:
         self._zones, self._replanner, self._figures = zones, replanner, PlanFigures(config)
-        self._plan: Plan | None = None
-        self._shown: dict[int, RouteFigures] = {}
-        """Figures of each vehicle when the number was first shown."""
-        self._numbered_t_ns: int | None = None
-        self._renewed_t_ns = 0
-        self._is_urgent = False
-        self._declined: dict[int, Route] = {}
-        self._confirmed: dict[int, OrderInProgress] = {}
+        self._agents, self._operator, self._state = agents, state, state.approval
 
     # ------------------------------------------------------------ proposals
 
     def hurry(self) -> None:
         """Propose the next plan at once: a vehicle was lost."""
-        self._is_urgent = True
+        self._state.is_urgent = True
 
     def check(self, inputs: PlanningInputs) -> list[Effect]:
         """Propose a new plan if there is a trigger, and renew the proposal that waits."""
-        t_ns = inputs.t_ns
+        t_ns, state = inputs.t_ns, self._state
         effects = self._withdraw(inputs)
-        plan = self._replanner.check(inputs, urgent_only=self._is_early(t_ns) and not self._is_urgent)
-        self._is_urgent = False
+        plan = self._replanner.check(inputs, urgent_only=self._is_early(t_ns) and not state.is_urgent)
+        state.is_urgent = False
         if plan is not None:
             return effects + self._propose(plan, inputs)
-        if self.pending is None or t_ns - self._renewed_t_ns < RENEWAL_S * NS_PER_S:
+        if state.pending is None or t_ns - state.renewed_t_ns < RENEWAL_S * NS_PER_S:
             return effects
-        renewed = self._renew(self.pending.routes, inputs)
-        return effects + self._show(tuple(renewed[r.vehicle] for r in self.pending.routes), inputs)
+        routes = state.pending.routes
+        renewed = self._renew(routes, inputs)
+        return effects + self._show(tuple(renewed.get(r.vehicle, r) for r in routes), inputs)
 
     def refresh(self, t_ns: int, untaskable: Container[int] = ()) -> list[Effect]:
         """Remove lost, suspended and overridden vehicles from the proposal."""
-        if self.pending is None:
+        pending = self._state.pending
+        if pending is None:
             return []
-        shown = self._replanner.proposed
         left = tuple(
-            r for r in self.pending.routes if shown.get(r.vehicle) is r and r.vehicle not in untaskable
+            route
+            for route in pending.routes
+            if route.is_same(self._agents[route.vehicle].routes.proposed) and route.vehicle not in untaskable
         )
-        return [] if len(left) == len(self.pending.routes) else self._keep(t_ns, left)
+        return [] if len(left) == len(pending.routes) else self._keep(t_ns, left)
 
     def _withdraw(self, inputs: PlanningInputs) -> list[Effect]:
         """Remove vehicles that are about to reach a target on their flown routes."""
@@ -97,67 +100,73 @@ class PlanApproval:
 
     def _is_early(self, t_ns: int) -> bool:
         """Return True if the last proposal is too new to have been read."""
-        return self._numbered_t_ns is not None and t_ns - self._numbered_t_ns < MIN_READING_S * NS_PER_S
+        numbered_t_ns = self._state.numbered_t_ns
+        return numbered_t_ns is not None and t_ns - numbered_t_ns < MIN_READING_S * NS_PER_S
 
     def _propose(self, plan: Plan, inputs: PlanningInputs, *, new_number: bool = False) -> list[Effect]:
         """Propose a plan; it keeps the number of the last one with the same assignment."""
-        shown, self._plan = self._replanner.proposed, plan
-        self._declined = {v: route for v, route in self._declined.items() if shown.get(v) is route}
-        waiting = tuple(route for v, route in sorted(shown.items()) if v not in self._declined)
+        pending, self._state.plan = self._state.pending, plan
+        waiting = tuple(
+            route
+            for vehicle, route in sorted(self._replanner.proposed.items())
+            if self._agents[vehicle].routes.declined is None
+        )
         if not waiting:
             return self._withdraw_all(plan.t_ns, plan.reason)
-        before = self.pending.routes if self.pending is not None else ()
+        before = pending.routes if pending is not None else ()
         if new_number or not _assignment(waiting) <= _assignment(before):
             return self._number(waiting, plan.reason, inputs)
         return self._show(waiting, inputs)
 
     def _number(self, routes: tuple[Route, ...], reason: str, inputs: PlanningInputs) -> list[Effect]:
         """Propose routes under a new number."""
-        self.count += 1
-        self._numbered_t_ns = self._renewed_t_ns = inputs.t_ns
+        state = self._state
+        state.count += 1
+        state.numbered_t_ns = state.renewed_t_ns = inputs.t_ns
         figures = self._figures_of(routes, inputs, {})
-        self._shown = {one.vehicle: one for one in figures}
-        self.pending = Proposal(inputs.t_ns, self.count, routes, reason, inputs.t_ns, figures)
-        return [self.pending]
+        state.shown = {one.vehicle: one for one in figures}
+        state.pending = Proposal(inputs.t_ns, state.count, routes, reason, inputs.t_ns, figures)
+        return [state.pending]
 
     def _show(self, routes: tuple[Route, ...], inputs: PlanningInputs) -> list[Effect]:
         """Propose renewed routes under the same number, or under a new one if they have changed."""
-        assert self.pending is not None
-        figures = self._figures_of(routes, inputs, self._shown)
+        state = self._state
+        assert state.pending is not None
+        figures = self._figures_of(routes, inputs, state.shown)
         changes = self._changes(routes, figures)
         if changes and not self._is_early(inputs.t_ns):
             return self._number(routes, "; ".join(changes), inputs)
-        self._renewed_t_ns = inputs.t_ns
-        self.pending = replace(self.pending, t_ns=inputs.t_ns, routes=routes, figures=figures)
-        return [self.pending]
+        state.renewed_t_ns = inputs.t_ns
+        state.pending = replace(state.pending, t_ns=inputs.t_ns, routes=routes, figures=figures)
+        return [state.pending]
 
     def _renew(self, routes: Iterable[Route], inputs: PlanningInputs) -> dict[int, Route]:
-        """Plan routes to the same targets again; without a path the old route stays."""
-        old = {route.vehicle: route for route in routes}
-        return old | self._replanner.renew({v: route.target for v, route in old.items()}, inputs)
+        """Plan routes to the same targets again; none for a vehicle without a path."""
+        return self._replanner.renew({route.vehicle: route.target for route in routes}, inputs)
 
     def _figures_of(
         self, routes: Sequence[Route], inputs: PlanningInputs, shown: dict[int, RouteFigures]
     ) -> tuple[RouteFigures, ...]:
-        replanner = self._replanner
         positions = {vehicle: place_of(track) for vehicle, track in inputs.agents.items()}
-        apart_m = replanner.separation_m(inputs)
-        return self._figures.of(routes, shown, self._zones.grid, positions, apart_m, replanner.short)
+        apart_m = self._replanner.separation_m(inputs)
+        short = {v for v, agent in self._agents.items() if agent.routes.is_short}
+        return self._figures.of(routes, shown, self._zones.grid, positions, apart_m, short)
 
     def _changes(self, routes: Sequence[Route], figures: Sequence[RouteFigures]) -> list[str]:
         """Return the changes of routes since they were first shown, in words."""
-        pairs = zip(routes, figures, strict=True)
-        found = [self._figures.change(r, now, self._shown[r.vehicle]) for r, now in pairs]
+        pairs, shown = zip(routes, figures, strict=True), self._state.shown
+        found = [self._figures.change(r, now, shown[r.vehicle]) for r, now in pairs]
         return [text for text in found if text]
 
     # ------------------------------------------------------------ orders
 
     def answer(self, order: Order) -> list[Effect]:
         """Answer an order that asks for the proposal."""
-        if self.pending is None:
+        state = self._state
+        if state.pending is None:
             return [OrderInProgress(order).answer(order.t_ns, "refused", "no plan waits")]
-        self.pending = replace(self.pending, t_ns=order.t_ns)
-        return [OrderInProgress(order).showing(self.pending)]
+        state.pending = replace(state.pending, t_ns=order.t_ns)
+        return [OrderInProgress(order).showing(state.pending)]
 
     def decide(self, order: Order, inputs: PlanningInputs) -> tuple[list[Effect], list[Route]]:
         """Confirm or reject a proposal; return effects, and the routes to upload."""
@@ -165,41 +174,46 @@ class PlanApproval:
         refusal = self._refusal(order)
         if refusal:
             return [*effects, OrderInProgress(order).answer(order.t_ns, "refused", refusal)], []
-        pending = self.pending
+        pending = self._state.pending
         assert pending is not None
         chosen = [r for r in pending.routes if order.vehicles is None or r.vehicle in order.vehicles]
         if order.action == "confirm":
             return self._confirm(order, chosen, inputs)
-        self._declined |= {route.vehicle: route for route in chosen}
-        text = f"plan {pending.plan_id} rejected for {named(r.vehicle for r in chosen)}"
-        left = tuple(route for route in pending.routes if route not in chosen)
+        vehicles = [route.vehicle for route in chosen]
+        for vehicle in vehicles:
+            self._replanner.decline(vehicle)
+        text = f"plan {pending.plan_id} rejected for {named(vehicles)}"
+        left = tuple(route for route in pending.routes if route.vehicle not in vehicles)
         return [OrderInProgress(order).answer(order.t_ns, "done", text), *self._keep(order.t_ns, left)], []
 
     def _confirm(
         self, order: Order, chosen: list[Route], inputs: PlanningInputs
     ) -> tuple[list[Effect], list[Route]]:
         """Adopt the confirmed routes, from the current positions; refuse a plan that has changed."""
-        pending = self.pending
+        pending = self._state.pending
         assert pending is not None
-        vehicles = [route.vehicle for route in chosen]
+        vehicles = tuple(route.vehicle for route in chosen)
         renewed = self._renew(chosen, inputs)
         routes = tuple(renewed.get(r.vehicle, r) for r in pending.routes)
-        self.pending = pending = replace(pending, routes=routes)
-        flown = [renewed[vehicle] for vehicle in vehicles]
-        problems = self._problems(flown, inputs)
+        self._state.pending = replace(pending, routes=routes)
+        flown = [route for route in routes if route.vehicle in vehicles]
+        problems = self._problems(flown, renewed, inputs)
         if problems:
             return self._refused(order, problems, inputs), []
         effects: list[Effect] = []
         ongoing = OrderInProgress(order, vehicles)
+        number = self._operator.begin(ongoing)
         for vehicle in vehicles:
             effects += self.end(vehicle, order.t_ns, "replaced by a newer plan")
-            self._confirmed[vehicle] = ongoing
+            self._agents[vehicle].orders.confirmation = number
         left = tuple(route for route in routes if route.vehicle not in vehicles)
         plan = self._adopt(order, flown, inputs, whole=not left)
-        effects.append(ongoing.answer(order.t_ns, "accepted", f"missions go to {named(ongoing.waiting)}"))
+        effects.append(ongoing.answer(order.t_ns, "accepted", f"missions go to {named(vehicles)}"))
         return [*effects, *self._keep(order.t_ns, left), plan], flown
 
-    def _problems(self, routes: Sequence[Route], inputs: PlanningInputs) -> list[str]:
+    def _problems(
+        self, routes: Sequence[Route], renewed: Container[int], inputs: PlanningInputs
+    ) -> list[str]:
         """Return why confirmed routes differ from those that were shown, in words."""
         found = []
         for route in routes:
@@ -208,74 +222,74 @@ class PlanApproval:
                 found.append(f"agent {vehicle_name(route.vehicle)} {why}")
             elif route.target not in inputs.targets:
                 found.append(f"target {target_name(route.target)} is not there any more")
-            elif route.vehicle in self._replanner.unrouted:
+            elif route.vehicle not in renewed:
                 target = target_name(route.target)
                 found.append(f"no way leads agent {vehicle_name(route.vehicle)} to target {target} now")
-        return found or self._changes(routes, self._figures_of(routes, inputs, self._shown))
+        return found or self._changes(routes, self._figures_of(routes, inputs, self._state.shown))
 
     def _refused(self, order: Order, problems: list[str], inputs: PlanningInputs) -> list[Effect]:
         """Refuse a plan that has changed, and propose the new one."""
         text = "; ".join(problems)
         plan = self._replanner.plan_anew(inputs, text)
         effects = self._propose(plan, inputs, new_number=True)
-        again = "no plan waits now" if self.pending is None else f"plan {self.pending.plan_id} waits instead"
+        pending = self._state.pending
+        again = "no plan waits now" if pending is None else f"plan {pending.plan_id} waits instead"
         detail = f"plan {order.plan_id} is not the plan that was shown any more: {text}; {again}"
         return [OrderInProgress(order).answer(order.t_ns, "refused", detail), *effects]
 
     def uploaded(self, report: UploadReport) -> list[OrderAnswer]:
         """Answer a confirmation after the upload to a vehicle."""
-        ongoing = self._confirmed.pop(report.vehicle, None)
-        if ongoing is None:
-            return []
         text = f"mission {report.detail}" if report.ok else f"mission transfer failed: {report.detail}"
-        return [ongoing.answer(report.t_ns, "done" if report.ok else "failed", text, report.vehicle)]
+        return self._finish(report.vehicle, report.t_ns, "done" if report.ok else "failed", text)
 
     def end(self, vehicle: int, t_ns: int, reason: str) -> list[OrderAnswer]:
         """Answer that a confirmed mission will not be flown."""
-        ongoing = self._confirmed.pop(vehicle, None)
-        return [] if ongoing is None else [ongoing.answer(t_ns, "failed", reason, vehicle)]
+        return self._finish(vehicle, t_ns, "failed", reason)
+
+    def _finish(self, vehicle: int, t_ns: int, state: AnswerState, detail: str) -> list[OrderAnswer]:
+        orders = self._agents[vehicle].orders
+        number, orders.confirmation = orders.confirmation, None
+        return [] if number is None else [self._operator.finish(number, t_ns, state, detail, vehicle)]
 
     def _refusal(self, order: Order) -> str:
-        if self.pending is None:
+        pending = self._state.pending
+        if pending is None:
             return "no plan waits"
-        if order.plan_id != self.pending.plan_id:
-            return (
-                f"that plan is no longer the one shown: plan {self.pending.plan_id} is "
-                f"({self.pending.reason})"
-            )
-        missing = set(order.vehicles or ()) - {route.vehicle for route in self.pending.routes}
+        if order.plan_id != pending.plan_id:
+            return f"that plan is no longer the one shown: plan {pending.plan_id} is ({pending.reason})"
+        missing = set(order.vehicles or ()) - {route.vehicle for route in pending.routes}
         return f"nothing waits for {named(missing)} in plan {order.plan_id}" if missing else ""
 
     def _adopt(self, order: Order, chosen: list[Route], inputs: PlanningInputs, *, whole: bool) -> Plan:
         """Make routes the flown ones; return them as a plan."""
-        plan, replanner = self._plan, self._replanner
+        plan, pending, replanner = self._state.plan, self._state.pending, self._replanner
         assert plan is not None
-        assert self.pending is not None
-        reason = self.pending.reason
+        assert pending is not None
         for route in chosen:
             replanner.adopt(route)
-        if whole and not self._declined:
+        if whole and all(agent.routes.declined is None for agent in self._agents.values()):
             replanner.keep_only({route.vehicle for route in plan.routes})
         return replace(
             plan,
             t_ns=order.t_ns,
             picture_t_ns=inputs.picture_t_ns,
             routes=tuple(route for _, route in sorted(replanner.routes.items())),
-            reason=f"plan {order.plan_id} confirmed: {reason}",
+            reason=f"plan {order.plan_id} confirmed: {pending.reason}",
             changed=tuple(route.vehicle for route in chosen),
         )
 
     def _keep(self, t_ns: int, left: tuple[Route, ...]) -> list[Effect]:
-        assert self.pending is not None
+        pending = self._state.pending
+        assert pending is not None
         if not left:
-            return self._withdraw_all(t_ns, self.pending.reason)
+            return self._withdraw_all(t_ns, pending.reason)
         vehicles = {route.vehicle for route in left}
-        figures = tuple(one for one in self.pending.figures if one.vehicle in vehicles)
-        self.pending = replace(self.pending, t_ns=t_ns, routes=left, figures=figures)
-        return [self.pending]
+        figures = tuple(one for one in pending.figures if one.vehicle in vehicles)
+        self._state.pending = replace(pending, t_ns=t_ns, routes=left, figures=figures)
+        return [self._state.pending]
 
     def _withdraw_all(self, t_ns: int, reason: str) -> list[Effect]:
-        before, self.pending = self.pending, None
+        before, self._state.pending = self._state.pending, None
         return [] if before is None else [Proposal(t_ns, before.plan_id, (), reason, before.shown_t_ns)]
 
 

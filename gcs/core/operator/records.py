@@ -2,14 +2,71 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from gcs.core.operator.replies import OrderInProgress
+from gcs.mavlink.services.command_sender import CommandSender
+from gcs.model import AnswerState, OrderAnswer, Plan, Proposal, RouteFigures
+
+
+@dataclass(slots=True)
+class Command:
+    """Command in progress to one vehicle."""
+
+    sender: CommandSender
+    order: int
+    """Its order (`OperatorState.orders`)."""
 
 
 @dataclass(slots=True)
 class AgentOrders:
     """Orders to one vehicle."""
 
+    command: Command | None = None
+    """Command of an order to hold, resume, return, arm or disarm."""
+    confirmation: int | None = None
+    """Order that confirmed the mission on its way to the vehicle (`OperatorState.orders`)."""
+
+
+@dataclass(slots=True)
+class Approval:
+    """The proposal that waits."""
+
+    pending: Proposal | None = None
+    count: int = 0
+    """Number of the last proposal."""
+    plan: Plan | None = None
+    """Plan of the last proposal."""
+    shown: dict[int, RouteFigures] = field(default_factory=dict)
+    """Figures of each vehicle when the number was first shown."""
+    numbered_t_ns: int | None = None
+    """Time of the last new number."""
+    renewed_t_ns: int = 0
+    """Time at which the routes of the proposal were planned."""
+    is_urgent: bool = False
+    """True if the next plan is proposed at once: a vehicle was lost."""
+
 
 @dataclass(slots=True)
 class OperatorState:
     """The proposal that waits, and orders to several vehicles."""
+
+    approval: Approval = field(default_factory=Approval)
+    orders: dict[int, OrderInProgress] = field(default_factory=dict)
+    """Orders with outstanding results, by number."""
+    order_count: int = 0
+    """Number of the last order."""
+
+    def begin(self, ongoing: OrderInProgress) -> int:
+        """Keep an order until all its results are known; return its number."""
+        self.order_count += 1
+        self.orders[self.order_count] = ongoing
+        return self.order_count
+
+    def finish(self, number: int, t_ns: int, state: AnswerState, detail: str, vehicle: int) -> OrderAnswer:
+        """Return the final reply of an order for one vehicle."""
+        ongoing = self.orders[number]
+        answer = ongoing.answer(t_ns, state, detail, vehicle)
+        if not ongoing.waiting:
+            del self.orders[number]
+        return answer

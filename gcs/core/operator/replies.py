@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from gcs.model import AnswerState, Order, OrderAnswer, Proposal, vehicle_name
 
 
+@dataclass(slots=True)
 class OrderInProgress:
     """An order with outstanding results of some vehicles."""
 
-    def __init__(self, order: Order, waiting: Iterable[int] = ()) -> None:
-        self.order = order
-        self.waiting = set(waiting)
+    order: Order
+    waiting: tuple[int, ...] = ()
 
     def answer(self, t_ns: int, state: AnswerState, detail: str, vehicle: int | None = None) -> OrderAnswer:
         """Return the reply for one vehicle, which is final, or for the whole order."""
-        if vehicle is not None:
-            self.waiting.discard(vehicle)
+        self.waiting = tuple(sorted(one for one in self.waiting if one != vehicle))
         order = self.order
-        return OrderAnswer(
-            t_ns, order.order_id, order.action, state, detail, vehicle, tuple(sorted(self.waiting))
-        )
+        return OrderAnswer(t_ns, order.order_id, order.action, state, detail, vehicle, self.waiting)
 
     def showing(self, proposal: Proposal) -> OrderAnswer:
         """Return the reply with the plan that waits."""

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gcs.core.authority.control_authority import ControlAuthority
-from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.perception.position_integrity import PositionIntegrityMonitor
 from gcs.core.perception.sensor_watchdog import SensorWatchdog
 from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
 from gcs.core.replanning.replanner import Replanner
+from gcs.core.state import State
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.vehicle import Health
@@ -25,6 +24,7 @@ _MIN_SPEED_M_S = 1.0
 class StatusReport:
     """Collects the status."""
 
+    state: State
     fleet: Fleet
     trackers: MultiSensorTracker
     association: TrackVehicleAssociation
@@ -32,13 +32,11 @@ class StatusReport:
     position_integrity: PositionIntegrityMonitor
     sensor_watchdog: SensorWatchdog
     replanner: Replanner
-    approval: PlanApproval
     tasking: UploadManager
-    control: ControlAuthority
 
-    def build(self, t_ns: int, order_id: str = "", *, has_ended: bool) -> SwarmStatus:
+    def build(self, t_ns: int, order_id: str = "") -> SwarmStatus:
         """Return the status now, as the answer to an order."""
-        pending = self.approval.pending
+        pending = self.state.operator.approval.pending
         return SwarmStatus(
             t_ns,
             order_id,
@@ -46,15 +44,15 @@ class StatusReport:
             targets=self._targets(),
             sensors=self.sensor_watchdog.records(t_ns),
             plan_id=None if pending is None else pending.plan_id,
-            has_ended=has_ended,
+            has_ended=self.state.has_ended,
         )
 
     def _agent(self, health: Health, t_ns: int) -> AgentRecord:
-        vehicle, control = health.system_id, self.control.of(health.system_id)
+        vehicle, agent = health.system_id, self.state.agents[health.system_id]
         state, status = self.fleet.state(vehicle), self.agent_status.by_vehicle[vehicle]
         label = self.association.labels.get(vehicle)
         track = None if label is None else self.trackers.agents.confirmation.tracks.get(label)
-        route, proposed = self.replanner.routes.get(vehicle), self.replanner.proposed.get(vehicle)
+        route, proposed = agent.routes.flown, agent.routes.proposed
         to_go_m = eta_s = position_m = None
         if state is not None:
             position_m = (state.east_m, state.north_m)
@@ -64,8 +62,8 @@ class StatusReport:
         return AgentRecord(
             vehicle=vehicle,
             status=status.status,
-            authority=control.authority.word,
-            reason=control.reason,
+            authority=agent.control.authority.word,
+            reason=agent.control.reason,
             heard_age_s=(t_ns - health.heard_t_ns) / NS_PER_S if health.frames else None,
             loss=health.lost / max(1, health.frames + health.lost),
             mode="" if state is None else state.mode,

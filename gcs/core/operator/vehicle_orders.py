@@ -16,14 +16,16 @@ Disarming is refused unless the vehicle reports that it is on the ground, and ne
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Container, Mapping, Set
+from collections.abc import Callable, Collection, Container, Set
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.core.operator.records import Command
 from gcs.core.operator.replies import OrderInProgress, named
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.replanning.replanner import Replanner
+from gcs.core.state import State
 from gcs.core.takeoff.sequence import SELF_LAUNCHING, TakeoffSequence
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.base import is_on_ground
@@ -34,13 +36,11 @@ from gcs.mavlink.services.command_sender import CommandSender, command_long, set
 from gcs.model import (
     AnswerState,
     Authority,
-    Control,
     ControlEvent,
     Effect,
     Label,
     Notice,
     Order,
-    Route,
     VehicleState,
     vehicle_name,
 )
@@ -64,43 +64,37 @@ class Orders:
 
     Parameters
     ----------
-    controls : mapping
-        Control of each vehicle.
     outlook : callable
         Returns what a released vehicle in LOITER can expect, in words.
     """
 
     def __init__(
         self,
+        state: State,
         fleet: Fleet,
         tasking: UploadManager,
         replanner: Replanner,
         takeoff_sequence: TakeoffSequence,
         return_heights: ReturnHeightMonitor,
-        controls: Mapping[int, Control],
         outlook: Callable[[int], str] = lambda _vehicle: "waits for its next mission",
     ) -> None:
-        self.suspended_routes: dict[int, Route] = {}
-        """Routes of suspended vehicles whose upload was complete."""
+        self._agents, self._operator = state.agents, state.operator
         self._fleet, self._tasking, self._replanner, self._outlook = fleet, tasking, replanner, outlook
         self._takeoff_sequence, self._return_heights = takeoff_sequence, return_heights
-        self._controls = controls
-        self._commands: dict[int, tuple[CommandSender, OrderInProgress]] = {}
 
     def is_waiting(self, vehicle: int) -> bool:
         """Return True if an order to resume sets a vehicle to LOITER, without a route."""
-        command = self._commands.get(vehicle)
-        is_resumed = command is not None and command[1].order.action == "resume"
-        return is_resumed and vehicle not in self._replanner.routes
+        agent = self._agents[vehicle]
+        command = agent.orders.command
+        return command is not None and self._action(command) == "resume" and agent.routes.flown is None
 
-    @property
-    def commanded(self) -> Set[int]:
-        """Vehicles with a command in progress."""
-        return self._commands.keys()
+    def _action(self, command: Command) -> str:
+        return self._operator.orders[command.order].order.action
 
     def has_ordered(self, vehicle: int, mode: str) -> bool:
         """Return True if an order put a vehicle into a mode, or a command is in progress."""
-        return vehicle in self._commands or _MODES.get(self._controls[vehicle].suspension) == mode
+        agent = self._agents[vehicle]
+        return agent.orders.command is not None or _MODES.get(agent.control.suspension) == mode
 
     def carry_out(
         self,
@@ -120,8 +114,8 @@ class Orders:
             Called with each resumed vehicle and the time, before anything is sent to it.
         """
         known = {health.system_id: health for health in self._fleet.health()}
-        vehicles = order.vehicles if order.vehicles is not None else tuple(known)
-        ongoing = OrderInProgress(order, set(vehicles))
+        vehicles = tuple(known if order.vehicles is None else dict.fromkeys(order.vehicles))
+        ongoing = OrderInProgress(order, vehicles)
         effects: list[Effect] = []
         begun: list[int] = []
         unchanged: dict[int, str] = {}
@@ -143,15 +137,16 @@ class Orders:
         state: AnswerState = "done" if begun and order.vehicles is None else "refused"
         for vehicle, text in unchanged.items():
             effects.append(ongoing.answer(order.t_ns, state, text, vehicle))
+        if not ongoing.waiting:
+            return effects
+        number = self._operator.begin(ongoing)
         for vehicle in begun:
             if order.action == "resume":
                 release(vehicle, order.t_ns)
-            effects += self._begin(ongoing, vehicle, known[vehicle].autopilot, targets)
-        if not ongoing.waiting:
-            return effects
+            effects += self._begin(number, order, vehicle, known[vehicle].autopilot, targets)
         detail = named(ongoing.waiting)
         if order.action == "return":
-            returning = {v for v, control in self._controls.items() if control.suspension == "return"}
+            returning = {v for v, agent in self._agents.items() if agent.control.suspension == "return"}
             warning = self._return_heights.warning(returning)
             detail += f"; {warning}" if warning else ""
             effects += [Notice(order.t_ns, "warning", warning)] if warning else []
@@ -159,21 +154,28 @@ class Orders:
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""
-        if vehicle not in self._commands:
+        command = self._agents[vehicle].orders.command
+        if command is None:
             return []
-        self._commands[vehicle][0].receive(message)
-        return self._progress(vehicle, t_ns)
+        command.sender.receive(message)
+        return self._progress(vehicle, command, t_ns)
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Run the timers."""
-        return [effect for vehicle in list(self._commands) for effect in self._progress(vehicle, t_ns)]
+        commands = [(vehicle, agent.orders.command) for vehicle, agent in self._agents.items()]
+        return [
+            effect
+            for vehicle, command in commands
+            if command is not None
+            for effect in self._progress(vehicle, command, t_ns)
+        ]
 
     # ------------------------------------------------------------ one vehicle
 
     def _unchanged(self, order: Order, vehicle: int, *, is_heard: bool) -> str:
         """Return why an order would change nothing; empty if it would, or that is unknown."""
-        state, control = self._fleet.state(vehicle), self._controls[vehicle]
-        if vehicle in self._commands or state is None or not is_heard:
+        state, control = self._fleet.state(vehicle), self._agents[vehicle].control
+        if self._agents[vehicle].orders.command is not None or state is None or not is_heard:
             return ""
         match order.action:
             case "resume" if state.mode == LOITER and self._tasking.has_failed(vehicle):
@@ -234,8 +236,8 @@ class Orders:
 
     def launching(self) -> Set[int]:
         """Return the vehicles on the ground whose orders make them take off."""
-        commands = self._commands.items()
-        return {v for v, (_, ongoing) in commands if self._launches(v, ongoing.order.action)}
+        commands = {vehicle: agent.orders.command for vehicle, agent in self._agents.items()}
+        return {v for v, one in commands.items() if one is not None and self._launches(v, self._action(one))}
 
     def _launches(self, vehicle: int, action: str) -> bool:
         """Return True if an order lets a vehicle on the ground take off at once."""
@@ -256,9 +258,9 @@ class Orders:
 
     def may_fly(self, vehicle: int) -> bool:
         """Return True if the verified onboard mission is the one to fly now."""
-        route, onboard = self._replanner.routes.get(vehicle), self._tasking.onboard(vehicle)
-        is_stored = onboard is not None and onboard.route is route
-        is_suspended = self._controls[vehicle].suspension is not None
+        agent, onboard = self._agents[vehicle], self._tasking.onboard(vehicle)
+        is_stored = onboard is not None and onboard.route.is_same(agent.routes.flown)
+        is_suspended = agent.control.suspension is not None
         return is_stored and not is_suspended and vehicle not in self._tasking.stages
 
     def _cannot_disarm(self, vehicle: int, state: VehicleState | None) -> str:
@@ -272,45 +274,42 @@ class Orders:
         return ""
 
     def _begin(
-        self, ongoing: OrderInProgress, vehicle: int, autopilot: int, targets: Container[Label]
+        self, number: int, order: Order, vehicle: int, autopilot: int, targets: Container[Label]
     ) -> list[Effect]:
-        order = ongoing.order
         effects: list[Effect] = self._end_command(
             vehicle, order.t_ns, f"replaced by an order to {order.action}"
         )
         if order.action in ("arm", "disarm"):
             arm = order.action == "arm"
             command = command_long(vehicle, _ARM_DISARM, 1.0 if arm else 0.0)
-            return effects + self._send(ongoing, vehicle, command, armed=arm)
+            sender = CommandSender.begin(command, order.t_ns, armed=arm)
+            return effects + self._send(number, vehicle, sender, order.t_ns)
         if order.action == "resume":
             mode = self._resume(vehicle, targets, order.t_ns)
         else:
             mode = _MODES[order.action]
             event = ControlEvent.HOLD if order.action == "hold" else ControlEvent.RETURN
-            self._controls[vehicle].apply(event, order.t_ns)
+            self._agents[vehicle].control.apply(event, order.t_ns)
             effects += self._suspend(vehicle, order.action, order.t_ns)
-        command = set_mode(vehicle, autopilot, mode)
-        return effects + self._send(ongoing, vehicle, command, mode=mode)
+        sender = CommandSender.begin(set_mode(vehicle, autopilot, mode), order.t_ns, mode=mode)
+        return effects + self._send(number, vehicle, sender, order.t_ns)
 
     def _suspend(self, vehicle: int, action: str, t_ns: int) -> list[Effect]:
-        route = self._replanner.routes.get(vehicle)
-        if route is not None and vehicle not in self._tasking.stages:
-            self.suspended_routes[vehicle] = route
-        self._replanner.drop(vehicle)
+        self._replanner.suspend(vehicle, is_uploaded=vehicle not in self._tasking.stages)
         return self._tasking.abandon(vehicle, f"given up for an order to {action}", t_ns)
 
     def _resume(self, vehicle: int, targets: Container[Label], t_ns: int) -> str:
         """End a suspension; return the mode to command."""
         self._tasking.release_override(vehicle, t_ns)
-        route = self.suspended_routes.pop(vehicle, None)
-        if vehicle not in self._replanner.routes:
+        route = self._replanner.pop_suspended(vehicle)
+        if self._agents[vehicle].routes.flown is None:
             pursued = self._replanner.assigned.values()
             if route is None or route.target not in targets or route.target in pursued:
                 return LOITER
             positions = {state.system_id: (state.east_m, state.north_m) for state in self._fleet.states()}
             if not self._replanner.is_separated(route, positions):
                 return LOITER  # the next plan has a layer for it
-            self._replanner.routes[vehicle] = route
+            self._replanner.adopt(route)
         if self.may_fly(vehicle):
             return AUTO
         if vehicle not in self._tasking.stages:
@@ -319,42 +318,34 @@ class Orders:
 
     # ------------------------------------------------------------ commands
 
-    def _send(
-        self,
-        ongoing: OrderInProgress,
-        vehicle: int,
-        command: Message,
-        *,
-        mode: str = "",
-        armed: bool | None = None,
-    ) -> list[Effect]:
-        sender = CommandSender.begin(command, ongoing.order.t_ns, mode=mode, armed=armed)
-        self._commands[vehicle] = (sender, ongoing)
-        return self._progress(vehicle, ongoing.order.t_ns)
+    def _send(self, number: int, vehicle: int, sender: CommandSender, t_ns: int) -> list[Effect]:
+        command = self._agents[vehicle].orders.command = Command(sender, number)
+        return self._progress(vehicle, command, t_ns)
 
-    def _progress(self, vehicle: int, t_ns: int) -> list[Effect]:
-        sender, ongoing = self._commands[vehicle]
-        effects: list[Effect] = [
-            *self._fleet.address_frames(vehicle, sender.poll(t_ns, self._fleet.encoder(vehicle)))
-        ]
+    def _progress(self, vehicle: int, command: Command, t_ns: int) -> list[Effect]:
+        frames = command.sender.poll(t_ns, self._fleet.encoder(vehicle))
+        effects: list[Effect] = [*self._fleet.address_frames(vehicle, frames)]
         self._fleet.forward_next_heartbeat(vehicle)
-        if sender.outcome is not None:
-            del self._commands[vehicle]
-            done, detail = sender.outcome
-            if ongoing.order.action == "resume" and done:
+        if command.sender.outcome is not None:
+            self._agents[vehicle].orders.command = None
+            done, detail = command.sender.outcome
+            action = self._action(command)
+            if action == "resume" and done:
                 detail += "" if self.may_fly(vehicle) else f": {self._outlook(vehicle)}"
-            elif ongoing.order.action == "resume" and vehicle not in self._tasking.stages:
+            elif action == "resume" and vehicle not in self._tasking.stages:
                 self._replanner.drop_route(vehicle)  # it does not fly its route: the next plan has another
                 detail += "; it gets a new mission with the next plan"
-            effects.append(ongoing.answer(t_ns, "done" if done else "failed", detail, vehicle))
+            result: AnswerState = "done" if done else "failed"
+            effects.append(self._operator.finish(command.order, t_ns, result, detail, vehicle))
         return effects
 
     def _end_command(self, vehicle: int, t_ns: int, reason: str) -> list[Effect]:
         """End a command in progress, for a newer order."""
-        if vehicle not in self._commands:
-            return []
-        _, ongoing = self._commands.pop(vehicle)
-        return [ongoing.answer(t_ns, "failed", reason, vehicle)]
+        orders = self._agents[vehicle].orders
+        command, orders.command = orders.command, None
+        return (
+            [] if command is None else [self._operator.finish(command.order, t_ns, "failed", reason, vehicle)]
+        )
 
 
 def _stands(state: VehicleState) -> bool:

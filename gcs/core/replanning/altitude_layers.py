@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.config import Config
-from gcs.core.replanning.inputs import OtherVehicle
 from gcs.core.replanning.plan_targets import place_of
+from gcs.core.replanning.records import OtherVehicle, ReplanningState
+from gcs.core.state import Agent
 from gcs.model import Route, Track, vehicle_name
 from gcs.planning.deconfliction import Conflict, PlannedFlight, assign_layers, min_separation_m
 from gcs.planning.map.grid import Point
@@ -29,19 +30,18 @@ def preferred_layers(config: Config) -> dict[int, int]:
 class AltitudeLayers:
     """Assigns altitude layers: one per vehicle while there are enough, and a constant one if possible."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, agents: Mapping[int, Agent], state: ReplanningState) -> None:
+        self._agents, self._state = agents, state
         self._count = layer_count(config)
         self._min_separation_m = config.planning.separation_m
         self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
-        self._layer = preferred_layers(config)
-        self._newest: dict[int, Route] = {}
+        self._preferred = preferred_layers(config)
         self._base_m, self._step_m = config.mission.altitude_rel_m, config.mission.layer_step_m
-        self.other_vehicles: tuple[OtherVehicle, ...] = ()
-        """Vehicles in the air without a route here; they stay in their layer."""
 
     def of(self, vehicle: int) -> int:
         """Return the layer of a vehicle, or its preferred one."""
-        return self._layer.get(vehicle, 0)
+        latest = self._agents[vehicle].routes.latest
+        return self._preferred[vehicle] if latest is None else latest.layer
 
     def give(
         self,
@@ -62,8 +62,8 @@ class AltitudeLayers:
             replace(route, layer=layers[route.vehicle]) if route.vehicle in changed else route
             for route in routes
         ]
-        self._newest |= {route.vehicle: route for route in given}
-        self._layer |= {route.vehicle: route.layer for route in given}
+        for route in given:
+            self._agents[route.vehicle].routes.latest = route
         return given, [_words(conflict) for conflict in conflicts]
 
     def separation_m(
@@ -82,14 +82,15 @@ class AltitudeLayers:
 
     def _others(self, routes: Sequence[Route], arrived: Collection[int]) -> list[PlannedFlight]:
         """Return the flights of vehicles without a route among these: they circle, or return."""
-        planned, others = {route.vehicle for route in routes}, {one.vehicle for one in self.other_vehicles}
-        circling = [self._newest[v] for v in arrived if v in self._newest and v not in others]
+        planned = {route.vehicle for route in routes}
+        others = {one.vehicle for one in self._state.other_vehicles}
+        latest = [self._agents[vehicle].routes.latest for vehicle in arrived if vehicle not in others]
         flights = [
             self._other_flight(one, layer)
             for one, layer in self._other_layers()
             if one.vehicle not in planned
         ]
-        return flights + [self._circling(route) for route in circling]
+        return flights + [self._circling(route) for route in latest if route is not None]
 
     def is_clear(self, route: Route, routes: Sequence[Route], places: Mapping[int, Point]) -> bool:
         """Return True if a route is separated, in its layer, from others flown from these positions."""
@@ -105,7 +106,7 @@ class AltitudeLayers:
 
     def _other_layers(self) -> Iterator[tuple[OtherVehicle, int]]:
         """Yield the other vehicles within a layer, with that layer."""
-        for one in self.other_vehicles:
+        for one in self._state.other_vehicles:
             layer = round((one.height_m - self._base_m) / self._step_m) if self._count > 1 else 0
             if 0 <= layer < self._count:
                 yield one, layer

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 
 from gcs.core.authority.control_authority import ControlAuthority
@@ -10,8 +10,10 @@ from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
 from gcs.core.perception.vehicle_kinematics import VehicleKinematics
-from gcs.core.replanning.inputs import OtherVehicle, PlanningInputs
+from gcs.core.replanning.inputs import PlanningInputs
+from gcs.core.replanning.records import OtherVehicle
 from gcs.core.replanning.replanner import Replanner
+from gcs.core.state import Agent
 from gcs.core.tasking.mission_ends import MissionEnds
 from gcs.core.tasking.upload_latency import UploadLatency
 from gcs.core.tasking.upload_manager import UploadManager
@@ -27,6 +29,7 @@ from gcs.planning.terminal.climb import Climb
 class PlanningInputBuilder:
     """Collects the inputs of a plan from the stages of the engine."""
 
+    agents: Mapping[int, Agent]
     frame: LocalFrame
     fleet: Fleet
     trackers: MultiSensorTracker
@@ -45,7 +48,7 @@ class PlanningInputBuilder:
         untaskable = self.control.without_missions()
         tracks = {v: confirmed[label] for v, label in labels.items() if label in confirmed}
         unassociated = self.association.unassociated
-        tracks |= {v: track for v, track in unassociated.items() if v in self.replanner.planned}
+        tracks |= {v: track for v, track in unassociated.items() if self.agents[v].routes.is_planned}
         active = self.agent_status.active()
         agents = {v: tracks[v] for v in active if v not in untaskable and v in tracks}
         return PlanningInputs(

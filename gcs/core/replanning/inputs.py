@@ -6,22 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gcs.core.perception.vehicle_kinematics import motion_of
+from gcs.core.replanning.records import OtherVehicle
 from gcs.model import Label, Track
-from gcs.planning.map.grid import Point
 from gcs.planning.terminal.climb import Climb
 from gcs.planning.vehicle_model import Motion
-
-
-@dataclass(frozen=True, slots=True)
-class OtherVehicle:
-    """A vehicle in the air that is suspended or overridden."""
-
-    vehicle: int
-    position_m: Point
-    to_m: Point
-    """Destination: home if it returns, else its position."""
-    height_m: float
-    """Above home."""
 
 
 @dataclass(frozen=True, slots=True)

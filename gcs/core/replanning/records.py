@@ -2,14 +2,75 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from gcs.core.replanning.reasons import Reason
+from gcs.model import FloatArray, Label, Route
+from gcs.planning.map.grid import Point
+
+
+@dataclass(frozen=True, slots=True)
+class OtherVehicle:
+    """A vehicle in the air that is suspended or overridden."""
+
+    vehicle: int
+    position_m: Point
+    to_m: Point
+    """Destination: home if it returns, else its position."""
+    height_m: float
+    """Above home."""
 
 
 @dataclass(slots=True)
 class AgentRoutes:
     """Routes of one vehicle."""
 
+    flown: Route | None = None
+    """Route that the vehicle flies, or whose mission is on its way to it."""
+    proposed: Route | None = None
+    """Route that was proposed to an operator, with `planning.retask = "confirm"`."""
+    declined: Route | None = None
+    """Proposed route that the operator rejected."""
+    suspended: Route | None = None
+    """Route of a suspended vehicle whose upload was complete."""
+    latest: Route | None = None
+    """Last route that got an altitude layer; it stays when the route is dropped."""
+    made_t_ns: int = 0
+    """Time at which the newest route was planned."""
+    is_planned: bool = False
+    """True if the last plan was made for the vehicle."""
+    is_short: bool = False
+    """True if the newest route ends before its target."""
+    is_blocked: bool = False
+    """True if the flown or the return route leads through an area that was closed since."""
+    return_m: FloatArray | None = None
+    """Newest return route, from the end of the route, (k, 2)."""
+    return_problem: str = ""
+    """Problem of the newest return route, in words."""
+
+    @property
+    def newest(self) -> Route | None:
+        """Proposed route, else the flown one."""
+        return self.flown if self.proposed is None else self.proposed
+
 
 @dataclass(slots=True)
 class ReplanningState:
     """What belongs to no single vehicle."""
+
+    started_t_ns: int | None = None
+    """Time of the first check."""
+    next_check_t_ns: int | None = None
+    """Time of the next regular check; None before the first plan."""
+    news: list[Reason] = field(default_factory=list)
+    """Triggers for the next check."""
+    planned_targets: tuple[Label, ...] = ()
+    """Targets of the last plan."""
+    tried: tuple[Label, ...] = ()
+    """Targets that moved, for which a plan was made since the last regular check."""
+    noted: tuple[str, ...] = ()
+    """Notes of the last plan."""
+    new_notes: tuple[str, ...] = ()
+    """Notes of the last check that the plan before did not have."""
+    other_vehicles: tuple[OtherVehicle, ...] = ()
+    """Vehicles in the air that the last plan had no routes for; they stay in their layers."""

@@ -23,7 +23,9 @@ from gcs.core.replanning.altitude_layers import AltitudeLayers
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.plan_targets import PlanTargets, plan_options
 from gcs.core.replanning.reasons import Reason
-from gcs.core.replanning.triggers import CurrentRoutes, Triggers
+from gcs.core.replanning.records import ReplanningState
+from gcs.core.replanning.triggers import Triggers
+from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.mission.upload_timing import UploadTiming
@@ -47,44 +49,33 @@ _SAME_PLACE_M = 1.0
 class Replanner:
     """Plans when a trigger asks for it, and keeps the routes of all vehicles."""
 
-    def __init__(self, config: Config, zones: NoFlyZones) -> None:
+    def __init__(
+        self, config: Config, zones: NoFlyZones, agents: Mapping[int, Agent], state: ReplanningState
+    ) -> None:
         planning = config.planning
-        self._zones = zones
+        self._zones, self._agents, self._state = zones, agents, state
         self._options = plan_options(config)
         self.plan_targets = PlanTargets(config)
-        self._layers = AltitudeLayers(config)
+        self._layers = AltitudeLayers(config, agents, state)
         self._planning = planning
         self._lag_s, self._corners = config.airframe.turn_lag_s, corners_of(config.mission, config.airframe)
         self._ahead_s = DELIVERY_S + 0.5 * self._lag_s
         self._period_ns = int(planning.period_s * NS_PER_S)
         self._expected_agents = len(config.agents)
         self._expected_targets = len(config.births)
-        self._started_t_ns: int | None = None
-        self._next_check_t_ns: int | None = None
-        self._noted: frozenset[str] = frozenset()
-        self.notes: list[str] = []
-        """Notes of the last check that the check before did not have."""
-        self.short: frozenset[int] = frozenset()
-        """Vehicles whose newest routes end before their targets."""
-        self.unrouted: frozenset[int] = frozenset()
-        """Vehicles whose proposed routes could not be planned again the last time."""
-        self._current = CurrentRoutes()
-        self._triggers = Triggers(config, self.plan_targets, self._current, zones)
+        self._triggers = Triggers(config, self.plan_targets, zones, agents, state)
 
     @property
     def routes(self) -> dict[int, Route]:
         """Routes that vehicles fly, or whose missions are on their way to them."""
-        return self._current.flown
+        routes = {vehicle: agent.routes.flown for vehicle, agent in self._agents.items()}
+        return {vehicle: route for vehicle, route in routes.items() if route is not None}
 
     @property
     def proposed(self) -> dict[int, Route]:
         """Routes that were proposed to an operator, with `planning.retask = "confirm"`."""
-        return self._current.proposed
-
-    @property
-    def blocked(self) -> set[int]:
-        """Vehicles whose flown or return routes lead through an area that was closed since."""
-        return self._current.blocked
+        routes = {vehicle: agent.routes.proposed for vehicle, agent in self._agents.items()}
+        return {vehicle: route for vehicle, route in routes.items() if route is not None}
 
     def layer(self, vehicle: int) -> int:
         """Return the altitude layer of a vehicle's route, or the one that it gets first."""
@@ -95,38 +86,58 @@ class Replanner:
         """Target of each tasked vehicle."""
         return {vehicle: route.target for vehicle, route in self.routes.items()}
 
-    @property
-    def planned(self) -> Collection[int]:
-        """Vehicles that the last plan was made for."""
-        return self._triggers.planned_agents
-
     def drop(self, vehicle: int) -> None:
         """Drop the routes of a vehicle that arrived, is lost, or is not tasked."""
         self.drop_route(vehicle)
-        self.proposed.pop(vehicle, None)
+        self._agents[vehicle].routes.proposed = None
 
     def drop_route(self, vehicle: int) -> None:
         """Drop the route of a vehicle whose mission could not be uploaded."""
-        self.routes.pop(vehicle, None)
-        self.blocked.discard(vehicle)
+        routes = self._agents[vehicle].routes
+        routes.flown, routes.is_blocked = None, False
 
     def adopt(self, route: Route) -> None:
-        """Make a proposed route the one that is flown."""
+        """Make a proposed or suspended route the one that is flown."""
         self.drop(route.vehicle)
-        self.routes[route.vehicle] = route
+        self._agents[route.vehicle].routes.flown = route
 
-    def resume(self, t_ns: int, routes: Mapping[int, Route], targets: Iterable[Label]) -> None:
-        """Begin with routes that are flown already, and check at once."""
-        self._current.flown = dict(routes)
-        self._triggers.note_planned(routes, targets)
-        self._triggers.add(Reason("taken up again", "taken up again"))
-        self._next_check_t_ns = t_ns
+    def decline(self, vehicle: int) -> None:
+        """Note that an operator rejected the proposed route of a vehicle."""
+        routes = self._agents[vehicle].routes
+        routes.declined = routes.proposed
+
+    def suspend(self, vehicle: int, *, is_uploaded: bool) -> None:
+        """Drop the routes of a vehicle; keep one that it has on board for `pop_suspended`."""
+        routes = self._agents[vehicle].routes
+        if routes.flown is not None and is_uploaded:
+            routes.suspended = routes.flown
+        self.drop(vehicle)
+
+    def pop_suspended(self, vehicle: int) -> Route | None:
+        """Return, once, the route of a suspended vehicle."""
+        routes = self._agents[vehicle].routes
+        route, routes.suspended = routes.suspended, None
+        return route
+
+    def resume(
+        self,
+        t_ns: int,
+        flown: Mapping[int, Route],
+        suspended: Mapping[int, Route],
+        targets: Iterable[Label],
+    ) -> None:
+        """Begin with routes that are flown already, and with suspended ones; check at once."""
+        for vehicle, agent in self._agents.items():
+            agent.routes.flown = flown.get(vehicle)
+            agent.routes.suspended = suspended.get(vehicle, agent.routes.suspended)
+        self._triggers.note_planned(flown, targets)
+        self._state.news.append(Reason("taken up again", "taken up again"))
+        self._state.next_check_t_ns = t_ns
 
     def keep_only(self, vehicles: Collection[int]) -> None:
         """Drop the routes of all other vehicles: the plan has none for them."""
-        self._current.flown = {
-            vehicle: route for vehicle, route in self.routes.items() if vehicle in vehicles
-        }
+        for vehicle in self._agents.keys() - vehicles:
+            self.drop_route(vehicle)
 
     def change_map(
         self,
@@ -154,33 +165,42 @@ class Replanner:
         list of int
             Vehicles that will fly through the closed cells unless they get another route.
         """
-        crossed = {v for v, r in self.routes.items() if is_crossed(closed, r.flown_m, places.get(v))}
-        self.blocked.update(crossed | {v for v in self.routes if v in without_return})
-        self._current.proposed = {
-            v: r for v, r in self.proposed.items() if not is_crossed(closed, r.flown_m, places.get(v))
-        }
-        self._triggers.add(Reason("map changed", news))
-        self._next_check_t_ns = None if self._next_check_t_ns is None else t_ns
-        return sorted(self.blocked)
+        for vehicle, route in self.routes.items():
+            if vehicle in without_return or is_crossed(closed, route.flown_m, places.get(vehicle)):
+                self._agents[vehicle].routes.is_blocked = True
+        for vehicle, route in self.proposed.items():
+            if is_crossed(closed, route.flown_m, places.get(vehicle)):
+                self._agents[vehicle].routes.proposed = None
+        self._state.news.append(Reason("map changed", news))
+        if self._state.next_check_t_ns is not None:
+            self._state.next_check_t_ns = t_ns
+        return self.blocked
+
+    @property
+    def blocked(self) -> list[int]:
+        """Vehicles whose flown or return routes lead through an area that was closed since."""
+        return [vehicle for vehicle, agent in sorted(self._agents.items()) if agent.routes.is_blocked]
 
     def is_due(self, t_ns: int) -> bool:
         """Return True if it is time for a check; with `planning.when = "events"` that is every scan."""
         return self._planning.when == "events" or self._is_regular(t_ns)
 
     def _is_regular(self, t_ns: int) -> bool:
-        return self._next_check_t_ns is None or t_ns >= self._next_check_t_ns
+        due_t_ns = self._state.next_check_t_ns
+        return due_t_ns is None or t_ns >= due_t_ns
 
     def check(self, inputs: PlanningInputs, *, urgent_only: bool = False) -> Plan | None:
-        """Plan if there is a trigger; `notes` has what else the operator should know.
+        """Plan if there is a trigger; `ReplanningState.new_notes` has what else the operator should know.
 
         With `urgent_only` other triggers wait for the next check.
         """
-        self.notes = []
-        if self._next_check_t_ns is None:
+        state = self._state
+        state.new_notes = ()
+        if state.next_check_t_ns is None:
             return self._first_plan(inputs)
         regular = self._is_regular(inputs.t_ns)
-        while self._next_check_t_ns <= inputs.t_ns:  # checks that no scan came for are not made up for
-            self._next_check_t_ns += self._period_ns
+        while state.next_check_t_ns <= inputs.t_ns:  # checks that no scan came for are not made up for
+            state.next_check_t_ns += self._period_ns
         changes = self._triggers.changes(inputs)
         improvements = self._triggers.improvements(inputs, is_regular=regular)
         why = [*changes, *improvements]
@@ -197,16 +217,15 @@ class Replanner:
 
     def withdraw_arriving(self, inputs: PlanningInputs) -> None:
         """Drop the proposed routes of vehicles that are about to reach their targets on the flown ones."""
-        self._current.proposed = {
-            vehicle: route
-            for vehicle, route in self.proposed.items()
-            if vehicle not in self.routes or not self._triggers.is_arriving(self.routes[vehicle], inputs)
-        }
+        for agent in self._agents.values():
+            flown = agent.routes.flown
+            if flown is not None and self._triggers.is_arriving(flown, inputs):
+                agent.routes.proposed = None
 
     def renew(self, assignment: Mapping[int, Label], inputs: PlanningInputs) -> dict[int, Route]:
         """Plan proposed routes again from the current positions of their vehicles, to the same targets.
 
-        A vehicle or target that is not there now gets no route; `unrouted` has the vehicles without a path.
+        A vehicle or target that is not there now gets no route, nor does a vehicle without a path.
         """
         there = {
             vehicle: label
@@ -219,15 +238,20 @@ class Replanner:
             self._captured(route, inputs) for route in result.routes if route.target == there[route.vehicle]
         ]
         vehicles = {route.vehicle for route in renewed}
-        others = [r for v, r in self._current.newest.items() if v in inputs.agents and v not in vehicles]
-        self._layers.other_vehicles = inputs.other_vehicles
+        others = [r for v, r in self._triggers.newest.items() if v in inputs.agents and v not in vehicles]
+        self._state.other_vehicles = inputs.other_vehicles
         given, _ = self._layers.give([*others, *renewed], vehicles, inputs.agents, inputs.arrived)
-        self.short = self.short - vehicles | result.stops_short & vehicles
-        self.unrouted = frozenset(there.keys() - vehicles)
         routes = {route.vehicle: route for route in given if route.vehicle in vehicles}
-        self.proposed.update(routes)
-        self._current.made_t_ns |= dict.fromkeys(vehicles, inputs.t_ns)
+        for vehicle, route in routes.items():
+            self._agents[vehicle].routes.proposed = route
+        self._note_made(vehicles, result, inputs.t_ns)
         return routes
+
+    def _note_made(self, vehicles: Iterable[int], result: PlanResult, t_ns: int) -> None:
+        """Note the vehicles that got new routes."""
+        for vehicle in vehicles:
+            routes = self._agents[vehicle].routes
+            routes.made_t_ns, routes.is_short = t_ns, vehicle in result.stops_short
 
     def is_separated(self, route: Route, places: Mapping[int, Point]) -> bool:
         """Return True if a route that is flown again keeps its separation from those that are flown now.
@@ -238,20 +262,21 @@ class Replanner:
 
     def separation_m(self, inputs: PlanningInputs) -> dict[int, float]:
         """Return the minimum distance of each vehicle to others of its layer; infinite without others."""
-        routes = [route for v, route in sorted(self._current.newest.items()) if v in inputs.agents]
+        routes = [route for v, route in self._triggers.newest.items() if v in inputs.agents]
         return self._layers.separation_m(routes, self.proposed, inputs.agents, inputs.arrived)
 
     def _first_plan(self, inputs: PlanningInputs) -> Plan | None:
         """Plan when all expected agents and targets are there, or after a short wait without the rest."""
-        if self._started_t_ns is None:
-            self._started_t_ns = inputs.t_ns
+        state = self._state
+        if state.started_t_ns is None:
+            state.started_t_ns = inputs.t_ns
         is_complete = (
             len(inputs.agents) >= self._expected_agents and len(inputs.targets) >= self._expected_targets
         )
-        waited = inputs.t_ns - self._started_t_ns >= _FIRST_PLAN_WAIT_S * NS_PER_S
+        waited = inputs.t_ns - state.started_t_ns >= _FIRST_PLAN_WAIT_S * NS_PER_S
         if not (is_complete or (waited and inputs.agents and inputs.targets)):
             return None
-        self._next_check_t_ns = inputs.t_ns + self._period_ns
+        state.next_check_t_ns = inputs.t_ns + self._period_ns
         return self._plan(inputs, [Reason("first plan", "first plan")])
 
     def _plan(self, inputs: PlanningInputs, why: Sequence[Reason]) -> Plan:
@@ -263,15 +288,14 @@ class Replanner:
         kept_targets = {r.target for r in arriving if there[r.target] >= self.plan_targets.needed(r.target)}
         starts = {v: self._start(v, inputs) for v in inputs.agents if v not in keeping}
         open_targets = [label for label in inputs.targets if label not in kept_targets]
-        pursued = {v: route.target for v, route in self._current.newest.items() if v not in keeping}
+        pursued = {v: route.target for v, route in self._triggers.newest.items() if v not in keeping}
         result = self._routed(starts, open_targets, pursued, replace(inputs, at_targets=there))
         self._triggers.note_planned(inputs.agents, inputs.targets)
         kept: list[Route] = arriving
         changed: list[int] = []
         for route in result.routes:
-            flown, shown = self.routes.get(route.vehicle), self.proposed.get(route.vehicle)
-            if route.vehicle in self.blocked:
-                flown = None
+            current = self._agents[route.vehicle].routes
+            flown, shown = None if current.is_blocked else current.flown, current.proposed
             short = route.vehicle in result.stops_short
             if shown is not None and self._is_still_good(shown, route, inputs, short):
                 kept.append(shown)  # a route that waits for approval stays as long as it is good
@@ -280,14 +304,13 @@ class Replanner:
             else:
                 kept.append(self._captured(route, inputs))
                 changed.append(route.vehicle)
-                self._current.made_t_ns[route.vehicle] = inputs.t_ns
-        self.short = self.short - set(changed) | result.stops_short & set(changed)
+        self._note_made(changed, result, inputs.t_ns)
         kept.sort(key=lambda route: route.vehicle)
-        self._layers.other_vehicles = inputs.other_vehicles
+        self._state.other_vehicles = inputs.other_vehicles
         kept, near = self._layers.give(kept, changed, inputs.agents, inputs.arrived)
         notes = (*result.notes, *near)
-        self.notes = [note for note in notes if note not in self._noted]
-        self._noted = frozenset(notes)
+        self._state.new_notes = tuple(note for note in notes if note not in self._state.noted)
+        self._state.noted = notes
         self._decide(kept, inputs)
         return Plan(
             t_ns=inputs.t_ns,
@@ -376,13 +399,17 @@ class Replanner:
 
     def _decide(self, kept: list[Route], inputs: PlanningInputs) -> None:
         """Make the routes of a plan the flown ones, or propose those that differ."""
-        if self._planning.retask == "auto":
-            self._current.flown = {route.vehicle: route for route in kept}
-            self.blocked.clear()
-            return
-        self._current.proposed = {r.vehicle: r for r in kept if r is not self.routes.get(r.vehicle)}
-        self._current.flown = {v: r for v, r in self.routes.items() if r.target in inputs.targets}
-        self.blocked.intersection_update(self.routes)
+        planned = {route.vehicle: route for route in kept}
+        for vehicle, agent in self._agents.items():
+            routes, route = agent.routes, planned.get(vehicle)
+            if self._planning.retask == "auto":
+                routes.flown, routes.is_blocked = route, False
+                continue
+            routes.proposed = None if route is None or route.is_same(routes.flown) else route
+            if routes.declined is not None and not routes.declined.is_same(routes.proposed):
+                routes.declined = None
+            if routes.flown is None or routes.flown.target not in inputs.targets:
+                self.drop_route(vehicle)
 
     def _is_still_good(self, flown: Route, new: Route, inputs: PlanningInputs, short: bool) -> bool:
         """Return True if a vehicle should keep its route; `short`: the new one ends before its target."""

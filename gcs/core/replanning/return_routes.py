@@ -13,9 +13,10 @@ from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning.plan_targets import plan_options
 from gcs.core.replanning.replanner import is_crossed
+from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.model import Effect, FloatArray, Notice, Route
+from gcs.model import Effect, Notice, Route
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.planner_inputs import AgentState
 from gcs.planning.terminal.landing import LandingSpec, ReturnRoute, plan_return_route
@@ -29,21 +30,12 @@ def landing_of(config: Config) -> LandingSpec | None:
 
 
 class ReturnRoutes:
-    """Plans return routes.
+    """Plans return routes."""
 
-    Attributes
-    ----------
-    newest_m : dict of int to ndarray, shape (k, 2)
-        Newest return route of each vehicle, from the end of its route.
-    """
-
-    def __init__(self, config: Config, zones: NoFlyZones, fleet: Fleet) -> None:
-        self._zones = zones
+    def __init__(self, config: Config, zones: NoFlyZones, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
         self._config, self._options, self._landing = config, plan_options(config), landing_of(config)
-        self._fleet = fleet
-        self.newest_m: dict[int, FloatArray] = {}
+        self._zones, self._fleet, self._agents = zones, fleet, agents
         self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
-        self._problems: dict[int, str] = {}
 
     def plan(self, route: Route, t_ns: int) -> tuple[ReturnRoute | None, list[Effect]]:
         """Return the return route that follows a route, and a warning if it has a new problem.
@@ -54,14 +46,15 @@ class ReturnRoutes:
         if self._landing is None:
             return None, []
         vehicle, points_m = route.vehicle, route.points_m
+        routes = self._agents[vehicle].routes
         home, state = self._fleet.home(vehicle), self._fleet.state(vehicle)
         home_m = (0.0, 0.0) if home is None else self._config.local_frame.to_local(*home[:2])
         speed_m_s = self._speeds_m_s.get(vehicle, self._config.airframe.speed_m_s)
         east_m, north_m = points_m[0].tolist() if state is None else (state.east_m, state.north_m)
         start = AgentState(east_m, north_m, None if state is None else state.course_rad, speed_m_s)
         planned = plan_return_route(self._zones.grid, start, points_m, home_m, self._options, self._landing)
-        self.newest_m[vehicle] = np.vstack((points_m[-1:], planned.points_m))
-        before, self._problems[vehicle] = self._problems.get(vehicle, ""), planned.problem
+        routes.return_m = np.vstack((points_m[-1:], planned.points_m))
+        before, routes.return_problem = routes.return_problem, planned.problem
         is_news = planned.problem not in ("", before)
         return planned, [Notice(t_ns, "warning", planned.problem, vehicle)] if is_news else []
 
@@ -70,5 +63,9 @@ class ReturnRoutes:
 
         Of a vehicle that is `returning`, only the part ahead of its position counts.
         """
-        routes_m = self.newest_m.items()
-        return {v for v, route_m in routes_m if is_crossed(closed, route_m, returning.get(v))}
+        routes_m = {vehicle: agent.routes.return_m for vehicle, agent in self._agents.items()}
+        return {
+            vehicle
+            for vehicle, route_m in routes_m.items()
+            if route_m is not None and is_crossed(closed, route_m, returning.get(vehicle))
+        }

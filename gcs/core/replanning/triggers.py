@@ -10,8 +10,7 @@ A route that waits for an operator's approval, or that was rejected, is compared
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Container, Iterable, Iterator, Mapping
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
@@ -19,6 +18,8 @@ from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.plan_targets import PlanTargets, is_arriving, plan_options
 from gcs.core.replanning.reasons import Reason
+from gcs.core.replanning.records import ReplanningState
+from gcs.core.state import Agent
 from gcs.model import NS_PER_S, Label, Route, Track, target_name
 from gcs.planning.route_capture import simulate_until_blocked, turn_around_s
 
@@ -26,62 +27,41 @@ _URGENT_FACTOR = 3.0
 """Multiple of its tolerance that a target must have moved to trigger a plan between two periods."""
 
 
-@dataclass(slots=True)
-class CurrentRoutes:
-    """Newest routes of all vehicles."""
+class Triggers:
+    """Compares routes with the picture."""
 
-    flown: dict[int, Route] = field(default_factory=dict)
-    """Routes that vehicles fly, or whose missions are on their way to them."""
-    proposed: dict[int, Route] = field(default_factory=dict)
-    """Routes that wait for an operator's approval, or that the operator rejected."""
-    blocked: set[int] = field(default_factory=set)
-    """Vehicles whose flown or return routes lead through an area that was closed since."""
-    made_t_ns: dict[int, int] = field(default_factory=dict)
-    """Time at which each vehicle's newest route was planned."""
+    def __init__(
+        self,
+        config: Config,
+        plan_targets: PlanTargets,
+        zones: NoFlyZones,
+        agents: Mapping[int, Agent],
+        state: ReplanningState,
+    ) -> None:
+        self._plan_targets, self._zones, self._agents, self._state = plan_targets, zones, agents, state
+        self._surplus, self._options = config.planning.surplus, plan_options(config)
+        self._lag_s, self._period_ns = config.airframe.turn_lag_s, int(config.planning.period_s * NS_PER_S)
 
     @property
     def newest(self) -> dict[int, Route]:
-        """Proposed route of each vehicle, else the flown one."""
-        return self.flown | self.proposed
+        """Proposed route of each vehicle, else the flown one, ordered by vehicle."""
+        routes = {vehicle: agent.routes.newest for vehicle, agent in sorted(self._agents.items())}
+        return {vehicle: route for vehicle, route in routes.items() if route is not None}
 
-
-class Triggers:
-    """Compares routes with the picture.
-
-    Attributes
-    ----------
-    planned_agents, planned_targets : frozenset
-        Agents and targets of the last plan.
-    """
-
-    def __init__(
-        self, config: Config, plan_targets: PlanTargets, routes: CurrentRoutes, zones: NoFlyZones
-    ) -> None:
-        self._zones = zones
-        self.planned_agents: frozenset[int] = frozenset()
-        self.planned_targets: frozenset[Label] = frozenset()
-        self._routes, self._plan_targets = routes, plan_targets
-        self._surplus, self._options = config.planning.surplus, plan_options(config)
-        self._lag_s, self._period_ns = config.airframe.turn_lag_s, int(config.planning.period_s * NS_PER_S)
-        self._news: list[Reason] = []
-        self._tried: set[Label] = set()
-        """Targets that moved, for which a plan was made since the last regular check."""
-
-    def add(self, reason: Reason) -> None:
-        """Add a trigger for the next check."""
-        self._news.append(reason)
-
-    def note_planned(self, agents: Iterable[int], targets: Iterable[Label]) -> None:
+    def note_planned(self, vehicles: Container[int], targets: Iterable[Label]) -> None:
         """Note the agents and targets of a new plan."""
-        self.planned_agents, self.planned_targets = frozenset(agents), frozenset(targets)
+        for vehicle, agent in self._agents.items():
+            agent.routes.is_planned = vehicle in vehicles
+        self._state.planned_targets = tuple(sorted(targets))
 
     def changes(self, inputs: PlanningInputs) -> list[Reason]:
         """Return the agents and targets that came or went since the last plan, and the added triggers."""
-        news, self._news = self._news, []
-        gone = self.planned_agents - set(inputs.agents) - inputs.arrived
-        came = set(inputs.agents) - self.planned_agents
-        gone_targets = {route.target for route in self._routes.newest.values()} - set(inputs.targets)
-        came_targets = set(inputs.targets) - self.planned_targets
+        news, self._state.news = self._state.news, []
+        planned = self._planned()
+        gone = planned - set(inputs.agents) - inputs.arrived
+        came = set(inputs.agents) - planned
+        gone_targets = {route.target for route in self.newest.values()} - set(inputs.targets)
+        came_targets = set(inputs.targets) - set(self._state.planned_targets)
         return [
             *news,
             *(
@@ -99,15 +79,14 @@ class Triggers:
         Between two regular checks these are only targets that are far from the ends of their routes, each
         once: a plan may be unable to help, for example when a target is over an obstacle.
         """
-        if is_regular:
-            self._tried.clear()
+        tried: set[Label] = set() if is_regular else set(self._state.tried)
         moved_m = self._moved_m(inputs, 1.0 if is_regular else _URGENT_FACTOR)
         moved = [
             reasons.of_target("target moved", target, f"moved {far_m:.0f} m")
             for target, far_m in moved_m.items()
-            if target not in self._tried
+            if target not in tried
         ]
-        self._tried |= moved_m.keys()
+        self._state.tried = tuple(sorted(tried | moved_m.keys()))
         if not is_regular:
             return moved
         followed = list(self._followed(inputs))
@@ -125,15 +104,19 @@ class Triggers:
 
     def _idle(self, inputs: PlanningInputs) -> list[Reason]:
         """Return the agents without a route, if a target needs one."""
-        newest = self._routes.newest
-        if self._surplus == "hold" and not self._is_needed(inputs):
+        newest = self.newest
+        if self._surplus == "hold" and not self._is_needed(newest, inputs):
             return []
-        idle = sorted(set(inputs.agents) & self.planned_agents - set(newest))
+        idle = sorted(set(inputs.agents) & self._planned() - set(newest))
         return [reasons.of_agent("agent idle", v, "has no route") for v in idle]
 
-    def _is_needed(self, inputs: PlanningInputs) -> bool:
+    def _planned(self) -> set[int]:
+        """Return the vehicles that the last plan was made for."""
+        return {vehicle for vehicle, agent in self._agents.items() if agent.routes.is_planned}
+
+    def _is_needed(self, newest: Mapping[int, Route], inputs: PlanningInputs) -> bool:
         """Return True if a target has fewer agents on the way than it needs."""
-        coming = Counter(route.target for route in self._routes.newest.values())
+        coming = Counter(route.target for route in newest.values())
         there = inputs.at_targets
         return any(coming[t] + there.get(t, 0) < self._plan_targets.needed(t) for t in inputs.targets)
 
@@ -150,7 +133,7 @@ class Triggers:
 
     def _followed(self, inputs: PlanningInputs) -> Iterator[tuple[int, Route, Track]]:
         """Yield vehicle, newest route and track of each agent whose target is confirmed."""
-        for vehicle, route in sorted(self._routes.newest.items()):
+        for vehicle, route in self.newest.items():
             if vehicle in inputs.agents and route.target in inputs.targets:
                 yield vehicle, route, inputs.agents[vehicle]
 
@@ -170,7 +153,7 @@ class Triggers:
         Estimates jitter: a route that is replaced before the vehicle follows it is worse than one that is
         slightly off.
         """
-        age_ns = inputs.t_ns - self._routes.made_t_ns.get(vehicle, 0)
+        age_ns = inputs.t_ns - self._agents[vehicle].routes.made_t_ns
         return age_ns >= max(self._period_ns, inputs.late_s.get(vehicle, 0.0) * NS_PER_S)
 
     def is_endangered(self, vehicle: int, inputs: PlanningInputs) -> bool:
@@ -191,12 +174,12 @@ class Triggers:
 
     def _has_newer(self, vehicle: int, inputs: PlanningInputs) -> bool:
         """Return True if a newer route than the flown one is proposed or being uploaded."""
-        return vehicle in self._routes.proposed or vehicle in inputs.left_s
+        return self._agents[vehicle].routes.proposed is not None or vehicle in inputs.left_s
 
     def is_arriving(self, route: Route, inputs: PlanningInputs) -> bool:
         """Return True if a vehicle is about to reach its target on the route that it flies."""
-        vehicle, routes = route.vehicle, self._routes
-        if routes.flown.get(vehicle) is not route or vehicle in routes.blocked or vehicle in inputs.passed:
+        vehicle, routes = route.vehicle, self._agents[route.vehicle].routes
+        if not route.is_same(routes.flown) or routes.is_blocked or vehicle in inputs.passed:
             return False
         if vehicle not in inputs.agents or route.target not in inputs.targets:
             return False

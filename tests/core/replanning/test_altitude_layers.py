@@ -3,7 +3,8 @@
 from staging import mission, track
 
 from gcs.core.replanning.altitude_layers import AltitudeLayers
-from gcs.core.replanning.inputs import OtherVehicle
+from gcs.core.replanning.records import OtherVehicle
+from gcs.core.state import State
 from gcs.model import Route, read_only
 
 CONFIG = mission(
@@ -19,8 +20,9 @@ def route(vehicle, *points, layer=0):
 
 def given(*aside):
     """Layer of vehicle 1, that flies east along 200 m north, with others aside."""
-    layers = AltitudeLayers(CONFIG)
-    layers.other_vehicles = aside
+    state = State.initial((1, 2, 3))
+    state.replanning.other_vehicles = aside
+    layers = AltitudeLayers(CONFIG, state.agents, state.replanning)
     routes, notes = layers.give(
         [route(1, (100.0, 200.0), (1500.0, 200.0))], [1], {1: track((0, 0), (100.0, 200.0))}, ()
     )
@@ -49,7 +51,8 @@ def test_without_a_free_layer_the_operator_is_warned():
 
 
 def test_a_route_is_not_flown_again_into_the_layer_of_another():
-    layers, places = AltitudeLayers(CONFIG), {1: (100.0, 200.0), 3: (100.0, 500.0)}
+    state, places = State.initial((1, 2, 3)), {1: (100.0, 200.0), 3: (100.0, 500.0)}
+    layers = AltitudeLayers(CONFIG, state.agents, state.replanning)
     resumed = route(1, (100.0, 200.0), (1500.0, 200.0))
     crossing = route(3, (100.0, 500.0), (300.0, 190.0), (1500.0, 190.0))
     assert not layers.is_clear(resumed, [crossing], places)

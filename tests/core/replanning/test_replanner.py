@@ -12,10 +12,16 @@ from staging import at, mission, track, zones
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.replanner import Replanner
+from gcs.core.state import State
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.planning.vehicle_model import Motion, RemainingMission
 
 CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
+
+
+def replanner(config, state=None):
+    state = state or State.initial(range(1, 20))
+    return Replanner(config, zones(config), state.agents, state.replanning)
 
 
 class Desk:
@@ -27,7 +33,8 @@ class Desk:
             agents=list(agents.values()), births=[(1900.0, 100.0 * i) for i in range(count)], tables=tables
         )
         self.grid = mission_grid(config, 0)
-        self.replanner = Replanner(config, zones(config))
+        state = State.initial(range(1, 20))
+        self.replanner, self.state = replanner(config, state), state.replanning
         self.agents, self.targets, self.arrived = dict(agents), dict(targets), set()
         self.lost, self.velocities, self.plans = set(), {}, []
 
@@ -262,7 +269,7 @@ def test_several_reasons_are_all_reported():
 def test_a_target_over_an_obstacle_does_not_make_a_plan_at_each_check():
     wall = "[map]\nboxes_m = [[1380.0, 80.0, 1620.0, 320.0]]\n"
     desk = pair(tables=wall)
-    assert any("over an obstacle" in note for note in desk.replanner.notes)
+    assert any("over an obstacle" in note for note in desk.state.new_notes)
     end = desk.replanner.routes[1].points_m[-1]
     assert math.dist(end, desk.targets[A]) > MOVED_M
     assert [desk.check(t_s) for t_s in range(5, 60, 5)] == [None] * 11
@@ -303,9 +310,9 @@ def test_an_agent_without_a_route_does_not_make_a_plan_at_each_check():
     )
     plan = desk.check(0.0)
     assert plan.changed == (1,)
-    assert "agent 2: no path to any target" in desk.replanner.notes
+    assert "agent 2: no path to any target" in desk.state.new_notes
     assert [desk.check(t_s) for t_s in range(5, 60, 5)] == [None] * 11
-    assert not desk.replanner.notes  # reported once
+    assert not desk.state.new_notes  # reported once
     assert desk.assigned == {1: plan.routes[0].target}
 
 
@@ -405,7 +412,7 @@ def test_agent_and_target_are_both_taken_to_the_time_at_which_the_route_is_taken
     agent = replace(track((0, 1), (100.0, 200.0), (speed_m_s, 0.0)), **sure)
     target = replace(track(A, (1500.0, 200.0), tuple(velocity_m_s)), **sure)
     inputs = PlanningInputs(at(delay_s), at(0.0), {1: agent}, {A: target}, frozenset())
-    (route,) = Replanner(config, zones(config)).check(inputs).routes
+    (route,) = replanner(config).check(inputs).routes
     taken_up_s = delay_s + DELIVERY_S + 0.5 * config.airframe.turn_lag_s
     start_m = np.array([100.0 + speed_m_s * taken_up_s, 200.0])
     assert route.length_m == pytest.approx(np.hypot(*(route.points_m[-1] - start_m)))
@@ -424,14 +431,14 @@ def test_a_mission_that_takes_long_to_its_vehicle_is_planned_to_meet_the_target_
     agent = replace(track((0, 1), (100.0, 200.0), (speed_m_s, 0.0)), **sure)
     target = replace(track(A, (1500.0, 200.0), tuple(velocity_m_s)), **sure)
     bad = PlanningInputs(at(0.0), at(0.0), {1: agent}, {A: target}, frozenset(), late_s={1: late_s})
-    replanner = Replanner(config, zones(config))
-    (route,) = replanner.check(bad).routes
+    planner = replanner(config)
+    (route,) = planner.check(bad).routes
     meeting_s = DELIVERY_S + 0.5 * config.airframe.turn_lag_s + late_s + route.length_m / speed_m_s
     assert math.dist([1500.0, 200.0] + velocity_m_s * meeting_s, route.points_m[-1]) < 5.0
     # Its target walks on meanwhile, and that is no news.
     walked = replace(target, mean=np.array([*(target.mean[:2] + 15.0 * velocity_m_s), *velocity_m_s]))
     then = replace(bad, t_ns=at(15.0), picture_t_ns=at(15.0), left_s={1: 5.0}, targets={A: walked})
-    assert replanner.check(then) is None
+    assert planner.check(then) is None
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,8 @@ class Flight:
         return [effect for effect in self.effects if isinstance(effect, kind)]
 
     def ways(self):
-        return self.run.command.return_routes.newest_m
+        agents = self.run.command.state.agents
+        return {v: one.routes.return_m for v, one in agents.items() if one.routes.return_m is not None}
 
     def close(self, place_m):
         """Close a disc; returns what was blocked by it."""

@@ -118,9 +118,10 @@ def test_confirm_without_a_number_prints_the_plan_and_confirms_that_one(serving:
     route = Route(3, (0, 1), read_only([[900.0, 500.0]]), 1480.0)
     figures = RouteFigures(3, 1480.0, 1350.0, 98.7, 212.0, 40.0)
     assert serving.command is not None
-    serving.command.replanner.proposed[3] = route
-    serving.command.approval.count = 7
-    serving.command.approval.pending = Proposal(1, 7, (route,), "target T0.1 moved 66 m", 1, (figures,))
+    state = serving.command.state
+    state.agents[3].routes.proposed = route
+    state.operator.approval.count = 7
+    state.operator.approval.pending = Proposal(1, 7, (route,), "target T0.1 moved 66 m", 1, (figures,))
     printed = CliRunner().invoke(app, ["order", "plan", "--json"])
     shown = json.loads(printed.stdout.strip().splitlines()[-1])["proposal"]
     assert (shown["plan_id"], shown["figures"][0]["shown_length_m"]) == (7, 1350.0)
