@@ -96,3 +96,7 @@ class InterruptedRunError(GcsError):
 
 class SimulationError(GcsError):
     """A process of the simulation failed or could not be started."""
+
+
+class ConsoleError(GcsError):
+    """The console cannot be served."""

@@ -5,7 +5,7 @@
 - ``analyse``: recordings and logs after a flight.
 - `arguments`, `errors`: arguments of several commands; error messages and exit codes.
 - `run_setup`, `warm_up_progress`: recorder, display and compiled kernels of a run.
-- `live_view`, `link_table`, `operator_lines`: what an operator sees.
+- `live_view`, `link_table`, `status_tables`: what an operator sees.
 
 A command's module is imported when the command is given, so that ``gcs order`` and ``gcs --help`` start
 at once.

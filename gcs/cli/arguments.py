@@ -101,6 +101,24 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object 
 HeadlessOption = Annotated[
     bool, typer.Option("--headless", help="Print plain lines instead of the live view.")
 ]
+ConsoleOption = Annotated[
+    str | None,
+    typer.Option(
+        "--console",
+        metavar="HOST:PORT|off",
+        help="Address of the console, a page for the browser.  [default: 127.0.0.1, a free port from 8480]",
+    ),
+]
+ConsoleAccessOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--console-access",
+        metavar="FOLDER",
+        help="Folder with cert.pem, key.pem, operate.token and perhaps view.token, for an address that other "
+        "machines reach.",
+    ),
+]
+OpenOption = Annotated[bool, typer.Option("--open", help="Open the console in the browser.")]
 LossOption = Annotated[
     float, typer.Option(min=0.0, max=1.0, help="Fraction of datagrams lost in each direction, 0 to 1.")
 ]

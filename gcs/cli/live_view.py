@@ -19,14 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.cli.link_table import link_rows, link_table
-from gcs.cli.operator_lines import (
-    MAX_ROUTES,
-    ProposalLog,
-    effect_line,
-    proposal_title,
-    route_lines,
-)
-from gcs.cli.status_tables import agents_table, attention, sensors_line, targets_table
+from gcs.cli.status_tables import agents_table, sensors_line, targets_table
 from gcs.config import Config
 from gcs.core.authority.override_notices import overridden_text
 from gcs.core.engine import Engine
@@ -44,6 +37,14 @@ from gcs.model import (
     Track,
     system_of,
     vehicle_name,
+)
+from gcs.report.attention import attention
+from gcs.report.operator_lines import (
+    MAX_ROUTES,
+    ProposalLog,
+    effect_line,
+    proposal_title,
+    route_lines,
 )
 
 T = TypeVar("T")

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.model import AgentRecord, SensorRecord, SwarmStatus, TargetRecord, target_name, vehicle_name
+from gcs.report.attention import attention, is_late
 
 _STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red"}
 _FIX_NAMES: Final = {0: "none", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK", 7: "static"}
@@ -20,7 +21,6 @@ AGENT_COLUMNS: Final = (
     "to go m", "ETA s", "mission",
 )  # fmt: skip
 _LEFT_COLUMNS: Final = ("status", "authority", "mode", "armed", "mission")
-_MAX_SILENT_S: Final = 2.5
 _LOW_BATTERY_PERCENT: Final = 30
 
 
@@ -32,27 +32,6 @@ def status_tables(status: SwarmStatus, mission: str) -> Iterator[RenderableType]
         yield targets_table(status.targets)
     if status.sensors:
         yield _sensors(status.sensors)
-
-
-def attention(agent: AgentRecord) -> tuple[int, int]:
-    """Return a sort key: agents that need attention first, the others by number."""
-    if agent.is_position_doubted:
-        rank = 0
-    elif agent.status == "lost":
-        rank = 1
-    elif agent.status == "arrived":
-        rank = 5
-    elif agent.authority != "ours":
-        rank = 2
-    elif agent.has_failed or agent.track is None or _is_late(agent):
-        rank = 3
-    else:
-        rank = 4
-    return rank, agent.vehicle
-
-
-def _is_late(agent: AgentRecord) -> bool:
-    return agent.heard_age_s is None or agent.heard_age_s > _MAX_SILENT_S
 
 
 def _head(status: SwarmStatus, mission: str) -> Text:
@@ -89,7 +68,7 @@ def agents_table(
 
 def _agent_cells(agent: AgentRecord) -> dict[str, str | Text]:
     is_low = agent.battery_percent is not None and agent.battery_percent < _LOW_BATTERY_PERCENT
-    heard_style = "bold red" if _is_late(agent) else ""
+    heard_style = "bold red" if is_late(agent) else ""
     target = agent.target or agent.proposed_target
     return {
         "id": vehicle_name(agent.vehicle),

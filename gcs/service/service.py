@@ -276,6 +276,10 @@ class Service:
         if self._queue.qsize() < _BUSY:
             self._queue_orders()
 
+    def give_order(self, payload: bytes) -> None:
+        """Queue an order of the console, in the form and within the limits of orders on zenoh."""
+        self._on_order(order_key(self.config.name), payload)
+
     def _queue_orders(self) -> None:
         t_ns = self.clock.now_ns()
         for event in (*self._orders.take_due(t_ns), *self._orders.news(t_ns, order_key(self.config.name))):

@@ -9,7 +9,6 @@ from dataclasses import replace
 from rich.console import Console
 
 from gcs.cli.live_view import LiveView, PlainLines
-from gcs.cli.operator_lines import effect_line
 from gcs.config import load
 from gcs.core.engine import Engine
 from gcs.core.replanning.reasons import of_agent, of_target
@@ -29,6 +28,7 @@ from gcs.model import (
 from gcs.planning.map.grid import free_grid
 from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import PlanOptions
+from gcs.report.operator_lines import effect_line
 
 S = NS_PER_S
 ROUTES = tuple(Route(v, (0, v), read_only([[900.0, 100.0 * v]]), 1000.0 + v) for v in range(1, 9))

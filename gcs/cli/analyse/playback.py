@@ -18,6 +18,7 @@ from rich.console import Console
 
 from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.analyse.whatif import Comparison, comparison_table, different_settings
+from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, replay_page
 from gcs.cli.prepare.mission_file import mission_name, mission_text
 from gcs.cli.prepare.sketch.telemetry import read_vehicles
 from gcs.cli.run_setup import display, warm_up
@@ -44,6 +45,7 @@ class ReplayOptions:
     verify: bool
     headless: bool
     as_json: bool
+    page: PageOptions = DEFAULT_PAGE
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +201,11 @@ async def _display(
             yield
         return
     async with display(replay, console, speed=speed, headless=options.headless):
-        yield
+        if options.headless and not options.page.is_asked_for:
+            yield
+            return
+        with replay_page(replay, options.page, console):
+            yield
 
 
 def _summary(replay: Replay, path: Path, wall_s: float) -> dict[str, Any]:

@@ -9,11 +9,14 @@ from typing import Annotated
 import typer
 
 from gcs.cli.arguments import (
+    ConsoleAccessOption,
+    ConsoleOption,
     DetectionsOption,
     HeadlessOption,
     JsonOption,
     ModelOption,
     OffsetOption,
+    OpenOption,
     RecordedSeedOption,
     command_app,
 )
@@ -57,6 +60,9 @@ def replay(
     offset: OffsetOption = 0.0,
     headless: HeadlessOption = False,
     as_json: JsonOption = False,
+    page: ConsoleOption = None,
+    page_access: ConsoleAccessOption = None,
+    open_page: OpenOption = False,
 ) -> None:
     """Play a recording through central command again.
 
@@ -64,11 +70,20 @@ def replay(
     """
     from gcs.cli.analyse.playback import ReplayOptions, parse_speed, run_replay
     from gcs.cli.analyse.run_file import RunFile
+    from gcs.cli.console_page import PageOptions
     from gcs.service.replay import Window
 
     with exit_on_error():
         file = RunFile(recording, config, seed, detections, model, offset)
         window = Window(start, math.inf if end is None else end)
-        options = ReplayOptions(file, parse_speed(speed), window, verify, headless, as_json)
+        options = ReplayOptions(
+            file,
+            parse_speed(speed),
+            window,
+            verify,
+            headless,
+            as_json,
+            PageOptions(page, page_access, open_page),
+        )
         code = run_replay(options, console_for(stderr=as_json))
     raise typer.Exit(code)

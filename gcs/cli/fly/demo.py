@@ -8,9 +8,12 @@ from typing import Annotated
 import typer
 
 from gcs.cli.arguments import (
+    ConsoleAccessOption,
+    ConsoleOption,
     HeadlessOption,
     JsonOption,
     LossOption,
+    OpenOption,
     PackOption,
     ScenarioArgument,
     SeedOption,
@@ -52,12 +55,16 @@ def demo(
             "QGroundControl on this machine. Can be repeated.",
         ),
     ] = None,
+    page: ConsoleOption = None,
+    page_access: ConsoleAccessOption = None,
+    open_page: OpenOption = False,
 ) -> None:
     """Fly a mission with simulated vehicles, over real MAVLink and real zenoh.
 
     Each vehicle is a process. The run ends when every agent has reached a target or is lost, and leaves a
     summary, a recording and a picture. Ctrl-C ends it early; the recording stays readable.
     """
+    from gcs.cli.console_page import PageOptions
     from gcs.cli.fly.demo_flight import DemoOptions, run_demo
 
     options = DemoOptions(
@@ -72,6 +79,7 @@ def demo(
         out,
         tuple(forward or ()),
         tuple(sitl or ()),
+        PageOptions(page, page_access, open_page),
     )
     with exit_on_error():
         code = run_demo(options, console_for(stderr=as_json))

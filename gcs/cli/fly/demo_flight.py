@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 from rich.console import Console
 
+from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, service_page
 from gcs.cli.link_table import link_rows
 from gcs.cli.run_setup import display, open_recorder, warm_up
 from gcs.config import Config, parse, read_text
@@ -67,6 +68,7 @@ class DemoOptions:
     """Endpoints of other ground stations, in addition to those of the mission file."""
     sitl: tuple[str, ...] = ()
     """Real firmware, each as NAME=PATH."""
+    page: PageOptions = DEFAULT_PAGE
 
 
 def run_demo(options: DemoOptions, console: Console) -> int:
@@ -206,8 +208,9 @@ async def _fly(
             async with _simulation(options, links.port, endpoint, stop, console) as clock:
                 limit_s = options.duration_s or config.mission.max_duration_s
                 limit = loop.call_later(limit_s / options.speed, stop.set)
-                async with display(service, console, speed=options.speed, headless=options.headless):
-                    await service.run(clock, stop, end_with_mission=True)
+                with service_page(service, options.page, console, options.speed):
+                    async with display(service, console, speed=options.speed, headless=options.headless):
+                        await service.run(clock, stop, end_with_mission=True)
                 limit.cancel()
                 duration_s = (clock.now_ns() - clock.start_t_ns) / NS_PER_S
         finally:

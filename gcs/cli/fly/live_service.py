@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, service_page
 from gcs.cli.link_table import link_rows, link_table
 from gcs.cli.run_setup import display, open_recorder, warm_up
 from gcs.config import Config, parse, read_text
@@ -35,6 +36,7 @@ def serve(
     resume: bool | None,
     journal_path: Path | None,
     clock: RunClock,
+    page: PageOptions = DEFAULT_PAGE,
 ) -> None:
     """Serve until interrupted; write a recording, and a journal to resume from.
 
@@ -57,7 +59,9 @@ def serve(
         vehicles = [agent.vehicle for agent in config.agents]
         links = Links(config.mavlink_links, vehicles, config.local_frame, signing, Scanner())
         asyncio.run(
-            _serve(config, seed, links, recorder, journal, console, view, clock, resume, headless=headless)
+            _serve(
+                config, seed, links, recorder, journal, console, view, clock, resume, page, headless=headless
+            )
         )
         console.print(f"recording: {recorder.folder}", highlight=False, markup=False, soft_wrap=True)
 
@@ -72,6 +76,7 @@ async def _serve(
     view: QueuedText,
     clock: RunClock,
     resume: bool | None,
+    page: PageOptions = DEFAULT_PAGE,
     *,
     headless: bool,
 ) -> None:
@@ -93,8 +98,9 @@ async def _serve(
             "Ctrl-C ends it",
             highlight=False,
         )
-        async with display(service, console, speed=clock.speed, headless=headless):
-            await service.run(clock, stop, at_once=at_once)
+        with service_page(service, page, console, clock.speed):
+            async with display(service, console, speed=clock.speed, headless=headless):
+                await service.run(clock, stop, at_once=at_once)
         keeper.write(clock.now_ns())
         keeper.close()
         console.print(link_table(link_rows(service.command.fleet, links, service.now_ns())))

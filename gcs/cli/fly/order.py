@@ -284,9 +284,9 @@ def _print_result(
 
 
 def _collect(order: OrderMessage, service: _Service, console: Console, answers: list[OrderAnswer]) -> None:
-    from gcs.cli.operator_lines import answer_line, proposal_title, route_lines
     from gcs.io.zenoh.discovery import choose_service
     from gcs.io.zenoh.order_client import send_order
+    from gcs.report.operator_lines import answer_line, proposal_title, route_lines
 
     timeout_s = service.timeout_s
     mission, zenoh = choose_service(service.mission, service.zenoh)

@@ -7,7 +7,15 @@ from typing import Annotated
 
 import typer
 
-from gcs.cli.arguments import ConfigArgument, HeadlessOption, SeedOption, command_app
+from gcs.cli.arguments import (
+    ConfigArgument,
+    ConsoleAccessOption,
+    ConsoleOption,
+    HeadlessOption,
+    OpenOption,
+    SeedOption,
+    command_app,
+)
 from gcs.cli.errors import exit_on_error
 from gcs.io.console import console_for
 
@@ -31,6 +39,9 @@ def run(
     journal: Annotated[
         Path | None, typer.Option(help="Journal to resume from.  [default: runs/NAME.journal]")
     ] = None,
+    page: ConsoleOption = None,
+    page_access: ConsoleAccessOption = None,
+    open_page: OpenOption = False,
     clock: Annotated[str | None, typer.Option(hidden=True, metavar="EPOCH_NS,SPEED")] = None,
 ) -> None:
     """Run central command on the links of a mission file, until Ctrl-C.
@@ -39,6 +50,7 @@ def run(
 
     After Ctrl-C the vehicles fly their missions to the end. Started again, the service resumes.
     """
+    from gcs.cli.console_page import PageOptions
     from gcs.cli.fly.live_service import serve
     from gcs.io.clock import RunClock
 
@@ -56,4 +68,5 @@ def run(
             resume=resume,
             journal_path=journal,
             clock=run_clock,
+            page=PageOptions(page, page_access, open_page),
         )

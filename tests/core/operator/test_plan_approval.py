@@ -14,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from staging import S
 
-from gcs.cli.operator_lines import effect_line
 from gcs.core.engine import Engine
 from gcs.io.records import decode, encode
 from gcs.mavlink.frames.codec import decode as decode_frames
@@ -34,6 +33,7 @@ from gcs.model import (
     UploadReport,
 )
 from gcs.planning.map.line_of_sight import line_of_sight
+from gcs.report.operator_lines import effect_line
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import Scenario, load
 

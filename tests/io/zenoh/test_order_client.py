@@ -189,7 +189,7 @@ def test_a_folder_that_others_may_write_to_is_not_trusted(runtime: Path) -> None
 def test_an_order_loads_no_compiler_no_planner_and_no_dialect() -> None:
     code = """
 import sys
-import gcs.cli, gcs.cli.operator_lines
+import gcs.cli, gcs.report.operator_lines
 import gcs.io.zenoh.order_messages, gcs.io.zenoh.order_client, gcs.io.zenoh.discovery
 heavy = ("numba", "llvmlite", "scipy", "pymavlink", "matplotlib", "gcs.core", "gcs.tracking")
 print([name for name in heavy if name in sys.modules])

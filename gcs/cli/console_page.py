@@ -1,0 +1,118 @@
+"""Console of `gcs demo`, `gcs run` and `gcs replay`: options, start and end."""
+
+from __future__ import annotations
+
+import threading
+import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from rich.console import Console
+
+from gcs.errors import ConsoleError
+
+if TYPE_CHECKING:
+    from gcs.console import ConsoleServer
+    from gcs.service.replay import Replay
+    from gcs.service.service import Service
+
+
+@dataclass(frozen=True, slots=True)
+class PageOptions:
+    """The options of the console."""
+
+    address: str | None = None
+    """HOST:PORT or "off"; None: the default address."""
+    access: Path | None = None
+    """Folder with certificate, key and tokens."""
+    opens_browser: bool = False
+
+    @property
+    def is_asked_for(self) -> bool:
+        """True if an option asks for the console."""
+        return self.opens_browser or self.access is not None or self.address not in (None, "off")
+
+
+DEFAULT_PAGE: Final = PageOptions()
+
+
+@contextmanager
+def service_page(service: Service, options: PageOptions, console: Console, speed: float) -> Iterator[None]:
+    """Serve the console of a live service while the context lasts.
+
+    Raises
+    ------
+    ConsoleError
+        When it cannot be served as the options say.
+    """
+    from gcs.console.capture import Capture, capture
+    from gcs.model import NS_PER_S
+
+    def take(t_ns: int) -> Capture:
+        return capture(
+            service.command,
+            t_ns,
+            lag_s=max(0.0, (service.clock.now_ns() - t_ns) / NS_PER_S / speed),
+            dropped=service.health.dropped,
+            is_recording=service.recorder is not None,
+        )
+
+    with _page(service, options, console, take, service.give_order, {"kind": "live", "speed": speed}):
+        yield
+
+
+@contextmanager
+def replay_page(replay: Replay, options: PageOptions, console: Console) -> Iterator[None]:
+    """Serve the console of a replay while the context lasts.
+
+    Raises
+    ------
+    ConsoleError
+        When it cannot be served as the options say.
+    """
+    from gcs.console.capture import capture
+
+    def take(t_ns: int) -> Any:
+        return capture(replay.command, t_ns)
+
+    with _page(replay, options, console, take, None, {"kind": "replay", "speed": 1.0}):
+        yield
+
+
+@contextmanager
+def _page(
+    run: Any, options: PageOptions, console: Console, take: Any, submit: Any, about: dict[str, Any]
+) -> Iterator[None]:
+    server = _started(run, options, console, take, submit, about)
+    if server is None:
+        yield
+        return
+    console.print(f"console: {server.url}", highlight=False, markup=False, soft_wrap=True)
+    if options.opens_browser:  # A browser in a terminal would block.
+        threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
+    try:
+        yield
+    finally:
+        server.close()
+
+
+def _started(
+    run: Any, options: PageOptions, console: Console, take: Any, submit: Any, about: dict[str, Any]
+) -> ConsoleServer | None:
+    """Return the server; None without one. A flight does not depend on a console that nobody asked for."""
+    if options.address == "off":
+        return None
+    try:
+        from gcs.console import ConsoleServer
+        from gcs.console.access import parse_access
+
+        access = parse_access(options.address, options.access)
+        return None if access is None else ConsoleServer(run, access, take, submit, about)
+    except (ConsoleError, ImportError) as error:
+        if options.is_asked_for:
+            raise ConsoleError(str(error)) from None
+        console.print(f"no console: {error}", style="yellow", highlight=False, markup=False, soft_wrap=True)
+        return None

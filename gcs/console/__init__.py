@@ -1,0 +1,18 @@
+"""Console: the swarm in a browser, served beside the service.
+
+Reading order:
+
+- `feed`: on the loop of the service. It keeps references to scans, effects and the state; it encodes nothing.
+- `capture`: what the console reads of the engine, in one place.
+- `world`, `rows`: everything that a page shows, as JSON, on the console's own thread.
+- `clients`: bounded queues of the pages; a slow page loses messages, then gets everything anew.
+- `access`, `guard`: addresses, tokens, TLS; checks of each request.
+- `orders`: orders from pages and programs, and their answers.
+- `app`, `openapi`, `metrics`: what is served. `server`: the thread.
+- `static`: the page, plain ES modules and CSS.
+"""
+
+from gcs.console.access import Access
+from gcs.console.server import ConsoleServer, DisplayedRun
+
+__all__ = ["Access", "ConsoleServer", "DisplayedRun"]

@@ -1,0 +1,240 @@
+"""What the console serves: the page, its feed, orders, and data for programs."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import mimetypes
+import time
+from collections.abc import Callable
+from importlib.resources import files
+from typing import Any, Final
+
+import msgspec
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from gcs.console.access import Access
+from gcs.console.capture import Capture
+from gcs.console.clients import Client, Clients
+from gcs.console.guard import COOKIE, Guard
+from gcs.console.metrics import metrics_text
+from gcs.console.openapi import description
+from gcs.console.orders import OrderDesk, RefusedOrderError, is_answered
+from gcs.console.world import World
+from gcs.io.records import encode
+from gcs.model import OrderAnswer
+
+_STALLED_S: Final = 30.0
+"""A page that accepts no message for this time is disconnected."""
+_MAX_BODY_BYTES: Final = 32 * 1024
+_MAX_WAIT_S: Final = 60.0
+_ASKED_S: Final = 2.0
+"""Time for which a request of a program keeps captures going."""
+
+
+class Board:
+    """What requests share: data, pages and orders."""
+
+    def __init__(self, world: World, clients: Clients, desk: OrderDesk, watch: Callable[[], None]) -> None:
+        self.world, self.clients, self.desk = world, clients, desk
+        self._watch = watch
+        self._asked_s = -_ASKED_S
+        self._changed = asyncio.Event()
+
+    @property
+    def is_watched(self) -> bool:
+        """True if a page is open, or a program has asked just now."""
+        return len(self.clients) > 0 or time.monotonic() - self._asked_s < _ASKED_S
+
+    def join(self) -> Client:
+        """Add a page."""
+        self._watch()
+        return self.clients.join()
+
+    def wake(self) -> None:
+        """Wake those who wait for news."""
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+    async def changed(self, within_s: float) -> None:
+        """Wait for news."""
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._changed.wait(), within_s)
+
+    async def capture(self) -> Capture | None:
+        """Return a capture that is made now; None if the run makes none."""
+        before, until_s = self.world.capture, time.monotonic() + 1.0
+        self._asked_s = time.monotonic()
+        self._watch()
+        while self.world.capture is before and time.monotonic() < until_s:
+            await self.changed(until_s - time.monotonic())
+        return self.world.capture
+
+
+def make_app(board: Board, access: Access) -> ASGIApp:
+    """Return the application behind its guard."""
+    static = _static_files()
+    api = _Api(board)
+    routes = [
+        WebSocketRoute("/feed", _Feed(board).serve),
+        Route("/login", _Login(access, static["/login.html"]).serve, methods=["GET", "POST"]),
+        Route("/api/status", api.status),
+        Route("/api/plan", api.plan),
+        Route("/api/orders", api.place_order, methods=["POST"]),
+        Route("/api/orders/{order_id}", api.order),
+        Route("/api/openapi.json", api.openapi),
+        Route("/metrics", api.metrics),
+        *(Route(path, _Static(*content).serve) for path, content in static.items()),
+    ]
+    return Guard(Starlette(routes=routes), access, access.port or 0)
+
+
+def _static_files() -> dict[str, tuple[bytes, str]]:
+    """Return content and media type of each file of the page, by path."""
+    folder = files("gcs.console") / "static"
+    found = {
+        f"/{one.name}": (one.read_bytes(), mimetypes.guess_type(one.name)[0] or "application/octet-stream")
+        for one in folder.iterdir()
+        if one.is_file()
+    }
+    return found | {"/": found["/index.html"]}
+
+
+class _Static:
+    """A file of the page."""
+
+    def __init__(self, content: bytes, media_type: str) -> None:
+        self._content, self._media_type = content, media_type
+
+    async def serve(self, _request: Request) -> Response:
+        return Response(self._content, media_type=self._media_type)
+
+
+class _Feed:
+    """WebSocket of a page: messages go out, nothing comes in."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+
+    async def serve(self, socket: WebSocket) -> None:
+        if self._board.clients.is_full:
+            await socket.close(1013, "too many pages are open")
+            return
+        await socket.accept()
+        role = {"type": "role", "role": socket.state.role}
+        await socket.send_bytes(msgspec.json.encode(role))
+        client = self._board.join()
+        sender = asyncio.create_task(self._send(socket, client))
+        try:
+            while (await socket.receive())["type"] != "websocket.disconnect":
+                pass
+        finally:
+            self._board.clients.leave(client)
+            sender.cancel()
+
+    async def _send(self, socket: WebSocket, client: Client) -> None:
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError, TimeoutError):
+            while True:
+                message = await client.next()
+                await asyncio.wait_for(socket.send_bytes(message), _STALLED_S)
+        self._board.clients.leave(client)
+        with contextlib.suppress(RuntimeError):
+            await socket.close(1008, "the page does not read")
+
+
+class _Api:
+    """Data and orders for programs."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+
+    async def status(self, _request: Request) -> Response:
+        capture = await self._board.capture()
+        return _no_run() if capture is None else _json(encode(capture.status))
+
+    async def plan(self, _request: Request) -> Response:
+        capture = await self._board.capture()
+        if capture is None:
+            return _no_run()
+        proposal = b"null" if capture.proposal is None else encode(capture.proposal)
+        routes = [
+            {"vehicle": one.vehicle, "target": one.target, "points_m": one.points_m.tolist()}
+            for one in capture.routes
+        ]
+        return _json(msgspec.json.encode({"routes": routes, "proposal": msgspec.Raw(proposal)}))
+
+    async def place_order(self, request: Request) -> Response:
+        body = bytearray()
+        async for part in request.stream():
+            body += part
+            if len(body) > _MAX_BODY_BYTES:
+                return JSONResponse({"error": f"an order has at most {_MAX_BODY_BYTES} bytes"}, 413)
+        try:
+            wait_s = min(_MAX_WAIT_S, float(request.query_params.get("wait_s", "0")))
+            sender = request.client.host if request.client else "?"
+            order_id = self._board.desk.place(bytes(body), sender)
+        except RefusedOrderError as error:
+            return JSONResponse({"error": str(error)}, 422)
+        except ValueError:
+            return JSONResponse({"error": "wait_s: expected a number of seconds"}, 422)
+        until_s = time.monotonic() + wait_s
+        while not is_answered(self._answers(order_id)) and time.monotonic() < until_s:
+            await self._board.changed(until_s - time.monotonic())
+        return self._order(order_id, 202)
+
+    async def order(self, request: Request) -> Response:
+        return self._order(request.path_params["order_id"], 404)
+
+    def _order(self, order_id: str, unanswered: int) -> Response:
+        answers = self._answers(order_id)
+        rows = [msgspec.Raw(encode(one)) for one in answers]
+        content = {"order_id": order_id, "complete": is_answered(answers), "answers": rows}
+        return _json(msgspec.json.encode(content), 200 if answers else unanswered)
+
+    def _answers(self, order_id: str) -> list[OrderAnswer]:
+        return [one for one in self._board.world.answers if one.order_id == order_id]
+
+    async def openapi(self, _request: Request) -> Response:
+        return JSONResponse(description())
+
+    async def metrics(self, _request: Request) -> Response:
+        capture = await self._board.capture()
+        text = metrics_text(capture, len(self._board.clients))
+        return Response(text, media_type="text/plain; version=0.0.4")
+
+
+class _Login:
+    """Form that keeps a token in a cookie, out of reach of scripts and of other sites."""
+
+    def __init__(self, access: Access, page: tuple[bytes, str]) -> None:
+        self._access, self._page = access, page
+
+    async def serve(self, request: Request) -> Response:
+        if request.method == "GET":
+            return Response(self._page[0], media_type=self._page[1])
+        try:
+            body: Any = msgspec.json.decode(await request.body(), type=dict[str, str])
+        except msgspec.DecodeError:
+            body = {}
+        token = body.get("token", "")
+        if self._access.role(token) is None:
+            await asyncio.sleep(1.0)  # slows guessing
+            return JSONResponse({"error": "this token is not known here"}, 401)
+        response = JSONResponse({})
+        response.set_cookie(
+            COOKIE, token, httponly=True, samesite="strict", secure=self._access.scheme == "https"
+        )
+        return response
+
+
+def _json(content: bytes, code: int = 200) -> Response:
+    return Response(content, code, media_type="application/json")
+
+
+def _no_run() -> Response:
+    return JSONResponse({"error": "the run has not begun, or has ended"}, 503)

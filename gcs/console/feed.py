@@ -1,0 +1,71 @@
+"""Feed of the console: a sink on the loop of the service.
+
+The service must not wait for a browser, so the feed only keeps references, in bounded queues. The console's
+thread takes them out. Without a page no state is captured.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+from gcs.console.capture import Capture
+from gcs.model import Effect, Event, Kind, Picture, Scan, Send, Tick, Upload
+
+CAPTURE_S: Final = 0.25
+"""Minimum time between two captures of the state."""
+_MAX_EFFECTS: Final = 5000
+_MAX_SCANS: Final = 100
+
+
+class Feed:
+    """Sink of events and effects.
+
+    Parameters
+    ----------
+    take : callable
+        Returns a capture of the state at a time.
+
+    Attributes
+    ----------
+    is_watched : bool
+        True if a page is open; set by the console's thread.
+    """
+
+    def __init__(self, take: Callable[[int], Capture]) -> None:
+        self.is_watched = False
+        self.capture: Capture | None = None
+        self.effects: deque[tuple[int, Effect]] = deque(maxlen=_MAX_EFFECTS)
+        self.scans: deque[Scan] = deque(maxlen=_MAX_SCANS)
+        self.pictures: dict[Kind, Picture] = {}
+        self.start_t_ns: int | None = None
+        self._take = take
+        self._t_ns = 0
+        self._due_s = 0.0
+
+    def event(self, event: Event) -> None:
+        """Keep scans; capture the state at a tick, if it is due."""
+        if isinstance(event, Tick):
+            self._t_ns = event.t_ns
+            if self.is_watched and time.monotonic() >= self._due_s:
+                self.refresh()
+        elif isinstance(event, Scan) and self.is_watched:
+            self.scans.append(event)
+        if self.start_t_ns is None:
+            self.start_t_ns = self._t_ns = event.t_ns
+
+    def effect(self, t_ns: int, effect: Effect) -> None:
+        """Keep an effect that a page shows."""
+        if isinstance(effect, Send | Upload):
+            return
+        if isinstance(effect, Picture):
+            self.pictures[effect.kind] = effect
+        else:
+            self.effects.append((t_ns, effect))
+
+    def refresh(self) -> None:
+        """Capture the state now."""
+        self._due_s = time.monotonic() + CAPTURE_S
+        self.capture = self._take(self._t_ns)

@@ -1,0 +1,70 @@
+"""Orders from pages and programs: the same form, checks and limits as orders on zenoh.
+
+An order becomes an event of the service, so it is recorded. Its answers come back as effects.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import msgspec
+
+from gcs.errors import WireError
+from gcs.geo import LocalFrame
+from gcs.io.zenoh.order_messages import OrderMessage, decode_order, encode_order
+from gcs.model import OrderAnswer
+
+_SOURCE: Final = "console"
+
+
+class RefusedOrderError(Exception):
+    """The order cannot be passed on; the text says why."""
+
+
+class OrderDesk:
+    """Passes orders on.
+
+    Parameters
+    ----------
+    frame : LocalFrame
+        Frame for areas in degrees.
+    submit : callable or None
+        Passes the JSON of an order to the service; None: a replay, which takes no orders.
+    """
+
+    def __init__(self, frame: LocalFrame, submit: Callable[[bytes], None] | None) -> None:
+        self._frame, self._submit = frame, submit
+
+    def place(self, body: bytes, sender: str) -> str:
+        """Check an order and pass it on; return its id.
+
+        Raises
+        ------
+        RefusedOrderError
+            When the order has a mistake, or in a replay.
+        """
+        if self._submit is None:
+            raise RefusedOrderError("this is a replay: nothing can be ordered")
+        try:
+            fields = msgspec.json.decode(body, type=dict[str, Any])
+        except msgspec.DecodeError as error:
+            raise RefusedOrderError(f"not JSON: {error}") from None
+        fields.setdefault("order_id", f"{_SOURCE}-{secrets.token_hex(6)}")
+        fields["origin"] = f"console at {sender}"
+        payload = msgspec.json.encode(fields)
+        try:
+            order = decode_order(_SOURCE, payload, 0, self._frame)
+        except WireError as error:
+            raise RefusedOrderError(str(error)) from None
+        try:
+            self._submit(encode_order(msgspec.json.decode(payload, type=OrderMessage)))
+        except RuntimeError:
+            raise RefusedOrderError("the service has ended") from None
+        return order.order_id
+
+
+def is_answered(answers: Sequence[OrderAnswer]) -> bool:
+    """Return True if the answers of one order say all that will be said."""
+    return bool(answers) and not answers[-1].waiting

@@ -1,0 +1,212 @@
+"""Parts of the page's data: plain objects of a capture, rounded to what a page shows.
+
+Positions are east and north in metres, times are seconds since the start of the run.
+"""
+
+from __future__ import annotations
+
+import base64
+from typing import Any, Final
+
+import numpy as np
+
+from gcs.config import Config
+from gcs.console.capture import Capture
+from gcs.fence import drawn_areas, rally_of
+from gcs.model import (
+    AgentRecord,
+    NoFlyZone,
+    Picture,
+    Proposal,
+    Route,
+    Scan,
+    Sensor,
+    TargetRecord,
+    VehicleState,
+    target_name,
+    vehicle_name,
+)
+from gcs.planning.map.grid import Grid
+from gcs.report.attention import attention, is_late
+from gcs.report.operator_lines import route_lines
+
+MAX_DETECTIONS: Final = 20_000
+"""Detections of one scan that a page gets."""
+
+
+def rounded(value: float | None, digits: int = 1) -> float | None:
+    """Return a number as it is shown; None for no number."""
+    return None if value is None or not np.isfinite(value) else round(float(value), digits)
+
+
+def mission(config: Config) -> dict[str, Any]:
+    """Return what does not change in a run."""
+    area, frame = config.map, config.local_frame
+    return {
+        "name": config.name,
+        "description": config.description,
+        "size_m": [area.width_m, area.height_m],
+        "origin_deg": [frame.lat_deg, frame.lon_deg],
+        "approval": config.planning.retask == "confirm",
+        "loiter_radius_m": config.mission.loiter_radius_m,
+        "homes": [
+            {"id": one.vehicle, "name": vehicle_name(one.vehicle), "at": [one.east_m, one.north_m]}
+            for one in config.agents
+        ],
+        "rally": [frame.to_local(one.lat_deg, one.lon_deg) for one in rally_of(config)],
+        "fence": [
+            {"stay_in": one.stay_in, "ring": one.outline_m(frame)} for one in drawn_areas(config, config.name)
+        ],
+    }
+
+
+def obstacle_map(grid: Grid) -> dict[str, Any]:
+    """Return the blocked cells: one bit each, row by row from the south."""
+    return {
+        "origin_m": grid.origin_m,
+        "spacing_m": grid.spacing_m,
+        "shape": grid.shape,
+        "blocked": base64.b64encode(
+            np.packbits(grid.blocked, axis=None, bitorder="little").tobytes()
+        ).decode(),
+    }
+
+
+def zones(closed: tuple[NoFlyZone, ...]) -> list[dict[str, Any]]:
+    """Return the no-fly zones."""
+    return [{"name": one.name, "disc": one.disc_m, "polygon": one.polygon_m} for one in closed]
+
+
+def vehicles(capture: Capture) -> list[dict[str, Any]]:
+    """Return the vehicles, those that need attention first."""
+    states = {state.system_id: state for state in capture.states}
+    agents = sorted(capture.status.agents, key=attention)
+    return [
+        _vehicle(agent, states.get(agent.vehicle), capture.lost_at_m.get(agent.vehicle)) for agent in agents
+    ]
+
+
+def _vehicle(
+    agent: AgentRecord, state: VehicleState | None, lost_at_m: tuple[float, float] | None
+) -> dict[str, Any]:
+    return {
+        "id": agent.vehicle,
+        "name": vehicle_name(agent.vehicle),
+        "rank": attention(agent)[0],
+        "status": agent.status,
+        "authority": agent.authority,
+        "reason": agent.reason,
+        "mode": agent.mode,
+        "armed": agent.armed,
+        "at": None if agent.position_m is None else [rounded(value) for value in agent.position_m],
+        "course": None if state is None else rounded(state.course_rad, 2),
+        "alt_m": rounded(agent.alt_rel_m),
+        "layer": agent.layer,
+        "speed_m_s": rounded(agent.ground_speed_m_s),
+        "battery": agent.battery_percent,
+        "fix": agent.fix_type,
+        "heard_s": rounded(agent.heard_age_s),
+        "late": is_late(agent),
+        "loss": rounded(agent.loss, 3),
+        "doubted": agent.is_position_doubted,
+        "track": None if agent.track is None else _label(agent.track),
+        "existence": rounded(agent.existence, 2),
+        "target": None if agent.target is None else target_name(agent.target),
+        "proposed": None if agent.proposed_target is None else target_name(agent.proposed_target),
+        "to_go_m": rounded(agent.to_go_m, 0),
+        "eta_s": rounded(agent.eta_s, 0),
+        "upload": agent.upload,
+        "failed": agent.has_failed,
+        "verified": agent.is_verified,
+        "lost_at": lost_at_m,
+    }
+
+
+def targets(found: tuple[TargetRecord, ...]) -> list[dict[str, Any]]:
+    """Return the confirmed targets."""
+    return [
+        {
+            "name": target_name(one.label),
+            "existence": rounded(one.existence, 2),
+            "at": [rounded(value) for value in one.position_m],
+            "speed_m_s": rounded(one.speed_m_s),
+            "agents": [vehicle_name(vehicle) for vehicle in one.agents],
+            "reached_by": [vehicle_name(vehicle) for vehicle in one.reached_by],
+        }
+        for one in found
+    ]
+
+
+def tracks(picture: Picture) -> dict[str, Any]:
+    """Return the tracks of one kind, column by column."""
+    found = picture.tracks
+    names = _label if picture.kind == "agents" else target_name
+    means = np.array([track.mean for track in found]).reshape(-1, 4)
+    covs = np.array([track.cov for track in found]).reshape(-1, 4, 4)
+    return {
+        "names": [names(track.label) for track in found],
+        "means": means.round(1).tolist(),
+        "covs": covs[:, [0, 0, 1], [0, 1, 1]].round(1).tolist(),
+        "existence": [round(track.existence, 3) for track in found],
+        "estimated": [track.estimated for track in found],
+        "cardinality": picture.cardinality.round(4).tolist(),
+    }
+
+
+def _label(label: tuple[int, int]) -> str:
+    return f"{label[0]}.{label[1]}"
+
+
+def route(one: Route) -> dict[str, Any]:
+    """Return a route."""
+    return {
+        "id": one.vehicle,
+        "target": target_name(one.target),
+        "points": one.points_m.round(1).tolist(),
+        "length_m": rounded(one.length_m, 0),
+        "layer": one.layer,
+        "wait": one.wait_m,
+    }
+
+
+def proposal(pending: Proposal | None) -> dict[str, Any] | None:
+    """Return the plan that waits for approval."""
+    if pending is None or not pending.routes:
+        return None
+    figures = {one.vehicle: one for one in pending.figures}
+    rows = []
+    for one, line in zip(pending.routes, route_lines(pending), strict=True):
+        known = figures.get(one.vehicle)
+        row = route(one) | {"name": vehicle_name(one.vehicle), "line": line}
+        if known is not None:
+            row |= {
+                "shown_length_m": rounded(known.shown_length_m, 0),
+                "arrival_s": rounded(known.arrival_s, 0),
+                "separation_m": rounded(known.separation_m, 0),
+                "clearance_m": rounded(known.clearance_m, 0),
+                "short": known.is_short,
+            }
+        rows.append(row)
+    return {
+        "id": pending.plan_id,
+        "reason": pending.reason,
+        "age_s": rounded(pending.age_s, 0),
+        "routes": rows,
+    }
+
+
+def scan(one: Scan) -> dict[str, Any]:
+    """Return the detections of a scan, east and north in turns."""
+    return {"sensor": one.sensor.name, "z": one.z_m[:MAX_DETECTIONS].round(0).astype(int).ravel().tolist()}
+
+
+def field_of_view(sensor: Sensor) -> dict[str, Any]:
+    """Return the field of view of a sensor: a box, or a sector."""
+    polar = sensor.polar
+    if polar is None:
+        return {"box": [rounded(value) for value in sensor.field_of_view_m]}
+    return {
+        "at": [rounded(polar.east_m), rounded(polar.north_m)],
+        "range_m": polar.range_m,
+        "bearing_rad": polar.bearing_rad,
+    }

@@ -1,0 +1,176 @@
+"""The console's thread: its own event loop with an HTTP server.
+
+The service hands it references (`gcs.console.feed`). Encoding, sockets and browsers are here, so a slow
+browser delays this thread only.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final, Protocol
+
+import uvicorn
+
+from gcs.config import Config
+from gcs.console.access import DEFAULT_PORT, Access, tls_context
+from gcs.console.app import Board, make_app
+from gcs.console.capture import Capture
+from gcs.console.clients import Clients
+from gcs.console.feed import Feed
+from gcs.console.orders import OrderDesk
+from gcs.console.world import World
+from gcs.core.engine import Engine
+from gcs.errors import ConsoleError
+
+_PUBLISH_S: Final = 0.1
+_PORTS: Final = 50
+"""Ports that are tried from the default one on."""
+_END_S: Final = 3.0
+_MAX_MESSAGE_BYTES: Final = 64 * 1024
+
+
+class DisplayedRun(Protocol):
+    """A live service or a replay, as far as the console needs it."""
+
+    config: Config
+    command: Engine
+    sinks: list[Any]
+
+
+class ConsoleServer:
+    """Serves the console of one run, from construction until `close`.
+
+    Parameters
+    ----------
+    run : DisplayedRun
+        The service or the replay; it gets a sink.
+    access : Access
+        Address and tokens.
+    take : callable
+        Returns a capture of the run at a time.
+    submit : callable or None
+        Passes the JSON of an order to the run, on the run's loop; None: a replay.
+    about : dict
+        More about the run for pages.
+
+    Raises
+    ------
+    ConsoleError
+        When the port is taken, or TLS files cannot be read.
+    """
+
+    def __init__(
+        self,
+        run: DisplayedRun,
+        access: Access,
+        take: Callable[[int], Capture],
+        submit: Callable[[bytes], None] | None,
+        about: dict[str, Any],
+    ) -> None:
+        self._socket = bind(access)
+        self.port: int = self._socket.getsockname()[1]
+        self.feed = Feed(take)
+        self._run_loop = asyncio.get_running_loop()
+        self._access = replace(access, port=self.port)
+        world = World(run.config, about | {"begun": str(time.time_ns())})
+        self.clients = Clients(world.snapshot)
+        desk = OrderDesk(run.config.local_frame, None if submit is None else self._on_run_loop(submit))
+        self._board = Board(world, self.clients, desk, self._watch)
+        config = uvicorn.Config(
+            make_app(self._board, self._access),
+            loop="asyncio",
+            http="h11",
+            ws="websockets-sansio",
+            lifespan="off",
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            ws_max_size=_MAX_MESSAGE_BYTES,
+            ws_per_message_deflate=False,
+            timeout_graceful_shutdown=1,
+        )
+        config.load()
+        if access.folder is not None:
+            config.ssl = tls_context(access.folder)
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._serve, name="console", daemon=True)
+        run.sinks.append(self.feed)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """Address for a browser."""
+        host = f"[{self._access.host}]" if ":" in self._access.host else self._access.host
+        return f"{self._access.scheme}://{host}:{self.port}/"
+
+    def close(self) -> None:
+        """End the server; wait for it, but not for a browser that does not read."""
+        self._server.should_exit = True
+        self._thread.join(_END_S)
+        self._socket.close()
+
+    def _serve(self) -> None:
+        asyncio.run(self._serve_and_publish())
+
+    async def _serve_and_publish(self) -> None:
+        publisher = asyncio.create_task(self._publish())
+        try:
+            await self._server.serve(sockets=[self._socket])
+        finally:
+            publisher.cancel()
+
+    async def _publish(self) -> None:
+        """Send what is new to all pages, ten times a second."""
+        while True:
+            await asyncio.sleep(_PUBLISH_S)
+            self.feed.is_watched = self._board.is_watched
+            message = self._board.world.update(self.feed)
+            if message is not None:
+                self.clients.send(message)
+                self._board.wake()
+
+    def _watch(self) -> None:
+        """Ask the service for a capture now, for a page that has just opened."""
+        with contextlib.suppress(RuntimeError):  # the run has ended
+            self._run_loop.call_soon_threadsafe(self.feed.refresh)
+
+    def _on_run_loop(self, submit: Callable[[bytes], None]) -> Callable[[bytes], None]:
+        def pass_on(payload: bytes) -> None:
+            self._run_loop.call_soon_threadsafe(submit, payload)
+
+        return pass_on
+
+
+def bind(access: Access) -> socket.socket:
+    """Return a listening socket; on the default address at the next free port.
+
+    Raises
+    ------
+    ConsoleError
+        When no port is free, or the address is not of this machine.
+    """
+    ports = range(DEFAULT_PORT, DEFAULT_PORT + _PORTS) if access.port is None else (access.port,)
+    family = socket.AF_INET6 if ":" in access.host else socket.AF_INET
+    problem = ""
+    for port in ports:
+        listener = socket.socket(family, socket.SOCK_STREAM)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((access.host, port))
+            listener.listen(128)
+        except OSError as error:
+            listener.close()
+            problem = error.strerror or str(error)
+            continue
+        listener.setblocking(False)
+        return listener
+    raise ConsoleError(
+        f"console: {access.host} port {ports[0]} cannot be opened ({problem}); choose another with --console "
+        "HOST:PORT, or --console off"
+    )

@@ -1,0 +1,128 @@
+// Alarm banner: the worst open alarm, the number of the others, acknowledgement and sound.
+// An alarm is open until it is acknowledged on this screen; a repeated one replaces the older one.
+
+import { el } from "./dom.js";
+import { duration } from "./format.js";
+
+const LEVELS = { alarm: 2, warning: 1 };
+const ELSEWHERE = new Set(["Proposal"]); // has a panel of its own
+
+export class Alarms {
+  constructor(root, feed) {
+    this.root = root;
+    this.open = new Map();
+    this.seen = 0;
+    this.acknowledged = new Set();
+    this.expanded = false;
+    this.muted = localStorage.getItem("muted") === "yes";
+    this.audio = null;
+    feed.on(["log"], (data, fresh) => this.add(data, fresh));
+    document.addEventListener("pointerdown", () => this.allowSound(), { once: true });
+    document.addEventListener("keydown", () => this.allowSound(), { once: true });
+    this.show();
+  }
+
+  add(data, fresh) {
+    if (fresh) this.begin(data.mission);
+    let worst = 0;
+    for (const entry of data.log) {
+      if (entry.n <= this.seen) continue;
+      this.seen = entry.n;
+      if (!(entry.level in LEVELS) || ELSEWHERE.has(entry.kind) || this.acknowledged.has(entry.n)) continue;
+      this.open.set(`${entry.vehicle} ${entry.text.replace(/[\d.,]+/g, "#")}`, entry);
+      worst = Math.max(worst, LEVELS[entry.level]);
+    }
+    if (worst && !fresh) this.sound(worst);
+    this.show(worst > 0 && !fresh);
+  }
+
+  // A new run, or the same one after a lost connection.
+  begin(mission) {
+    this.store = `acknowledged ${mission.name} ${mission.begun}`;
+    this.acknowledged = new Set(JSON.parse(sessionStorage.getItem(this.store) ?? "[]"));
+    this.open.clear();
+    this.seen = 0;
+  }
+
+  sorted() {
+    return [...this.open.values()].sort((a, b) => LEVELS[b.level] - LEVELS[a.level] || b.n - a.n);
+  }
+
+  acknowledge(entries) {
+    const numbers = new Set(entries.map((entry) => entry.n));
+    for (const [key, entry] of this.open) {
+      if (numbers.has(entry.n)) this.open.delete(key);
+    }
+    for (const n of numbers) this.acknowledged.add(n);
+    if (this.store) sessionStorage.setItem(this.store, JSON.stringify([...this.acknowledged]));
+    if (!this.open.size) this.expanded = false;
+    this.show();
+  }
+
+  acknowledgeWorst() {
+    this.acknowledge(this.sorted().slice(0, 1));
+  }
+
+  show(isNew = false) {
+    const entries = this.sorted();
+    const worst = entries[0];
+    const focused = this.root.contains(document.activeElement) ? document.activeElement.dataset.name : null;
+    const button = (name, text, action, more = {}) =>
+      el("button", { "data-name": name, onclick: action, ...more }, text);
+    const bar = el(
+      "div",
+      { class: `bar ${worst ? worst.level : "quiet"}${isNew ? " new" : ""}` },
+      el("span", { class: "text" }, worst ? `${duration(worst.t_s)}  ${worst.text}` : "No open alarm"),
+    );
+    if (worst) {
+      const more = el("button", {
+        "data-name": "more", "aria-expanded": String(this.expanded), onclick: () => this.toggle(),
+      }, `${entries.length} open`);
+      const acknowledge = button("acknowledge", "Acknowledge", () => this.acknowledge([worst]));
+      acknowledge.append(el("kbd", {}, "K"));
+      bar.append(more, acknowledge);
+    }
+    bar.append(button("mute", this.muted ? "Sound off" : "Sound on", () => this.mute(), {
+      "aria-pressed": String(!this.muted), title: "Sound of alarms",
+    }));
+    this.root.replaceChildren(bar, ...(this.expanded ? [this.list(entries, button)] : []));
+    if (focused) this.root.querySelector(`[data-name="${focused}"]`)?.focus();
+  }
+
+  list(entries, button) {
+    const rows = entries.map((entry) =>
+      el("li", { class: entry.level },
+        el("span", { class: "text" }, `${duration(entry.t_s)}  ${entry.text}`),
+        button(`one-${entry.n}`, "Acknowledge", () => this.acknowledge([entry]))));
+    const all = el("li", {}, el("span", { class: "text" }), button("all", "Acknowledge all", () => this.acknowledge(entries)));
+    return el("ul", {}, ...rows, all);
+  }
+
+  toggle() {
+    this.expanded = !this.expanded;
+    this.show();
+  }
+
+  mute() {
+    this.muted = !this.muted;
+    localStorage.setItem("muted", this.muted ? "yes" : "no");
+    this.show();
+  }
+
+  // Browsers play no sound before the user has touched the page.
+  allowSound() {
+    this.audio ??= new AudioContext();
+  }
+
+  sound(level) {
+    if (this.muted || !this.audio) return;
+    const start = this.audio.currentTime;
+    for (let beep = 0; beep < level; beep++) {
+      const tone = new OscillatorNode(this.audio, { frequency: level === 2 ? 880 : 560 });
+      const gain = new GainNode(this.audio, { gain: 0.08 });
+      tone.connect(gain).connect(this.audio.destination);
+      tone.start(start + beep * 0.22);
+      tone.stop(start + beep * 0.22 + 0.14);
+    }
+  }
+}

@@ -1,0 +1,201 @@
+// What moves: detections, trails, routes, tracks, targets, vehicles.
+
+const DETECTION_MS = 4000;
+const SIGMAS = 3;
+
+export function detections(ctx, view, scans, now, colour) {
+  ctx.fillStyle = colour("detection");
+  for (const scan of scans) {
+    const age = (now - scan.at) / DETECTION_MS;
+    if (age >= 1) continue;
+    ctx.globalAlpha = 0.75 * (1 - age);
+    for (let index = 0; index < scan.z.length; index += 2) {
+      ctx.fillRect(view.x(scan.z[index]) - 1, view.y(scan.z[index + 1]) - 1, 2, 2);
+    }
+  }
+  ctx.globalAlpha = 1;
+}
+
+export function trails(ctx, view, tracks, colour) {
+  ctx.strokeStyle = colour("vehicle");
+  ctx.lineWidth = 1.2;
+  ctx.globalAlpha = 0.45;
+  ctx.beginPath();
+  for (const points of tracks.values()) line(ctx, view, points);
+  ctx.stroke();
+  ctx.globalAlpha = 1;
+}
+
+function line(ctx, view, points) {
+  points.forEach(([east, north], index) => ctx[index ? "lineTo" : "moveTo"](view.x(east), view.y(north)));
+}
+
+export function routes(ctx, view, planned, style) {
+  ctx.strokeStyle = style.colour;
+  ctx.lineWidth = style.width;
+  ctx.setLineDash(style.dash ?? []);
+  for (const route of planned) {
+    ctx.globalAlpha = style.selected.size && !style.selected.has(route.id) ? 0.35 : 0.9;
+    ctx.beginPath();
+    const from = style.from.get(route.id);
+    line(ctx, view, from ? [from, ...ahead(from, route.points)] : route.points);
+    ctx.stroke();
+    meeting(ctx, view, route, style.loiter);
+  }
+  ctx.setLineDash([]);
+  ctx.globalAlpha = 1;
+}
+
+// Points that the vehicle has still to pass: those after the leg that is nearest to it.
+function ahead(from, points) {
+  let best = Math.hypot(points[0][0] - from[0], points[0][1] - from[1]);
+  let next = 0;
+  for (let index = 0; index + 1 < points.length; index++) {
+    const distance = toLeg(from, points[index], points[index + 1]);
+    if (distance <= best) {
+      best = distance;
+      next = index + 1;
+    }
+  }
+  return points.slice(next);
+}
+
+function toLeg([x, y], [ax, ay], [bx, by]) {
+  const length2 = (bx - ax) ** 2 + (by - ay) ** 2;
+  const along = length2 ? Math.min(1, Math.max(0, ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / length2)) : 0;
+  return Math.hypot(x - ax - along * (bx - ax), y - ay - along * (by - ay));
+}
+
+// Where vehicle and target will meet, and the circle that follows.
+function meeting(ctx, view, route, radius) {
+  const [east, north] = route.points.at(-1);
+  ctx.setLineDash([]);
+  ctx.beginPath();
+  ctx.arc(view.x(east), view.y(north), 3, 0, 2 * Math.PI);
+  ctx.stroke();
+  const centre = route.wait ?? [east, north];
+  if (radius * view.scale < 6) return;
+  ctx.setLineDash([2, 3]);
+  ctx.beginPath();
+  ctx.arc(view.x(centre[0]), view.y(centre[1]), radius * view.scale, 0, 2 * Math.PI);
+  ctx.stroke();
+  ctx.setLineDash([]);
+}
+
+function ellipse(ctx, view, mean, [xx, xy, yy]) {
+  const middle = (xx + yy) / 2;
+  const spread = Math.hypot((xx - yy) / 2, xy);
+  const radius = (variance) => Math.min(4000, Math.max(1.5, SIGMAS * Math.sqrt(Math.max(variance, 0)) * view.scale));
+  const turn = -0.5 * Math.atan2(2 * xy, xx - yy); // the canvas' y axis points south
+  ctx.beginPath();
+  ctx.ellipse(view.x(mean[0]), view.y(mean[1]), radius(middle + spread), radius(middle - spread), turn, 0, 2 * Math.PI);
+}
+
+const opacity = (existence) => 0.2 + 0.8 * existence;
+
+export function agentTracks(ctx, view, tracks, colour) {
+  ctx.strokeStyle = colour("vehicle");
+  ctx.lineWidth = 1;
+  tracks.names.forEach((_, index) => {
+    if (!tracks.estimated[index]) return;
+    ctx.globalAlpha = 0.8 * opacity(tracks.existence[index]);
+    ellipse(ctx, view, tracks.means[index], tracks.covs[index]);
+    ctx.stroke();
+  });
+  ctx.globalAlpha = 1;
+}
+
+export function targetTracks(ctx, view, tracks, confirmed, colour, options) {
+  ctx.lineWidth = 1.4;
+  ctx.textAlign = "left";
+  tracks.names.forEach((name, index) => {
+    const target = confirmed.get(name);
+    if (!target && !(options.tentative && tracks.estimated[index])) return;
+    const [x, y] = [view.x(tracks.means[index][0]), view.y(tracks.means[index][1])];
+    if (x < -50 || y < -50 || x > view.width + 50 || y > view.height + 50) return;
+    ctx.globalAlpha = opacity(tracks.existence[index]);
+    ctx.strokeStyle = ctx.fillStyle = colour(target?.reached_by.length ? "done" : "target");
+    if (options.ellipses) {
+      ctx.lineWidth = 1;
+      ellipse(ctx, view, tracks.means[index], tracks.covs[index]);
+      ctx.stroke();
+    }
+    ctx.lineWidth = 1.6;
+    diamond(ctx, x, y, 6);
+    if (target?.agents.length || target?.reached_by.length) ctx.fill();
+    ctx.stroke();
+    if (options.labels) ctx.fillText(target?.reached_by.length ? `${name} ✓` : name, x + 9, y + 4);
+  });
+  ctx.globalAlpha = 1;
+}
+
+function diamond(ctx, x, y, size) {
+  ctx.beginPath();
+  ctx.moveTo(x, y - size);
+  ctx.lineTo(x + size, y);
+  ctx.lineTo(x, y + size);
+  ctx.lineTo(x - size, y);
+  ctx.closePath();
+}
+
+export function vehicles(ctx, view, list, selection, colour, options) {
+  ctx.textAlign = "left";
+  for (const vehicle of list) {
+    if (vehicle.status === "lost") {
+      if (vehicle.lost_at) cross(ctx, view, vehicle, colour("warning"));
+      continue;
+    }
+    if (!vehicle.at) continue;
+    const [x, y] = [view.x(vehicle.at[0]), view.y(vehicle.at[1])];
+    const tint = vehicle.doubted ? "warning" : vehicle.late || vehicle.authority !== "ours" ? "caution" : vehicle.status === "arrived" ? "done" : "vehicle";
+    ctx.fillStyle = ctx.strokeStyle = colour(tint);
+    if (selection.has(vehicle.id)) halo(ctx, x, y, colour("advisory"));
+    ctx.fillStyle = colour(tint);
+    arrow(ctx, x, y, vehicle.course);
+    if (vehicle.late) ctx.stroke(); // hollow: its position is old
+    else ctx.fill();
+    const height = options.altitudes && vehicle.alt_m !== null ? `  ${vehicle.alt_m.toFixed(0)} m` : "";
+    ctx.font = `600 ${options.font}`;
+    ctx.fillText(vehicle.name, x + 10, y - 5);
+    if (height) {
+      const width = ctx.measureText(vehicle.name).width;
+      ctx.font = options.font;
+      ctx.fillStyle = colour("dim");
+      ctx.fillText(height, x + 10 + width, y - 5);
+    }
+  }
+  ctx.font = options.font;
+}
+
+function arrow(ctx, x, y, course) {
+  const [sin, cos] = [Math.sin(course ?? 0), Math.cos(course ?? 0)];
+  const point = (right, forward) => [x + right * cos + forward * sin, y + right * sin - forward * cos];
+  ctx.lineWidth = 1.5;
+  ctx.beginPath();
+  ctx.moveTo(...point(0, 10));
+  ctx.lineTo(...point(6, -6));
+  ctx.lineTo(...point(0, -3));
+  ctx.lineTo(...point(-6, -6));
+  ctx.closePath();
+}
+
+function halo(ctx, x, y, tint) {
+  ctx.strokeStyle = tint;
+  ctx.lineWidth = 2;
+  ctx.beginPath();
+  ctx.arc(x, y, 14, 0, 2 * Math.PI);
+  ctx.stroke();
+}
+
+function cross(ctx, view, vehicle, tint) {
+  const [x, y] = [view.x(vehicle.lost_at[0]), view.y(vehicle.lost_at[1])];
+  ctx.strokeStyle = ctx.fillStyle = tint;
+  ctx.lineWidth = 2;
+  ctx.beginPath();
+  ctx.moveTo(x - 6, y - 6);
+  ctx.lineTo(x + 6, y + 6);
+  ctx.moveTo(x + 6, y - 6);
+  ctx.lineTo(x - 6, y + 6);
+  ctx.stroke();
+  ctx.fillText(`${vehicle.name} lost`, x + 10, y + 4);
+}

@@ -1,0 +1,55 @@
+// Keys. Space holds wherever the focus is, except in dialogs and text fields.
+
+const DIGITS_MS = 600;
+
+export const KEYS = [
+  ["1 … 9", "select the vehicle with that number; type 12 for vehicle 12"],
+  ["ctrl+A", "select all vehicles"], ["Esc", "end the tool, or select nothing"],
+  ["space", "hold the selected vehicles"], ["shift+space", "hold all"],
+  ["R", "resume"], ["B", "return to launch (asks)"], ["A, D", "arm, disarm (ask)"],
+  ["C", "confirm the plan that waits"], ["shift+C", "confirm its checked routes"], ["X", "reject it"],
+  ["K", "acknowledge the worst alarm"], ["N", "no-fly zone"],
+  ["Z, 0", "zoom to the swarm, to the area"], ["F", "follow"], ["+ −", "zoom"], ["arrows", "move the map"],
+  ["L", "layers"], ["M", "measure"], ["P", "play or pause a replay"], ["?", "these keys"],
+];
+
+export function listenToKeys(actions, feed, selection) {
+  let digits = "";
+  let digitAt = 0;
+  const select = (digit) => {
+    digits = Date.now() - digitAt < DIGITS_MS ? digits + digit : digit;
+    digitAt = Date.now();
+    const found = (feed.data.vehicles ?? []).find((one) => one.name === digits);
+    if (found) selection.set([found.id]);
+  };
+  addEventListener("keydown", (event) => {
+    const inField = event.target.matches("input:not([type=checkbox]):not([type=range]), select, textarea");
+    if (document.querySelector("dialog[open]") || inField) return;
+    if (event.key === " ") {
+      if (event.target.matches("input[type=checkbox]")) return;
+      event.preventDefault(); // else a focused button would be pressed
+      if (!event.repeat) actions[event.shiftKey ? "shift+space" : "space"]();
+      return;
+    }
+    if ((event.ctrlKey || event.metaKey) && event.key === "a") {
+      event.preventDefault();
+      selection.set((feed.data.vehicles ?? []).filter((one) => one.status !== "lost").map((one) => one.id));
+      return;
+    }
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (/^[1-9]$/.test(event.key) || (event.key === "0" && digits && Date.now() - digitAt < DIGITS_MS)) {
+      select(event.key);
+      return;
+    }
+    const isScrolling = event.key.startsWith("Arrow") && event.target !== document.body;
+    const action = actions[event.shiftKey && event.key.length === 1 && /[A-Z]/.test(event.key) ? `shift+${event.key.toLowerCase()}` : event.key.toLowerCase()];
+    if (action && !isScrolling) {
+      event.preventDefault();
+      action();
+    }
+  });
+  addEventListener("keyup", (event) => {
+    // Browsers press a focused button when space is released.
+    if (event.key === " " && event.target.matches("button") && !document.querySelector("dialog[open]")) event.preventDefault();
+  });
+}

@@ -1,0 +1,72 @@
+// The console: parts of the page, and what connects them.
+
+import { Alarms } from "./alarms.js";
+import { Commands } from "./commands.js";
+import { showKeys } from "./dialogs.js";
+import { Feed } from "./feed.js";
+import { showHeader } from "./header.js";
+import { KEYS, listenToKeys } from "./keys.js";
+import { showLog } from "./log.js";
+import { SwarmMap } from "./map.js";
+import { Orders } from "./orders.js";
+import { Plan } from "./plan.js";
+import { Replay } from "./replay.js";
+import { Selection } from "./selection.js";
+import { showStrip } from "./strip.js";
+import { showTargets } from "./targets.js";
+import { Theme } from "./theme.js";
+import { Measure, Zones } from "./tools.js";
+
+const part = (id) => document.getElementById(id);
+const PAN_PX = 60;
+
+const feed = new Feed();
+const theme = new Theme();
+const selection = new Selection();
+const orders = new Orders(feed);
+const map = new SwarmMap(part("map"), feed, selection, theme);
+const zones = new Zones(map, feed, orders);
+const alarms = new Alarms(part("alarms"), feed);
+const commands = new Commands(part("commands"), feed, selection, orders, () => zones.open());
+const plan = new Plan(part("plan"), feed, orders, commands);
+const replay = new Replay(part("replay"), feed);
+
+showHeader(part("head"), feed, theme);
+showStrip(part("vehicles"), feed, selection);
+showTargets(part("targets"), feed, map, (name) => zones.reopen(name));
+showLog(part("log"), feed);
+part("help").addEventListener("click", () => showKeys(KEYS));
+
+const measure = () => map.use(map.tool ? null : new Measure());
+const pan = (dx, dy) => () => map.pan(dx, dy);
+map.onmeasure = measure;
+
+listenToKeys({
+  space: () => commands.give("hold"),
+  "shift+space": () => commands.holdAll(),
+  r: () => commands.give("resume"),
+  b: () => commands.give("return"),
+  a: () => commands.give("arm"),
+  d: () => commands.give("disarm"),
+  c: () => plan.confirm(),
+  "shift+c": () => plan.confirm(true),
+  x: () => plan.reject(),
+  k: () => alarms.acknowledgeWorst(),
+  n: () => { if (commands.mayOperate) zones.open(); },
+  z: () => map.fitSwarm(),
+  0: () => map.fitAll(),
+  f: () => map.follow(),
+  l: () => map.toggleLayers(),
+  m: measure,
+  p: () => replay.toggle(),
+  "+": () => map.zoom(1.4),
+  "-": () => map.zoom(1 / 1.4),
+  arrowleft: pan(PAN_PX, 0),
+  arrowright: pan(-PAN_PX, 0),
+  arrowup: pan(0, PAN_PX),
+  arrowdown: pan(0, -PAN_PX),
+  "?": () => showKeys(KEYS),
+  escape: () => { if (map.tool) map.use(null); else selection.set([]); },
+}, feed, selection);
+
+feed.connect();

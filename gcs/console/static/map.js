@@ -1,0 +1,330 @@
+// Map: canvas, layers, pointer and what is drawn in which order.
+
+import { el, setText } from "./dom.js";
+import * as ground from "./draw_ground.js";
+import * as swarm from "./draw_swarm.js";
+import { metres } from "./format.js";
+import { View } from "./view.js";
+
+const FONT = '12px system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
+const FADE_MS = 4000;
+const MAX_TRAIL = 1500;
+const TRAIL_STEP_M = 5;
+const CLICK_PX = 5;
+const HIT_PX = 18;
+const LAYERS = {
+  trails: "Trails", routes: "Routes", ellipses: "Tracked ellipses (3σ)", detections: "Detections", altitudes: "Altitudes",
+  labels: "Target labels", tentative: "Unconfirmed targets", views: "Fields of view", fence: "Fence and homes",
+};
+
+export class SwarmMap {
+  constructor(root, feed, selection, theme) {
+    this.root = root;
+    this.feed = feed;
+    this.selection = selection;
+    this.theme = theme;
+    this.view = new View();
+    this.obstacles = new ground.Obstacles();
+    this.trails = new Map();
+    this.scans = [];
+    this.tool = null;
+    this.follows = false;
+    this.isMoved = false;
+    this.layers = { ...Object.fromEntries(Object.keys(LAYERS).map((name) => [name, name !== "views" && name !== "tentative"])), ...JSON.parse(localStorage.getItem("layers") ?? "{}") };
+    this.build();
+    this.listen();
+  }
+
+  build() {
+    this.canvas = el("canvas", { role: "img", "aria-label": "Map of vehicles, targets and routes; the tables have the same data" });
+    this.ctx = this.canvas.getContext("2d", { alpha: false });
+    this.place = el("div", { class: "place" });
+    this.hint = el("div", { class: "hint", hidden: true });
+    this.panel = el("div", { class: "layers", hidden: true }, ...Object.entries(LAYERS).map(([name, text]) => {
+      const box = el("input", { type: "checkbox", onchange: () => this.setLayer(name, box.checked) });
+      box.checked = this.layers[name];
+      return el("label", {}, box, text);
+    }));
+    const button = (text, key, action, title) => el("button", { title: `${title} (${key})`, onclick: action }, text);
+    this.followButton = button("Follow", "F", () => this.follow(), "Keep the selected vehicles, or the swarm, in view");
+    this.layersButton = button("Layers", "L", () => this.toggleLayers(), "Choose what is drawn");
+    this.tools = el("div", { class: "tools" },
+      button("+", "+", () => this.zoom(1.4), "Zoom in"), button("−", "-", () => this.zoom(1 / 1.4), "Zoom out"),
+      button("Swarm", "Z", () => this.fitSwarm(), "Zoom to the swarm"), button("All", "0", () => this.fitAll(), "Zoom to the mission's area"),
+      this.followButton, this.layersButton, button("Measure", "M", () => this.onmeasure?.(), "Measure a distance"));
+    this.root.append(this.canvas, this.tools, this.panel, this.hint, this.place);
+  }
+
+  listen() {
+    new ResizeObserver(() => this.resize()).observe(this.canvas);
+    this.theme.addEventListener("change", () => {
+      if (this.obstacles.map) this.obstacles.set(this.obstacles.map, this.theme.colour);
+      this.redraw();
+    });
+    this.selection.addEventListener("change", () => this.redraw());
+    this.feed.on(["map"], ({ map }) => this.obstacles.set(map, this.theme.colour));
+    this.feed.on(["vehicles"], ({ vehicles }) => this.move(vehicles));
+    this.feed.on(["scans"], ({ scans }) => {
+      const at = performance.now();
+      this.scans = [...this.scans.filter((scan) => at - scan.at < FADE_MS), ...scans.map((scan) => ({ ...scan, at }))];
+    });
+    this.feed.addEventListener("data", (event) => {
+      if (event.detail.fresh) this.begin();
+      this.redraw();
+    });
+    this.canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.isMoved = true;
+      this.view.zoom(Math.exp(-0.0015 * event.deltaY), event.offsetX, event.offsetY);
+      this.redraw();
+    }, { passive: false });
+    this.listenToPointer();
+  }
+
+  begin() {
+    this.scans = [];
+    const run = `${this.feed.data.mission.name} ${this.feed.data.mission.begun}`;
+    if (run === this.run) return;
+    this.run = run;
+    this.trails.clear();
+    this.fitAll();
+  }
+
+  listenToPointer() {
+    const pointers = new Map();
+    let start = null;
+    let box = null;
+    this.canvas.addEventListener("pointerdown", (event) => {
+      this.canvas.setPointerCapture(event.pointerId);
+      pointers.set(event.pointerId, event);
+      start = { x: event.offsetX, y: event.offsetY, moved: false, boxes: event.shiftKey && !this.tool };
+      if (this.tool?.drag && pointers.size === 1) this.tool.down(this.view.place(event.offsetX, event.offsetY));
+    });
+    this.canvas.addEventListener("pointermove", (event) => {
+      this.showPlace(event);
+      const before = pointers.get(event.pointerId);
+      if (!before || !start) {
+        if (this.tool) {
+          this.tool.hover?.(this.view.place(event.offsetX, event.offsetY));
+          this.redraw();
+        }
+        return;
+      }
+      const others = [...pointers.values()].filter((one) => one.pointerId !== event.pointerId);
+      pointers.set(event.pointerId, event);
+      if (Math.hypot(event.offsetX - start.x, event.offsetY - start.y) > CLICK_PX) start.moved = true;
+      if (others.length) this.pinch(others[0], before, event);
+      else if (this.tool?.drag) this.tool.move(this.view.place(event.offsetX, event.offsetY));
+      else if (start.boxes) box = [start.x, start.y, event.offsetX, event.offsetY];
+      else if (start.moved) this.pan(event.offsetX - before.offsetX, event.offsetY - before.offsetY);
+      this.box = box;
+      this.redraw();
+    });
+    const end = (event) => {
+      pointers.delete(event.pointerId);
+      if (!start || event.type === "pointercancel") return;
+      if (box) this.selectBox(box);
+      else if (this.tool?.drag) this.tool.up(this.view.place(event.offsetX, event.offsetY));
+      else if (!start.moved && this.tool) this.tool.click(this.view.place(event.offsetX, event.offsetY));
+      else if (!start.moved) this.selectAt(event);
+      start = this.box = box = null;
+      this.redraw();
+    };
+    this.canvas.addEventListener("pointerup", end);
+    this.canvas.addEventListener("pointercancel", end);
+  }
+
+  pinch(other, before, now) {
+    const distance = (event) => Math.hypot(event.offsetX - other.offsetX, event.offsetY - other.offsetY);
+    this.isMoved = true;
+    this.view.zoom(distance(now) / Math.max(1, distance(before)), (now.offsetX + other.offsetX) / 2, (now.offsetY + other.offsetY) / 2);
+  }
+
+  selectAt(event) {
+    const distance = ({ at }) => Math.hypot(this.view.x(at[0]) - event.offsetX, this.view.y(at[1]) - event.offsetY);
+    const near = (this.feed.data.vehicles ?? []).filter((one) => one.at && distance(one) < HIT_PX).sort((a, b) => distance(a) - distance(b));
+    if (near.length) this.selection.toggle(near[0].id, event.shiftKey || event.ctrlKey || event.metaKey);
+    else this.selection.set([]);
+  }
+
+  selectBox([x0, y0, x1, y1]) {
+    const within = ({ at }) => {
+      const [x, y] = [this.view.x(at[0]), this.view.y(at[1])];
+      return x >= Math.min(x0, x1) && x <= Math.max(x0, x1) && y >= Math.min(y0, y1) && y <= Math.max(y0, y1);
+    };
+    this.selection.set(this.feed.data.vehicles.filter((one) => one.at && within(one)).map((one) => one.id));
+  }
+
+  showPlace(event) {
+    const [east, north] = this.view.place(event.offsetX, event.offsetY);
+    setText(this.place, `E ${east.toFixed(0)}  N ${north.toFixed(0)}`);
+  }
+
+  say(text) {
+    setText(this.hint, text ?? "");
+    this.hint.hidden = !text;
+  }
+
+  // A tool takes the pointer until it ends. See tools.js.
+  use(tool) {
+    this.tool = tool;
+    this.say(tool?.hint);
+    this.redraw();
+  }
+
+  move(vehicles) {
+    for (const { id, at, status } of vehicles) {
+      if (!at || status === "lost") continue;
+      const trail = this.trails.get(id) ?? [];
+      const last = trail.at(-1);
+      if (!last || Math.hypot(at[0] - last[0], at[1] - last[1]) > TRAIL_STEP_M) trail.push(at);
+      if (trail.length > MAX_TRAIL) trail.shift();
+      this.trails.set(id, trail);
+    }
+    if (this.follows) this.centreSwarm();
+  }
+
+  setLayer(name, isShown) {
+    this.layers[name] = isShown;
+    localStorage.setItem("layers", JSON.stringify(this.layers));
+    this.redraw();
+  }
+
+  toggleLayers() {
+    this.panel.hidden = !this.panel.hidden;
+    this.layersButton.setAttribute("aria-pressed", String(!this.panel.hidden));
+    if (!this.panel.hidden) this.panel.querySelector("input").focus();
+  }
+
+  pan(dx, dy) {
+    this.isMoved = true;
+    this.view.pan(dx, dy);
+    this.redraw();
+  }
+
+  zoom(factor) {
+    this.isMoved = true;
+    this.view.zoom(factor);
+    this.redraw();
+  }
+
+  places() {
+    const vehicles = this.feed.data.vehicles ?? [];
+    const chosen = this.selection.among(vehicles);
+    return (chosen.length ? chosen : vehicles).filter((one) => one.at && one.status !== "lost").map((one) => one.at);
+  }
+
+  fitSwarm() {
+    this.isMoved = true;
+    const targets = this.selection.ids.size ? [] : (this.feed.data.targets ?? []).map((one) => one.at);
+    this.view.fit([...this.places(), ...targets], 60);
+    this.redraw();
+  }
+
+  fitAll() {
+    const [width, height] = this.feed.data.mission?.size_m ?? [1000, 1000];
+    this.view.fit([[0, 0], [width, height]], 24);
+    this.isMoved = false;
+    this.redraw();
+  }
+
+  follow() {
+    this.follows = !this.follows;
+    this.followButton.setAttribute("aria-pressed", String(this.follows));
+    this.centreSwarm();
+  }
+
+  centreSwarm() {
+    const places = this.places();
+    if (places.length) this.centre([0, 1].map((axis) => places.reduce((sum, at) => sum + at[axis], 0) / places.length));
+  }
+
+  centre([east, north]) {
+    this.isMoved = true;
+    this.view.east = east;
+    this.view.north = north;
+    this.redraw();
+  }
+
+  resize() {
+    const ratio = window.devicePixelRatio || 1;
+    const { clientWidth, clientHeight } = this.canvas;
+    this.canvas.width = Math.round(clientWidth * ratio);
+    this.canvas.height = Math.round(clientHeight * ratio);
+    this.view.width = clientWidth;
+    this.view.height = clientHeight;
+    this.ratio = ratio;
+    if (!this.isMoved && this.feed.data.mission) this.fitAll();
+    this.draw();
+  }
+
+  redraw() {
+    this.frame ??= requestAnimationFrame(() => {
+      this.frame = null;
+      this.draw();
+    });
+  }
+
+  draw() {
+    const { ctx, view, layers } = this;
+    const { colour } = this.theme;
+    const { mission, vehicles = [], targets = [], routes = [], zones = [], proposal } = this.feed.data;
+    if (!mission || !this.ratio) return;
+    ctx.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    ctx.fillStyle = colour("map");
+    ctx.fillRect(0, 0, view.width, view.height);
+    ctx.font = FONT;
+    ground.gridLines(ctx, view, colour);
+    this.obstacles.draw(ctx, view);
+    ground.border(ctx, view, mission, colour);
+    ground.zones(ctx, view, zones, colour);
+    if (layers.fence) {
+      ground.fence(ctx, view, mission, colour);
+      ground.homes(ctx, view, mission, colour);
+    }
+    if (layers.views) ground.fieldsOfView(ctx, view, this.feed.data.fields_of_view ?? {}, colour);
+    if (layers.detections) swarm.detections(ctx, view, this.scans, performance.now(), colour);
+    if (layers.trails) swarm.trails(ctx, view, this.trails, colour);
+    if (layers.routes) this.drawRoutes(vehicles, routes, proposal, mission);
+    if (layers.ellipses && this.feed.data.agents_tracks) swarm.agentTracks(ctx, view, this.feed.data.agents_tracks, colour);
+    const confirmed = new Map(targets.map((one) => [one.name, one]));
+    if (this.feed.data.targets_tracks) swarm.targetTracks(ctx, view, this.feed.data.targets_tracks, confirmed, colour, layers);
+    swarm.vehicles(ctx, view, vehicles, this.selection, colour, { altitudes: layers.altitudes, font: FONT });
+    this.tool?.draw(ctx, view, colour);
+    this.drawBox();
+    this.drawScale();
+    if (layers.detections && this.scans.length) setTimeout(() => this.redraw(), 250); // they fade
+  }
+
+  drawRoutes(vehicles, routes, proposal, mission) {
+    const { colour } = this.theme;
+    const from = new Map(vehicles.filter((one) => one.at && one.status === "active").map((one) => [one.id, one.at]));
+    const common = { from, selected: this.selection.ids, loiter: mission.loiter_radius_m };
+    swarm.routes(this.ctx, this.view, routes, { ...common, colour: colour("route"), width: 1.5 });
+    if (proposal) swarm.routes(this.ctx, this.view, proposal.routes, { ...common, colour: colour("caution"), width: 2, dash: [8, 5] });
+  }
+
+  drawBox() {
+    if (!this.box) return;
+    const [x0, y0, x1, y1] = this.box;
+    this.ctx.strokeStyle = this.theme.colour("advisory");
+    this.ctx.lineWidth = 1;
+    this.ctx.strokeRect(x0, y0, x1 - x0, y1 - y0);
+  }
+
+  drawScale() {
+    const { ctx, view } = this;
+    const length = ground.roundLength(60 / view.scale);
+    const [x, y, width] = [12, view.height - 12, length * view.scale];
+    ctx.strokeStyle = ctx.fillStyle = this.theme.colour("dim");
+    ctx.lineWidth = 1.5;
+    ctx.beginPath();
+    ctx.moveTo(x, y - 5);
+    ctx.lineTo(x, y);
+    ctx.lineTo(x + width, y);
+    ctx.lineTo(x + width, y - 5);
+    ctx.stroke();
+    ctx.textAlign = "left";
+    ctx.fillText(metres(length), x + 4, y - 5);
+  }
+}

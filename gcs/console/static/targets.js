@@ -1,0 +1,40 @@
+// Targets, and the no-fly zones with the button that opens each.
+
+import { el, Rows, setClass, setText } from "./dom.js";
+import { number } from "./format.js";
+
+export function showTargets(root, feed, map, openZone) {
+  const title = el("h2", {}, "Targets");
+  const body = el("tbody");
+  const heads = [["target", "left"], ["existence", ""], ["east", ""], ["north", ""], ["m/s", ""], ["agents", "left"]];
+  const head = el("tr", {}, ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text)));
+  const table = el("table", {}, el("thead", {}, head), body);
+  const zones = el("div");
+  root.append(title, table, zones);
+
+  const rows = new Rows(
+    body,
+    (target) => {
+      const cells = heads.map(([, align]) => el("td", { class: align }));
+      const element = el("tr", { onclick: () => map.centre(element.place) }, ...cells);
+      return { element, cells };
+    },
+    (row, target) => {
+      row.element.place = target.at;
+      const who = target.reached_by.length ? `reached by ${target.reached_by.join(", ")}` : target.agents.join(", ") || "none";
+      const texts = [target.name, number(target.existence, 2), number(target.at[0]), number(target.at[1]), number(target.speed_m_s, 1), who];
+      texts.forEach((text, index) => setText(row.cells[index], text));
+      setClass(row.cells[5], `left ${target.reached_by.length ? "arrived" : target.agents.length ? "" : "fair"}`);
+    },
+  );
+  feed.on(["targets"], ({ targets }) => {
+    setText(title, `Targets: ${targets.length}`);
+    table.hidden = !targets.length;
+    rows.show(targets, (target) => target.name);
+  });
+  feed.on(["zones", "mission"], ({ zones: closed = [], mission }) => {
+    const buttons = closed.map((zone) =>
+      el("button", { onclick: () => openZone(zone.name), disabled: mission.kind !== "live" }, `Open ${zone.name}`));
+    zones.replaceChildren(...(closed.length ? [el("h2", {}, `No-fly zones: ${closed.length}`), el("div", { class: "empty" }, ...buttons)] : []));
+  });
+}

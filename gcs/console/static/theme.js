@@ -1,0 +1,26 @@
+// Dark or light: the system's choice until the user chooses.
+
+export class Theme extends EventTarget {
+  constructor() {
+    super();
+    this.system = matchMedia("(prefers-color-scheme: light)");
+    this.system.addEventListener("change", () => this.apply());
+    this.apply();
+  }
+
+  get name() {
+    return localStorage.getItem("theme") ?? (this.system.matches ? "light" : "dark");
+  }
+
+  apply() {
+    document.documentElement.dataset.theme = this.name;
+    const style = getComputedStyle(document.documentElement);
+    this.colour = (name) => style.getPropertyValue(`--${name}`).trim();
+    this.dispatchEvent(new Event("change"));
+  }
+
+  toggle() {
+    localStorage.setItem("theme", this.name === "light" ? "dark" : "light");
+    this.apply();
+  }
+}

@@ -1,0 +1,189 @@
+"""Everything that a page shows, in named sections of JSON, on the console's thread.
+
+An update has the sections that have changed, and the new entries of lists (log, answers, scans). A snapshot
+has all sections and the last entries; a page that missed updates gets one.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Any, Final
+
+import msgspec
+
+from gcs.config import Config
+from gcs.console import rows
+from gcs.console.capture import Capture
+from gcs.console.feed import Feed
+from gcs.model import (
+    NS_PER_S,
+    Effect,
+    Kind,
+    NoFlyZone,
+    OrderAnswer,
+    Picture,
+    Plan,
+    Proposal,
+    Route,
+    Scan,
+    vehicle_name,
+)
+from gcs.planning.map.grid import Grid
+from gcs.report.operator_lines import ProposalLog, effect_line
+
+_MAX_LOG: Final = 500
+_MAX_ANSWERS: Final = 200
+
+_encode = msgspec.json.Encoder().encode
+
+
+class World:
+    """Sections, log and answers.
+
+    Parameters
+    ----------
+    config : Config
+        The mission.
+    about : dict
+        More about the run: whether it is live, its speed.
+    """
+
+    def __init__(self, config: Config, about: dict[str, Any]) -> None:
+        self.capture: Capture | None = None
+        self.answers: deque[OrderAnswer] = deque(maxlen=_MAX_ANSWERS)
+        self._sections: dict[str, msgspec.Raw] = {"mission": _raw(rows.mission(config) | about)}
+        self._log: deque[dict[str, Any]] = deque(maxlen=_MAX_LOG)
+        self._logged = 0
+        self._proposals = ProposalLog()
+        self._start_t_ns = 0
+        self._pictures: dict[Kind, Picture] = {}
+        self._grid: Grid | None = None
+        self._zones: tuple[NoFlyZone, ...] | None = None
+        self._routes: tuple[Route, ...] | None = None
+        self._fields_of_view: dict[str, dict[str, Any]] = {}
+
+    def put(self, name: str, value: Any) -> bytes:
+        """Replace a section; return the update."""
+        self._sections[name] = _raw(value)
+        return _message("update", {name: self._sections[name]})
+
+    def snapshot(self) -> bytes:
+        """Return all sections, and the last entries of the log and of the answers."""
+        lists = {"log": list(self._log), "answers": [self._answer(one) for one in self.answers]}
+        return _message("snapshot", self._sections | lists)
+
+    def update(self, feed: Feed) -> bytes | None:
+        """Take what is new out of a feed; return the update, or None without news."""
+        if feed.start_t_ns is not None:
+            self._start_t_ns = feed.start_t_ns
+        news: dict[str, Any] = {}
+        self._add_effects(_drained(feed.effects), news)
+        scans: list[Scan] = _drained(feed.scans)
+        if scans:
+            self._add_scans(scans, news)
+        for kind, picture in tuple(feed.pictures.items()):
+            if self._pictures.get(kind) is not picture:
+                self._pictures[kind] = picture
+                self._put(f"{kind}_tracks", rows.tracks(picture), news)
+        capture = feed.capture
+        if capture is not None and capture is not self.capture:
+            self.capture = capture
+            self._add_capture(capture, news)
+        return _message("update", news) if news else None
+
+    def _add_effects(self, effects: Iterable[tuple[int, Effect]], news: dict[str, Any]) -> None:
+        for t_ns, effect in effects:
+            if isinstance(effect, OrderAnswer):
+                self.answers.append(effect)
+                news.setdefault("answers", []).append(self._answer(effect))
+            if isinstance(effect, Plan):
+                self._put("plan", {"t_s": self._seconds(t_ns), "reason": effect.reason}, news)
+            if isinstance(effect, Proposal) and not self._proposals.add_if_due(effect):
+                continue
+            line = effect_line(effect)
+            if line is not None:
+                self._logged += 1
+                entry = {
+                    "n": self._logged,
+                    "t_s": self._seconds(t_ns),
+                    "level": line[1],
+                    "text": line[0],
+                    "kind": type(effect).__name__,
+                    "vehicle": getattr(effect, "vehicle", None),
+                }
+                self._log.append(entry)
+                news.setdefault("log", []).append(entry)
+
+    def _add_scans(self, scans: Iterable[Scan], news: dict[str, Any]) -> None:
+        news["scans"] = [rows.scan(one) for one in scans]
+        views = {one.sensor.name: rows.field_of_view(one.sensor) for one in scans}
+        if not views.items() <= self._fields_of_view.items():
+            self._fields_of_view |= views
+            self._put("fields_of_view", self._fields_of_view, news)
+
+    def _add_capture(self, capture: Capture, news: dict[str, Any]) -> None:
+        status = capture.status
+        head = {
+            "t_ms": capture.t_ns // 1_000_000,
+            "elapsed_s": self._seconds(capture.t_ns),
+            "lag_s": rows.rounded(capture.lag_s, 2),
+            "dropped": capture.dropped,
+            "recording": capture.is_recording,
+            "ended": status.has_ended,
+            "sensors": [
+                {"name": one.name, "age_s": rows.rounded(one.scan_age_s), "refused": one.refused}
+                for one in status.sensors
+            ],
+        }
+        self._put("head", head, news)
+        self._put("vehicles", rows.vehicles(capture), news)
+        self._put("targets", rows.targets(status.targets), news)
+        self._put("proposal", rows.proposal(capture.proposal), news)
+        if self._grid is not capture.grid:
+            self._grid = capture.grid
+            self._put("map", rows.obstacle_map(capture.grid), news)
+        if self._zones != capture.zones:
+            self._zones = capture.zones
+            self._put("zones", rows.zones(capture.zones), news)
+        if self._routes is None or not _same(self._routes, capture.routes):
+            self._routes = capture.routes
+            self._put("routes", [rows.route(one) for one in capture.routes], news)
+
+    def _put(self, name: str, value: Any, news: dict[str, Any]) -> None:
+        """Replace a section, and add it to the news if it has changed."""
+        raw = _raw(value)
+        if bytes(self._sections.get(name, b"")) != bytes(raw):
+            self._sections[name] = news[name] = raw
+
+    def _answer(self, answer: OrderAnswer) -> dict[str, Any]:
+        return {
+            "order_id": answer.order_id,
+            "t_s": self._seconds(answer.t_ns),
+            "action": answer.action,
+            "state": answer.state,
+            "detail": answer.detail,
+            "vehicle": None if answer.vehicle is None else vehicle_name(answer.vehicle),
+            "waiting": [vehicle_name(vehicle) for vehicle in answer.waiting],
+        }
+
+    def _seconds(self, t_ns: int) -> float:
+        return round((t_ns - self._start_t_ns) / NS_PER_S, 2)
+
+
+def _raw(value: Any) -> msgspec.Raw:
+    return msgspec.Raw(_encode(value))
+
+
+def _message(kind: str, parts: dict[str, Any]) -> bytes:
+    return _encode({"type": kind, **parts})
+
+
+def _drained(queue: deque[Any]) -> list[Any]:
+    """Take all entries out of a queue that another thread fills."""
+    return [queue.popleft() for _ in range(len(queue))]
+
+
+def _same(routes: tuple[Route, ...], others: tuple[Route, ...]) -> bool:
+    """Return True if both have the same routes; records with arrays have no equality."""
+    return len(routes) == len(others) and all(a is b for a, b in zip(routes, others, strict=True))

@@ -1,0 +1,31 @@
+"""Order of agents by need of attention, the same in every display."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from gcs.model import AgentRecord
+
+_MAX_SILENT_S: Final = 2.5
+
+
+def attention(agent: AgentRecord) -> tuple[int, int]:
+    """Return a sort key: agents that need attention first, the others by number."""
+    if agent.is_position_doubted:
+        rank = 0
+    elif agent.status == "lost":
+        rank = 1
+    elif agent.status == "arrived":
+        rank = 5
+    elif agent.authority != "ours":
+        rank = 2
+    elif agent.has_failed or agent.track is None or is_late(agent):
+        rank = 3
+    else:
+        rank = 4
+    return rank, agent.vehicle
+
+
+def is_late(agent: AgentRecord) -> bool:
+    """Return True if an agent was not heard for some time, or never."""
+    return agent.heard_age_s is None or agent.heard_age_s > _MAX_SILENT_S
