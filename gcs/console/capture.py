@@ -42,12 +42,12 @@ def capture(
     statuses = engine.agent_status.by_vehicle
     return Capture(
         t_ns=t_ns,
-        status=engine.status_report.build(t_ns, has_ended=engine.state.has_ended),
+        status=engine.status_report.build(t_ns),
         states=engine.fleet.states(),
         routes=tuple(route for _, route in sorted(engine.replanner.routes.items())),
-        proposal=engine.approval.pending,
+        proposal=engine.state.operator.approval.pending,
         grid=engine.grid,
-        zones=tuple(engine.no_fly_zones.areas.values()),
+        zones=tuple(engine.state.airspace.zones.values()),
         lost_at_m={
             vehicle: one.position_m
             for vehicle, one in statuses.items()
