@@ -267,16 +267,17 @@ class LiveView:
                     "green" if label in reached else "bold red",
                 )
         tracks = self._tracks("agents")
-        for vehicle, agent in self._command.agent_status.by_vehicle.items():
-            seen = tracks.get(self._command.association.labels.get(vehicle, (-1, -1)))
-            if agent.status == "lost" and agent.position_m is not None:
-                put(*agent.position_m, "✗", "red")
+        for vehicle, agent in self._command.state.agents.items():
+            status = agent.perception.status
+            seen = tracks.get(agent.perception.association.label or (-1, -1))
+            if status.status == "lost" and status.position_m is not None:
+                put(*status.position_m, "✗", "red")
             elif seen is not None:
                 put(
                     float(seen.mean[0]),
                     float(seen.mean[1]),
                     vehicle_name(vehicle),
-                    "bold " + _STATUS_STYLE[agent.status],
+                    "bold " + _STATUS_STYLE[status.status],
                 )
         return Panel(Group(*(Text.assemble(*row) for row in cells)), title="Map", title_align="left")
 

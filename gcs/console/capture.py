@@ -39,7 +39,7 @@ def capture(
     engine: Engine, t_ns: int, *, lag_s: float = 0.0, dropped: int = 0, is_recording: bool = False
 ) -> Capture:
     """Return the state of the engine now."""
-    statuses = engine.agent_status.by_vehicle
+    statuses = [agent.perception.status for agent in engine.state.agents.values()]
     return Capture(
         t_ns=t_ns,
         status=engine.status_report.build(t_ns),
@@ -49,8 +49,8 @@ def capture(
         grid=engine.grid,
         zones=tuple(engine.state.airspace.zones.values()),
         lost_at_m={
-            vehicle: one.position_m
-            for vehicle, one in statuses.items()
+            one.vehicle: one.position_m
+            for one in statuses
             if one.status == "lost" and one.position_m is not None
         },
         lag_s=lag_s,

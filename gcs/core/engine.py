@@ -203,7 +203,8 @@ class Engine(Stages):
 
     def _process_due_scans(self, t_ns: int) -> list[Effect]:
         """Process the scans whose reorder window has passed."""
-        return [effect for scan in self.oosm_buffer.due(t_ns) for effect in self._process_scan(scan)]
+        due = self.oosm_buffer.due(t_ns, self._reorder_window_s)
+        return [effect for scan in due for effect in self._process_scan(scan)]
 
     def _process_scan(self, event: Scan) -> list[Effect]:
         refusal = self.trackers.refusal(event)  # again: a duplicate may have come while it waited
@@ -218,14 +219,11 @@ class Engine(Stages):
         agents, targets = self.trackers.agents.confirmation, self.trackers.targets.confirmation
         self.association.update(agents, event.measured_t_ns, states)
         self.kinematics.update(newest)
-        labels = self.association.labels
-        effects += self.position_integrity.update(
-            event, states, labels, agents.tracks, targets.tracks.values()
-        )
+        effects += self.position_integrity.update(event, states, agents.tracks, targets.tracks.values())
         reporting = {s.system_id for s in newest if abs(t_ns - s.t_ns) <= self._max_report_age_ns}
-        effects += self.sensor_watchdog.associated(t_ns, reporting, labels)
+        effects += self.sensor_watchdog.associated(t_ns, reporting, self.association.labels)
         for status in self.agent_status.update(
-            t_ns, event.measured_t_ns, agents, targets, labels, self.replanner.assigned, reporting
+            t_ns, event.measured_t_ns, agents, targets, self.replanner.assigned, reporting
         ):
             effects.append(status)
             effects += self._status_changed(status)
@@ -238,10 +236,7 @@ class Engine(Stages):
             effects += self.incursions.check(t_ns, newest, self.no_fly_zones.closed)
         open_targets = self.planning_inputs.open_targets()
         effects += self.unattended_targets.check(t_ns, open_targets, ended=self.state.has_ended)
-        effects += self._end(t_ns)
-        for is_contradiction, text in self.trackers.findings:
-            effects.append(Notice(t_ns, "warning" if is_contradiction else "info", text))
-        return effects + self.trackers.untracked.notices(t_ns)
+        return effects + self._end(t_ns) + self.trackers.notices(event)
 
     def _status_changed(self, status: AgentStatus) -> list[Effect]:
         if status.status != "active":
@@ -294,7 +289,7 @@ class Engine(Stages):
             return []
         self.state.has_ended = True
         arrived, lost = (
-            tuple(one.vehicle for one in self.agent_status.by_vehicle.values() if one.status == status)
+            tuple(v for v, one in self.state.agents.items() if one.perception.status.status == status)
             for status in ("arrived", "lost")
         )
         return [MissionEnded(t_ns, arrived, lost, tuple(active))]

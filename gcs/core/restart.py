@@ -58,6 +58,7 @@ class Restart:
         external_uploads: ExternalUploads,
         onboard_audit: OnboardAudit,
     ) -> None:
+        self._agents = agents
         self._fleet, self._tasking, self._replanner = fleet, tasking, replanner
         self._agents, self._control = agents, control
         self._agent_status, self._trackers = agent_status, trackers
@@ -72,7 +73,7 @@ class Restart:
 
     def vehicles(self) -> tuple[PersistedVehicle, ...]:
         """Return the persisted state of every vehicle."""
-        return tuple(self._persisted(vehicle) for vehicle in self._agent_status.by_vehicle)
+        return tuple(self._persisted(vehicle) for vehicle in self._agents)
 
     def _persisted(self, vehicle: int) -> PersistedVehicle:
         audited = self._onboard_audit.expected(vehicle)  # still the persisted mission
@@ -86,7 +87,7 @@ class Restart:
         if onboard is None or not onboard.route.is_same(route):
             onboard = None
         return PersistedVehicle(
-            status=self._agent_status.by_vehicle[vehicle],
+            status=self._agents[vehicle].perception.status,
             suspension=self._control.of(vehicle).suspension,
             route=route,
             items=() if onboard is None or unsure else tuple(_values(item) for item in onboard.items),
@@ -94,7 +95,7 @@ class Restart:
             may_be_inconsistent=unsure,
             authority=self._tasking.overrides.persisted(vehicle),
             external_mission=self._external_uploads.persisted(vehicle),
-            track=self._association.labels.get(vehicle),
+            track=self._agents[vehicle].perception.association.label,
             is_obsolete=is_obsolete,
         )
 
@@ -107,7 +108,7 @@ class Restart:
         self._tasking.state.mission_count = state.mission_count
         self._until_t_ns = t_ns + round(_MAX_WAIT_S * NS_PER_S)
         effects: list[Effect] = []
-        known = set(self._agent_status.by_vehicle)
+        known = set(self._agents)
         text = f"continues from its state {age_s:.0f} s ago: {_contents(state, known)}"
         text += "; for a new flight, end the service and start it with --no-resume"
         effects.append(Notice(t_ns, "warning", text))
@@ -116,7 +117,7 @@ class Restart:
             vehicle = one.status.vehicle
             if vehicle not in known:
                 continue
-            self._agent_status.by_vehicle[vehicle] = one.status
+            self._agent_status.restore(one.status)
             if one.suspension is not None:
                 claim = next(claim for claim, word in SUSPENSIONS.items() if word == one.suspension)
                 self._control.of(vehicle).restore(claim, t_ns)
@@ -145,8 +146,8 @@ class Restart:
         except ValueError as error:
             return [Notice(t_ns, "alarm", f"{error}: tracks start again, and targets get new labels")]
         if with_agents:
-            tracks = {one.status.vehicle: one.track for one in state.vehicles if one.track is not None}
-            self._association.restore(tracks)
+            known = [one for one in state.vehicles if one.status.vehicle in self._agents]
+            self._association.restore({one.status.vehicle: one.track for one in known})
         return []
 
     @property

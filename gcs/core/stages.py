@@ -20,13 +20,9 @@ from gcs.core.operator.status_report import StatusReport
 from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
-from gcs.core.perception.input_errors import InputErrors
 from gcs.core.perception.never_heard import NeverHeardCheck
-from gcs.core.perception.oosm_buffer import OutOfSequenceBuffer
 from gcs.core.perception.position_integrity import PositionIntegrityMonitor
 from gcs.core.perception.report_history import ReportHistory
-from gcs.core.perception.scan_timing import ScanTiming
-from gcs.core.perception.sensor_watchdog import SensorWatchdog
 from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
 from gcs.core.perception.vehicle_kinematics import VehicleKinematics
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
@@ -83,18 +79,20 @@ class Stages:
         controls = {vehicle: agent.control for vehicle, agent in agents.items()}
         self.external_uploads = ExternalUploads(links, controls, self.fleet.is_atomic)
         # Perception
-        self.scan_timing = ScanTiming()
-        self.oosm_buffer = OutOfSequenceBuffer(tracking.reorder_window_s)
-        self.report_history = ReportHistory()
-        self.trackers = MultiSensorTracker(config)
+        perception = self.state.perception
+        self.scan_timing, self.oosm_buffer = perception.scan_timing, perception.oosm_buffer
+        self.sensor_watchdog, self.input_errors = perception.sensor_watchdog, perception.input_errors
+        self.report_history = ReportHistory(agents, perception)
+        self.trackers = MultiSensorTracker(config, perception.trackers)
         self.association = TrackVehicleAssociation(
-            tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s
+            agents, tracking.gate_chi2, telemetry.noise_std_m, telemetry.max_age_s
         )
-        self.position_integrity = PositionIntegrityMonitor(telemetry)
-        self.kinematics = VehicleKinematics(telemetry.max_age_s)
-        self.agent_status = AgentStatusMonitor(vehicles, config.planning.capture_radius_m)
-        self.sensor_watchdog, self.input_errors = SensorWatchdog(), InputErrors()
-        self.never_heard = NeverHeardCheck(vehicles, lambda vehicle: bool(self.fleet.link(vehicle)))
+        self.position_integrity = PositionIntegrityMonitor(agents, telemetry)
+        self.kinematics = VehicleKinematics(agents, telemetry.max_age_s)
+        self.agent_status = AgentStatusMonitor(agents, config.planning.capture_radius_m)
+        self.never_heard = NeverHeardCheck(
+            vehicles, lambda vehicle: bool(self.fleet.link(vehicle)), perception
+        )
         # Planning and tasking
         self.replanner = Replanner(config, self.no_fly_zones, agents, self.state.replanning)
         self.return_routes = ReturnRoutes(config, self.no_fly_zones, self.fleet, agents)
@@ -177,14 +175,11 @@ class Stages:
             self.state,
             self.fleet,
             self.trackers,
-            self.association,
-            self.agent_status,
-            self.position_integrity,
-            self.sensor_watchdog,
             self.replanner,
             self.tasking,
         )
         self._expected_targets = len(config.births)
+        self._reorder_window_s = tracking.reorder_window_s
         self._max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)
 
     @property
@@ -194,7 +189,7 @@ class Stages:
 
     def _outlook(self, vehicle: int) -> str:
         """Return what a released vehicle in LOITER can expect, in words."""
-        match self.agent_status.by_vehicle[vehicle].status:
+        match self.state.agents[vehicle].perception.status.status:
             case "arrived":
                 return "has reached its target and gets no other"
             case "lost":

@@ -21,7 +21,7 @@ from gcs.core.takeoff.records import AgentTakeoff, TakeoffState
 from gcs.core.tasking.records import AgentTasking, TaskingState
 from gcs.mavlink.fleet.records import FleetState, VehicleLink
 from gcs.mavlink.fleet.telemetry_table import new_table
-from gcs.model import Control
+from gcs.model import AgentStatus, Control
 
 
 @dataclass(slots=True)
@@ -38,6 +38,11 @@ class Agent:
     orders: AgentOrders = field(default_factory=AgentOrders)
     return_parameters: dict[str, float] = field(default_factory=dict)
     """Parameters heard that set its return height, by name."""
+
+    @classmethod
+    def initial(cls, vehicle: int) -> Agent:
+        """Return the record of a vehicle before the first event."""
+        return cls(perception=AgentPerception(status=AgentStatus(0, vehicle, "active")))
 
 
 @dataclass(slots=True)
@@ -64,5 +69,5 @@ class State:
     @classmethod
     def initial(cls, vehicles: Iterable[int]) -> State:
         """Return the state before the first event."""
-        agents = {vehicle: Agent() for vehicle in vehicles}
+        agents = {vehicle: Agent.initial(vehicle) for vehicle in vehicles}
         return cls(agents, FleetState(new_table(len(agents))))

@@ -12,7 +12,7 @@ import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Literal, cast
 
@@ -105,7 +105,7 @@ def fly(job: Job) -> Row:
     scenario = parse_scenario(job.text, job.scenario)
     config = scenario.config
     evaluator = evaluator_of(config)
-    deaths, truths = DeathWatch(), GroundTruthTrackers(config)
+    deaths, truths = DeathWatch(), GroundTruthTrackers()
     run = VirtualRun(scenario, job.seed, loss=job.loss)
 
     def on_effect(_t_ns: int, effect: Effect) -> None:
@@ -119,7 +119,8 @@ def fly(job: Job) -> Row:
 
     run.on_effect, run.on_truth = on_effect, on_truth
     if job.planner == "truth":
-        run.command.trackers = cast("MultiSensorTracker", truths)
+        run.command.trackers = trackers = cast("MultiSensorTracker", truths)
+        run.command.planning_inputs = replace(run.command.planning_inputs, trackers=trackers)
     duration_s = run.run()
     summary = evaluator.summary(
         scenario=config.name,

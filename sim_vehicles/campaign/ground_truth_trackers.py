@@ -6,13 +6,11 @@ same. ``gcs montecarlo`` flies both and compares the mission times.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gcs.config import Config
-from gcs.core.perception.untracked_detections import UntrackedDetections
-from gcs.model import NS_PER_S, Kind, Label, Picture, Scan, Track, Truth, VehicleState, read_only
+from gcs.model import NS_PER_S, Kind, Label, Notice, Picture, Scan, Track, Truth, VehicleState, read_only
 
 _COV = read_only(np.diag([0.01, 0.01, 0.01, 0.01]))
 
@@ -24,9 +22,9 @@ class GroundTruthConfirmation:
         self.tracks: Mapping[Label, Track] = {}
 
     @property
-    def existing(self) -> Collection[Track]:
+    def existing(self) -> Mapping[Label, Track]:
         """Tracks of living objects: all."""
-        return self.tracks.values()
+        return self.tracks
 
     def is_lost(self, label: Label) -> bool:
         """Return True if an object is not alive."""
@@ -67,17 +65,17 @@ class GroundTruthClass:
 class GroundTruthTrackers:
     """Replaces `gcs.core.perception.fusion.MultiSensorTracker`; `truth` is set before each scan."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self) -> None:
         self.truth: Truth | None = None
         self.agents, self.targets = GroundTruthClass("agents"), GroundTruthClass("targets")
-        self.findings: tuple[tuple[bool, str], ...] = ()
-        """Sanity warnings: none."""
-        self.untracked = UntrackedDetections(config)
-        """No untracked detections."""
 
     def refusal(self, _scan: Scan) -> str:
         """Refuse no scan."""
         return ""
+
+    def notices(self, _scan: Scan) -> list[Notice]:
+        """Return no sanity warnings."""
+        return []
 
     def scan(self, scan: Scan, _states: Sequence[VehicleState]) -> tuple[Picture, Picture]:
         """Return the true pictures of agents and targets."""

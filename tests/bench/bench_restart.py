@@ -30,9 +30,9 @@ def picture(run: VirtualRun) -> dict[str, object]:
     command = run.command
     return {
         "target labels": sorted(command.trackers.targets.confirmation.tracks),
-        "statuses": {v: one.status for v, one in command.agent_status.by_vehicle.items()},
+        "statuses": {v: one.perception.status.status for v, one in command.state.agents.items()},
         "targets of agents": {v: route.target for v, route in sorted(command.replanner.routes.items())},
-        "authorities": {v: command.control.of(v).authority.word for v in command.agent_status.by_vehicle},
+        "authorities": {v: command.control.of(v).authority.word for v in command.state.agents},
     }
 
 

@@ -135,7 +135,7 @@ class Soak:
         while self.now_s < to_s:
             self.run.run(min(self.now_s + STEP_S, to_s))
             if self.run.ended:
-                statuses = {v: status.status for v, status in self.command.agent_status.by_vehicle.items()}
+                statuses = {v: one.perception.status.status for v, one in self.command.state.agents.items()}
                 raise SystemExit(f"the mission ended after {self.now_s:.0f} s: {statuses}")
             self._replace_lost()
             for per_h, happens in (

@@ -14,6 +14,7 @@ from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.perception.confirmation import TrackConfirmation
+from gcs.core.perception.records import ConfirmationState
 from gcs.model import NS_PER_S, Kind, Label, Picture, Scan, Sensor, Track, VehicleState, read_only
 
 S = NS_PER_S
@@ -48,9 +49,14 @@ def picture(*tracks: Track, t_s: float | None = None, kind: Kind = "agents") -> 
     return Picture(at(t_s), at(t_s), kind, ordered, read_only([1.0]))
 
 
+def confirmation_of(lost_existence: float = 0.01) -> TrackConfirmation:
+    """Return a confirmation before its first picture."""
+    return TrackConfirmation(lost_existence, ConfirmationState())
+
+
 def confirmed(*tracks: Track, lost_existence: float = 0.01) -> TrackConfirmation:
     """Return a confirmation of exactly these tracks."""
-    confirmation = TrackConfirmation(lost_existence)
+    confirmation = confirmation_of(lost_existence)
     for _ in range(3):
         confirmation.update(picture(*tracks))
     assert set(confirmation.tracks) == {one.label for one in tracks}

@@ -21,6 +21,16 @@ from gcs.model import Event, Truth
 RECORDINGS = sorted((Path(__file__).parents[1] / "recordings").glob("*.mcap"))
 CACHES: frozenset[str] = frozenset(
     {
+        # The picture of the posterior, and its confirmed tracks.
+        "gcs.core.perception.confirmation.TrackConfirmation.existing",
+        "gcs.core.perception.confirmation.TrackConfirmation.tracks",
+        "gcs.core.perception.fusion.ClassTracker.picture",
+        # Arguments of the last update, as arrays, and its detection summary.
+        "gcs.tracking.glmb.filter.Glmb._birth_components",
+        "gcs.tracking.glmb.filter.Glmb._births",
+        "gcs.tracking.glmb.filter.Glmb._sensor",
+        "gcs.tracking.glmb.filter.Glmb._sensor_model",
+        "gcs.tracking.glmb.filter.Glmb.detection_summary",
         "gcs.core.airspace.no_fly_zones.NoFlyZones.closed",  # cells of the closed zones, drawn from the state
         "gcs.core.airspace.no_fly_zones.NoFlyZones.grid",
         "gcs.mavlink.fleet.vehicle.Vehicle._state",  # from its link and its row of the telemetry table
@@ -33,6 +43,7 @@ CACHES: frozenset[str] = frozenset(
 DONE = (
     "gcs.core.airspace",
     "gcs.core.operator",
+    "gcs.core.perception",
     "gcs.core.preflight",
     "gcs.core.replanning",
     "gcs.core.takeoff",
@@ -46,6 +57,7 @@ DONE = (
     "gcs.mavlink.fleet.stream_requests",
     "gcs.mavlink.fleet.vehicle",
     "gcs.mavlink.frames",
+    "gcs.tracking",
 )
 """Packages and modules whose whole state is in the tree."""
 MAX_DEPTH = 12
@@ -113,7 +125,8 @@ def values(engine: Engine) -> dict[str, str]:
             seen.add(id(thing))
             for name, value in attributes(thing):
                 key = f"{kind.__module__}.{kind.__name__}.{name}"
-                found[key] = found.get(key, "") + text(value, key, depth + 1)
+                if key not in CACHES:
+                    found[key] = found.get(key, "") + text(value, key, depth + 1)
         return kind.__name__
 
     for name, value in attributes(engine):

@@ -6,6 +6,7 @@ from staging import at
 
 from gcs.core.perception.input_errors import InputErrors
 from gcs.core.perception.never_heard import NeverHeardCheck
+from gcs.core.perception.records import PerceptionState
 from gcs.core.perception.sensor_watchdog import SensorWatchdog
 from gcs.model import BadInput, Notice
 
@@ -70,7 +71,7 @@ def test_invented_sensor_names_leave_the_memory_bounded() -> None:
     watchdog = SensorWatchdog()
     for k in range(10_000):
         watchdog.refused(f"s{k}", at(0.0), "no reason")
-    assert len(watchdog._sensors) <= 256
+    assert len(watchdog.sensors) <= 256
 
 
 def test_vehicles_that_report_and_are_never_associated_are_an_alarm() -> None:
@@ -83,7 +84,7 @@ def test_vehicles_that_report_and_are_never_associated_are_an_alarm() -> None:
 
 
 def test_vehicles_that_were_never_heard_are_named_once() -> None:
-    watchdog = NeverHeardCheck([1, 2, 3], lambda vehicle: vehicle == 2)
+    watchdog = NeverHeardCheck([1, 2, 3], lambda vehicle: vehicle == 2, PerceptionState())
     ((t_s, level, text),) = notices_of(lambda t_s: watchdog.poll(at(t_s)), 40.0)
     assert (t_s, level) == (10.0, "warning")
     assert text.startswith("agents 1, 3 not heard yet")

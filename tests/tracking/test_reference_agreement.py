@@ -52,7 +52,7 @@ def run_both(seed, dts_s, **overrides):
 
 def joint(fast):
     """All (weight, tracks) of the product of the fast filter's groups, and its state by track."""
-    g = fast._posterior.clusters
+    g = fast.state.posterior.clusters
     everything = [(1.0, ())]
     for low, high in itertools.pairwise(g.first):
         held = [(math.exp(g.logw[h]), tuple(g.items[g.start[h] : g.start[h + 1]])) for h in range(low, high)]
@@ -61,7 +61,7 @@ def joint(fast):
 
 
 def label_of(fast, track):
-    return tuple(fast._posterior.labels[fast._posterior.track_label[track]].tolist())
+    return tuple(fast.state.posterior.labels[fast.state.posterior.track_label[track]].tolist())
 
 
 def assert_agree(fast, exact, picture, rel, floor):
@@ -75,7 +75,7 @@ def assert_agree(fast, exact, picture, rel, floor):
         assert track.existence == pytest.approx(exact.existence(track.label), rel=rel, abs=floor)
     for label in {track.label for track in picture.tracks if track.existence > 0.2}:
         held = [(w, t) for w, tracks in hypotheses for t in tracks if label_of(fast, t) == label]
-        mean = sum(w * fast._posterior.mean[t] for w, t in held) / sum(w for w, _ in held)
+        mean = sum(w * fast.state.posterior.mean[t] for w, t in held) / sum(w for w, _ in held)
         np.testing.assert_allclose(mean, exact.mean(label), rtol=rel, atol=100 * floor)
     sizes = np.zeros(picture.cardinality.size)
     for labels, weight in exact.label_sets().items():
@@ -145,5 +145,5 @@ def test_dropping_improbable_tracks_keeps_existence(seed):
         assert track.existence == pytest.approx(exact.existence((0, 0)), rel=1e-9 if k == 0 else 4e-3)
     held = [(w, *tracks) for w, tracks in joint(fast) if tracks]
     assert len(held) < 0.7 * sum(bool(h) for h in exact.weights)
-    mean = sum(w * fast._posterior.mean[t] for w, t in held) / track.existence
+    mean = sum(w * fast.state.posterior.mean[t] for w, t in held) / track.existence
     np.testing.assert_allclose(mean, exact.mean((0, 0)), atol=0.05)

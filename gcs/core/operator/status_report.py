@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
-from gcs.core.perception.position_integrity import PositionIntegrityMonitor
-from gcs.core.perception.sensor_watchdog import SensorWatchdog
-from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import State
 from gcs.core.tasking.upload_manager import UploadManager
@@ -27,10 +23,6 @@ class StatusReport:
     state: State
     fleet: Fleet
     trackers: MultiSensorTracker
-    association: TrackVehicleAssociation
-    agent_status: AgentStatusMonitor
-    position_integrity: PositionIntegrityMonitor
-    sensor_watchdog: SensorWatchdog
     replanner: Replanner
     tasking: UploadManager
 
@@ -42,15 +34,15 @@ class StatusReport:
             order_id,
             agents=tuple(self._agent(health, t_ns) for health in self.fleet.health()),
             targets=self._targets(),
-            sensors=self.sensor_watchdog.records(t_ns),
+            sensors=self.state.perception.sensor_watchdog.records(t_ns),
             plan_id=None if pending is None else pending.plan_id,
             has_ended=self.state.has_ended,
         )
 
     def _agent(self, health: Health, t_ns: int) -> AgentRecord:
         vehicle, agent = health.system_id, self.state.agents[health.system_id]
-        state, status = self.fleet.state(vehicle), self.agent_status.by_vehicle[vehicle]
-        label = self.association.labels.get(vehicle)
+        state, status = self.fleet.state(vehicle), agent.perception.status
+        label = agent.perception.association.label
         track = None if label is None else self.trackers.agents.confirmation.tracks.get(label)
         route, proposed = agent.routes.flown, agent.routes.proposed
         to_go_m = eta_s = position_m = None
@@ -73,7 +65,7 @@ class StatusReport:
             position_m=position_m,
             alt_rel_m=None if state is None else self.tasking.height_m(state),
             ground_speed_m_s=None if state is None else state.ground_speed_m_s,
-            is_position_doubted=vehicle in self.position_integrity.alarmed(),
+            is_position_doubted=agent.perception.integrity.is_alarmed,
             track=label,
             existence=0.0 if track is None else track.existence,
             layer=self.replanner.layer(vehicle),
@@ -87,7 +79,8 @@ class StatusReport:
         )
 
     def _targets(self) -> tuple[TargetRecord, ...]:
-        statuses, routes = self.agent_status.by_vehicle.values(), self.replanner.routes
+        statuses = [agent.perception.status for agent in self.state.agents.values()]
+        routes = self.replanner.routes
 
         def reached_by(label: Label) -> tuple[int, ...]:
             return tuple(s.vehicle for s in statuses if s.status == "arrived" and s.target == label)

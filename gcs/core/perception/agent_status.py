@@ -12,9 +12,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from gcs.core.perception.confirmation import ConsecutiveEpochs, TrackConfirmation
+from gcs.core.perception.confirmation import TrackConfirmation
+from gcs.core.perception.records import AgentSighting
+from gcs.core.state import Agent
 from gcs.model import NS_PER_S, AgentStatus, Label, Track
 
 REVIVE_EXISTENCE = 0.9
@@ -31,38 +33,38 @@ class AgentStatusMonitor:
 
     Parameters
     ----------
-    vehicles : sequence of int
-        System ids of all agents of the mission.
+    agents : mapping
+        All agents of the mission, by vehicle.
     capture_radius_m : float
         Distance at which an agent has reached its target.
     """
 
-    def __init__(self, vehicles: Sequence[int], capture_radius_m: float) -> None:
-        self._capture_radius_m = capture_radius_m
-        self._awaited_t_ns: dict[int, int] = {}
-        self._seen_t_ns: dict[int, int] = {}
-        self._at_target = ConsecutiveEpochs()
-        self._last_position_m: dict[int, tuple[float, float]] = {}
-        self.by_vehicle: dict[int, AgentStatus] = {
-            vehicle: AgentStatus(0, vehicle, "active") for vehicle in vehicles
-        }
+    def __init__(self, agents: Mapping[int, Agent], capture_radius_m: float) -> None:
+        self._agents, self._capture_radius_m = agents, capture_radius_m
 
     def active(self) -> list[int]:
         """Return the active agents, in the order of the mission file."""
-        return [vehicle for vehicle, status in self.by_vehicle.items() if status.status == "active"]
+        return self._with("active")
 
     def arrived(self) -> frozenset[int]:
         """Return the agents that have arrived."""
-        return frozenset(vehicle for vehicle, status in self.by_vehicle.items() if status.status == "arrived")
+        return frozenset(self._with("arrived"))
 
     def lost(self) -> frozenset[int]:
         """Return the lost agents."""
-        return frozenset(vehicle for vehicle, status in self.by_vehicle.items() if status.status == "lost")
+        return frozenset(self._with("lost"))
 
     def at_targets(self) -> Counter[Label]:
         """Return the number of arrived agents by target."""
-        statuses = self.by_vehicle.values()
-        return Counter(s.target for s in statuses if s.status == "arrived" and s.target is not None)
+        targets = (self._agents[vehicle].perception.status.target for vehicle in self._with("arrived"))
+        return Counter(target for target in targets if target is not None)
+
+    def _with(self, status: str) -> list[int]:
+        return [v for v, agent in self._agents.items() if agent.perception.status.status == status]
+
+    def restore(self, status: AgentStatus) -> None:
+        """Continue with the status of an agent from before a restart."""
+        self._agents[status.vehicle].perception.status = status
 
     def update(
         self,
@@ -70,7 +72,6 @@ class AgentStatusMonitor:
         measured_t_ns: int,
         agents: TrackConfirmation,
         targets: TrackConfirmation,
-        labels: Mapping[int, Label],
         assigned: Mapping[int, Label],
         reporting: set[int],
     ) -> list[AgentStatus]:
@@ -80,61 +81,46 @@ class AgentStatusMonitor:
         ----------
         t_ns, measured_t_ns
             Arrival and measurement time of the scan.
-        labels
-            Track label of each associated vehicle.
         assigned
             Target of each tasked vehicle.
         reporting
             Vehicles with a fresh position report.
         """
         changed = []
-        for vehicle, before in self.by_vehicle.items():
-            label = labels.get(vehicle)
+        for vehicle, agent in self._agents.items():
+            perception, label = agent.perception, agent.perception.association.label
+            before, sighting = perception.status, perception.sighting
             track = agents.tracks.get(label) if label is not None else None
             if label is not None or vehicle in reporting:
-                self._seen_t_ns[vehicle] = t_ns
+                sighting.seen_t_ns = t_ns
             if track is not None and track.estimated:
-                self._last_position_m[vehicle] = (float(track.mean[0]), float(track.mean[1]))
+                sighting.position_m = (float(track.mean[0]), float(track.mean[1]))
             target = targets.tracks.get(assigned[vehicle]) if vehicle in assigned else None
             is_lost = label is not None and agents.is_lost(label)
             after = None
             if before.status == "active":
-                after = self._update_active(t_ns, measured_t_ns, vehicle, track, target, is_lost)
-            elif before.status == "lost" and track is not None and vehicle in reporting:
-                after = self._revived(t_ns, vehicle, track)
+                near = track is not None and target is not None and self._is_at(track, target)
+                epochs = sighting.at_target.count(measured_t_ns, holds=near)
+                if target is not None and epochs >= ARRIVAL_EPOCHS:
+                    after = AgentStatus(t_ns, vehicle, "arrived", target.label, sighting.position_m)
+                elif is_lost or _is_unseen(t_ns, sighting):
+                    after = AgentStatus(t_ns, vehicle, "lost", None, sighting.position_m)
+            elif track is not None and vehicle in reporting and before.status == "lost":
+                is_sure = track.existence >= REVIVE_EXISTENCE
+                after = AgentStatus(t_ns, vehicle, "active", None, sighting.position_m) if is_sure else None
             if after is not None:
-                self.by_vehicle[vehicle] = after
+                perception.status = after
                 changed.append(after)
         return changed
-
-    def _update_active(
-        self,
-        t_ns: int,
-        measured_t_ns: int,
-        vehicle: int,
-        track: Track | None,
-        target: Track | None,
-        is_lost: bool,
-    ) -> AgentStatus | None:
-        position = self._last_position_m.get(vehicle)
-        near = track is not None and target is not None and self._is_at(track, target)
-        epochs = self._at_target.count(vehicle, measured_t_ns, holds=near)
-        if target is not None and epochs >= ARRIVAL_EPOCHS:
-            return AgentStatus(t_ns, vehicle, "arrived", target.label, position)
-        is_gone = is_lost or self._is_unseen(t_ns, vehicle)
-        return AgentStatus(t_ns, vehicle, "lost", None, position) if is_gone else None
-
-    def _is_unseen(self, t_ns: int, vehicle: int) -> bool:
-        seen_t_ns = self._seen_t_ns.get(vehicle)
-        if seen_t_ns is not None:
-            return t_ns - seen_t_ns > UNSEEN_S * NS_PER_S
-        return t_ns - self._awaited_t_ns.setdefault(vehicle, t_ns) > NEVER_SEEN_S * NS_PER_S
-
-    def _revived(self, t_ns: int, vehicle: int, track: Track) -> AgentStatus | None:
-        if track.existence < REVIVE_EXISTENCE:
-            return None
-        return AgentStatus(t_ns, vehicle, "active", None, self._last_position_m.get(vehicle))
 
     def _is_at(self, track: Track, target: Track) -> bool:
         distance_m = math.hypot(track.mean[0] - target.mean[0], track.mean[1] - target.mean[1])
         return track.estimated and distance_m <= self._capture_radius_m
+
+
+def _is_unseen(t_ns: int, sighting: AgentSighting) -> bool:
+    if sighting.seen_t_ns is not None:
+        return t_ns - sighting.seen_t_ns > UNSEEN_S * NS_PER_S
+    if sighting.awaited_t_ns is None:
+        sighting.awaited_t_ns = t_ns
+    return t_ns - sighting.awaited_t_ns > NEVER_SEEN_S * NS_PER_S

@@ -9,104 +9,73 @@ Only epochs count at which a sensor covered the track. Sensors that measure at t
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from gcs.model import Confirmation, Label, Picture, Sensor, Track
+from gcs.core.perception.records import ConfirmationState
+from gcs.model import Label, Picture, Sensor, Track
 from gcs.tracking.models.sensors import covers
 
 CONFIRMATION_EPOCHS = 3
 
 
 class TrackConfirmation:
-    """Confirmed tracks of one kind."""
+    """Confirmed tracks of one kind.
 
-    def __init__(self, lost_existence: float) -> None:
-        self._lost_existence = lost_existence
-        self._t_ns = -1
-        self._counts: dict[Label, int] = {}
-        """Consecutive epochs of each label in the estimate; negative: out of it."""
-        self._counts_before: dict[Label, int] = {}
-        """The same before the epoch `_t_ns`."""
-        self._tracks: dict[Label, Track] = {}
-        self._existing: dict[Label, Track] = {}
+    Parameters
+    ----------
+    lost_existence : float
+        Existence probability below which a track is lost.
+    state : ConfirmationState
+        Counts of each label.
+    tracks : sequence of Track
+        Tracks of the last picture.
 
-    @property
-    def tracks(self) -> Mapping[Label, Track]:
-        """Confirmed tracks by label, as of the last picture."""
-        return self._tracks
+    Attributes
+    ----------
+    tracks : mapping
+        Confirmed tracks by label, as of the last picture.
+    existing : mapping
+        Tracks above `lost_existence` by label, confirmed or not.
+    """
 
-    @property
-    def existing(self) -> Collection[Track]:
-        """Tracks above `lost_existence`, confirmed or not."""
-        return self._existing.values()
+    def __init__(self, lost_existence: float, state: ConfirmationState, tracks: Sequence[Track] = ()) -> None:
+        self._lost_existence, self._state = lost_existence, state
+        self.existing = self._above_lost_existence(tracks)
+        confirmed = set(state.confirmed)
+        self.tracks: Mapping[Label, Track] = {
+            track.label: track for track in tracks if track.label in confirmed
+        }
 
     def is_lost(self, label: Label) -> bool:
         """Return True if a track has ended, or its existence probability is below `lost_existence`."""
-        return label not in self._existing
+        return label not in self.existing
 
     def update(self, picture: Picture, sensor: Sensor | None = None) -> None:
         """Process the next picture, after a scan of `sensor`; None: of a sensor that covers everything."""
-        if picture.scan_t_ns > self._t_ns:
-            self._t_ns, self._counts_before = picture.scan_t_ns, self._counts
-        tracks = picture.tracks
+        state, tracks = self._state, picture.tracks
+        if picture.scan_t_ns > state.t_ns:
+            state.t_ns, state.counts_before = picture.scan_t_ns, state.counts
         positions = np.reshape([track.mean[:2] for track in tracks], (-1, 2))
         is_covered = np.ones(len(tracks), np.bool_) if sensor is None else covers(sensor, positions)
-        self._counts = {
-            track.label: self._next_count(track) if covered else self._counts.get(track.label, 0)
+        state.counts = {
+            track.label: self._next_count(track) if covered else state.counts.get(track.label, 0)
             for track, covered in zip(tracks, is_covered, strict=True)
         }
-        self._existing = {track.label: track for track in tracks if track.existence >= self._lost_existence}
-        self._tracks = {track.label: track for track in tracks if self._is_confirmed(track)}
+        self.existing = self._above_lost_existence(tracks)
+        self.tracks = {track.label: track for track in tracks if self._is_confirmed(track)}
+        state.confirmed = list(self.tracks)
 
-    def persisted(self) -> tuple[Confirmation, ...]:
-        """Return the confirmation of each label, for `restore`."""
-        return tuple(
-            Confirmation(label, count, label in self._tracks) for label, count in sorted(self._counts.items())
-        )
-
-    def restore(self, confirmations: Iterable[Confirmation], picture: Picture) -> None:
-        """Continue from persisted confirmations, with the tracks of a restored filter."""
-        tracks = {track.label: track for track in picture.tracks}
-        known = [one for one in confirmations if one.label in tracks]
-        self._t_ns = picture.scan_t_ns
-        self._counts = self._counts_before = {one.label: one.count for one in known}
-        self._existing = {
-            label: track for label, track in tracks.items() if track.existence >= self._lost_existence
-        }
-        self._tracks = {one.label: tracks[one.label] for one in known if one.is_confirmed}
+    def _above_lost_existence(self, tracks: Iterable[Track]) -> Mapping[Label, Track]:
+        return {track.label: track for track in tracks if track.existence >= self._lost_existence}
 
     def _next_count(self, track: Track) -> int:
-        before = self._counts_before.get(track.label, 0)
+        before = self._state.counts_before.get(track.label, 0)
         return max(before, 0) + 1 if track.estimated else min(before, 0) - 1
 
     def _is_confirmed(self, track: Track) -> bool:
-        count = self._counts[track.label]
-        if track.label in self._tracks:
-            return track.label in self._existing and count > -CONFIRMATION_EPOCHS
+        count = self._state.counts[track.label]
+        if track.label in self.tracks:
+            return track.label in self.existing and count > -CONFIRMATION_EPOCHS
         return count >= CONFIRMATION_EPOCHS
-
-
-class ConsecutiveEpochs:
-    """Counts, for each key, the consecutive epochs at which a condition held.
-
-    Of several measurements at one epoch the last one counts.
-    """
-
-    def __init__(self) -> None:
-        self._counts: dict[int, tuple[int, int, int]] = {}
-        """Last epoch, count up to it, and count before it, by key."""
-
-    def count(self, key: int, measured_t_ns: int, *, holds: bool) -> int:
-        """Return the number of consecutive epochs up to `measured_t_ns`; 0 if the condition does not hold."""
-        epoch_t_ns, count, before = self._counts.get(key, (-1, 0, 0))
-        if measured_t_ns > epoch_t_ns:
-            before = count
-        count = before + 1 if holds else 0
-        self._counts[key] = (measured_t_ns, count, before)
-        return count
-
-    def forget(self, key: int) -> None:
-        """Restart the count of a key."""
-        self._counts.pop(key, None)

@@ -26,8 +26,9 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs.config import Config
-from gcs.config.schema import KindTracking
+from gcs.core.perception import persistence
 from gcs.core.perception.confirmation import TrackConfirmation
+from gcs.core.perception.records import TrackersState, TrackerState
 from gcs.core.perception.tracking_model import (
     BIRTH_AGAIN_PROBABILITY,
     agent_births,
@@ -40,7 +41,7 @@ from gcs.model import (
     NS_PER_S,
     FloatArray,
     Kind,
-    PersistedTracker,
+    Notice,
     PersistedTrackers,
     Picture,
     Scan,
@@ -52,7 +53,7 @@ from gcs.tracking.glmb.filter import Birth, DetectionSummary, Glmb
 from gcs.tracking.models.adaptive_birth import AdaptiveBirth
 from gcs.tracking.models.clutter import intensity_per_m2
 from gcs.tracking.models.constant_velocity import process_noise, transition
-from gcs.tracking.models.sensor_estimation import Finding, SensorEstimation
+from gcs.tracking.models.sensor_estimation import SensorEstimation
 from gcs.tracking.models.sensors import clutter_per_m2, covers, noise_m2
 
 _NEAR_STD = 5.0
@@ -69,24 +70,38 @@ _MAX_SENSORS = 100
 
 
 class ClassTracker:
-    """One filter with its birth components and confirmed tracks."""
+    """One filter with its birth components and confirmed tracks.
 
-    def __init__(
-        self, kind: Kind, config: Config, table: KindTracking, births: list[Birth], seed: int
-    ) -> None:
-        tracking, accel_std_m_s2 = config.tracking, math.sqrt(table.accel_psd_m2_s3)
+    Raises
+    ------
+    ValueError
+        If the state is damaged.
+    """
+
+    def __init__(self, kind: Kind, config: Config, births: Sequence[Birth], state: TrackerState) -> None:
+        tracking = config.tracking
+        table = tracking.agents if kind == "agents" else tracking.targets
         params = glmb_params(tracking, table.accel_psd_m2_s3, table.turn_rate_std_deg_s)
-        self.confirmation = TrackConfirmation(tracking.lost_existence)
-        self.kind = kind
-        self.picture: Picture | None = None
-        self.births = births
-        self._born_t_ns = -1
-        self._accel_std_m_s2 = accel_std_m_s2
+        self.kind, self.births, self._state = kind, births, state
+        self._components_again = [replace(one, probability=BIRTH_AGAIN_PROBABILITY) for one in births]
+        self._components_closed = [replace(one, probability=0.0) for one in births]
+        state.is_born = state.is_born or [False] * len(births)
+        if len(state.is_born) != len(births):
+            raise ValueError("tracker state: is_born is not valid")
+        self._accel_std_m_s2 = math.sqrt(table.accel_psd_m2_s3)
         self._turn_rate_std_rad_s = math.radians(table.turn_rate_std_deg_s)
-        self._filter = Glmb(kind, params, seed, summarise_detections=True)
+        self._filter = Glmb(kind, params, 0, summarise_detections=True, state=state.filter)
+        scan_t_ns = state.filter.t_ns
+        self.picture = None if scan_t_ns is None else self._filter.picture(scan_t_ns)
+        tracks = () if self.picture is None else self.picture.tracks
+        self.confirmation = TrackConfirmation(tracking.lost_existence, state.confirmation, tracks)
         anywhere = table.anywhere
         self.unknown = AdaptiveBirth(
-            anywhere.per_s, anywhere.speed_std_m_s, anywhere.max_probability, accel_std_m_s2
+            anywhere.per_s,
+            anywhere.speed_std_m_s,
+            anywhere.max_probability,
+            self._accel_std_m_s2,
+            state.adaptive_birth,
         )
 
     def update(
@@ -110,35 +125,19 @@ class ClassTracker:
         """
         means = np.reshape([birth.mean[:2] for birth in self.births], (-1, 2))
         is_open = covers(sensor, means) | (self.kind == "agents")
-        is_open &= t_ns > self._born_t_ns
-        self._born_t_ns = t_ns
+        is_open &= t_ns > self._state.born_t_ns
+        self._state.born_t_ns = t_ns
         return [
-            birth if open_now else replace(birth, probability=0.0)
-            for birth, open_now in zip(self.births, is_open, strict=True)
+            (again if is_born else first) if is_open_now else closed
+            for first, again, closed, is_born, is_open_now in zip(
+                self.births,
+                self._components_again,
+                self._components_closed,
+                self._state.is_born,
+                is_open.tolist(),
+                strict=True,
+            )
         ]
-
-    def persisted(self) -> PersistedTracker:
-        """Return the state after the last scan, for `restore`."""
-        probabilities = tuple(one.probability for one in self.births)
-        return PersistedTracker(self._filter.persisted(), probabilities, self.confirmation.persisted())
-
-    def restore(self, state: PersistedTracker) -> None:
-        """Continue from persisted state.
-
-        Raises
-        ------
-        ValueError
-            If the state is damaged.
-        """
-        probabilities = state.birth_probabilities
-        if len(probabilities) != len(self.births) or not all(0.0 <= p <= 1.0 for p in probabilities):
-            raise ValueError("tracker state: birth_probabilities is not valid")
-        self._filter.restore(state.filter)
-        self.births = [replace(one, probability=p) for one, p in zip(self.births, probabilities, strict=True)]
-        if state.filter.t_ns is not None:
-            self._born_t_ns = state.filter.t_ns
-            self.picture = self._filter.picture(state.filter.t_ns)
-            self.confirmation.restore(state.confirmations, self.picture)
 
     def update_again(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> None:
         """Process another sensor's scan of the same epoch, without births."""
@@ -176,37 +175,31 @@ class ClassTracker:
         self.confirmation.update(self.picture, sensor)
         for _, index in self.confirmation.tracks:
             if index < len(self.births):
-                self.births[index] = replace(self.births[index], probability=BIRTH_AGAIN_PROBABILITY)
+                self._state.is_born[index] = True
         return self.picture
 
 
 class MultiSensorTracker:
-    """Filters of agents and targets."""
+    """Filters of agents and targets.
 
-    def __init__(self, config: Config) -> None:
-        tracking = config.tracking
-        self._telemetry = config.telemetry
-        self._measured_t_ns = -1
-        self._sensors_at_epoch: set[str] = set()
-        self._reports_t_ns = -1
-        self._estimations: dict[str, SensorEstimation] = {}
-        self._corrects_sensors = tracking.correct_sensors
-        self.findings: list[Finding] = []
-        """Findings of the last scan about the model of its sensor."""
-        self.untracked = UntrackedDetections(config)
-        self.agents = ClassTracker("agents", config, tracking.agents, agent_births(config), 0)
-        self.targets = ClassTracker("targets", config, tracking.targets, target_births(config), 1)
+    Raises
+    ------
+    ValueError
+        If the state is damaged.
+    """
+
+    def __init__(self, config: Config, state: TrackersState | None = None) -> None:
+        self._config, self._telemetry = config, config.telemetry
+        self.state = TrackersState() if state is None else state
+        self.untracked = UntrackedDetections(config, self.state.untracked)
+        self.agents = ClassTracker("agents", config, agent_births(config), self.state.agents)
+        self.targets = ClassTracker("targets", config, target_births(config), self.state.targets)
 
     def persisted(self) -> PersistedTrackers:
         """Return the state after the last scan, for `restore`."""
-        return PersistedTrackers(
-            self.agents.persisted(),
-            self.targets.persisted(),
-            self._measured_t_ns,
-            tuple(sorted(self._sensors_at_epoch)),
-        )
+        return persistence.persisted(self.state)
 
-    def restore(self, state: PersistedTrackers, *, with_agents: bool) -> None:
+    def restore(self, persisted: PersistedTrackers, *, with_agents: bool) -> None:
         """Continue from persisted state; without agents their tracks start again at their reports.
 
         Raises
@@ -214,32 +207,36 @@ class MultiSensorTracker:
         ValueError
             If the state is damaged.
         """
-        if with_agents:
-            self.agents.restore(state.agents)
-        self.targets.restore(state.targets)
-        self._measured_t_ns, self._sensors_at_epoch = state.measured_t_ns, set(state.sensors)
+        state = self.state
+        agents = persistence.restored(persisted.agents) if with_agents else state.agents
+        targets = persistence.restored(persisted.targets)
+        self.agents = ClassTracker("agents", self._config, self.agents.births, agents)
+        self.targets = ClassTracker("targets", self._config, self.targets.births, targets)
+        state.agents, state.targets = agents, targets
+        state.measured_t_ns, state.sensors_at_epoch = persisted.measured_t_ns, list(persisted.sensors)
 
     def refusal(self, scan: Scan) -> str:
         """Return why a scan cannot be processed; empty if it can."""
         ahead_s = (scan.measured_t_ns - scan.t_ns) / NS_PER_S
         if ahead_s > _MAX_AHEAD_S:
             return f"measured {ahead_s:.1f} s after it arrived"
-        if scan.measured_t_ns < self._measured_t_ns:
-            behind_s = (self._measured_t_ns - scan.measured_t_ns) / NS_PER_S
+        if scan.measured_t_ns < self.state.measured_t_ns:
+            behind_s = (self.state.measured_t_ns - scan.measured_t_ns) / NS_PER_S
             return f"measured {behind_s:.3f} s before the last one"
-        if scan.measured_t_ns == self._measured_t_ns and scan.sensor.name in self._sensors_at_epoch:
+        is_new = scan.measured_t_ns > self.state.measured_t_ns
+        if not is_new and scan.sensor.name in self.state.sensors_at_epoch:
             return "came twice"
         return ""
 
     def scan(self, scan: Scan, states: Sequence[VehicleState]) -> tuple[Picture, Picture]:
         """Process one scan that is not refused; return the pictures of agents and targets."""
-        t_ns = scan.measured_t_ns
-        if t_ns > self._measured_t_ns:
-            self._measured_t_ns, self._sensors_at_epoch = t_ns, set()
-        self._sensors_at_epoch.add(scan.sensor.name)
+        t_ns, state = scan.measured_t_ns, self.state
+        if t_ns > state.measured_t_ns:
+            state.measured_t_ns, state.sensors_at_epoch = t_ns, []
+        state.sensors_at_epoch.append(scan.sensor.name)
         estimation = self._estimation(scan.sensor.name)
         sensor = _with_noise(scan.sensor)
-        if self._corrects_sensors:
+        if self._config.tracking.correct_sensors:
             sensor = estimation.corrected(sensor)
         report_births, reports = self._reports(t_ns, states)
         of_targets = self.targets.intensity(t_ns, scan.z_m, sensor)
@@ -255,15 +252,23 @@ class MultiSensorTracker:
         self.untracked.add_scan(t_ns, scan.z_m, sensor, explained)
         detected, in_view = ours.detected + theirs.detected, ours.in_view + theirs.in_view
         estimation.add_scan(float((1.0 - explained).sum()), detected, in_view)
-        self.findings = estimation.findings(scan.sensor)
         return agents, self.targets.extract(scan.t_ns, sensor)
+
+    def notices(self, scan: Scan) -> list[Notice]:
+        """Return notices about the model of a processed scan's sensor, and about untracked detections."""
+        findings = self._estimation(scan.sensor.name).findings(scan.sensor)
+        notices = [
+            Notice(scan.t_ns, "warning" if is_contradiction else "info", text)
+            for is_contradiction, text in findings
+        ]
+        return notices + self.untracked.notices(scan.t_ns)
 
     def _estimation(self, sensor: str) -> SensorEstimation:
         """Return the estimated model of a sensor; the number of sensors is bounded."""
-        found = self._estimations.pop(sensor, None) or SensorEstimation()
-        self._estimations[sensor] = found
-        if len(self._estimations) > _MAX_SENSORS:
-            del self._estimations[next(iter(self._estimations))]
+        estimations = self.state.estimations
+        estimations[sensor] = found = estimations.pop(sensor, None) or SensorEstimation()
+        if len(estimations) > _MAX_SENSORS:
+            del estimations[next(iter(estimations))]
         return found
 
     def _reports(self, t_ns: int, states: Sequence[VehicleState]) -> tuple[list[Birth], FloatArray | None]:
@@ -272,9 +277,10 @@ class MultiSensorTracker:
         The positions are None until a report period has passed: a report is used once.
         """
         period_ns = NS_PER_S / self._telemetry.rate_hz
-        if self._reports_t_ns >= 0 and t_ns - self._reports_t_ns < 0.9 * period_ns:
+        used_t_ns = self.state.reports_t_ns
+        if used_t_ns >= 0 and t_ns - used_t_ns < 0.9 * period_ns:
             return [], None
-        self._reports_t_ns = t_ns
+        self.state.reports_t_ns = t_ns
         fresh = [s for s in states if abs(t_ns - s.t_ns) <= self._telemetry.max_age_s * NS_PER_S]
         positions = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
         is_known = self._are_known(positions, t_ns)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gcs.model import NS_PER_S, BadInput, Effect, Notice
 
@@ -14,7 +14,7 @@ _OTHERS = "other sources"
 
 
 @dataclass(slots=True)
-class _Source:
+class ErrorSource:
     """Errors of one source."""
 
     count: int = 0
@@ -23,21 +23,21 @@ class _Source:
     problem: str = ""
 
 
+@dataclass(slots=True)
 class InputErrors:
     """Counts input errors."""
 
-    def __init__(self) -> None:
-        self.count = 0
-        """Number of errors so far."""
-        self._sources: dict[str, _Source] = {}
+    count: int = 0
+    """Number of errors so far."""
+    sources: dict[str, ErrorSource] = field(default_factory=dict)
 
     def add(self, event: BadInput) -> list[Effect]:
         """Count an error; return a notice while its source has had few."""
         self.count += 1
         name = event.source
-        if name not in self._sources and len(self._sources) >= _MAX_SOURCES:
+        if name not in self.sources and len(self.sources) >= _MAX_SOURCES:
             name = _OTHERS  # the number of sources is bounded
-        source = self._sources.setdefault(name, _Source())
+        source = self.sources.setdefault(name, ErrorSource())
         source.count += 1
         if source.count > MAX_SINGLE_NOTICES:
             source.unreported += 1
@@ -49,7 +49,7 @@ class InputErrors:
     def poll(self, t_ns: int) -> list[Effect]:
         """Return the summaries that are due."""
         effects: list[Effect] = []
-        for name, source in self._sources.items():
+        for name, source in self.sources.items():
             if source.unreported and t_ns - source.reported_t_ns >= SUMMARY_NS:
                 since_s = (t_ns - source.reported_t_ns) / NS_PER_S
                 text = f"bad input: {source.unreported} more of {name} in {since_s:.0f} s"

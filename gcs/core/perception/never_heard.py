@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from gcs.core.operator.replies import named
+from gcs.core.perception.records import PerceptionState
 from gcs.model import NS_PER_S, Effect, Notice
 
 _TIMEOUT_NS = 10 * NS_PER_S
@@ -23,20 +24,23 @@ class NeverHeardCheck:
         All vehicles of the mission.
     is_heard : callable
         Returns True if a vehicle was ever heard.
+    state : PerceptionState
+        Holds the time of the check.
     """
 
-    def __init__(self, vehicles: Sequence[int], is_heard: Callable[[int], bool]) -> None:
-        self._vehicles, self._is_heard = vehicles, is_heard
-        self._due_t_ns: int | None = None
-        self._is_done = False
+    def __init__(
+        self, vehicles: Sequence[int], is_heard: Callable[[int], bool], state: PerceptionState
+    ) -> None:
+        self._vehicles, self._is_heard, self._state = vehicles, is_heard, state
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Return the warning when it is due."""
-        if self._due_t_ns is None:
-            self._due_t_ns = t_ns + _TIMEOUT_NS
-        if self._is_done or t_ns < self._due_t_ns:
+        state = self._state
+        if state.never_heard_due_t_ns is None:
+            state.never_heard_due_t_ns = t_ns + _TIMEOUT_NS
+        if state.is_never_heard_checked or t_ns < state.never_heard_due_t_ns:
             return []
-        self._is_done = True
+        state.is_never_heard_checked = True
         missing = [vehicle for vehicle in self._vehicles if not self._is_heard(vehicle)]
         if not missing:
             return []

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from typing import TypeAlias
 
@@ -27,6 +26,8 @@ from scipy.spatial import cKDTree
 
 from gcs.config.schema import TelemetryTable
 from gcs.core.perception.fusion import at_time
+from gcs.core.perception.records import IntegrityTest
+from gcs.core.state import Agent
 from gcs.model import NS_PER_S, Effect, FloatArray, Label, Notice, Scan, Sensor, Track, VehicleState
 from gcs.tracking.models.sensors import MAX_DETECTION_PROBABILITY, clutter_per_m2, covers, noise_m2
 
@@ -42,38 +43,20 @@ _PERIOD_NS = NS_PER_S * 4 // 10
 """Minimum time between checks of one vehicle: faster ones are not independent."""
 _FORGET_NS = 10 * NS_PER_S
 _TINY = 1e-12
-_NO_LABEL: Label = (-1, -1)
-
-
-@dataclass(slots=True)
-class _Test:
-    """CUSUM test of one vehicle."""
-
-    cusum: float = 0.0
-    alarmed: bool = False
-    t_ns: int = -_FORGET_NS
-    """Time of the last check."""
-    label: Label | None = None
-    """Label of its track when its reports were last consistent."""
 
 
 class PositionIntegrityMonitor:
     """CUSUM tests of all vehicles."""
 
-    def __init__(self, telemetry: TelemetryTable) -> None:
+    def __init__(self, agents: Mapping[int, Agent], telemetry: TelemetryTable) -> None:
+        self._agents = agents
         self._report_variance_m2 = telemetry.noise_std_m**2
         self._max_age_ns = int(telemetry.max_age_s * NS_PER_S)
-        self._tests: dict[int, _Test] = {}
-
-    def alarmed(self) -> frozenset[int]:
-        """Return the vehicles with an integrity alarm."""
-        return frozenset(vehicle for vehicle, test in self._tests.items() if test.alarmed)
 
     def update(
         self,
         scan: Scan,
         states: Sequence[VehicleState],
-        labels: Mapping[int, Label],
         agents: Mapping[Label, Track],
         targets: Iterable[Track],
     ) -> list[Effect]:
@@ -81,8 +64,6 @@ class PositionIntegrityMonitor:
 
         Parameters
         ----------
-        labels
-            Track label of each associated vehicle.
         agents, targets
             Confirmed tracks.
         """
@@ -98,22 +79,19 @@ class PositionIntegrityMonitor:
         area_m2 = math.pi * _GATE_CHI2 * np.sqrt(np.linalg.det(S))
         clutter = (clutter_per_m2(scan.sensor, positions) * area_m2).tolist()
         tracks = [*agents.values(), *targets]
-        column = {label: k for k, label in enumerate(agents)}
+        column: dict[Label | None, int] = {label: k for k, label in enumerate(agents)}
+        labels = [self._agents[state.system_id].perception.association.label for state in fresh]
         rows, near = _near(positions, S, np.reshape([track.mean[:2] for track in tracks], (-1, 2)))
-        others = (
-            near
-            != np.array([column.get(labels.get(s.system_id, _NO_LABEL), -1) for s in fresh], np.int64)[rows]
-        )
+        others = near != np.array([column.get(label, -1) for label in labels], np.int64)[rows]
         other_counts: list[int] = np.bincount(rows[others], minlength=n).tolist()
         for i in np.flatnonzero(is_covered):
             vehicle = fresh[i].system_id
-            test = self._tests.setdefault(vehicle, _Test())
-            if 0 <= t_ns - test.t_ns < _PERIOD_NS:
+            test = self._agents[vehicle].perception.integrity
+            if test.t_ns is not None and 0 <= t_ns - test.t_ns < _PERIOD_NS:
                 continue
             test.t_ns = t_ns
-            own = labels.get(vehicle)
             ratio = _log_ratio(scan.sensor, is_hit[i], clutter[i], other_counts[i])
-            effects += self._add_ratio(scan.t_ns, vehicle, test, ratio, own, positions[i], agents)
+            effects += self._add_ratio(scan.t_ns, vehicle, test, ratio, labels[i], positions[i], agents)
         self._forget(t_ns)
         return effects
 
@@ -129,7 +107,7 @@ class PositionIntegrityMonitor:
         self,
         t_ns: int,
         vehicle: int,
-        test: _Test,
+        test: IntegrityTest,
         ratio: float,
         own: Label | None,
         position: FloatArray,
@@ -138,22 +116,23 @@ class PositionIntegrityMonitor:
         test.cusum = min(max(test.cusum + ratio, 0.0), _MAX_CUSUM)
         if test.cusum == 0.0:
             test.label = own
-        if not test.alarmed and test.cusum >= ALARM_CUSUM:
-            test.alarmed = True
+        if not test.is_alarmed and test.cusum >= ALARM_CUSUM:
+            test.is_alarmed = True
             return [Notice(t_ns, "alarm", _alarm_text(test, position, agents), vehicle)]
-        if test.alarmed and test.cusum == 0.0:
-            test.alarmed = False
+        if test.is_alarmed and test.cusum == 0.0:
+            test.is_alarmed = False
             return [Notice(t_ns, "info", "is seen where it reports to be again", vehicle)]
         return []
 
     def _forget(self, t_ns: int) -> None:
         """Drop vehicles that were not checked for a while."""
-        for vehicle, test in list(self._tests.items()):
-            if t_ns - test.t_ns > _FORGET_NS:
-                del self._tests[vehicle]
+        for agent in self._agents.values():
+            checked_t_ns = agent.perception.integrity.t_ns
+            if checked_t_ns is not None and t_ns - checked_t_ns > _FORGET_NS:
+                agent.perception.integrity = IntegrityTest()
 
 
-def _alarm_text(test: _Test, position: FloatArray, agents: Mapping[Label, Track]) -> str:
+def _alarm_text(test: IntegrityTest, position: FloatArray, agents: Mapping[Label, Track]) -> str:
     track = agents.get(test.label) if test.label is not None else None
     away_m = 0.0 if track is None else float(np.hypot(*(track.mean[:2] - position)))
     if track is None or away_m < math.sqrt(_GATE_CHI2 * float(np.linalg.eigvalsh(track.cov[:2, :2])[-1])):

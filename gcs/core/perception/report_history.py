@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from gcs.core.perception.records import PerceptionState, PositionReport
+from gcs.core.state import Agent
 from gcs.model import NS_PER_S, VehicleState
 
 KEEP_NS = 8 * NS_PER_S
@@ -19,23 +20,22 @@ _MAX_GAP_NS = 2 * NS_PER_S
 class ReportHistory:
     """The last reports of each vehicle."""
 
-    def __init__(self) -> None:
-        self._reports: dict[int, deque[VehicleState]] = {}
-        self._sampled_t_ns = 0
+    def __init__(self, agents: Mapping[int, Agent], state: PerceptionState) -> None:
+        self._agents, self._state = agents, state
 
     def add(self, t_ns: int, states: Sequence[VehicleState]) -> None:
         """Add the newest reports."""
-        self._sampled_t_ns = t_ns
+        self._state.sampled_t_ns = t_ns
         for state in states:
-            reports = self._reports.setdefault(state.system_id, deque())
+            reports = self._agents[state.system_id].perception.reports
             if not reports or state.t_ns > reports[-1].t_ns:
-                reports.append(state)
+                reports.append(_report(state))
             while reports[0].t_ns < t_ns - KEEP_NS and len(reports) > 1:
-                reports.popleft()
+                del reports[0]
 
     def is_due(self, t_ns: int) -> bool:
         """Return True if reports should be added again."""
-        return t_ns - self._sampled_t_ns >= SAMPLE_NS
+        return t_ns - self._state.sampled_t_ns >= SAMPLE_NS
 
     def at(self, t_ns: int, states: Sequence[VehicleState]) -> list[VehicleState]:
         """Return the state of each vehicle at `t_ns`.
@@ -47,29 +47,43 @@ class ReportHistory:
         return [state if state.t_ns <= t_ns else self._before(t_ns, state) for state in states]
 
     def _before(self, t_ns: int, newest: VehicleState) -> VehicleState:
-        later = newest
-        for earlier in reversed(self._reports.get(newest.system_id, ())):
+        later = _report(newest)
+        for earlier in reversed(self._agents[newest.system_id].perception.reports):
             if earlier.t_ns <= t_ns:
-                return _between(earlier, later, t_ns, newest)
+                return _as_of(_between(earlier, later, t_ns), newest)
             later = earlier
-        return _as_of(later, later.t_ns, newest)
+        return _as_of(later, newest)
 
 
-def _between(earlier: VehicleState, later: VehicleState, t_ns: int, newest: VehicleState) -> VehicleState:
+def _report(state: VehicleState) -> PositionReport:
+    return PositionReport(
+        state.t_ns, state.east_m, state.north_m, state.alt_msl_m, state.ground_speed_m_s, state.course_rad
+    )
+
+
+def _between(earlier: PositionReport, later: PositionReport, t_ns: int) -> PositionReport:
     gap_ns = later.t_ns - earlier.t_ns
     fraction = (t_ns - earlier.t_ns) / gap_ns
     if gap_ns > _MAX_GAP_NS:
-        nearer = earlier if fraction < 0.5 else later
-        return _as_of(nearer, nearer.t_ns, newest)
-    between = replace(
-        later,
-        east_m=earlier.east_m + fraction * (later.east_m - earlier.east_m),
-        north_m=earlier.north_m + fraction * (later.north_m - earlier.north_m),
-        alt_msl_m=earlier.alt_msl_m + fraction * (later.alt_msl_m - earlier.alt_msl_m),
+        return earlier if fraction < 0.5 else later
+    return PositionReport(
+        t_ns,
+        earlier.east_m + fraction * (later.east_m - earlier.east_m),
+        earlier.north_m + fraction * (later.north_m - earlier.north_m),
+        earlier.alt_msl_m + fraction * (later.alt_msl_m - earlier.alt_msl_m),
+        later.ground_speed_m_s,
+        later.course_rad,
     )
-    return _as_of(between, t_ns, newest)
 
 
-def _as_of(state: VehicleState, t_ns: int, newest: VehicleState) -> VehicleState:
+def _as_of(report: PositionReport, newest: VehicleState) -> VehicleState:
     """Return a past state with the current mode, arming state and mission item."""
-    return replace(state, t_ns=t_ns, mode=newest.mode, armed=newest.armed, mission_seq=newest.mission_seq)
+    return replace(
+        newest,
+        t_ns=report.t_ns,
+        east_m=report.east_m,
+        north_m=report.north_m,
+        alt_msl_m=report.alt_msl_m,
+        ground_speed_m_s=report.ground_speed_m_s,
+        course_rad=report.course_rad,
+    )

@@ -10,7 +10,6 @@ scan.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, field, replace
 from statistics import median_low
 
@@ -29,14 +28,14 @@ _LAGS_KEPT = 9
 
 
 @dataclass(slots=True)
-class _SensorClock:
+class SensorClock:
     """Clock offset and latency of one sensor."""
 
     offset_ns: int = 0
     """Correction of its measurement times."""
-    lags_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_LAGS_KEPT))
+    lags_ns: list[int] = field(default_factory=list)
     """Latencies of the last good scans, from corrected measurement to arrival."""
-    refused: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=OFFSET_SCANS))
+    refused: list[tuple[int, int]] = field(default_factory=list)
     """Arrival time and uncorrected lag of scans that were refused since the last good one."""
     step_ns: int = 0
     """Step of the wall clock since its last scan."""
@@ -47,15 +46,15 @@ class _SensorClock:
         return median_low(self.lags_ns) if self.lags_ns else 0
 
 
+@dataclass(slots=True)
 class ScanTiming:
     """Clock offsets of all sensors."""
 
-    def __init__(self) -> None:
-        self._clocks: dict[str, _SensorClock] = {}
+    clocks: dict[str, SensorClock] = field(default_factory=dict)
 
     def step(self, event: ClockStep) -> list[Effect]:
         """Process a step of this machine's wall clock."""
-        for clock in self._clocks.values():
+        for clock in self.clocks.values():
             clock.step_ns += event.step_ns
         text = (
             f"the wall clock of this machine was set by {event.step_ns / NS_PER_S:+.1f} s, or the machine "
@@ -85,20 +84,20 @@ class ScanTiming:
             lag_ns = own_lag_ns - clock.offset_ns
         if _is_good(lag_ns):
             clock.refused.clear()
-            clock.lags_ns.append(lag_ns)
+            clock.lags_ns = [*clock.lags_ns, lag_ns][-_LAGS_KEPT:]
             if clock.offset_ns:
                 scan = replace(scan, measured_t_ns=scan.measured_t_ns + clock.offset_ns)
             return scan, "", effects
         when = f"{lag_ns / NS_PER_S:.1f} s ago" if lag_ns > 0 else f"{-lag_ns / NS_PER_S:.1f} s in the future"
         return scan, f"measured {when} by its clock", effects
 
-    def _clock(self, sensor: str) -> _SensorClock:
-        clock = self._clocks.setdefault(sensor, _SensorClock())
-        if len(self._clocks) > _MAX_SENSORS:  # the number of sensors is bounded
-            del self._clocks[next(iter(self._clocks))]
+    def _clock(self, sensor: str) -> SensorClock:
+        clock = self.clocks.setdefault(sensor, SensorClock())
+        if len(self.clocks) > _MAX_SENSORS:  # the number of sensors is bounded
+            del self.clocks[next(iter(self.clocks))]
         return clock
 
-    def _follow_step(self, scan: Scan, clock: _SensorClock, own_lag_ns: int) -> list[Effect]:
+    def _follow_step(self, scan: Scan, clock: SensorClock, own_lag_ns: int) -> list[Effect]:
         """Correct a sensor whose clock moved with this machine's clock."""
         step_ns, clock.step_ns = clock.step_ns, 0
         if not clock.lags_ns:
@@ -113,9 +112,9 @@ class ScanTiming:
         )
         return [Notice(scan.t_ns, "info", text)]
 
-    def _note_offset(self, scan: Scan, clock: _SensorClock, own_lag_ns: int) -> list[Effect]:
+    def _note_offset(self, scan: Scan, clock: SensorClock, own_lag_ns: int) -> list[Effect]:
         """Note a wrong time; correct the sensor once enough scans have the same offset."""
-        clock.refused.append((scan.t_ns, own_lag_ns))
+        clock.refused = [*clock.refused, (scan.t_ns, own_lag_ns)][-OFFSET_SCANS:]
         lags_ns = [lag_ns for _, lag_ns in clock.refused]
         is_proven = len(lags_ns) == OFFSET_SCANS and scan.t_ns - clock.refused[0][0] >= _MIN_OFFSET_NS
         if not is_proven or max(lags_ns) - min(lags_ns) > _TOLERANCE_NS:

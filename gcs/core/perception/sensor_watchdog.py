@@ -6,7 +6,7 @@ The timeout of a sensor counts from its last processed scan. Refused scans do no
 from __future__ import annotations
 
 from collections.abc import Collection, Container
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gcs.model import NS_PER_S, Effect, Notice, SensorRecord
 
@@ -18,7 +18,7 @@ _MAX_SENSORS = 256
 
 
 @dataclass(slots=True)
-class _Sensor:
+class WatchedSensor:
     """State of one sensor."""
 
     first_t_ns: int
@@ -31,16 +31,21 @@ class _Sensor:
     alarmed: bool = False
 
 
+@dataclass(slots=True)
 class SensorWatchdog:
     """Raises one alarm per silent sensor, and one if there is none at all, each with an all-clear."""
 
-    def __init__(self) -> None:
-        self.scan_t_ns: int | None = None
-        """Arrival time of the last processed scan; None before the first."""
-        self._sensors: dict[str, _Sensor] = {}
-        self._start_t_ns: int | None = None
-        self._blind = self._is_unassociated = False
-        self._unassociated_t_ns: int | None = None
+    start_t_ns: int | None = None
+    """Time of the first tick."""
+    scan_t_ns: int | None = None
+    """Arrival time of the last processed scan; None before the first."""
+    sensors: dict[str, WatchedSensor] = field(default_factory=dict)
+    has_no_sensor: bool = False
+    """True while the alarm that there is no sensor is raised."""
+    is_unassociated: bool = False
+    """True while the alarm that no vehicle is associated with a track is raised."""
+    unassociated_t_ns: int | None = None
+    """Time since which no reporting vehicle is associated with a track."""
 
     def processed(self, sensor: str, t_ns: int) -> list[Effect]:
         """Note a processed scan; return the all-clear after an alarm."""
@@ -52,12 +57,12 @@ class SensorWatchdog:
             since_ns = t_ns - (entry.processed_t_ns or entry.first_t_ns)
             text = f"scans of sensor {sensor} are processed again after {since_ns / NS_PER_S:.0f} s"
             effects.append(Notice(t_ns, "info", text))
-        elif self._blind:
-            since_ns = t_ns - (self.scan_t_ns or self._start_t_ns or t_ns)
+        elif self.has_no_sensor:
+            since_ns = t_ns - (self.scan_t_ns or self.start_t_ns or t_ns)
             text = f"scans are processed after {since_ns / NS_PER_S:.0f} s without one"
             effects.append(Notice(t_ns, "info", text))
         entry.processed_t_ns, entry.refused, entry.alarmed, entry.reason = t_ns, 0, False, ""
-        self.scan_t_ns, self._blind = t_ns, False
+        self.scan_t_ns, self.has_no_sensor = t_ns, False
         return effects
 
     def refused(self, sensor: str, t_ns: int, reason: str) -> None:
@@ -74,23 +79,23 @@ class SensorWatchdog:
                 None if one.processed_t_ns is None else (t_ns - one.processed_t_ns) / NS_PER_S,
                 one.refused,
             )
-            for name, one in self._sensors.items()
+            for name, one in self.sensors.items()
         )
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Return the alarms that are due."""
-        if self._start_t_ns is None:
-            self._start_t_ns = t_ns
+        if self.start_t_ns is None:
+            self.start_t_ns = t_ns
         effects: list[Effect] = []
-        for name, entry in self._sensors.items():
+        for name, entry in self.sensors.items():
             since_t_ns = entry.first_t_ns if entry.processed_t_ns is None else entry.processed_t_ns
             limit_ns = max(BLIND_AFTER_NS, _PERIODS * entry.period_ns)
             if not entry.alarmed and t_ns - since_t_ns >= limit_ns:
                 entry.alarmed = True
                 effects.append(Notice(t_ns, "alarm", _text(name, entry, (t_ns - since_t_ns) / NS_PER_S)))
-        since_t_ns = self._start_t_ns if self.scan_t_ns is None else self.scan_t_ns
-        if not self._sensors and not self._blind and t_ns - since_t_ns >= BLIND_AFTER_NS:
-            self._blind = True
+        since_t_ns = self.start_t_ns if self.scan_t_ns is None else self.scan_t_ns
+        if not self.sensors and not self.has_no_sensor and t_ns - since_t_ns >= BLIND_AFTER_NS:
+            self.has_no_sensor = True
             since_s = (t_ns - since_t_ns) / NS_PER_S
             effects.append(Notice(t_ns, "alarm", f"no scan for {since_s:.0f} s: is the sensor there?"))
         return effects
@@ -98,14 +103,14 @@ class SensorWatchdog:
     def associated(self, t_ns: int, reporting: Collection[int], associated: Container[int]) -> list[Effect]:
         """Return an alarm, or its all-clear, if no reporting vehicle is associated with a track."""
         is_lost = bool(reporting) and not any(vehicle in associated for vehicle in reporting)
-        was_alarmed, since_t_ns = self._is_unassociated, self._unassociated_t_ns
+        was_alarmed, since_t_ns = self.is_unassociated, self.unassociated_t_ns
         if not is_lost:
-            self._unassociated_t_ns, self._is_unassociated = None, False
+            self.unassociated_t_ns, self.is_unassociated = None, False
             return [Notice(t_ns, "info", "vehicles are associated with tracks again")] if was_alarmed else []
         if since_t_ns is None:
-            self._unassociated_t_ns = t_ns
+            self.unassociated_t_ns = t_ns
         elif not was_alarmed and t_ns - since_t_ns >= UNASSOCIATED_AFTER_NS:
-            self._is_unassociated = True
+            self.is_unassociated = True
             since_s = (t_ns - since_t_ns) / NS_PER_S
             text = (
                 f"vehicles report and scans arrive, but no vehicle has been associated with a track for "
@@ -115,14 +120,14 @@ class SensorWatchdog:
             return [Notice(t_ns, "alarm", text)]
         return []
 
-    def _entry(self, sensor: str, t_ns: int) -> _Sensor:
-        entry = self._sensors.setdefault(sensor, _Sensor(t_ns))
-        if len(self._sensors) > _MAX_SENSORS:  # the number of sensors is bounded
-            del self._sensors[next(iter(self._sensors))]
+    def _entry(self, sensor: str, t_ns: int) -> WatchedSensor:
+        entry = self.sensors.setdefault(sensor, WatchedSensor(t_ns))
+        if len(self.sensors) > _MAX_SENSORS:  # the number of sensors is bounded
+            del self.sensors[next(iter(self.sensors))]
         return entry
 
 
-def _text(name: str, entry: _Sensor, since_s: float) -> str:
+def _text(name: str, entry: WatchedSensor, since_s: float) -> str:
     if not entry.refused:
         return f"no scan of sensor {name} for {since_s:.0f} s: is the sensor there?"
     count, reason = entry.refused, entry.reason

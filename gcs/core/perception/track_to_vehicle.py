@@ -11,7 +11,7 @@ labels. So every reporting vehicle needs a track, not a particular one:
 * A reporting vehicle whose track is lost gets a free track, or that of a silent vehicle, which gets the lost
   one.
 * A reporting vehicle near any existing track is not lost; it is planned for with that track
-  (`unassociated`). After some epochs it gets the track of a silent vehicle.
+  (`near`). After some epochs it gets the track of a silent vehicle.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ from typing import TypeAlias
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from gcs.core.perception.confirmation import ConsecutiveEpochs, TrackConfirmation
+from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.core.perception.fusion import at_time, squared_distances
+from gcs.core.perception.records import Association, ConsecutiveEpochs
+from gcs.core.state import Agent
 from gcs.model import NS_PER_S, FloatArray, Label, Track, VehicleState
 
 Positions: TypeAlias = Mapping[int, tuple[float, float]]
@@ -41,6 +43,8 @@ class TrackVehicleAssociation:
 
     Parameters
     ----------
+    agents : mapping
+        All agents, by vehicle.
     gate_chi2 : float
         Gate on the squared Mahalanobis distance of a report from a track.
     noise_std_m : float
@@ -53,30 +57,33 @@ class TrackVehicleAssociation:
 
     def __init__(
         self,
+        agents: Mapping[int, Agent],
         gate_chi2: float,
         noise_std_m: float,
         max_age_s: float,
         break_after: int = 3,
     ) -> None:
-        self._gate_chi2 = gate_chi2
+        self._agents, self._gate_chi2 = agents, gate_chi2
         self._noise: FloatArray = np.eye(2) * noise_std_m**2
         self._max_age_ns = int(max_age_s * NS_PER_S)
         self._break_after = break_after
-        self._labels: dict[int, Label] = {}
-        self._outside, self._waiting = ConsecutiveEpochs(), ConsecutiveEpochs()
-        self._lost_before: set[int] = set()
-        """Vehicles whose track was lost at the last update."""
-        self.unassociated: dict[int, Track] = {}
-        """Nearest existing track of each reporting vehicle without an association."""
 
     @property
-    def labels(self) -> Mapping[int, Label]:
+    def labels(self) -> dict[int, Label]:
         """Track label of each associated vehicle."""
-        return self._labels
+        labels = {vehicle: self._of(vehicle).label for vehicle in self._agents}
+        return {vehicle: label for vehicle, label in labels.items() if label is not None}
 
-    def restore(self, labels: Mapping[int, Label]) -> None:
+    @property
+    def near(self) -> dict[int, Label]:
+        """Label of the nearest existing track, of each reporting vehicle without an association."""
+        labels = {vehicle: self._of(vehicle).near for vehicle in self._agents}
+        return {vehicle: label for vehicle, label in labels.items() if label is not None}
+
+    def restore(self, labels: Mapping[int, Label | None]) -> None:
         """Continue with the labels from before a restart."""
-        self._labels = dict(labels)
+        for vehicle, label in labels.items():
+            self._of(vehicle).label = label
 
     def update(self, confirmation: TrackConfirmation, t_ns: int, states: Sequence[VehicleState]) -> None:
         """Check all associations at `t_ns`, end those that fail, and associate the other vehicles."""
@@ -88,11 +95,11 @@ class TrackVehicleAssociation:
         }
         tracked: list[tuple[int, Track]] = []
         losing: list[int] = []
-        for vehicle, label in list(self._labels.items()):
+        for vehicle, label in self.labels.items():
             if label not in tracks:
                 # An agent is lost with its track, once; from the next update on, a reporting vehicle is
                 # associated again. If the track still exists, another label has the object by now.
-                reports_on = vehicle in self._lost_before and vehicle in positions
+                reports_on = self._of(vehicle).was_lost and vehicle in positions
                 if reports_on or not confirmation.is_lost(label):
                     self.forget(vehicle)
                 elif vehicle in positions:
@@ -103,13 +110,16 @@ class TrackVehicleAssociation:
         self._assign(tracks, positions, outside, losing)
         self._find_unassociated(confirmation, positions, losing)
         self._replace_silent(tracks, t_ns, positions)
-        self._lost_before |= {v for v, label in self._labels.items() if label not in tracks}
+        for vehicle, label in self.labels.items():
+            self._of(vehicle).was_lost |= label not in tracks
 
     def forget(self, vehicle: int) -> None:
         """End the association of a vehicle."""
-        self._labels.pop(vehicle, None)
-        self._outside.forget(vehicle)
-        self._lost_before.discard(vehicle)
+        association = self._of(vehicle)
+        association.label, association.was_lost, association.outside = None, False, ConsecutiveEpochs()
+
+    def _of(self, vehicle: int) -> Association:
+        return self._agents[vehicle].perception.association
 
     def _check(self, t_ns: int, tracked: Sequence[tuple[int, Track]], positions: Positions) -> set[int]:
         """End associations with reports outside the gate for too long; return the others outside."""
@@ -120,7 +130,7 @@ class TrackVehicleAssociation:
         is_outside = ~(squared_distances(reported, means, S).diagonal() <= self._gate_chi2)
         outside = set()
         for (vehicle, _), holds in zip(tracked, is_outside.tolist(), strict=True):
-            if self._outside.count(vehicle, t_ns, holds=holds) >= self._break_after:
+            if self._of(vehicle).outside.count(t_ns, holds=holds) >= self._break_after:
                 self.forget(vehicle)
             elif holds:
                 outside.add(vehicle)
@@ -130,23 +140,25 @@ class TrackVehicleAssociation:
         self, tracks: Mapping[Label, Track], positions: Positions, outside: set[int], losing: Sequence[int]
     ) -> None:
         """Assign free tracks, those of `outside`, and those of silent vehicles to reporting vehicles."""
-        vehicles = sorted({*(v for v in positions if v not in self._labels), *losing})
+        labels = self.labels
+        vehicles = sorted({*(v for v in positions if v not in labels), *losing})
         if vehicles:
-            present = {self._labels[vehicle]: vehicle for vehicle in outside}
-            occupied = set(self._labels.values()) - present.keys()
+            present = {labels[vehicle]: vehicle for vehicle in outside}
+            occupied = set(labels.values()) - present.keys()
             candidates = [track for label, track in tracks.items() if label not in occupied]
             assigned = self._nearest([*vehicles, *sorted(outside)], candidates, positions, present)
-            for vehicle in assigned:
+            for vehicle, label in assigned.items():
                 self.forget(vehicle)
-            self._labels |= assigned
+                self._of(vehicle).label = label
         silent = self._silent(tracks, positions)
-        losing = [vehicle for vehicle in losing if self._labels[vehicle] not in tracks]
+        losing = [vehicle for vehicle in losing if self._of(vehicle).label not in tracks]
         for vehicle, label in self._nearest(losing, [tracks[label] for label in silent], positions).items():
-            self._labels[silent[label]], self._labels[vehicle] = self._labels[vehicle], label
+            one, other = self._of(vehicle), self._of(silent[label])
+            one.label, other.label = label, one.label
 
     def _silent(self, tracks: Mapping[Label, Track], positions: Positions) -> dict[Label, int]:
         """Return the silent vehicles, by their confirmed tracks."""
-        return {label: v for v, label in self._labels.items() if v not in positions and label in tracks}
+        return {label: v for v, label in self.labels.items() if v not in positions and label in tracks}
 
     def _replace_silent(self, tracks: Mapping[Label, Track], t_ns: int, positions: Positions) -> None:
         """Give tracks of silent vehicles to vehicles that have reported near them for some epochs."""
@@ -154,28 +166,29 @@ class TrackVehicleAssociation:
         waiting = [
             vehicle
             for vehicle in positions
-            if self._waiting.count(vehicle, t_ns, holds=vehicle in self.unassociated) >= self._break_after
+            if self._of(vehicle).waiting.count(t_ns, holds=self._of(vehicle).near is not None)
+            >= self._break_after
         ]
         for vehicle, label in self._nearest(waiting, [tracks[label] for label in silent], positions).items():
             self.forget(silent[label])
-            self._labels[vehicle] = label
-            del self.unassociated[vehicle]
+            self._of(vehicle).label, self._of(vehicle).near = label, None
 
     def _find_unassociated(
         self, confirmation: TrackConfirmation, positions: Positions, losing: Sequence[int]
     ) -> None:
         """Find the existing tracks near vehicles without a confirmed track; end their associations."""
-        lost = [vehicle for vehicle in losing if self._labels[vehicle] not in confirmation.tracks]
-        vehicles = [vehicle for vehicle in positions if vehicle not in self._labels] + lost
-        tracks = [track for track in confirmation.existing if track.existence >= LIKELY_EXISTENCE]
-        self.unassociated = {}
+        lost = [vehicle for vehicle in losing if self._of(vehicle).label not in confirmation.tracks]
+        vehicles = [vehicle for vehicle in positions if self._of(vehicle).label is None] + lost
+        tracks = [track for track in confirmation.existing.values() if track.existence >= LIKELY_EXISTENCE]
+        for agent in self._agents.values():
+            agent.perception.association.near = None
         if not vehicles or not tracks:
             return
         for vehicle, row in zip(vehicles, self._costs(vehicles, tracks, positions), strict=True):
             nearest = int(row.argmin())
             if row[nearest] < _FORBIDDEN:
                 self.forget(vehicle)
-                self.unassociated[vehicle] = tracks[nearest]
+                self._of(vehicle).near = tracks[nearest].label
 
     def _nearest(
         self,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from gcs.config import Config
+from gcs.core.perception.records import UntrackedState
 from gcs.model import NS_PER_S, FloatArray, Notice, Sensor
-from gcs.tracking.models.persistent_detections import PersistentDetections
 
 _REPEAT_NS = 10 * NS_PER_S
 _MAX_NAMED = 3
@@ -13,30 +13,28 @@ _MAX_NAMED = 3
 class UntrackedDetections:
     """Alarms about detections that persist where no birth component is declared."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, state: UntrackedState) -> None:
         self._frame = config.local_frame
         rate = "raise" if config.tracking.targets.anywhere.per_s > 0.0 else "set"
         self._remedy = f"add [[births]] there, or {rate} tracking.targets.anywhere.per_s"
-        self._persistent = PersistentDetections()
-        self._new: list[tuple[float, float]] = []
-        self._notice_t_ns: int | None = None
-        self._is_raised = False
+        self._state = state
 
     def add_scan(self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray) -> None:
         """Add the detections measured at `t_ns`; `explained` in [0, 1] is the part that tracks explain."""
-        for east_m, north_m in self._persistent.process_scan(t_ns, z_m, sensor, explained).tolist():
-            self._new.append((east_m, north_m))
+        for east_m, north_m in self._state.chains.process_scan(t_ns, z_m, sensor, explained).tolist():
+            self._state.new_m.append((east_m, north_m))
 
     def notices(self, t_ns: int) -> list[Notice]:
         """Return an alarm with the new positions, at most every 10 s, or its all-clear."""
-        if self._new and (self._notice_t_ns is None or t_ns - self._notice_t_ns >= _REPEAT_NS):
-            positions, self._new, self._notice_t_ns, self._is_raised = self._new, [], t_ns, True
+        state = self._state
+        if state.new_m and (state.notice_t_ns is None or t_ns - state.notice_t_ns >= _REPEAT_NS):
+            positions, state.new_m, state.notice_t_ns, state.is_raised = state.new_m, [], t_ns, True
             named = "; ".join(self._words(position) for position in positions[:_MAX_NAMED])
             more = f" and at {len(positions) - _MAX_NAMED} more places" if len(positions) > _MAX_NAMED else ""
             text = f"detections persist at {named}{more} where no births are declared: no track takes them"
             return [Notice(t_ns, "alarm", f"{text}; {self._remedy}")]
-        if self._is_raised and not self._new and not len(self._persistent.places_m):
-            self._is_raised = False
+        if state.is_raised and not state.new_m and not len(state.chains.places_m):
+            state.is_raised = False
             return [Notice(t_ns, "info", "no detections persist without a track any more")]
         return []
 

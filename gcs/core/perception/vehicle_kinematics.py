@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 
 from gcs.core.replanning.plan_targets import place_of
+from gcs.core.state import Agent
 from gcs.geo import wrap_pi
 from gcs.model import NS_PER_S, Track, VehicleState
 from gcs.planning.route_progress import CORRIDOR_M
@@ -29,30 +30,29 @@ class VehicleKinematics:
 
     Parameters
     ----------
+    agents : mapping
+        All agents, by vehicle.
     max_age_s : float
         Maximum age of a report.
     """
 
-    def __init__(self, max_age_s: float) -> None:
-        self._max_age_ns = int(max_age_s * NS_PER_S)
-        self._states: dict[int, VehicleState] = {}
-        self._courses: dict[int, tuple[int, float]] = {}
-        self._rates: dict[int, float] = {}
+    def __init__(self, agents: Mapping[int, Agent], max_age_s: float) -> None:
+        self._agents, self._max_age_ns = agents, int(max_age_s * NS_PER_S)
 
     def update(self, states: Iterable[VehicleState]) -> None:
         """Process the newest reports."""
         for state in states:
-            vehicle = state.system_id
-            self._states[vehicle] = state
-            before_ns, course_rad = self._courses.get(vehicle, (-_MAX_INTERVAL_NS, 0.0))
+            motion = self._agents[state.system_id].perception.motion
+            motion.state = state
+            before_ns, course_rad = motion.course or (-_MAX_INTERVAL_NS, 0.0)
             passed_ns = state.t_ns - before_ns
             if passed_ns < _MIN_INTERVAL_NS:
                 continue
             is_known = passed_ns <= _MAX_INTERVAL_NS and state.ground_speed_m_s >= _MIN_SPEED_M_S
             turned_rad = wrap_pi(state.course_rad - course_rad) if is_known else 0.0
             rate = turned_rad * NS_PER_S / passed_ns
-            self._rates[vehicle] = rate if abs(rate) <= _MAX_TURN_RATE_RAD_S else 0.0
-            self._courses[vehicle] = (state.t_ns, state.course_rad)
+            motion.turn_rate_rad_s = rate if abs(rate) <= _MAX_TURN_RATE_RAD_S else 0.0
+            motion.course = (state.t_ns, state.course_rad)
 
     def motions(
         self,
@@ -72,7 +72,8 @@ class VehicleKinematics:
         tracked_t_ns: int,
         ahead: Callable[[int], RemainingMission],
     ) -> Motion:
-        state = self._states.get(vehicle)
+        reported = self._agents[vehicle].perception.motion
+        state = reported.state
         if state is None or not self._is_valid(state, track, t_ns):
             return motion_of(track, t_ns - tracked_t_ns)
         return Motion(
@@ -80,7 +81,7 @@ class VehicleKinematics:
             state.north_m,
             state.ground_speed_m_s,
             state.course_rad,
-            self._rates[vehicle],
+            reported.turn_rate_rad_s,
             (t_ns - state.t_ns) / NS_PER_S,
             ahead(vehicle),
         )

@@ -44,12 +44,13 @@ class PlanningInputBuilder:
 
     def build(self, t_ns: int, picture_t_ns: int) -> PlanningInputs:
         """Return the inputs of a plan at `t_ns`, with tracks as of `picture_t_ns`."""
-        confirmed, labels = self.trackers.agents.confirmation.tracks, self.association.labels
+        confirmation, labels = self.trackers.agents.confirmation, self.association.labels
         untaskable = self.control.without_missions()
+        confirmed, existing = confirmation.tracks, confirmation.existing
         tracks = {v: confirmed[label] for v, label in labels.items() if label in confirmed}
-        unassociated = self.association.unassociated
-        tracks |= {v: track for v, track in unassociated.items() if self.agents[v].routes.is_planned}
-        active = self.agent_status.active()
+        near = self.association.near.items()
+        tracks |= {v: existing[label] for v, label in near if self.agents[v].routes.is_planned}
+        active, lost = self.agent_status.active(), self.agent_status.lost()
         agents = {v: tracks[v] for v in active if v not in untaskable and v in tracks}
         return PlanningInputs(
             t_ns=t_ns,
@@ -61,12 +62,12 @@ class PlanningInputBuilder:
             late_s={vehicle: self.latency.late_s(vehicle) for vehicle in agents},
             left_s=self._left_s(agents, t_ns),
             climbs=self.climbs(agents),
-            other_vehicles=self._other_vehicles(agents),
+            other_vehicles=self._other_vehicles(agents, lost),
             passed=frozenset(filter(self.mission_ends.has_missed, agents)),
             targets=self.open_targets(),
             at_targets=self.agent_status.at_targets(),
             arrived=self.agent_status.arrived(),
-            lost=self.agent_status.lost(),
+            lost=lost,
             untaskable=untaskable,
         )
 
@@ -84,14 +85,13 @@ class PlanningInputBuilder:
         found = {v: self.tasking.climb(v, self.replanner.layer(v)) for v in vehicles}
         return {vehicle: climb for vehicle, climb in found.items() if climb is not None}
 
-    def _other_vehicles(self, planned: Container[int]) -> tuple[OtherVehicle, ...]:
+    def _other_vehicles(self, planned: Container[int], lost: Container[int]) -> tuple[OtherVehicle, ...]:
         """Return the vehicles in the air that are not planned for now."""
         found = []
         for state in self.fleet.states():
             vehicle, home = state.system_id, self.fleet.home(state.system_id)
-            is_lost = self.agent_status.by_vehicle[vehicle].status == "lost"
             is_ours = self.control.of(vehicle).is_ours
-            if vehicle in planned or is_ours or is_lost or is_on_ground(state, home):
+            if vehicle in planned or is_ours or vehicle in lost or is_on_ground(state, home):
                 continue
             position_m = to_m = (state.east_m, state.north_m)
             if state.mode == RTL and home is not None:

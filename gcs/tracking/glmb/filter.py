@@ -19,16 +19,26 @@ from functools import lru_cache
 import numpy as np
 
 from gcs import jit
-from gcs.model import NS_PER_S, FloatArray, Kind, PersistedFilter, Picture, Sensor, Track
-from gcs.tracking.glmb import extraction, kalman, persistence, recursion
+from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
+from gcs.tracking.glmb import extraction, kalman, recursion
 from gcs.tracking.glmb.extraction import Estimates
 from gcs.tracking.glmb.measurements import scan_measurements
 from gcs.tracking.glmb.params import SURE, Birth, BirthComponents, GlmbParams
-from gcs.tracking.glmb.recursion import DetectionSummary, Interval, Posterior
+from gcs.tracking.glmb.recursion import DetectionSummary, Interval
+from gcs.tracking.glmb.state import GlmbState, check_state
 from gcs.tracking.models import clutter, constant_velocity, coordinated_turn, measurement
 from gcs.tracking.trajectories.recovery import Histories
 
-__all__ = ["Birth", "DetectionSummary", "Estimates", "Glmb", "GlmbParams", "warm_up", "warm_up_calls"]
+__all__ = [
+    "Birth",
+    "DetectionSummary",
+    "Estimates",
+    "Glmb",
+    "GlmbParams",
+    "GlmbState",
+    "warm_up",
+    "warm_up_calls",
+]
 
 
 class Glmb:
@@ -41,20 +51,27 @@ class Glmb:
     params : GlmbParams
         Model and limits.
     seed : int
-        Seed of the Gibbs sampler, which large clusters alone use.
+        Seed of the Gibbs sampler, which large clusters alone use. Without effect if a state is given.
     keep_histories : bool
         True to keep association histories, for whole trajectories (see `trajectories.recovery`).
     summarise_detections : bool
         True to fill `detection_summary` at each update.
+    state : GlmbState, optional
+        State to continue from, of a filter with the same parameters. It is updated in place.
+
+    Raises
+    ------
+    ValueError
+        If the state is damaged.
 
     Attributes
     ----------
+    state : GlmbState
+        Everything that the filter carries from one scan to the next, but for association histories.
     histories : Histories or None
         Association histories.
     detection_summary : DetectionSummary or None
         What the tracks explain of the last scan.
-    scans, late_scans, bad_detections : int
-        Processed scans, scans refused as older than the last one, detections refused as not finite.
     """
 
     def __init__(
@@ -65,19 +82,19 @@ class Glmb:
         *,
         keep_histories: bool = False,
         summarise_detections: bool = False,
+        state: GlmbState | None = None,
     ) -> None:
+        if state is not None:
+            check_state(state, has_turns=params.turn_rate_std_rad_s > 0.0)
+        self.state = GlmbState(rng=seed % 2**64) if state is None else state
         self.kind: Kind = kind
         self.params = params
         self._turns = coordinated_turn.TurnModel(float(params.turn_rate_std_rad_s), float(params.turn_time_s))
         turns = self._turns if params.turn_rate_std_rad_s > 0.0 else None
         self.histories = Histories(turns) if keep_histories else None
         self.detection_summary: DetectionSummary | None = None
-        self.scans = self.late_scans = self.bad_detections = 0
         self._summarise_detections = summarise_detections
         self._limits = params.limits()
-        self._rng = np.array([seed % 2**64], dtype=np.uint64)
-        self._t_ns: int | None = None
-        self._posterior = Posterior.empty()
         self._births: tuple[Birth, ...] = ()
         self._birth_components = BirthComponents.from_births(())
         self._sensor: Sensor | None = None
@@ -113,52 +130,37 @@ class Glmb:
         ValueError
             If `z_m` has another shape.
         """
-        if self._t_ns is not None and measured_t_ns < self._t_ns:
-            self.late_scans += 1
+        state = self.state
+        if state.t_ns is not None and measured_t_ns < state.t_ns:
+            state.late_scans += 1
             return
-        dt_s = 0.0 if self._t_ns is None else (measured_t_ns - self._t_ns) / NS_PER_S
-        self._t_ns = measured_t_ns
+        dt_s = 0.0 if state.t_ns is None else (measured_t_ns - state.t_ns) / NS_PER_S
+        state.t_ns = measured_t_ns
         if births is not self._births:
             # Constant births are one tuple, the same object at each scan; other sequences might change.
             self._births, self._birth_components = tuple(births), BirthComponents.from_births(births)
         if sensor is not self._sensor:
             self._sensor, self._sensor_model = sensor, measurement.sensor_model(sensor)
-        interval = self._interval(dt_s)
+        interval, rng = self._interval(dt_s), np.array([state.rng], dtype=np.uint64)
         result = recursion.update_step(
-            self._posterior,
+            state.posterior,
             interval,
             scan_measurements(sensor, z_m, clutter_density_per_m2),
             self._sensor_model,
             self._limits,
             self._turns,
             self._summarise_detections,
-            self._rng,
+            rng,
         )
-        self._posterior = result.posterior
-        self.bad_detections += result.n_unusable
+        state.posterior, state.rng = result.posterior, int(rng[0])
+        state.bad_detections += result.n_unusable
         if self._summarise_detections:
             self.detection_summary = result.summary
         if self.histories is not None:
             self.histories.add_scan(
                 measured_t_ns, sensor, self._births, self._survival_probability(dt_s), interval, result
             )
-        self.scans += 1
-
-    def persisted(self) -> PersistedFilter:
-        """Return the posterior, for `restore`; association histories are not part of it."""
-        return persistence.persisted(self._t_ns, self.scans, int(self._rng[0]), self._posterior)
-
-    def restore(self, state: PersistedFilter) -> None:
-        """Continue from a posterior that `persisted` returned, with the same parameters.
-
-        Raises
-        ------
-        ValueError
-            If the state is damaged.
-        """
-        self._posterior = persistence.posterior(state, has_turns=self.params.turn_rate_std_rad_s > 0.0)
-        self._t_ns, self.scans = state.t_ns, state.scans
-        self._rng = np.array([state.rng], dtype=np.uint64)
+        state.scans += 1
 
     def picture(self, t_ns: int) -> Picture:
         """Return all labels with an existence of at least `min_reported_existence`, as of the last scan.
@@ -172,12 +174,12 @@ class Glmb:
             Track((k, i), *row)
             for (k, i), row in zip(found.label.tolist(), zip(*columns, strict=True), strict=True)
         )
-        scan_t_ns = t_ns if self._t_ns is None else self._t_ns
+        scan_t_ns = t_ns if self.state.t_ns is None else self.state.t_ns
         return Picture(t_ns, scan_t_ns, self.kind, tracks, found.cardinality)
 
     def estimates(self) -> Estimates:
         """Return the content of `picture` as read-only arrays; faster for large scenes."""
-        posterior = self._posterior
+        posterior = self.state.posterior
         min_existence = float(self.params.min_reported_existence)
         found: Estimates = extraction.extract_estimates(
             posterior.clusters,
@@ -191,6 +193,21 @@ class Glmb:
             column.flags.writeable = False
         return found
 
+    @property
+    def scans(self) -> int:
+        """Number of processed scans."""
+        return self.state.scans
+
+    @property
+    def late_scans(self) -> int:
+        """Number of scans refused as older than the last one."""
+        return self.state.late_scans
+
+    @property
+    def bad_detections(self) -> int:
+        """Number of detections refused as not finite."""
+        return self.state.bad_detections
+
     def estimate(self) -> tuple[Track, ...]:
         """Return the tracks of `picture` that are in the MAP-cardinality estimate."""
         return tuple(track for track in self.picture(0).tracks if track.estimated)
@@ -200,7 +217,7 @@ class Glmb:
         params = self.params
         Q = _process_noise(dt_s, params.accel_std_m_s2, params.acceleration)
         survival = _survival_terms(self._survival_probability(dt_s), float(params.lost_std_m))
-        return Interval(dt_s, Q, survival, self.scans, self._birth_components)
+        return Interval(dt_s, Q, survival, self.state.scans, self._birth_components)
 
     def _survival_probability(self, dt_s: float) -> float:
         return float(max(min(self.params.survival_probability_per_s, 1.0) ** dt_s, 1.0 - SURE))

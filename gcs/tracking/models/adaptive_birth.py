@@ -15,6 +15,7 @@ number of sensors. Two sensors do not double the births.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -32,13 +33,34 @@ _MAX_BIRTHS = 2000
 """Per scan, the least explained detections first: bounds the work of a hostile scan."""
 
 
-class _Unexplained(NamedTuple):
-    """Unexplained detections of the last scan."""
+class Unexplained(NamedTuple):
+    """Unexplained detections of the last scan; n detections."""
 
     t_ns: int
     positions_m: FloatArray
+    """(n, 2) east, north."""
     noise_m2: FloatArray
+    """(n, 2, 2)."""
     probability: FloatArray
+    """(n,) birth probability."""
+
+
+@dataclass(slots=True)
+class AdaptiveBirthState:
+    """What adaptive births remember of the scans."""
+
+    last_scan_t_ns: dict[str, int] = field(default_factory=dict)
+    """Time of each sensor's last scan."""
+    unexplained: Unexplained | None = None
+
+    def __post_init__(self) -> None:
+        if self.unexplained is None:
+            return
+        _, positions, noise, probability = self.unexplained
+        n = probability.size
+        is_valid = (positions.shape, noise.shape, probability.shape) == ((n, 2), (n, 2, 2), (n,))
+        if not is_valid or not all(np.isfinite(values).all() for values in self.unexplained):
+            raise ValueError("adaptive birth: the unexplained detections are not valid")
 
 
 class AdaptiveBirth:
@@ -54,21 +76,27 @@ class AdaptiveBirth:
         Largest probability of a single birth.
     accel_std_m_s2 : float
         Process noise until the next scan.
+    state : AdaptiveBirthState, optional
+        State to continue from; it is updated in place.
     """
 
     def __init__(
-        self, per_s: float, speed_std_m_s: float, max_probability: float, accel_std_m_s2: float
+        self,
+        per_s: float,
+        speed_std_m_s: float,
+        max_probability: float,
+        accel_std_m_s2: float,
+        state: AdaptiveBirthState | None = None,
     ) -> None:
         self._per_s = per_s
         self._speed_std_m_s = speed_std_m_s
         self._max_probability = max_probability
         self._accel_std_m_s2 = accel_std_m_s2
-        self._last_scan_t_ns: dict[str, int] = {}
-        self._unexplained: _Unexplained | None = None
+        self._state = AdaptiveBirthState() if state is None else state
 
     def births(self, t_ns: int) -> list[Birth]:
         """Remove and return the birth components for a scan measured at `t_ns`."""
-        last, self._unexplained = self._unexplained, None
+        last, self._state.unexplained = self._state.unexplained, None
         if last is None or t_ns < last.t_ns:
             return []
         dt_s = (t_ns - last.t_ns) / NS_PER_S
@@ -91,18 +119,18 @@ class AdaptiveBirth:
         total = float(unexplained.sum())
         if self._per_s <= 0.0 or total <= 0.0:
             return
-        expected = self._per_s * elapsed_s / len(self._last_scan_t_ns)
+        expected = self._per_s * elapsed_s / len(self._state.last_scan_t_ns)
         probability = np.minimum(unexplained / total * expected, self._max_probability)
         rows = np.argsort(-probability, kind="stable")[:_MAX_BIRTHS]
         rows = np.sort(rows[probability[rows] >= _MIN_PROBABILITY])
-        self._unexplained = _Unexplained(
+        self._state.unexplained = Unexplained(
             t_ns, z_m[rows], sensors.noise_m2(sensor, z_m[rows]), probability[rows]
         )
 
     def _elapsed_s(self, t_ns: int, sensor: str) -> float:
         """Record a sensor's scan, and return the time since its last one."""
-        before = self._last_scan_t_ns.get(sensor)
-        self._last_scan_t_ns[sensor] = t_ns
+        before = self._state.last_scan_t_ns.get(sensor)
         horizon = t_ns - int(_SENSOR_TIMEOUT_S * NS_PER_S)
-        self._last_scan_t_ns = {name: at for name, at in self._last_scan_t_ns.items() if at >= horizon}
+        times = self._state.last_scan_t_ns | {sensor: t_ns}
+        self._state.last_scan_t_ns = {name: at for name, at in times.items() if at >= horizon}
         return _FIRST_INTERVAL_S if before is None else (t_ns - before) / NS_PER_S

@@ -12,6 +12,7 @@ chains: far less than once a year. It takes five detections at 20 false detectio
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -34,20 +35,31 @@ _MAX_STD_M: Final = 200.0
 _MAX_CHAINS: Final = 300
 
 
+@dataclass(slots=True)
 class PersistentDetections:
-    """Chains of detections without a track, over the scans of all sensors."""
+    """Chains of detections without a track, over the scans of all sensors; n chains."""
 
-    def __init__(self) -> None:
-        self._t_ns = 0
-        self._mean = np.zeros((0, 4))
-        self._cov = np.zeros((0, 4, 4))
-        self._score = np.zeros(0)
-        self._found = np.zeros(0, np.bool_)
+    t_ns: int = 0
+    """Time of the last scan."""
+    mean: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
+    """(n, 4) east, north, v_east, v_north."""
+    cov: FloatArray = field(default_factory=lambda: np.zeros((0, 4, 4)))
+    """(n, 4, 4)."""
+    score: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """(n,) log-likelihood ratio of object against clutter."""
+    found: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
+    """(n,) True if the chain is persistent."""
+
+    def __post_init__(self) -> None:
+        n = self.score.size
+        shapes = (self.mean.shape, self.cov.shape, self.score.shape, self.found.shape)
+        if shapes != ((n, 4), (n, 4, 4), (n,), (n,)) or n > _MAX_CHAINS:
+            raise ValueError("persistent detections: the chains are not valid")
 
     @property
     def places_m(self) -> FloatArray:
         """Positions (n, 2) of the persistent chains, east and north."""
-        return np.asarray(self._mean[self._found, :2])
+        return np.asarray(self.mean[self.found, :2])
 
     def process_scan(self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray) -> FloatArray:
         """Process a scan; return positions (n, 2) of the chains that have just become persistent.
@@ -69,18 +81,18 @@ class PersistentDetections:
         z, noise = z_m[unexplained], sensors.noise_m2(sensor, z_m[unexplained])
         clutter = np.maximum(sensors.clutter_per_m2(sensor, z), _MIN_CLUTTER_PER_M2)
         is_assigned = self._associate(z, noise, clutter, sensor)
-        self._keep((self._score >= 0.0) & (self._cov[:, [0, 1], [0, 1]].max(axis=1) <= _MAX_STD_M**2))
+        self._keep((self.score >= 0.0) & (self.cov[:, [0, 1], [0, 1]].max(axis=1) <= _MAX_STD_M**2))
         self._begin(z[~is_assigned], noise[~is_assigned])
-        new = ~self._found & (self._score >= _PERSISTENT_SCORE)
-        self._found |= new
-        return np.asarray(self._mean[new, :2])
+        new = ~self.found & (self.score >= _PERSISTENT_SCORE)
+        self.found |= new
+        return np.asarray(self.mean[new, :2])
 
     def _predict(self, t_ns: int) -> None:
-        dt_s = (t_ns - self._t_ns) / NS_PER_S if self._score.size else 0.0
-        self._t_ns = t_ns
+        dt_s = (t_ns - self.t_ns) / NS_PER_S if self.score.size else 0.0
+        self.t_ns = t_ns
         F, Q = constant_velocity.transition(dt_s), constant_velocity.process_noise(dt_s, _ACCEL_STD_M_S2)
-        self._mean = self._mean @ F.T
-        self._cov = F @ self._cov @ F.T + Q
+        self.mean = self.mean @ F.T
+        self.cov = F @ self.cov @ F.T + Q
 
     def _associate(self, z: FloatArray, noise: FloatArray, clutter: FloatArray, sensor: Sensor) -> BoolArray:
         """Update each chain with its likeliest detection, unless a chain with a greater score has it.
@@ -89,7 +101,7 @@ class PersistentDetections:
         """
         is_assigned = np.zeros(len(z), np.bool_)
         detected = min(sensor.detection_probability, _MAX_DETECTION)
-        missed = sensors.covers(sensor, self._mean[:, :2])
+        missed = sensors.covers(sensor, self.mean[:, :2])
         chain, detection, innovation, S = self._pairs(z, noise)
         if chain.size and detected > 0.0:
             chi2 = np.einsum("pi,pij,pj->p", innovation, np.linalg.inv(S), innovation)
@@ -97,39 +109,39 @@ class PersistentDetections:
             ratio -= np.log(clutter[detection])
             pair = np.flatnonzero(chi2 <= _GATE_CHI2)
             pair = _first_of_each(pair[np.argsort(-ratio[pair], kind="stable")], chain)
-            pair = _first_of_each(pair[np.argsort(-self._score[chain[pair]], kind="stable")], detection)
+            pair = _first_of_each(pair[np.argsort(-self.score[chain[pair]], kind="stable")], detection)
             hit = chain[pair]
             is_assigned[detection[pair]], missed[hit] = True, False
-            self._score[hit] = np.minimum(self._score[hit] + ratio[pair], _MAX_SCORE)
-            K = self._cov[hit, :, :2] @ np.linalg.inv(S[pair])
-            self._mean[hit] += (K @ innovation[pair][:, :, None])[:, :, 0]
-            self._cov[hit] -= K @ self._cov[hit, :2]
-        self._score[missed] += math.log1p(-detected)
+            self.score[hit] = np.minimum(self.score[hit] + ratio[pair], _MAX_SCORE)
+            K = self.cov[hit, :, :2] @ np.linalg.inv(S[pair])
+            self.mean[hit] += (K @ innovation[pair][:, :, None])[:, :, 0]
+            self.cov[hit] -= K @ self.cov[hit, :2]
+        self.score[missed] += math.log1p(-detected)
         return is_assigned
 
     def _pairs(self, z: FloatArray, noise: FloatArray) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
         """Return chain, detection, innovation and its covariance of all pairs that may be in a gate."""
-        spread_m2 = np.trace(self._cov[:, :2, :2], axis1=1, axis2=2)[:, None]
-        innovation = z[None] - self._mean[:, None, :2]
+        spread_m2 = np.trace(self.cov[:, :2, :2], axis1=1, axis2=2)[:, None]
+        innovation = z[None] - self.mean[:, None, :2]
         reach_m2 = _GATE_CHI2 * (spread_m2 + np.trace(noise, axis1=1, axis2=2))
         chain, detection = np.nonzero((innovation**2).sum(axis=2) <= reach_m2)
-        return chain, detection, innovation[chain, detection], self._cov[chain, :2, :2] + noise[detection]
+        return chain, detection, innovation[chain, detection], self.cov[chain, :2, :2] + noise[detection]
 
     def _keep(self, kept: BoolArray) -> None:
-        self._mean, self._cov = self._mean[kept], self._cov[kept]
-        self._score, self._found = self._score[kept], self._found[kept]
+        self.mean, self.cov = self.mean[kept], self.cov[kept]
+        self.score, self.found = self.score[kept], self.found[kept]
 
     def _begin(self, z: FloatArray, noise: FloatArray) -> None:
-        n = min(len(z), _MAX_CHAINS - self._score.size)
+        n = min(len(z), _MAX_CHAINS - self.score.size)
         if n <= 0:
             return
         cov = np.zeros((n, 4, 4))
         cov[:, :2, :2] = noise[:n]
         cov[:, [2, 3], [2, 3]] = _SPEED_STD_M_S**2
-        self._mean = np.concatenate([self._mean, np.hstack([z[:n], np.zeros((n, 2))])])
-        self._cov = np.concatenate([self._cov, cov])
-        self._score = np.concatenate([self._score, np.zeros(n)])
-        self._found = np.concatenate([self._found, np.zeros(n, np.bool_)])
+        self.mean = np.concatenate([self.mean, np.hstack([z[:n], np.zeros((n, 2))])])
+        self.cov = np.concatenate([self.cov, cov])
+        self.score = np.concatenate([self.score, np.zeros(n)])
+        self.found = np.concatenate([self.found, np.zeros(n, np.bool_)])
 
 
 def _first_of_each(pair: IntArray, of: IntArray) -> IntArray:

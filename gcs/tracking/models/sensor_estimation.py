@@ -17,7 +17,7 @@ deviations) and large. It ends when the difference is small; the hysteresis avoi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +46,7 @@ class Finding(NamedTuple):
 
 
 @dataclass(slots=True)
-class _Mean:
+class FadingMean:
     """A fading mean; `n` is its effective number of samples."""
 
     total: float = 0.0
@@ -54,6 +54,7 @@ class _Mean:
     squares: float = 0.0
 
     def add(self, total: float, samples: float = 1.0) -> None:
+        """Add the total of some samples."""
         if samples <= 0.0:
             return
         fade = 1.0 - 1.0 / _MEMORY_SCANS
@@ -63,32 +64,38 @@ class _Mean:
 
     @property
     def value(self) -> float:
+        """The mean; 0 without samples."""
         return self.total / self.weight if self.weight else 0.0
 
     @property
     def n(self) -> float:
+        """Effective number of samples."""
         return self.weight**2 / self.squares if self.squares else 0.0
 
 
+@dataclass(slots=True)
 class SensorEstimation:
     """Estimates of one sensor."""
 
-    def __init__(self) -> None:
-        self._clutter, self._detected = _Mean(), _Mean()
-        self._contradicts = {"clutter": False, "detection": False}
+    clutter: FadingMean = field(default_factory=FadingMean)
+    """False detections of a scan."""
+    detected: FadingMean = field(default_factory=FadingMean)
+    """Share of the objects in view that are detected."""
+    contradicts: dict[str, bool] = field(default_factory=dict)
+    """True for each value, "clutter" or "detection", with a reported contradiction."""
 
     def add_scan(self, unexplained: float, detected: float, in_view: float) -> None:
         """Add a scan: unexplained detections, and detected objects of those in view."""
-        self._clutter.add(unexplained)
-        self._detected.add(detected, in_view)
+        self.clutter.add(unexplained)
+        self.detected.add(detected, in_view)
 
     def findings(self, sensor: Sensor) -> list[Finding]:
         """Return the changes in agreement with the sensor's announced values."""
         found = []
-        clutter, detection = self._clutter.value, self._detected.value
+        clutter, detection = self.clutter.value, self.detected.value
         announced = expected_clutter(sensor)
-        if math.isfinite(announced) and self._clutter.n >= _MIN_SCANS:
-            off = abs(clutter - announced) > _CERTAIN_STD * math.sqrt(max(announced, 1e-3) / self._clutter.n)
+        if math.isfinite(announced) and self.clutter.n >= _MIN_SCANS:
+            off = abs(clutter - announced) > _CERTAIN_STD * math.sqrt(max(announced, 1e-3) / self.clutter.n)
             ratio = max(clutter, 1e-3) / max(announced, 1e-3)
             finding = f"{clutter:.3g} false detections a scan seen, {announced:.3g} announced"
             consequence = "clutter may pass for objects" if ratio > 1.0 else "tracks are confirmed late"
@@ -100,9 +107,9 @@ class SensorEstimation:
                 consequence,
             )
         announced = min(sensor.detection_probability, _MAX_DETECTION)
-        if self._detected.n >= _MIN_OBJECTS:
+        if self.detected.n >= _MIN_OBJECTS:
             off_by = abs(detection - announced)
-            std = math.sqrt(max(announced * (1.0 - announced), 1e-3) / self._detected.n)
+            std = math.sqrt(max(announced * (1.0 - announced), 1e-3) / self.detected.n)
             finding = f"{detection:.2f} of the objects in view are detected, {announced:.2f} announced"
             consequence = "tracks may be dropped" if detection < announced else "losses are detected late"
             found += self._report_change(
@@ -119,15 +126,13 @@ class SensorEstimation:
         announced = expected_clutter(sensor)
         clutter_factor = 1.0
         if math.isfinite(announced) and announced > 0.0:
-            n = self._clutter.n
-            seen = (_PRIOR_SCANS * announced + n * self._clutter.value) / (_PRIOR_SCANS + n)
+            n = self.clutter.n
+            seen = (_PRIOR_SCANS * announced + n * self.clutter.value) / (_PRIOR_SCANS + n)
             clutter_factor = float(
                 np.clip(seen / announced, 1.0 / _MAX_CLUTTER_CORRECTION, _MAX_CLUTTER_CORRECTION)
             )
-        n = self._detected.n
-        p_d = (_PRIOR_OBJECTS * sensor.detection_probability + n * self._detected.value) / (
-            _PRIOR_OBJECTS + n
-        )
+        n = self.detected.n
+        p_d = (_PRIOR_OBJECTS * sensor.detection_probability + n * self.detected.value) / (_PRIOR_OBJECTS + n)
         polar = sensor.polar
         if polar is not None:
             polar = replace(polar, clutter_per_m_rad=polar.clutter_per_m_rad * clutter_factor)
@@ -141,10 +146,11 @@ class SensorEstimation:
     def _report_change(
         self, what: str, is_contradicting: bool, is_agreeing: bool, finding: str, consequence: str
     ) -> list[Finding]:
-        if not self._contradicts[what] and is_contradicting:
-            self._contradicts[what] = True
+        contradicts = self.contradicts.get(what, False)
+        if not contradicts and is_contradicting:
+            self.contradicts[what] = True
             return [Finding(True, f"{finding}: {consequence}; check the sensor's configuration")]
-        if self._contradicts[what] and is_agreeing:
-            self._contradicts[what] = False
+        if contradicts and is_agreeing:
+            self.contradicts[what] = False
             return [Finding(False, f"{finding}: in agreement again")]
         return []

@@ -2,22 +2,23 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-from staging import at, confirmed, picture, track
+from staging import at, confirmation_of, confirmed, picture, track
 
 from gcs.core.perception.agent_status import NEVER_SEEN_S, UNSEEN_S, AgentStatusMonitor
-from gcs.core.perception.confirmation import TrackConfirmation
+from gcs.core.state import State
 
 AGENT, TARGET = (0, 0), (0, 1)
 RADIUS_M = 40.0
 HERE, FAR = (0.0, 0.0), (500.0, 0.0)
-NO_TRACKS = TrackConfirmation(0.01)
+NO_TRACKS = confirmation_of()
 
 
 class Scene:
     """One agent, vehicle 1, on its way to one target; a scan a second."""
 
     def __init__(self, vehicles=(1,)):
-        self.monitor = AgentStatusMonitor(vehicles, RADIUS_M)
+        self.agents = State.initial(vehicles).agents
+        self.monitor = AgentStatusMonitor(self.agents, RADIUS_M)
         self.t_s = 0
 
     def scan(self, agent=None, target=None, *, associated=True, reporting=True, tasked=True, again=False):
@@ -25,12 +26,12 @@ class Scene:
         self.t_s += not again
         agents = confirmed(agent) if agent else NO_TRACKS
         targets = confirmed(target) if target else NO_TRACKS
+        self.agents[1].perception.association.label = AGENT if associated else None
         changed = self.monitor.update(
             at(self.t_s),
             at(self.t_s),
             agents,
             targets,
-            {1: AGENT} if associated else {},
             {1: TARGET} if tasked else {},
             {1} if reporting else set(),
         )
@@ -39,7 +40,7 @@ class Scene:
 
     @property
     def status(self):
-        return self.monitor.by_vehicle[1]
+        return self.agents[1].perception.status
 
 
 def flying(place=FAR, **changes):
@@ -65,10 +66,7 @@ def test_an_agent_whose_track_was_only_missed_flies_on():
     for _ in range(6):
         scene.t_s += 1
         doubted.update(picture(flying(existence=0.3, estimated=False)))
-        assert (
-            scene.monitor.update(at(scene.t_s), at(scene.t_s), doubted, NO_TRACKS, {1: AGENT}, {}, set())
-            == []
-        )
+        assert scene.monitor.update(at(scene.t_s), at(scene.t_s), doubted, NO_TRACKS, {}, set()) == []
 
 
 def test_the_last_place_known_is_one_where_it_was_seen():
@@ -76,7 +74,7 @@ def test_the_last_place_known_is_one_where_it_was_seen():
     scene.scan(flying((300.0, 40.0)), goal())
     coasted = confirmed(flying((300.0, 40.0)))
     coasted.update(picture(flying((390.0, 40.0), existence=0.2, estimated=False)))
-    scene.monitor.update(at(2), at(2), coasted, NO_TRACKS, {1: AGENT}, {}, set())
+    scene.monitor.update(at(2), at(2), coasted, NO_TRACKS, {}, set())
     scene.scan(None, goal(), reporting=False)
     assert scene.status.position_m == (300.0, 40.0)
 
@@ -147,12 +145,11 @@ def test_an_agent_that_is_lost_on_its_last_metres_has_not_arrived():
 
 def test_a_track_that_coasts_over_the_target_unseen_has_not_arrived():
     scene = Scene()
+    scene.agents[1].perception.association.label = AGENT
     agents = confirmed(flying(HERE))
     agents.update(picture(flying(HERE, existence=0.4, estimated=False)))
     for t_s in range(1, 5):
-        changed = scene.monitor.update(
-            at(t_s), at(t_s), agents, confirmed(goal()), {1: AGENT}, {1: TARGET}, {1}
-        )
+        changed = scene.monitor.update(at(t_s), at(t_s), agents, confirmed(goal()), {1: TARGET}, {1})
         assert changed == []
 
 
@@ -210,4 +207,4 @@ def test_an_agent_status_changes_only_in_allowed_steps(scans):
         ):
             assert (last[vehicle], status) in {("active", "lost"), ("active", "arrived"), ("lost", "active")}
             last[vehicle] = status
-    assert last == {vehicle: status.status for vehicle, status in scene.monitor.by_vehicle.items()}
+    assert last == {vehicle: agent.perception.status.status for vehicle, agent in scene.agents.items()}

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 from hypothesis import given
 from hypothesis import strategies as st
-from staging import RADAR, picture, track
+from staging import RADAR, confirmation_of, picture, track
 
-from gcs.core.perception.confirmation import CONFIRMATION_EPOCHS, TrackConfirmation
+from gcs.core.perception.confirmation import CONFIRMATION_EPOCHS
 
 HERE = (0.0, 0.0)
 LOST_EXISTENCE = 0.01
@@ -22,7 +22,7 @@ def missed(label=(0, 0), existence=0.3):
 
 def after(*pictures):
     """Which labels are confirmed after each of the pictures."""
-    confirmation = TrackConfirmation(LOST_EXISTENCE)
+    confirmation = confirmation_of(LOST_EXISTENCE)
     found = []
     for tracks in pictures:
         confirmation.update(picture(*tracks))
@@ -59,20 +59,20 @@ def test_a_track_that_left_the_picture_must_be_confirmed_again():
 
 
 def test_what_is_confirmed_is_shown_where_it_is_now():
-    confirmation = TrackConfirmation(LOST_EXISTENCE)
+    confirmation = confirmation_of(LOST_EXISTENCE)
     for east_m in range(4):
         confirmation.update(picture(track((0, 0), (float(east_m), 5.0))))
     assert confirmation.tracks[(0, 0)].mean[0] == 3.0
 
 
 def test_a_label_is_lost_when_it_hardly_exists_or_is_gone_and_not_when_it_was_only_missed():
-    confirmation = TrackConfirmation(LOST_EXISTENCE)
+    confirmation = confirmation_of(LOST_EXISTENCE)
     confirmation.update(picture(missed((0, 0), 0.02), missed((0, 1), 0.009)))
     assert [confirmation.is_lost(label) for label in [(0, 0), (0, 1), (7, 7)]] == [False, True, True]
 
 
 def test_sensors_that_measure_at_one_epoch_count_once():
-    confirmation = TrackConfirmation(LOST_EXISTENCE)
+    confirmation = confirmation_of(LOST_EXISTENCE)
     for t_s in (0.0, 0.0, 0.0, 1.0, 1.0):
         confirmation.update(picture(seen(), t_s=t_s))
     assert not confirmation.tracks
@@ -86,7 +86,7 @@ def test_sensors_that_measure_at_one_epoch_count_once():
 
 
 def test_a_sensor_that_covers_another_area_changes_no_confirmation():
-    confirmation = TrackConfirmation(LOST_EXISTENCE)
+    confirmation = confirmation_of(LOST_EXISTENCE)
     elsewhere = replace(RADAR, field_of_view_m=(500.0, 500.0, 900.0, 900.0))
     for _ in range(4):
         confirmation.update(picture(seen()), elsewhere)
@@ -105,7 +105,7 @@ def test_two_labels_of_one_object_are_never_both_confirmed_for_long(first_has_it
     """The estimate holds one of the two; both are confirmed only until the other is out for three scans."""
     labels = {True: (0, 0), False: (1, 0)}
     both_in_a_row = 0
-    confirmation = TrackConfirmation(LOST_EXISTENCE)
+    confirmation = confirmation_of(LOST_EXISTENCE)
     for first in first_has_it:
         confirmation.update(picture(seen(labels[first], 0.55), missed(labels[not first], 0.45)))
         both_in_a_row = both_in_a_row + 1 if len(confirmation.tracks) == 2 else 0
@@ -115,7 +115,7 @@ def test_two_labels_of_one_object_are_never_both_confirmed_for_long(first_has_it
 @given(st.lists(st.tuples(st.booleans(), st.floats(0.0, 1.0)), max_size=30))
 def test_confirmation_follows_from_the_last_three_scans_and_the_former_confirmation(history):
     """No track enters without three scans in a row, none stays when lost, none leaves for two misses."""
-    confirmation, was_confirmed, recent = TrackConfirmation(LOST_EXISTENCE), False, []
+    confirmation, was_confirmed, recent = confirmation_of(LOST_EXISTENCE), False, []
     for estimated, existence in history:
         one = track((0, 0), HERE, existence=existence, estimated=estimated)
         confirmation.update(picture(one))

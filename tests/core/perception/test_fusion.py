@@ -7,6 +7,10 @@ import pytest
 from staging import RADAR, T0, S, at, circle, mission, scan, state
 
 from gcs.core.perception.fusion import MultiSensorTracker, at_time, squared_distances, velocity_m_s
+from gcs.core.snapshot import decode_state, encode_state
+from gcs.core.state import State
+from gcs.errors import WireError
+from gcs.io.records import encode
 from gcs.model import Sensor, read_only
 
 START, GOAL = (100.0, 200.0), (1500.0, 200.0)
@@ -16,7 +20,7 @@ class Sky:
     """Trackers of a mission, and a sensor with noise over it. Clutter comes where a test puts it."""
 
     def __init__(self, config, seed=0):
-        self.trackers = MultiSensorTracker(config)
+        self.config, self.trackers = config, MultiSensorTracker(config)
         self.rng = np.random.default_rng(seed)
 
     def scan(self, t_s, *things, clutter=(), reports=()):
@@ -339,3 +343,88 @@ def test_many_untracked_objects_make_one_alarm():
     assert [level for _, level, _ in news] == ["alarm"]
     assert news[0][2].count("(") <= 3
     assert "more place" in news[0][2]
+
+
+# ---------------------------------------------------------------- continuing from a snapshot
+
+
+def continued(sky, change=lambda _trackers: None):
+    """Return the same trackers from a snapshot of their state, after a change."""
+    trackers = decode_state("test", snapshot_of(sky)).perception.trackers
+    change(trackers)
+    again = Sky(sky.config)
+    again.trackers = MultiSensorTracker(sky.config, trackers)
+    return again
+
+
+def snapshot_of(sky):
+    whole = State.initial([1])
+    whole.perception.trackers = sky.trackers.state
+    return encode_state(whole)
+
+
+def crowded_scans(sky, seconds):
+    """Scan an agent, a target and an untracked object in clutter, with the clutter of each second."""
+    for t_s in seconds:
+        sky.rng = np.random.default_rng(t_s)
+        clutter = [tuple(place) for place in sky.rng.uniform(0.0, 2000.0, (20, 2))]
+        start = (START[0] + 15.0 * t_s, START[1])
+        reports = [state(1, start, t_s, speed_m_s=15.0, course_rad=math.pi / 2)]
+        yield sky.scan(t_s, start, GOAL, (1200.0, 900.0), clutter=clutter, reports=reports)
+
+
+ANYWHERE = """
+[tracking.targets]
+accel_psd_m2_s3 = 0.25
+anywhere = {per_s = 0.02}
+[tracking.agents]
+accel_psd_m2_s3 = 1.0
+turn_rate_std_deg_s = 6.0
+"""
+
+
+def test_trackers_continue_from_a_snapshot_to_the_last_bit():
+    sky = Sky(mission(agents=[START], births=[GOAL], tables=ANYWHERE))
+    list(crowded_scans(sky, range(9)))
+    again = continued(sky)
+    assert encode(again.trackers.agents.picture) == encode(sky.trackers.agents.picture)
+    pairs = zip(crowded_scans(sky, range(9, 25)), crowded_scans(again, range(9, 25)), strict=True)
+    for expected, pictures in pairs:
+        assert [encode(one) for one in pictures] == [encode(one) for one in expected]
+    assert snapshot_of(again) == snapshot_of(sky)
+    assert len(sky.targets) == 2
+
+
+def damage_posterior(trackers):
+    posterior = trackers.targets.filter.posterior
+    posterior.clusters.items[0] = 10**6
+
+
+def damage_births(trackers):
+    trackers.agents.is_born.append(True)
+
+
+@pytest.mark.parametrize("damage", [damage_posterior, damage_births])
+def test_trackers_refuse_a_damaged_snapshot(damage):
+    sky = Sky(mission(agents=[START], births=[GOAL]))
+    list(crowded_scans(sky, range(9)))
+    with pytest.raises(ValueError, match="tracker state"):
+        continued(sky, damage)
+
+
+def damage_chains(trackers):
+    trackers.untracked.chains.mean = np.zeros((3, 4))
+
+
+def damage_unexplained(trackers):
+    unexplained = trackers.targets.adaptive_birth.unexplained
+    trackers.targets.adaptive_birth.unexplained = unexplained._replace(noise_m2=np.full((1, 2, 2), np.nan))
+
+
+@pytest.mark.parametrize("damage", [damage_chains, damage_unexplained])
+def test_a_snapshot_with_damaged_detections_is_refused(damage):
+    sky = Sky(mission(agents=[START], births=[GOAL], tables=ANYWHERE))
+    list(crowded_scans(sky, range(9)))
+    damage(sky.trackers.state)
+    with pytest.raises(WireError, match="not valid"):
+        continued(sky)

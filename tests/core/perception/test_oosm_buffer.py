@@ -17,18 +17,18 @@ def measured(scans):
 
 
 def test_without_a_window_every_scan_goes_at_once_in_the_order_of_arrival():
-    order = OutOfSequenceBuffer(0.0)
+    order = OutOfSequenceBuffer()
     for t_s in (2.0, 1.0):
         one = scan(t_s, arrives_s=3.0)
         order.add(one)
-        assert order.due(at(3.0)) == [one]
+        assert order.due(at(3.0), 0.0) == [one]
 
 
 def test_a_scan_waits_for_the_window_and_then_goes_even_if_nothing_else_comes():
-    order = OutOfSequenceBuffer(0.5)
+    order = OutOfSequenceBuffer()
     order.add(scan(1.0, arrives_s=1.2))
-    assert order.due(at(1.4)) == []
-    (one,) = order.due(at(1.5))
+    assert order.due(at(1.4), 0.5) == []
+    (one,) = order.due(at(1.5), 0.5)
     assert (one.measured_t_ns, one.t_ns) == (at(1.0), at(1.5))
 
 
@@ -38,12 +38,12 @@ def test_a_scan_waits_for_the_window_and_then_goes_even_if_nothing_else_comes():
 )
 def test_scans_within_the_window_come_out_in_the_order_of_measurement(measurements, window):
     """Times in hundredths of a second; each scan arrives after its delay."""
-    order, out = OutOfSequenceBuffer(window / 100.0), []
+    order, out = OutOfSequenceBuffer(), []
     arrivals = sorted((t + delay, t, delay) for t, delay in measurements)
     for arrival, t, _ in arrivals:
         order.add(scan(t / 100.0, arrives_s=arrival / 100.0))
-        out += order.due(at(arrival / 100.0))
-    out += order.due(at(10.0))
+        out += order.due(at(arrival / 100.0), window / 100.0)
+    out += order.due(at(10.0), window / 100.0)
     assert len(out) == len(measurements)
     if all(delay <= window for _, delay in measurements) and window:
         assert measured(out) == sorted(measured(out))

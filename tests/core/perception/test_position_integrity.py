@@ -10,6 +10,7 @@ import pytest
 from gcs.config.schema import TelemetryTable
 from gcs.core.perception.fusion import squared_distances
 from gcs.core.perception.position_integrity import _GATE_CHI2, PositionIntegrityMonitor, _near
+from gcs.core.state import State
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.model import NS_PER_S, Notice, Scan, Sensor, Track, VehicleState, read_only
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
@@ -32,12 +33,14 @@ def track(label, east_m, north_m=1000.0):
 
 def alarms_of(detections, *, seconds=10, seer=None, armed=True, agents=None, targets=(), reports=None):
     """Notices with their times; `detections` takes the second and returns places."""
-    monitor, notices = PositionIntegrityMonitor(TelemetryTable()), []
+    known = State.initial([1]).agents
+    known[1].perception.association.label = (0, 1)
+    monitor, notices = PositionIntegrityMonitor(known, TelemetryTable()), []
     for t_s in range(seconds):
         z = np.reshape(detections(t_s), (-1, 2))
         scan = Scan(t_s * S, t_s * S, seer or sensor(), read_only(z))
         states = [state(t_s - 0.1, *([] if reports is None else [reports(t_s)]), armed=armed)]
-        found = monitor.update(scan, states, {1: (0, 1)}, agents or {}, targets)
+        found = monitor.update(scan, states, agents or {}, targets)
         notices += [(t_s, notice.level, notice.text) for notice in found]
     return notices
 
@@ -167,7 +170,7 @@ def test_hostile_links_are_an_alarm_each_on_the_right_vehicle_and_have_their_all
 def test_an_honest_flight_raises_no_alarm():
     run, notices = notices_of({})
     assert [n for n in notices if n[2] == "alarm"] == []
-    assert run.command.position_integrity.alarmed() == frozenset()
+    assert not any(one.perception.integrity.is_alarmed for one in run.command.state.agents.values())
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from staging import at
 
+from gcs.core.perception.records import PerceptionState
 from gcs.core.perception.report_history import ReportHistory
 from gcs.core.perception.scan_timing import ScanTiming
+from gcs.core.state import State
 from gcs.model import NS_PER_S, ClockStep, Scan, Sensor, VehicleState
 
 SENSOR = Sensor("radar", 0.98, 1e-6, np.eye(2), (0.0, 0.0, 1.0, 1.0))
@@ -72,7 +74,7 @@ def test_invented_sensors_leave_the_memory_bounded() -> None:
     timing = ScanTiming()
     for k in range(5000):
         timing.corrected(replace(scan(0.0), sensor=replace(SENSOR, name=f"s{k}")))
-    assert len(timing._clocks) <= 256
+    assert len(timing.clocks) <= 256
 
 
 def state(t_s: float, east_m: float, mode: str = "AUTO") -> VehicleState:
@@ -80,7 +82,7 @@ def state(t_s: float, east_m: float, mode: str = "AUTO") -> VehicleState:
 
 
 def test_a_vehicle_is_compared_at_the_epoch_of_the_scan() -> None:
-    history = ReportHistory()
+    history = ReportHistory(State.initial([1]).agents, PerceptionState())
     for k in range(40):
         history.add(at(0.25 * k), [state(0.25 * k, 3.75 * k)])
     newest = state(9.75, 146.25, "RTL")
@@ -91,7 +93,7 @@ def test_a_vehicle_is_compared_at_the_epoch_of_the_scan() -> None:
 
 
 def test_reports_with_a_gap_are_not_interpolated() -> None:
-    history = ReportHistory()
+    history = ReportHistory(State.initial([1]).agents, PerceptionState())
     history.add(at(0.0), [state(0.0, 0.0)])
     newest = state(5.0, 75.0)
     history.add(at(5.0), [newest])

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from staging import at, confirmed, picture, state, track
 
 from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
+from gcs.core.state import State
 
 GATE = 32.2
 A, B = (0, 0), (0, 1)
@@ -16,7 +17,8 @@ EAST, WEST = (1000.0, 0.0), (0.0, 0.0)
 
 
 def new_association():
-    return TrackVehicleAssociation(gate_chi2=GATE, noise_std_m=3.0, max_age_s=1.0)
+    agents = State.initial(range(1, 10)).agents
+    return TrackVehicleAssociation(agents, gate_chi2=GATE, noise_std_m=3.0, max_age_s=1.0)
 
 
 def associated_pair():
@@ -186,7 +188,7 @@ def test_a_vehicle_near_an_unconfirmed_track_is_unassociated_and_seen_there():
     confirmation.update(picture(track(B, EAST), track(successor, WEST)))
     association.update(confirmation, at(1), [state(1, WEST, 1), state(2, EAST, 1)])
     assert association.labels == {2: B}
-    assert {vehicle: one.label for vehicle, one in association.unassociated.items()} == {1: successor}
+    assert association.near == {1: successor}
 
 
 def test_of_two_at_one_place_whose_track_was_lost_the_silent_one_is_gone():

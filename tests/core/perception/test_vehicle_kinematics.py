@@ -6,6 +6,7 @@ import pytest
 from staging import at, circle, state, track
 
 from gcs.core.perception.vehicle_kinematics import VehicleKinematics
+from gcs.core.state import State
 
 CENTRE, RADIUS_M, SPEED_M_S = (500.0, 500.0), 60.0, 15.0
 
@@ -16,7 +17,7 @@ def circling(t_s):
 
 
 def after(seconds, *, seen_at=None, now_s=None):
-    motions = VehicleKinematics(max_age_s=1.0)
+    motions = VehicleKinematics(State.initial([1]).agents, max_age_s=1.0)
     for t_s in range(seconds + 1):
         motions.update([circling(float(t_s))])
     place = circle(CENTRE, RADIUS_M, SPEED_M_S, float(seconds))[0] if seen_at is None else seen_at
@@ -42,7 +43,7 @@ def test_reports_that_are_old_or_far_from_the_track_are_not_used(wrong):
 
 
 def test_a_gap_between_reports_is_not_taken_for_a_turn():
-    motions = VehicleKinematics(max_age_s=1.0)
+    motions = VehicleKinematics(State.initial([1]).agents, max_age_s=1.0)
     motions.update([circling(0.0)])
     motions.update([circling(10.0)])
     place = (circling(10.0).east_m, circling(10.0).north_m)

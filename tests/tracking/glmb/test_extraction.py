@@ -67,8 +67,9 @@ def test_in_clutter_estimates_are_better_than_the_best_track_and_consistent():
             z = x[None, :2][rng.random(1) < 0.8] + rng.normal(0.0, 5.0, (1, 2))
             clutter = x[:2] + rng.uniform(-100.0, 100.0, (rng.poisson(12.0), 2))
             of.update(k * NS_PER_S, np.vstack([z, clutter]), sensor, [birth] if k == 0 else [])
-            for track, t in zip(of.estimate(), marginals.map_tracks(of._posterior.clusters), strict=True):
-                states = (track.mean - x, track.cov), (of._posterior.mean[t] - x, of._posterior.cov[t])
+            posterior = of.state.posterior
+            for track, t in zip(of.estimate(), marginals.map_tracks(posterior.clusters), strict=True):
+                states = (track.mean - x, track.cov), (posterior.mean[t] - x, posterior.cov[t])
                 distances.append([np.hypot(*d[:2]) for d, _ in states])
                 nees.append([d @ np.linalg.solve(P, d) for d, P in states])
             push = rng.normal(0.0, 2.0, 2)

@@ -274,9 +274,8 @@ def test_state_does_not_grow_over_a_thousand_scans():
         seen = PLACES[rng.random(4) < 0.98]
         z = np.vstack([seen + rng.normal(0, 3, seen.shape), clutter(rng, 30)])
         of.update(k * NS_PER_S, z, sensor(clutter=30.0), births())
-        held.append(
-            (len(of._posterior.labels), of._posterior.mean.shape[0], of._posterior.clusters.logw.size)
-        )
+        posterior = of.state.posterior
+        held.append((len(posterior.labels), posterior.mean.shape[0], posterior.clusters.logw.size))
     early, late = np.array(held[20:200]), np.array(held[-180:])
     assert (late.mean(axis=0) < 1.5 * early.mean(axis=0) + 5).all()
     assert len(of.estimate()) == 4

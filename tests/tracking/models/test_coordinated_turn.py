@@ -164,11 +164,10 @@ def loitering(seed, **params):
 
 def best_tracks(of):
     """State of each estimated label along the single history that the best hypothesis has of it."""
-    tracks = marginals.map_tracks(of._posterior.clusters)
-    labels = map(tuple, of._posterior.labels[of._posterior.track_label[tracks]].tolist())
-    return {
-        label: (of._posterior.mean[t], of._posterior.cov[t]) for label, t in zip(labels, tracks, strict=True)
-    }
+    posterior = of.state.posterior
+    tracks = marginals.map_tracks(posterior.clusters)
+    labels = map(tuple, posterior.labels[posterior.track_label[tracks]].tolist())
+    return {label: (posterior.mean[t], posterior.cov[t]) for label, t in zip(labels, tracks, strict=True)}
 
 
 @settings(deadline=None, max_examples=10)

@@ -82,4 +82,4 @@ def test_a_flood_of_detections_is_bounded():
     for k in range(3):
         z = rng.uniform(0.0, SIDE_M, (20_000, 2))
         persistent.process_scan(k * NS_PER_S, z, sensor(20_000), np.zeros(len(z)))
-    assert persistent._score.size <= 300
+    assert persistent.score.size <= 300
