@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "mavlink"))
-from plane_double import AUTO, Channel, Joined, OfPlane, Plane, S
+from plane_double import AUTO, Channel, Joined, OfPlane, Plane, S, upload_task
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
@@ -27,8 +27,6 @@ from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.fleet.records import ModeRecord
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home
-from gcs.mavlink.mission.upload_task import UploadTask
-from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import Mission, Upload, Waypoint
 
 HOME = Home(-35.3632621, 149.165237, 584.09)
@@ -47,7 +45,7 @@ def trial(seed: int, loss: float) -> tuple[str, float, int, int, bool]:
     plane = Plane(mode=AUTO, leg_s=LEG_S)
     old = ARDUPLANE.items(mission(40, 0.1), HOME)
     plane.load(old, current=2)
-    task = UploadTask(
+    task = upload_task(
         mission(28), HOME, Encoder(), authority=ModeAuthority(ModeRecord("AUTO", tasked=True)), old=old,
         policy=OfPlane(plane), current=2,
     )  # fmt: skip
@@ -105,13 +103,13 @@ def short(autopilot: str, seed: int, loss: float, delay_s: float = 0.01) -> tupl
     spec = VehicleSpec(7, 0.0, 0.0, 0.0, 100.0, 15.0, autopilot=autopilot)
     vehicle, profile = SimVehicle(spec, LocalFrame(*HOME), 0), {"ardupilot": ARDUPLANE, "px4": PX4}[autopilot]
     points = 8 - profile.home_items - 1  # the circle at the end is one more
-    task = UploadTask(
+    task = upload_task(
         mission(points, vehicle=7),
         HOME,
         Encoder(),
         profile=profile,
         authority=ModeAuthority(ModeRecord("LOITER")),
-        rtt=RttEstimator(2.0 * delay_s),  # measured on contact
+        round_trip_s=2.0 * delay_s,  # measured on contact
     )
     assert len(task.items) == 8
     way = {"loss": loss, "delay_s": (delay_s, delay_s)}
@@ -160,7 +158,7 @@ async def upload(uploader: str, loss: float, seed: int) -> tuple[bool, float]:
 
     rng = np.random.default_rng(seed)
     vehicle = SimVehicle(VehicleSpec(7, 0.0, 0.0, 0.0, 100.0, 15.0), LocalFrame(*HOME), time.time_ns())
-    task = UploadTask(mission(18, vehicle=7), HOME, Encoder(), authority=ModeAuthority(ModeRecord("LOITER")))
+    task = upload_task(mission(18, vehicle=7), HOME, Encoder(), authority=ModeAuthority(ModeRecord("LOITER")))
     answers = []
 
     def send(_system_id: int, frame: bytes) -> None:

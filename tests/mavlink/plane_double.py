@@ -18,8 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
+from gcs.mavlink.mission.upload_steps import UploadState
+from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.mavlink.mission.upload_timing import UploadPolicy
 
 S = 1_000_000_000
@@ -279,6 +282,23 @@ class Plane:
             result = 0
             extra = [dialect.MAVLink_autopilot_version_message(4, 0, 0, 0, 0, *[[0] * 8] * 3, 0, 0, 0)]
         return [dialect.MAVLink_command_ack_message(message.command, result, 0, 0, *sender), *extra]
+
+
+def upload_task(
+    mission,
+    home,
+    encode,
+    profile=ARDUPLANE,
+    *,
+    authority=None,
+    policy=None,
+    timing=None,
+    kind=UploadTask,
+    **known,
+):
+    """Return a task before its begin; without a policy its flight is unknown."""
+    state = UploadState.initial(mission, home, profile, **known)
+    return kind(state, encode, authority or ModeAuthority(), policy or UploadPolicy(), timing)
 
 
 class OfPlane(UploadPolicy):

@@ -1,14 +1,13 @@
 """A PX4 would stay armed with a mission that was refused, or be given up as an operator's."""
 
 import pytest
-from plane_double import Channel, Joined, authority_in
+from plane_double import Channel, Joined, authority_in, upload_task
 from px4_double import AUTO, HOLD, Px4
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import PX4
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.mission.items import Home
-from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.model import Mission, Waypoint
 
 HOME = Home(-35.3632621, 149.165237, 584.09)
@@ -18,7 +17,7 @@ NAMES = {AUTO: "AUTO", HOLD: "LOITER"}
 
 def joined(px4, *, loss=0.0, **options):
     options.setdefault("authority", authority_in(NAMES[px4.mode]))
-    task = UploadTask(MISSION, HOME, Encoder(), profile=PX4, **options)
+    task = upload_task(MISSION, HOME, Encoder(), profile=PX4, **options)
     way = {"loss": loss, "delay_s": (0.02, 0.02)}
     return Joined(task, px4, Channel(1, **way), Channel(2, **way))
 

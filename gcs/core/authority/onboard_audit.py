@@ -48,7 +48,8 @@ class _Audit:
 
     def begin(self, t_ns: int) -> None:
         to = (system_of(self.mission.route.vehicle), AUTOPILOT_COMPONENT_ID)
-        self.download = MissionDownload(to, RttEstimator(), t_ns)
+        self.rtt = RttEstimator()
+        self.download = MissionDownload.begin(to, self.rtt, t_ns)
 
 
 class OnboardAudit:
@@ -110,11 +111,11 @@ class OnboardAudit:
             return []
         match message.get_type():
             case "MISSION_COUNT":
-                audit.download.add_count(message, t_ns)
+                audit.download.add_count(message, t_ns, audit.rtt)
             case "MISSION_ITEM_INT":
-                audit.download.add_item(message, t_ns)
+                audit.download.add_item(message, t_ns, audit.rtt)
             case "MISSION_ACK" if message.type == dialect.MAV_MISSION_ERROR:
-                audit.download.restart_if_in_order(t_ns)
+                audit.download.restart_if_in_order(t_ns, audit.rtt)
         if not audit.download.is_complete:
             return self._send(vehicle, audit, t_ns)
         frames = [self._fleet.encoder(vehicle)(audit.download.ack_message())]
@@ -137,7 +138,7 @@ class OnboardAudit:
 
     def _send(self, vehicle: int, audit: _Audit, t_ns: int) -> list[Effect]:
         encode = self._fleet.encoder(vehicle)
-        return [*self._fleet.address_frames(vehicle, map(encode, audit.download.poll(t_ns)))]
+        return [*self._fleet.address_frames(vehicle, map(encode, audit.download.poll(t_ns, audit.rtt)))]
 
     def _compare(self, vehicle: int, audit: _Audit, t_ns: int) -> list[Effect]:
         profile = self._fleet.profile(vehicle)

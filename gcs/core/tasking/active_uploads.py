@@ -8,8 +8,6 @@ an inconsistent mission is held and cleared, unless a new mission replaces it fi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import partial
 from typing import Final
 
 from gcs.core.authority.overrides import Overrides
@@ -17,13 +15,14 @@ from gcs.core.state import Agent
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import points_passed
 from gcs.core.tasking.onboard_missions import OnboardMissions
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.records import ActiveUpload, OnboardMission, TaskingState
 from gcs.core.tasking.upload_retry import UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.upload_stages import OnboardState, TransitionError
+from gcs.mavlink.mission.upload_steps import UploadState
 from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.mavlink.mission.upload_timing import UploadPolicy
 from gcs.model import NS_PER_S, Effect, Notice, Upload, UploadAnswer
@@ -32,24 +31,11 @@ _MAX_ITEMS_IN_FLIGHT: Final = 12
 """Per link; each upload has at least one."""
 
 
-@dataclass(slots=True)
-class _ActiveUpload:
-    task: UploadTask
-    link: str
-    began_t_ns: int
-    mission: OnboardMission | None
-    """Onboard mission after success; None while an inconsistent mission is cleared."""
-    planned_t_ns: int
-    """Time at which its route was planned."""
-
-
 class ActiveUploads(UploadPolicy):
     """Uploads in progress, and their policy.
 
     Parameters
     ----------
-    windows : dict of str to UploadWindow
-        By link.
     max_parallel : int
         Maximum number of uploads at a time over one link.
     """
@@ -58,16 +44,16 @@ class ActiveUploads(UploadPolicy):
         self,
         fleet: Fleet,
         agents: Mapping[int, Agent],
-        windows: dict[str, UploadWindow],
+        state: TaskingState,
         onboard: OnboardMissions,
         overrides: Overrides,
         first_legs: FirstLegs,
         max_parallel: int,
     ) -> None:
-        self._fleet, self._agents, self._windows = fleet, agents, windows
+        self._fleet, self._agents = fleet, agents
+        self._uploads, self._windows = state.uploads, state.windows
         self._onboard, self._overrides, self._first_legs = onboard, overrides, first_legs
         self._max_parallel = max_parallel
-        self._uploads: dict[int, _ActiveUpload] = {}
 
     def __contains__(self, vehicle: int) -> bool:
         """Return True if an upload to a vehicle is in progress, or its mission is being cleared."""
@@ -76,17 +62,17 @@ class ActiveUploads(UploadPolicy):
     @property
     def stages(self) -> dict[int, str]:
         """Stage of each upload, by vehicle."""
-        return {vehicle: upload.task.stage for vehicle, upload in self._uploads.items()}
+        return {vehicle: upload.state.stage for vehicle, upload in self._uploads.items()}
 
     def elapsed_s(self, vehicle: int, t_ns: int) -> float | None:
         """Return the time since an upload began; None if there is none."""
         upload = self._uploads.get(vehicle)
-        return None if upload is None else (t_ns - upload.began_t_ns) / NS_PER_S
+        return None if upload is None else (t_ns - upload.state.began_t_ns) / NS_PER_S
 
     def has_mission(self, vehicle: int) -> bool:
         """Return True if a mission is being uploaded to a vehicle, and not merely cleared."""
         upload = self._uploads.get(vehicle)
-        return upload is not None and upload.mission is not None
+        return upload is not None and upload.onboard is not None
 
     def has_capacity(self, vehicle: int) -> bool:
         """Return True if an upload to a vehicle may begin; clearing precedes a mission."""
@@ -123,12 +109,12 @@ class ActiveUploads(UploadPolicy):
     def first_item(self, vehicle: int) -> int:
         """Return the first item ahead of a vehicle."""
         upload, profile = self._uploads[vehicle], self._fleet.profile(vehicle)
-        if upload.mission is None or profile is None:
+        if upload.onboard is None or profile is None:
             return 0
         state = self._fleet.state(vehicle)
         return profile.first_flown(
-            points_passed(upload.mission.route, upload.planned_t_ns, state),
-            from_ground=upload.mission.first_point > profile.home_items,
+            points_passed(upload.onboard.route, upload.planned_t_ns, state),
+            from_ground=upload.onboard.first_point > profile.home_items,
             still_on_ground=is_on_ground(state, self._fleet.home(vehicle)),
         )
 
@@ -138,20 +124,21 @@ class ActiveUploads(UploadPolicy):
 
     # ------------------------------------------------------------ uploads
 
-    def start(self, task: UploadTask, mission: OnboardMission, planned_t_ns: int, t_ns: int) -> list[Effect]:
+    def start(
+        self, state: UploadState, mission: OnboardMission, planned_t_ns: int, t_ns: int
+    ) -> list[Effect]:
         """Start the upload of a mission whose route was planned at `planned_t_ns`."""
-        vehicle = mission.route.vehicle
-        self._add(_ActiveUpload(task, self._fleet.link(vehicle), t_ns, mission, planned_t_ns))
-        self._agents[vehicle].tasking.retry.note_begin(t_ns)
-        return self._run(vehicle, partial(task.start, t_ns), t_ns)
+        self._add(ActiveUpload(state, self._fleet.link(state.vehicle), mission, planned_t_ns))
+        self._agents[state.vehicle].tasking.retry.note_begin(t_ns)
+        return self._run(state.vehicle, lambda task: task.start(t_ns), t_ns)
 
-    def clear(self, vehicle: int, task: UploadTask, t_ns: int) -> list[Effect]:
+    def clear(self, state: UploadState, t_ns: int) -> list[Effect]:
         """Hold a vehicle and clear its inconsistent mission."""
-        self._add(_ActiveUpload(task, self._fleet.link(vehicle), t_ns, None, t_ns))
-        return self._run(vehicle, lambda: task.start_clearing(t_ns), t_ns)
+        self._add(ActiveUpload(state, self._fleet.link(state.vehicle), None, t_ns))
+        return self._run(state.vehicle, lambda task: task.start_clearing(t_ns), t_ns)
 
-    def _add(self, upload: _ActiveUpload) -> None:
-        vehicle = upload.task.mission.vehicle
+    def _add(self, upload: ActiveUpload) -> None:
+        vehicle = upload.state.vehicle
         self._agents[vehicle].tasking.is_inconsistent = False
         self._first_legs.end(vehicle)
         self._uploads[vehicle] = upload
@@ -159,91 +146,96 @@ class ActiveUploads(UploadPolicy):
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""
-        upload = self._uploads.get(vehicle)
-        if upload is None:
+        if vehicle not in self._uploads:
             return []
-        return self._run(vehicle, partial(upload.task.receive, message, t_ns), t_ns)
+        return self._run(vehicle, lambda task: task.receive(message, t_ns), t_ns)
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Run the timers."""
         effects: list[Effect] = []
-        for vehicle, upload in list(self._uploads.items()):
-            effects += self._run(vehicle, partial(upload.task.poll, t_ns), t_ns)
+        for vehicle in list(self._uploads):
+            effects += self._run(vehicle, lambda task: task.poll(t_ns), t_ns)
         return effects
 
     def add_answer(self, answer: UploadAnswer) -> list[Effect]:
         """Process the result of the external uploader."""
         upload = self._uploads.get(answer.vehicle)
-        if upload is None or upload.task.mission.mission_id != answer.mission_id:
+        if upload is None or upload.state.mission_id != answer.mission_id:
             return []
-        step = partial(upload.task.add_external_result, answer.ok, answer.begun, answer.detail, answer.t_ns)
-        return self._run(answer.vehicle, step, answer.t_ns)
+        result = answer.ok, answer.begun, answer.detail, answer.t_ns
+        return self._run(answer.vehicle, lambda task: task.add_external_result(*result), answer.t_ns)
 
     def restart(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Restart an upload after a reboot of its vehicle."""
-        return self._run(vehicle, partial(self._uploads[vehicle].task.restart, t_ns), t_ns)
+        return self._run(vehicle, lambda task: task.restart(t_ns), t_ns)
 
     def abandon(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
         """End an upload safely: the vehicle keeps a whole mission, or is held and cleared."""
-        return self._run(vehicle, partial(self._uploads[vehicle].task.abandon, reason, t_ns), t_ns)
+        return self._run(vehicle, lambda task: task.abandon(reason, t_ns), t_ns)
 
     def supersede(self, vehicle: int, t_ns: int) -> list[Effect]:
         """End an upload without a report, for a newer one."""
         if vehicle not in self._uploads:
             return []
-        frames = self._uploads[vehicle].task.supersede(t_ns)
-        self._remove(vehicle)
+        task = self._task(vehicle)
+        frames = task.supersede(t_ns)
+        self._remove(vehicle, task)
         return [*self._fleet.address_frames(vehicle, frames)]
 
-    def _remove(self, vehicle: int) -> None:
+    def _task(self, vehicle: int) -> UploadTask:
+        state, encode = self._uploads[vehicle].state, self._fleet.encoder(vehicle)
+        return UploadTask(state, encode, self._overrides.of(vehicle), self)
+
+    def _remove(self, vehicle: int, task: UploadTask) -> None:
         """Remove an ended upload and keep its result."""
-        upload = self._uploads.pop(vehicle)
+        upload, result = self._uploads.pop(vehicle), task.result
         self._window(upload.link).active -= 1
-        task, result, mission = upload.task, upload.task.result, upload.mission
         tasking = self._agents[vehicle].tasking
         assert result is not None
-        if task.uploads:
+        if upload.state.uploads:
             tasking.is_selected = result.selected
         if task.is_inconsistent:
             self.mark_inconsistent(vehicle)
-        elif result.onboard is OnboardState.EQUAL and mission is not None:
-            tasking.onboard = mission
+        elif result.onboard is OnboardState.EQUAL and upload.onboard is not None:
+            tasking.onboard = upload.onboard
             if result.ok:
-                self._first_legs.begin(mission, task.first_seq, task.leg_t_ns, result.t_ns)
+                state = upload.state
+                self._first_legs.begin(upload.onboard, state.first_seq, state.leg_t_ns, result.t_ns)
         elif result.onboard is not OnboardState.OLD:
             tasking.onboard = None
 
-    def _run(self, vehicle: int, step: Callable[[], list[bytes]], t_ns: int) -> list[Effect]:
-        """Run a step of a task. After a programming error it ends: the vehicle is held and cleared."""
+    def _run(self, vehicle: int, step: Callable[[UploadTask], list[bytes]], t_ns: int) -> list[Effect]:
+        """Run a step of an upload. After a programming error it ends: the vehicle is held and cleared."""
+        task = self._task(vehicle)
         try:
-            return self._progress(vehicle, step())
+            return self._progress(vehicle, task, step(task))
         except TransitionError as error:
             text = f"its upload ended by a program error ({error}); it is planned for again"
-            frames = self._uploads[vehicle].task.end_after_error(error, t_ns)
-            return [Notice(t_ns, "alarm", text, vehicle), *self._progress(vehicle, frames)]
+            frames = task.end_after_error(error, t_ns)
+            return [Notice(t_ns, "alarm", text, vehicle), *self._progress(vehicle, task, frames)]
 
-    def _progress(self, vehicle: int, frames: list[bytes]) -> list[Effect]:
-        """Send the frames of a task; report its result if it has ended."""
-        upload = self._uploads[vehicle]
-        task, result = upload.task, upload.task.result
+    def _progress(self, vehicle: int, task: UploadTask, frames: list[bytes]) -> list[Effect]:
+        """Send the frames of an upload; report its result if it has ended."""
+        upload, result = self._uploads[vehicle], task.result
         effects: list[Effect] = [*self._fleet.address_frames(vehicle, frames)]
         external_frames = task.take_external_frames()
         if external_frames:
-            effects.append(Upload(vehicle, task.mission.mission_id, external_frames))
+            effects.append(Upload(vehicle, upload.state.mission_id, external_frames))
         if result is None:
             self._fleet.forward_next_heartbeat(vehicle)
             return effects
-        self._remove(vehicle)
+        self._remove(vehicle, task)
         window, repeated = self._window(upload.link), result.retries / len(task.items)
-        window.note_end(upload.began_t_ns, result.t_ns, task.round_trip_s, repeated)
-        if upload.mission is not None:
+        round_trip_s = upload.state.rtt.round_trip_s
+        window.note_end(upload.state.began_t_ns, result.t_ns, round_trip_s, repeated)
+        if upload.onboard is not None:
             effects.append(task.report())
             if result.ok:
                 self._agents[vehicle].tasking.retry = UploadRetry()
             else:
                 effects += self._agents[vehicle].tasking.retry.note_failure(vehicle, result.t_ns)
         is_cleared, override = result.onboard is OnboardState.CLEARED, self._overrides.of(vehicle).override
-        if result.ok or not (result.was_held or override or upload.mission is None or is_cleared):
+        if result.ok or not (result.was_held or override or upload.onboard is None or is_cleared):
             return effects
         state = "was set to LOITER" if result.was_held else "is overridden"
         state = "has no onboard mission now" if is_cleared else state

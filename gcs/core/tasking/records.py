@@ -9,6 +9,7 @@ from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_UNLIM
 from gcs.core.tasking.upload_retry import UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
 from gcs.mavlink.mission.items import Item
+from gcs.mavlink.mission.upload_steps import UploadState
 from gcs.model import Route
 from gcs.planning.terminal.landing import ReturnRoute
 from gcs.planning.vehicle_model import LoiterCircle
@@ -46,6 +47,18 @@ class QueuedRoute:
     """End of the wait for an item."""
     at_once: bool
     return_route: ReturnRoute | None
+
+
+@dataclass(slots=True)
+class ActiveUpload:
+    """An upload in progress."""
+
+    state: UploadState
+    link: str
+    onboard: OnboardMission | None
+    """Onboard mission after success; None while an inconsistent mission is cleared."""
+    planned_t_ns: int
+    """Time at which its route was planned."""
 
 
 @dataclass(slots=True)
@@ -110,6 +123,8 @@ class TaskingState:
     """Number of missions made so far."""
     queue: dict[int, QueuedRoute] = field(default_factory=dict)
     """By vehicle, the longest waiting first."""
+    uploads: dict[int, ActiveUpload] = field(default_factory=dict)
+    """Uploads in progress by vehicle, in order of their begin."""
     first_legs: dict[int, FirstLeg] = field(default_factory=dict)
     """Monitored first legs by vehicle, in order of their begin."""
     windows: dict[str, UploadWindow] = field(default_factory=dict)

@@ -27,9 +27,7 @@ from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Home
-from gcs.mavlink.mission.upload_task import UploadTask
-from gcs.mavlink.mission.upload_timing import UploadTiming
-from gcs.mavlink.services.rtt import RttEstimator
+from gcs.mavlink.mission.upload_steps import UploadState
 from gcs.model import Effect, Notice, Route, UploadAnswer, UploadReport, VehicleState
 from gcs.planning.terminal.climb import Climb
 from gcs.planning.terminal.landing import ReturnRoute
@@ -81,7 +79,7 @@ class UploadManager:
         self._active = ActiveUploads(
             fleet,
             agents,
-            state.windows,
+            state,
             self.onboard_missions,
             self.overrides,
             self._first_legs,
@@ -265,16 +263,10 @@ class UploadManager:
             tasking.is_inconsistent = False
         if not tasking.is_inconsistent or is_uploading:
             return []
-        task = UploadTask(
-            self._missions.empty(vehicle),
-            self._default_home,
-            self._fleet.encoder(vehicle),
-            profile=profile,
-            authority=self.overrides.of(vehicle),
-            policy=self._active,
-            inconsistent=True,
+        empty = self._missions.empty(vehicle)
+        return self._active.clear(
+            UploadState.initial(empty, self._default_home, profile, inconsistent=True), t_ns
         )
-        return self._active.clear(vehicle, task, t_ns)
 
     def _rebooted(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Forget the onboard mission, and restart an upload in progress."""
@@ -334,30 +326,26 @@ class UploadManager:
         mission = self._missions.of(route, self.state.mission_count, state, return_route, climb)
         from_ground = is_on_ground(state, fleet.home(vehicle))
         tasking, link = self._agents[vehicle].tasking, fleet.link(vehicle)
-        round_trip_s = self._active.round_trip_s(link) or fleet.round_trip_s(vehicle)
-        task = UploadTask(
+        upload = UploadState.initial(
             mission,
             home,
-            fleet.encoder(vehicle),
-            profile=profile,
-            authority=authority,
+            profile,
             old=None if tasking.onboard is None else tasking.onboard.items,
             inconsistent=tasking.is_inconsistent,
             current=state.mission_seq if state is not None and state.mission_seq >= 0 else None,
-            policy=self._active,
             from_ground=from_ground,
             delegated=self._table.uploader != "own",
-            timing=UploadTiming().for_round_trip(round_trip_s),
-            rtt=RttEstimator(round_trip_s),
+            round_trip_s=self._active.round_trip_s(link) or fleet.round_trip_s(vehicle),
         )
+        items = upload.sending.items
         if self._bounds is not None:
-            problem = self._bounds.problem(task.items[profile.home_items :], state)
+            problem = self._bounds.problem(items[profile.home_items :], state)
             if problem:
                 return self._refused(vehicle, f"{problem}; the vehicle keeps its onboard mission", t_ns)
         tasking.refusal = ""
         first_point = profile.home_items + int(from_ground)
-        onboard = OnboardMission(route, task.items, first_point, mission.mission_id)
-        return self._active.start(task, onboard, planned_t_ns, t_ns)
+        onboard = OnboardMission(route, items, first_point, mission.mission_id)
+        return self._active.start(upload, onboard, planned_t_ns, t_ns)
 
     def _has_moved(self, home: Home, return_route: ReturnRoute) -> bool:
         """Return True if a return route leads to another landing point than home."""

@@ -12,13 +12,15 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
+from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.geofence_rally import LIST_NAMES, list_difference
 from gcs.mavlink.mission.items import Item
-from gcs.mavlink.mission.list_upload import ACCEPTED, ListUpload, result_name
+from gcs.mavlink.mission.list_upload import ACCEPTED, ListUpload, ListUploadState, result_name
+from gcs.mavlink.mission.protocol import MissionUpload
 from gcs.mavlink.mission.upload_stages import LIST_TRANSITIONS, Stage
 from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.mavlink.services.rtt import RttEstimator
+from gcs.model import system_of
 
 _UNSUPPORTED: Final = (dialect.MAV_MISSION_UNSUPPORTED, dialect.MAV_MISSION_UNSUPPORTED_FRAME)
 _TIMING: Final = UploadTiming(max_tries=6, min_answer_s=6.0, max_uploads=4)
@@ -59,7 +61,9 @@ class ListTask(ListUpload):
         t_ns: int,
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
     ) -> None:
-        super().__init__(vehicle, mission_type, items or (), encode, _TIMING, RttEstimator(), own)
+        to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
+        sending = MissionUpload(tuple(items or ()), to, mission_type, in_order=True)
+        super().__init__(ListUploadState(sending=sending, rtt=RttEstimator()), encode, _TIMING, own)
         self.result: ListResult | None = None
         self.vehicle = vehicle
         self._items = items
@@ -77,19 +81,21 @@ class ListTask(ListUpload):
         return self._take_due_frames(t_ns)
 
     def _start(self, t_ns: int) -> None:
-        self.uploads += 1
-        self._mission_upload.restart()
+        self.state.uploads += 1
+        self.state.sending.restart()
         if self._items:
-            self._enter_stage(Stage.UPLOAD, t_ns, self._mission_upload.count_message())
+            self._enter_stage(Stage.UPLOAD, t_ns, self.state.sending.count_message())
         else:
             clear = dialect.MAVLink_mission_clear_all_message(*self._to, self.mission_type)
             self._enter_stage(Stage.CLEAR, t_ns, clear)
 
     def _retry_upload(self, reason: str, t_ns: int) -> None:
-        if self.uploads >= self._timing.max_uploads:
-            self._end(False, f"{reason}, {self.uploads} uploads failed; the stored list is unknown", t_ns)
+        if self.state.uploads >= self._timing.max_uploads:
+            self._end(
+                False, f"{reason}, {self.state.uploads} uploads failed; the stored list is unknown", t_ns
+            )
         else:
-            self._rtt.retransmissions += 1
+            self.state.rtt.retransmissions += 1
             # PX4 refuses a COUNT during a transfer.
             self._outbox.append(self._ack(dialect.MAV_MISSION_OPERATION_CANCELLED))
             self._start(t_ns)
@@ -99,10 +105,10 @@ class ListTask(ListUpload):
         self.result = ListResult(ok, detail, self._onboard_items, self.retries)
 
     def _on_upload_timeout(self, t_ns: int) -> None:
-        if self._mission_upload.is_all_sent:
+        if self.state.sending.is_all_sent:
             self._start_verify(t_ns)
         else:
-            self._retry_upload(f"it stopped asking at item {self._mission_upload.sent_count}", t_ns)
+            self._retry_upload(f"it stopped asking at item {self.state.sending.sent_count}", t_ns)
 
     def _on_tries_exhausted(self, t_ns: int) -> None:
         if self.stage is Stage.VERIFY and self._items is not None:

@@ -8,30 +8,51 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
+from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
 from gcs.mavlink.mission.upload_stages import Stage, TransitionError
 from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer, ns
 from gcs.mavlink.services.rtt import RttEstimator
-from gcs.model import system_of
 
 ACCEPTED: Final = dialect.MAV_MISSION_ACCEPTED
 _ERROR: Final = dialect.MAV_MISSION_ERROR
 
 
+@dataclass(slots=True, kw_only=True)
+class ListUploadState:
+    """State of the upload of one list to one vehicle."""
+
+    sending: MissionUpload
+    rtt: RttEstimator
+    stage: Stage = Stage.NEW
+    uploads: int = 0
+    download: MissionDownload | None = None
+    stage_t_ns: int = 0
+    """Begin of the stage."""
+    timer: RetryTimer | None = None
+    """Timer of the stage's request."""
+    deadline_t_ns: int | None = None
+    """End of the wait for a request of the vehicle, or for its ACK."""
+    pending_failure: tuple[int, str] | None = None
+    """Time at which a failure counts unless the vehicle requests an item before, and its reason."""
+    start_seq: int = -1
+    """Item to mark as the first to fly; -1 for none."""
+
+
 class ListUpload(ABC):
-    """State of the upload of one list to one vehicle, and its common steps.
+    """Common steps of the uploads of lists. It keeps nothing between two events but its state.
 
     Parameters
     ----------
-    in_order : bool
-        True if the vehicle answers the requests of a download in order only.
+    encode : callable
+        Message to frame for this vehicle, such as `Fleet.encoder`.
     own : (int, int)
         Our system and component id.
     """
@@ -40,38 +61,31 @@ class ListUpload(ABC):
 
     def __init__(
         self,
-        vehicle: int,
-        mission_type: int,
-        items: Sequence[Item],
+        state: ListUploadState,
         encode: Callable[[Message], bytes],
         timing: UploadTiming,
-        rtt: RttEstimator,
-        own: tuple[int, int],
-        *,
-        in_order: bool = True,
+        own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
     ) -> None:
-        self.mission_type = mission_type
-        self.stage = Stage.NEW
-        self.uploads = 0
-        self._encode, self._timing, self._rtt, self._own = encode, timing, rtt, own
-        self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
-        self._in_order = in_order
-        self._mission_upload = MissionUpload(
-            items, self._to, rtt, mission_type, last_on_request_only=in_order
-        )
-        self._download: MissionDownload | None = None
+        self.state = state
+        self.mission_type = state.sending.mission_type
+        self._encode, self._timing, self._own = encode, timing, own
+        self._to = state.sending.to
         self._outbox: list[Message] = []
-        self._stage_t_ns = 0
-        self._timer: RetryTimer | None = None
-        self._deadline_t_ns: int | None = None
-        self._pending_failure: tuple[int, str] | None = None
-        self._start_seq = -1
-        """Item to mark as the first to fly; -1 for none."""
+
+    @property
+    def stage(self) -> Stage:
+        """Stage of the upload."""
+        return self.state.stage
+
+    @property
+    def items(self) -> tuple[Item, ...]:
+        """Items to upload."""
+        return self.state.sending.items
 
     @property
     def retries(self) -> int:
         """Messages resent and uploads restarted."""
-        return self._rtt.retransmissions
+        return self.state.rtt.retransmissions
 
     def receive(self, message: Message, t_ns: int) -> list[bytes]:
         """Process a message of the vehicle; return the frames to send."""
@@ -86,7 +100,7 @@ class ListUpload(ABC):
     def _set_stage(self, stage: Stage) -> None:
         if stage not in self.transitions[self.stage]:
             raise TransitionError(self.stage, stage)
-        self.stage = stage
+        self.state.stage = stage
 
     def _enter_stage(
         self,
@@ -98,19 +112,19 @@ class ListUpload(ABC):
         policy: RetryPolicy | None = None,
     ) -> None:
         self._set_stage(stage)
-        self._stage_t_ns = t_ns
-        self._deadline_t_ns = self._pending_failure = self._download = None
-        policy = policy or self._rtt.retry_policy(self._timing.max_tries, self._timing.min_answer_s)
-        self._timer = RetryTimer(request, policy, t_ns + ns(pause_s)) if request is not None else None
+        self.state.stage_t_ns = t_ns
+        self.state.deadline_t_ns = self.state.pending_failure = self.state.download = None
+        policy = policy or self.state.rtt.retry_policy(self._timing.max_tries, self._timing.min_answer_s)
+        self.state.timer = RetryTimer(request, policy, t_ns + ns(pause_s)) if request is not None else None
 
     def _start_verify(self, t_ns: int) -> None:
         self._enter_stage(Stage.VERIFY, t_ns)
         self._start_download(t_ns)
 
     def _start_download(self, t_ns: int) -> None:
-        self._timer = None
-        self._download = MissionDownload(
-            self._to, self._rtt, t_ns, self.mission_type, in_order=self._in_order
+        self.state.timer = None
+        self.state.download = MissionDownload.begin(
+            self._to, self.state.rtt, t_ns, self.mission_type, in_order=self.state.sending.in_order
         )
 
     def _window(self) -> int:
@@ -119,17 +133,21 @@ class ListUpload(ABC):
 
     def _is_pausing(self) -> bool:
         """Return True if the stage's request has not been sent: messages still belong to the stage before."""
-        return self._timer is not None and not self._timer.sent
+        return self.state.timer is not None and not self.state.timer.sent
 
     def _run_timers(self, t_ns: int) -> None:
-        if self._pending_failure is not None and t_ns >= self._pending_failure[0]:
-            self._retry_upload(self._pending_failure[1], t_ns)
-        elif self._deadline_t_ns is not None and t_ns >= self._deadline_t_ns:
+        if self.state.pending_failure is not None and t_ns >= self.state.pending_failure[0]:
+            self._retry_upload(self.state.pending_failure[1], t_ns)
+        elif self.state.deadline_t_ns is not None and t_ns >= self.state.deadline_t_ns:
             self._on_upload_timeout(t_ns)
-        elif any(one is not None and one.is_exhausted(t_ns) for one in (self._timer, self._download)):
+        elif any(
+            one is not None and one.is_exhausted(t_ns) for one in (self.state.timer, self.state.download)
+        ):
             self._on_tries_exhausted(t_ns)
-        elif self.stage is Stage.UPLOAD and self._pending_failure is None:
-            self._outbox += self._mission_upload.poll(t_ns, self._start_seq, self._window())
+        elif self.stage is Stage.UPLOAD and self.state.pending_failure is None:
+            self._outbox += self.state.sending.poll(
+                t_ns, self.state.rtt, self.state.start_seq, self._window()
+            )
 
     @abstractmethod
     def _retry_upload(self, reason: str, t_ns: int) -> None:
@@ -173,32 +191,36 @@ class ListUpload(ABC):
                 if self._is_for_us(message):
                     self._on_count(message, t_ns)
             case "MISSION_ITEM_INT":
-                if self.stage is Stage.VERIFY and self._download is not None and self._is_for_us(message):
-                    self._download.add_item(message, t_ns)
+                if (
+                    self.stage is Stage.VERIFY
+                    and self.state.download is not None
+                    and self._is_for_us(message)
+                ):
+                    self.state.download.add_item(message, t_ns, self.state.rtt)
                     self._check_download(t_ns)
             case _:
                 return False
         return True
 
     def _on_request(self, message: Message, t_ns: int) -> None:
-        upload, seq = self._mission_upload, message.seq
+        upload, seq = self.state.sending, message.seq
         if self.stage is Stage.VERIFY and not upload.acked and seq < upload.sent_count:
             self._set_stage(Stage.UPLOAD)  # It lacks the last item: continue.
-            self._download = None
+            self.state.download = None
         if self.stage is not Stage.UPLOAD or self._is_pausing():
             return
-        items = upload.answer_request(seq, t_ns, self._start_seq)
+        items = upload.answer_request(seq, t_ns, self.state.rtt, self.state.start_seq)
         if not items:
             return
-        if self._timer is not None:
-            self._rtt.add_sample(self._timer.round_trip_s(t_ns))
-        self._timer = self._pending_failure = None
+        if self.state.timer is not None:
+            self.state.rtt.add_sample(self.state.timer.round_trip_s(t_ns))
+        self.state.timer = self.state.pending_failure = None
         wait_s = self._timing.ack_timeout_s if upload.is_all_sent else self._timing.request_timeout_s
-        self._deadline_t_ns = t_ns + ns(wait_s)
+        self.state.deadline_t_ns = t_ns + ns(wait_s)
         self._outbox += items
 
     def _on_ack(self, message: Message, t_ns: int) -> None:
-        upload = self._mission_upload
+        upload = self.state.sending
         if self.stage is Stage.UPLOAD and upload.is_all_sent and message.type in (ACCEPTED, _ERROR):
             upload.acked = message.type == ACCEPTED  # On an error it has all items.
             self._start_verify(t_ns)
@@ -206,22 +228,25 @@ class ListUpload(ABC):
             is_final = message.type not in (ACCEPTED, dialect.MAV_MISSION_INVALID_SEQUENCE)
             if is_final and not self._is_pausing():
                 self._on_refusal(message, t_ns)
-        elif self.stage is Stage.VERIFY and message.type == _ERROR and self._download is not None:
-            self._download.restart_if_in_order(t_ns)
+        elif self.stage is Stage.VERIFY and message.type == _ERROR and self.state.download is not None:
+            self.state.download.restart_if_in_order(t_ns, self.state.rtt)
 
     def _on_count(self, message: Message, t_ns: int) -> None:
-        if self.stage is Stage.VERIFY and self._download is not None:
-            self._download.add_count(message, t_ns)
+        if self.stage is Stage.VERIFY and self.state.download is not None:
+            self.state.download.add_count(message, t_ns, self.state.rtt)
             self._check_download(t_ns)
 
     def _check_download(self, t_ns: int) -> None:
-        if self._download is not None and self._download.is_complete:
-            self._outbox.append(self._download.ack_message())
-            self._on_read_back(self._download.items, t_ns)
+        if self.state.download is not None and self.state.download.is_complete:
+            self._outbox.append(self.state.download.ack_message())
+            self._on_read_back(self.state.download.items, t_ns)
 
     def _note_failure(self, reason: str, t_ns: int) -> None:
         """Retry after a pause, unless the vehicle requests an item before."""
-        self._pending_failure = self._pending_failure or (t_ns + ns(self._timing.settle_s), reason)
+        self.state.pending_failure = self.state.pending_failure or (
+            t_ns + ns(self._timing.settle_s),
+            reason,
+        )
 
     # ------------------------------------------------------------ frames
 
@@ -233,13 +258,13 @@ class ListUpload(ABC):
         return [request] * copies
 
     def _due_messages(self, t_ns: int) -> list[Message]:
-        if self._timer is not None and self._timer.start_try(t_ns):
-            is_repeat = self._timer.sent > 1
-            self._rtt.retransmissions += is_repeat
-            copies = self._rtt.copies if is_repeat else 1
-            self._outbox += self._request_messages(self._timer.request, copies)
-        if self._download is not None:
-            self._outbox += self._download.poll(t_ns, self._window())
+        if self.state.timer is not None and self.state.timer.start_try(t_ns):
+            is_repeat = self.state.timer.sent > 1
+            self.state.rtt.retransmissions += is_repeat
+            copies = self.state.rtt.copies if is_repeat else 1
+            self._outbox += self._request_messages(self.state.timer.request, copies)
+        if self.state.download is not None:
+            self._outbox += self.state.download.poll(t_ns, self.state.rtt, self._window())
         out, self._outbox = self._outbox, []
         return out
 

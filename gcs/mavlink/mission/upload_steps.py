@@ -1,21 +1,23 @@
-"""Steps of a mission upload, and their common state.
+"""State of a mission upload, and its steps.
 
 `gcs.mavlink.mission.upload_task` decides which step comes when.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.autopilots import ARDUPLANE, AutopilotProfile
+from gcs.mavlink.autopilots import ARDUPLANE, AutopilotProfile, profile_of
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
-from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
+from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
 from gcs.mavlink.mission.items import Home, Item
-from gcs.mavlink.mission.list_upload import ACCEPTED, ListUpload
+from gcs.mavlink.mission.list_upload import ACCEPTED, ListUpload, ListUploadState
+from gcs.mavlink.mission.protocol import MissionUpload
 from gcs.mavlink.mission.upload_stages import TRANSITIONS, OnboardState, Stage, UploadResult
 from gcs.mavlink.mission.upload_timing import UploadPolicy, UploadTiming
 from gcs.mavlink.services.command_sender import (
@@ -27,111 +29,137 @@ from gcs.mavlink.services.command_sender import (
 )
 from gcs.mavlink.services.retry import RetryPolicy, ns
 from gcs.mavlink.services.rtt import RttEstimator
-from gcs.model import NS_PER_S, Mission
+from gcs.model import NS_PER_S, Mission, system_of
 
 _MAX_PAUSE_S: Final = 4.0
+_TIMING: Final = UploadTiming()
+
+
+@dataclass(slots=True, kw_only=True)
+class UploadState(ListUploadState):
+    """State of a mission upload to one vehicle."""
+
+    vehicle: int
+    mission_id: int
+    autopilot: int
+    """MAV_AUTOPILOT."""
+    old: tuple[Item, ...] | None = None
+    """Onboard mission by the last read-back. A failed task may then end in "old" instead of clearing."""
+    was_inconsistent: bool = False
+    """True if an earlier task may have left an inconsistent mission."""
+    current: int | None = None
+    """Current item."""
+    current_before: int | None = None
+    is_delegated: bool = False
+    """True if another program uploads: see `take_external_frames` and `add_external_result`."""
+    began_t_ns: int = 0
+    is_cleared: bool = False
+    onboard: OnboardState = OnboardState.OLD
+    reason: str = ""
+    uploads_exhausted: bool = False
+    may_resume: bool = True
+    refusals: int = 0
+    first_seq: int = 0
+    """Item at which the mission begins; final once selected."""
+    leg_t_ns: int = 0
+    """Earliest time at which the vehicle began to fly to that item."""
+    is_rejected: bool = False
+    """True if a whole mission is stored that must not be flown: it reads back differently, or the vehicle's
+    navigator rejects it."""
+    has_no_mission: bool = False
+    """True if the last MISSION_CURRENT reported no valid mission."""
+    unexplained_mode_t_ns: int | None = None
+    """Time of a mode change that is either an operator's override or follows from a rejected mission."""
+    loiter_t_ns: int | None = None
+    is_selected: bool = True
+
+    @classmethod
+    def initial(
+        cls,
+        mission: Mission,
+        home: Home,
+        profile: AutopilotProfile = ARDUPLANE,
+        *,
+        old: tuple[Item, ...] | None = None,
+        inconsistent: bool = False,
+        current: int | None = None,
+        from_ground: bool = False,
+        delegated: bool = False,
+        round_trip_s: float = 0.0,
+    ) -> UploadState:
+        """Return the state before the begin.
+
+        Parameters
+        ----------
+        mission : Mission
+            To be flown.
+        home : Home
+            Item 0 for firmwares that keep home there; the vehicle replaces it.
+        profile : AutopilotProfile
+            Of its firmware.
+        old, inconsistent, current, delegated
+            See the attributes `old`, `was_inconsistent`, `current`, `is_delegated`.
+        from_ground : bool
+            True if the mission begins with a take-off.
+        round_trip_s : float
+            Earlier measurement of its link; 0 for none.
+        """
+        items = profile.items(mission, home, from_ground=from_ground)
+        to = (system_of(mission.vehicle), AUTOPILOT_COMPONENT_ID)
+        return cls(
+            sending=MissionUpload(items, to, in_order=profile.in_order),
+            rtt=RttEstimator(round_trip_s),
+            start_seq=profile.home_items,
+            vehicle=mission.vehicle,
+            mission_id=mission.mission_id,
+            autopilot=profile.autopilot,
+            old=old,
+            was_inconsistent=inconsistent,
+            current=current,
+            current_before=current,
+            is_delegated=delegated,
+            onboard=OnboardState.UNKNOWN if inconsistent else OnboardState.OLD,
+            first_seq=profile.home_items,
+        )
 
 
 class UploadSteps(ListUpload):
-    """State of a mission upload, and its steps.
+    """Steps of a mission upload.
 
     Parameters
     ----------
-    mission : Mission
-        To be flown.
-    home : Home
-        Item 0 for firmwares that keep home there; the vehicle replaces it.
     encode : callable
         Message to frame for this vehicle, such as `Fleet.encoder`.
-    profile : AutopilotProfile
-        Of its firmware.
-    authority : ModeAuthority, optional
-        Shared by all tasks of a vehicle.
-    old : sequence of Item, optional
-        Onboard mission by the last read-back. A failed task may then end in "old" instead of clearing.
-    inconsistent : bool
-        True if an earlier task may have left an inconsistent mission.
-    current : int, optional
-        Current item.
-    policy : UploadPolicy, optional
-        Shared by all tasks.
-    from_ground : bool
-        True if the mission begins with a take-off.
-    delegated : bool
-        True if another program uploads: see `take_external_frames` and `add_external_result`.
-    rtt : RttEstimator, optional
-        Of its link.
-    own : (int, int)
-        Our system and component id.
+    authority : ModeAuthority
+        Of this vehicle.
+    policy : UploadPolicy
+        Shared by all uploads.
+    timing : UploadTiming, optional
+        By default that for the link's round trip.
     """
 
     transitions = TRANSITIONS
+    state: UploadState
 
     def __init__(
         self,
-        mission: Mission,
-        home: Home,
+        state: UploadState,
         encode: Callable[[Message], bytes],
-        *,
-        profile: AutopilotProfile = ARDUPLANE,
-        authority: ModeAuthority | None = None,
-        old: Sequence[Item] | None = None,
-        inconsistent: bool = False,
-        current: int | None = None,
-        policy: UploadPolicy | None = None,
-        from_ground: bool = False,
-        delegated: bool = False,
+        authority: ModeAuthority,
+        policy: UploadPolicy,
         timing: UploadTiming | None = None,
-        rtt: RttEstimator | None = None,
-        own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
     ) -> None:
-        self.mission = mission
-        self.items = profile.items(mission, home, from_ground=from_ground)
-        super().__init__(
-            mission.vehicle,
-            dialect.MAV_MISSION_TYPE_MISSION,
-            self.items,
-            encode,
-            timing or UploadTiming(),
-            rtt or RttEstimator(),
-            own,
-            in_order=profile.in_order,
-        )
+        super().__init__(state, encode, timing or _TIMING.for_round_trip(state.rtt.earlier_s))
+        profile = profile_of(state.autopilot)
+        assert profile is not None  # it had one at the begin
         self.result: UploadResult | None = None
-        self._profile = profile
-        self._authority = authority or ModeAuthority()
-        self._old = old
-        self._policy = policy or UploadPolicy()
-        self._delegated = delegated
+        self._profile, self._authority, self._policy = profile, authority, policy
         self._external_frames = b""
-        self._began_t_ns = 0
-        self._is_cleared = False
-        self._was_inconsistent = inconsistent
-        self._onboard = OnboardState.UNKNOWN if inconsistent else OnboardState.OLD
-        self._reason = ""
-        self._uploads_exhausted = False
-        self._may_resume = True
-        self._current = current
-        self._current_before = current
-        self._refusals = 0
-        self.first_seq = self._start_seq = profile.home_items
-        """Item at which the mission begins; final once selected."""
-        self.leg_t_ns = 0
-        """Earliest time at which the vehicle began to fly to that item."""
-        self._is_rejected = False
-        """True if a whole mission is stored that must not be flown: it reads back differently, or the
-        vehicle's navigator rejects it."""
-        self._has_no_mission = False
-        """True if the last MISSION_CURRENT reported no valid mission."""
-        self._unexplained_mode_t_ns: int | None = None
-        """Time of a mode change that is either an operator's override or follows from a rejected mission."""
-        self._loiter_t_ns: int | None = None
-        self._selected = True
 
     @property
     def is_inconsistent(self) -> bool:
         """True if the onboard mission may be inconsistent now."""
-        return self._onboard is OnboardState.UNKNOWN and not self._profile.atomic
+        return self.state.onboard is OnboardState.UNKNOWN and not self._profile.atomic
 
     # ------------------------------------------------------------ stages
 
@@ -145,57 +173,57 @@ class UploadSteps(ListUpload):
         policy: RetryPolicy | None = None,
     ) -> None:
         super()._enter_stage(stage, t_ns, request, pause_s=pause_s, policy=policy)
-        self._unexplained_mode_t_ns, self._refusals = None, 0
+        self.state.unexplained_mode_t_ns, self.state.refusals = None, 0
 
     def _enter_park(self, t_ns: int) -> None:
         """Command LOITER and wait for the heartbeat that shows it."""
-        self._loiter_t_ns = t_ns
+        self.state.loiter_t_ns = t_ns
         self._enter_stage(Stage.PARK, t_ns, self._mode_command(LOITER), policy=self._timing.loiter_retry)
 
     def _start_upload(self, t_ns: int, pause_s: float = 0.0) -> None:
-        self.uploads += 1
-        self._mission_upload.restart()
-        self._start_seq = self._begin_at() if self._profile.marks_current else -1
-        if not self._delegated:
-            self._enter_stage(Stage.UPLOAD, t_ns, self._mission_upload.count_message(), pause_s=pause_s)
+        self.state.uploads += 1
+        self.state.sending.restart()
+        self.state.start_seq = self._begin_at() if self._profile.marks_current else -1
+        if not self.state.is_delegated:
+            self._enter_stage(Stage.UPLOAD, t_ns, self.state.sending.count_message(), pause_s=pause_s)
             return
         self._enter_stage(Stage.UPLOAD, t_ns)
-        self._deadline_t_ns = t_ns + ns(self._timing.external_timeout_s)
+        self.state.deadline_t_ns = t_ns + ns(self._timing.external_timeout_s)
         self._note_upload_begun()
         to, items = self._to, enumerate(self.items)
-        messages = (item.message(n, *to, current=n == self._start_seq) for n, item in items)
+        messages = (item.message(n, *to, current=n == self.state.start_seq) for n, item in items)
         self._external_frames = b"".join(map(self._encode, messages))
 
     def _note_upload_begun(self) -> None:
         """Note that the vehicle may have begun to change its onboard mission."""
-        self._selected = self._profile.atomic
-        if self._onboard is not OnboardState.UNKNOWN:
-            self._onboard = OnboardState.UNKNOWN
-            self._current_before = self._current
+        self.state.is_selected = self._profile.atomic
+        if self.state.onboard is not OnboardState.UNKNOWN:
+            self.state.onboard = OnboardState.UNKNOWN
+            self.state.current_before = self.state.current
 
     def _window(self) -> int:
-        return min(self._profile.window, self._policy.max_items_in_flight(self.mission.vehicle))
+        return min(self._profile.window, self._policy.max_items_in_flight(self.state.vehicle))
 
     def _begin_at(self) -> int:
-        first = self._policy.first_item(self.mission.vehicle)
+        first = self._policy.first_item(self.state.vehicle)
         return min(max(self._profile.home_items, first), len(self.items) - 1)
 
     def _is_near_next_item(self, t_ns: int) -> bool:
-        return self._policy.time_to_next_s(self.mission.vehicle, t_ns) < self._timing.guard_s
+        return self._policy.time_to_next_s(self.state.vehicle, t_ns) < self._timing.guard_s
 
     def _start_select(self, t_ns: int) -> None:
-        self._current_before = self._current
-        self.first_seq = self._begin_at()
-        self.leg_t_ns = t_ns
+        self.state.current_before = self.state.current
+        self.state.first_seq = self._begin_at()
+        self.state.leg_t_ns = t_ns
         self._enter_stage(
-            Stage.SELECT, t_ns, set_current_item(self.mission.vehicle, self._profile, self.first_seq)
+            Stage.SELECT, t_ns, set_current_item(self.state.vehicle, self._profile, self.state.first_seq)
         )
 
     def _start_mode(self, t_ns: int) -> None:
         if self._authority.mode != AUTO:
-            self.leg_t_ns = t_ns
-        self._selected = True
-        if self._authority.override == LOITER and self._has_no_mission and self._profile.atomic:
+            self.state.leg_t_ns = t_ns
+        self.state.is_selected = True
+        if self._authority.override == LOITER and self.state.has_no_mission and self._profile.atomic:
             self._reject(t_ns)
         elif self._authority.override:
             self._end_overridden(t_ns)
@@ -206,55 +234,61 @@ class UploadSteps(ListUpload):
         """End without a mode command: an operator has chosen a mode."""
         stored = (
             "read back equal, not started"
-            if self._onboard is OnboardState.EQUAL
-            else self._reason or "not begun"
+            if self.state.onboard is OnboardState.EQUAL
+            else self.state.reason or "not begun"
         )
-        self._reason = f"{stored}: {self._authority.override} was chosen meanwhile"
+        self.state.reason = f"{stored}: {self._authority.override} was chosen meanwhile"
         self._finish(ok=False, t_ns=t_ns)
 
     def _reject(self, t_ns: int) -> None:
         """Note that the vehicle's navigator rejects the mission: the mode is not an override."""
         self._authority.note_rejection(t_ns)
-        self._reason = "the vehicle's navigator rejects the mission (no valid mission)"
-        self._is_rejected = True
+        self.state.reason = "the vehicle's navigator rejects the mission (no valid mission)"
+        self.state.is_rejected = True
         self._hold_and_clear(t_ns)
 
     def _resume_old_mission(self, t_ns: int) -> None:
         """End as failed. A vehicle in LOITER with a whole mission resumes it."""
-        if self._loiter_t_ns is not None and self._onboard is OnboardState.OLD and self._may_resume:
+        if (
+            self.state.loiter_t_ns is not None
+            and self.state.onboard is OnboardState.OLD
+            and self.state.may_resume
+        ):
             self._start_mode(t_ns)
         else:
             self._finish(ok=False, t_ns=t_ns)
 
     def _hold_and_clear(self, t_ns: int) -> None:
         """Remove an inconsistent or rejected mission: LOITER first, then MISSION_CLEAR_ALL."""
-        if not (self.is_inconsistent or self._is_rejected):
-            self._onboard = OnboardState.OLD if self._onboard is OnboardState.OLD else OnboardState.WHOLE
+        if not (self.is_inconsistent or self.state.is_rejected):
+            self.state.onboard = (
+                OnboardState.OLD if self.state.onboard is OnboardState.OLD else OnboardState.WHOLE
+            )
             self._outbox += self._cancel_messages()
             self._resume_old_mission(t_ns)
         elif self._authority.mode not in ("", AUTO):
             self._start_clear(t_ns)
         else:
-            self._loiter_t_ns = t_ns
+            self.state.loiter_t_ns = t_ns
             self._enter_stage(Stage.HOLD, t_ns, self._mode_command(LOITER), policy=self._timing.loiter_retry)
 
     def _start_clear(self, t_ns: int) -> None:
-        self._is_cleared = False
+        self.state.is_cleared = False
         self._enter_stage(
             Stage.CLEAR, t_ns, dialect.MAVLink_mission_clear_all_message(*self._to, self.mission_type)
         )
 
     def _retry_upload(self, reason: str, t_ns: int) -> None:
         """Upload again after a pause. After the last upload, read back once more, then clear."""
-        self._reason = self._reason if self._uploads_exhausted else reason
-        if self.uploads < self._timing.max_uploads:
-            self._rtt.retransmissions += 1
+        self.state.reason = self.state.reason if self.state.uploads_exhausted else reason
+        if self.state.uploads < self._timing.max_uploads:
+            self.state.rtt.retransmissions += 1
             self._outbox += self._cancel_messages()
-            self._start_upload(t_ns, min(_MAX_PAUSE_S, 0.25 * 2.0**self.uploads))
-        elif self._uploads_exhausted or self.stage is not Stage.UPLOAD:
+            self._start_upload(t_ns, min(_MAX_PAUSE_S, 0.25 * 2.0**self.state.uploads))
+        elif self.state.uploads_exhausted or self.stage is not Stage.UPLOAD:
             self._hold_and_clear(t_ns)
         else:
-            self._uploads_exhausted = True
+            self.state.uploads_exhausted = True
             self._start_verify(t_ns)
 
     def _cancel_messages(self) -> list[Message]:
@@ -265,24 +299,24 @@ class UploadSteps(ListUpload):
 
     def _finish(self, *, ok: bool, t_ns: int) -> None:
         self._enter_stage(Stage.DONE, t_ns)
-        detail = "verified by read-back" if ok else self._reason
-        if ok and self.uploads > 1:
-            detail += f" after {self.uploads} uploads"
-        duration_s = (t_ns - self._began_t_ns) / NS_PER_S
-        held = self._loiter_t_ns is not None and (ok or self._authority.mode != AUTO)
+        detail = "verified by read-back" if ok else self.state.reason
+        if ok and self.state.uploads > 1:
+            detail += f" after {self.state.uploads} uploads"
+        duration_s = (t_ns - self.state.began_t_ns) / NS_PER_S
+        held = self.state.loiter_t_ns is not None and (ok or self._authority.mode != AUTO)
         self.result = UploadResult(
-            t_ns, ok, self._onboard, detail, duration_s, self.retries, held, self._selected
+            t_ns, ok, self.state.onboard, detail, duration_s, self.retries, held, self.state.is_selected
         )
 
     # ------------------------------------------------------------ frames
 
     def _request_mission_current(self) -> Message:
         """Request MISSION_CURRENT, which otherwise comes once a second."""
-        return command_long(self.mission.vehicle, REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+        return command_long(self.state.vehicle, REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def _mode_command(self, name: str) -> Message:
         self._authority.note_command(name)
-        return set_mode(self.mission.vehicle, self._profile.autopilot, name)
+        return set_mode(self.state.vehicle, self._profile.autopilot, name)
 
     def _request_messages(self, request: Message, copies: int) -> list[Message]:
         messages = super()._request_messages(request, copies)
@@ -298,5 +332,5 @@ class UploadSteps(ListUpload):
         out = super()._due_messages(t_ns)
         if any(message.get_type() == "COMMAND_LONG" and message.command == SET_MODE for message in out):
             heartbeat = dialect.MAVLINK_MSG_ID_HEARTBEAT  # Shows the mode; otherwise once a second.
-            out.append(command_long(self.mission.vehicle, REQUEST_MESSAGE, heartbeat))
+            out.append(command_long(self.state.vehicle, REQUEST_MESSAGE, heartbeat))
         return out

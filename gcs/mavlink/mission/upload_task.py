@@ -43,14 +43,9 @@ class UploadTask(UploadSteps):
 
     # ------------------------------------------------------------ the caller's side
 
-    @property
-    def round_trip_s(self) -> float | None:
-        """Measured round trip in seconds; None before the first measurement."""
-        return self._rtt.round_trip_s
-
     def start(self, t_ns: int) -> list[bytes]:
         """Start the upload; return the frames to send."""
-        self._began_t_ns = t_ns
+        self.state.began_t_ns = t_ns
         flies = self._authority.mode in ("", AUTO)
         if flies and not self._profile.atomic and self._is_near_next_item(t_ns):
             self._enter_park(t_ns)
@@ -60,8 +55,8 @@ class UploadTask(UploadSteps):
 
     def start_clearing(self, t_ns: int) -> list[bytes]:
         """Start without an upload: remove a possibly inconsistent mission."""
-        self._began_t_ns = t_ns
-        self._reason = "the onboard mission may be inconsistent"
+        self.state.began_t_ns = t_ns
+        self.state.reason = "the onboard mission may be inconsistent"
         self._hold_and_clear(t_ns)
         return self._take_due_frames(t_ns)
 
@@ -70,16 +65,15 @@ class UploadTask(UploadSteps):
         if self.stage in (Stage.NEW, Stage.DONE):
             return []
         self._guard_next_item(t_ns)
-        if self._unexplained_mode_t_ns is not None and t_ns - self._unexplained_mode_t_ns > ns(
+        if self.state.unexplained_mode_t_ns is not None and t_ns - self.state.unexplained_mode_t_ns > ns(
             self._timing.settle_s
         ):
             self._end_overridden(t_ns)
             return self._take_due_frames(t_ns)
         transferring = self.stage in (Stage.UPLOAD, Stage.VERIFY)
-        if transferring and t_ns - self._began_t_ns > ns(self._timing.transfer_timeout_s):
-            self._reason = (
-                f"no end after {self._timing.transfer_timeout_s:.0f} s: {self._reason or self.stage}"
-            )
+        if transferring and t_ns - self.state.began_t_ns > ns(self._timing.transfer_timeout_s):
+            before = self.state.reason or self.stage
+            self.state.reason = f"no end after {self._timing.transfer_timeout_s:.0f} s: {before}"
             self._hold_and_clear(t_ns)
         else:
             self._run_timers(t_ns)
@@ -89,11 +83,11 @@ class UploadTask(UploadSteps):
         """Start again after a reboot of the vehicle: its onboard mission and mode are unknown."""
         if self.stage in (Stage.NEW, Stage.DONE):
             return []
-        self._current = None
+        self.state.current = None
         if self.stage in (Stage.HOLD, Stage.CLEAR):
             self._hold_and_clear(t_ns)
         elif self.stage is Stage.PARK:
-            self._reason = "the vehicle rebooted"
+            self.state.reason = "the vehicle rebooted"
             self._finish(ok=False, t_ns=t_ns)
         else:
             self._retry_upload("the vehicle rebooted", t_ns)
@@ -104,12 +98,12 @@ class UploadTask(UploadSteps):
 
         Nothing is started here.
         """
-        self._may_resume = False
+        self.state.may_resume = False
         if self.stage in (Stage.UPLOAD, Stage.VERIFY):
-            self._reason = reason
+            self.state.reason = reason
             self._hold_and_clear(t_ns)
         elif self.stage in (Stage.NEW, Stage.PARK, Stage.SELECT, Stage.MODE):
-            self._reason = reason
+            self.state.reason = reason
             self._finish(ok=False, t_ns=t_ns)
         return self._take_due_frames(t_ns)
 
@@ -117,7 +111,7 @@ class UploadTask(UploadSteps):
         """End at once for another task; return the frames to send before it."""
         if self.stage is not Stage.DONE:
             self._outbox += self._cancel_messages()
-            self._reason = "superseded"
+            self.state.reason = "superseded"
             self._finish(ok=False, t_ns=t_ns)
         return self._take_due_frames(t_ns)
 
@@ -129,8 +123,8 @@ class UploadTask(UploadSteps):
         self._outbox.clear()
         if self.stage is Stage.DONE:
             return []
-        self._onboard = OnboardState.UNKNOWN if self.uploads else self._onboard
-        self._reason = f"program error in its upload ({error})"
+        self.state.onboard = OnboardState.UNKNOWN if self.state.uploads else self.state.onboard
+        self.state.reason = f"program error in its upload ({error})"
         self._outbox += self._cancel_messages()
         self._finish(ok=False, t_ns=t_ns)
         return self._take_due_frames(t_ns)
@@ -145,11 +139,11 @@ class UploadTask(UploadSteps):
         """
         if self.result is None:
             raise ValueError("the task has not ended")
-        end, mission = self.result, self.mission
+        end = self.result
         return UploadReport(
             t_ns=end.t_ns,
-            vehicle=mission.vehicle,
-            mission_id=mission.mission_id,
+            vehicle=self.state.vehicle,
+            mission_id=self.state.mission_id,
             items=len(self.items),
             ok=end.ok,
             detail=end.detail,
@@ -168,53 +162,57 @@ class UploadTask(UploadSteps):
         If it failed before it changed anything, the vehicle keeps its mission. If it left an inconsistent
         mission, this task uploads.
         """
-        if self.stage is Stage.UPLOAD and self._delegated:
+        if self.stage is Stage.UPLOAD and self.state.is_delegated:
             if ok:
                 self._start_verify(t_ns)
-            elif begun or self._was_inconsistent:
-                self._delegated = False
+            elif begun or self.state.was_inconsistent:
+                self.state.is_delegated = False
                 self._retry_upload(detail, t_ns)
             else:
-                self._onboard, self._reason = OnboardState.OLD, detail
+                self.state.onboard, self.state.reason = OnboardState.OLD, detail
                 self._resume_old_mission(t_ns)
         return self._take_due_frames(t_ns)
 
     # ------------------------------------------------------------ time
 
     def _on_upload_timeout(self, t_ns: int) -> None:
-        if self._delegated or self._mission_upload.is_all_sent:
+        if self.state.is_delegated or self.state.sending.is_all_sent:
             self._start_verify(t_ns)
         else:
-            self._retry_upload(f"no request for item {self._mission_upload.sent_count}", t_ns)
+            self._retry_upload(f"no request for item {self.state.sending.sent_count}", t_ns)
 
     def _on_tries_exhausted(self, t_ns: int) -> None:
         match self.stage:
             case Stage.PARK:
-                unchanged = ", so nothing was changed" if self._onboard is OnboardState.OLD else ""
-                self._reason = f"LOITER was not confirmed{unchanged}"
+                unchanged = ", so nothing was changed" if self.state.onboard is OnboardState.OLD else ""
+                self.state.reason = f"LOITER was not confirmed{unchanged}"
                 self._finish(ok=False, t_ns=t_ns)
             case Stage.UPLOAD:
-                self._reason = "no answer to MISSION_COUNT"
+                self.state.reason = "no answer to MISSION_COUNT"
                 self._hold_and_clear(t_ns)
             case Stage.VERIFY:
                 self._retry_upload("no answer to the read-back", t_ns)
             case Stage.SELECT:
-                self._reason = "the first item could not be selected"
+                self.state.reason = "the first item could not be selected"
                 self._finish(ok=False, t_ns=t_ns)
             case Stage.MODE:
-                self._reason = self._reason or "AUTO was not confirmed"
+                self.state.reason = self.state.reason or "AUTO was not confirmed"
                 self._finish(ok=False, t_ns=t_ns)
             case Stage.HOLD:
-                self._reason += "; LOITER was not confirmed"
+                self.state.reason += "; LOITER was not confirmed"
                 self._start_clear(t_ns)
             case Stage.CLEAR:
-                self._reason += "; the clearing was not confirmed"
+                self.state.reason += "; the clearing was not confirmed"
                 self._finish(ok=False, t_ns=t_ns)
 
     def _guard_next_item(self, t_ns: int) -> None:
         """Command LOITER before the vehicle flies to the next item of the wrong mission."""
-        is_inconsistent = self.is_inconsistent and self.stage in (Stage.UPLOAD, Stage.VERIFY, Stage.CLEAR)
-        unselected = self.stage is Stage.SELECT and not self._selected
+        is_inconsistent = self.is_inconsistent and self.stage in (
+            Stage.UPLOAD,
+            Stage.VERIFY,
+            Stage.CLEAR,
+        )
+        unselected = self.stage is Stage.SELECT and not self.state.is_selected
         if not (is_inconsistent or unselected) or self._authority.mode != AUTO:
             return
         near = self._is_near_next_item(t_ns)
@@ -222,10 +220,12 @@ class UploadTask(UploadSteps):
             if near:
                 self._enter_park(t_ns)
             return
-        moved_on = self._current is not None and self._current != self._current_before
-        again = self._loiter_t_ns is None or t_ns - self._loiter_t_ns >= ns(self._timing.loiter_repeat_s)
-        if (near or moved_on or self._loiter_t_ns is not None) and again:
-            self._loiter_t_ns = t_ns
+        moved_on = self.state.current is not None and self.state.current != self.state.current_before
+        again = self.state.loiter_t_ns is None or t_ns - self.state.loiter_t_ns >= ns(
+            self._timing.loiter_repeat_s
+        )
+        if (near or moved_on or self.state.loiter_t_ns is not None) and again:
+            self.state.loiter_t_ns = t_ns
             self._outbox.append(self._mode_command(LOITER))
 
     # ------------------------------------------------------------ messages of the vehicle
@@ -243,64 +243,68 @@ class UploadTask(UploadSteps):
         return True
 
     def _on_request(self, message: Message, t_ns: int) -> None:
-        if self._delegated:
+        if self.state.is_delegated:
             return
         super()._on_request(message, t_ns)
-        asks_late = t_ns - self._stage_t_ns > ns(self._timing.settle_s)
+        asks_late = t_ns - self.state.stage_t_ns > ns(self._timing.settle_s)
         if asks_late and self.stage in (Stage.VERIFY, Stage.SELECT, Stage.MODE):
             self._retry_upload("the vehicle requests items again", t_ns)
 
     def _on_ack(self, message: Message, t_ns: int) -> None:
         if self.stage is Stage.CLEAR:
-            if message.type == ACCEPTED and not self._is_cleared:
-                self._is_cleared = True
+            if message.type == ACCEPTED and not self.state.is_cleared:
+                self.state.is_cleared = True
                 self._start_download(t_ns)
-        elif self.stage is not Stage.UPLOAD or not self._delegated:
+        elif self.stage is not Stage.UPLOAD or not self.state.is_delegated:
             super()._on_ack(message, t_ns)
 
     def _on_refusal(self, message: Message, t_ns: int) -> None:
-        answer, sent = result_name("MAV_MISSION_RESULT", message.type), self._mission_upload.sent_count
+        answer, sent = result_name("MAV_MISSION_RESULT", message.type), self.state.sending.sent_count
         self._note_failure(f"the vehicle answered {answer}, {sent} of {len(self.items)} items sent", t_ns)
 
     def _on_count(self, message: Message, t_ns: int) -> None:
-        if self.stage is not Stage.CLEAR or not self._is_cleared:
+        if self.stage is not Stage.CLEAR or not self.state.is_cleared:
             super()._on_count(message, t_ns)
         elif message.count <= self._profile.home_items:
-            self._onboard = OnboardState.CLEARED
+            self.state.onboard = OnboardState.CLEARED
             self._finish(ok=False, t_ns=t_ns)
         else:
             self._start_clear(t_ns)
 
     def _on_read_back(self, items: Sequence[Item], t_ns: int) -> None:
         difference = self._profile.difference(self.items, items)
-        is_old = self._old is not None and not self._profile.difference(self._old, items)
-        self._is_rejected = bool(difference) and not is_old
+        is_old = self.state.old is not None and not self._profile.difference(self.state.old, items)
+        self.state.is_rejected = bool(difference) and not is_old
         if not difference:
-            self._onboard = OnboardState.EQUAL
-            if self._loiter_t_ns is not None and self._authority.mode == AUTO:
+            self.state.onboard = OnboardState.EQUAL
+            if self.state.loiter_t_ns is not None and self._authority.mode == AUTO:
                 self._enter_park(t_ns)
             else:
                 self._start_select(t_ns)
-        elif self._uploads_exhausted and is_old:
-            self._onboard = OnboardState.OLD
+        elif self.state.uploads_exhausted and is_old:
+            self.state.onboard = OnboardState.OLD
             self._resume_old_mission(t_ns)
         else:
             self._retry_upload(f"read-back differs: {difference}", t_ns)
 
     def _on_current(self, message: Message, t_ns: int) -> None:
-        self._has_no_mission = message.mission_state == dialect.MISSION_STATE_NO_MISSION
-        if self._current_before is None:
-            self._current_before = message.seq
-        is_echo = self.stage is Stage.SELECT and self.first_seq == self._profile.home_items
-        is_echo = is_echo and message.seq == 0 != self._current_before
-        self._current = self.first_seq if is_echo else message.seq
-        if self.stage is Stage.MODE and self._has_no_mission and self._unexplained_mode_t_ns is not None:
+        self.state.has_no_mission = message.mission_state == dialect.MISSION_STATE_NO_MISSION
+        if self.state.current_before is None:
+            self.state.current_before = message.seq
+        is_echo = self.stage is Stage.SELECT and self.state.first_seq == self._profile.home_items
+        is_echo = is_echo and message.seq == 0 != self.state.current_before
+        self.state.current = self.state.first_seq if is_echo else message.seq
+        if (
+            self.stage is Stage.MODE
+            and self.state.has_no_mission
+            and self.state.unexplained_mode_t_ns is not None
+        ):
             self._reject(t_ns)
-        elif self.stage is Stage.MODE and self._unexplained_mode_t_ns is not None:
+        elif self.stage is Stage.MODE and self.state.unexplained_mode_t_ns is not None:
             self._end_overridden(t_ns)
         elif (
             self.stage is Stage.SELECT
-            and self._current == self.first_seq
+            and self.state.current == self.state.first_seq
             and self._is_selection_answer(message.seq, t_ns)
         ):
             self._start_mode(t_ns)
@@ -311,19 +315,19 @@ class UploadTask(UploadSteps):
         The vehicle may have flown to an item of this number before. With atomic uploads it has begun the new
         mission there already.
         """
-        is_late = t_ns - self._stage_t_ns > ns(self._timing.settle_s)
-        return self._profile.atomic or seq != self._current_before or is_late
+        is_late = t_ns - self.state.stage_t_ns > ns(self._timing.settle_s)
+        return self._profile.atomic or seq != self.state.current_before or is_late
 
     def _on_command_ack(self, message: Message, t_ns: int) -> None:
         if not is_for(message, self._own) or self.stage is not Stage.MODE or message.command != SET_MODE:
             return
         if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
             return
-        self._refusals += 1
-        self._reason = f"AUTO refused: {result_name('MAV_RESULT', message.result)}"
-        is_settled = t_ns - self._stage_t_ns >= ns(self._timing.settle_s)
-        if self._refusals >= self._timing.max_refusals and is_settled:
-            if self._has_no_mission and self._profile.atomic:
+        self.state.refusals += 1
+        self.state.reason = f"AUTO refused: {result_name('MAV_RESULT', message.result)}"
+        is_settled = t_ns - self.state.stage_t_ns >= ns(self._timing.settle_s)
+        if self.state.refusals >= self._timing.max_refusals and is_settled:
+            if self.state.has_no_mission and self._profile.atomic:
                 self._reject(t_ns)
             else:
                 self._finish(ok=False, t_ns=t_ns)
@@ -334,25 +338,30 @@ class UploadTask(UploadSteps):
         )
         mode, is_overridden = self._authority.mode, bool(self._authority.override)
         if self.stage is Stage.PARK and mode != AUTO:
-            if self._onboard is OnboardState.EQUAL:
+            if self.state.onboard is OnboardState.EQUAL:
                 self._start_select(t_ns)
             elif is_overridden:
                 self._end_overridden(t_ns)
             else:
                 self._start_upload(t_ns)
         elif self.stage is Stage.MODE and is_overridden and self._profile.atomic and mode == LOITER:
-            if self._unexplained_mode_t_ns is None:  # Maybe the mission was rejected.
-                self._unexplained_mode_t_ns = t_ns
+            if self.state.unexplained_mode_t_ns is None:  # Maybe the mission was rejected.
+                self.state.unexplained_mode_t_ns = t_ns
                 self._outbox.append(self._request_mission_current())
         elif self.stage is Stage.MODE and is_overridden:
             self._end_overridden(t_ns)
-        elif self.stage is Stage.MODE and mode == AUTO and self._timer is not None and self._timer.sent:
-            self._finish(ok=self._onboard is OnboardState.EQUAL, t_ns=t_ns)
+        elif (
+            self.stage is Stage.MODE
+            and mode == AUTO
+            and self.state.timer is not None
+            and self.state.timer.sent
+        ):
+            self._finish(ok=self.state.onboard is OnboardState.EQUAL, t_ns=t_ns)
         elif self.stage is Stage.HOLD and mode != AUTO:
             self._start_clear(t_ns)
 
     def _is_at_mission_end(self) -> bool:
         """Return True if the vehicle would be at its mission's end."""
-        flown = self._old if self._onboard is OnboardState.OLD else self.items
+        flown = self.state.old if self.state.onboard is OnboardState.OLD else self.items
         last = math.inf if flown is None else len(flown) - 1
-        return self._profile.ends_in == LOITER and self._current == last
+        return self._profile.ends_in == LOITER and self.state.current == last

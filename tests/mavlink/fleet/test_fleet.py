@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plane_double import AUTO, LOITER, Channel, Plane, S
+from plane_double import AUTO, LOITER, Channel, Plane, S, upload_task
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
 from gcs.mavlink.mission.items import Home
-from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.model import Datagram, Mission, Waypoint
 
 FRAME = LocalFrame(-35.3632621, 149.165237, 584.0)
@@ -370,7 +369,7 @@ def test_a_fleet_carries_a_mission_task(loss):
             return task.poll(t_ns)
         if air.fleet.home(1) is None:
             return []
-        task = UploadTask(Mission(1, 1, points), air.fleet.home(1), air.fleet.encoder(1))
+        task = upload_task(Mission(1, 1, points), air.fleet.home(1), air.fleet.encoder(1))
         return task.start(t_ns)
 
     together(

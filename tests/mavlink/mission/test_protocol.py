@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plane_double import Channel, authority_in
+from plane_double import Channel, authority_in, upload_task
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
@@ -12,7 +12,6 @@ from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home, Item
 from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
-from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.mavlink.services.retry import RetryTimer
 from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import Mission, Waypoint
@@ -36,39 +35,41 @@ def seqs(messages):
 
 
 def test_what_is_asked_for_is_sent_and_nothing_else_while_requests_come():
-    sending, sent = MissionUpload(ITEMS, TO, RttEstimator(0.1)), []
+    sending, rtt, sent = MissionUpload(ITEMS, TO), RttEstimator(0.1), []
     for seq in range(8):
-        sent += sending.answer_request(seq, at(0.1 * seq)) + sending.poll(at(0.1 * seq + 0.05), window=6)
+        sent += sending.answer_request(seq, at(0.1 * seq), rtt) + sending.poll(
+            at(0.1 * seq + 0.05), rtt, window=6
+        )
     assert seqs(sent) == list(range(8))
     assert sending.is_all_sent
 
 
 def test_after_a_timeout_the_item_is_repeated_and_the_one_whose_request_may_be_lost():
-    sending = MissionUpload(ITEMS, TO, RttEstimator(0.1))
-    sending.answer_request(0, 0)
-    sending.answer_request(1, at(0.1))
-    assert sending.poll(at(0.25), window=3) == []
-    assert seqs(sending.poll(at(0.4), window=3)) == [1, 2]
-    assert sending.poll(at(0.55), window=3) == []
-    assert seqs(sending.poll(at(1.0), window=3)) == [1, 2, 3]
-    assert seqs(sending.poll(at(2.0), window=3)) == [1, 2, 3]  # no more than the window
-    assert seqs(sending.answer_request(3, at(2.1))) == [3]
-    assert seqs(sending.poll(at(3.0), window=3)) == [3, 4]
+    sending, rtt = MissionUpload(ITEMS, TO), RttEstimator(0.1)
+    sending.answer_request(0, 0, rtt)
+    sending.answer_request(1, at(0.1), rtt)
+    assert sending.poll(at(0.25), rtt, window=3) == []
+    assert seqs(sending.poll(at(0.4), rtt, window=3)) == [1, 2]
+    assert sending.poll(at(0.55), rtt, window=3) == []
+    assert seqs(sending.poll(at(1.0), rtt, window=3)) == [1, 2, 3]
+    assert seqs(sending.poll(at(2.0), rtt, window=3)) == [1, 2, 3]  # no more than the window
+    assert seqs(sending.answer_request(3, at(2.1), rtt)) == [3]
+    assert seqs(sending.poll(at(3.0), rtt, window=3)) == [3, 4]
 
 
 def test_where_the_order_matters_only_the_requested_item_is_sent_again():
-    sending = MissionUpload(ITEMS, TO, RttEstimator(0.1))
-    sending.answer_request(0, 0)
-    assert [seqs(sending.poll(at(t))) for t in (1, 2, 3)] == [[0]] * 3
+    sending, rtt = MissionUpload(ITEMS, TO), RttEstimator(0.1)
+    sending.answer_request(0, 0, rtt)
+    assert [seqs(sending.poll(at(t), rtt)) for t in (1, 2, 3)] == [[0]] * 3
 
 
 def test_nothing_is_sent_before_the_first_request_nor_beyond_the_last_item():
-    sending = MissionUpload(ITEMS[:2], TO, RttEstimator(0.1))
-    assert sending.poll(at(100.0), window=6) == []
-    sending.answer_request(0, 0)
-    sending.poll(at(1.0), window=6)
+    sending, rtt = MissionUpload(ITEMS[:2], TO), RttEstimator(0.1)
+    assert sending.poll(at(100.0), rtt, window=6) == []
+    sending.answer_request(0, 0, rtt)
+    sending.poll(at(1.0), rtt, window=6)
     assert sending.is_all_sent
-    assert seqs(sending.poll(at(2.0), window=6)) == [0, 1]
+    assert seqs(sending.poll(at(2.0), rtt, window=6)) == [0, 1]
 
 
 # ---------------------------------------------------------------- reading back
@@ -83,39 +84,42 @@ def count_message(count):
 
 
 def test_a_read_back_keeps_a_window_of_questions_on_its_way_and_takes_answers_in_any_order():
-    reading = MissionDownload(TO, RttEstimator(0.1), 0, in_order=False)
-    assert [m.get_type() for m in reading.poll(0, 3)] == ["MISSION_REQUEST_LIST"]
-    reading.add_count(count_message(5), at(0.1))
-    assert seqs(reading.poll(at(0.1), 3)) == [0, 1, 2]
-    assert reading.add_item(item_message(1), at(0.2))
-    assert not reading.add_item(item_message(1), at(0.2)), "a duplicate"
-    assert not reading.add_item(item_message(4), at(0.2)), "not asked for"
-    assert seqs(reading.poll(at(0.2), 3)) == [3]
-    assert seqs(reading.poll(at(0.35), 3)) == [0, 2]  # asked again when they are overdue, and 3 is not
+    rtt = RttEstimator(0.1)
+    reading = MissionDownload.begin(TO, rtt, 0, in_order=False)
+    assert [m.get_type() for m in reading.poll(0, rtt, 3)] == ["MISSION_REQUEST_LIST"]
+    reading.add_count(count_message(5), at(0.1), rtt)
+    assert seqs(reading.poll(at(0.1), rtt, 3)) == [0, 1, 2]
+    assert reading.add_item(item_message(1), at(0.2), rtt)
+    assert not reading.add_item(item_message(1), at(0.2), rtt), "a duplicate"
+    assert not reading.add_item(item_message(4), at(0.2), rtt), "not asked for"
+    assert seqs(reading.poll(at(0.2), rtt, 3)) == [3]
+    assert seqs(reading.poll(at(0.35), rtt, 3)) == [0, 2]  # asked again when they are overdue, and 3 is not
     for seq in (3, 2, 0):
-        reading.add_item(item_message(seq), at(0.5))
-    assert seqs(reading.poll(at(0.5), 3)) == [4]
-    reading.add_item(item_message(4), at(0.6))
+        reading.add_item(item_message(seq), at(0.5), rtt)
+    assert seqs(reading.poll(at(0.5), rtt, 3)) == [4]
+    reading.add_item(item_message(4), at(0.6), rtt)
     assert reading.is_complete
     assert reading.items == ITEMS[:5]
 
 
 def test_a_read_back_that_a_vehicle_breaks_off_is_begun_anew():
-    reading = MissionDownload(TO, RttEstimator(0.1), 0)
-    reading.poll(0)
-    reading.add_count(count_message(5), at(0.1))
-    reading.restart_if_in_order(at(0.2))
-    assert [m.get_type() for m in reading.poll(at(0.2))] == ["MISSION_REQUEST_LIST"]
+    rtt = RttEstimator(0.1)
+    reading = MissionDownload.begin(TO, rtt, 0)
+    reading.poll(0, rtt)
+    reading.add_count(count_message(5), at(0.1), rtt)
+    reading.restart_if_in_order(at(0.2), rtt)
+    assert [m.get_type() for m in reading.poll(at(0.2), rtt)] == ["MISSION_REQUEST_LIST"]
 
 
 def test_a_read_back_in_vain_ends():
-    reading, t_ns, lists = MissionDownload(TO, RttEstimator(0.1), 0), 0, 0
+    rtt, t_ns, lists = RttEstimator(0.1), 0, 0
+    reading = MissionDownload.begin(TO, rtt, 0)
     while not reading.is_exhausted(t_ns):
         assert t_ns < at(400.0)
-        for request in reading.poll(t_ns):
+        for request in reading.poll(t_ns, rtt):
             if request.get_type() == "MISSION_REQUEST_LIST":
                 lists += 1
-                reading.add_count(count_message(5), t_ns)
+                reading.add_count(count_message(5), t_ns, rtt)
         t_ns += at(0.05)
     assert lists == 10
 
@@ -173,7 +177,7 @@ def task_for(autopilot, points, shift_deg=0.0):
     route = tuple(Waypoint(33.2 + n * 1e-3 + shift_deg, -87.6, 100.0, 10.0) for n in range(points))
     profile = {"ardupilot": ARDUPLANE, "px4": PX4}[autopilot]
     authority = authority_in("LOITER")
-    return UploadTask(Mission(1, 7, route), HOME, Encoder(), profile=profile, authority=authority)
+    return upload_task(Mission(1, 7, route), HOME, Encoder(), profile=profile, authority=authority)
 
 
 class Talk:
@@ -235,7 +239,7 @@ def test_a_mission_that_replaces_another_in_mid_transfer_is_the_one_that_is_held
     talk = Talk(autopilot, seed, loss=0.2, doubles=0.1, delay_s=(0.01, 0.2))
     first = task_for(autopilot, 20)
     enough = int(np.random.default_rng(seed).integers(1, 15))
-    talk.run(first, until=lambda: first._mission_upload.sent_count >= enough)
+    talk.run(first, until=lambda: first.state.sending.sent_count >= enough)
     talk.put(first.supersede(talk.t_ns))
     second = task_for(autopilot, 7, shift_deg=0.05)
     began_ns = talk.t_ns

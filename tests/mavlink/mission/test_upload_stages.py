@@ -7,7 +7,20 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plane_double import AUTO, GCS, LOITER, MANUAL, RTL, Channel, Joined, OfPlane, Plane, S, authority_in
+from plane_double import (
+    AUTO,
+    GCS,
+    LOITER,
+    MANUAL,
+    RTL,
+    Channel,
+    Joined,
+    OfPlane,
+    Plane,
+    S,
+    authority_in,
+    upload_task,
+)
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
@@ -102,10 +115,11 @@ def flown(data, hostile):
     plane = Plane(mode=draw(st.sampled_from([AUTO, AUTO, LOITER])), leg_s=draw(st.floats(1.0, 60.0)))
     plane.load(OLD, current=draw(st.integers(1, OLD_POINTS)))
     authority, clears = authority_in(MODES[plane.mode]), draw(st.integers(0, 5)) == 0
-    task = Recorded(
+    task = upload_task(
         mission(draw(st.integers(1, 12))),
         HOME,
         Encoder(),
+        kind=Recorded,
         authority=authority,
         policy=OfPlane(plane),
         current=plane.current,
@@ -167,8 +181,14 @@ def test_forged_messages_of_the_vehicle_cause_no_other_transition(data):
     st.lists(st.tuples(st.floats(0.0, 30.0), MESSAGES | st.integers(0, 5)), max_size=60),
 )
 def test_messages_in_any_order_cause_no_other_transition(profile, delegated, mode, steps):
-    task = Recorded(
-        mission(3), HOME, Encoder(), profile=profile, authority=authority_in(mode), delegated=delegated
+    task = upload_task(
+        mission(3),
+        HOME,
+        Encoder(),
+        kind=Recorded,
+        profile=profile,
+        authority=authority_in(mode),
+        delegated=delegated,
     )
     t_ns, calls = 0, Counter()
     task.start(0)
@@ -197,8 +217,8 @@ def test_messages_in_any_order_cause_no_other_transition(profile, delegated, mod
 def test_a_transition_that_the_table_lacks_is_an_error():
     for before in Stage:
         for after in set(Stage) - TRANSITIONS[before]:
-            task = Recorded(mission(3), HOME, Encoder())
-            task.stage = before
+            task = upload_task(mission(3), HOME, Encoder(), kind=Recorded)
+            task.state.stage = before
             with pytest.raises(TransitionError, match=f"{before} to {after}"):
                 task._enter_stage(after, 0)
             assert task.stage is before

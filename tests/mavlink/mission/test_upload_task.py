@@ -3,13 +3,25 @@
 import math
 
 import pytest
-from plane_double import AUTO, GCS, LOITER, MANUAL, RTL, Channel, Joined, OfPlane, Plane, S, authority_in
+from plane_double import (
+    AUTO,
+    GCS,
+    LOITER,
+    MANUAL,
+    RTL,
+    Channel,
+    Joined,
+    OfPlane,
+    Plane,
+    S,
+    authority_in,
+    upload_task,
+)
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home
-from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.model import Mission, Waypoint
 
@@ -38,7 +50,7 @@ def joined(plane, points=4, *, seed=1, loss=0.0, doubles=0.0, delay_s=(0.005, 0.
         "policy": OfPlane(plane),
         "current": plane.current,
     }
-    task = UploadTask(mission(points), HOME, Encoder(), **(known | options))
+    task = upload_task(mission(points), HOME, Encoder(), **(known | options))
     plane.mean(task.items)
     both = {"loss": loss, "doubles": doubles, "delay_s": delay_s}
     return Joined(task, plane, Channel(2 * seed, **both), Channel(2 * seed + 1, **both))
@@ -292,7 +304,7 @@ def test_a_superseding_mission_wins_over_the_leftovers_of_the_old_transfer(seed)
     first = link.task
     first.supersede(link.t_ns)
     assert (first.result.ok, first.result.detail) == (False, "superseded")
-    link.task = UploadTask(mission(9, shift_deg=-0.02, mission_id=2), HOME, Encoder())
+    link.task = upload_task(mission(9, shift_deg=-0.02, mission_id=2), HOME, Encoder())
     plane.mean(link.task.items)
     assert link.run().ok
     assert plane.holds(link.task.items)
@@ -335,7 +347,7 @@ def test_another_station_in_the_middle_of_its_own_upload_is_waited_for():
 
 
 def test_a_request_that_runs_ahead_is_not_answered():
-    task = UploadTask(mission(6), HOME, Encoder(), authority=authority_in("LOITER"))
+    task = upload_task(mission(6), HOME, Encoder(), authority=authority_in("LOITER"))
     task.start(0)
     assert task.receive(said((1, 1), dialect.MAVLink_mission_request_message(*GCS, 4, 0)), 1) == []
     answered = task.receive(said((1, 1), dialect.MAVLink_mission_request_message(*GCS, 0, 0)), 2)
@@ -451,7 +463,7 @@ def test_no_inconsistent_mission_is_flown_over_a_bad_radio(loss):
 
 def test_an_upload_by_another_program_counts_when_it_is_read_back():
     plane, _ = flying(mode=LOITER)
-    task = UploadTask(mission(), HOME, Encoder(), authority=authority_in("LOITER"), delegated=True)
+    task = upload_task(mission(), HOME, Encoder(), authority=authority_in("LOITER"), delegated=True)
     plane.mean(task.items)
     link = Joined(task, plane, Channel(1), Channel(2))
     assert task.start(0) == []
@@ -465,7 +477,7 @@ def test_an_upload_by_another_program_counts_when_it_is_read_back():
 
 def test_a_program_that_never_began_leaves_the_old_mission():
     _plane, old = flying(mode=LOITER)
-    task = UploadTask(mission(), HOME, Encoder(), authority=authority_in("LOITER"), old=old, delegated=True)
+    task = upload_task(mission(), HOME, Encoder(), authority=authority_in("LOITER"), old=old, delegated=True)
     task.start(0)
     task.add_external_result(False, False, "MAVSDK's process is not running", 1)
     assert (task.result.ok, task.result.onboard) == (False, "old")
@@ -474,7 +486,7 @@ def test_a_program_that_never_began_leaves_the_old_mission():
 
 def test_an_inconsistent_mission_of_another_program_is_repaired_by_us():
     plane, _ = flying(mode=LOITER)
-    task = UploadTask(mission(), HOME, Encoder(), authority=authority_in("LOITER"), delegated=True)
+    task = upload_task(mission(), HOME, Encoder(), authority=authority_in("LOITER"), delegated=True)
     plane.mean(task.items)
     link = Joined(task, plane, Channel(1), Channel(2))
     task.start(0)
