@@ -1,11 +1,15 @@
 """A user would lose vehicles to transfers that crowd each other, or forget what a vehicle was left with."""
 
+import random
+
 import numpy as np
 import pytest
 from missions import upload_manager
 from plane_double import AUTO, LOITER, MANUAL, Plane, S
 from px4_double import HOLD, Px4
 
+from gcs.core.snapshot import decode_state, encode_state
+from gcs.core.state import State
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.upload_stages import Stage, TransitionError
@@ -339,3 +343,57 @@ def test_a_mission_whose_return_route_leads_to_another_home_is_planned_again(shi
     assert report.ok is begins
     assert begins or "home moved" in report.detail
     assert begins or not swarm.planes[1].requests
+
+
+class Lossy(Swarm):
+    """Planes and a PX4 over a link that loses every fourth frame; snapshots may replace the state."""
+
+    def __init__(self, *, restarts):
+        self.rng, self.sent = random.Random(1), []
+        self.restarts = False
+        super().__init__(4, most=3)
+        self.planes[5] = Px4(5)
+        self.fleet = Fleet(self.planes, FRAME)
+        self.tasking = upload_manager(self.fleet, FRAME, self.planes, 3)
+        self.run(3.0)
+        self.restarts = restarts
+
+    def carry(self, effects):
+        self.sent += effects
+        super().carry([one for one in effects if not isinstance(one, Send) or self.rng.random() > 0.25])
+
+    def run(self, seconds):
+        for _ in range(round(seconds / 0.05)):
+            super().run(0.05)
+            if self.restarts:
+                self.restart()
+
+    def restart(self):
+        """Continue with what a snapshot holds of the uploads."""
+        agents, tasking = self.tasking._agents, self.tasking.state
+        kept = decode_state("test", encode_state(State(agents, tasking=tasking)))
+        for vehicle, agent in agents.items():
+            agent.tasking = kept.agents[vehicle].tasking
+        for before, after in (
+            (tasking.queue, kept.tasking.queue),
+            (tasking.uploads, kept.tasking.uploads),
+            (tasking.first_legs, kept.tasking.first_legs),
+            (tasking.windows, kept.tasking.windows),
+        ):
+            before.clear()
+            before.update(after)
+
+
+def test_uploads_continue_from_a_snapshot_as_if_there_had_been_no_restart():
+    flights = [Lossy(restarts=False), Lossy(restarts=True)]
+    for swarm in flights:
+        for vehicle in swarm.planes:
+            swarm.task(vehicle)
+        swarm.run(20.0)
+        swarm.planes[1].mode = AUTO
+        swarm.tasking.mark_inconsistent(2)
+        for vehicle in swarm.planes:
+            swarm.task(vehicle, ROUTE + 30.0)
+        swarm.run(60.0)
+    assert flights[0].sent == flights[1].sent
+    assert {report.vehicle for report in flights[1].reports() if report.ok} == {1, 2, 3, 4, 5}
