@@ -8,12 +8,13 @@ In reading order:
 `frames.signing`            MAVLink 2 message signing: keys, checks, time stamps
 `frames.fast_scan`          `scan` compiled; `fast_verify` and `batches` build on it
 `fleet.fleet`               all vehicles: datagrams in; `Send`, `Notice`, vehicle states out
+`fleet.records`             the state of one vehicle and of all links, as plain records
 `fleet.vehicle`             one vehicle: position, mode, home, health (mavutil's `messages`)
 `fleet.stream_requests`     SET_MESSAGE_INTERVAL and REQUEST_MESSAGE, repeated
 `fleet.mode_authority`      control authority: our mode, or an operator's override
 `fleet.position_checks`     which GLOBAL_POSITION_INT reports to believe
 `fleet.fast_telemetry`      routine telemetry, compiled, on the table in `fleet.telemetry_table`
-`services.commands`         COMMAND_LONG, set_mode, and their repetition
+`services.command_sender`   COMMAND_LONG, set_mode, and their repetition
 `services.parameters`       PARAM_REQUEST_READ and PARAM_SET (ParameterReader, ParameterSetter)
 `services.retry`, `.rtt`    RetryPolicy, RetryTimer, RttEstimator: when to send again
 `mission.items`             MISSION_ITEM_INT as a record

@@ -40,6 +40,7 @@ from gcs.mavlink.fleet.telemetry_table import (
     LEG_WATCHED,
     NO_ADDRESS,
     POSITIONS,
+    WIDTH,
     new_table,
 )
 from gcs.mavlink.fleet.vehicle import Health, Vehicle
@@ -126,6 +127,11 @@ class Fleet:
         State to continue from, with `vehicle_links`; that before the first datagram by default.
     vehicle_links : mapping, optional
         Link of each vehicle.
+
+    Raises
+    ------
+    ValueError
+        The telemetry table of the state is not that of our vehicles.
     """
 
     def __init__(
@@ -143,6 +149,8 @@ class Fleet:
     ) -> None:
         called = sorted(set(expected))
         self._state = FleetState(new_table(len(called))) if state is None else state
+        if self._state.table.shape != (len(called), WIDTH):
+            raise ValueError(f"telemetry table of shape {self._state.table.shape}, {len(called)} vehicles")
         if vehicle_links is None:
             vehicle_links = {vehicle: VehicleLink() for vehicle in called}
         self.links = self._state.links

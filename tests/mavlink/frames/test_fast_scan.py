@@ -8,9 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.core.snapshot import decode_state, encode_state
+from gcs.core.state import State
 from gcs.endpoints import Link, parse_endpoint
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.records import FleetState
+from gcs.mavlink.fleet.telemetry_table import new_table
 from gcs.mavlink.frames.codec import scan
 from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.model import NS_PER_S, Datagram, vehicle_id
@@ -210,6 +214,36 @@ def test_a_fleet_knows_the_same_with_and_without_the_kernel(seed):
     assert {"late", "no fix", "null", "far", "range", "jump"} <= refused
     assert sum(one.boots for one in fast.health()) > 0
     assert fast.counters.conflicts > 0
+
+
+def test_a_fleet_continues_from_snapshots_as_if_it_never_stopped():
+    links = [*LINKS, Link(parse_endpoint("udpout:10.0.0.9:14550"))]
+    expected = [vehicle_id(network, system) for network in (0, 1) for system in (1, 2, 3)]
+    state, swarm, t_ns = State.initial(expected), Swarm(0), 1_700_000_000 * NS_PER_S
+    fleet, resumed = (Fleet(expected, FRAME, links=links) for _ in range(2))
+    for step in range(1200):
+        if step % 11 == 0:
+            if step:
+                state = decode_state("test", encode_state(state))
+            known = {vehicle: agent.link for vehicle, agent in state.agents.items()}
+            resumed = Fleet(expected, FRAME, links=links, state=state.fleet, vehicle_links=known)
+        t_ns += int(swarm.pick(1, 20, 20, 90) * 1e6) + (8 * NS_PER_S if step % 300 == 299 else 0)
+        datagram = swarm.datagram(t_ns)
+        heard, again = ([(v, m.to_dict()) for v, m in f.receive(datagram)] for f in (fleet, resumed))
+        assert heard == again
+        if step % 5 == 0:
+            assert fleet.poll(t_ns) == resumed.poll(t_ns)
+            message = dialect.MAVLink_ping_message(0, step, 1, 1)
+            assert fleet.encoder(expected[0])(message) == resumed.encoder(expected[0])(message)
+        assert fleet_state(fleet) == fleet_state(resumed)
+    assert sum(one.boots for one in fleet.health()) > 0
+    assert fleet.counters.conflicts > 0
+
+
+def test_a_snapshot_of_other_vehicles_never_reaches_the_kernel():
+    for table in (new_table(2), new_table(3)[:, :-1]):
+        with pytest.raises(ValueError, match="telemetry table"):
+            Fleet([1, 2, 3], FRAME, state=FleetState(table))
 
 
 def test_an_unchanged_heartbeat_reaches_its_listeners():
