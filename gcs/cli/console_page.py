@@ -78,15 +78,21 @@ def replay_page(replay: Replay, options: PageOptions, console: Console) -> Itera
     def take(t_ns: int) -> Any:
         return capture(replay.command, t_ns)
 
-    with _page(replay, options, console, take, None, {"kind": "replay", "speed": 1.0}):
+    with _page(replay, options, console, take, None, {"kind": "replay", "speed": 1.0}, replay.playback):
         yield
 
 
 @contextmanager
 def _page(
-    run: Any, options: PageOptions, console: Console, take: Any, submit: Any, about: dict[str, Any]
+    run: Any,
+    options: PageOptions,
+    console: Console,
+    take: Any,
+    submit: Any,
+    about: dict[str, Any],
+    playback: Any = None,
 ) -> Iterator[None]:
-    server = _started(run, options, console, take, submit, about)
+    server = _started(run, options, console, take, submit, about, playback)
     if server is None:
         yield
         return
@@ -100,7 +106,13 @@ def _page(
 
 
 def _started(
-    run: Any, options: PageOptions, console: Console, take: Any, submit: Any, about: dict[str, Any]
+    run: Any,
+    options: PageOptions,
+    console: Console,
+    take: Any,
+    submit: Any,
+    about: dict[str, Any],
+    playback: Any,
 ) -> ConsoleServer | None:
     """Return the server; None without one. A flight does not depend on a console that nobody asked for."""
     if options.address == "off":
@@ -110,7 +122,7 @@ def _started(
         from gcs.console.access import parse_access
 
         access = parse_access(options.address, options.access)
-        return None if access is None else ConsoleServer(run, access, take, submit, about)
+        return None if access is None else ConsoleServer(run, access, take, submit, about, playback)
     except (ConsoleError, ImportError) as error:
         if options.is_asked_for:
             raise ConsoleError(str(error)) from None

@@ -7,7 +7,7 @@ Reading order:
 - `world`, `rows`: everything that a page shows, as JSON, on the console's own thread.
 - `clients`: bounded queues of the pages; a slow page loses messages, then gets everything anew.
 - `access`, `guard`: addresses, tokens, TLS; checks of each request.
-- `orders`: orders from pages and programs, and their answers.
+- `orders`: orders from pages and programs, and their answers. `playback`: control of a replay.
 - `app`, `openapi`, `metrics`: what is served. `server`: the thread.
 - `static`: the page, plain ES modules and CSS.
 """

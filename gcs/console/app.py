@@ -25,6 +25,7 @@ from gcs.console.guard import COOKIE, Guard
 from gcs.console.metrics import metrics_text
 from gcs.console.openapi import description
 from gcs.console.orders import OrderDesk, RefusedOrderError, is_answered
+from gcs.console.playback import PlaybackDesk
 from gcs.console.world import World
 from gcs.io.records import encode
 from gcs.model import OrderAnswer
@@ -40,8 +41,15 @@ _ASKED_S: Final = 2.0
 class Board:
     """What requests share: data, pages and orders."""
 
-    def __init__(self, world: World, clients: Clients, desk: OrderDesk, watch: Callable[[], None]) -> None:
-        self.world, self.clients, self.desk = world, clients, desk
+    def __init__(
+        self,
+        world: World,
+        clients: Clients,
+        desk: OrderDesk,
+        playback: PlaybackDesk,
+        watch: Callable[[], None],
+    ) -> None:
+        self.world, self.clients, self.desk, self.playback = world, clients, desk, playback
         self._watch = watch
         self._asked_s = -_ASKED_S
         self._changed = asyncio.Event()
@@ -87,6 +95,7 @@ def make_app(board: Board, access: Access) -> ASGIApp:
         Route("/api/plan", api.plan),
         Route("/api/orders", api.place_order, methods=["POST"]),
         Route("/api/orders/{order_id}", api.order),
+        Route("/api/replay", api.replay, methods=["POST"]),
         Route("/api/openapi.json", api.openapi),
         Route("/metrics", api.metrics),
         *(Route(path, _Static(*content).serve) for path, content in static.items()),
@@ -168,16 +177,21 @@ class _Api:
         ]
         return _json(msgspec.json.encode({"routes": routes, "proposal": msgspec.Raw(proposal)}))
 
+    async def replay(self, request: Request) -> Response:
+        body = await _body(request)
+        if body is None:
+            return _too_long()
+        problem = self._board.playback.carry_out(body)
+        return JSONResponse({"error": problem}, 422) if problem else JSONResponse({})
+
     async def place_order(self, request: Request) -> Response:
-        body = bytearray()
-        async for part in request.stream():
-            body += part
-            if len(body) > _MAX_BODY_BYTES:
-                return JSONResponse({"error": f"an order has at most {_MAX_BODY_BYTES} bytes"}, 413)
+        body = await _body(request)
+        if body is None:
+            return _too_long()
         try:
             wait_s = min(_MAX_WAIT_S, float(request.query_params.get("wait_s", "0")))
             sender = request.client.host if request.client else "?"
-            order_id = self._board.desk.place(bytes(body), sender)
+            order_id = self._board.desk.place(body, sender)
         except RefusedOrderError as error:
             return JSONResponse({"error": str(error)}, 422)
         except ValueError:
@@ -218,7 +232,7 @@ class _Login:
         if request.method == "GET":
             return Response(self._page[0], media_type=self._page[1])
         try:
-            body: Any = msgspec.json.decode(await request.body(), type=dict[str, str])
+            body: Any = msgspec.json.decode(await _body(request) or b"", type=dict[str, str])
         except msgspec.DecodeError:
             body = {}
         token = body.get("token", "")
@@ -230,6 +244,20 @@ class _Login:
             COOKIE, token, httponly=True, samesite="strict", secure=self._access.scheme == "https"
         )
         return response
+
+
+async def _body(request: Request) -> bytes | None:
+    """Return the content of a request; None if it is too long."""
+    body = bytearray()
+    async for part in request.stream():
+        body += part
+        if len(body) > _MAX_BODY_BYTES:
+            return None
+    return bytes(body)
+
+
+def _too_long() -> Response:
+    return JSONResponse({"error": f"expected at most {_MAX_BODY_BYTES} bytes"}, 413)
 
 
 def _json(content: bytes, code: int = 200) -> Response:

@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, TypeVar
 
 import uvicorn
 
@@ -24,9 +24,12 @@ from gcs.console.capture import Capture
 from gcs.console.clients import Clients
 from gcs.console.feed import Feed
 from gcs.console.orders import OrderDesk
+from gcs.console.playback import Playback, PlaybackDesk
 from gcs.console.world import World
 from gcs.core.engine import Engine
 from gcs.errors import ConsoleError
+
+T = TypeVar("T")
 
 _PUBLISH_S: Final = 0.1
 _PORTS: Final = 50
@@ -58,6 +61,8 @@ class ConsoleServer:
         Passes the JSON of an order to the run, on the run's loop; None: a replay.
     about : dict
         More about the run for pages.
+    playback : Playback, optional
+        Position and speed of a replay.
 
     Raises
     ------
@@ -72,6 +77,7 @@ class ConsoleServer:
         take: Callable[[int], Capture],
         submit: Callable[[bytes], None] | None,
         about: dict[str, Any],
+        playback: Playback | None = None,
     ) -> None:
         self._socket = bind(access)
         self.port: int = self._socket.getsockname()[1]
@@ -81,7 +87,8 @@ class ConsoleServer:
         world = World(run.config, about | {"begun": str(time.time_ns())})
         self.clients = Clients(world.snapshot)
         desk = OrderDesk(run.config.local_frame, None if submit is None else self._on_run_loop(submit))
-        self._board = Board(world, self.clients, desk, self._watch)
+        self._playback = PlaybackDesk(playback, self._on_run_loop(lambda action: action()))
+        self._board = Board(world, self.clients, desk, self._playback, self._watch)
         config = uvicorn.Config(
             make_app(self._board, self._access),
             loop="asyncio",
@@ -130,7 +137,7 @@ class ConsoleServer:
         while True:
             await asyncio.sleep(_PUBLISH_S)
             self.feed.is_watched = self._board.is_watched
-            message = self._board.world.update(self.feed)
+            message = self._board.world.update(self.feed, self._playback.state())
             if message is not None:
                 self.clients.send(message)
                 self._board.wake()
@@ -140,11 +147,11 @@ class ConsoleServer:
         with contextlib.suppress(RuntimeError):  # the run has ended
             self._run_loop.call_soon_threadsafe(self.feed.refresh)
 
-    def _on_run_loop(self, submit: Callable[[bytes], None]) -> Callable[[bytes], None]:
-        def pass_on(payload: bytes) -> None:
-            self._run_loop.call_soon_threadsafe(submit, payload)
+    def _on_run_loop(self, function: Callable[[T], None]) -> Callable[[T], None]:
+        def call(argument: T) -> None:
+            self._run_loop.call_soon_threadsafe(function, argument)
 
-        return pass_on
+        return call
 
 
 def bind(access: Access) -> socket.socket:

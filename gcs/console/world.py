@@ -30,7 +30,7 @@ from gcs.model import (
     vehicle_name,
 )
 from gcs.planning.map.grid import Grid
-from gcs.report.operator_lines import ProposalLog, effect_line
+from gcs.report.operator_lines import ProposalLog, effect_line, proposal_title
 
 _MAX_LOG: Final = 500
 _MAX_ANSWERS: Final = 200
@@ -73,11 +73,12 @@ class World:
         lists = {"log": list(self._log), "answers": [self._answer(one) for one in self.answers]}
         return _message("snapshot", self._sections | lists)
 
-    def update(self, feed: Feed) -> bytes | None:
+    def update(self, feed: Feed, replay: dict[str, Any] | None = None) -> bytes | None:
         """Take what is new out of a feed; return the update, or None without news."""
         if feed.start_t_ns is not None:
             self._start_t_ns = feed.start_t_ns
         news: dict[str, Any] = {}
+        self._put("replay", replay, news)
         self._add_effects(_drained(feed.effects), news)
         scans: list[Scan] = _drained(feed.scans)
         if scans:
@@ -101,7 +102,7 @@ class World:
                 self._put("plan", {"t_s": self._seconds(t_ns), "reason": effect.reason}, news)
             if isinstance(effect, Proposal) and not self._proposals.add_if_due(effect):
                 continue
-            line = effect_line(effect)
+            line = _line(effect)
             if line is not None:
                 self._logged += 1
                 entry = {
@@ -169,6 +170,13 @@ class World:
 
     def _seconds(self, t_ns: int) -> float:
         return round((t_ns - self._start_t_ns) / NS_PER_S, 2)
+
+
+def _line(effect: Effect) -> tuple[str, str] | None:
+    """Return the line of an effect; the routes of a proposed plan have a panel of their own."""
+    if isinstance(effect, Proposal):
+        return (proposal_title(effect), "warning") if effect.routes else None
+    return effect_line(effect)
 
 
 def _raw(value: Any) -> msgspec.Raw:

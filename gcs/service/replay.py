@@ -47,6 +47,31 @@ class Watcher(Protocol):
         """End the comparison, at the end of the recording or of the window."""
 
 
+@dataclass(slots=True)
+class Playback:
+    """How a replay is played; it may be changed while the replay runs, on its loop."""
+
+    speed: float = math.inf
+    """Multiple of real time."""
+    is_paused: bool = False
+    at_s: float = 0.0
+    """Seconds from the start of the recording."""
+    duration_s: float | None = None
+    """None if it is not known."""
+    fast_until_s: float = 0.0
+    """What comes before this time is processed at full speed."""
+    stays_at_end: bool = False
+    """True if the last state stays on display until the replay is stopped."""
+    has_ended: bool = False
+
+    def seek(self, at_s: float) -> str:
+        """Go to a later time; return why not, or an empty text."""
+        if at_s < self.at_s:
+            return "a replay goes forward only: start it again to see earlier times"
+        self.fast_until_s = at_s
+        return ""
+
+
 class Replay:
     """Replay of one recording.
 
@@ -64,6 +89,7 @@ class Replay:
         self.config = config
         self.command = Engine(config, seed)
         self.sinks: list[Sink] = []
+        self.playback = Playback(fast_until_s=window.from_s)
         self.links = None
         """A replay has no links."""
         self.watchers: list[Watcher] = []
@@ -82,7 +108,8 @@ class Replay:
 
     async def run(self, stop: asyncio.Event, speed: float) -> None:
         """Play to the end of the window, of the recording, or until `stop` is set."""
-        pace = _Pace(speed, self._window.from_s)
+        self.playback.speed = speed
+        pace = _Pace(self.playback)
         number = 0
         for record in self._records:
             if stop.is_set():
@@ -105,6 +132,9 @@ class Replay:
         broken_off = self.damage is not None or stop.is_set()
         for watcher in self.watchers:
             watcher.end(number, self.t_ns, broken_off=broken_off)
+        self.playback.has_ended = True
+        if self.playback.stays_at_end:
+            await stop.wait()
 
     def _event(self, number: int, event: Event, *, shown: bool) -> None:
         for sink in self.sinks:
@@ -148,22 +178,37 @@ class Verifier:
 
 
 class _Pace:
-    """Replay speed; the view is drawn and Ctrl-C is handled during waits."""
+    """Waits between events; the views are drawn and Ctrl-C is handled during waits."""
 
-    def __init__(self, speed: float, from_s: float) -> None:
-        self._speed, self._from_s = speed, from_s
-        self._began_s: float | None = None
+    def __init__(self, playback: Playback) -> None:
+        self._playback = playback
+        self._anchor: tuple[float, float, float] | None = None
+        """Speed, and a time of the recording that was due at a monotonic time; None after a jump."""
         self._yielded_s = time.monotonic()
 
     async def until(self, at_s: float, stop: asyncio.Event) -> None:
-        """Wait until `at_s` of the run is due; not before the window and not at unlimited speed."""
-        if at_s >= self._from_s and math.isfinite(self._speed):
-            if self._began_s is None:
-                self._began_s = time.monotonic()
-            due_s = self._began_s + (at_s - self._from_s) / self._speed
-            while (left_s := due_s - time.monotonic()) > 0.0 and not stop.is_set():
-                await asyncio.sleep(min(left_s, _NAP_S))
-                self._yielded_s = time.monotonic()
+        """Wait until `at_s` of the run is due."""
+        playback = self._playback
+        while not stop.is_set() and (left_s := self._left_s(at_s)) > 0.0:
+            await asyncio.sleep(min(left_s, _NAP_S))
+            self._yielded_s = time.monotonic()
+        playback.at_s = at_s
         if time.monotonic() - self._yielded_s > _YIELD_S:
             await asyncio.sleep(0)
             self._yielded_s = time.monotonic()
+
+    def _left_s(self, at_s: float) -> float:
+        """Return the time until `at_s` is due, as far as is known now."""
+        playback, now_s = self._playback, time.monotonic()
+        if at_s < playback.fast_until_s:
+            self._anchor = None
+            return 0.0
+        if playback.is_paused:
+            self._anchor = None
+            return _NAP_S
+        if not math.isfinite(playback.speed):
+            return 0.0
+        if self._anchor is None or self._anchor[0] != playback.speed:
+            self._anchor = (playback.speed, max(playback.at_s, playback.fast_until_s), now_s)
+        speed, from_s, began_s = self._anchor
+        return began_s + (at_s - from_s) / speed - now_s

@@ -1,9 +1,11 @@
-"""A service without vehicles, with its console, on a thread of its own."""
+"""A running service with its console, and simulated vehicles, each on a thread of its own."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
+import socket
 import threading
 import time
 import urllib.error
@@ -13,6 +15,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from websockets.sync.client import ClientConnection, connect
 
 from gcs.config import load
@@ -24,6 +27,7 @@ from gcs.io.links.manager import Links
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import Event, Tick
 from gcs.service.service import Service
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 
 class Events:
@@ -47,7 +51,18 @@ class Flight:
 
     def __init__(self, service: Service, console: ConsoleServer, events: Events) -> None:
         self.service, self.console, self.events = service, console, events
+        self.loop = asyncio.get_running_loop()
         self.url = console.url.rstrip("/")
+
+    def restart_console(self) -> None:
+        """End the console and start another one at its address."""
+
+        async def start() -> ConsoleServer:
+            access = Access(port=self.console.port)
+            return console_of(self.service, access)
+
+        self.console.close()
+        self.console = asyncio.run_coroutine_threadsafe(start(), self.loop).result(5.0)
 
     def page(self, **more: Any) -> ClientConnection:
         return connect(self.url.replace("http", "ws") + "/feed", compression=None, proxy=None, **more)
@@ -66,6 +81,89 @@ class Flight:
             return error.code, error.read(), error.headers
 
 
+def console_of(service: Service, access: Access) -> ConsoleServer:
+    return ConsoleServer(
+        service,
+        access,
+        lambda t_ns: capture(service.command, t_ns),
+        service.give_order,
+        {"kind": "live", "speed": 1.0},
+    )
+
+
+class Vehicles:
+    """Simulated vehicles that fly in real time and talk to a port."""
+
+    def __init__(self, port: int) -> None:
+        frame, t_ns = load("prescribed").local_frame, time.time_ns()
+        places = {vehicle: 300.0 * vehicle for vehicle in (1, 3)}
+        self._port, self._ends = port, threading.Event()
+        self._flown = [
+            (SimVehicle(spec_of(vehicle, north_m), frame, t_ns), udp_socket())
+            for vehicle, north_m in places.items()
+        ]
+        self._thread = threading.Thread(target=self._fly, daemon=True)
+        self._thread.start()
+
+    def _fly(self) -> None:
+        while not self._ends.wait(0.02):
+            for vehicle, link in self._flown:
+                for datagram in vehicle.datagrams_to_send(time.time_ns()):
+                    link.sendto(datagram, ("127.0.0.1", self._port))
+                with contextlib.suppress(BlockingIOError):
+                    while True:
+                        vehicle.receive_datagram(link.recv(2048), time.time_ns())
+
+    def say(self, system_id: int, text: str) -> None:
+        """Send a heartbeat and a text as another vehicle."""
+        pen = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=1)
+        with udp_socket() as link:
+            for message in (
+                mavlink.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3),
+                mavlink.MAVLink_statustext_message(2, text.encode()),
+            ):
+                link.sendto(message.pack(pen), ("127.0.0.1", self._port))
+                time.sleep(0.1)
+
+    def end(self) -> None:
+        self._ends.set()
+        self._thread.join(2.0)
+        for _, link in self._flown:
+            link.close()
+
+
+def spec_of(vehicle: int, north_m: float) -> VehicleSpec:
+    return VehicleSpec(
+        system_id=vehicle,
+        east_m=300.0,
+        north_m=north_m,
+        course_rad=1.57,
+        alt_rel_m=100.0,
+        forward_speed_m_s=15.0,
+    )
+
+
+def udp_socket() -> socket.socket:
+    link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    link.setblocking(False)
+    link.bind(("127.0.0.1", 0))
+    return link
+
+
+@pytest.fixture
+def launch() -> Iterator[Callable[[Flight], Vehicles]]:
+    """Start vehicles for a flight; they end with the test."""
+    launched: list[Vehicles] = []
+
+    def start(flight: Flight) -> Vehicles:
+        launched.append(Vehicles(flight.service.links.port))
+        return launched[-1]
+
+    yield start
+    for one in launched:
+        one.end()
+
+
 @pytest.fixture
 def fly() -> Callable[..., Any]:
     return _fly
@@ -81,20 +179,14 @@ def _fly(access: Access | None = None) -> Iterator[Flight]:
         links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1, 2, 3, 4], config.local_frame)
         service, events, stop = Service(config, 1, links, bus), Events(), asyncio.Event()
         service.sinks.append(events)
-        console = ConsoleServer(
-            service,
-            access or Access(),
-            lambda t_ns: capture(service.command, t_ns),
-            service.give_order,
-            {"kind": "live", "speed": 1.0},
-        )
+        console = console_of(service, access or Access())
         loop = asyncio.get_running_loop()
         ends.append(lambda: loop.call_soon_threadsafe(stop.set))
         flights.append(Flight(service, console, events))
         loop.call_later(0.1, started.set)
         epoch_ns = time.time_ns()
         await service.run(RunClock(epoch_ns, epoch_ns, 1.0), stop)
-        console.close()
+        flights[0].console.close()
 
     with ZenohSession(listen=free_endpoint()) as bus:
         thread = threading.Thread(target=lambda: asyncio.run(run(bus)))

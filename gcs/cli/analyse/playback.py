@@ -27,8 +27,8 @@ from gcs.config import Config, load, parse
 from gcs.core.operator.replies import named
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import versions
-from gcs.io.recording.reader import Record, RecordingInfo, read, read_info
-from gcs.model import Effect, Event
+from gcs.io.recording.reader import Record, RecordingInfo, read, read_end_t_ns, read_info
+from gcs.model import NS_PER_S, Effect, Event
 from gcs.report.run.verification import Verification
 from gcs.service.replay import Replay, Verifier, Window
 from gcs.service.service import wait_for_interrupt
@@ -183,7 +183,13 @@ async def _play(replay: Replay, options: ReplayOptions, console: Console) -> boo
     stop = asyncio.Event()
     undo = wait_for_interrupt(stop)
     plain = options.headless or options.verify or not console.is_terminal
-    speed = options.speed if options.speed is not None else math.inf if plain else 1.0
+    speed = (
+        options.speed
+        if options.speed is not None
+        else math.inf
+        if plain and not options.page.is_asked_for
+        else 1.0
+    )
     try:
         async with _display(replay, options, console, speed):
             await replay.run(stop, speed)
@@ -204,8 +210,19 @@ async def _display(
         if options.headless and not options.page.is_asked_for:
             yield
             return
+        replay.playback.duration_s = _duration_s(options)
+        replay.playback.stays_at_end = options.page.is_asked_for
         with replay_page(replay, options.page, console):
             yield
+
+
+def _duration_s(options: ReplayOptions) -> float | None:
+    """Return the length of a recording in seconds; None for a telemetry log."""
+    if not options.file.is_recording():
+        return None
+    start = next(read(options.file.path, only=get_args(Event)), None)
+    end_t_ns = read_end_t_ns(options.file.path)
+    return None if start is None or end_t_ns is None else (end_t_ns - start.t_ns) / NS_PER_S
 
 
 def _summary(replay: Replay, path: Path, wall_s: float) -> dict[str, Any]:

@@ -5,7 +5,9 @@ import { el } from "./dom.js";
 import { duration } from "./format.js";
 
 const LEVELS = { alarm: 2, warning: 1 };
-const ELSEWHERE = new Set(["Proposal"]); // has a panel of its own
+
+// Proposed plans have a panel of their own, and a refused order is shown beside its button.
+const isElsewhere = ({ kind, level }) => kind === "Proposal" || (kind === "OrderAnswer" && level === "warning");
 
 export class Alarms {
   constructor(root, feed) {
@@ -28,7 +30,7 @@ export class Alarms {
     for (const entry of data.log) {
       if (entry.n <= this.seen) continue;
       this.seen = entry.n;
-      if (!(entry.level in LEVELS) || ELSEWHERE.has(entry.kind) || this.acknowledged.has(entry.n)) continue;
+      if (!(entry.level in LEVELS) || isElsewhere(entry) || this.acknowledged.has(entry.n)) continue;
       this.open.set(`${entry.vehicle} ${entry.text.replace(/[\d.,]+/g, "#")}`, entry);
       worst = Math.max(worst, LEVELS[entry.level]);
     }

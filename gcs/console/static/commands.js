@@ -74,8 +74,9 @@ export class Commands {
       return;
     }
     const names = chosen.map((one) => one.name).join(", ");
+    const title = this.labels[action][1];
     const who = `${chosen.length > 1 ? "vehicles" : "vehicle"} ${names}`;
-    if (action in RISKS && !(await ask(`${action} ${who}?`, RISKS[action], `${action} ${names}`))) return;
+    if (action in RISKS && !(await ask(`${title} ${who}?`, RISKS[action], `${title} ${names}`))) return;
     this.orders.give(action, { vehicles: chosen.map((one) => one.id) });
   }
 

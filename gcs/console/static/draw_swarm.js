@@ -32,9 +32,9 @@ function line(ctx, view, points) {
 
 export function routes(ctx, view, planned, style) {
   ctx.strokeStyle = style.colour;
-  ctx.lineWidth = style.width;
-  ctx.setLineDash(style.dash ?? []);
   for (const route of planned) {
+    ctx.setLineDash(style.dash ?? []);
+    ctx.lineWidth = style.width;
     ctx.globalAlpha = style.selected.size && !style.selected.has(route.id) ? 0.35 : 0.9;
     ctx.beginPath();
     const from = style.from.get(route.id);
@@ -69,6 +69,7 @@ function toLeg([x, y], [ax, ay], [bx, by]) {
 // Where vehicle and target will meet, and the circle that follows.
 function meeting(ctx, view, route, radius) {
   const [east, north] = route.points.at(-1);
+  ctx.lineWidth = 1.2;
   ctx.setLineDash([]);
   ctx.beginPath();
   ctx.arc(view.x(east), view.y(north), 3, 0, 2 * Math.PI);

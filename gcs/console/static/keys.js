@@ -1,4 +1,4 @@
-// Keys. Space holds wherever the focus is, except in dialogs and text fields.
+// Keys. Space holds wherever the focus is, except in dialogs, text fields and checkboxes.
 
 const DIGITS_MS = 600;
 
@@ -26,7 +26,7 @@ export function listenToKeys(actions, feed, selection) {
     const inField = event.target.matches("input:not([type=checkbox]):not([type=range]), select, textarea");
     if (document.querySelector("dialog[open]") || inField) return;
     if (event.key === " ") {
-      if (event.target.matches("input[type=checkbox]")) return;
+      if (!event.shiftKey && event.target.matches("input[type=checkbox]")) return;
       event.preventDefault(); // else a focused button would be pressed
       if (!event.repeat) actions[event.shiftKey ? "shift+space" : "space"]();
       return;

@@ -3,6 +3,13 @@
 import { el, Rows, setClass, setText } from "./dom.js";
 import { duration, metres } from "./format.js";
 
+const MAX_NAMED = 6;
+
+function named(routes) {
+  if (!routes.length) return "none";
+  return routes.length > MAX_NAMED ? `${routes.length} vehicles` : routes.map((route) => route.name).join(", ");
+}
+
 export class Plan {
   constructor(root, feed, orders, commands) {
     this.root = root;
@@ -18,7 +25,7 @@ export class Plan {
   build() {
     this.title = el("h2");
     this.why = el("div", { class: "why" });
-    const heads = [["", "left"], ["vehicle", "left"], ["target", "left"], ["length", ""], ["was", ""], ["arrives", ""], ["separation", ""], ["clearance", ""]];
+    const heads = [["", "left"], ["vehicle", "left"], ["target", "left"], ["length", ""], ["was", "c-was"], ["arrives", ""], ["separation", ""], ["clearance", ""]];
     this.body = el("tbody");
     const head = el("tr", {}, ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text)));
     this.all = el("button", { class: "main", onclick: () => this.confirm() });
@@ -63,8 +70,8 @@ export class Plan {
     setText(this.why, proposal.reason);
     this.rows.show(proposal.routes, (route) => route.id);
     const chosen = this.chosen();
-    setText(this.all, `Confirm plan ${proposal.id} for all ${proposal.routes.length}`);
-    setText(this.some, `Confirm ${chosen.map((route) => route.name).join(", ") || "none"}`);
+    setText(this.all, `Confirm plan ${proposal.id} for ${named(proposal.routes)}`);
+    setText(this.some, `Confirm for ${named(chosen)} only`);
     setText(this.no, `Reject plan ${proposal.id}`);
     this.some.hidden = chosen.length === proposal.routes.length;
     this.some.disabled = !chosen.length || !this.commands.mayOperate;

@@ -54,6 +54,7 @@ export function showStrip(root, feed, selection) {
       return { element, cells };
     },
     (row, vehicle) => {
+      setClass(row.element, vehicle.status === "lost" ? "gone" : "");
       COLUMNS.forEach(([name, , align, value], index) => {
         const shown = value(vehicle);
         const [text, style] = Array.isArray(shown) ? shown : [shown, ""];

@@ -35,6 +35,6 @@ export function showTargets(root, feed, map, openZone) {
   feed.on(["zones", "mission"], ({ zones: closed = [], mission }) => {
     const buttons = closed.map((zone) =>
       el("button", { onclick: () => openZone(zone.name), disabled: mission.kind !== "live" }, `Open ${zone.name}`));
-    zones.replaceChildren(...(closed.length ? [el("h2", {}, `No-fly zones: ${closed.length}`), el("div", { class: "empty" }, ...buttons)] : []));
+    zones.replaceChildren(...(closed.length ? [el("h2", {}, `No-fly zones: ${closed.length}`), el("div", { class: "actions" }, ...buttons)] : []));
   });
 }

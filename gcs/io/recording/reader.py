@@ -46,6 +46,8 @@ from gcs.model import Picture
 _MAX_DEFINITIONS = 200_000
 """Maximum schemas and channels in a chunk. The format allows 65,536 of each."""
 _HEAD = struct.Struct("<BQ")
+_CHUNK_TIMES = struct.Struct("<QQ")
+"""Log times of the first and the last message of a chunk, at its head."""
 _MESSAGE = struct.Struct("<HIQQ")
 """Channel, sequence, log time and publish time of a message; its content follows."""
 _LIBRARY_ERRORS = (
@@ -243,6 +245,22 @@ def read_info(path: Path) -> RecordingInfo:
         except (_DamageError, *_LIBRARY_ERRORS):
             pass
     return RecordingInfo(config_text, versions, run)
+
+
+def read_end_t_ns(path: Path) -> int | None:
+    """Return the time of the last record, from the heads of the last part's chunks; None if it has none.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file, or it is not an MCAP.
+    """
+    end_t_ns = None
+    with _open_mcap(mcap_paths(path)[-1]) as file, contextlib.suppress(_DamageError, *_LIBRARY_ERRORS):
+        for opcode, _, content in _mcap_records(file):
+            if opcode == Opcode.CHUNK:
+                _, end_t_ns = _CHUNK_TIMES.unpack_from(content)
+    return end_t_ns
 
 
 class _RunReader:

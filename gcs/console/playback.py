@@ -1,0 +1,81 @@
+"""Control of a replay by its pages: play, pause, speed, position."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any, Protocol
+
+import msgspec
+from msgspec import Meta
+
+from gcs.console.rows import rounded
+
+
+class Playback(Protocol):
+    """How a replay is played (`gcs.service.replay`)."""
+
+    speed: float
+    is_paused: bool
+    at_s: float
+    duration_s: float | None
+    has_ended: bool
+
+    def seek(self, at_s: float) -> str:
+        """Go to a time; return why not, or an empty text."""
+
+
+class Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a page asks for; None leaves it as it is."""
+
+    paused: bool | None = None
+    speed: Annotated[float, Meta(gt=0.0, le=1000.0)] | None = None
+    at_s: Annotated[float, Meta(ge=0.0)] | None = None
+
+
+class PlaybackDesk:
+    """Passes the wishes of pages on to a replay.
+
+    Parameters
+    ----------
+    playback : Playback or None
+        None: the run is live.
+    call : callable
+        Runs a function on the loop of the replay.
+    """
+
+    def __init__(self, playback: Playback | None, call: Callable[[Callable[[], None]], None]) -> None:
+        self._playback, self._call = playback, call
+
+    def state(self) -> dict[str, Any] | None:
+        """Return position and speed; None for a live run."""
+        playback = self._playback
+        if playback is None:
+            return None
+        return {
+            "paused": playback.is_paused,
+            "ended": playback.has_ended,
+            "speed": rounded(playback.speed, 2),
+            "at_s": rounded(playback.at_s),
+            "duration_s": rounded(playback.duration_s),
+        }
+
+    def carry_out(self, body: bytes) -> str:
+        """Carry a wish out; return why not, or an empty text."""
+        playback = self._playback
+        if playback is None:
+            return "this run is live"
+        try:
+            wish = msgspec.json.decode(body, type=Wish)
+        except msgspec.DecodeError as error:
+            return str(error)
+        if wish.at_s is not None and (refusal := playback.seek(wish.at_s)):
+            return refusal
+
+        def apply() -> None:
+            if wish.paused is not None:
+                playback.is_paused = wish.paused
+            if wish.speed is not None:
+                playback.speed = wish.speed
+
+        self._call(apply)
+        return ""
