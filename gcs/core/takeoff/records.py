@@ -24,5 +24,6 @@ class TakeoffState:
     """What belongs to no single vehicle."""
 
     next_check_t_ns: int = 0
+    """Next time at which take-offs are checked."""
     close_pairs: list[tuple[int, int]] = field(default_factory=list)
     """Vehicles that climb near each other, in order; an alarm has been raised."""

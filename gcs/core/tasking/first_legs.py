@@ -60,7 +60,7 @@ class FirstLegs:
             self._fleet.watch_leg(vehicle, watched=False)
 
     def poll(self, t_ns: int) -> list[Effect]:
-        """Ask for what shows how the legs are mission."""
+        """Request the messages that show the flown legs."""
         effects: list[Effect] = []
         for vehicle, leg in list(self._legs.items()):
             if t_ns - leg.began_t_ns > _WATCH_NS:

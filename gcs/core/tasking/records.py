@@ -43,7 +43,7 @@ class QueuedRoute:
 
     route: Route
     planned_t_ns: int
-    until_ns: int
+    until_t_ns: int
     """End of the wait for an item."""
     at_once: bool
     return_route: ReturnRoute | None
@@ -70,11 +70,15 @@ class FirstLeg:
     """Position of its item, east and north."""
     began_t_ns: int
     next_t_ns: int
+    """Time of the next request for samples."""
     problem: str = ""
     """Error of the newest sample in words; empty if there is none."""
     has_sample: bool = False
+    """True if the newest sample has not been counted yet."""
     off: int = 0
+    """Consecutive wrong samples."""
     corrections: int = 0
+    """Times that the leg was started again."""
 
 
 @dataclass(slots=True)

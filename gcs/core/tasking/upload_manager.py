@@ -1,8 +1,13 @@
 """Mission uploads: routes become missions, missions wait for their link, are uploaded and verified.
 
-A newer route for a vehicle supersedes its upload in progress. Other routes wait in the queue
-(`gcs.core.tasking.upload_queue`) until the upload window of their link has room
-(`gcs.core.tasking.upload_window`). Uploads in progress are in `gcs.core.tasking.active_uploads`.
+A newer route for a vehicle supersedes its upload in progress. Other routes wait, the newest of each vehicle,
+first come, first served,
+
+* until the upload window of their link has room (`gcs.core.tasking.upload_window`);
+* for an item that their vehicle is about to reach, for `_MAX_ITEM_WAIT_NS` at most;
+* for the end of a pause after repeated failures (`gcs.core.tasking.upload_retry`).
+
+Uploads in progress are in `gcs.core.tasking.active_uploads`.
 """
 
 from __future__ import annotations
@@ -20,19 +25,19 @@ from gcs.core.tasking.active_uploads import ActiveUploads
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMissions, TerminalPhase
-from gcs.core.tasking.records import OnboardMission, TaskingState
-from gcs.core.tasking.upload_queue import UploadQueue
+from gcs.core.tasking.records import OnboardMission, QueuedRoute, TaskingState
 from gcs.core.tasking.upload_retry import UploadRetry
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_steps import UploadState
-from gcs.model import Effect, Notice, Route, UploadAnswer, UploadReport, VehicleState
+from gcs.model import NS_PER_S, Effect, Notice, Route, UploadAnswer, UploadReport, VehicleState
 from gcs.planning.terminal.climb import Climb
 from gcs.planning.terminal.landing import ReturnRoute
 from gcs.planning.vehicle_model import RemainingMission
 
+_MAX_ITEM_WAIT_NS: Final = 5 * NS_PER_S
 _MAX_HOME_SHIFT_M: Final = 20.0
 """Drift of a reported home that does not matter to its return route."""
 
@@ -75,7 +80,6 @@ class UploadManager:
         self.onboard_missions = OnboardMissions(fleet, agents, stays=config.mission.end == "loiter")
         self.overrides = Overrides(self.onboard_missions, {v: agent.control for v, agent in agents.items()})
         self._first_legs = FirstLegs(fleet, state.first_legs)
-        self._queue = UploadQueue(agents, state.queue, self._item_wait_s)
         self._active = ActiveUploads(
             fleet,
             agents,
@@ -204,7 +208,10 @@ class UploadManager:
         ):
             self.state.queue.pop(vehicle, None)
             return self._active.supersede(vehicle, t_ns) + self._start(route, t_ns, return_route, t_ns)
-        self._queue.put(route, t_ns, return_route, at_once=at_once)
+        before, until_t_ns = self.state.queue.get(vehicle), t_ns if at_once else t_ns + _MAX_ITEM_WAIT_NS
+        if before is not None:
+            until_t_ns, at_once = min(before.until_t_ns, until_t_ns), at_once or before.at_once
+        self.state.queue[vehicle] = QueuedRoute(route, t_ns, until_t_ns, at_once, return_route)
         return self._start_due(t_ns)
 
     def withdraw_except(self, wanted: Container[int]) -> list[int]:
@@ -290,12 +297,19 @@ class UploadManager:
         in_air = not is_on_ground(state, self._fleet.home(vehicle))
         return in_air and self.onboard_missions.is_in_takeoff(vehicle)
 
+    def _is_due(self, vehicle: int, t_ns: int) -> bool:
+        """Return True if a queued route waits for its link only."""
+        queued = self.state.queue[vehicle]
+        if not queued.at_once and t_ns < self._agents[vehicle].tasking.retry.paused_until_t_ns:
+            return False
+        return t_ns >= queued.until_t_ns or not self._item_wait_s(vehicle, t_ns)
+
     def _start_due(self, t_ns: int) -> list[Effect]:
         """Start the uploads that need not wait any longer."""
         effects: list[Effect] = []
         for vehicle in list(self.state.queue):
             may_start = self._active.has_capacity(vehicle) and not self._agents[vehicle].tasking.is_paused
-            is_due = may_start and not self._is_climbing(vehicle) and self._queue.is_due(vehicle, t_ns)
+            is_due = may_start and not self._is_climbing(vehicle) and self._is_due(vehicle, t_ns)
             if is_due and not self._holds_back(vehicle):
                 queued = self.state.queue.pop(vehicle)
                 effects += self._active.supersede(vehicle, t_ns)

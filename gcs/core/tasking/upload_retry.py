@@ -26,7 +26,9 @@ class UploadRetry:
     """Failures since the last successful upload to one vehicle."""
 
     failures: int = 0
+    """Failed uploads in a row."""
     paused_until_t_ns: int = 0
+    """End of the pause after repeated failures."""
     first_began_t_ns: int | None = None
     """Begin of the first upload of a series in which each superseded the one before; None without one."""
 

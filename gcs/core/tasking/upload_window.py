@@ -25,12 +25,14 @@ class UploadWindow:
 
     max_window: int
     window: int
+    """Number of uploads at a time."""
     active: int = 0
     """Number of uploads in progress."""
     round_trip_s: float = 0.0
     """Round-trip time of the last upload; 0 before the first."""
     min_round_trip_s: float = math.inf
     narrowed_t_ns: int = -1
+    """Time at which the window was halved; -1 if it never was."""
 
     @classmethod
     def first(cls, max_window: int) -> UploadWindow:

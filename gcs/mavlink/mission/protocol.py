@@ -56,7 +56,9 @@ class MissionDownload:
     timers: dict[int, RetryTimer] = field(default_factory=dict)
     """Of the items that have been requested, by number."""
     next_seq: int = 0
+    """Number of the next item to request."""
     starts: int = 1
+    """Times that the download was begun."""
 
     @classmethod
     def begin(
@@ -68,19 +70,7 @@ class MissionDownload:
         *,
         in_order: bool = True,
     ) -> MissionDownload:
-        """Begin a download.
-
-        Parameters
-        ----------
-        to : (int, int)
-            System and component id of the vehicle.
-        rtt : RttEstimator
-            Of its link.
-        t_ns : int
-            Time of the first request.
-        in_order : bool
-            True if items must be requested one after the other.
-        """
+        """Begin a download over a link of this round trip; the first request is due at once."""
         return cls(to, _count_timer(to, mission_type, rtt, t_ns), t_ns, mission_type, in_order)
 
     @property
@@ -189,7 +179,9 @@ class MissionUpload:
     sent_count: int = 0
     """Items sent so far."""
     acked: bool = False
+    """True if the vehicle has acknowledged the whole list."""
     requested_seq: int = 0
+    """Number of the last requested item."""
     sent_once_t_ns: dict[int, int] = field(default_factory=dict)
     """Send time of each item that was sent once: only these measure a round trip."""
     resend_t_ns: int | None = None

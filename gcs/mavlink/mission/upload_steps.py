@@ -50,15 +50,22 @@ class UploadState(ListUploadState):
     current: int | None = None
     """Current item."""
     current_before: int | None = None
+    """Current item before the upload, or before the selection."""
     is_delegated: bool = False
     """True if another program uploads: see `take_external_frames` and `add_external_result`."""
     began_t_ns: int = 0
     is_cleared: bool = False
+    """True if the vehicle has acknowledged the clearing, which is read back then."""
     onboard: OnboardState = OnboardState.OLD
+    """Onboard mission as far as known."""
     reason: str = ""
+    """Reason of the last failure."""
     uploads_exhausted: bool = False
+    """True after the last upload: the mission is read back once more."""
     may_resume: bool = True
+    """True if a vehicle in LOITER may resume its old mission."""
     refusals: int = 0
+    """Refusals of the stage's command."""
     first_seq: int = 0
     """Item at which the mission begins; final once selected."""
     leg_t_ns: int = 0
@@ -71,7 +78,9 @@ class UploadState(ListUploadState):
     unexplained_mode_t_ns: int | None = None
     """Time of a mode change that is either an operator's override or follows from a rejected mission."""
     loiter_t_ns: int | None = None
+    """Time of the last LOITER command; None before the first."""
     is_selected: bool = True
+    """False while the vehicle counts items of the mission before."""
 
     @classmethod
     def initial(
@@ -91,14 +100,8 @@ class UploadState(ListUploadState):
 
         Parameters
         ----------
-        mission : Mission
-            To be flown.
         home : Home
             Item 0 for firmwares that keep home there; the vehicle replaces it.
-        profile : AutopilotProfile
-            Of its firmware.
-        old, inconsistent, current, delegated
-            See the attributes `old`, `was_inconsistent`, `current`, `is_delegated`.
         from_ground : bool
             True if the mission begins with a take-off.
         round_trip_s : float

@@ -142,7 +142,7 @@ def test_a_reboot_in_mid_upload_starts_the_upload_again():
 def test_a_vehicle_about_to_take_its_next_item_is_not_made_to_hold_for_a_new_mission(monkeypatch):
     """It would turn where no route does; seconds later, past the item, it need not."""
     assert holds_in_flight() <= 1
-    monkeypatch.setattr("gcs.core.tasking.upload_queue._MAX_ITEM_WAIT_NS", 0)
+    monkeypatch.setattr("gcs.core.tasking.upload_manager._MAX_ITEM_WAIT_NS", 0)
     assert holds_in_flight() >= 3
 
 
