@@ -58,6 +58,7 @@ DONE = (
     "gcs.mavlink.fleet.stream_requests",
     "gcs.mavlink.fleet.vehicle",
     "gcs.mavlink.frames",
+    "gcs.mavlink.services",
     "gcs.tracking",
 )
 """Packages and modules whose whole state is in the tree."""
@@ -78,6 +79,13 @@ def attributes(thing: Any) -> Iterator[tuple[str, Any]]:
     for name in sorted(names - {"__dict__", "__weakref__"}):
         if hasattr(thing, name):
             yield name, getattr(thing, name)
+
+
+def is_frozen(thing: Any) -> bool:
+    parameters = getattr(type(thing), "__dataclass_params__", None)
+    return (
+        parameters is not None and parameters.frozen and not type(thing).__module__.startswith("gcs.config")
+    )
 
 
 def state_objects(engine: Engine) -> set[int]:
@@ -109,6 +117,8 @@ def values(engine: Engine) -> dict[str, str]:
     def text(thing: Any, owner: str, depth: int) -> str:
         if isinstance(thing, int | float | str | bytes | np.generic | None):
             return repr(thing)
+        if is_frozen(thing):  # a value: equal wherever it is
+            return str([text(value, owner, depth + 1) for _, value in attributes(thing)])
         if id(thing) in in_state:
             return type(thing).__name__
         if isinstance(thing, np.ndarray):
