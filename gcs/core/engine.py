@@ -175,9 +175,7 @@ class Engine(Stages):
         ):  # for displays and the journal; decisions update it themselves
             self.state.control_due_t_ns = t_ns + _CONTROL_PERIOD_NS
             self.control.update(t_ns)
-        modes = self.tasking.overrides.modes()
-        silent = modes.keys() - self.overridden().keys() | self.tasking.overrides.recently_in_rtl(t_ns)
-        effects += self.override_notices.poll(t_ns, modes, silent)
+        effects += self.override_notices.poll(t_ns)
         if not self.restart.is_under_way:
             effects += self.disarmed_in_auto.poll(
                 t_ns, lambda vehicle: self.control.updated(vehicle, t_ns).is_ours
@@ -242,7 +240,7 @@ class Engine(Stages):
         if status.status != "active":
             self.replanner.drop(status.vehicle)
         if status.status == "lost":
-            self.control.of(status.vehicle).apply(ControlEvent.AGENT_LOST, status.t_ns)
+            self.state.agents[status.vehicle].control.apply(ControlEvent.AGENT_LOST, status.t_ns)
             self.association.forget(status.vehicle)
             self.tasking.cancel(status.vehicle, status.t_ns)
             self.approval.hurry()
@@ -252,7 +250,8 @@ class Engine(Stages):
     def _check_climbs(self, t_ns: int) -> list[Notice]:
         """Check the climbs of vehicles on the ground that have a mission, or may get one."""
         self.control.update(t_ns)
-        ours = [vehicle for vehicle in self.agent_status.active() if self.control.of(vehicle).is_ours]
+        agents = self.state.agents
+        ours = [vehicle for vehicle in self.agent_status.active() if agents[vehicle].control.is_ours]
         notices = self.climbs.check(self.planning_inputs.climbs(ours), t_ns)
         for vehicle, agent in self.state.agents.items():
             if agent.takeoff.blocked:

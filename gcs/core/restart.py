@@ -17,7 +17,6 @@ import math
 from collections.abc import Collection, Container, Mapping
 from typing import Final
 
-from gcs.core.authority.control_authority import ControlAuthority
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.authority.onboard_audit import OnboardAudit
 from gcs.core.operator.replies import named
@@ -51,20 +50,17 @@ class Restart:
         fleet: Fleet,
         tasking: UploadManager,
         replanner: Replanner,
-        control: ControlAuthority,
         agent_status: AgentStatusMonitor,
         trackers: MultiSensorTracker,
         association: TrackVehicleAssociation,
         external_uploads: ExternalUploads,
         onboard_audit: OnboardAudit,
     ) -> None:
-        self._agents = agents
         self._fleet, self._tasking, self._replanner = fleet, tasking, replanner
-        self._agents, self._control = agents, control
+        self._agents = agents
         self._agent_status, self._trackers = agent_status, trackers
         self._association, self._external_uploads = association, external_uploads
         self._onboard_audit = onboard_audit
-        self._verified: dict[int, Route] = {}
         self._audited: set[int] = set()
         """Vehicles that keep their route if their mission reads back equal."""
         self._until_t_ns: int | None = None
@@ -76,19 +72,19 @@ class Restart:
         return tuple(self._persisted(vehicle) for vehicle in self._agents)
 
     def _persisted(self, vehicle: int) -> PersistedVehicle:
-        audited = self._onboard_audit.expected(vehicle)  # still the persisted mission
+        audit, routes = self._agents[vehicle].authority.audit, self._agents[vehicle].routes
+        audited = None if audit is None else audit.mission  # still the persisted mission
         onboard = audited or self._tasking.onboard(vehicle)
-        routes = self._agents[vehicle].routes
-        route = routes.flown or routes.suspended or self._verified.get(vehicle)
+        route = routes.flown or routes.suspended or self._verified().get(vehicle)
         unsure = self._tasking.may_be_inconsistent(vehicle)
-        is_obsolete = route is None and vehicle not in self._audited
+        is_obsolete = route is None and (audited is None or vehicle not in self._audited)
         if onboard is not None and (audited is not None or (is_obsolete and not unsure)):
             route = onboard.route
         if onboard is None or not onboard.route.is_same(route):
             onboard = None
         return PersistedVehicle(
             status=self._agents[vehicle].perception.status,
-            suspension=self._control.of(vehicle).suspension,
+            suspension=self._agents[vehicle].control.suspension,
             route=route,
             items=() if onboard is None or unsure else tuple(_values(item) for item in onboard.items),
             first_point=1 if onboard is None else onboard.first_point,
@@ -120,7 +116,7 @@ class Restart:
             self._agent_status.restore(one.status)
             if one.suspension is not None:
                 claim = next(claim for claim, word in SUSPENSIONS.items() if word == one.suspension)
-                self._control.of(vehicle).restore(claim, t_ns)
+                self._agents[vehicle].control.restore(claim, t_ns)
             if one.authority is not None:
                 self._tasking.overrides.of(vehicle).restore(one.authority, t_ns)
             if one.external_mission is not None:
@@ -136,7 +132,7 @@ class Restart:
                 onboard = OnboardMission(one.route, tuple(_item(row) for row in one.items), one.first_point)
                 if not one.is_obsolete:
                     self._audited.add(vehicle)
-                self._onboard_audit.begin(onboard, t_ns, self._note_verified, known_t_ns=state.t_ns)
+                self._onboard_audit.begin(onboard, t_ns, known_t_ns=state.t_ns)
         return effects
 
     def _restore_tracks(self, state: PersistedState, age_s: float, t_ns: int) -> list[Effect]:
@@ -155,12 +151,13 @@ class Restart:
         """True while the state of vehicles is still being verified."""
         return self._until_t_ns is not None or bool(self._onboard_audit.awaited)
 
-    def _note_verified(self, onboard: OnboardMission) -> None:
-        """Keep the route of a verified mission."""
-        vehicle = onboard.route.vehicle
-        if vehicle in self._audited and self._until_t_ns is not None:
-            self._verified[vehicle] = onboard.route
-        self._audited.discard(vehicle)
+    def _verified(self) -> dict[int, Route]:
+        """Return the routes of missions that have been verified since the restart began; none after it."""
+        if self._until_t_ns is None:
+            return {}
+        ended = [v for v in sorted(self._audited) if self._agents[v].authority.audit is None]
+        missions = {vehicle: self._tasking.onboard(vehicle) for vehicle in ended}
+        return {vehicle: mission.route for vehicle, mission in missions.items() if mission is not None}
 
     # ------------------------------------------------------------ end of the restart
 
@@ -181,9 +178,9 @@ class Restart:
 
     def _finish(self, t_ns: int, targets: Collection[Label]) -> None:
         """Give the verified routes to the replanner."""
+        routes = self._verified()
         self._until_t_ns = None
-        routes, self._verified = self._verified, {}
-        suspended = {v: routes.pop(v) for v in self._control.suspensions() if v in routes}
+        suspended = {v: routes.pop(v) for v in list(routes) if self._agents[v].control.suspension is not None}
         for vehicle in [vehicle for vehicle in routes if not self._is_flown(vehicle)]:
             del routes[vehicle]  # it does not fly its onboard mission: it gets another with the next plan
         self._replanner.resume(t_ns, routes, suspended, targets)

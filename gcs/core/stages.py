@@ -76,8 +76,7 @@ class Stages:
             state=self.state.fleet,
             vehicle_links={vehicle: agent.link for vehicle, agent in agents.items()},
         )
-        controls = {vehicle: agent.control for vehicle, agent in agents.items()}
-        self.external_uploads = ExternalUploads(links, controls, self.fleet.is_atomic)
+        self.external_uploads = ExternalUploads(links, agents, self.state.authority, self.fleet.is_atomic)
         # Perception
         perception = self.state.perception
         self.scan_timing, self.oosm_buffer = perception.scan_timing, perception.oosm_buffer
@@ -139,18 +138,19 @@ class Stages:
             self.incursions,
             self._needs_approval,
         )
-        self.disarmed_in_auto = DisarmedInAuto(agents, self.fleet, self.tasking, self.orders)
-        self.onboard_audit = OnboardAudit(self.fleet, self.tasking, self.replanner, controls)
-        self.override_notices, self.unattended_targets = OverrideNotices(), UnattendedTargets()
-        self.control = ControlAuthority(
-            controls, self.fleet, self.tasking, self.orders, self.mission_ends, agents
+        self.disarmed_in_auto = DisarmedInAuto(
+            agents, self.state.authority, self.fleet, self.tasking, self.orders
         )
+        self.onboard_audit = OnboardAudit(agents, self.fleet, self.tasking, self.replanner)
+        authority = self.state.authority
+        self.override_notices = OverrideNotices(agents, authority, self.tasking.overrides, self.orders)
+        self.unattended_targets = UnattendedTargets(authority)
+        self.control = ControlAuthority(agents, self.fleet, self.tasking, self.orders, self.mission_ends)
         self.restart = Restart(
             agents,
             self.fleet,
             self.tasking,
             self.replanner,
-            self.control,
             self.agent_status,
             self.trackers,
             self.association,

@@ -32,7 +32,7 @@ def picture(run: VirtualRun) -> dict[str, object]:
         "target labels": sorted(command.trackers.targets.confirmation.tracks),
         "statuses": {v: one.perception.status.status for v, one in command.state.agents.items()},
         "targets of agents": {v: route.target for v, route in sorted(command.replanner.routes.items())},
-        "authorities": {v: command.control.of(v).authority.word for v in command.state.agents},
+        "authorities": {v: one.control.authority.word for v, one in command.state.agents.items()},
     }
 
 

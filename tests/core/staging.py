@@ -13,9 +13,10 @@ from gcs.config import Config, parse
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.airspace.records import AirspaceState
+from gcs.core.engine import Engine
 from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.core.perception.records import ConfirmationState
-from gcs.model import NS_PER_S, Kind, Label, Picture, Scan, Sensor, Track, VehicleState, read_only
+from gcs.model import NS_PER_S, Kind, Label, Picture, Scan, Sensor, Suspension, Track, VehicleState, read_only
 
 S = NS_PER_S
 T0 = 1_767_225_600 * S
@@ -94,6 +95,12 @@ def mission(
 def zones(config: Config) -> NoFlyZones:
     """Return the map of a mission, without closed zones."""
     return NoFlyZones(AirspaceState(), mission_grid(config, 0))
+
+
+def suspensions(engine: Engine) -> dict[int, Suspension]:
+    """Return the suspended vehicles, with the reason."""
+    found = {vehicle: agent.control.suspension for vehicle, agent in engine.state.agents.items()}
+    return {vehicle: reason for vehicle, reason in found.items() if reason is not None}
 
 
 RADAR = Sensor("radar", 0.98, 4e-6, read_only(np.eye(2) * 10.0), (-100.0, -100.0, 2100.0, 2100.0))

@@ -242,17 +242,19 @@ def test_a_suspended_vehicle_stays_so_over_a_lost_link_a_reboot_and_a_pilots_aut
     assert stage.order(action)[0].state == "accepted"
     stage.mode = mode
     stage.wait(3.0)
-    before = stage.command.control.of(1).claims[Authority.HELD if action == "hold" else Authority.RETURNING]
+    before = stage.command.state.agents[1].control.claims[
+        Authority.HELD if action == "hold" else Authority.RETURNING
+    ]
     for _ in range(60):
         stage.t_ns += S // 2
         stage.step(Tick(stage.t_ns))
     for stage.mode in ("MANUAL", "AUTO", mode):
         stage.wait(2.0)
-        control = stage.command.control.of(1)
+        control = stage.command.state.agents[1].control
         assert control.suspension == action
         assert before in control.claims.values()
     assert stage.order("resume")[0].state == "accepted"
-    assert stage.command.control.of(1).suspension is None
+    assert stage.command.state.agents[1].control.suspension is None
 
 
 def test_a_pilots_loiter_is_kept_over_a_restart_and_a_reboot_that_empties_the_mission() -> None:
@@ -271,7 +273,7 @@ def test_a_vehicle_of_an_unknown_firmware_is_not_tasked_from_its_first_heartbeat
     command.step(Datagram(S, AIR, PEER, encode(heartbeat)))
     command.step(Tick(2 * S))
     assert command.untaskable() == {1: "has a firmware that is not known here"}
-    assert command.control.of(1).authority is Authority.UNSUPPORTED
+    assert command.state.agents[1].control.authority is Authority.UNSUPPORTED
     for action in ("hold", "return", "resume"):
         (answer,) = command.step(Order(3 * S, action, action, (1,)))
         assert isinstance(answer, OrderAnswer)

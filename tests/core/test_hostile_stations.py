@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.authority.external_uploads import ExternalUploads
+from gcs.core.state import State
 from gcs.endpoints import Link, parse_endpoint
 from gcs.mavlink.frames.codec import scan
 from gcs.mavlink.router.router import Router
-from gcs.model import Authority, Control, Datagram
+from gcs.model import Authority, Datagram
 
 AIR, SEAT = "udpin:0.0.0.0:1", "udpin:0.0.0.0:2"
 LINKS = [Link(parse_endpoint(AIR)), Link(parse_endpoint(SEAT), role="full")]
@@ -40,8 +41,8 @@ HOSTILE = st.lists(st.binary(max_size=50) | FRAMES, max_size=12).map(b"".join)
 @settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), HOSTILE), max_size=12))
 def test_no_bytes_make_routes_or_the_watch_over_other_stations_fail(reads: list[tuple[bool, bytes]]) -> None:
-    controls = {1: Control(), 2: Control()}
-    router, stations = Router(LINKS, [1, 2]), ExternalUploads(LINKS, controls)
+    state = State.initial((1, 2))
+    router, stations = Router(LINKS, [1, 2]), ExternalUploads(LINKS, state.agents, state.authority)
     for number, (is_station, data) in enumerate(reads):
         address = (SEAT if is_station else AIR, "10.0.0.1:9")
         found = scan(data)
@@ -52,4 +53,4 @@ def test_no_bytes_make_routes_or_the_watch_over_other_stations_fail(reads: list[
                 stations.receive_reply(1, message, number)
         if is_station:
             stations.receive(Datagram(number, SEAT, "10.0.0.1:9", data), found)
-    assert all(control.claims.keys() <= {Authority.OTHER_STATION} for control in controls.values())
+    assert all(one.control.claims.keys() <= {Authority.OTHER_STATION} for one in state.agents.values())

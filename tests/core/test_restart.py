@@ -9,7 +9,7 @@ import pytest
 from core.authority.test_external_uploads import MISSION as STATIONS
 from core.operator.test_vehicle_orders import SEED, Flight, order
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from staging import S
+from staging import S, suspensions
 
 from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
@@ -115,7 +115,7 @@ def test_another_mission_than_the_one_it_was_given_is_left_alone_until_resumed()
     assert any("its onboard mission is not the one it was given (item 1: z_m" in n.text for n in notices)
     assert not {m.get_type() for m in flight.messages_to(3, 34.0, 70.0)} & MISSION
     assert flight.mode(3) is Mode.AUTO
-    assert flight.run.command.control.suspensions() == {3: "found"}
+    assert suspensions(flight.run.command) == {3: "found"}
 
 
 def test_a_vehicle_that_was_being_given_a_mission_holds_until_it_has_a_whole_one() -> None:
@@ -135,7 +135,7 @@ def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
     close = replace(order(21.0, "no-fly-zone"), no_fly_zone=area)
     flight = flight_with_a_restart(30.0, 4.0, 60.0, orders=(order(20.0, "hold", 1), close))
     command = flight.run.command
-    assert command.control.suspensions() == {1: "hold"}
+    assert suspensions(command) == {1: "hold"}
     assert command.state.airspace.zones == {"fire": area}
     assert command.grid.blocked[30, 42]
     assert not {m.get_type() for m in flight.messages_to(1, 34.0, 60.0)} & MISSION
@@ -275,7 +275,7 @@ def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked
     run.run(60.0)
     assert any("its onboard mission is not the one it was given" in text for text in alarms(effects, 3))
     assert list(run.vehicles["vehicle:3"].autopilot.mission) == stored
-    assert run.command.control.suspensions() == {3: "found"}
+    assert suspensions(run.command) == {3: "found"}
 
 
 @pytest.mark.parametrize("changed", [True, False])
@@ -301,7 +301,7 @@ def test_a_vehicle_that_was_not_heard_for_a_while_gets_an_onboard_mission_audit(
         "its onboard mission is not the one it was given" in text for text in alarms(effects, 2)
     )
     assert is_reported is changed
-    assert run.command.control.suspensions() == ({2: "found"} if changed else {})
+    assert suspensions(run.command) == ({2: "found"} if changed else {})
     assert (2 in run.command.replanner.routes) is not changed
 
 

@@ -8,12 +8,13 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.authority.external_uploads import ExternalUploads
+from gcs.core.state import State
 from gcs.endpoints import Link, parse_endpoint
 from gcs.io.links import tcp
 from gcs.io.links.tcp import TcpIn
 from gcs.mavlink.frames.codec import Encoder, Frame, scan
 from gcs.mavlink.router.router import Router
-from gcs.model import NS_PER_S, Control, Datagram, Notice
+from gcs.model import NS_PER_S, Datagram, Notice
 
 AIR = Link(parse_endpoint("udpin:0.0.0.0:1"))
 READ_ONLY = Link(parse_endpoint("udpin:0.0.0.0:2"), role="read-only")
@@ -85,7 +86,8 @@ DANGERS = [
 
 @pytest.mark.parametrize("message", DANGERS, ids=lambda m: f"{m.get_type()}-{getattr(m, 'command', '')}")
 def test_commands_that_end_a_flight_or_steer_by_hand_are_an_alarm(message):
-    stations = ExternalUploads([AIR, WORK], {1: Control(), 2: Control()})
+    state = State.initial((1, 2))
+    stations = ExternalUploads([AIR, WORK], state.agents, state.authority)
     data = frame(message).data
     (notice,) = stations.receive(Datagram(NS_PER_S, WORK.name, "10.0.1.1:1", data), scan(data))[0]
     assert isinstance(notice, Notice)
@@ -95,7 +97,8 @@ def test_commands_that_end_a_flight_or_steer_by_hand_are_an_alarm(message):
 
 
 def test_arming_is_a_warning_and_a_mode_is_information():
-    stations = ExternalUploads([AIR, WORK], {1: Control(), 2: Control()})
+    state = State.initial((1, 2))
+    stations = ExternalUploads([AIR, WORK], state.agents, state.authority)
     for message, level in (
         (command(400, 1, 1), "warning"),
         (command(400, 1, 0), "warning"),

@@ -15,7 +15,7 @@ from gcs.core.state import Agent
 from gcs.core.tasking.mission_ends import MissionEnds
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.model import Authority, Control, ControlEvent, Suspension
+from gcs.model import Authority, Control, ControlEvent
 
 _MISSION_MODES: Final = ("", "AUTO", "LOITER")
 """Before the first heartbeat, on a mission, and waiting for one."""
@@ -25,25 +25,20 @@ _MISSION_MODES: Final = ("", "AUTO", "LOITER")
 class ControlAuthority:
     """Control of all vehicles."""
 
-    controls: Mapping[int, Control]
+    agents: Mapping[int, Agent]
     fleet: Fleet
     tasking: UploadManager
     orders: Orders
     mission_ends: MissionEnds
-    agents: Mapping[int, Agent]
-
-    def of(self, vehicle: int) -> Control:
-        """Return the control of a vehicle."""
-        return self.controls[vehicle]
 
     def update(self, t_ns: int) -> None:
         """Apply the events that follow from modes, missions, commands and climbs."""
-        for vehicle in self.controls:
+        for vehicle in self.agents:
             self.updated(vehicle, t_ns)
 
     def updated(self, vehicle: int, t_ns: int) -> Control:
         """Apply these events to one vehicle; return its control."""
-        control = self.controls[vehicle]
+        control = self.agents[vehicle].control
         for event, detail in self._events(vehicle):
             control.apply(event, t_ns, detail)
         return control
@@ -67,20 +62,13 @@ class ControlAuthority:
 
     def untaskable(self) -> dict[int, str]:
         """Return the vehicles that are not ours, with the reason in words."""
-        return {v: control.reason for v, control in self.controls.items() if not control.is_ours}
+        controls = {vehicle: agent.control for vehicle, agent in self.agents.items()}
+        return {v: control.reason for v, control in controls.items() if not control.is_ours}
 
     def without_missions(self) -> dict[int, str]:
         """Return the vehicles that get no mission now, with the reason in words: not ours, or grounded."""
-        return {
-            v: control.reason
-            for v, control in self.controls.items()
-            if control.authority is not Authority.OURS
-        }
-
-    def suspensions(self) -> dict[int, Suspension]:
-        """Return the suspended vehicles, with the reason."""
-        found = {vehicle: control.suspension for vehicle, control in self.controls.items()}
-        return {vehicle: reason for vehicle, reason in found.items() if reason is not None}
+        controls = {vehicle: agent.control for vehicle, agent in self.agents.items()}
+        return {v: one.reason for v, one in controls.items() if one.authority is not Authority.OURS}
 
     def overridden(self) -> dict[int, str]:
         """Return the overriding modes by vehicle, except modes that orders here asked for."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from gcs.core.authority.records import AuthorityState
 from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.state import Agent
 from gcs.core.tasking.upload_manager import UploadManager
@@ -28,33 +29,38 @@ class DisarmedInAuto:
     """Sets disarmed vehicles in AUTO to LOITER."""
 
     def __init__(
-        self, agents: Mapping[int, Agent], fleet: Fleet, tasking: UploadManager, orders: Orders
+        self,
+        agents: Mapping[int, Agent],
+        state: AuthorityState,
+        fleet: Fleet,
+        tasking: UploadManager,
+        orders: Orders,
     ) -> None:
-        self._agents = agents
+        self._agents, self._state = agents, state
         self._fleet, self._tasking, self._orders = fleet, tasking, orders
-        self._senders: dict[int, CommandSender] = {}
-        self._failed: set[int] = set()
-        """Vehicles that stayed in AUTO."""
-        self._next_check_t_ns = 0
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""
-        if vehicle not in self._senders:
+        sender = self._agents[vehicle].authority.loiter
+        if sender is None:
             return []
-        self._senders[vehicle].receive(message)
-        return self._progress(vehicle, t_ns)
+        sender.receive(message)
+        return self._progress(vehicle, sender, t_ns)
 
     def poll(self, t_ns: int, is_ours: Callable[[int], bool]) -> list[Effect]:
         """Check the vehicles that are ours once a second."""
-        effects = [effect for vehicle in list(self._senders) for effect in self._progress(vehicle, t_ns)]
-        if t_ns < self._next_check_t_ns:
+        effects: list[Effect] = []
+        for vehicle, agent in self._agents.items():
+            if agent.authority.loiter is not None:
+                effects += self._progress(vehicle, agent.authority.loiter, t_ns)
+        if t_ns < self._state.disarmed_check_t_ns:
             return effects
-        self._next_check_t_ns = t_ns + _PERIOD_NS
+        self._state.disarmed_check_t_ns = t_ns + _PERIOD_NS
         for state in self._fleet.states():
-            vehicle = state.system_id
+            vehicle, authority = state.system_id, self._agents[state.system_id].authority
             if not self._would_take_off(state) or not is_ours(vehicle):
-                self._failed.discard(vehicle)
-            elif vehicle not in self._senders and vehicle not in self._failed:
+                authority.stays_in_auto = False
+            elif authority.loiter is None and not authority.stays_in_auto:
                 effects += self._begin(vehicle, t_ns)
         return effects
 
@@ -71,25 +77,24 @@ class DisarmedInAuto:
             return []
         command = set_mode(vehicle, profile.autopilot, LOITER)
         self._tasking.overrides.note_command(vehicle, LOITER)
-        self._senders[vehicle] = CommandSender.begin(command, t_ns, mode=LOITER)
+        sender = self._agents[vehicle].authority.loiter = CommandSender.begin(command, t_ns, mode=LOITER)
         text = "stands on the ground in AUTO with no mission to fly: armed, it would take off; set to LOITER"
-        return [Notice(t_ns, "info", text, vehicle), *self._progress(vehicle, t_ns)]
+        return [Notice(t_ns, "info", text, vehicle), *self._progress(vehicle, sender, t_ns)]
 
-    def _progress(self, vehicle: int, t_ns: int) -> list[Effect]:
-        sender, state = self._senders[vehicle], self._fleet.state(vehicle)
+    def _progress(self, vehicle: int, sender: CommandSender, t_ns: int) -> list[Effect]:
+        authority, state = self._agents[vehicle].authority, self._fleet.state(vehicle)
         if state is not None and state.armed:  # it flies, or will soon: it must not be stopped now
-            del self._senders[vehicle]
+            authority.loiter = None
             return []
-        effects: list[Effect] = [
-            *self._fleet.address_frames(vehicle, sender.poll(t_ns, self._fleet.encoder(vehicle)))
-        ]
+        frames = sender.poll(t_ns, self._fleet.encoder(vehicle))
+        effects: list[Effect] = [*self._fleet.address_frames(vehicle, frames)]
         self._fleet.forward_next_heartbeat(vehicle)
         if sender.outcome is None:
             return effects
-        del self._senders[vehicle]
+        authority.loiter = None
         is_done, detail = sender.outcome
         if not is_done:
-            self._failed.add(vehicle)
+            authority.stays_in_auto = True
             text = f"stays in AUTO on the ground ({detail}): armed, it would take off with an old mission; "
             effects.append(Notice(t_ns, "alarm", text + "set LOITER or Hold by hand before arming", vehicle))
         return effects

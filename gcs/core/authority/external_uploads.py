@@ -12,11 +12,12 @@ Other commands are reported at intervals. Commands that may end a flight, and ma
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.core.authority.records import AuthorityState, ExternalUpload
+from gcs.core.state import Agent
 from gcs.endpoints import Link
 from gcs.mavlink.frames.codec import Frame, FrameTable, Message, target_of
 from gcs.mavlink.router.access_policy import (
@@ -29,7 +30,6 @@ from gcs.mavlink.router.access_policy import (
 from gcs.mavlink.services.retry import ns
 from gcs.model import (
     Authority,
-    Control,
     ControlEvent,
     Datagram,
     Effect,
@@ -59,16 +59,6 @@ _ORDERS_TO_ALL: Final = _MANUAL | {dialect.MAVLINK_MSG_ID_SET_MODE, dialect.MAVL
 """Messages to system 0 that act on all vehicles, besides commands."""
 
 
-@dataclass(slots=True)
-class _Upload:
-    """Upload of another ground station to one vehicle."""
-
-    sender: tuple[int, int]
-    station: str
-    heard_t_ns: int
-    ended: bool = False
-
-
 class ExternalUploads:
     """Monitor of other ground stations.
 
@@ -76,8 +66,6 @@ class ExternalUploads:
     ----------
     links : iterable of Link
         All MAVLink endpoints.
-    controls : mapping
-        Control of each of our vehicles.
     is_atomic : callable
         Returns True for a vehicle whose firmware replaces its mission as a whole, or not at all.
     """
@@ -85,14 +73,13 @@ class ExternalUploads:
     def __init__(
         self,
         links: Iterable[Link],
-        controls: Mapping[int, Control],
+        agents: Mapping[int, Agent],
+        state: AuthorityState,
         is_atomic: Callable[[int], bool] = lambda _vehicle: False,
     ) -> None:
         self._is_atomic = is_atomic
         self._networks = {link.name: link.network for link in links if link.role != "vehicles"}
-        self._controls = controls
-        self._uploads: dict[int, _Upload] = {}
-        self._reported_t_ns: dict[tuple[int, tuple[int, int], str], int] = {}
+        self._agents, self._state = agents, state
 
     def hosts(self, link: str) -> bool:
         """Return True if other ground stations use this link."""
@@ -100,19 +87,22 @@ class ExternalUploads:
 
     def release(self, vehicle: int, event: ControlEvent, t_ns: int) -> None:
         """Release a vehicle: by an operator's order, or because it stores a verified mission of ours."""
-        if self._uploads.pop(vehicle, None) is not None:
-            self._controls[vehicle].apply(event, t_ns)
+        agent = self._agents[vehicle]
+        if agent.authority.external_upload is not None:
+            agent.authority.external_upload = None
+            agent.control.apply(event, t_ns)
 
     def persisted(self, vehicle: int) -> ExternalMission | None:
         """Return the state of an external mission to keep over a restart; None without one."""
-        upload = self._uploads.get(vehicle)
-        return None if upload is None else ExternalMission(*upload.sender, upload.station, upload.ended)
+        upload = self._agents[vehicle].authority.external_upload
+        return None if upload is None else ExternalMission(*upload.sender, upload.station, upload.has_ended)
 
     def restore(self, vehicle: int, mission: ExternalMission, t_ns: int) -> None:
         """Restore a kept state: the vehicle stays overridden."""
         sender = (mission.system_id, mission.component_id)
-        self._uploads[vehicle] = _Upload(sender, mission.station, t_ns, mission.ended)
-        self._controls[vehicle].restore(Authority.OTHER_STATION, t_ns, mission.station)
+        agent = self._agents[vehicle]
+        agent.authority.external_upload = ExternalUpload(sender, mission.station, t_ns, mission.ended)
+        agent.control.restore(Authority.OTHER_STATION, t_ns, mission.station)
 
     def receive(self, datagram: Datagram, frames: FrameTable) -> tuple[list[Effect], list[int]]:
         """Process a forwarded datagram; return notices, and the vehicles that are newly overridden."""
@@ -125,7 +115,7 @@ class ExternalUploads:
                 self._report(effects, datagram, frame, None)
                 continue
             vehicle = vehicle_id(network, system)
-            if vehicle not in self._controls:
+            if vehicle not in self._agents:
                 continue
             if frame.message_id in MISSION_WRITES:
                 self._write(effects, overridden, datagram, frame, vehicle)
@@ -135,14 +125,14 @@ class ExternalUploads:
 
     def receive_reply(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle: its MISSION_ACK ends an external upload."""
-        upload = self._uploads.get(vehicle)
-        if upload is None or upload.ended or message.get_type() != "MISSION_ACK":
+        upload = self._agents[vehicle].authority.external_upload
+        if upload is None or upload.has_ended or message.get_type() != "MISSION_ACK":
             return []
         if (message.target_system, message.target_component) != upload.sender:
             return []
         if message.mission_type not in _MISSION_TYPES or message.type == dialect.MAV_MISSION_INVALID_SEQUENCE:
             return []
-        upload.ended = True
+        upload.has_ended = True
         if message.type == dialect.MAV_MISSION_ACCEPTED:
             text = f"took the mission of {upload.station}; it is not tasked until it is ordered to resume"
             return [Notice(t_ns, "warning", text, vehicle)]
@@ -151,13 +141,14 @@ class ExternalUploads:
     def poll(self, t_ns: int) -> list[Effect]:
         """Return alarms of uploads that have timed out."""
         effects: list[Effect] = []
-        for vehicle, upload in self._uploads.items():
-            if not upload.ended and t_ns - upload.heard_t_ns > _TIMEOUT_NS:
-                upload.ended = True
+        for vehicle, agent in self._agents.items():
+            upload = agent.authority.external_upload
+            if upload is not None and not upload.has_ended and t_ns - upload.heard_t_ns > _TIMEOUT_NS:
+                upload.has_ended = True
                 effects.append(self._broken_off(vehicle, upload, t_ns, "broke off"))
         return effects
 
-    def _broken_off(self, vehicle: int, upload: _Upload, t_ns: int, how: str) -> Notice:
+    def _broken_off(self, vehicle: int, upload: ExternalUpload, t_ns: int, how: str) -> Notice:
         is_atomic = self._is_atomic(vehicle)
         state = "it keeps the mission before that" if is_atomic else "its onboard mission may be inconsistent"
         text = f"the upload of {upload.station} {how}: {state}; order it to resume, "
@@ -169,7 +160,8 @@ class ExternalUploads:
         message = frame.message()
         if message is None or message.mission_type not in _MISSION_TYPES:
             return
-        sender, upload = (frame.system_id, frame.component_id), self._uploads.get(vehicle)
+        agent, sender = self._agents[vehicle], (frame.system_id, frame.component_id)
+        upload = agent.authority.external_upload
         if upload is not None and upload.sender == sender:
             upload.heard_t_ns = datagram.t_ns
         if message.get_type() not in _FIRST_MESSAGES:
@@ -181,8 +173,8 @@ class ExternalUploads:
             )
             effects.append(Notice(datagram.t_ns, "alarm", text, vehicle))
             overridden.append(vehicle)
-        self._uploads[vehicle] = _Upload(sender, station, datagram.t_ns)
-        self._controls[vehicle].apply(ControlEvent.STATION_WRITES, datagram.t_ns, station)
+        agent.authority.external_upload = ExternalUpload(sender, station, datagram.t_ns)
+        agent.control.apply(ControlEvent.STATION_WRITES, datagram.t_ns, station)
 
     def _report(self, effects: list[Effect], datagram: Datagram, frame: Frame, vehicle: int | None) -> None:
         """Report a frame to a vehicle, or to all (None), unless it only reads."""
@@ -197,11 +189,12 @@ class ExternalUploads:
             known = dialect.enums["MAV_CMD"].get(number)
             name = known.name if known is not None else f"command {number}"
         key, t_ns = (vehicle or 0, (frame.system_id, frame.component_id), name), datagram.t_ns
-        if t_ns - self._reported_t_ns.get(key, t_ns - _REPEAT_NS) < _REPEAT_NS:
+        reports_t_ns = self._state.reports_t_ns
+        if t_ns - reports_t_ns.get(key, t_ns - _REPEAT_NS) < _REPEAT_NS:
             return
-        if len(self._reported_t_ns) >= _MAX_REPORTED:
-            self._reported_t_ns.clear()
-        self._reported_t_ns[key] = t_ns
+        if len(reports_t_ns) >= _MAX_REPORTED:
+            reports_t_ns.clear()
+        reports_t_ns[key] = t_ns
         level: Level = "warning" if number == _ARM_DISARM else "info"
         text = f"{name} from system {frame.system_id}/{frame.component_id} at {datagram.peer}"
         text += "" if vehicle else ", to all vehicles"

@@ -14,12 +14,14 @@ next upload then replaces that mission.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.core.authority.records import Audit
 from gcs.core.replanning.replanner import Replanner
+from gcs.core.state import Agent
 from gcs.core.tasking.records import OnboardMission
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
@@ -27,7 +29,7 @@ from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
 from gcs.mavlink.mission.protocol import MissionDownload
 from gcs.mavlink.services.retry import ns
 from gcs.mavlink.services.rtt import RttEstimator
-from gcs.model import Authority, Control, ControlEvent, Effect, Notice, system_of
+from gcs.model import Authority, ControlEvent, Effect, Notice, system_of
 
 _TIMEOUT_NS: Final = ns(25.0)
 _BOOT_SLACK_NS: Final = ns(5.0)
@@ -35,59 +37,34 @@ _BOOT_SLACK_NS: Final = ns(5.0)
 _MISSION: Final[int] = dialect.MAV_MISSION_TYPE_MISSION
 
 
-class _Audit:
-    """Audit of one vehicle."""
-
-    def __init__(
-        self, mission: OnboardMission, t_ns: int, then: Callable[[OnboardMission], None], known_t_ns: int
-    ) -> None:
-        self.mission, self.began_t_ns, self.then = mission, t_ns, then
-        self.known_t_ns = known_t_ns
-        """Time at which the vehicle was last known to store the mission."""
-        self.begin(t_ns)
-
-    def begin(self, t_ns: int) -> None:
-        to = (system_of(self.mission.route.vehicle), AUTOPILOT_COMPONENT_ID)
-        self.rtt = RttEstimator()
-        self.download = MissionDownload.begin(to, self.rtt, t_ns)
-
-
 class OnboardAudit:
     """Audits in progress."""
 
     def __init__(
         self,
+        agents: Mapping[int, Agent],
         fleet: Fleet,
         tasking: UploadManager,
         replanner: Replanner,
-        controls: Mapping[int, Control],
     ) -> None:
-        self._fleet, self._tasking, self._replanner, self._controls = fleet, tasking, replanner, controls
-        self._audits: dict[int, _Audit] = {}
-        self._return_counts: dict[int, int] = {}
-        self._heard_t_ns: dict[int, int] = {}
+        self._agents, self._fleet, self._tasking, self._replanner = agents, fleet, tasking, replanner
+
+    def _audits(self) -> Iterator[tuple[int, Audit]]:
+        """Yield the audits in progress, by vehicle."""
+        for vehicle, agent in self._agents.items():
+            if agent.authority.audit is not None:
+                yield vehicle, agent.authority.audit
 
     @property
     def awaited(self) -> list[int]:
         """Vehicles whose audit has not timed out yet."""
-        return [vehicle for vehicle in self._audits if not self._is_late(vehicle)]
+        return [vehicle for vehicle, _ in self._audits() if not self._is_late(vehicle)]
 
-    def expected(self, vehicle: int) -> OnboardMission | None:
-        """Return the mission that an audited vehicle should store; None for others."""
-        audit = self._audits.get(vehicle)
-        return None if audit is None else audit.mission
-
-    def begin(
-        self,
-        mission: OnboardMission,
-        t_ns: int,
-        then: Callable[[OnboardMission], None] = lambda _mission: None,
-        *,
-        known_t_ns: int,
-    ) -> None:
-        """Audit a vehicle that stored a mission at `known_t_ns`; call `then` if it still does."""
-        vehicle = mission.route.vehicle
-        self._audits[vehicle] = _Audit(mission, t_ns, then, known_t_ns)
+    def begin(self, mission: OnboardMission, t_ns: int, *, known_t_ns: int) -> None:
+        """Audit a vehicle that stored a mission at `known_t_ns`."""
+        vehicle, rtt = mission.route.vehicle, RttEstimator()
+        audit = Audit(mission, t_ns, known_t_ns, rtt, _download(vehicle, rtt, t_ns))
+        self._agents[vehicle].authority.audit = audit
         self._tasking.pause_uploads(vehicle)
 
     def release(self, vehicle: int, t_ns: int) -> None:
@@ -96,17 +73,18 @@ class OnboardAudit:
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle; begin an audit after a reboot or a lost link."""
-        mission = self._tasking.pop_mission_before_boot(vehicle)
-        if self._fleet.returns(vehicle) != self._return_counts.setdefault(vehicle, 0):
-            self._return_counts[vehicle] = self._fleet.returns(vehicle)
+        mission, authority = self._tasking.pop_mission_before_boot(vehicle), self._agents[vehicle].authority
+        returns = self._fleet.returns(vehicle)
+        if returns != authority.returns:
+            authority.returns = returns
             mission = mission or self._tasking.onboard(vehicle)
-        known_t_ns = self._heard_t_ns.get(vehicle, t_ns)
-        self._heard_t_ns[vehicle] = t_ns
+        known_t_ns = t_ns if authority.heard_t_ns is None else authority.heard_t_ns
+        authority.heard_t_ns = t_ns
         is_uploading = self._tasking.elapsed_s(vehicle, t_ns) is not None
-        is_free = vehicle not in self._audits and not is_uploading
+        is_free = authority.audit is None and not is_uploading
         if mission is not None and is_free and not self._tasking.may_be_inconsistent(vehicle):
             self.begin(mission, t_ns, known_t_ns=known_t_ns)
-        audit = self._audits.get(vehicle)
+        audit = authority.audit
         if audit is None or getattr(message, "mission_type", None) != _MISSION:
             return []
         match message.get_type():
@@ -124,30 +102,30 @@ class OnboardAudit:
     def poll(self, t_ns: int) -> list[Effect]:
         """Run the timers."""
         effects: list[Effect] = []
-        for vehicle, audit in self._audits.items():
+        for vehicle, audit in self._audits():
             if t_ns - audit.began_t_ns > _TIMEOUT_NS and not self._is_late(vehicle):
-                self._controls[vehicle].apply(ControlEvent.AUDIT_LATE, t_ns)
+                self._agents[vehicle].control.apply(ControlEvent.AUDIT_LATE, t_ns)
                 text = "does not answer the download of its onboard mission: left alone "
                 text += f"{_until(vehicle)}, or until it does"
                 effects.append(Notice(t_ns, "alarm", text, vehicle))
             if audit.download.is_exhausted(t_ns):
-                audit.begin(t_ns)
+                _begin_again(audit, t_ns)
             if self._fleet.profile(vehicle) is not None:
                 effects += self._send(vehicle, audit, t_ns)
         return effects
 
-    def _send(self, vehicle: int, audit: _Audit, t_ns: int) -> list[Effect]:
+    def _send(self, vehicle: int, audit: Audit, t_ns: int) -> list[Effect]:
         encode = self._fleet.encoder(vehicle)
         return [*self._fleet.address_frames(vehicle, map(encode, audit.download.poll(t_ns, audit.rtt)))]
 
-    def _compare(self, vehicle: int, audit: _Audit, t_ns: int) -> list[Effect]:
+    def _compare(self, vehicle: int, audit: Audit, t_ns: int) -> list[Effect]:
         profile = self._fleet.profile(vehicle)
         assert profile is not None  # a download needs a known firmware
         difference = profile.difference(audit.mission.items, audit.download.items)
         booted_t_ns = self._fleet.booted_t_ns(vehicle)
         is_empty = len(audit.download.items) <= profile.home_items
         if is_empty and booted_t_ns is None:
-            audit.begin(t_ns)  # until its boot time is known
+            _begin_again(audit, t_ns)  # until its boot time is known
             return []
         if is_empty and booted_t_ns is not None and booted_t_ns > audit.known_t_ns - _BOOT_SLACK_NS:
             self._end(vehicle, ControlEvent.MISSION_LOST, t_ns)
@@ -164,16 +142,26 @@ class OnboardAudit:
             return [Notice(t_ns, "alarm", text + _until(vehicle), vehicle)]
         self._end(vehicle, ControlEvent.AUDIT_EQUAL, t_ns)
         self._tasking.onboard_missions.note(audit.mission)
-        audit.then(audit.mission)
         return [Notice(t_ns, "info", "its onboard mission is verified", vehicle)]
 
     def _is_late(self, vehicle: int) -> bool:
-        return Authority.UNVERIFIED in self._controls[vehicle].claims
+        return Authority.UNVERIFIED in self._agents[vehicle].control.claims
 
     def _end(self, vehicle: int, event: ControlEvent, t_ns: int) -> None:
-        if self._audits.pop(vehicle, None) is not None:
-            self._controls[vehicle].apply(event, t_ns)
+        agent = self._agents[vehicle]
+        if agent.authority.audit is not None:
+            agent.authority.audit = None
+            agent.control.apply(event, t_ns)
             self._tasking.resume_uploads(vehicle)
+
+
+def _begin_again(audit: Audit, t_ns: int) -> None:
+    audit.rtt = RttEstimator()
+    audit.download = _download(audit.mission.route.vehicle, audit.rtt, t_ns)
+
+
+def _download(vehicle: int, rtt: RttEstimator, t_ns: int) -> MissionDownload:
+    return MissionDownload.begin((system_of(vehicle), AUTOPILOT_COMPONENT_ID), rtt, t_ns)
 
 
 def _until(vehicle: int) -> str:

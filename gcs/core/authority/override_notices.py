@@ -6,10 +6,13 @@ A vehicle whose mode a pilot, a failsafe or another ground station chose is left
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container, Mapping
+from collections.abc import Collection, Mapping
 from typing import Final
 
-from gcs.core.operator.vehicle_orders import PILOTED
+from gcs.core.authority.overrides import Overrides
+from gcs.core.authority.records import AuthorityState
+from gcs.core.operator.vehicle_orders import PILOTED, Orders
+from gcs.core.state import Agent
 from gcs.mavlink.autopilots.modes import LOITER, RTL
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Label, Notice, target_name, vehicle_name
@@ -22,47 +25,44 @@ _MAX_NAMED: Final = 8
 class OverrideNotices:
     """Notices about overridden vehicles."""
 
-    def __init__(self) -> None:
-        self._reported: dict[int, str] = {}
-        self._next_check_t_ns = 0
+    def __init__(
+        self, agents: Mapping[int, Agent], state: AuthorityState, overrides: Overrides, orders: Orders
+    ) -> None:
+        self._agents, self._state, self._overrides, self._orders = agents, state, overrides, orders
 
-    def poll(self, t_ns: int, modes: Mapping[int, str], silent: Container[int]) -> list[Effect]:
-        """Check once a second.
-
-        Parameters
-        ----------
-        modes
-            Overriding modes, by vehicle.
-        silent
-            Vehicles without a notice: their mode follows an order here, or its reason is not known yet.
-        """
-        if t_ns < self._next_check_t_ns:
+    def poll(self, t_ns: int) -> list[Effect]:
+        """Check once a second."""
+        if t_ns < self._state.override_check_t_ns:
             return []
-        self._next_check_t_ns = t_ns + _PERIOD_NS
-        now = {vehicle: mode for vehicle, mode in modes.items() if vehicle not in silent}
+        self._state.override_check_t_ns = t_ns + _PERIOD_NS
+        modes, unknown = self._overrides.modes(), self._overrides.recently_in_rtl(t_ns)
         effects: list[Effect] = []
-        for vehicle, mode in sorted(now.items()):
-            if self._reported.get(vehicle) != mode:
+        free: list[Effect] = []
+        for vehicle, agent in sorted(self._agents.items()):
+            before, mode = agent.authority.reported_mode, modes.get(vehicle, "")
+            if before and not mode:
+                free.append(Notice(t_ns, "info", "is ours to task again", vehicle))
+            if vehicle in unknown or self._orders.has_ordered(vehicle, mode):
+                mode = ""
+            elif mode not in ("", before):
                 effects.append(Notice(t_ns, "warning", _text(vehicle, mode), vehicle))
-        free = sorted(self._reported.keys() - modes.keys())
-        effects += [Notice(t_ns, "info", "is ours to task again", vehicle) for vehicle in free]
-        self._reported = now
-        return effects
+            agent.authority.reported_mode = mode
+        return effects + free
 
 
 class UnattendedTargets:
     """Notices about targets that appear after the mission has ended."""
 
-    def __init__(self) -> None:
-        self._known: set[Label] = set()
+    def __init__(self, state: AuthorityState) -> None:
+        self._state = state
 
     def check(self, t_ns: int, targets: Collection[Label], *, ended: bool) -> list[Effect]:
         """Process the open targets; return a notice about new ones after the end."""
         if not ended:
-            self._known = set(targets)
+            self._state.known_targets = tuple(sorted(targets))
             return []
-        new = sorted(set(targets) - self._known)
-        self._known.update(new)
+        new = sorted(set(targets) - set(self._state.known_targets))
+        self._state.known_targets += tuple(new)
         if not new:
             return []
         names = ", ".join(map(target_name, new))

@@ -11,12 +11,13 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.core.state import Agent
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import LOITER, RTL
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Message
-from gcs.model import NS_PER_S, Control, PersistedAuthority
+from gcs.model import NS_PER_S, Authority, PersistedAuthority
 
 _NO_ITEMS: Final = 0xFFFF
 """MISSION_CURRENT.total of a PX4 without a mission."""
@@ -29,21 +30,18 @@ _COMPLETION_NS: Final = 3 * NS_PER_S
 class Overrides:
     """Overrides of all vehicles."""
 
-    def __init__(self, onboard: OnboardMissions, controls: Mapping[int, Control]) -> None:
-        self._onboard, self._controls = onboard, controls
-        self._authority: dict[int, ModeAuthority] = {}
-        self._mission_state: dict[int, int] = {}
-        """Last MISSION_CURRENT.mission_state of each vehicle."""
+    def __init__(self, onboard: OnboardMissions, agents: Mapping[int, Agent]) -> None:
+        self._onboard, self._agents = onboard, agents
 
     def of(self, vehicle: int) -> ModeAuthority:
         """Return the mode authority over one vehicle."""
-        if vehicle not in self._authority:
-            self._authority[vehicle] = ModeAuthority(control=self._controls.get(vehicle, Control()))
-        return self._authority[vehicle]
+        agent = self._agents[vehicle]
+        return ModeAuthority(agent.authority.mode, agent.control)
 
     def modes(self) -> dict[int, str]:
         """Return the overriding modes, by vehicle."""
-        return {v: authority.override for v, authority in self._authority.items() if authority.override}
+        modes = {v: agent.control.detail(Authority.OVERRIDDEN) for v, agent in self._agents.items()}
+        return {vehicle: mode for vehicle, mode in modes.items() if mode}
 
     def note_command(self, vehicle: int, mode: str) -> None:
         """Note that we command a mode: the vehicle stays ours in it."""
@@ -61,8 +59,8 @@ class Overrides:
 
         Such a vehicle is ours again. An upload in progress handles this itself.
         """
-        before, self._mission_state[vehicle] = self._mission_state.get(vehicle), current.mission_state
-        authority = self.of(vehicle)
+        authority, record = self.of(vehicle), self._agents[vehicle].authority
+        before, record.mission_state = record.mission_state, current.mission_state
         is_rejected = (
             current.mission_state == dialect.MISSION_STATE_NO_MISSION
             and before == dialect.MISSION_STATE_ACTIVE  # not paused by an operator
@@ -92,19 +90,20 @@ class Overrides:
             and (is_whole or is_changing)
             and vehicle in self.recently_in_rtl(t_ns)
         ):
-            self._authority[vehicle].note_completion(t_ns)
+            self.of(vehicle).note_completion(t_ns)
 
     def recently_in_rtl(self, t_ns: int) -> set[int]:
         """Return the vehicles that went from AUTO to RTL a moment ago; the reason is not known yet."""
+        authorities = {vehicle: self.of(vehicle) for vehicle in self._agents}
         return {
             vehicle
-            for vehicle, authority in self._authority.items()
+            for vehicle, authority in authorities.items()
             if authority.may_have_ended and t_ns - authority.override_t_ns < _COMPLETION_NS
         }
 
     def has_completed(self, vehicle: int) -> bool:
         """Return True if a vehicle is in RTL because its mission is complete."""
-        return vehicle in self._authority and self._authority[vehicle].record.has_ended
+        return self._agents[vehicle].authority.mode.has_ended
 
     def note_mission_lost(self, vehicle: int, booted_t_ns: int, t_ns: int) -> None:
         """Note that a vehicle lost its mission at a boot: a LOITER that it started in is no override."""
@@ -112,6 +111,6 @@ class Overrides:
         if -NS_PER_S < authority.override_t_ns - booted_t_ns < _BOOT_NS:
             authority.note_rejection(t_ns)
 
-    def persisted(self, vehicle: int) -> PersistedAuthority | None:
-        """Return the state to keep over a restart of the service; None before the first heartbeat."""
-        return self._authority[vehicle].persisted() if vehicle in self._authority else None
+    def persisted(self, vehicle: int) -> PersistedAuthority:
+        """Return the state to keep over a restart of the service."""
+        return self.of(vehicle).persisted()

@@ -90,7 +90,7 @@ class PlanningInputBuilder:
         found = []
         for state in self.fleet.states():
             vehicle, home = state.system_id, self.fleet.home(state.system_id)
-            is_ours = self.control.of(vehicle).is_ours
+            is_ours = self.agents[vehicle].control.is_ours
             if vehicle in planned or is_ours or vehicle in lost or is_on_ground(state, home):
                 continue
             position_m = to_m = (state.east_m, state.north_m)

@@ -78,7 +78,7 @@ class UploadManager:
         self._missions = MissionBuilder(config.mission, config.airframe, config.local_frame)
         self._default_home = Home(config.frame.lat_deg, config.frame.lon_deg, config.frame.alt_msl_m)
         self.onboard_missions = OnboardMissions(fleet, agents, stays=config.mission.end == "loiter")
-        self.overrides = Overrides(self.onboard_missions, {v: agent.control for v, agent in agents.items()})
+        self.overrides = Overrides(self.onboard_missions, agents)
         self._first_legs = FirstLegs(fleet, state.first_legs)
         self._active = ActiveUploads(
             fleet,

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import pytest
 from core.test_restart import SEED, standing, through_the_journal
+from staging import suspensions
 
 from gcs.model import Effect, Notice, UploadReport
 from sim_vehicles.autopilots.base import Mode
@@ -49,5 +50,5 @@ def test_a_vehicle_that_was_cleared_during_an_outage_gets_no_mission() -> None:
     run, effects = flown(lambda run: emptied(run, reboots=False), restarts=True)
     texts = [effect.text for effect in effects if isinstance(effect, Notice)]
     assert any("its onboard mission is not the one it was given" in text for text in texts)
-    assert run.command.control.suspensions() == {3: "found"}
+    assert suspensions(run.command) == {3: "found"}
     assert not [effect for effect in effects if isinstance(effect, UploadReport)]

@@ -12,7 +12,7 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from staging import S
+from staging import S, suspensions
 
 from gcs.core.engine import Engine
 from gcs.io.records import decode, encode
@@ -184,7 +184,7 @@ def test_under_any_orders_only_confirmed_routes_are_uploaded_and_no_held_agent_i
     run.run(45.0)
     command, allowed, again = Engine(run.scenario.config, SEED), set(), []
     for event in events:
-        aside = set(command.control.suspensions())
+        aside = set(suspensions(command))
         step = command.step(decode("recording", encode(event), type(event)))
         again += [encode(effect) for effect in step]
         for effect in step:

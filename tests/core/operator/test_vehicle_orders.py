@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace as changed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from staging import S
+from staging import S, suspensions
 
 from gcs.io.records import decode, encode
 from gcs.mavlink.frames.codec import Encoder
@@ -162,7 +162,7 @@ def test_a_vehicle_that_does_not_answer_stays_set_aside(action: str) -> None:
     run.run(65.0)
     flight = Flight(run, events, effects)
     assert flight.answers(f"{action}-21.0") == [("accepted", None), ("failed", 1)]
-    assert run.command.control.suspensions() == {1: action}
+    assert suspensions(run.command) == {1: action}
 
 
 def test_an_order_for_the_plan_names_vehicles_without_a_plan_and_the_remedy() -> None:
