@@ -165,6 +165,7 @@ class Engine(Stages):
         if self.report_history.is_due(t_ns):
             self.report_history.add(t_ns, self.fleet.states())
         effects += self._process_due_scans(t_ns)
+        effects += self._process_reports(t_ns)
         effects += self.dispatch.withdraw(t_ns)
         effects += self.dispatch.settle(self.tasking.poll(t_ns))
         effects += self.external_uploads.poll(t_ns)
@@ -203,6 +204,25 @@ class Engine(Stages):
         """Process the scans whose reorder window has passed."""
         due = self.oosm_buffer.due(t_ns, self._reorder_window_s)
         return [effect for scan in due for effect in self._process_scan(scan)]
+
+    def _process_reports(self, t_ns: int) -> list[Effect]:
+        """Track agents by their reports alone while no sensor publishes.
+
+        The epoch is as old as scans are when they arrive: the first one after a silence is not refused.
+        """
+        if not self.sensor_watchdog.is_blind or self.oosm_buffer.held:
+            return []
+        measured_t_ns = t_ns - self.scan_timing.max_lag_ns()
+        if not self.trackers.is_report_epoch_due(measured_t_ns):
+            return []
+        newest = self.fleet.states()
+        self.report_history.add(t_ns, newest)
+        states = self.report_history.at(measured_t_ns, newest)
+        pictures = self.trackers.report_epoch(t_ns, measured_t_ns, states)
+        if pictures:
+            self.association.update(self.trackers.agents.confirmation, measured_t_ns, states)
+            self.kinematics.update(newest)
+        return [*pictures]
 
     def _process_scan(self, event: Scan) -> list[Effect]:
         refusal = self.trackers.refusal(event)  # again: a duplicate may have come while it waited

@@ -4,9 +4,8 @@ A tlog has the traffic of both directions. Frames with the system ids of the mis
 frames; all others (ground stations, radios, unknown systems) are ignored. A raw stream has no time stamps;
 its times come from the vehicles' boot times (`gcs.io.recording.timestamps`).
 
-A log has no scans. Detections from another file can be merged by time, as if their sensor had published
-them. The trackers use position reports at scan times. Without scans, a sensor with detection probability 0
-publishes an empty scan each second: it changes no track, and position reports are used.
+A log has no scans: agents are tracked by their reports. Detections from another file can be merged by time,
+as if their sensor had published them.
 """
 
 from __future__ import annotations
@@ -16,8 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from gcs.errors import RecordingError
 from gcs.files import open_regular
 from gcs.io.detections.readers import Detections, load
@@ -26,15 +23,12 @@ from gcs.io.recording.reader import Record
 from gcs.io.recording.timestamps import FrameTimes
 from gcs.io.recording.tlog import LogFrame, is_stamped, read_log
 from gcs.mavlink.frames.codec import Frame
-from gcs.model import NS_PER_S, Datagram, Event, Scan, Sensor, Tick, read_only
+from gcs.model import NS_PER_S, Datagram, Event, Scan, Tick
 from gcs.service.service import TICK_NS
 
 LINK: Final = "tlog"
-_SCAN_NS: Final = NS_PER_S
 _LONGEST_GAP_NS: Final = 60 * NS_PER_S
 """A longer gap in a log is skipped."""
-_BLIND: Final = Sensor("blind", 0.0, 1e-9, read_only(np.eye(2) * 100.0), (0.0, 0.0, 1.0, 1.0))
-_EMPTY: Final = read_only(np.empty((0, 2)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,18 +93,12 @@ def telemetry_records(
 def _events(path: Path, system_ids: Collection[int], detections: DetectionFile | None) -> Iterator[Event]:
     """Yield datagrams and scans, with ticks between them; long gaps are skipped."""
     tick_t_ns: int | None = None
-    scan_t_ns, timeout_ns = 0, _SCAN_NS
     for event in _merged(path, system_ids, detections):
         if tick_t_ns is None or event.t_ns - tick_t_ns > _LONGEST_GAP_NS:
-            tick_t_ns = scan_t_ns = event.t_ns
+            tick_t_ns = event.t_ns
         while tick_t_ns + TICK_NS <= event.t_ns:
             tick_t_ns += TICK_NS
             yield Tick(tick_t_ns)
-            if tick_t_ns - scan_t_ns >= timeout_ns:
-                scan_t_ns, timeout_ns = tick_t_ns, _SCAN_NS
-                yield Scan(tick_t_ns, tick_t_ns, _BLIND, _EMPTY)
-        if isinstance(event, Scan):
-            scan_t_ns, timeout_ns = event.t_ns, 2 * _SCAN_NS
         yield event
 
 

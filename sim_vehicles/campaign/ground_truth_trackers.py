@@ -38,6 +38,7 @@ class GroundTruthClass:
         self._kind: Kind = kind
         self._before: dict[Label, tuple[int, float, float]] = {}
         self.confirmation = GroundTruthConfirmation()
+        self.picture: Picture | None = None
 
     def update(self, truth: Truth, t_ns: int) -> Picture:
         """Return the tracks at a scan; velocities are differences to the scan before."""
@@ -52,7 +53,8 @@ class GroundTruthClass:
         tracks = tuple(self.confirmation.tracks.values())
         cardinality = np.zeros(len(tracks) + 1)
         cardinality[-1] = 1.0
-        return Picture(t_ns, truth.t_ns, self._kind, tracks, read_only(cardinality))
+        self.picture = Picture(t_ns, truth.t_ns, self._kind, tracks, read_only(cardinality))
+        return self.picture
 
     def _track(self, label: Label, place: tuple[int, float, float]) -> Track:
         t_ns, east_m, north_m = place
@@ -72,6 +74,10 @@ class GroundTruthTrackers:
     def refusal(self, _scan: Scan) -> str:
         """Refuse no scan."""
         return ""
+
+    def is_report_epoch_due(self, _t_ns: int) -> bool:
+        """Use no position reports."""
+        return False
 
     def notices(self, _scan: Scan) -> list[Notice]:
         """Return no sanity warnings."""

@@ -5,7 +5,8 @@ detection is that of the sensor plus that of the other kind's tracks. With a uni
 near its target would live on in the target's detections.
 
 Position reports are a second sensor of agents, used at the time of each scan. A vehicle that reports away
-from all tracks and birth components gets a birth there.
+from all tracks and birth components gets a birth there. While no sensor publishes, epochs of new reports
+alone update the agents' tracker. Silence is no evidence of a loss in them.
 
 A birth component has `BIRTH_PROBABILITY` until its object is confirmed, then `BIRTH_AGAIN_PROBABILITY`. With
 a rate in `tracking.<kind>.anywhere`, objects are also born at detections that no track explains
@@ -60,6 +61,8 @@ _NEAR_STD = 5.0
 """Gate, in standard deviations, between a report and a track or birth component."""
 _REPORT_CLUTTER_PER_M2 = 1e-6
 """Clutter density of position reports."""
+_REPORTS_ALONE_DETECTION = 0.01
+"""Detection probability of reports without a sensor: a silent vehicle keeps its track."""
 _MAX_AHEAD_S = 1.0
 """Maximum time from arrival to measurement: clocks may differ this much."""
 _MIN_VARIANCE_M2 = 1e-4
@@ -138,6 +141,13 @@ class ClassTracker:
                 strict=True,
             )
         ]
+
+    def update_by_reports(self, t_ns: int, z_m: FloatArray, sensor: Sensor, births: Sequence[Birth]) -> None:
+        """Process an epoch of position reports alone, with births at reports only.
+
+        No miss would end the objects of the other components.
+        """
+        self._filter.update(t_ns, z_m, sensor, [*self._components_closed, *births])
 
     def update_again(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> None:
         """Process another sensor's scan of the same epoch, without births."""
@@ -220,9 +230,11 @@ class MultiSensorTracker:
         ahead_s = (scan.measured_t_ns - scan.t_ns) / NS_PER_S
         if ahead_s > _MAX_AHEAD_S:
             return f"measured {ahead_s:.1f} s after it arrived"
-        if scan.measured_t_ns < self.state.measured_t_ns:
-            behind_s = (self.state.measured_t_ns - scan.measured_t_ns) / NS_PER_S
-            return f"measured {behind_s:.3f} s before the last one"
+        last_t_ns = max(self.state.measured_t_ns, self._agents_t_ns)
+        if scan.measured_t_ns < last_t_ns:
+            behind_s = (last_t_ns - scan.measured_t_ns) / NS_PER_S
+            last = "one" if last_t_ns == self.state.measured_t_ns else "position reports used"
+            return f"measured {behind_s:.3f} s before the last {last}"
         is_new = scan.measured_t_ns > self.state.measured_t_ns
         if not is_new and scan.sensor.name in self.state.sensors_at_epoch:
             return "came twice"
@@ -238,7 +250,7 @@ class MultiSensorTracker:
         sensor = _with_noise(scan.sensor)
         if self._config.tracking.correct_sensors:
             sensor = estimation.corrected(sensor)
-        report_births, reports = self._reports(t_ns, states)
+        report_births, reports = self._reports(t_ns, states, self.agents.births)
         of_targets = self.targets.intensity(t_ns, scan.z_m, sensor)
         ours = self.agents.update(t_ns, scan.z_m, sensor, of_targets, report_births)
         if reports is not None:
@@ -253,6 +265,29 @@ class MultiSensorTracker:
         detected, in_view = ours.detected + theirs.detected, ours.in_view + theirs.in_view
         estimation.add_scan(float((1.0 - explained).sum()), detected, in_view)
         return agents, self.targets.extract(scan.t_ns, sensor)
+
+    def is_report_epoch_due(self, t_ns: int) -> bool:
+        """Return True if an epoch of position reports alone may follow at `t_ns`."""
+        return t_ns > self._agents_t_ns and self._are_reports_due(t_ns)
+
+    def report_epoch(self, t_ns: int, measured_t_ns: int, states: Sequence[VehicleState]) -> list[Picture]:
+        """Process the reports since the last epoch as one at `measured_t_ns`; return the picture of agents.
+
+        There is none without such a report.
+        """
+        new = [state for state in states if state.t_ns >= self.state.reports_t_ns]
+        births, reports = self._reports(measured_t_ns, new, ()) if new else ([], None)
+        if reports is None:
+            return []
+        sensor = replace(self._telemetry_sensor(), detection_probability=_REPORTS_ALONE_DETECTION)
+        self.agents.update_by_reports(measured_t_ns, reports, sensor, births)
+        return [self.agents.extract(t_ns, None)]
+
+    @property
+    def _agents_t_ns(self) -> int:
+        """Time of the agents' tracker: of the last scan, or of later reports alone."""
+        t_ns = self.state.agents.filter.t_ns
+        return -1 if t_ns is None else t_ns
 
     def notices(self, scan: Scan) -> list[Notice]:
         """Return notices about the model of a processed scan's sensor, and about untracked detections."""
@@ -271,19 +306,23 @@ class MultiSensorTracker:
             del estimations[next(iter(estimations))]
         return found
 
-    def _reports(self, t_ns: int, states: Sequence[VehicleState]) -> tuple[list[Birth], FloatArray | None]:
-        """Return births of vehicles that report away from all tracks, and the positions of the others.
+    def _are_reports_due(self, t_ns: int) -> bool:
+        period_ns, used_t_ns = NS_PER_S / self._telemetry.rate_hz, self.state.reports_t_ns
+        return used_t_ns < 0 or t_ns - used_t_ns >= 0.9 * period_ns
+
+    def _reports(
+        self, t_ns: int, states: Sequence[VehicleState], components: Sequence[Birth]
+    ) -> tuple[list[Birth], FloatArray | None]:
+        """Return births of vehicles that report away from tracks and components, and the other positions.
 
         The positions are None until a report period has passed: a report is used once.
         """
-        period_ns = NS_PER_S / self._telemetry.rate_hz
-        used_t_ns = self.state.reports_t_ns
-        if used_t_ns >= 0 and t_ns - used_t_ns < 0.9 * period_ns:
+        if not self._are_reports_due(t_ns):
             return [], None
         self.state.reports_t_ns = t_ns
         fresh = [s for s in states if abs(t_ns - s.t_ns) <= self._telemetry.max_age_s * NS_PER_S]
         positions = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
-        is_known = self._are_known(positions, t_ns)
+        is_known = self._are_known(positions, t_ns, components)
         births = [self._report_birth(fresh[i], positions[i]) for i in np.flatnonzero(~is_known)]
         return births, positions[is_known]
 
@@ -303,12 +342,13 @@ class MultiSensorTracker:
         mean = (float(position[0]), float(position[1]), *velocity_m_s(state))
         return birth(mean, std_m, 2.0)
 
-    def _are_known(self, positions: FloatArray, t_ns: int) -> npt.NDArray[np.bool_]:
-        """Return a mask of the reports near a track or a birth component."""
+    def _are_known(
+        self, positions: FloatArray, t_ns: int, components: Sequence[Birth]
+    ) -> npt.NDArray[np.bool_]:
+        """Return a mask of the reports near a track or one of the birth components."""
         means, covs, _ = self.agents.expected(t_ns)
-        births = self.agents.births
-        means = np.concatenate([means, [birth.mean[:2] for birth in births]])
-        covs = np.concatenate([covs, [birth.cov[:2, :2] for birth in births]])
+        means = np.concatenate([means, np.reshape([one.mean[:2] for one in components], (-1, 2))])
+        covs = np.concatenate([covs, np.reshape([one.cov[:2, :2] for one in components], (-1, 2, 2))])
         S = covs + np.eye(2) * self._telemetry.noise_std_m**2
         return np.asarray((squared_distances(positions, means, S) <= _NEAR_STD**2).any(axis=1))
 

@@ -52,6 +52,10 @@ class ScanTiming:
 
     clocks: dict[str, SensorClock] = field(default_factory=dict)
 
+    def max_lag_ns(self) -> int:
+        """Return the longest latency of the last good scans of all sensors; at least 0."""
+        return max((lag_ns for clock in self.clocks.values() for lag_ns in (0, *clock.lags_ns)), default=0)
+
     def step(self, event: ClockStep) -> list[Effect]:
         """Process a step of this machine's wall clock."""
         for clock in self.clocks.values():

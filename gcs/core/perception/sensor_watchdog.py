@@ -47,6 +47,13 @@ class SensorWatchdog:
     unassociated_t_ns: int | None = None
     """Time since which no reporting vehicle is associated with a track."""
 
+    @property
+    def is_blind(self) -> bool:
+        """True while no sensor has its scans processed, and the alarms about that are raised."""
+        return self.has_no_sensor or (
+            bool(self.sensors) and all(one.alarmed for one in self.sensors.values())
+        )
+
     def processed(self, sensor: str, t_ns: int) -> list[Effect]:
         """Note a processed scan; return the all-clear after an alarm."""
         effects: list[Effect] = []

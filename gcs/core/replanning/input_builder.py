@@ -50,6 +50,8 @@ class PlanningInputBuilder:
         tracks = {v: confirmed[label] for v, label in labels.items() if label in confirmed}
         near = self.association.near.items()
         tracks |= {v: existing[label] for v, label in near if self.agents[v].routes.is_planned}
+        picture = self.trackers.agents.picture  # later than that of targets after reports alone
+        agents_t_ns = picture_t_ns if picture is None else max(picture_t_ns, picture.scan_t_ns)
         active, lost = self.agent_status.active(), self.agent_status.lost()
         agents = {v: tracks[v] for v in active if v not in untaskable and v in tracks}
         return PlanningInputs(
@@ -57,7 +59,7 @@ class PlanningInputBuilder:
             picture_t_ns=picture_t_ns,
             agents=agents,
             motions=self.kinematics.motions(
-                agents, t_ns, picture_t_ns, lambda v: self.tasking.forward_simulation(v, t_ns)
+                agents, t_ns, agents_t_ns, lambda v: self.tasking.forward_simulation(v, t_ns)
             ),
             late_s={vehicle: self.latency.late_s(vehicle) for vehicle in agents},
             left_s=self._left_s(agents, t_ns),
