@@ -74,7 +74,7 @@ class Restart:
     def _persisted(self, vehicle: int) -> PersistedVehicle:
         audit, routes = self._agents[vehicle].authority.audit, self._agents[vehicle].routes
         audited = None if audit is None else audit.mission  # still the persisted mission
-        onboard = audited or self._tasking.onboard(vehicle)
+        onboard = audited or self._agents[vehicle].tasking.onboard
         route = routes.flown or routes.suspended or self._verified().get(vehicle)
         unsure = self._tasking.may_be_inconsistent(vehicle)
         is_obsolete = route is None and (audited is None or vehicle not in self._audited)
@@ -156,7 +156,7 @@ class Restart:
         if self._until_t_ns is None:
             return {}
         ended = [v for v in sorted(self._audited) if self._agents[v].authority.audit is None]
-        missions = {vehicle: self._tasking.onboard(vehicle) for vehicle in ended}
+        missions = {vehicle: self._agents[vehicle].tasking.onboard for vehicle in ended}
         return {vehicle: mission.route for vehicle, mission in missions.items() if mission is not None}
 
     # ------------------------------------------------------------ end of the restart

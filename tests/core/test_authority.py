@@ -229,7 +229,7 @@ def test_resume_lets_a_px4_that_rejected_its_mission_have_the_next_one_at_once()
     stage.wait(3.0)
     (answer,) = [e for e in stage.effects if isinstance(e, OrderAnswer) and e.state == "done"]
     assert answer.detail == "LOITER, armed: waits for its next mission"
-    assert not stage.command.tasking.has_failed(1)
+    assert not stage.command.state.agents[1].tasking.retry.failures
     assert stage.command.untaskable() == {}
 
 

@@ -172,7 +172,11 @@ def test_the_lost_stay_lost_and_the_arrived_are_not_sent_again() -> None:
 def test_without_central_command_each_vehicle_flies_its_mission_to_its_safe_end() -> None:
     run = VirtualRun(load("deterministic"), SEED)
     run.run(40.0)
-    last = {v: len(items.items) - 1 for v in (1, 2, 3, 4) if (items := run.command.tasking.onboard(v))}
+    last = {
+        v: len(items.items) - 1
+        for v in (1, 2, 3, 4)
+        if (items := run.command.state.agents[v].tasking.onboard)
+    }
     run.restart(200.0)
     for vehicle in (1, 2, 3, 4):
         autopilot = run.vehicles[f"vehicle:{vehicle}"].autopilot

@@ -77,7 +77,7 @@ class OnboardAudit:
         returns = self._fleet.returns(vehicle)
         if returns != authority.returns:
             authority.returns = returns
-            mission = mission or self._tasking.onboard(vehicle)
+            mission = mission or self._agents[vehicle].tasking.onboard
         known_t_ns = t_ns if authority.heard_t_ns is None else authority.heard_t_ns
         authority.heard_t_ns = t_ns
         is_uploading = self._tasking.elapsed_s(vehicle, t_ns) is not None

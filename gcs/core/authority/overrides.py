@@ -82,7 +82,7 @@ class Overrides:
         (`GCS_MAVLINK::mission_state`, `ModeAuto::_exit`). Only its verified mission counts, or what an upload
         has left of it (`is_changing`).
         """
-        onboard = self._onboard.of(vehicle)
+        onboard = self._agents[vehicle].tasking.onboard
         is_whole = onboard is not None and current.total == len(onboard.items) - profile.home_items
         if (
             profile.ends_in == RTL

@@ -73,8 +73,8 @@ class StatusReport:
             to_go_m=to_go_m,
             eta_s=eta_s,
             upload=self.tasking.stages.get(vehicle, ""),
-            has_failed=self.tasking.has_failed(vehicle),
-            is_verified=self.tasking.onboard(vehicle) is not None,
+            has_failed=agent.tasking.retry.failures > 0,
+            is_verified=agent.tasking.onboard is not None,
             proposed_target=None if proposed is None else proposed.target,
         )
 

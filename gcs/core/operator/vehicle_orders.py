@@ -178,7 +178,7 @@ class Orders:
         if self._agents[vehicle].orders.command is not None or state is None or not is_heard:
             return ""
         match order.action:
-            case "resume" if state.mode == LOITER and self._tasking.has_failed(vehicle):
+            case "resume" if state.mode == LOITER and self._agents[vehicle].tasking.retry.failures:
                 return ""  # resume ends the pause after failed uploads
             case "resume" if control.is_ours:
                 return f"is not suspended, and is in {state.mode or 'an unknown mode'}"
@@ -245,7 +245,7 @@ class Orders:
         if state is None or not is_on_ground(state, self._fleet.home(vehicle)):
             return False
         if action == "resume":
-            return state.armed and self._tasking.onboard(vehicle) is not None
+            return state.armed and self._agents[vehicle].tasking.onboard is not None
         return action == "arm" and (state.mode in SELF_LAUNCHING or self._tasking.is_uploading(vehicle))
 
     def _blocked(self, order: Order, vehicle: int, begun: Collection[int]) -> str:
@@ -258,7 +258,7 @@ class Orders:
 
     def may_fly(self, vehicle: int) -> bool:
         """Return True if the verified onboard mission is the one to fly now."""
-        agent, onboard = self._agents[vehicle], self._tasking.onboard(vehicle)
+        agent, onboard = self._agents[vehicle], self._agents[vehicle].tasking.onboard
         is_stored = onboard is not None and onboard.route.is_same(agent.routes.flown)
         is_suspended = agent.control.suspension is not None
         return is_stored and not is_suspended and vehicle not in self._tasking.stages

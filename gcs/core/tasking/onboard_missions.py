@@ -47,10 +47,6 @@ class OnboardMissions:
     def __init__(self, fleet: Fleet, agents: Mapping[int, Agent], *, stays: bool) -> None:
         self._fleet, self._agents, self._stays = fleet, agents, stays
 
-    def of(self, vehicle: int) -> OnboardMission | None:
-        """Return the onboard mission of a vehicle; None if it is unknown."""
-        return self._agents[vehicle].tasking.onboard
-
     def note(self, mission: OnboardMission) -> None:
         """Note a verified mission."""
         self._agents[mission.route.vehicle].tasking.onboard = mission
@@ -78,7 +74,7 @@ class OnboardMissions:
 
     def forward_simulation(self, vehicle: int, wait_s: float, t_ns: int) -> RemainingMission:
         """Return what a vehicle flies if it gets no other mission before `wait_s`."""
-        points, mission = self.points_ahead(vehicle), self.of(vehicle)
+        points, mission = self.points_ahead(vehicle), self._agents[vehicle].tasking.onboard
         if not points or mission is None:
             return RemainingMission()
         last = mission.first_point + len(mission.route.points_m)
@@ -88,7 +84,7 @@ class OnboardMissions:
 
     def is_in_takeoff(self, vehicle: int) -> bool:
         """Return True if a vehicle in AUTO flies to its take-off item."""
-        mission, state = self.of(vehicle), self._fleet.state(vehicle)
+        mission, state = self._agents[vehicle].tasking.onboard, self._fleet.state(vehicle)
         if mission is None or state is None or not state.armed or state.mode != AUTO:
             return False
         seq = state.mission_seq
@@ -119,7 +115,7 @@ class OnboardMissions:
 
     def is_at_end(self, vehicle: int, profile: AutopilotProfile) -> bool:
         """Return True if LOITER is how the vehicle's mission ends, and it has reached its last item."""
-        mission, state = self.of(vehicle), self._fleet.state(vehicle)
+        mission, state = self._agents[vehicle].tasking.onboard, self._fleet.state(vehicle)
         if profile.ends_in != LOITER or mission is None or state is None:
             return False
         return state.mission_seq == len(mission.items) - 1

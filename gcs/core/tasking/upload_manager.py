@@ -109,17 +109,9 @@ class UploadManager:
         """Return True if a mission is queued or being uploaded."""
         return vehicle in self.state.queue or self.is_uploading(vehicle)
 
-    def has_failed(self, vehicle: int) -> bool:
-        """Return True if the last upload failed: the next one may have to wait."""
-        return self._agents[vehicle].tasking.retry.failures > 0
-
     def may_be_inconsistent(self, vehicle: int) -> bool:
         """Return True if the onboard mission may be inconsistent; never where uploads are atomic."""
         return self._active.may_be_inconsistent(vehicle)
-
-    def onboard(self, vehicle: int) -> OnboardMission | None:
-        """Return the onboard mission of a vehicle, by the last read-back."""
-        return self.onboard_missions.of(vehicle)
 
     def forward_simulation(self, vehicle: int, t_ns: int) -> RemainingMission:
         """Return what a vehicle flies until it gets another mission, and when that upload may begin."""
