@@ -12,12 +12,14 @@ from collections.abc import Callable
 from typing import Final
 
 from gcs.console.capture import Capture
-from gcs.model import Effect, Event, Kind, Picture, Scan, Send, Tick, Upload
+from gcs.model import NS_PER_S, Effect, Event, Kind, Picture, Scan, Send, Tick, Upload, VehicleState
 
 CAPTURE_S: Final = 0.25
 """Minimum time between two captures of the state."""
 _MAX_EFFECTS: Final = 5000
 _MAX_SCANS: Final = 100
+_MAX_PASSED: Final = 100
+_PASSED_NS: Final = 2 * NS_PER_S
 
 
 class Feed:
@@ -27,6 +29,8 @@ class Feed:
     ----------
     take : callable
         Returns a capture of the state at a time.
+    states : callable
+        Returns the vehicles' states now.
 
     Attributes
     ----------
@@ -34,14 +38,19 @@ class Feed:
         True if a page is open; set by the console's thread.
     """
 
-    def __init__(self, take: Callable[[int], Capture]) -> None:
+    def __init__(
+        self, take: Callable[[int], Capture], states: Callable[[], tuple[VehicleState, ...]]
+    ) -> None:
         self.is_watched = False
         self.capture: Capture | None = None
         self.effects: deque[tuple[int, Effect]] = deque(maxlen=_MAX_EFFECTS)
         self.scans: deque[Scan] = deque(maxlen=_MAX_SCANS)
         self.pictures: dict[Kind, Picture] = {}
         self.start_t_ns: int | None = None
-        self._take = take
+        self.passed: deque[tuple[VehicleState, ...]] = deque(maxlen=_MAX_PASSED)
+        """States now and then, for the trails of a page that opens later."""
+        self._take, self._states = take, states
+        self._passed_t_ns = 0
         self._t_ns = 0
         self._due_s = 0.0
 
@@ -49,6 +58,9 @@ class Feed:
         """Keep scans; capture the state at a tick, if it is due."""
         if isinstance(event, Tick):
             self._t_ns = event.t_ns
+            if event.t_ns - self._passed_t_ns >= _PASSED_NS:
+                self._passed_t_ns = event.t_ns
+                self.passed.append(self._states())
             if self.is_watched and time.monotonic() >= self._due_s:
                 self.refresh()
         elif isinstance(event, Scan) and self.is_watched:

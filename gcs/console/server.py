@@ -81,7 +81,7 @@ class ConsoleServer:
     ) -> None:
         self._socket = bind(access)
         self.port: int = self._socket.getsockname()[1]
-        self.feed = Feed(take)
+        self.feed = Feed(take, run.command.fleet.states)
         self._run_loop = asyncio.get_running_loop()
         self._access = replace(access, port=self.port)
         world = World(run.config, about | {"begun": str(time.time_ns())})

@@ -27,6 +27,7 @@ from gcs.model import (
     Proposal,
     Route,
     Scan,
+    VehicleState,
     vehicle_name,
 )
 from gcs.planning.map.grid import Grid
@@ -34,6 +35,7 @@ from gcs.report.operator_lines import ProposalLog, effect_line, proposal_title
 
 _MAX_LOG: Final = 500
 _MAX_ANSWERS: Final = 200
+_MAX_TRAIL: Final = 400
 
 _encode = msgspec.json.Encoder().encode
 
@@ -53,6 +55,7 @@ class World:
         self.capture: Capture | None = None
         self.answers: deque[OrderAnswer] = deque(maxlen=_MAX_ANSWERS)
         self._sections: dict[str, msgspec.Raw] = {"mission": _raw(rows.mission(config) | about)}
+        self._trails: dict[int, deque[list[float]]] = {}
         self._log: deque[dict[str, Any]] = deque(maxlen=_MAX_LOG)
         self._logged = 0
         self._proposals = ProposalLog()
@@ -70,7 +73,11 @@ class World:
 
     def snapshot(self) -> bytes:
         """Return all sections, and the last entries of the log and of the answers."""
-        lists = {"log": list(self._log), "answers": [self._answer(one) for one in self.answers]}
+        lists = {
+            "log": list(self._log),
+            "answers": [self._answer(one) for one in self.answers],
+            "trails": {str(vehicle): list(points) for vehicle, points in self._trails.items()},
+        }
         return _message("snapshot", self._sections | lists)
 
     def update(self, feed: Feed, replay: dict[str, Any] | None = None) -> bytes | None:
@@ -80,6 +87,8 @@ class World:
         news: dict[str, Any] = {}
         self._put("replay", replay, news)
         self._add_effects(_drained(feed.effects), news)
+        for states in _drained(feed.passed):
+            self._add_to_trails(states)
         scans: list[Scan] = _drained(feed.scans)
         if scans:
             self._add_scans(scans, news)
@@ -115,6 +124,11 @@ class World:
                 }
                 self._log.append(entry)
                 news.setdefault("log", []).append(entry)
+
+    def _add_to_trails(self, states: Iterable[VehicleState]) -> None:
+        for state in states:
+            trail = self._trails.setdefault(state.system_id, deque(maxlen=_MAX_TRAIL))
+            trail.append([round(state.east_m), round(state.north_m)])
 
     def _add_scans(self, scans: Iterable[Scan], news: dict[str, Any]) -> None:
         news["scans"] = [rows.scan(one) for one in scans]

@@ -43,7 +43,7 @@ def test_an_operator_watches_holds_and_gets_the_connection_back(fly, launch, pag
 
         hostile = "<img src=x onerror=alert(1)>"
         vehicles.say(2, hostile)
-        expect(page.locator("#log ol").first).to_contain_text(hostile)
+        expect(page.locator("#log .panel").first).to_contain_text(hostile)
         expect(page.locator("#alarms .bar.alarm")).to_contain_text(hostile)
         assert page.locator("img").count() == 0
         page.keyboard.press("k")

@@ -106,7 +106,7 @@ export function agentTracks(ctx, view, tracks, colour) {
   ctx.globalAlpha = 1;
 }
 
-export function targetTracks(ctx, view, tracks, confirmed, colour, options) {
+export function targetTracks(ctx, view, tracks, confirmed, labels, colour, options) {
   ctx.lineWidth = 1.4;
   ctx.textAlign = "left";
   tracks.names.forEach((name, index) => {
@@ -125,7 +125,7 @@ export function targetTracks(ctx, view, tracks, confirmed, colour, options) {
     diamond(ctx, x, y, 6);
     if (target?.agents.length || target?.reached_by.length) ctx.fill();
     ctx.stroke();
-    if (options.labels) ctx.fillText(target?.reached_by.length ? `${name} ✓` : name, x + 9, y + 4);
+    if (options.labels) labels.draw(target?.reached_by.length ? `${name} ✓` : name, x + 9, y + 4);
   });
   ctx.globalAlpha = 1;
 }
@@ -139,11 +139,12 @@ function diamond(ctx, x, y, size) {
   ctx.closePath();
 }
 
-export function vehicles(ctx, view, list, selection, colour, options) {
+export function vehicles(ctx, view, list, selection, labels, colour, options) {
   ctx.textAlign = "left";
+  ctx.font = `600 ${options.font}`;
   for (const vehicle of list) {
     if (vehicle.status === "lost") {
-      if (vehicle.lost_at) cross(ctx, view, vehicle, colour("warning"));
+      if (vehicle.lost_at) cross(ctx, view, vehicle, labels, colour("warning"));
       continue;
     }
     if (!vehicle.at) continue;
@@ -155,17 +156,17 @@ export function vehicles(ctx, view, list, selection, colour, options) {
     arrow(ctx, x, y, vehicle.course);
     if (vehicle.late) ctx.stroke(); // hollow: its position is old
     else ctx.fill();
-    const height = options.altitudes && vehicle.alt_m !== null ? `  ${vehicle.alt_m.toFixed(0)} m` : "";
-    ctx.font = `600 ${options.font}`;
-    ctx.fillText(vehicle.name, x + 10, y - 5);
-    if (height) {
-      const width = ctx.measureText(vehicle.name).width;
-      ctx.font = options.font;
-      ctx.fillStyle = colour("dim");
-      ctx.fillText(height, x + 10 + width, y - 5);
-    }
+    labels.draw(vehicle.name, x + 10, y - 5, tint !== "vehicle" || selection.has(vehicle.id));
   }
   ctx.font = options.font;
+}
+
+export function altitudes(ctx, view, list, labels, colour) {
+  ctx.textAlign = "left";
+  ctx.fillStyle = colour("dim");
+  for (const { at, alt_m, status } of list) {
+    if (at && alt_m !== null && status !== "lost") labels.draw(`${alt_m.toFixed(0)} m`, view.x(at[0]) + 10, view.y(at[1]) + 9);
+  }
 }
 
 function arrow(ctx, x, y, course) {
@@ -188,7 +189,7 @@ function halo(ctx, x, y, tint) {
   ctx.stroke();
 }
 
-function cross(ctx, view, vehicle, tint) {
+function cross(ctx, view, vehicle, labels, tint) {
   const [x, y] = [view.x(vehicle.lost_at[0]), view.y(vehicle.lost_at[1])];
   ctx.strokeStyle = ctx.fillStyle = tint;
   ctx.lineWidth = 2;
@@ -198,5 +199,5 @@ function cross(ctx, view, vehicle, tint) {
   ctx.moveTo(x + 6, y - 6);
   ctx.lineTo(x - 6, y + 6);
   ctx.stroke();
-  ctx.fillText(`${vehicle.name} lost`, x + 10, y + 4);
+  labels.draw(`${vehicle.name} lost`, x + 10, y + 4, true);
 }

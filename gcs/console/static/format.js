@@ -2,6 +2,9 @@
 
 export const FIXES = ["none", "none", "2D", "3D", "DGPS", "float", "RTK", "static"];
 
+// From this many vehicles on, rows are low.
+export const DENSE_ROWS = 24;
+
 export function number(value, digits = 0, unit = "") {
   return value === null || value === undefined ? "–" : value.toFixed(digits) + unit;
 }

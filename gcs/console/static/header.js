@@ -13,7 +13,7 @@ export function showHeader(root, feed, theme) {
     const element = el("span", { class: "item" }, el("span", {}, label), value);
     return { element, value };
   };
-  const name = el("span", { class: "name" });
+  const name = el("h1", { class: "name" });
   const tag = el("span", { class: "tag" });
   const utc = item("UTC");
   const elapsed = item("elapsed");

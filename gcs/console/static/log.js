@@ -1,46 +1,58 @@
 // Events of the run, and orders with their answers, newest last.
 
 import { el, setText } from "./dom.js";
-import { duration } from "./format.js";
+import { DENSE_ROWS, duration } from "./format.js";
 
 const MAX_SHOWN = 300;
+const NEAR_END_PX = 30;
 
-export function showLog(root, feed) {
-  const lists = { events: el("ol", { role: "tabpanel", tabindex: "0" }), orders: el("ol", { role: "tabpanel", tabindex: "0", hidden: true }) };
+// In a large swarm the vehicles need all rows beside the map: then the targets are a tab here.
+export function showLog(root, feed, targets) {
+  const aside = targets.parentElement;
+  const lists = { events: el("ol"), orders: el("ol") };
+  const panel = (list, name) => el("div", { class: "panel", role: "tabpanel", tabindex: "0", "aria-label": name }, list);
+  const panels = { events: panel(lists.events, "Events"), orders: panel(lists.orders, "Orders"), targets };
   const tabs = {};
+  let isLarge = false;
   const choose = (chosen) => {
-    for (const name of Object.keys(lists)) {
-      lists[name].hidden = name !== chosen;
+    for (const [name, one] of Object.entries(panels)) {
+      if (name !== "targets" || isLarge) one.hidden = name !== chosen;
       tabs[name].setAttribute("aria-selected", String(name === chosen));
     }
-    lists[chosen].scrollTop = lists[chosen].scrollHeight;
+    if (chosen !== "targets") panels[chosen].scrollTop = panels[chosen].scrollHeight;
   };
-  for (const [name, title] of [["events", "Events"], ["orders", "Orders"]]) {
+  for (const [name, title] of [["events", "Events"], ["orders", "Orders"], ["targets", "Targets"]]) {
     tabs[name] = el("button", { role: "tab", onclick: () => choose(name) }, title);
   }
-  root.append(el("div", { class: "tabs", role: "tablist" }, ...Object.values(tabs)), ...Object.values(lists));
+  root.append(el("div", { class: "tabs", role: "tablist" }, ...Object.values(tabs)), panels.events, panels.orders);
+  tabs.targets.hidden = true;
   choose("events");
+  feed.on(["vehicles"], ({ vehicles }) => {
+    if (vehicles.length > DENSE_ROWS === isLarge) return;
+    isLarge = !isLarge;
+    tabs.targets.hidden = !isLarge;
+    (isLarge ? root : aside).append(targets);
+    targets.hidden = false;
+    choose("events");
+  });
 
-  const append = (list, entries, fresh) => {
-    const atEnd = list.scrollHeight - list.scrollTop - list.clientHeight < 30;
+  const append = (name, entries, fresh) => {
+    const [list, scrolled] = [lists[name], panels[name]];
+    const isAtEnd = scrolled.scrollHeight - scrolled.scrollTop - scrolled.clientHeight < NEAR_END_PX;
     if (fresh) list.replaceChildren();
     list.append(...entries.map(({ t_s, level, text }) =>
       el("li", { class: level }, el("time", {}, duration(t_s)), el("span", {}, text))));
     while (list.childElementCount > MAX_SHOWN) list.firstElementChild.remove();
-    if (atEnd || fresh) list.scrollTop = list.scrollHeight;
+    if (isAtEnd || fresh) scrolled.scrollTop = scrolled.scrollHeight;
   };
-
-  let lastEvent = 0;
+  let last = 0;
   feed.on(["log"], ({ log }, fresh) => {
-    if (fresh) lastEvent = 0;
-    append(lists.events, log.filter((entry) => entry.n > lastEvent && entry.kind !== "OrderAnswer"), fresh);
-    lastEvent = log.at(-1)?.n ?? lastEvent;
-  });
-  let lastOrder = 0;
-  feed.on(["log"], ({ log }, fresh) => {
-    if (fresh) lastOrder = 0;
-    append(lists.orders, log.filter((entry) => entry.n > lastOrder && entry.kind === "OrderAnswer"), fresh);
-    lastOrder = log.at(-1)?.n ?? lastOrder;
-    setText(tabs.orders, `Orders${lists.orders.childElementCount ? ` (${lists.orders.childElementCount})` : ""}`);
+    if (fresh) last = 0;
+    const entries = log.filter((entry) => entry.n > last);
+    last = log.at(-1)?.n ?? last;
+    append("events", entries.filter((entry) => entry.kind !== "OrderAnswer"), fresh);
+    append("orders", entries.filter((entry) => entry.kind === "OrderAnswer"), fresh);
+    const count = lists.orders.childElementCount;
+    setText(tabs.orders, count ? `Orders (${count})` : "Orders");
   });
 }

@@ -34,7 +34,7 @@ const replay = new Replay(part("replay"), feed);
 showHeader(part("head"), feed, theme);
 showStrip(part("vehicles"), feed, selection);
 showTargets(part("targets"), feed, map, (name) => zones.reopen(name));
-showLog(part("log"), feed);
+showLog(part("log"), feed, part("targets"));
 part("help").addEventListener("click", () => showKeys(KEYS));
 
 const measure = () => map.use(map.tool ? null : new Measure());

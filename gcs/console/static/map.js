@@ -4,6 +4,7 @@ import { el, setText } from "./dom.js";
 import * as ground from "./draw_ground.js";
 import * as swarm from "./draw_swarm.js";
 import { metres } from "./format.js";
+import { Labels } from "./labels.js";
 import { View } from "./view.js";
 
 const FONT = '12px system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
@@ -83,10 +84,11 @@ export class SwarmMap {
 
   begin() {
     this.scans = [];
+    this.trails.clear();
+    for (const [id, points] of Object.entries(this.feed.data.trails)) this.trails.set(Number(id), points);
     const run = `${this.feed.data.mission.name} ${this.feed.data.mission.begun}`;
     if (run === this.run) return;
     this.run = run;
-    this.trails.clear();
     this.fitAll();
   }
 
@@ -288,8 +290,10 @@ export class SwarmMap {
     if (layers.routes) this.drawRoutes(vehicles, routes, proposal, mission);
     if (layers.ellipses && this.feed.data.agents_tracks) swarm.agentTracks(ctx, view, this.feed.data.agents_tracks, colour);
     const confirmed = new Map(targets.map((one) => [one.name, one]));
-    if (this.feed.data.targets_tracks) swarm.targetTracks(ctx, view, this.feed.data.targets_tracks, confirmed, colour, layers);
-    swarm.vehicles(ctx, view, vehicles, this.selection, colour, { altitudes: layers.altitudes, font: FONT });
+    const labels = new Labels(ctx);
+    swarm.vehicles(ctx, view, vehicles, this.selection, labels, colour, { font: FONT });
+    if (this.feed.data.targets_tracks) swarm.targetTracks(ctx, view, this.feed.data.targets_tracks, confirmed, labels, colour, layers);
+    if (layers.altitudes) swarm.altitudes(ctx, view, vehicles, labels, colour);
     this.tool?.draw(ctx, view, colour);
     this.drawBox();
     this.drawScale();

@@ -1,10 +1,9 @@
 // Vehicle strip: one row for each vehicle, those that need attention first.
 
 import { el, Rows, setClass, setText } from "./dom.js";
-import { FIXES, duration, number, seconds } from "./format.js";
+import { DENSE_ROWS, FIXES, duration, number, seconds } from "./format.js";
 
 const LOW_BATTERY = 30;
-const DENSE_ROWS = 24;
 
 const COLUMNS = [
   ["id", "id", "id", (v) => v.name],
@@ -27,7 +26,7 @@ const COLUMNS = [
 function mission(vehicle) {
   if (vehicle.status === "lost") return ["–", "faint"];
   if (vehicle.reason) return [vehicle.reason, "fair"];
-  if (vehicle.upload) return [`upload: ${vehicle.upload}`, "active"];
+  if (vehicle.upload) return [vehicle.upload === "upload" ? "uploading" : `upload: ${vehicle.upload}`, "active"];
   if (vehicle.failed) return ["upload failed", "bad"];
   return [vehicle.verified ? "verified" : "–", "faint"];
 }

@@ -3,6 +3,11 @@
 import { el, Rows, setClass, setText } from "./dom.js";
 import { number } from "./format.js";
 
+const DENSE_ROWS = 12;
+
+// Targets without an agent first, reached ones last.
+const rank = ({ agents, reached_by: reached }) => (reached.length ? 2 : agents.length ? 1 : 0);
+
 export function showTargets(root, feed, map, openZone) {
   const title = el("h2", {}, "Targets");
   const body = el("tbody");
@@ -30,7 +35,8 @@ export function showTargets(root, feed, map, openZone) {
   feed.on(["targets"], ({ targets }) => {
     setText(title, `Targets: ${targets.length}`);
     table.hidden = !targets.length;
-    rows.show(targets, (target) => target.name);
+    table.classList.toggle("dense", targets.length > DENSE_ROWS);
+    rows.show([...targets].sort((a, b) => rank(a) - rank(b)), (target) => target.name);
   });
   feed.on(["zones", "mission"], ({ zones: closed = [], mission }) => {
     const buttons = closed.map((zone) =>

@@ -1,0 +1,28 @@
+// Labels of the map. The first one at a place is drawn; others that would cover it are left out.
+
+const CELL_X = 22;
+const CELL_Y = 13;
+const CHARACTER_PX = 7;
+
+export class Labels {
+  constructor(ctx) {
+    this.ctx = ctx;
+    this.taken = new Set();
+  }
+
+  // Returns false if there is no room. A label that must be seen is drawn anyway.
+  draw(text, x, y, must = false) {
+    const cells = this.cells(text.length * CHARACTER_PX, x, y);
+    if (!must && cells.some((cell) => this.taken.has(cell))) return false;
+    for (const cell of cells) this.taken.add(cell);
+    this.ctx.fillText(text, x, y);
+    return true;
+  }
+
+  cells(width, x, y) {
+    const row = Math.floor(y / CELL_Y);
+    const cells = [];
+    for (let column = Math.floor(x / CELL_X); column <= Math.floor((x + width) / CELL_X); column++) cells.push(row * 1000 + column);
+    return cells;
+  }
+}
