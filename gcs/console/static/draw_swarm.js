@@ -1,20 +1,7 @@
-// What moves: detections, trails, routes, tracks, targets, vehicles.
+// What moves: trails, routes, tracks, targets, vehicles.
 
-const DETECTION_MS = 4000;
 const SIGMAS = 3;
-
-export function detections(ctx, view, scans, now, colour) {
-  ctx.fillStyle = colour("detection");
-  for (const scan of scans) {
-    const age = (now - scan.at) / DETECTION_MS;
-    if (age >= 1) continue;
-    ctx.globalAlpha = 0.75 * (1 - age);
-    for (let index = 0; index < scan.z.length; index += 2) {
-      ctx.fillRect(view.x(scan.z[index]) - 1, view.y(scan.z[index + 1]) - 1, 2, 2);
-    }
-  }
-  ctx.globalAlpha = 1;
-}
+const SIZE = 6; // of a target's diamond, which hides smaller ellipses
 
 export function trails(ctx, view, tracks, colour) {
   ctx.strokeStyle = colour("vehicle");
@@ -92,6 +79,8 @@ function ellipse(ctx, view, mean, [xx, xy, yy]) {
   ctx.ellipse(view.x(mean[0]), view.y(mean[1]), radius(middle + spread), radius(middle - spread), turn, 0, 2 * Math.PI);
 }
 
+const largest = ([xx, , yy], view) => SIGMAS * Math.sqrt(Math.max(xx, yy)) * view.scale;
+
 const opacity = (existence) => 0.2 + 0.8 * existence;
 
 export function agentTracks(ctx, view, tracks, colour) {
@@ -116,13 +105,13 @@ export function targetTracks(ctx, view, tracks, confirmed, labels, colour, optio
     if (x < -50 || y < -50 || x > view.width + 50 || y > view.height + 50) return;
     ctx.globalAlpha = opacity(tracks.existence[index]);
     ctx.strokeStyle = ctx.fillStyle = colour(target?.reached_by.length ? "done" : "target");
-    if (options.ellipses) {
+    if (options.ellipses && largest(tracks.covs[index], view) > SIZE) {
       ctx.lineWidth = 1;
       ellipse(ctx, view, tracks.means[index], tracks.covs[index]);
       ctx.stroke();
     }
     ctx.lineWidth = 1.6;
-    diamond(ctx, x, y, 6);
+    diamond(ctx, x, y, SIZE);
     if (target?.agents.length || target?.reached_by.length) ctx.fill();
     ctx.stroke();
     if (options.labels) labels.draw(target?.reached_by.length ? `${name} ✓` : name, x + 9, y + 4);

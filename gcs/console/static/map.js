@@ -1,6 +1,7 @@
 // Map: canvas, layers, pointer and what is drawn in which order.
 
 import { el, setText } from "./dom.js";
+import { Detections } from "./detections.js";
 import * as ground from "./draw_ground.js";
 import * as swarm from "./draw_swarm.js";
 import { metres } from "./format.js";
@@ -8,7 +9,7 @@ import { Labels } from "./labels.js";
 import { View } from "./view.js";
 
 const FONT = '12px system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
-const FADE_MS = 4000;
+const FADE_STEP_MS = 250;
 const MAX_TRAIL = 1500;
 const TRAIL_STEP_M = 5;
 const CLICK_PX = 5;
@@ -27,7 +28,7 @@ export class SwarmMap {
     this.view = new View();
     this.obstacles = new ground.Obstacles();
     this.trails = new Map();
-    this.scans = [];
+    this.detections = new Detections();
     this.tool = null;
     this.follows = false;
     this.isMoved = false;
@@ -65,10 +66,7 @@ export class SwarmMap {
     this.selection.addEventListener("change", () => this.redraw());
     this.feed.on(["map"], ({ map }) => this.obstacles.set(map, this.theme.colour));
     this.feed.on(["vehicles"], ({ vehicles }) => this.move(vehicles));
-    this.feed.on(["scans"], ({ scans }) => {
-      const at = performance.now();
-      this.scans = [...this.scans.filter((scan) => at - scan.at < FADE_MS), ...scans.map((scan) => ({ ...scan, at }))];
-    });
+    this.feed.on(["scans"], ({ scans }) => this.detections.add(scans));
     this.feed.addEventListener("data", (event) => {
       if (event.detail.fresh) this.begin();
       this.redraw();
@@ -83,7 +81,7 @@ export class SwarmMap {
   }
 
   begin() {
-    this.scans = [];
+    this.detections.clear();
     this.trails.clear();
     for (const [id, points] of Object.entries(this.feed.data.trails)) this.trails.set(Number(id), points);
     const run = `${this.feed.data.mission.name} ${this.feed.data.mission.begun}`;
@@ -285,7 +283,7 @@ export class SwarmMap {
       ground.homes(ctx, view, mission, colour);
     }
     if (layers.views) ground.fieldsOfView(ctx, view, this.feed.data.fields_of_view ?? {}, colour);
-    if (layers.detections) swarm.detections(ctx, view, this.scans, performance.now(), colour);
+    if (layers.detections && !this.detections.isEmpty) this.detections.draw(ctx, view, colour("detection"));
     if (layers.trails) swarm.trails(ctx, view, this.trails, colour);
     if (layers.routes) this.drawRoutes(vehicles, routes, proposal, mission);
     if (layers.ellipses && this.feed.data.agents_tracks) swarm.agentTracks(ctx, view, this.feed.data.agents_tracks, colour);
@@ -297,7 +295,11 @@ export class SwarmMap {
     this.tool?.draw(ctx, view, colour);
     this.drawBox();
     this.drawScale();
-    if (layers.detections && this.scans.length) setTimeout(() => this.redraw(), 250); // they fade
+    this.fade();
+  }
+
+  fade() {
+    if (this.layers.detections && !this.detections.isEmpty) this.fading ??= setTimeout(() => { this.fading = null; this.redraw(); }, FADE_STEP_MS);
   }
 
   drawRoutes(vehicles, routes, proposal, mission) {

@@ -4,6 +4,7 @@ import { el, Rows, setClass, setText } from "./dom.js";
 import { number } from "./format.js";
 
 const DENSE_ROWS = 12;
+const MAX_ROWS = 100;
 
 // Targets without an agent first, reached ones last.
 const rank = ({ agents, reached_by: reached }) => (reached.length ? 2 : agents.length ? 1 : 0);
@@ -33,10 +34,11 @@ export function showTargets(root, feed, map, openZone) {
     },
   );
   feed.on(["targets"], ({ targets }) => {
-    setText(title, `Targets: ${targets.length}`);
+    setText(title, `Targets: ${targets.length}${targets.length > MAX_ROWS ? `, the first ${MAX_ROWS} shown` : ""}`);
     table.hidden = !targets.length;
     table.classList.toggle("dense", targets.length > DENSE_ROWS);
-    rows.show([...targets].sort((a, b) => rank(a) - rank(b)), (target) => target.name);
+    const sorted = [...targets].sort((a, b) => rank(a) - rank(b));
+    rows.show(sorted.slice(0, MAX_ROWS), (target) => target.name);
   });
   feed.on(["zones", "mission"], ({ zones: closed = [], mission }) => {
     const buttons = closed.map((zone) =>

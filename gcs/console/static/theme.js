@@ -15,7 +15,11 @@ export class Theme extends EventTarget {
   apply() {
     document.documentElement.dataset.theme = this.name;
     const style = getComputedStyle(document.documentElement);
-    this.colour = (name) => style.getPropertyValue(`--${name}`).trim();
+    const colours = new Map(); // reading a style is slow
+    this.colour = (name) => {
+      if (!colours.has(name)) colours.set(name, style.getPropertyValue(`--${name}`).trim());
+      return colours.get(name);
+    };
     this.dispatchEvent(new Event("change"));
   }
 
