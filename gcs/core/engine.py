@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Container
 
+from gcs.core.authority.control_authority import without_missions
 from gcs.core.authority.override_notices import overridden_text
 from gcs.core.operator.replies import OrderInProgress
 from gcs.core.stages import Stages
@@ -141,7 +142,7 @@ class Engine(Stages):
                 targets = self.trackers.targets.confirmation.tracks
                 effects = self.dispatch.settle(self.orders.carry_out(event, targets, self._release))
         self.control.update(event.t_ns)
-        return effects + self.approval.refresh(event.t_ns, self.control.without_missions())
+        return effects + self.approval.refresh(event.t_ns, without_missions(self.state.agents))
 
     def _replan(self, t_ns: int, urgent: Container[int]) -> list[Effect]:
         """Plan on a changed map."""
@@ -248,7 +249,7 @@ class Engine(Stages):
         effects += self._check_climbs(t_ns)
         effects += self.mission_ends.check(t_ns, self.agent_status.active())
         self.control.update(t_ns)
-        effects += self.approval.refresh(t_ns, self.control.without_missions())
+        effects += self.approval.refresh(t_ns, without_missions(self.state.agents))
         effects += self._plan(t_ns, event.measured_t_ns)
         if self.no_fly_zones.closed:
             effects += self.incursions.check(t_ns, newest, self.no_fly_zones.closed)

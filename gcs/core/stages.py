@@ -35,7 +35,6 @@ from gcs.core.takeoff.climbs import Climbs
 from gcs.core.takeoff.sequence import TakeoffSequence
 from gcs.core.tasking.dispatch import Dispatch
 from gcs.core.tasking.mission_ends import MissionEnds
-from gcs.core.tasking.upload_latency import UploadLatency
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.model import NS_PER_S
@@ -107,14 +106,13 @@ class Stages:
         )
         self.takeoff_sequence = TakeoffSequence(config, self.fleet, self.tasking, agents, self.state.takeoff)
         self.mission_ends = MissionEnds(agents, self.tasking, config.planning.capture_radius_m)
-        self.upload_latency = UploadLatency(agents)
         self.approval = PlanApproval(config, self.no_fly_zones, self.replanner, agents, self.state.operator)
         self.dispatch = Dispatch(
             self.replanner,
             self.return_routes,
             self.approval,
             self.tasking,
-            self.upload_latency,
+            agents,
             self.external_uploads,
         )
         # Orders and control authority
@@ -126,7 +124,6 @@ class Stages:
             self.replanner,
             self.takeoff_sequence,
             self.return_heights,
-            self._outlook,
         )
         self.incursions = IncursionWarnings(self.state.airspace, self.tasking.onboard_missions)
         self.no_fly_zone_orders = NoFlyZoneOrders(
@@ -145,7 +142,7 @@ class Stages:
         authority = self.state.authority
         self.override_notices = OverrideNotices(agents, authority, self.tasking.overrides, self.orders)
         self.unattended_targets = UnattendedTargets(authority)
-        self.control = ControlAuthority(agents, self.fleet, self.tasking, self.orders, self.mission_ends)
+        self.control = ControlAuthority(agents, self.fleet, self.tasking, self.orders)
         self.restart = Restart(
             agents,
             self.fleet,
@@ -162,13 +159,9 @@ class Stages:
             config.local_frame,
             self.fleet,
             self.trackers,
-            self.association,
             self.kinematics,
             self.agent_status,
-            self.control,
             self.tasking,
-            self.upload_latency,
-            self.mission_ends,
             self.replanner,
         )
         self.status_report = StatusReport(
@@ -186,16 +179,3 @@ class Stages:
     def grid(self) -> Grid:
         """The current map, with closed no-fly zones."""
         return self.no_fly_zones.grid
-
-    def _outlook(self, vehicle: int) -> str:
-        """Return what a released vehicle in LOITER can expect, in words."""
-        match self.state.agents[vehicle].perception.status.status:
-            case "arrived":
-                return "has reached its target and gets no other"
-            case "lost":
-                return "is lost; it gets a mission when it is tracked again"
-        return (
-            "gets no mission, since the mission has ended"
-            if self.state.has_ended
-            else "waits for its next mission"
-        )

@@ -12,7 +12,6 @@ from typing import Final
 
 from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.state import Agent
-from gcs.core.tasking.mission_ends import MissionEnds
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Authority, Control, ControlEvent
@@ -29,7 +28,6 @@ class ControlAuthority:
     fleet: Fleet
     tasking: UploadManager
     orders: Orders
-    mission_ends: MissionEnds
 
     def update(self, t_ns: int) -> None:
         """Apply the events that follow from modes, missions, commands and climbs."""
@@ -65,11 +63,6 @@ class ControlAuthority:
         controls = {vehicle: agent.control for vehicle, agent in self.agents.items()}
         return {v: control.reason for v, control in controls.items() if not control.is_ours}
 
-    def without_missions(self) -> dict[int, str]:
-        """Return the vehicles that get no mission now, with the reason in words: not ours, or grounded."""
-        controls = {vehicle: agent.control for vehicle, agent in self.agents.items()}
-        return {v: one.reason for v, one in controls.items() if one.authority is not Authority.OURS}
-
     def overridden(self) -> dict[int, str]:
         """Return the overriding modes by vehicle, except modes that orders here asked for."""
         modes = self.tasking.overrides.modes()
@@ -77,4 +70,11 @@ class ControlAuthority:
 
     def _missed_in_rtl(self, vehicle: int) -> bool:
         """Return True if a vehicle completed its mission, into RTL, without having reached its target."""
-        return self.tasking.overrides.has_completed(vehicle) and self.mission_ends.has_missed(vehicle)
+        has_completed = self.tasking.overrides.has_completed(vehicle)
+        return has_completed and self.tasking.onboard_missions.has_missed(vehicle)
+
+
+def without_missions(agents: Mapping[int, Agent]) -> dict[int, str]:
+    """Return the vehicles that get no mission now, with the reason in words: not ours, or grounded."""
+    controls = {vehicle: agent.control for vehicle, agent in agents.items()}
+    return {v: control.reason for v, control in controls.items() if control.authority is not Authority.OURS}

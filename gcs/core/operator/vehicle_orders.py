@@ -60,13 +60,7 @@ at 30 m."""
 
 
 class Orders:
-    """Orders to vehicles in progress, and suspended vehicles.
-
-    Parameters
-    ----------
-    outlook : callable
-        Returns what a released vehicle in LOITER can expect, in words.
-    """
+    """Orders to vehicles in progress, and suspended vehicles."""
 
     def __init__(
         self,
@@ -76,10 +70,9 @@ class Orders:
         replanner: Replanner,
         takeoff_sequence: TakeoffSequence,
         return_heights: ReturnHeightMonitor,
-        outlook: Callable[[int], str] = lambda _vehicle: "waits for its next mission",
     ) -> None:
-        self._agents, self._operator = state.agents, state.operator
-        self._fleet, self._tasking, self._replanner, self._outlook = fleet, tasking, replanner, outlook
+        self._state, self._agents, self._operator = state, state.agents, state.operator
+        self._fleet, self._tasking, self._replanner = fleet, tasking, replanner
         self._takeoff_sequence, self._return_heights = takeoff_sequence, return_heights
 
     def is_waiting(self, vehicle: int) -> bool:
@@ -338,6 +331,19 @@ class Orders:
             result: AnswerState = "done" if done else "failed"
             effects.append(self._operator.finish(command.order, t_ns, result, detail, vehicle))
         return effects
+
+    def _outlook(self, vehicle: int) -> str:
+        """Return what a released vehicle in LOITER can expect, in words."""
+        match self._state.agents[vehicle].perception.status.status:
+            case "arrived":
+                return "has reached its target and gets no other"
+            case "lost":
+                return "is lost; it gets a mission when it is tracked again"
+        return (
+            "gets no mission, since the mission has ended"
+            if self._state.has_ended
+            else "waits for its next mission"
+        )
 
     def _end_command(self, vehicle: int, t_ns: int, reason: str) -> list[Effect]:
         """End a command in progress, for a newer order."""

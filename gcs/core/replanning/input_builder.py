@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 
-from gcs.core.authority.control_authority import ControlAuthority
+from gcs.core.authority.control_authority import without_missions
 from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
-from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
 from gcs.core.perception.vehicle_kinematics import VehicleKinematics
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.records import OtherVehicle
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import Agent
-from gcs.core.tasking.mission_ends import MissionEnds
-from gcs.core.tasking.upload_latency import UploadLatency
+from gcs.core.tasking.upload_latency import late_s, left_s
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots.base import is_on_ground
@@ -33,23 +31,14 @@ class PlanningInputBuilder:
     frame: LocalFrame
     fleet: Fleet
     trackers: MultiSensorTracker
-    association: TrackVehicleAssociation
     kinematics: VehicleKinematics
     agent_status: AgentStatusMonitor
-    control: ControlAuthority
     tasking: UploadManager
-    latency: UploadLatency
-    mission_ends: MissionEnds
     replanner: Replanner
 
     def build(self, t_ns: int, picture_t_ns: int) -> PlanningInputs:
         """Return the inputs of a plan at `t_ns`, with tracks as of `picture_t_ns`."""
-        confirmation, labels = self.trackers.agents.confirmation, self.association.labels
-        untaskable = self.control.without_missions()
-        confirmed, existing = confirmation.tracks, confirmation.existing
-        tracks = {v: confirmed[label] for v, label in labels.items() if label in confirmed}
-        near = self.association.near.items()
-        tracks |= {v: existing[label] for v, label in near if self.agents[v].routes.is_planned}
+        tracks, untaskable = self._tracks(), without_missions(self.agents)
         picture = self.trackers.agents.picture  # later than that of targets after reports alone
         agents_t_ns = picture_t_ns if picture is None else max(picture_t_ns, picture.scan_t_ns)
         active, lost = self.agent_status.active(), self.agent_status.lost()
@@ -61,17 +50,28 @@ class PlanningInputBuilder:
             motions=self.kinematics.motions(
                 agents, t_ns, agents_t_ns, lambda v: self.tasking.forward_simulation(v, t_ns)
             ),
-            late_s={vehicle: self.latency.late_s(vehicle) for vehicle in agents},
+            late_s={vehicle: late_s(self.agents[vehicle].tasking) for vehicle in agents},
             left_s=self._left_s(agents, t_ns),
             climbs=self.climbs(agents),
             other_vehicles=self._other_vehicles(agents, lost),
-            passed=frozenset(filter(self.mission_ends.has_missed, agents)),
+            passed=frozenset(filter(self.tasking.onboard_missions.has_missed, agents)),
             targets=self.open_targets(),
             at_targets=self.agent_status.at_targets(),
             arrived=self.agent_status.arrived(),
             lost=lost,
             untaskable=untaskable,
         )
+
+    def _tracks(self) -> dict[int, Track]:
+        """Return the confirmed track of each vehicle; after a break, the one near a planned vehicle."""
+        confirmation, tracks = self.trackers.agents.confirmation, dict[int, Track]()
+        for vehicle, agent in self.agents.items():
+            label, near = agent.perception.association.label, agent.perception.association.near
+            if label is not None and label in confirmation.tracks:
+                tracks[vehicle] = confirmation.tracks[label]
+            elif near is not None and agent.routes.is_planned:
+                tracks[vehicle] = confirmation.existing[near]
+        return tracks
 
     def open_targets(self) -> dict[Label, Track]:
         """Return the confirmed targets that need more agents."""
@@ -104,4 +104,4 @@ class PlanningInputBuilder:
     def _left_s(self, vehicles: Iterable[int], t_ns: int) -> dict[int, float]:
         """Return the remaining time of each upload in progress."""
         elapsed = {vehicle: self.tasking.elapsed_s(vehicle, t_ns) for vehicle in vehicles}
-        return {v: self.latency.left_s(v, for_s) for v, for_s in elapsed.items() if for_s is not None}
+        return {v: left_s(self.agents[v].tasking, for_s) for v, for_s in elapsed.items() if for_s is not None}

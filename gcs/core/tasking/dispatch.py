@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
-from gcs.core.tasking.upload_latency import UploadLatency
+from gcs.core.state import Agent
+from gcs.core.tasking.upload_latency import note_failure, note_success
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.model import ControlEvent, Effect, Route, UploadReport
 
@@ -22,7 +23,7 @@ class Dispatch:
     return_routes: ReturnRoutes
     approval: PlanApproval
     tasking: UploadManager
-    latency: UploadLatency
+    agents: Mapping[int, Agent]
     external_uploads: ExternalUploads
 
     def send(self, routes: Sequence[Route], t_ns: int, urgent: Container[int] = ()) -> list[Effect]:
@@ -32,7 +33,7 @@ class Dispatch:
             at_once = route.vehicle in urgent
             elapsed_s = self.tasking.elapsed_s(route.vehicle, t_ns)
             if elapsed_s is not None:
-                self.latency.note_failure(route.vehicle, elapsed_s)
+                note_failure(self.agents[route.vehicle].tasking, elapsed_s)
             return_route, warnings = self.return_routes.plan(route, t_ns)
             effects += warnings
             effects += self.settle(self.tasking.enqueue_upload(route, t_ns, return_route, at_once=at_once))
@@ -52,9 +53,9 @@ class Dispatch:
                 continue
             if effect.ok:
                 self.external_uploads.release(effect.vehicle, ControlEvent.UPLOAD_VERIFIED, effect.t_ns)
-                self.latency.note_success(effect.vehicle, effect.duration_s)
+                note_success(self.agents[effect.vehicle].tasking, effect.duration_s)
             else:
-                self.latency.note_failure(effect.vehicle, effect.duration_s)
+                note_failure(self.agents[effect.vehicle].tasking, effect.duration_s)
             if self.tasking.has_pending(effect.vehicle):
                 continue  # the result of the newer upload counts
             settled += self.approval.uploaded(effect)

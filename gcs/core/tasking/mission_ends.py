@@ -67,8 +67,3 @@ class MissionEnds:
                 text = f"ended its route without having reached its target: {_PHASE_WORDS[phase]}"
                 effects.append(Notice(t_ns, "alarm", text, vehicle))
         return effects
-
-    def has_missed(self, vehicle: int) -> bool:
-        """Return True if a vehicle has passed its target, and its mission does not lead back to it."""
-        has_missed = self._agents[vehicle].tasking.route_end.has_missed
-        return has_missed or self._tasking.has_passed_route_end(vehicle)

@@ -98,6 +98,11 @@ class OnboardMissions:
         mission, state = flown
         return state.mission_seq - mission.first_point >= len(mission.route.points_m)
 
+    def has_missed(self, vehicle: int) -> bool:
+        """Return True if a vehicle has passed its target, and its mission does not lead back to it."""
+        has_missed = self._agents[vehicle].tasking.route_end.has_missed
+        return has_missed or self.has_passed_route_end(vehicle)
+
     def terminal_phase(self, vehicle: int) -> TerminalPhase:
         """Return the phase of a mission behind the last point of its route; empty before that."""
         flown = self._flown(vehicle)

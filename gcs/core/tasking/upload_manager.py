@@ -124,10 +124,6 @@ class UploadManager:
             return None
         return self._climbs.climb(vehicle, layer, in_takeoff=self.onboard_missions.is_in_takeoff(vehicle))
 
-    def has_passed_route_end(self, vehicle: int) -> bool:
-        """Return True if a vehicle has passed the last point of its route, on a loiter circle elsewhere."""
-        return self.onboard_missions.has_passed_route_end(vehicle)
-
     def terminal_phase(self, vehicle: int) -> TerminalPhase:
         """Return the phase of a mission behind the last point of its route; empty before that."""
         return (

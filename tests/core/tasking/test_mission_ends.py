@@ -27,23 +27,20 @@ class UploadManager:
         self.fleet = Fleet(1)
         self.fleet.one.armed = True
         self.agents = State.initial([1]).agents
-        self._onboard = OnboardMissions(self.fleet, self.agents, stays=end == "loiter")
-        self._onboard.note(
+        self.onboard_missions = OnboardMissions(self.fleet, self.agents, stays=end == "loiter")
+        self.onboard_missions.note(
             OnboardMission(route, ARDUPLANE.items(planned, Home(33.2, -87.6, 70.0)), first_point=1)
         )
 
     def terminal_phase(self, vehicle):
-        return self._onboard.terminal_phase(vehicle)
-
-    def has_passed_route_end(self, vehicle):
-        return self._onboard.has_passed_route_end(vehicle)
+        return self.onboard_missions.terminal_phase(vehicle)
 
 
 def check_ends(tasking, seq, seconds, active=(1,)):
     ends = MissionEnds(tasking.agents, tasking, 40.0)
     tasking.fleet.one.mission_seq = seq
     texts = [notice.text for second in range(seconds) for notice in ends.check(at(float(second)), active)]
-    return texts, ends.has_missed(1)
+    return texts, tasking.onboard_missions.has_missed(1)
 
 
 def test_flight_g4_a_vehicle_that_returns_without_its_target_is_reported_and_tasked_again():
