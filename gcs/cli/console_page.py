@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import threading
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from rich.console import Console
 
@@ -16,6 +16,7 @@ from gcs.errors import ConsoleError
 
 if TYPE_CHECKING:
     from gcs.console import ConsoleServer
+    from gcs.console.server import Source
     from gcs.service.replay import Replay
     from gcs.service.service import Service
 
@@ -48,19 +49,26 @@ def service_page(service: Service, options: PageOptions, console: Console, speed
     ConsoleError
         When it cannot be served as the options say.
     """
-    from gcs.console.capture import Capture, capture
-    from gcs.model import NS_PER_S
 
-    def take(t_ns: int) -> Capture:
-        return capture(
-            service.command,
-            t_ns,
-            lag_s=max(0.0, (service.clock.now_ns() - t_ns) / NS_PER_S / speed),
-            dropped=service.health.dropped,
-            is_recording=service.recorder is not None,
-        )
+    def source() -> Source:
+        from gcs.console.capture import Capture, capture
+        from gcs.console.server import Source
+        from gcs.model import NS_PER_S
 
-    with _page(service, options, console, take, service.give_order, {"kind": "live", "speed": speed}):
+        def take(t_ns: int) -> Capture:
+            return capture(
+                service.command,
+                t_ns,
+                lag_s=max(0.0, (service.clock.now_ns() - t_ns) / NS_PER_S / speed),
+                dropped=service.health.dropped,
+                is_recording=service.recorder is not None,
+            )
+
+        return Source(service, take, service.give_order, speed)
+
+    with _page(source, options, console) as server:
+        if server is not None:
+            service.outputs.append(server)
         yield
 
 
@@ -73,47 +81,35 @@ def replay_page(replay: Replay, options: PageOptions, console: Console) -> Itera
     ConsoleError
         When it cannot be served as the options say.
     """
-    from gcs.console.capture import capture
 
-    def take(t_ns: int) -> Any:
-        return capture(replay.command, t_ns)
+    def source() -> Source:
+        from gcs.console.capture import capture
+        from gcs.console.server import Source
 
-    with _page(replay, options, console, take, None, {"kind": "replay", "speed": 1.0}, replay.playback):
+        return Source(replay, lambda t_ns: capture(replay.command, t_ns), playback=replay.playback)
+
+    with _page(source, options, console):
         yield
 
 
 @contextmanager
 def _page(
-    run: Any,
-    options: PageOptions,
-    console: Console,
-    take: Any,
-    submit: Any,
-    about: dict[str, Any],
-    playback: Any = None,
-) -> Iterator[None]:
-    server = _started(run, options, console, take, submit, about, playback)
+    source: Callable[[], Source], options: PageOptions, console: Console
+) -> Iterator[ConsoleServer | None]:
+    server = _started(source, options, console)
     if server is None:
-        yield
+        yield None
         return
     console.print(f"console: {server.url}", highlight=False, markup=False, soft_wrap=True)
     if options.opens_browser:  # A browser in a terminal would block.
         threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
     try:
-        yield
+        yield server
     finally:
         server.close()
 
 
-def _started(
-    run: Any,
-    options: PageOptions,
-    console: Console,
-    take: Any,
-    submit: Any,
-    about: dict[str, Any],
-    playback: Any,
-) -> ConsoleServer | None:
+def _started(source: Callable[[], Source], options: PageOptions, console: Console) -> ConsoleServer | None:
     """Return the server; None without one. A flight does not depend on a console that nobody asked for."""
     if options.address == "off":
         return None
@@ -122,7 +118,7 @@ def _started(
         from gcs.console.access import parse_access
 
         access = parse_access(options.address, options.access)
-        return None if access is None else ConsoleServer(run, access, take, submit, about, playback)
+        return None if access is None else ConsoleServer(source(), access)
     except (ConsoleError, ImportError) as error:
         if options.is_asked_for:
             raise ConsoleError(str(error)) from None

@@ -13,6 +13,6 @@ Reading order:
 """
 
 from gcs.console.access import Access
-from gcs.console.server import ConsoleServer, DisplayedRun
+from gcs.console.server import ConsoleServer, Source
 
-__all__ = ["Access", "ConsoleServer", "DisplayedRun"]
+__all__ = ["Access", "ConsoleServer", "Source"]

@@ -77,6 +77,12 @@ class Feed:
         else:
             self.effects.append((t_ns, effect))
 
+    @property
+    def is_stale(self) -> bool:
+        """True if a capture is overdue: a replay has paused or ended, and no tick makes one."""
+        is_old = self.capture is None or self.capture.t_ns < self._t_ns
+        return is_old and time.monotonic() >= self._due_s + CAPTURE_S
+
     def refresh(self) -> None:
         """Capture the state now."""
         self._due_s = time.monotonic() + CAPTURE_S

@@ -12,7 +12,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final, Protocol, TypeVar
 
 import uvicorn
@@ -28,6 +28,7 @@ from gcs.console.playback import Playback, PlaybackDesk
 from gcs.console.world import World
 from gcs.core.engine import Engine
 from gcs.errors import ConsoleError
+from gcs.model import Level
 
 T = TypeVar("T")
 
@@ -46,23 +47,26 @@ class DisplayedRun(Protocol):
     sinks: list[Any]
 
 
+@dataclass(frozen=True, slots=True)
+class Source:
+    """The run that a console shows, and how to act on it."""
+
+    run: DisplayedRun
+    """The service or the replay; it gets a sink."""
+    take: Callable[[int], Capture]
+    """Returns a capture of the run at a time."""
+    submit: Callable[[bytes], None] | None = None
+    """Passes the JSON of an order to the service; None in a replay."""
+    speed: float = 1.0
+    """Of the run's clock, as a multiple of real time."""
+    playback: Playback | None = None
+    """Position and speed of a replay; None for a live service."""
+
+
 class ConsoleServer:
     """Serves the console of one run, from construction until `close`.
 
-    Parameters
-    ----------
-    run : DisplayedRun
-        The service or the replay; it gets a sink.
-    access : Access
-        Address and tokens.
-    take : callable
-        Returns a capture of the run at a time.
-    submit : callable or None
-        Passes the JSON of an order to the run, on the run's loop; None: a replay.
-    about : dict
-        More about the run for pages.
-    playback : Playback, optional
-        Position and speed of a replay.
+    It is made on the loop of the run: there it takes captures and passes on orders.
 
     Raises
     ------
@@ -70,24 +74,22 @@ class ConsoleServer:
         When the port is taken, or TLS files cannot be read.
     """
 
-    def __init__(
-        self,
-        run: DisplayedRun,
-        access: Access,
-        take: Callable[[int], Capture],
-        submit: Callable[[bytes], None] | None,
-        about: dict[str, Any],
-        playback: Playback | None = None,
-    ) -> None:
+    def __init__(self, source: Source, access: Access) -> None:
+        self.name = "console"
+        """Name in notices."""
+        self._error: Exception | None = None
         self._socket = bind(access)
         self.port: int = self._socket.getsockname()[1]
-        self.feed = Feed(take, run.command.fleet.states)
+        run, submit = source.run, source.submit
+        self.feed = Feed(source.take, run.command.fleet.states)
         self._run_loop = asyncio.get_running_loop()
         self._access = replace(access, port=self.port)
-        world = World(run.config, about | {"begun": str(time.time_ns())})
+        kind = "live" if source.playback is None else "replay"
+        about = {"kind": kind, "speed": source.speed, "begun": str(time.time_ns())}
+        world = World(run.config, about)
         self.clients = Clients(world.snapshot)
         desk = OrderDesk(run.config.local_frame, None if submit is None else self._on_run_loop(submit))
-        self._playback = PlaybackDesk(playback, self._on_run_loop(lambda action: action()))
+        self._playback = PlaybackDesk(source.playback, self._on_run_loop(lambda action: action()))
         self._board = Board(world, self.clients, desk, self._playback, self._watch)
         config = uvicorn.Config(
             make_app(self._board, self._access),
@@ -122,21 +124,36 @@ class ConsoleServer:
         self._thread.join(_END_S)
         self._socket.close()
 
+    def news(self) -> tuple[Level, str] | None:
+        """Return, once, the alarm that the console has failed."""
+        error, self._error = self._error, None
+        if error is None:
+            return None
+        return "alarm", f"ended by a program error ({type(error).__name__}: {error}); the flight goes on"
+
     def _serve(self) -> None:
-        asyncio.run(self._serve_and_publish())
+        try:
+            asyncio.run(self._serve_and_publish())
+        except Exception as error:  # The flight continues; the operator gets an alarm.
+            self._error = error
 
     async def _serve_and_publish(self) -> None:
+        server = asyncio.create_task(self._server.serve(sockets=[self._socket]))
         publisher = asyncio.create_task(self._publish())
-        try:
-            await self._server.serve(sockets=[self._socket])
-        finally:
-            publisher.cancel()
+        await asyncio.wait({server, publisher}, return_when=asyncio.FIRST_COMPLETED)
+        publisher.cancel()
+        self._server.should_exit = True
+        for ended in await asyncio.gather(server, publisher, return_exceptions=True):
+            if isinstance(ended, Exception):
+                raise ended
 
     async def _publish(self) -> None:
         """Send what is new to all pages, ten times a second."""
         while True:
             await asyncio.sleep(_PUBLISH_S)
             self.feed.is_watched = self._board.is_watched
+            if self.feed.is_watched and self.feed.is_stale:
+                self._watch()
             message = self._board.world.update(self.feed, self._playback.state())
             if message is not None:
                 self.clients.send(message)

@@ -98,6 +98,15 @@ class Sink(Protocol):
         """Receive an effect."""
 
 
+class Output(Protocol):
+    """Output whose failure becomes a notice."""
+
+    name: str
+
+    def news(self) -> tuple[Level, str] | None:
+        """Return the next operator notice, if any."""
+
+
 @dataclass(slots=True)
 class Health:
     """Timing and losses of the service itself."""
@@ -136,7 +145,7 @@ class Service:
         self.sinks: list[Sink] = []
         """Live view, evaluator, journal and others."""
         self._publisher = Writer("zenoh", _MAX_UNPUBLISHED)
-        self.outputs: list[Writer] = [self._publisher]
+        self.outputs: list[Output] = [self._publisher]
         """Outputs whose failures become alarms."""
         self._garbage = GarbageFilter()
         self._queue: asyncio.Queue[tuple[Event, FrameTable | None]] = asyncio.Queue(QUEUE_SIZE)

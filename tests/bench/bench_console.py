@@ -46,19 +46,20 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def read_all(url: str, ends: threading.Event, lags_s: list[float]) -> None:
+def read_all(url: str, ends: threading.Event, lags_s: list[float], counts: list[int]) -> None:
     with connect(url, compression=None, proxy=None, max_size=None) as page:
         while not ends.is_set():
             with contextlib.suppress(TimeoutError):
                 message = page.recv(timeout=1.0)
-                if lags_s is not None and b'"head"' in message:
+                counts.append(len(message))
+                if b'"head"' in message:
                     lags_s.append(json.loads(message)["head"]["lag_s"])
 
 
 @contextmanager
-def pages(url: str, count: int, lags_s: list[float]) -> Iterator[None]:
+def pages(url: str, count: int, lags_s: list[float], sizes: list[int]) -> Iterator[None]:
     ends = threading.Event()
-    threads = [threading.Thread(target=read_all, args=(url, ends, lags_s)) for _ in range(count)]
+    threads = [threading.Thread(target=read_all, args=(url, ends, lags_s, sizes)) for _ in range(count)]
     for thread in threads:
         thread.start()
     yield
@@ -78,19 +79,26 @@ def cpu_of_pages(counts: list[int]) -> None:
         service = psutil.Process(demo.pid)
         for count in counts:
             lags_s: list[float] = [0.0]
-            with pages(f"ws://127.0.0.1:{port}/feed", count, lags_s):
+            sizes: list[int] = []
+            with pages(f"ws://127.0.0.1:{port}/feed", count, lags_s, sizes):
                 time.sleep(2.0)
+                sizes.clear()
                 before, began_s = sum(service.cpu_times()[:2]), time.monotonic()
                 time.sleep(SECONDS)
                 percent = 100.0 * (sum(service.cpu_times()[:2]) - before) / (time.monotonic() - began_s)
-            print(f"{count:4d} pages: {percent:5.1f} % of a core, longest wait of a tick {max(lags_s):.2f} s")
+            each = max(1, count)
+            print(
+                f"{count:4d} pages: {percent:5.1f} % of a core, longest wait of a tick {max(lags_s):.2f} s, "
+                f"{len(sizes) / each / SECONDS:.1f} messages and {sum(sizes) / each / SECONDS / 1e3:.0f} kB "
+                "a second for each"
+            )
         demo.terminate()
     shutil.rmtree(folder)
 
 
 async def serve(port: int) -> None:
     from gcs.config import load
-    from gcs.console import Access, ConsoleServer
+    from gcs.console import Access, ConsoleServer, Source
     from gcs.console.capture import Capture
     from gcs.core.airspace.obstacle_map import mission_grid
     from gcs.model import NS_PER_S, Picture, Scan, Sensor, SwarmStatus, TargetRecord, Tick, Track
@@ -107,7 +115,7 @@ async def serve(port: int) -> None:
     run = SimpleNamespace(
         config=config, command=SimpleNamespace(fleet=SimpleNamespace(states=lambda: ())), sinks=[]
     )
-    server = ConsoleServer(run, Access(port=port), take, None, {"kind": "live", "speed": 1.0})
+    server = ConsoleServer(Source(run, take), Access(port=port))
     t_ns = NS_PER_S
     while True:
         await asyncio.sleep(1.0 / SCANS_PER_S)

@@ -12,6 +12,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import pytest
@@ -19,7 +20,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from websockets.sync.client import ClientConnection, connect
 
 from gcs.config import load
-from gcs.console import Access, ConsoleServer
+from gcs.console import Access, ConsoleServer, Source
 from gcs.console.capture import capture
 from gcs.endpoints import Link, parse_endpoint
 from gcs.io.clock import RunClock
@@ -82,13 +83,8 @@ class Flight:
 
 
 def console_of(service: Service, access: Access) -> ConsoleServer:
-    return ConsoleServer(
-        service,
-        access,
-        lambda t_ns: capture(service.command, t_ns),
-        service.give_order,
-        {"kind": "live", "speed": 1.0},
-    )
+    take = partial(capture, service.command)
+    return ConsoleServer(Source(service, take, service.give_order), access)
 
 
 class Vehicles:

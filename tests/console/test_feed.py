@@ -7,7 +7,7 @@ import time
 from itertools import pairwise
 
 from gcs.console.clients import Clients
-from gcs.model import Order
+from gcs.model import LinkNews, Order
 
 
 def read(page, wanted, within_s=5.0):
@@ -113,3 +113,20 @@ def test_a_page_that_falls_behind_gets_everything_anew_in_bounded_memory():
         assert await client.next() == b"new"
 
     asyncio.run(run())
+
+
+def test_a_failing_console_is_an_alarm_and_the_flight_goes_on(fly, monkeypatch):
+    def fail(*_):
+        raise ValueError("a defect")
+
+    with fly() as flight:
+        flight.service.outputs.append(flight.console)
+        monkeypatch.setattr("gcs.console.world.World.update", fail)
+        until_s, news = time.monotonic() + 5.0, []
+        while not news and time.monotonic() < until_s:
+            time.sleep(0.05)
+            news = [e for e in flight.events.events if isinstance(e, LinkNews) and e.link == "console"]
+        assert [(one.level, "a defect" in one.text) for one in news] == [("alarm", True)]
+        flight.events.tick_times_s.clear()
+        time.sleep(0.3)
+        assert len(flight.events.tick_times_s) > 2
