@@ -18,6 +18,7 @@ from gcs.core.authority.control_authority import without_missions
 from gcs.core.authority.override_notices import overridden_text
 from gcs.core.operator.replies import OrderInProgress
 from gcs.core.stages import Stages
+from gcs.core.state import State
 from gcs.mavlink.frames.codec import FrameTable, scan
 from gcs.model import (
     NS_PER_S,
@@ -43,7 +44,11 @@ _CONTROL_PERIOD_NS = NS_PER_S // 2
 
 
 class Engine(Stages):
-    """The whole state of central command, made from a mission and the seed of its map."""
+    """Central command of one mission, made from its file, the seed of its map, and a state."""
+
+    def restore(self, state: State) -> None:
+        """Continue from another state."""
+        super().__init__(self.config, self.seed, state)
 
     def step(self, event: Event, frames: FrameTable | None = None) -> list[Effect]:
         """Process one event; return its effects.

@@ -57,6 +57,7 @@ class Stages:
     def __init__(self, config: Config, seed: int, state: State | None = None) -> None:
         vehicles = [agent.vehicle for agent in config.agents]
         self.state = State.initial(vehicles) if state is None else state
+        self.config, self.seed = config, seed
         agents = self.state.agents
         tracking, telemetry, links = config.tracking, config.telemetry, config.mavlink_links
         self._needs_approval = config.planning.retask == "confirm"

@@ -22,6 +22,8 @@ from gcs.io.recording.topics import TOPICS, Recordable
 from gcs.model import Scan, read_only
 
 MAX_PAYLOAD_BYTES = 2 * 1024 * 1024
+_MAX_RECORD_BYTES: Final = 64 * 1024 * 1024
+"""A snapshot of a thousand vehicles has some 20 MB."""
 
 RecordT = TypeVar("RecordT")
 
@@ -55,14 +57,19 @@ def decode(source: str, payload: bytes, record_type: type[RecordT]) -> RecordT:
     WireError
         If the payload is not the JSON of such a record; `source` is its origin.
     """
-    record = decode_json(source, payload, _decoders[record_type])
+    record = decode_json(source, payload, _decoders[record_type], _MAX_RECORD_BYTES)
     if isinstance(record, Scan) and record.z_m.size == 0:  # JSON has no (0, 2)
         record = replace(record, z_m=read_only(np.empty((0, 2))))
     assert isinstance(record, record_type)
     return record
 
 
-def decode_json(source: str, payload: bytes, decoder: msgspec.json.Decoder[RecordT]) -> RecordT:
+def decode_json(
+    source: str,
+    payload: bytes,
+    decoder: msgspec.json.Decoder[RecordT],
+    max_bytes: int = MAX_PAYLOAD_BYTES,
+) -> RecordT:
     """Return the object in JSON from another program.
 
     `source` says in the error where the JSON came from.
@@ -72,8 +79,8 @@ def decode_json(source: str, payload: bytes, decoder: msgspec.json.Decoder[Recor
     WireError
         If it is too long, no JSON, or not of the decoder's form.
     """
-    if len(payload) > MAX_PAYLOAD_BYTES:
-        raise WireError(source, f"{len(payload)} bytes are more than the {MAX_PAYLOAD_BYTES} allowed")
+    if len(payload) > max_bytes:
+        raise WireError(source, f"{len(payload)} bytes are more than the {max_bytes} allowed")
     try:
         return decoder.decode(payload.decode("utf-8"))
     except UnicodeDecodeError as error:

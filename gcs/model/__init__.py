@@ -28,7 +28,17 @@ from gcs.model.basics import (
 )
 from gcs.model.control import Authority, AuthorityWord, Control, ControlEvent, Suspension
 from gcs.model.effects import AgentStatus, Effect, MissionEnded, Notice, Send, Upload, UploadReport
-from gcs.model.events import BadInput, ClockStep, Datagram, Event, LinkNews, Resumed, Tick, UploadAnswer
+from gcs.model.events import (
+    BadInput,
+    ClockStep,
+    Datagram,
+    Event,
+    LinkNews,
+    Resumed,
+    Snapshot,
+    Tick,
+    UploadAnswer,
+)
 from gcs.model.names import network_of, system_of, target_name, vehicle_id, vehicle_name, vehicle_of
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
 from gcs.model.persisted_state import (
@@ -100,6 +110,7 @@ __all__ = [
     "Send",
     "Sensor",
     "SensorRecord",
+    "Snapshot",
     "Suspension",
     "SwarmStatus",
     "TargetRecord",

@@ -95,4 +95,13 @@ class Resumed:
     state: PersistedState
 
 
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """State of the decision core before the next event; no event itself."""
+
+    t_ns: int
+    data: bytes
+    """The state as `gcs.core.snapshot` encodes it."""
+
+
 Event: TypeAlias = Datagram | Scan | Tick | BadInput | LinkNews | ClockStep | Order | UploadAnswer | Resumed

@@ -1,7 +1,7 @@
 """Replay: recorded events through a new engine.
 
 Events enter in their recorded order and effects go to the sinks. Nothing is sent. Recorded effects are only
-compared with those of the replay.
+compared with those of the replay. A replay that begins with a snapshot continues from its state.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from typing import Protocol
 
 from gcs.config import Config
 from gcs.core.engine import Engine
+from gcs.core.snapshot import decode_state
 from gcs.io.recording.reader import Damage, Record
 from gcs.io.recording.topics import topic_of
 from gcs.io.records import encode
-from gcs.model import NS_PER_S, Effect, Event, Notice, Truth
+from gcs.model import NS_PER_S, Effect, Event, Notice, Snapshot, Truth
 from gcs.report.run.verification import Output, Verification
 from gcs.service.service import LAG_TEXT, Sink
 
@@ -83,9 +84,18 @@ class Replay:
         Records in the order of the engine's events; a `Damage` ends them.
     window
         Part to show.
+    start_t_ns
+        Start of the run; by default the time of the first event.
     """
 
-    def __init__(self, config: Config, seed: int, records: Iterable[Record], window: Window) -> None:
+    def __init__(
+        self,
+        config: Config,
+        seed: int,
+        records: Iterable[Record],
+        window: Window,
+        start_t_ns: int | None = None,
+    ) -> None:
         self.config = config
         self.command = Engine(config, seed)
         self.sinks: list[Sink] = []
@@ -96,7 +106,7 @@ class Replay:
         self.damage: Damage | None = None
         self.events = 0
         self.effects = 0
-        self.start_t_ns: int | None = None
+        self.start_t_ns = start_t_ns
         self.t_ns = 0
         self._records = records
         self._window = window
@@ -121,12 +131,17 @@ class Replay:
                 break
             if isinstance(value, Event):
                 if self.start_t_ns is None:
-                    self.start_t_ns = self.t_ns = value.t_ns
+                    self.start_t_ns = value.t_ns
+                if not self.events:
+                    self.t_ns = value.t_ns
                 at_s = (value.t_ns - self.start_t_ns) / NS_PER_S
                 if at_s > self._window.to_s:
                     break
                 await pace.until(at_s, stop)
                 self._event(number, value, shown=at_s >= self._window.from_s)
+            elif isinstance(value, Snapshot):
+                if not self.events:
+                    self.command.restore(decode_state("snapshot", value.data))
             elif not isinstance(value, Truth):
                 self._recorded(record, value)
         broken_off = self.damage is not None or stop.is_set()

@@ -27,8 +27,16 @@ from gcs.config import Config, load, parse
 from gcs.core.operator.replies import named
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import versions
-from gcs.io.recording.reader import Record, RecordingInfo, read, read_end_t_ns, read_info
-from gcs.model import NS_PER_S, Effect, Event
+from gcs.io.recording.reader import (
+    Record,
+    RecordingInfo,
+    SnapshotPlace,
+    read,
+    read_end_t_ns,
+    read_info,
+    snapshot_places,
+)
+from gcs.model import NS_PER_S, Effect, Event, Snapshot
 from gcs.report.run.verification import Verification
 from gcs.service.replay import Replay, Verifier, Window
 from gcs.service.service import wait_for_interrupt
@@ -57,6 +65,8 @@ class _Source:
     config: Config
     seed: int
     records: Iterable[Record]
+    start_t_ns: int | None = None
+    """Start of the run; None: the first record."""
 
 
 def parse_speed(text: str | None) -> float | None:
@@ -90,7 +100,7 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
     """
     source = _open_source(options, console)
     warm_up(console, TRACKING, PLANNING, LINKS)
-    replay = Replay(source.config, source.seed, source.records, options.window)
+    replay = Replay(source.config, source.seed, source.records, options.window, source.start_t_ns)
     verifier, comparison = Verifier(), Comparison()
     if options.verify:
         replay.watchers.append(verifier)
@@ -128,14 +138,28 @@ def _open_source(options: ReplayOptions, console: Console) -> _Source:
     else:
         raise RecordingError(str(path), "its mission file cannot be read; name one with --config")
     needs_effects = options.verify or file.config is not None
-    records = read(path, only=get_args(Event) + get_args(Effect) if needs_effects else get_args(Event))
+    only = get_args(Event) + get_args(Effect) if needs_effects else get_args(Event)
+    is_unchanged = file.config is None and file.seed is None
+    records = read(path, only=(*only, Snapshot) if is_unchanged else only)
     first = list(itertools.islice(records, 1))
     if options.verify and first and first[0].sequence > 0:
         raise RecordingError(
             str(path),
             f"begins in the middle of a run, with record {first[0].sequence}; to verify it, name its folder",
         )
-    return _Source(header, config, _seed(file, header, config), itertools.chain(first, records))
+    seed = _seed(file, header, config)
+    if first and is_unchanged:
+        start_t_ns = first[0].t_ns
+        snapshot = _last_snapshot(path, start_t_ns + round(options.window.from_s * NS_PER_S))
+        if snapshot is not None:
+            return _Source(header, config, seed, read(path, only=only, start=snapshot), start_t_ns)
+    return _Source(header, config, seed, itertools.chain(first, records))
+
+
+def _last_snapshot(path: Path, t_ns: int) -> SnapshotPlace | None:
+    """Return the last snapshot up to a time."""
+    before = [place for place in snapshot_places(path) if place.t_ns <= t_ns]
+    return before[-1] if before else None
 
 
 def _open_log(options: ReplayOptions, console: Console) -> _Source:

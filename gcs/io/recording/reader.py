@@ -23,7 +23,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Metadata, Statistics
+from mcap.records import Attachment, Channel, Chunk, MessageIndex, Metadata, Statistics
 
 from gcs.errors import RecordingError, WireError
 from gcs.files import open_regular
@@ -41,13 +41,14 @@ from gcs.io.recording.folder import (
 )
 from gcs.io.recording.topics import TOPICS, Recordable
 from gcs.io.records import decode
-from gcs.model import Picture
+from gcs.model import Picture, Snapshot
 
 _MAX_DEFINITIONS = 200_000
 """Maximum schemas and channels in a chunk. The format allows 65,536 of each."""
 _HEAD = struct.Struct("<BQ")
 _CHUNK_TIMES = struct.Struct("<QQ")
 """Log times of the first and the last message of a chunk, at its head."""
+_CHANNEL = struct.Struct("<H")
 _MESSAGE = struct.Struct("<HIQQ")
 """Channel, sequence, log time and publish time of a message; its content follows."""
 _LIBRARY_ERRORS = (
@@ -90,6 +91,17 @@ class Record:
 
 
 @dataclass(frozen=True, slots=True)
+class SnapshotPlace:
+    """Place of a snapshot in a recording."""
+
+    t_ns: int
+    part: int
+    """Number of the MCAP file, from 0."""
+    offset: int
+    """Byte of that file at which its chunk begins."""
+
+
+@dataclass(frozen=True, slots=True)
 class RecordingInfo:
     """Metadata of a recording."""
 
@@ -128,6 +140,7 @@ def read(
     path: Path,
     progress: Callable[[int], None] | None = None,
     only: Collection[type] = frozenset(TOPICS),
+    start: SnapshotPlace | None = None,
 ) -> Iterator[Record]:
     """Read a recording: its folder with all its parts, or one MCAP file.
 
@@ -139,6 +152,8 @@ def read(
         Called after each chunk with the number of bytes read so far.
     only : collection of types
         Types of records to return. Other records are counted, but not decoded.
+    start : SnapshotPlace, optional
+        First record to return, a snapshot; by default the first of the recording.
 
     Yields
     ------
@@ -150,14 +165,18 @@ def read(
     RecordingError
         If there is no such file, it is not an MCAP, or it has another format version.
     """
-    state, before = _RunReader(only), 0
+    state, before = _RunReader(only if start is None else {*only, Snapshot}), 0
     paths = mcap_paths(path)
     _check_format(paths[0])
     for number, file_path in enumerate(paths):
         with _open_mcap(file_path) as file:
             problem = ""
+            if start is not None and number < start.part:
+                before += file.seek(0, io.SEEK_END)
+                continue
+            at_snapshot = start if start is not None and number == start.part else None
             try:
-                yield from _part_records(file, state, before, progress)
+                yield from _part_records(file, state, before, progress, at_snapshot)
             except _DamageError as error:
                 problem = str(error)
             except _LIBRARY_ERRORS as error:
@@ -172,10 +191,18 @@ def read(
 
 
 def _part_records(
-    file: BinaryIO, state: _RunReader, before: int, progress: Callable[[int], None] | None
+    file: BinaryIO,
+    state: _RunReader,
+    before: int,
+    progress: Callable[[int], None] | None,
+    start: SnapshotPlace | None,
 ) -> Iterator[Record]:
     state.begin()
-    for opcode, offset, content in _mcap_records(file):
+    if start is not None:
+        state.begin_at(
+            start, next(content for code, _, content in _mcap_records(file) if code == Opcode.CHUNK)
+        )
+    for opcode, offset, content in _mcap_records(file, 0 if start is None else start.offset):
         if opcode == Opcode.CHUNK:
             yield from state.read_chunk(content)
         elif opcode == Opcode.STATISTICS:
@@ -274,12 +301,24 @@ class _RunReader:
         self._types: dict[int, type | None] = {}
         """Record type of each channel; None if it is not requested."""
         self._unpacker = Unpacker()
+        self._start_t_ns: int | None = None
+        """Time of the snapshot to begin with; None once it was read."""
+        self._begins_at_first = True
 
     def begin(self) -> None:
         """Start a part; record numbers continue."""
         self._before, self.offset = self.count, 0
+        self._begins_at_first = True
         self._unpacker = Unpacker()
         self._types.clear()
+
+    def begin_at(self, start: SnapshotPlace, first_chunk: bytes) -> None:
+        """Begin a part at a snapshot; its first chunk has the channels."""
+        for _ in self.read_chunk(first_chunk):
+            pass
+        self.count = 0
+        self._start_t_ns = start.t_ns
+        self._begins_at_first = False
 
     def read_chunk(self, content: bytes) -> Iterator[Record]:
         """Yield the records of one chunk."""
@@ -295,7 +334,9 @@ class _RunReader:
                 raise _DamageError(f"damaged behind byte {self.offset}: a chunk ends within a record")
             if opcode == Opcode.MESSAGE:
                 record = self._message(data, at, at + length)
-                if record is not None:
+                if self._start_t_ns is not None and _is_snapshot(record, self._start_t_ns):
+                    self._start_t_ns = None
+                if record is not None and self._start_t_ns is None:
                     yield record
                 at += length
                 continue
@@ -309,10 +350,14 @@ class _RunReader:
                 self._types[channel.id] = held if held in self._only else None
             at += length
 
+    def channel_of(self, record_type: type) -> int:
+        """Return the channel of a requested type; 0 if the part has none."""
+        return next((number for number, held in self._types.items() if held is record_type), 0)
+
     def check_count(self, count: int) -> None:
         """Compare the number of messages with the number in the file's statistics."""
         found = self.count - self._before
-        if count != found:
+        if count != found and self._begins_at_first:
             raise _DamageError(f"records are missing: {count} were written, {found} could be read")
 
     def _message(self, data: bytes, at: int, end: int) -> Record | None:
@@ -336,9 +381,59 @@ class _RunReader:
         return Record(sequence, t_ns, value, payload)
 
 
-def _mcap_records(file: BinaryIO) -> Iterator[_McapRecord]:
-    magic = file.read(len(MCAP_MAGIC))
-    if magic != MCAP_MAGIC:
+def _is_snapshot(record: Record | None, t_ns: int) -> bool:
+    return record is not None and record.t_ns == t_ns and isinstance(record.value, Snapshot)
+
+
+def snapshot_places(path: Path) -> tuple[SnapshotPlace, ...]:
+    """Return the places of all snapshots of a recording, in order; those behind damage are left out.
+
+    Only the message indices behind the chunks are read.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file, or it is not an MCAP.
+    """
+    places: list[SnapshotPlace] = []
+    for part, file_path in enumerate(mcap_paths(path)):
+        with _open_mcap(file_path) as file, contextlib.suppress(_DamageError, *_LIBRARY_ERRORS):
+            places += _snapshots_of_part(file, part)
+    return tuple(places)
+
+
+def _snapshots_of_part(file: BinaryIO, part: int) -> Iterator[SnapshotPlace]:
+    reader, channel, chunk_at, at = _RunReader((Snapshot,)), 0, 0, len(MCAP_MAGIC)
+    size = file.seek(0, io.SEEK_END)
+    while at + _HEAD.size <= size:
+        file.seek(at)
+        opcode, length = _HEAD.unpack(file.read(_HEAD.size))
+        if opcode == Opcode.CHUNK:
+            chunk_at = at
+            if not channel:
+                for _ in reader.read_chunk(_bounded(file, length)):
+                    pass
+                channel = reader.channel_of(Snapshot)
+        elif opcode == Opcode.MESSAGE_INDEX and _CHANNEL.unpack(file.read(_CHANNEL.size))[0] == channel:
+            file.seek(at + _HEAD.size)
+            index = MessageIndex.read(_stream(_bounded(file, length)))
+            for t_ns, _ in index.records:
+                yield SnapshotPlace(t_ns, part, chunk_at)
+        elif opcode == Opcode.DATA_END:
+            return
+        at += _HEAD.size + length
+
+
+def _bounded(file: BinaryIO, length: int) -> bytes:
+    if length > MAX_CHUNK_BYTES:
+        raise _DamageError(f"a part claims {length} bytes")
+    return file.read(length)
+
+
+def _mcap_records(file: BinaryIO, offset: int = 0) -> Iterator[_McapRecord]:
+    """Yield the records of a file from an offset on; 0: from its beginning."""
+    file.seek(offset)
+    if not offset and file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
         raise _DamageError("cut off in its first bytes")
     while True:
         offset = file.tell()

@@ -25,6 +25,7 @@ from gcs.model import (
     Resumed,
     Scan,
     Send,
+    Snapshot,
     SwarmStatus,
     Tick,
     Truth,
@@ -33,7 +34,7 @@ from gcs.model import (
     UploadReport,
 )
 
-Recordable: TypeAlias = Event | Effect | Truth
+Recordable: TypeAlias = Event | Effect | Truth | Snapshot
 
 TOPICS: Final[dict[type, str]] = {
     Datagram: "/event/datagram",
@@ -57,6 +58,7 @@ TOPICS: Final[dict[type, str]] = {
     SwarmStatus: "/effect/status",
     Proposal: "/effect/proposal",
     Truth: "/truth",
+    Snapshot: "/snapshot",
 }
 """Topic of each record in a recording; pictures have one for each kind, below theirs."""
 

@@ -31,7 +31,7 @@ from gcs.io.private_files import make_private, new_folder, private
 from gcs.io.recording.folder import CONFIG_NAME, MCAP_NAME, TLOG_NAME, VERSIONS_NAME, Run, part_paths
 from gcs.io.recording.part import PendingRecord, RecordingPart
 from gcs.io.recording.topics import Recordable
-from gcs.model import Effect, Event, Level, Truth
+from gcs.model import Effect, Event, Level, Snapshot, Truth
 
 _ROTATE_BYTES: Final = 500_000_000
 """Size that viewers in a browser can load, and that every file system can hold."""
@@ -172,6 +172,10 @@ class Recorder:
     def record_truth(self, truth: Truth) -> None:
         """Record the ground truth of a simulated world."""
         self._add(truth, truth.t_ns)
+
+    def record_snapshot(self, snapshot: Snapshot) -> None:
+        """Record the state before the next event."""
+        self._add(snapshot, snapshot.t_ns)
 
     def flush(self) -> None:
         """Hand everything recorded so far to the operating system; `record_event` does so once a second."""

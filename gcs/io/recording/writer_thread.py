@@ -12,7 +12,7 @@ from typing import Any, Final, Self
 from gcs.errors import RecordingError
 from gcs.io.output import Writer
 from gcs.io.recording.writer import Recorder
-from gcs.model import Effect, Event, Truth
+from gcs.model import Effect, Event, Snapshot, Truth
 
 _HAND_OVER_PERIOD_S: Final = 0.1
 """With the flush period of the recorder, less than the second that a crash may cost."""
@@ -67,6 +67,10 @@ class RecorderThread:
     def record_truth(self, truth: Truth) -> None:
         """Record the ground truth of a simulated world."""
         self._batch.append((self._recorder.record_truth, (truth,)))
+
+    def record_snapshot(self, snapshot: Snapshot) -> None:
+        """Record the state before the next event."""
+        self._batch.append((self._recorder.record_snapshot, (snapshot,)))
 
     def close(self) -> None:
         """Write all records and finish the files; do nothing if the recording has ended."""
