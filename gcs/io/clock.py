@@ -7,7 +7,7 @@ timeouts. `ClockWatch` detects such a step, or a suspended machine; it becomes a
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from gcs.model import NS_PER_S
 
@@ -47,6 +47,10 @@ class RunClock:
         if self.speed == 1.0:
             return self.start_t_ns + passed_ns
         return self.start_t_ns + int(passed_ns * self.speed)
+
+    def not_before(self, t_ns: int) -> RunClock:
+        """Return a clock that shows `t_ns` now, if this one is behind it."""
+        return replace(self, start_t_ns=self.start_t_ns + max(0, t_ns - self.now_ns()))
 
     def wall_s_until(self, t_ns: int) -> float:
         """Return the seconds to wait for run time `t_ns`; negative when it has passed."""

@@ -7,7 +7,6 @@ from typing import TypeAlias
 
 from gcs.model.basics import Level
 from gcs.model.orders import Order
-from gcs.model.persisted_state import PersistedState
 from gcs.model.scans import Scan
 from gcs.safe_text import printable
 
@@ -89,10 +88,11 @@ class UploadAnswer:
 
 @dataclass(frozen=True, slots=True)
 class Resumed:
-    """Restart of the service with the state of the one before."""
+    """Restart of the service: its state is that of the one before."""
 
     t_ns: int
-    state: PersistedState
+    saved_t_ns: int
+    """Time of that state."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The journal: one small file with the state that a service needs to continue after a restart.
+"""The journal: one file with a snapshot of the state, from which a restarted service continues.
 
 It is replaced atomically (temporary file, fsync, rename). After SIGKILL or a power cut the newest version or
 the one before it is there, never a part. It has a format version, a checksum, and the fingerprint of its
@@ -14,13 +14,12 @@ from pathlib import Path
 
 import msgspec
 
-from gcs.errors import JournalError, WireError
+from gcs.errors import JournalError
 from gcs.files import read_bytes
 from gcs.io.private_files import make_private, private
-from gcs.io.records import decode, encode
-from gcs.model import PersistedState, Resumed
+from gcs.model import Snapshot
 
-VERSION = 3
+VERSION = 4
 _MAX_BYTES = 64 * 1024 * 1024
 
 
@@ -32,8 +31,10 @@ class _Head(msgspec.Struct, frozen=True, kw_only=True):
     mission: str
     fingerprint: str
     """Of the mission file and the seed."""
+    t_ns: int
+    """Time of the snapshot."""
     checksum: str
-    """Of the second line, which is a `PersistedState`."""
+    """Of the snapshot, which follows the line."""
 
 
 _head_decoder = msgspec.json.Decoder(_Head)
@@ -57,42 +58,34 @@ class Journal:
         self.path = path
         self._mission, self._belongs_to = mission, belongs_to
 
-    def write(self, state: PersistedState) -> None:
-        """Replace the journal: `encode` and `store`."""
-        self.store(self.encode(state))
-
-    def encode(self, state: PersistedState) -> bytes:
-        """Return the content of the file for a state."""
-        body = encode(Resumed(state.t_ns, state))
-        head = _Head(
-            journal=VERSION,
-            mission=self._mission,
-            fingerprint=self._belongs_to,
-            checksum=hashlib.sha256(body).hexdigest(),
-        )
-        return msgspec.json.encode(head) + b"\n" + body + b"\n"
-
-    def store(self, data: bytes) -> None:
-        """Replace the file, and wait for the disk.
+    def write(self, snapshot: Snapshot) -> None:
+        """Replace the journal, and wait for the disk.
 
         Raises
         ------
         JournalError
             When it cannot be written; the previous file stays.
         """
+        head = _Head(
+            journal=VERSION,
+            mission=self._mission,
+            fingerprint=self._belongs_to,
+            t_ns=snapshot.t_ns,
+            checksum=hashlib.sha256(snapshot.data).hexdigest(),
+        )
         temporary = self.path.with_name(f"{self.path.name}.{os.getpid()}.new")
         try:
             make_private(self.path.parent, exist_ok=True)
             with open(temporary, "wb", opener=private) as file:
-                file.write(data)
+                file.write(msgspec.json.encode(head) + b"\n" + snapshot.data)
                 file.flush()
                 os.fsync(file.fileno())
             temporary.replace(self.path)
         except OSError as error:
             raise JournalError(str(self.path), f"cannot be written: {error.strerror}") from None
 
-    def read(self) -> PersistedState | None:
-        """Return the stored state, or None without a journal.
+    def read(self) -> Snapshot | None:
+        """Return the stored snapshot, or None without a journal.
 
         Raises
         ------
@@ -105,12 +98,11 @@ class Journal:
             return None
         except OSError as error:
             raise JournalError(str(self.path), f"cannot be read: {error.strerror}") from None
-        first, _, rest = data.partition(b"\n")
+        first, _, body = data.partition(b"\n")
         try:
             head = _head_decoder.decode(first)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             raise JournalError(str(self.path), "is damaged, or no journal") from None
-        body = rest.removesuffix(b"\n")
         if head.journal != VERSION:
             raise JournalError(str(self.path), f"has version {head.journal}, this service reads {VERSION}")
         if hashlib.sha256(body).hexdigest() != head.checksum:
@@ -119,7 +111,4 @@ class Journal:
             raise JournalError(
                 str(self.path), f"belongs to another mission file or seed ({head.mission}); it is not used"
             )
-        try:
-            return decode(str(self.path), body, Resumed).state
-        except WireError as error:
-            raise JournalError(str(self.path), f"makes no sense: {error.problem}") from None
+        return Snapshot(head.t_ns, body)

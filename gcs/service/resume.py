@@ -7,7 +7,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from gcs.errors import JournalError
+from gcs.core.snapshot import decode_state, encode_state
+from gcs.core.state import State
+from gcs.errors import JournalError, WireError
 from gcs.io.output import Writer
 from gcs.model import (
     NS_PER_S,
@@ -18,6 +20,7 @@ from gcs.model import (
     OrderAnswer,
     Plan,
     Proposal,
+    Snapshot,
     Tick,
     UploadReport,
 )
@@ -39,7 +42,7 @@ def default_path(mission: str) -> Path:
 def resume_from_journal(
     service: Service, journal: Journal, resume: bool | None, now_ns: int, console: Console
 ) -> None:
-    """Give a service the state of the one before it, if there is a valid journal.
+    """Continue from the state of the service before, if there is a valid journal.
 
     Parameters
     ----------
@@ -54,7 +57,23 @@ def resume_from_journal(
     if resume is False:
         return
     try:
-        state = journal.read()
+        snapshot = journal.read()
+        state = None if snapshot is None else _decode(journal, snapshot)
+        if snapshot is None or state is None or state.has_ended:
+            if resume:
+                problem = "there is none to resume from" if state is None else "its mission has ended"
+                raise JournalError(str(journal.path), problem)
+            return
+        age_s = (now_ns - snapshot.t_ns) / NS_PER_S
+        if resume is None and not -_STALE_S < age_s < _STALE_S:
+            console.print(
+                f"[yellow]journal {journal.path} is {age_s / 60:.0f} minutes old and not used "
+                "(start with --resume to use it)[/]",
+                highlight=False,
+                soft_wrap=True,
+            )
+            return
+        _restore(service, journal, snapshot, state)
     except JournalError as error:
         if resume:
             problem = f"{error.problem}; to begin clean, start with --no-resume"
@@ -62,26 +81,25 @@ def resume_from_journal(
         text = f"{error}; the service starts without the state of the previous flight"
         service.on_link_news("journal", "alarm", text)
         return
-    if state is None or state.ended:
-        if resume:
-            problem = "there is none to resume from" if state is None else "its mission has ended"
-            raise JournalError(str(journal.path), problem)
-        return
-    age_s = (now_ns - state.t_ns) / NS_PER_S
-    if resume is None and not -_STALE_S < age_s < _STALE_S:
-        console.print(
-            f"[yellow]journal {journal.path} is {age_s / 60:.0f} minutes old and not used "
-            "(start with --resume to use it)[/]",
-            highlight=False,
-            soft_wrap=True,
-        )
-        return
-    service.resume(state)
     console.print(
         f"resuming from {journal.path}, written {age_s:.0f} s ago (start with --no-resume to ignore it)",
         markup=False,
         soft_wrap=True,
     )
+
+
+def _decode(journal: Journal, snapshot: Snapshot) -> State:
+    try:
+        return decode_state(str(journal.path), snapshot.data)
+    except WireError as error:
+        raise JournalError(str(journal.path), error.problem) from None
+
+
+def _restore(service: Service, journal: Journal, snapshot: Snapshot, state: State) -> None:
+    try:
+        service.resume(snapshot, state)
+    except ValueError as error:
+        raise JournalError(str(journal.path), f"makes no sense: {error}") from None
 
 
 class JournalSink:
@@ -123,17 +141,17 @@ class JournalSink:
     def write(self, t_ns: int) -> None:
         """Queue the state for the writer; a failure becomes an alarm and is tried again."""
         self._written_t_ns = t_ns
-        data = self._journal.encode(self._command.persisted_state(t_ns))
-        self._is_changed = not self.writer.put(partial(self._store, data))
+        snapshot = Snapshot(t_ns, encode_state(self._command.state))
+        self._is_changed = not self.writer.put(partial(self._store, snapshot))
 
     def close(self) -> None:
         """Wait at most 5 s until the journal is written, and report a failure."""
         self.writer.drain(_CLOSE_S)
         self._report_change()
 
-    def _store(self, data: bytes) -> None:
+    def _store(self, snapshot: Snapshot) -> None:
         try:
-            self._journal.store(data)
+            self._journal.write(snapshot)
         except JournalError as error:
             self._error = error
         else:

@@ -22,6 +22,7 @@ from gcs.config import Config
 from gcs.core.engine import Engine
 from gcs.core.operator.replies import named
 from gcs.core.snapshot import encode_state
+from gcs.core.state import State
 from gcs.errors import GcsError, RecordingError, WireError
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.links.garbage import GarbageFilter
@@ -45,7 +46,6 @@ from gcs.model import (
     LinkNews,
     MissionEnded,
     Notice,
-    PersistedState,
     Picture,
     Plan,
     Resumed,
@@ -157,7 +157,7 @@ class Service:
         self._garbage = GarbageFilter()
         self._queue: asyncio.Queue[tuple[Event, FrameTable | None]] = asyncio.Queue(QUEUE_SIZE)
         self._orders = OrderInbox(config.local_frame)
-        self._resumed_state: PersistedState | None = None
+        self._resumed_from: Snapshot | None = None
         self._tick_waits = False
         self._lag_warned = False
         self._keyless: set[int] = set()
@@ -168,9 +168,20 @@ class Service:
                 self._send_for_uploader, self._put, self._on_uploader_error, lambda: self.clock.now_ns()
             )
 
-    def resume(self, state: PersistedState) -> None:
-        """Continue from the state of an earlier service; call this before `run`."""
-        self._resumed_state = state
+    def resume(self, snapshot: Snapshot, state: State) -> None:
+        """Continue from the state of an earlier service; call this before `run`.
+
+        Raises
+        ------
+        ValueError
+            If the state makes no sense for this mission; the service then begins without it.
+        """
+        try:
+            self.command.restore(state)
+        except (ValueError, KeyError, IndexError):
+            self.command.restore(State.initial(agent.vehicle for agent in self.config.agents))
+            raise
+        self._resumed_from = snapshot
 
     async def run(
         self,
@@ -189,11 +200,15 @@ class Service:
             When a source or a sink fails. A recording that cannot be written does not raise: it ends with an
             alarm, and the flight continues.
         """
+        resumed = self._resumed_from
+        if resumed is not None:  # the wall clock may have been set back since
+            clock = clock.not_before(resumed.t_ns)
         self.clock = clock
         failure: GcsError | None = None
         loop = asyncio.get_running_loop()
-        if self._resumed_state is not None:  # before anything else is heard
-            self._put(Resumed(clock.now_ns(), self._resumed_state))
+        if resumed is not None:  # before anything else is heard
+            self._record(lambda recorder: recorder.record_snapshot(resumed))
+            self._put(Resumed(clock.now_ns(), resumed.t_ns))
         self.links.start(loop, self, lambda vehicle: vehicle in self.command.tasking.stages)
         self._bus.subscribe(
             sensor_scan_keys(self.config.name),

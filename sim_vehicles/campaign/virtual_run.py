@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gcs.core.engine import Engine
+from gcs.core.snapshot import decode_state, encode_state
 from gcs.errors import ConfigError
 from gcs.model import (
     NS_PER_S,
@@ -23,9 +24,9 @@ from gcs.model import (
     Event,
     MissionEnded,
     Order,
-    PersistedState,
     Plan,
     Resumed,
+    Snapshot,
     Scan,
     Send,
     Tick,
@@ -128,9 +129,13 @@ class VirtualRun:
             self.t_ns += STEP_NS
         return (self.t_ns - START_T_NS) / NS_PER_S
 
-    def restart(self, outage_s: float, state: PersistedState | None = None) -> None:
-        """Kill central command, fly on without it, and restart it from its persisted state."""
-        state = state or self.command.persisted_state(self.t_ns)
+    def snapshot(self) -> Snapshot:
+        """Return the state of central command now."""
+        return Snapshot(self.t_ns, encode_state(self.command.state))
+
+    def restart(self, outage_s: float, snapshot: Snapshot | None = None) -> None:
+        """Kill central command, fly on without it, and restart it from a snapshot."""
+        snapshot = snapshot or self.snapshot()
         self._to_vehicles.clear()
         self._delayed.clear()
         end_ns = self.t_ns + int(outage_s * NS_PER_S)
@@ -141,8 +146,9 @@ class VirtualRun:
             self.t_ns += STEP_NS
         while self._world.scan_t_ns(self._scan_index) < self.t_ns:
             self._scan_index += 1
-        self.command = Engine(self.scenario.config, self.seed)
-        self._step(Resumed(self.t_ns, state))
+        state = decode_state("snapshot", snapshot.data)
+        self.command = Engine(self.scenario.config, self.seed, state)
+        self._step(Resumed(self.t_ns, snapshot.t_ns))
 
     def _move_vehicles(self) -> None:
         for _ in range(len(self._to_vehicles)):

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.config import load
-from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Damage, Record
 from gcs.io.recording.topics import Recordable
@@ -25,8 +23,6 @@ from gcs.model import (
     Notice,
     Order,
     OrderAnswer,
-    PersistedState,
-    PersistedVehicle,
     Picture,
     Plan,
     Proposal,
@@ -35,6 +31,7 @@ from gcs.model import (
     Scan,
     Send,
     Sensor,
+    Snapshot,
     SwarmStatus,
     Tick,
     Track,
@@ -59,9 +56,6 @@ def frames(system_id: int, count: int, first: int = 0) -> bytes:
         packer.seq = number % 256
         data += mavlink.MAVLink_attitude_message(number, 0.1, 0.2, 0.3, 0, 0, 0).pack(packer)
     return data
-
-
-TRACKERS = MultiSensorTracker(load("prescribed")).persisted()
 
 
 def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
@@ -91,8 +85,8 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         yield t_ns, Notice(t_ns, "warning", "älarm", None)
         area = NoFlyZone("fire", None, ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0)))
         yield t_ns, Order(t_ns, f"o-{second}", "no-fly-zone", None, None, area, "operator")
-        vehicle = PersistedVehicle(AgentStatus(t_ns, 1, "active"), "hold", None, ((16.0, None),), 1, False)
-        yield t_ns, Resumed(t_ns, PersistedState(t_ns, 3, second, False, (vehicle,), TRACKERS, (area,)))
+        yield t_ns, Snapshot(t_ns, bytes(range(second % 256)))
+        yield t_ns, Resumed(t_ns, t_ns - second)
         yield t_ns, OrderAnswer(t_ns, f"o-{second}", "no-fly-zone", "done", "so it is", None, ())
         yield t_ns, SwarmStatus(t_ns, f"s-{second}", (), (), (), None, False)
         yield t_ns, Proposal(t_ns, second + 1, (Route(1, (0, 1), read_only([[1.0, 2.0]]), 3.0),), "why")
@@ -107,6 +101,8 @@ def record(recorder: Recorder, run: Iterator[tuple[int, Recordable]]) -> list[Re
             recorder.record_event(value)
         elif isinstance(value, Truth):
             recorder.record_truth(value)
+        elif isinstance(value, Snapshot):
+            recorder.record_snapshot(value)
         else:
             recorder.record_effect(t_ns, value)
         values.append(value)

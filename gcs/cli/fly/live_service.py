@@ -101,7 +101,7 @@ async def _serve(
         with service_page(service, page, console, clock.speed):
             async with display(service, console, speed=clock.speed, headless=headless):
                 await service.run(clock, stop, at_once=at_once)
-        keeper.write(clock.now_ns())
+        keeper.write(service.now_ns())
         keeper.close()
         console.print(link_table(link_rows(service.command.fleet, links, service.now_ns())))
     undo()
