@@ -7,15 +7,17 @@ compared with those of the replay. A replay that begins with a snapshot continue
 from __future__ import annotations
 
 import asyncio
+import itertools
 import math
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from gcs.config import Config
 from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state
+from gcs.core.state import State
 from gcs.io.recording.reader import Damage, Record
 from gcs.io.recording.topics import topic_of
 from gcs.io.records import encode
@@ -25,6 +27,8 @@ from gcs.service.service import LAG_TEXT, Sink
 
 _YIELD_S = 0.02
 _NAP_S = 0.1
+_NEAR_S = 20.0
+"""Later times within this are reached by processing all events until then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,11 +68,18 @@ class Playback:
     stays_at_end: bool = False
     """True if the last state stays on display until the replay is stopped."""
     has_ended: bool = False
+    has_snapshots: bool = False
+    """True if the replay may begin again at any time."""
+    restart_s: float | None = None
+    """Time at which the replay is to begin again; None: it goes on."""
 
     def seek(self, at_s: float) -> str:
-        """Go to a later time; return why not, or an empty text."""
-        if at_s < self.at_s:
-            return "a replay goes forward only: start it again to see earlier times"
+        """Go to another time; return why not, or an empty text."""
+        is_near = self.at_s <= at_s < self.at_s + _NEAR_S and not self.has_ended
+        if self.has_snapshots and not is_near:
+            self.restart_s = at_s
+        elif at_s < self.at_s:
+            return "this replay goes forward only: start it again to see earlier times"
         self.fast_until_s = at_s
         return ""
 
@@ -86,6 +97,8 @@ class Replay:
         Part to show.
     start_t_ns
         Start of the run; by default the time of the first event.
+    records_from
+        Returns the records from the last snapshot before a time on, or from the first one: to go back.
     """
 
     def __init__(
@@ -95,11 +108,14 @@ class Replay:
         records: Iterable[Record],
         window: Window,
         start_t_ns: int | None = None,
+        records_from: Callable[[int], Iterable[Record]] | None = None,
     ) -> None:
         self.config = config
         self.command = Engine(config, seed)
         self.sinks: list[Sink] = []
-        self.playback = Playback(fast_until_s=window.from_s)
+        self.playback = Playback(fast_until_s=window.from_s, has_snapshots=records_from is not None)
+        self.on_restart: list[Callable[[], None]] = []
+        """Called when the replay begins again at another time: what sinks have gathered is out of date."""
         self.links = None
         """A replay has no links."""
         self.watchers: list[Watcher] = []
@@ -109,6 +125,7 @@ class Replay:
         self.start_t_ns = start_t_ns
         self.t_ns = 0
         self._records = records
+        self._records_from = records_from
         self._window = window
 
     @property
@@ -118,11 +135,40 @@ class Replay:
 
     async def run(self, stop: asyncio.Event, speed: float) -> None:
         """Play to the end of the window, of the recording, or until `stop` is set."""
-        self.playback.speed = speed
+        playback, records = self.playback, self._records
+        playback.speed = speed
+        while True:
+            number = await self._play(records, stop)
+            playback.has_ended = playback.restart_s is None
+            while playback.stays_at_end and playback.restart_s is None and not stop.is_set():
+                await asyncio.sleep(_NAP_S)
+            if playback.restart_s is None or stop.is_set():
+                break
+            at_s, playback.restart_s = playback.restart_s, None
+            records = self._records_at(at_s)
+        broken_off = self.damage is not None or stop.is_set()
+        for watcher in self.watchers:
+            watcher.end(number, self.t_ns, broken_off=broken_off)
+
+    def _records_at(self, at_s: float) -> Iterable[Record]:
+        """Return the records from the last snapshot before a time on; sinks begin again."""
+        assert self._records_from is not None
+        assert self.start_t_ns is not None
+        records = iter(self._records_from(self.start_t_ns + round(at_s * NS_PER_S)))
+        first = next(records)
+        if not isinstance(first.value, Snapshot):
+            self.command.restore(State.initial(agent.vehicle for agent in self.config.agents))
+        self.events, self.damage, self._window = 0, None, replace(self._window, from_s=0.0)
+        for notify in self.on_restart:
+            notify()
+        return itertools.chain([first], records)
+
+    async def _play(self, records: Iterable[Record], stop: asyncio.Event) -> int:
+        """Play until the end, `stop`, or a restart; return the number of the last record."""
         pace = _Pace(self.playback)
         number = 0
-        for record in self._records:
-            if stop.is_set():
+        for record in records:
+            if stop.is_set() or self.playback.restart_s is not None:
                 break
             value = record.value
             number = record.sequence
@@ -138,18 +184,15 @@ class Replay:
                 if at_s > self._window.to_s:
                     break
                 await pace.until(at_s, stop)
+                if self.playback.restart_s is not None:
+                    break
                 self._event(number, value, shown=at_s >= self._window.from_s)
             elif isinstance(value, Snapshot):
                 if not self.events:
                     self.command.restore(decode_state("snapshot", value.data))
             elif not isinstance(value, Truth):
                 self._recorded(record, value)
-        broken_off = self.damage is not None or stop.is_set()
-        for watcher in self.watchers:
-            watcher.end(number, self.t_ns, broken_off=broken_off)
-        self.playback.has_ended = True
-        if self.playback.stays_at_end:
-            await stop.wait()
+        return number
 
     def _event(self, number: int, event: Event, *, shown: bool) -> None:
         for sink in self.sinks:
@@ -204,7 +247,7 @@ class _Pace:
     async def until(self, at_s: float, stop: asyncio.Event) -> None:
         """Wait until `at_s` of the run is due."""
         playback = self._playback
-        while not stop.is_set() and (left_s := self._left_s(at_s)) > 0.0:
+        while not stop.is_set() and playback.restart_s is None and (left_s := self._left_s(at_s)) > 0.0:
             await asyncio.sleep(min(left_s, _NAP_S))
             self._yielded_s = time.monotonic()
         playback.at_s = at_s

@@ -7,7 +7,7 @@ import itertools
 import json
 import math
 import time
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -30,7 +30,6 @@ from gcs.io.recording.folder import versions
 from gcs.io.recording.reader import (
     Record,
     RecordingInfo,
-    SnapshotPlace,
     read,
     read_end_t_ns,
     read_info,
@@ -67,6 +66,8 @@ class _Source:
     records: Iterable[Record]
     start_t_ns: int | None = None
     """Start of the run; None: the first record."""
+    records_from: Callable[[int], Iterable[Record]] | None = None
+    """Records from the last snapshot up to a time on; None if they cannot be read again."""
 
 
 def parse_speed(text: str | None) -> float | None:
@@ -100,7 +101,14 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
     """
     source = _open_source(options, console)
     warm_up(console, TRACKING, PLANNING, LINKS)
-    replay = Replay(source.config, source.seed, source.records, options.window, source.start_t_ns)
+    replay = Replay(
+        source.config,
+        source.seed,
+        source.records,
+        options.window,
+        source.start_t_ns,
+        source.records_from,
+    )
     verifier, comparison = Verifier(), Comparison()
     if options.verify:
         replay.watchers.append(verifier)
@@ -148,18 +156,19 @@ def _open_source(options: ReplayOptions, console: Console) -> _Source:
             f"begins in the middle of a run, with record {first[0].sequence}; to verify it, name its folder",
         )
     seed = _seed(file, header, config)
-    if first and is_unchanged:
-        start_t_ns = first[0].t_ns
-        snapshot = _last_snapshot(path, start_t_ns + round(options.window.from_s * NS_PER_S))
-        if snapshot is not None:
-            return _Source(header, config, seed, read(path, only=only, start=snapshot), start_t_ns)
-    return _Source(header, config, seed, itertools.chain(first, records))
+    if not first or not is_unchanged:
+        return _Source(header, config, seed, itertools.chain(first, records))
+    places, start_t_ns = snapshot_places(path), first[0].t_ns
 
+    def records_from(t_ns: int) -> Iterable[Record]:
+        before = [place for place in places if place.t_ns <= t_ns]
+        return read(path, only=only, start=before[-1] if before else None)
 
-def _last_snapshot(path: Path, t_ns: int) -> SnapshotPlace | None:
-    """Return the last snapshot up to a time."""
-    before = [place for place in snapshot_places(path) if place.t_ns <= t_ns]
-    return before[-1] if before else None
+    if options.window.from_s > 0.0 or isinstance(first[0].value, Snapshot):
+        records = records_from(start_t_ns + round(options.window.from_s * NS_PER_S))
+    else:
+        records = itertools.chain(first, records)
+    return _Source(header, config, seed, records, start_t_ns, records_from)
 
 
 def _open_log(options: ReplayOptions, console: Console) -> _Source:
