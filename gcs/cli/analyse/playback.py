@@ -7,7 +7,7 @@ import itertools
 import json
 import math
 import time
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -160,7 +160,7 @@ def _open_source(options: ReplayOptions, console: Console) -> _Source:
         return _Source(header, config, seed, itertools.chain(first, records))
     places, start_t_ns = snapshot_places(path), first[0].t_ns
 
-    def records_from(t_ns: int) -> Iterable[Record]:
+    def records_from(t_ns: int) -> Iterator[Record]:
         before = [place for place in places if place.t_ns <= t_ns]
         return read(path, only=only, start=before[-1] if before else None)
 
