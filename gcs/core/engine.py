@@ -17,6 +17,7 @@ from collections.abc import Container
 from gcs.core.authority.control_authority import without_missions
 from gcs.core.authority.override_notices import overridden_text
 from gcs.core.operator.replies import OrderInProgress
+from gcs.core.restart import bridge_gap, is_settled
 from gcs.core.stages import Stages
 from gcs.core.state import State
 from gcs.mavlink.frames.codec import FrameTable, scan
@@ -33,7 +34,6 @@ from gcs.model import (
     MissionEnded,
     Notice,
     Order,
-    PersistedState,
     Resumed,
     Scan,
     Tick,
@@ -75,18 +75,6 @@ class Engine(Stages):
             case Resumed():
                 return self._resume(event)
 
-    def persisted_state(self, t_ns: int) -> PersistedState:
-        """Return the state that a restarted service needs (`Resumed`)."""
-        return PersistedState(
-            t_ns=t_ns,
-            mission_count=self.state.tasking.mission_count,
-            plan_count=self.state.operator.approval.count,
-            ended=self.state.has_ended,
-            vehicles=self.restart.vehicles(),
-            trackers=self.trackers.persisted(),
-            no_fly_zones=tuple(self.state.airspace.zones.values()),
-        )
-
     def untaskable(self) -> dict[int, str]:
         """Return the vehicles that are not ours to task, with the reason in words."""
         return self.control.untaskable()
@@ -96,12 +84,16 @@ class Engine(Stages):
         return self.control.overridden()
 
     def _resume(self, event: Resumed) -> list[Effect]:
-        state = event.state
-        self.state.operator.approval.count, self.state.has_ended = state.plan_count, state.ended
-        for zone in state.no_fly_zones:
-            if not self.no_fly_zones.refusal(zone):
-                self.no_fly_zones.change(zone)
-        return self.restart.begin(event)
+        """Continue after an outage of the service: read the onboard missions of active agents back."""
+        notice = bridge_gap(self.state, event)
+        self.restore(self.state)
+        for vehicle in self.agent_status.active():
+            agent, audit = self.state.agents[vehicle], self.state.agents[vehicle].authority.audit
+            mission = agent.tasking.onboard if audit is None else audit.mission
+            known_t_ns = event.saved_t_ns if audit is None else audit.known_t_ns
+            if mission is not None and not self.tasking.may_be_inconsistent(vehicle):
+                self.onboard_audit.begin(mission, event.t_ns, known_t_ns=known_t_ns)
+        return [notice]
 
     # ------------------------------------------------------------ datagrams and orders
 
@@ -183,7 +175,7 @@ class Engine(Stages):
             self.state.control_due_t_ns = t_ns + _CONTROL_PERIOD_NS
             self.control.update(t_ns)
         effects += self.override_notices.poll(t_ns)
-        if not self.restart.is_under_way:
+        if not self.onboard_audit.awaited:
             effects += self.disarmed_in_auto.poll(
                 t_ns, lambda vehicle: self.control.updated(vehicle, t_ns).is_ours
             )
@@ -285,9 +277,12 @@ class Engine(Stages):
         return notices
 
     def _plan(self, t_ns: int, picture_t_ns: int, urgent: Container[int] = ()) -> list[Effect]:
-        targets = self.trackers.targets.confirmation.tracks
-        if self.state.has_ended or self.restart.is_waiting(t_ns, targets):
+        state = self.state
+        if state.has_ended or not is_settled(state, t_ns):
             return []
+        if state.resumed_t_ns is not None:
+            state.resumed_t_ns = None
+            self.replanner.take_up(t_ns)
         if not self.replanner.is_due(t_ns):
             return []
         self.control.update(t_ns)

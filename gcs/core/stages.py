@@ -29,7 +29,6 @@ from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.replanning.input_builder import PlanningInputBuilder
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
-from gcs.core.restart import Restart
 from gcs.core.state import State
 from gcs.core.takeoff.climbs import Climbs
 from gcs.core.takeoff.sequence import TakeoffSequence
@@ -52,11 +51,18 @@ class Stages:
         Seed of the map's random obstacles.
     state : State, optional
         State to continue from; that before the first event by default.
+
+    Raises
+    ------
+    ValueError
+        If the state is damaged, or of another mission.
     """
 
     def __init__(self, config: Config, seed: int, state: State | None = None) -> None:
         vehicles = [agent.vehicle for agent in config.agents]
         self.state = State.initial(vehicles) if state is None else state
+        if list(self.state.agents) != vehicles:
+            raise ValueError("the state is of other vehicles than the mission")
         self.config, self.seed = config, seed
         agents = self.state.agents
         tracking, telemetry, links = config.tracking, config.telemetry, config.mavlink_links
@@ -144,17 +150,6 @@ class Stages:
         self.override_notices = OverrideNotices(agents, authority, self.tasking.overrides, self.orders)
         self.unattended_targets = UnattendedTargets(authority)
         self.control = ControlAuthority(agents, self.fleet, self.tasking, self.orders)
-        self.restart = Restart(
-            agents,
-            self.fleet,
-            self.tasking,
-            self.replanner,
-            self.agent_status,
-            self.trackers,
-            self.association,
-            self.external_uploads,
-            self.onboard_audit,
-        )
         self.planning_inputs = PlanningInputBuilder(
             agents,
             config.local_frame,

@@ -63,6 +63,8 @@ class State:
     """True after the end of the mission."""
     measured_t_ns: int = 0
     """Measurement time of the last scan."""
+    resumed_t_ns: int | None = None
+    """Time of a restart of the service; None once plans are made again."""
     control_due_t_ns: int = 0
     """Next time at which the control of all vehicles is updated for displays."""
 

@@ -6,7 +6,7 @@ State order everywhere: ``[east_m, north_m, v_east_m_s, v_north_m_s]``.
 
 Events go into `gcs.core`, effects come out. Both are plain data, so a recording is a list of them. In reading
 order: `basics` (labels, time), `scans`, `picture` (tracks, vehicle states), `plans`, `orders`, `control`
-(authority over a vehicle), `persisted_state`, `status` (of the swarm), `events`, `effects`, `truth`
+(authority over a vehicle), `status` (of the swarm), `events`, `effects`, `truth`
 (simulations), `names`.
 """
 
@@ -41,16 +41,6 @@ from gcs.model.events import (
 )
 from gcs.model.names import network_of, system_of, target_name, vehicle_id, vehicle_name, vehicle_of
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
-from gcs.model.persisted_state import (
-    Confirmation,
-    ExternalMission,
-    PersistedAuthority,
-    PersistedFilter,
-    PersistedState,
-    PersistedTracker,
-    PersistedTrackers,
-    PersistedVehicle,
-)
 from gcs.model.picture import Picture, Track, VehicleState
 from gcs.model.plans import APPROACH_M, Cause, Mission, Plan, Route, Waypoint
 from gcs.model.scans import Polar, Scan, Sensor
@@ -71,13 +61,11 @@ __all__ = [
     "ByteArray",
     "Cause",
     "ClockStep",
-    "Confirmation",
     "Control",
     "ControlEvent",
     "Datagram",
     "Effect",
     "Event",
-    "ExternalMission",
     "FloatArray",
     "Int16Array",
     "Int32Array",
@@ -93,12 +81,6 @@ __all__ = [
     "Notice",
     "Order",
     "OrderAnswer",
-    "PersistedAuthority",
-    "PersistedFilter",
-    "PersistedState",
-    "PersistedTracker",
-    "PersistedTrackers",
-    "PersistedVehicle",
     "Picture",
     "Plan",
     "Polar",

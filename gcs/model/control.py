@@ -172,10 +172,9 @@ class Control:
         for authority in _ENDED[event]:
             self.claims.pop(authority, None)
         for authority in _BEGUN[event]:
-            self.restore(authority, t_ns, detail)
+            self._begin(authority, t_ns, detail)
 
-    def restore(self, authority: Authority, t_ns: int, detail: str = "") -> None:
-        """Begin a claim without an event, from persisted state."""
+    def _begin(self, authority: Authority, t_ns: int, detail: str) -> None:
         claim = self.claims.get(authority)
         if claim is None or claim.detail != detail:
             self.claims[authority] = Claim(t_ns, detail)

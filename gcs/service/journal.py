@@ -34,7 +34,7 @@ class _Head(msgspec.Struct, frozen=True, kw_only=True):
     t_ns: int
     """Time of the snapshot."""
     checksum: str
-    """Of the snapshot, which follows the line."""
+    """Of the snapshot, which follows the line, and its time."""
 
 
 _head_decoder = msgspec.json.Decoder(_Head)
@@ -43,6 +43,10 @@ _head_decoder = msgspec.json.Decoder(_Head)
 def fingerprint(config_text: str, seed: int) -> str:
     """Return a hash that is equal for runs with the same mission file and seed."""
     return hashlib.sha256(f"{seed}\n{config_text}".encode()).hexdigest()
+
+
+def _checksum(snapshot: Snapshot) -> str:
+    return hashlib.sha256(f"{snapshot.t_ns}\n".encode() + snapshot.data).hexdigest()
 
 
 class Journal:
@@ -71,7 +75,7 @@ class Journal:
             mission=self._mission,
             fingerprint=self._belongs_to,
             t_ns=snapshot.t_ns,
-            checksum=hashlib.sha256(snapshot.data).hexdigest(),
+            checksum=_checksum(snapshot),
         )
         temporary = self.path.with_name(f"{self.path.name}.{os.getpid()}.new")
         try:
@@ -105,10 +109,11 @@ class Journal:
             raise JournalError(str(self.path), "is damaged, or no journal") from None
         if head.journal != VERSION:
             raise JournalError(str(self.path), f"has version {head.journal}, this service reads {VERSION}")
-        if hashlib.sha256(body).hexdigest() != head.checksum:
+        snapshot = Snapshot(head.t_ns, body)
+        if _checksum(snapshot) != head.checksum:
             raise JournalError(str(self.path), "is damaged: its checksum differs")
         if head.fingerprint != self._belongs_to:
             raise JournalError(
                 str(self.path), f"belongs to another mission file or seed ({head.mission}); it is not used"
             )
-        return Snapshot(head.t_ns, body)
+        return snapshot

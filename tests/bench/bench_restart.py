@@ -13,8 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from gcs.io.records import decode, encode
-from gcs.model import NS_PER_S, Effect, PersistedState, Plan, Resumed, UploadReport
+from gcs.model import NS_PER_S, Effect, Plan, UploadReport
 from gcs.planning.planner import warm_up as warm_up_planning
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
@@ -36,11 +35,6 @@ def picture(run: VirtualRun) -> dict[str, object]:
     }
 
 
-def journal(run: VirtualRun) -> PersistedState:
-    """Return the state as the journal keeps it."""
-    return decode("journal", encode(Resumed(0, run.command.persisted_state(run.t_ns))), Resumed).state
-
-
 def fly(scenario: Scenario, seed: int, at_s: float, outage_s: float | None, end_s: float):
     """Fly to `end_s`; return the run, and the uploads from `at_s` on of a mission that was stored already."""
     stored: dict[int, tuple] = {}
@@ -49,7 +43,7 @@ def fly(scenario: Scenario, seed: int, at_s: float, outage_s: float | None, end_
     def on_effect(t_ns: int, effect: Effect) -> None:
         nonlocal repeated, state
         if state is not None and isinstance(effect, Plan):
-            state = journal(run)
+            state = run.snapshot()
         if not isinstance(effect, UploadReport) or not effect.ok:
             return
         mission = tuple(run.vehicles[f"vehicle:{effect.vehicle}"].autopilot.mission)
@@ -59,7 +53,7 @@ def fly(scenario: Scenario, seed: int, at_s: float, outage_s: float | None, end_
     run = VirtualRun(scenario, seed, on_effect=on_effect)
     if outage_s is not None:
         run.run(at_s - JOURNAL_AGE_S)
-        state = journal(run)
+        state = run.snapshot()
         run.run(at_s)
         if not run.ended:
             run.restart(outage_s, state)

@@ -145,7 +145,7 @@ class Soak:
             ):
                 if self._rng.random() < per_h * STEP_S / 3600.0:
                     happens()
-            self.journal.write(self.command.persisted_state(self.run.t_ns))
+            self.journal.write(self.run.snapshot())
             self.recorder.flush()
             # The harness itself must not grow: old parts of the recording go, times are not kept.
             for part in sorted(self.folder.glob("*.mcap"))[:-2] + sorted(self.folder.glob("*.tlog"))[:-2]:

@@ -14,7 +14,9 @@ from staging import S, suspensions
 from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
 from gcs.core.engine import Engine
-from gcs.io.records import decode, encode
+from gcs.core.snapshot import decode_state, encode_state
+from gcs.core.state import State
+from gcs.io.records import encode
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import (
     AgentStatus,
@@ -26,20 +28,16 @@ from gcs.model import (
     Notice,
     Order,
     OrderAnswer,
-    PersistedState,
     Plan,
     Resumed,
     Tick,
+    UploadReport,
 )
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import Scenario, load, parse_scenario
 
 MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
-
-
-def through_the_journal(persisted: PersistedState) -> PersistedState:
-    return decode("journal", encode(Resumed(0, persisted)), Resumed).state
 
 
 def flight_with_a_restart(
@@ -59,9 +57,9 @@ def flight_with_a_restart(
         loss=loss, orders=orders,
     )  # fmt: skip
     run.run(at_s)
-    persisted = through_the_journal(run.command.persisted_state(run.t_ns))
+    snapshot = run.snapshot()
     meanwhile(run)
-    run.restart(outage_s, persisted)
+    run.restart(outage_s, snapshot)
     run.run(end_s)
     return Flight(run, events, effects)
 
@@ -94,13 +92,19 @@ def test_moving_targets_and_losses_are_taken_up_and_the_survivors_arrive(at_s: f
     assert loss or "joined" not in taken_up[0].reason
 
 
-def test_a_restart_is_an_event_that_replays() -> None:
-    flight = flight_with_a_restart(30.0, 4.0, 60.0)
-    index = next(i for i, event in enumerate(flight.events) if isinstance(event, Resumed))
-    command = Engine(flight.run.scenario.config, SEED)
-    again = [encode(e) for event in flight.events[index:] for e in command.step(event)]
-    after = [encode(e) for t_ns, e in flight.effects if t_ns >= flight.events[index].t_ns]
-    assert again == after[-len(again) :]
+def test_a_snapshot_and_a_restart_replay() -> None:
+    events: list[Event] = []
+    effects: list[Effect] = []
+    run = VirtualRun(load("prescribed"), SEED, events.append, lambda _, effect: effects.append(effect))
+    run.run(30.0)
+    snapshot = run.snapshot()
+    events.clear()
+    effects.clear()
+    run.restart(4.0, snapshot)
+    run.run(60.0)
+    assert isinstance(events[0], Resumed)
+    command = Engine(run.scenario.config, SEED, decode_state("test", snapshot.data))
+    assert [encode(e) for event in events for e in command.step(event)] == [encode(e) for e in effects]
 
 
 def test_another_mission_than_the_one_it_was_given_is_left_alone_until_resumed() -> None:
@@ -118,16 +122,17 @@ def test_another_mission_than_the_one_it_was_given_is_left_alone_until_resumed()
     assert suspensions(flight.run.command) == {3: "found"}
 
 
-def test_a_vehicle_that_was_being_given_a_mission_holds_until_it_has_a_whole_one() -> None:
+def test_uploads_continue_after_a_restart() -> None:
     first = VirtualRun(load("prescribed"), SEED)
     while not first.command.tasking.stages:
         first.run((first.t_ns - START_T_NS) / S + 0.05)
     at_s = (first.t_ns - START_T_NS) / S + 0.2
     flight = flight_with_a_restart(at_s, 3.0, 40.0)
-    texts = [n.text for n in flight.all(Notice) if "may be inconsistent" in n.text]
-    assert len(texts) == 4
+    (text,) = [n.text for n in flight.all(Notice) if "continues from its state" in n.text]
+    assert "uploads to agents 1, 2, 3, 4" in text
+    assert not [n for n in flight.all(Notice) if "LOITER" in n.text and n.level == "alarm"]
     assert all(flight.mode(vehicle) is Mode.AUTO for vehicle in (1, 2, 3, 4))
-    assert all({m.get_type() for m in flight.messages_to(v, at_s + 3, 40.0)} & MISSION for v in (1, 2, 3, 4))
+    assert {report.vehicle for report in flight.all(UploadReport) if report.ok} == {1, 2, 3, 4}
 
 
 def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
@@ -146,11 +151,11 @@ def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
 def test_a_second_restart_while_the_first_is_worked_off_loses_nothing() -> None:
     run = VirtualRun(standing(), SEED)
     run.run(40.0)
-    run.restart(3.0, through_the_journal(run.command.persisted_state(run.t_ns)))
+    run.restart(3.0)
     run.run(44.2)
     effects: list[Effect] = []
     run.on_effect = lambda _t_ns, effect: effects.append(effect)
-    run.restart(3.0, through_the_journal(run.command.persisted_state(run.t_ns)))
+    run.restart(3.0)
     run.run(400.0)
     (ended,) = [effect for effect in effects if isinstance(effect, MissionEnded)]
     assert ended.arrived == (1, 2, 3, 4)
@@ -191,9 +196,9 @@ def test_a_loiter_that_an_operator_chose_before_or_meanwhile_is_still_his_after_
     run.run(30.0)
     run.vehicles["vehicle:2"].autopilot.set_mode(Mode.LOITER)
     run.run(33.0)
-    persisted = through_the_journal(run.command.persisted_state(run.t_ns))
+    snapshot = run.snapshot()
     run.vehicles["vehicle:3"].autopilot.set_mode(Mode.LOITER)
-    run.restart(3.0, persisted)
+    run.restart(3.0, snapshot)
     run.run(70.0)
     flight = Flight(run, events, [])
     assert set(run.command.untaskable()) == {2, 3}
@@ -210,9 +215,9 @@ def test_an_inconsistent_mission_is_cleared_after_a_restart_though_no_route_wait
     run.run(33.0)
     run.command.replanner.drop(4)
     run.command.tasking.mark_inconsistent(4)
-    persisted = through_the_journal(run.command.persisted_state(run.t_ns))
-    assert next(one for one in persisted.vehicles if one.status.vehicle == 4).route is None
-    run.restart(3.0, persisted)
+    snapshot = run.snapshot()
+    assert run.command.state.agents[4].routes.flown is None
+    run.restart(3.0, snapshot)
     assert len(run.vehicles["vehicle:4"].autopilot.mission) > 1
     run.run(50.0)
     assert len(run.vehicles["vehicle:4"].autopilot.mission) <= 1
@@ -226,14 +231,14 @@ def test_a_mission_of_another_station_counts_after_a_restart_until_the_vehicle_i
     before, t_ns = Engine(mission, 1), 100 * S
     write = Encoder(254, 190)(dialect.MAVLink_mission_count_message(1, 1, 3, 0))
     before.step(Datagram(t_ns, "udpin:0.0.0.0:14551", "10.0.0.5:50", write))
-    after = Engine(mission, 1)
-    effects = after.step(Resumed(t_ns + S, through_the_journal(before.persisted_state(t_ns))))
+    after = Engine(mission, 1, decode_state("test", encode_state(before.state)))
+    effects = after.step(Resumed(t_ns + S, t_ns))
     assert "system 254/190 at 10.0.0.5:50" in after.untaskable()[1]
-    assert any("stays overridden" in e.text for e in effects if isinstance(e, Notice))
+    assert any("continues from its state" in e.text for e in effects if isinstance(e, Notice))
     assert "broke off" not in str(after.step(Tick(t_ns + 10 * S)))
     assert "broke off" in str(after.step(Tick(t_ns + 12 * S)))
-    again = Engine(mission, 1)
-    again.step(Resumed(t_ns + 13 * S, through_the_journal(after.persisted_state(t_ns + 12 * S))))
+    again = Engine(mission, 1, decode_state("test", encode_state(after.state)))
+    again.step(Resumed(t_ns + 13 * S, t_ns + 12 * S))
     assert "broke off" not in str(again.step(Tick(t_ns + 60 * S))), "reported once"
     heartbeat = Encoder(1, 1)(dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3))
     again.step(Datagram(t_ns + 61 * S, "udpin:0.0.0.0:14550", "10.0.0.1:5", heartbeat))
@@ -242,11 +247,11 @@ def test_a_mission_of_another_station_counts_after_a_restart_until_the_vehicle_i
 
 
 def test_a_held_vehicle_that_is_resumed_before_its_mission_is_taken_up_again_flies_on() -> None:
-    orders = (order(20.0, "hold", 2), order(35.2, "resume", 2))
+    orders = (order(20.0, "hold", 2), order(34.5, "resume", 2))
     flight = flight_with_a_restart(30.0, 4.0, 400.0, orders=orders, scenario=standing())
     again = next(plan for plan in flight.all(Plan) if "taken up again" in plan.reason)
-    assert again.t_ns > START_T_NS + 35.2 * S
-    assert flight.answers("resume-35.2") == [("accepted", None), ("done", 2)]
+    assert again.t_ns > START_T_NS + 34.5 * S
+    assert flight.answers("resume-34.5") == [("accepted", None), ("done", 2)]
     (ended,) = flight.all(MissionEnded)
     assert ended.arrived == (1, 2, 3, 4)
 
@@ -272,9 +277,9 @@ def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked
     run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
     run.run(30.0)
     run.command.replanner.drop(3)
-    persisted = through_the_journal(run.command.persisted_state(run.t_ns))
+    snapshot = run.snapshot()
     give_another(run, 3)
-    run.restart(3.0, persisted)
+    run.restart(3.0, snapshot)
     stored = list(run.vehicles["vehicle:3"].autopilot.mission)
     run.run(60.0)
     assert any("its onboard mission is not the one it was given" in text for text in alarms(effects, 3))
@@ -313,12 +318,12 @@ def test_a_vehicle_without_an_audit_gets_no_mission_until_an_answer_or_an_order(
     effects: list[tuple[int, Effect]] = []
     run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
     run.run(30.0)
-    persisted = through_the_journal(run.command.persisted_state(run.t_ns))
+    snapshot = run.snapshot()
     dumb = [run.vehicles[f"vehicle:{n}"] for n in (1, 4)]
     given = [vehicle._link._missions._list for vehicle in dumb]
     for vehicle in dumb:
         vehicle._link._missions._list = lambda *_: None
-    run.restart(3.0, persisted)
+    run.restart(3.0, snapshot)
     run.run(65.0)
     for number in (1, 4):
         assert "does not answer the download of its onboard mission" in run.command.untaskable()[number]
@@ -337,7 +342,7 @@ def test_tracks_keep_their_labels_over_a_restart(at_s: float) -> None:
     run = VirtualRun(load("random-targets"), SEED)
     run.run(at_s)
     before = run.command
-    run.restart(3.0, through_the_journal(before.persisted_state(run.t_ns)))
+    run.restart(3.0)
     run.run(at_s + 5.0)
     targets = before.trackers.targets.confirmation.tracks
     assert len(targets) >= 2
@@ -364,20 +369,16 @@ def test_a_vehicle_lost_in_the_outage_does_not_keep_the_others_waiting() -> None
     assert [(one.vehicle, one.status) for one in flight.all(AgentStatus)] == [(3, "lost")]
 
 
-def test_damaged_tracks_cost_an_alarm_and_new_labels_but_no_restart() -> None:
+def test_a_damaged_state_is_refused() -> None:
     run = VirtualRun(standing(), SEED)
     run.run(30.0)
-    state = run.command.persisted_state(run.t_ns)
-    tracker = state.trackers.targets
-    damaged = replace(tracker, filter=replace(tracker.filter, items=(10**6, *tracker.filter.items[1:])))
-    effects: list[Effect] = []
-    run.on_effect = lambda _t_ns, effect: effects.append(effect)
-    run.restart(2.0, replace(state, trackers=replace(state.trackers, targets=damaged)))
-    run.run(50.0)
-    alarm_texts = [
-        effect.text for effect in effects if isinstance(effect, Notice) and effect.level == "alarm"
-    ]
-    assert (
-        alarm_texts[0] == "tracker state: items is not valid: tracks start again, and targets get new labels"
-    )
-    assert len(run.command.trackers.targets.confirmation.tracks) == 4
+    state = decode_state("test", run.snapshot().data)
+    posterior = state.perception.trackers.targets.filter.posterior
+    posterior.track_label[0] = 10**6
+    with pytest.raises(ValueError, match="tracker state: track_label is not valid"):
+        Engine(run.scenario.config, SEED, state)
+
+
+def test_a_state_of_other_vehicles_is_refused() -> None:
+    with pytest.raises(ValueError, match="vehicles"):
+        Engine(load("prescribed").config, SEED, State.initial([1, 2]))

@@ -15,7 +15,6 @@ from gcs.cli.fly.live_service import serve
 from gcs.cli.run_setup import open_recorder
 from gcs.config import load, read_text
 from gcs.config.schema import RecordingTable
-from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import JournalError, LinkError, RecordingError
 from gcs.io.clock import RunClock
@@ -26,12 +25,12 @@ from gcs.io.recording.reader import Damage, read
 from gcs.io.recording.writer import DiskBudget, Recorder
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import Encoder, scan
-from gcs.model import NS_PER_S, Datagram, LinkNews, PersistedState, Tick
+from gcs.model import NS_PER_S, Datagram, LinkNews, Snapshot, Tick
 from gcs.service.journal import Journal
 from gcs.service.resume import resume_from_journal
 from gcs.service.service import Service
 
-PERSISTED = PersistedState(1, 0, 0, False, (), MultiSensorTracker(load("prescribed")).persisted(), ())
+WRITTEN = Snapshot(1, b"the state")
 RNG = np.random.default_rng(5)
 
 
@@ -128,7 +127,7 @@ def test_a_disk_keeps_space_for_the_journal(tmp_path: Path, monkeypatch: pytest.
     assert len(notices) == 1
     assert 40 < count < 60
     journal = Journal(tmp_path / "x.journal", "x", "y")
-    journal.write(PERSISTED)
+    journal.write(WRITTEN)
     assert journal.read() is not None
 
 
@@ -166,7 +165,7 @@ def test_recordings_and_journals_are_their_owners_alone(
     try:
         with open_recorder(None, "x", "name = 'x'", Run("x", 1), RecordingTable()) as recorder:
             recorder.record_event(Tick(1))
-        Journal(Path("runs") / "x.journal", "x", "y").write(PERSISTED)
+        Journal(Path("runs") / "x.journal", "x", "y").write(WRITTEN)
     finally:
         os.umask(before)
     assert len(list(recorder.folder.iterdir())) == 4

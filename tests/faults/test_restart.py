@@ -4,32 +4,32 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gcs.model import AgentStatus, Effect, NoFlyZone, Notice, PersistedState, Plan
+from gcs.core.snapshot import decode_state, encode_state
+from gcs.core.state import State
+from gcs.model import AgentStatus, Effect, NoFlyZone, Notice, Plan, Snapshot
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import load
 
 SEED, LOST, AT_S = 1, 1, 30.0
 
 
-def restarted(change=lambda persisted: persisted) -> tuple[VirtualRun, list[Effect]]:
-    """Fly, kill the service, start it from changed persisted state, and fly on."""
+def restarted(change) -> tuple[VirtualRun, list[Effect]]:
+    """Fly, kill the service, start it from a changed state, and fly on."""
     effects: list[Effect] = []
     run = VirtualRun(load("prescribed"), SEED, lambda _: None, lambda _, effect: effects.append(effect))
     run.run(AT_S)
-    persisted = change(run.command.persisted_state(run.t_ns))
+    state = decode_state("test", run.snapshot().data)
+    change(state)
     effects.clear()
-    run.restart(4.0, persisted)
+    run.restart(4.0, Snapshot(run.t_ns, encode_state(state)))
     return run, effects
 
 
-def lost(persisted: PersistedState) -> PersistedState:
-    vehicles = tuple(
-        replace(one, status=replace(one.status, status="lost"), route=None, items=())
-        if one.status.vehicle == LOST
-        else one
-        for one in persisted.vehicles
-    )
-    return replace(persisted, vehicles=vehicles, no_fly_zones=(NoFlyZone("fire", (500.0, 900.0, 60.0)),))
+def lost(state: State) -> None:
+    agent = state.agents[LOST]
+    agent.perception.status = replace(agent.perception.status, status="lost")
+    agent.routes.flown = agent.tasking.onboard = None
+    state.airspace.zones["fire"] = NoFlyZone("fire", (500.0, 900.0, 60.0))
 
 
 def test_the_notice_names_the_restored_state_and_how_to_start_clean():

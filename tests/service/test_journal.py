@@ -2,47 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from rich.console import Console
 
 from gcs.config import load
-from gcs.core.perception.fusion import MultiSensorTracker
+from gcs.core.engine import Engine
+from gcs.core.snapshot import encode_state
+from gcs.core.state import State
 from gcs.errors import JournalError
-from gcs.io.records import encode
-from gcs.model import (
-    AgentStatus,
-    NoFlyZone,
-    PersistedState,
-    PersistedVehicle,
-    Resumed,
-    Route,
-    read_only,
-)
+from gcs.model import Snapshot, Tick
 from gcs.service.journal import Journal, fingerprint
+from gcs.service.resume import resume_from_journal
+from gcs.service.service import Service
 
 MINE = fingerprint("name = 'm'", 1)
-PERSISTED = PersistedState(
-    7,
-    4,
-    2,
-    False,
-    (
-        PersistedVehicle(
-            AgentStatus(5, 1, "active", None, (1.0, 2.0)),
-            "hold",
-            Route(1, (3, 4), read_only([[1.0, 2.0], [3.0, 4.5]]), 9.0),
-            ((16.0, 3.0, 332000000.0, -876000000.0, 100.0, 0.0, 10.0, 0.0, None, 1.0),),
-            1,
-            False,
-        ),
-    ),
-    MultiSensorTracker(load("prescribed")).persisted(),
-    (NoFlyZone("fire", (1.0, 2.0, 3.0)),),
-)
+WRITTEN = Snapshot(7, encode_state(Engine(load("prescribed"), 1).state))
 
 
 @pytest.fixture
@@ -50,17 +28,11 @@ def journal(tmp_path: Path) -> Journal:
     return Journal(tmp_path / "runs" / "m.journal", "m", MINE)
 
 
-def same(a: PersistedState, b: PersistedState) -> bool:
-    return encode(Resumed(0, a)) == encode(Resumed(0, b))
-
-
 def test_what_was_written_is_read_and_nothing_else_lies_about(journal: Journal) -> None:
     assert journal.read() is None
-    journal.write(PERSISTED)
-    journal.write(PERSISTED)
-    persisted = journal.read()
-    assert persisted is not None
-    assert same(persisted, PERSISTED)
+    journal.write(WRITTEN)
+    journal.write(WRITTEN)
+    assert journal.read() == WRITTEN
     assert [path.name for path in journal.path.parent.iterdir()] == ["m.journal"]
 
 
@@ -70,32 +42,65 @@ def test_what_was_written_is_read_and_nothing_else_lies_about(journal: Journal) 
         (lambda d: b"", "damaged"),
         (lambda d: d[: len(d) // 2], "checksum"),
         (lambda d: d[:-3], "checksum"),
-        (lambda d: d.replace(b'"hold"', b'"help"'), "checksum"),
-        (lambda d: d.replace(b'"journal":3', b'"journal":2'), "version 2"),
+        (lambda d: d.replace(b"active", b"lost!!"), "checksum"),
+        (lambda d: d.replace(b'"journal":4', b'"journal":3'), "version 3"),
         (lambda d: b"[" * 100_000, "damaged"),
         (lambda d: b"\xff\xfe" + d, "damaged"),
     ],
 )
 def test_damage_is_named(journal: Journal, spoil, words: str) -> None:
-    journal.write(PERSISTED)
+    journal.write(WRITTEN)
     journal.path.write_bytes(spoil(journal.path.read_bytes()))
     with pytest.raises(JournalError, match=words):
         journal.read()
 
 
-def test_a_journal_with_a_right_checksum_may_still_make_no_sense(journal: Journal) -> None:
-    import hashlib
+class Started:
+    """A service that was made, and not run yet."""
 
-    body = json.dumps({"t_ns": 1, "memory": {"t_ns": "late"}}).encode()
-    head = {"journal": 3, "mission": "m", "fingerprint": MINE, "checksum": hashlib.sha256(body).hexdigest()}
-    journal.path.parent.mkdir()
-    journal.path.write_bytes(json.dumps(head).encode() + b"\n" + body + b"\n")
-    with pytest.raises(JournalError, match="makes no sense"):
-        journal.read()
+    def __init__(self) -> None:
+        self.command = Engine(load("prescribed"), 1)
+        self.config, self.alarms = self.command.config, list[str]()
+
+    resume = Service.resume
+
+    def on_link_news(self, _link: str, level: str, text: str) -> None:
+        assert level == "alarm"
+        self.alarms.append(text)
+
+
+def damaged() -> bytes:
+    state = Engine(load("prescribed"), 1).state
+    state.perception.trackers.targets.filter.scans = -1
+    return encode_state(state)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"\x82",
+        WRITTEN.data[:-1],
+        encode_state(State.initial([1, 2])),
+        encode_state(Engine(load("swarm-50"), 1).state),
+        damaged(),
+    ],
+    ids=["empty", "cut", "short", "two vehicles", "fifty vehicles", "damaged tracker"],
+)
+def test_a_journal_with_a_right_checksum_may_still_make_no_sense(journal: Journal, data: bytes) -> None:
+    journal.write(Snapshot(7, data))
+    service = Started()
+    with pytest.raises(JournalError, match="--no-resume"):
+        resume_from_journal(service, journal, True, 8, Console(quiet=True))  # type: ignore[arg-type]
+    resume_from_journal(service, journal, None, 8, Console(quiet=True))  # type: ignore[arg-type]
+    (text,) = service.alarms
+    assert "starts without the state of the previous flight" in text
+    assert service.command.state.agents.keys() == {1, 2, 3, 4}
+    service.command.step(Tick(9))
 
 
 def test_another_mission_file_or_seed_is_reported(journal: Journal) -> None:
-    journal.write(PERSISTED)
+    journal.write(WRITTEN)
     other = Journal(journal.path, "m", fingerprint("name = 'm'", 2))
     with pytest.raises(JournalError, match="another mission file or seed"):
         other.read()
@@ -104,7 +109,7 @@ def test_another_mission_file_or_seed_is_reported(journal: Journal) -> None:
 def test_a_journal_that_cannot_be_written_is_an_error_and_the_old_one_stays(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(JournalError, match="cannot be written"):
-        Journal(tmp_path / "file" / "m.journal", "m", MINE).write(PERSISTED)
+        Journal(tmp_path / "file" / "m.journal", "m", MINE).write(WRITTEN)
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
@@ -112,13 +117,12 @@ def test_a_journal_that_cannot_be_written_is_an_error_and_the_old_one_stays(tmp_
 def test_any_change_of_bytes_is_an_error_of_ours_or_changes_nothing(
     journal: Journal, place: int, junk: bytes
 ) -> None:
-    journal.write(PERSISTED)
+    journal.write(WRITTEN)
     data = journal.path.read_bytes()
     place %= len(data)
     journal.path.write_bytes(data[:place] + junk + data[place + len(junk) :])
     try:
-        persisted = journal.read()
+        found = journal.read()
     except JournalError:
         return
-    assert persisted is not None
-    assert same(persisted, PERSISTED)
+    assert found == WRITTEN

@@ -106,9 +106,9 @@ def test_a_journal_that_cannot_be_written_is_reported_once_and_retried(service, 
     keeper.close()
     assert [(name, level) for name, level, _ in notices] == [("journal", "alarm"), ("journal", "info")]
     assert "older state" in notices[0][2]
-    persisted = journal.read()
-    assert persisted is not None
-    assert persisted.t_ns == 3
+    snapshot = journal.read()
+    assert snapshot is not None
+    assert snapshot.t_ns == 3
 
 
 @pytest.mark.parametrize("waits", [True, False])

@@ -29,11 +29,9 @@ from gcs.mavlink.router.access_policy import (
 )
 from gcs.mavlink.services.retry import ns
 from gcs.model import (
-    Authority,
     ControlEvent,
     Datagram,
     Effect,
-    ExternalMission,
     Level,
     Notice,
     vehicle_id,
@@ -91,18 +89,6 @@ class ExternalUploads:
         if agent.authority.external_upload is not None:
             agent.authority.external_upload = None
             agent.control.apply(event, t_ns)
-
-    def persisted(self, vehicle: int) -> ExternalMission | None:
-        """Return the state of an external mission to keep over a restart; None without one."""
-        upload = self._agents[vehicle].authority.external_upload
-        return None if upload is None else ExternalMission(*upload.sender, upload.station, upload.has_ended)
-
-    def restore(self, vehicle: int, mission: ExternalMission, t_ns: int) -> None:
-        """Restore a kept state: the vehicle stays overridden."""
-        sender = (mission.system_id, mission.component_id)
-        agent = self._agents[vehicle]
-        agent.authority.external_upload = ExternalUpload(sender, mission.station, t_ns, mission.ended)
-        agent.control.restore(Authority.OTHER_STATION, t_ns, mission.station)
 
     def receive(self, datagram: Datagram, frames: FrameTable) -> tuple[list[Effect], list[int]]:
         """Process a forwarded datagram; return notices, and the vehicles that are newly overridden."""

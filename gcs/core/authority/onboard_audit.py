@@ -122,7 +122,7 @@ class OnboardAudit:
         profile = self._fleet.profile(vehicle)
         assert profile is not None  # a download needs a known firmware
         difference = profile.difference(audit.mission.items, audit.download.items)
-        booted_t_ns = self._fleet.booted_t_ns(vehicle)
+        booted_t_ns = self._fleet.booted_t_ns(vehicle, audit.began_t_ns)
         is_empty = len(audit.download.items) <= profile.home_items
         if is_empty and booted_t_ns is None:
             _begin_again(audit, t_ns)  # until its boot time is known

@@ -17,7 +17,7 @@ from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import LOITER, RTL
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Message
-from gcs.model import NS_PER_S, Authority, PersistedAuthority
+from gcs.model import NS_PER_S, Authority
 
 _NO_ITEMS: Final = 0xFFFF
 """MISSION_CURRENT.total of a PX4 without a mission."""
@@ -110,7 +110,3 @@ class Overrides:
         authority = self.of(vehicle)
         if -NS_PER_S < authority.override_t_ns - booted_t_ns < _BOOT_NS:
             authority.note_rejection(t_ns)
-
-    def persisted(self, vehicle: int) -> PersistedAuthority:
-        """Return the state to keep over a restart of the service."""
-        return self.of(vehicle).persisted()

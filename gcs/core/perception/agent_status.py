@@ -62,10 +62,6 @@ class AgentStatusMonitor:
     def _with(self, status: str) -> list[int]:
         return [v for v, agent in self._agents.items() if agent.perception.status.status == status]
 
-    def restore(self, status: AgentStatus) -> None:
-        """Continue with the status of an agent from before a restart."""
-        self._agents[status.vehicle].perception.status = status
-
     def update(
         self,
         t_ns: int,

@@ -27,7 +27,6 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs.config import Config
-from gcs.core.perception import persistence
 from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.core.perception.records import TrackersState, TrackerState
 from gcs.core.perception.tracking_model import (
@@ -43,7 +42,6 @@ from gcs.model import (
     FloatArray,
     Kind,
     Notice,
-    PersistedTrackers,
     Picture,
     Scan,
     Sensor,
@@ -204,26 +202,6 @@ class MultiSensorTracker:
         self.untracked = UntrackedDetections(config, self.state.untracked)
         self.agents = ClassTracker("agents", config, agent_births(config), self.state.agents)
         self.targets = ClassTracker("targets", config, target_births(config), self.state.targets)
-
-    def persisted(self) -> PersistedTrackers:
-        """Return the state after the last scan, for `restore`."""
-        return persistence.persisted(self.state)
-
-    def restore(self, persisted: PersistedTrackers, *, with_agents: bool) -> None:
-        """Continue from persisted state; without agents their tracks start again at their reports.
-
-        Raises
-        ------
-        ValueError
-            If the state is damaged.
-        """
-        state = self.state
-        agents = persistence.restored(persisted.agents) if with_agents else state.agents
-        targets = persistence.restored(persisted.targets)
-        self.agents = ClassTracker("agents", self._config, self.agents.births, agents)
-        self.targets = ClassTracker("targets", self._config, self.targets.births, targets)
-        state.agents, state.targets = agents, targets
-        state.measured_t_ns, state.sensors_at_epoch = persisted.measured_t_ns, list(persisted.sensors)
 
     def refusal(self, scan: Scan) -> str:
         """Return why a scan cannot be processed; empty if it can."""

@@ -54,6 +54,12 @@ class SensorWatchdog:
             bool(self.sensors) and all(one.alarmed for one in self.sensors.values())
         )
 
+    def begin_again(self, t_ns: int) -> None:
+        """Wait for all sensors as at the start of the service."""
+        self.start_t_ns = t_ns
+        for entry in self.sensors.values():
+            entry.first_t_ns, entry.processed_t_ns = t_ns, None
+
     def processed(self, sensor: str, t_ns: int) -> list[Effect]:
         """Note a processed scan; return the all-clear after an alarm."""
         effects: list[Effect] = []

@@ -80,11 +80,6 @@ class TrackVehicleAssociation:
         labels = {vehicle: self._of(vehicle).near for vehicle in self._agents}
         return {vehicle: label for vehicle, label in labels.items() if label is not None}
 
-    def restore(self, labels: Mapping[int, Label | None]) -> None:
-        """Continue with the labels from before a restart."""
-        for vehicle, label in labels.items():
-            self._of(vehicle).label = label
-
     def update(self, confirmation: TrackConfirmation, t_ns: int, states: Sequence[VehicleState]) -> None:
         """Check all associations at `t_ns`, end those that fail, and associate the other vehicles."""
         tracks = confirmation.tracks

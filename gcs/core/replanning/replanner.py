@@ -119,20 +119,11 @@ class Replanner:
         route, routes.suspended = routes.suspended, None
         return route
 
-    def resume(
-        self,
-        t_ns: int,
-        flown: Mapping[int, Route],
-        suspended: Mapping[int, Route],
-        targets: Iterable[Label],
-    ) -> None:
-        """Begin with routes that are flown already, and with suspended ones; check at once."""
-        for vehicle, agent in self._agents.items():
-            agent.routes.flown = flown.get(vehicle)
-            agent.routes.suspended = suspended.get(vehicle, agent.routes.suspended)
-        self._triggers.note_planned(flown, targets)
-        self._state.news.append(Reason("taken up again", "taken up again"))
-        self._state.next_check_t_ns = t_ns
+    def take_up(self, t_ns: int) -> None:
+        """Check the routes at once, after a restart."""
+        if self._state.next_check_t_ns is not None:
+            self._state.news.append(Reason("taken up again", "taken up again"))
+            self._state.next_check_t_ns = t_ns
 
     def keep_only(self, vehicles: Collection[int]) -> None:
         """Drop the routes of all other vehicles: the plan has none for them."""

@@ -39,6 +39,7 @@ from gcs.mavlink.fleet.telemetry_table import (
     IS_SIGNED,
     LEG_WATCHED,
     NO_ADDRESS,
+    POSITION_NS,
     POSITIONS,
     WIDTH,
     new_table,
@@ -260,6 +261,7 @@ class Fleet:
         if vehicle.link.liveness in ("stale", "down"):
             if vehicle.link.liveness == "down":
                 vehicle.link.returns += 1
+                vehicle.link.returned_t_ns = t_ns
                 vehicle.forward_next_heartbeat()
                 self._set_address(vehicle, address)
             vehicle.record[ADDRESS] = self._peers.number_of(address)
@@ -443,10 +445,11 @@ class Fleet:
         profile = self._vehicles[system_id].profile
         return profile is not None and profile.atomic
 
-    def booted_t_ns(self, system_id: int) -> int | None:
-        """Return the vehicle's boot time by its newest position; None before the first."""
+    def booted_t_ns(self, system_id: int, since_t_ns: int) -> int | None:
+        """Return the vehicle's boot time by its newest position; None without one since `since_t_ns`."""
         record = self._vehicles[system_id].record
-        return record.item(BOOT_OFFSET_NS) if record[POSITIONS] else None
+        is_known = record[POSITIONS] and record[POSITION_NS] >= since_t_ns
+        return record.item(BOOT_OFFSET_NS) if is_known else None
 
     def returns(self, system_id: int) -> int:
         """Return how often the vehicle was heard again after its link was down."""

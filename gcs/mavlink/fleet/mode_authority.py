@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.records import ModeRecord
-from gcs.model import Authority, Control, ControlEvent, PersistedAuthority
+from gcs.model import Authority, Control, ControlEvent
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,19 +82,6 @@ class ModeAuthority:
         if self.may_have_ended:
             self.record.has_ended = True
             self.control.apply(ControlEvent.MISSION_COMPLETE, t_ns)
-
-    def persisted(self) -> PersistedAuthority:
-        """Return the state to keep over a restart of the service."""
-        record = self.record
-        taken = record.mode if record.has_ended else self.override
-        return PersistedAuthority(record.mode, taken, record.commanded, record.tasked)
-
-    def restore(self, kept: PersistedAuthority, t_ns: int) -> None:
-        """Restore a kept state: the next observed mode is compared with it."""
-        record = self.record
-        record.mode, record.commanded, record.tasked = kept.mode, kept.ordered, kept.tasked
-        if kept.taken:
-            self.control.restore(Authority.OVERRIDDEN, t_ns, kept.taken)
 
     def note_reboot(self, t_ns: int) -> None:
         """Forget the mode: the mode after a boot is no override."""

@@ -14,7 +14,7 @@ from gcs.mavlink.fleet.position_checks import BootClock
 from gcs.mavlink.fleet.position_plausibility import DuplicateIdDetector, MotionCheck
 from gcs.mavlink.fleet.statustext import TextChunks
 from gcs.mavlink.fleet.stream_requests import StreamRecord
-from gcs.mavlink.fleet.telemetry_table import new_table
+from gcs.mavlink.fleet.telemetry_table import ADDRESS, DUE_NS, NO_ADDRESS, new_table
 from gcs.mavlink.mission.items import Home
 from gcs.model import IntArray
 
@@ -83,6 +83,13 @@ class VehicleLink:
     checks: PositionChecks = field(default_factory=PositionChecks)
     requests: StreamRecord = field(default_factory=StreamRecord)
     texts: TextChunks = field(default_factory=TextChunks)
+    returned_t_ns: int = 0
+    """Time at which it was last heard again after its link was down."""
+
+    def begin_again(self) -> None:
+        """Count the vehicle as not heard until its next frame, from whatever address."""
+        if self.liveness != "waiting":
+            self.liveness = "down"
 
 
 @dataclass(slots=True)
@@ -98,3 +105,8 @@ class FleetState:
     """Sequence number of our next heartbeat to each outgoing endpoint."""
     unknown_systems: UnknownSystems = field(default_factory=UnknownSystems)
     notices: NoticeQueue = field(default_factory=NoticeQueue)
+
+    def begin_again(self) -> None:
+        """Forget which addresses are heard now."""
+        self.table[:, ADDRESS] = NO_ADDRESS
+        self.table[:, DUE_NS] = 0

@@ -312,7 +312,8 @@ class Vehicle:
         """Notify when no position is accepted for a while, and when one is again."""
         if not self.record[POSITIONS]:
             return
-        checks, silent_ns = self.link.checks, t_ns - self.record.item(POSITION_NS)
+        checks = self.link.checks
+        silent_ns = t_ns - max(self.record.item(POSITION_NS), self.link.returned_t_ns)
         if not checks.has_no_position and silent_ns > _NO_POSITION_NS:
             checks.has_no_position = True
             why = ", ".join(f"{count} {reason}" for reason, count in checks.refused.items())

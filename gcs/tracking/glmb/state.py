@@ -7,7 +7,7 @@ before use: it may come from a damaged or foreign file.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -35,6 +35,10 @@ class GlmbState:
     rng: int = 0
     """State of the Gibbs sampler's random generator, 64 bits."""
     posterior: Posterior = field(default_factory=Posterior.empty)
+
+    def without_tracks(self) -> GlmbState:
+        """Return a state from which tracks begin again, with new labels."""
+        return replace(self, posterior=Posterior.empty())
 
 
 def check_state(state: GlmbState, *, has_turns: bool) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import pytest
-from core.test_restart import SEED, standing, through_the_journal
+from core.test_restart import SEED, standing
 from staging import suspensions
 
 from gcs.model import Effect, Notice, UploadReport
@@ -28,10 +28,10 @@ def flown(then: Callable[[VirtualRun], None], *, restarts: bool) -> tuple[Virtua
     run = VirtualRun(standing(), SEED)
     run.run(40.0)
     run.on_effect = lambda _t_ns, effect: effects.append(effect)
-    persisted = through_the_journal(run.command.persisted_state(run.t_ns))
+    snapshot = run.snapshot()
     then(run)
     if restarts:
-        run.restart(4.0, persisted)
+        run.restart(4.0, snapshot)
     run.run(80.0)
     return run, [effect for effect in effects if getattr(effect, "vehicle", None) == 3]
 
