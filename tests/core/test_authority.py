@@ -13,6 +13,7 @@ from staging import RADAR, at, mission
 
 from gcs.config import parse
 from gcs.core.engine import Engine
+from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMission
 from gcs.mavlink.autopilots import profile_of
@@ -26,7 +27,6 @@ from gcs.model import (
     Notice,
     Order,
     OrderAnswer,
-    PersistedAuthority,
     Route,
     Scan,
     Send,
@@ -258,9 +258,13 @@ def test_a_suspended_vehicle_stays_so_over_a_lost_link_a_reboot_and_a_pilots_aut
 
 
 def test_a_pilots_loiter_is_kept_over_a_restart_and_a_reboot_that_empties_the_mission() -> None:
-    """Its persisted time is unknown: it must not pass for the mode that the vehicle booted in."""
-    overrides = Engine(parse(MISSION, "x"), 1).tasking.overrides
-    overrides.of(1).restore(PersistedAuthority("LOITER", "LOITER", "", True), 100 * S)
+    """It must not pass for the mode that the vehicle booted in."""
+    before = Engine(parse(MISSION, "x"), 1)
+    before.tasking.overrides.of(1).observe_mode("AUTO", 90 * S)
+    before.tasking.overrides.of(1).observe_mode("LOITER", 100 * S)
+    after = Engine(parse(MISSION, "x"), 1, decode_state("test", encode_state(before.state)))
+    after.step(Resumed(110 * S, 105 * S))
+    overrides = after.tasking.overrides
     overrides.note_mission_lost(1, 200 * S, 230 * S)
     assert overrides.modes() == {1: "LOITER"}
 
