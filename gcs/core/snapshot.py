@@ -15,8 +15,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.state import State
 from gcs.errors import WireError
+from gcs.model import NS_PER_S, Event, Snapshot, Tick
 
 VERSION: Final = 1
+PERIOD_NS: Final = 10 * NS_PER_S
+"""A replay from any time processes at most the events of this period first: some 0.1 s."""
 MAX_BYTES: Final = 64 * 1024 * 1024
 
 
@@ -73,3 +76,17 @@ def decode_state(source: str, data: bytes) -> State:
         return _decoder.decode(head.state)
     except (msgspec.DecodeError, ValueError, TypeError, RecursionError) as error:
         raise WireError(source, f"no valid snapshot: {error}") from None
+
+
+class PeriodicSnapshots:
+    """Snapshots for a recording, one a period."""
+
+    def __init__(self) -> None:
+        self._due_t_ns = 0
+
+    def before(self, event: Event, state: State) -> Snapshot | None:
+        """Return the state before an event, if a snapshot is due."""
+        if not isinstance(event, Tick) or event.t_ns < self._due_t_ns:
+            return None
+        self._due_t_ns = event.t_ns + PERIOD_NS
+        return Snapshot(event.t_ns, encode_state(state))

@@ -21,7 +21,7 @@ from typing import Protocol
 from gcs.config import Config
 from gcs.core.engine import Engine
 from gcs.core.operator.replies import named
-from gcs.core.snapshot import encode_state
+from gcs.core.snapshot import PeriodicSnapshots
 from gcs.core.state import State
 from gcs.errors import GcsError, RecordingError, WireError
 from gcs.io.clock import ClockWatch, RunClock
@@ -64,8 +64,6 @@ QUEUE_SIZE = 20_000
 _MAX_QUEUED_FRAMES = 128
 """Number of frames of a datagram that are queued with it. Hostile datagrams have thousands, in four times the
 memory of their bytes; these are scanned again."""
-_SNAPSHOT_PERIOD_NS = 10 * NS_PER_S
-"""A replay from any time processes at most the events of this period first: some 0.1 s."""
 _BUSY = 100
 """Events in the queue beyond which orders wait for the next tick."""
 _FINISH_S = 30.0
@@ -161,7 +159,7 @@ class Service:
         self._tick_waits = False
         self._lag_warned = False
         self._keyless: set[int] = set()
-        self._snapshot_due_t_ns = 0
+        self._snapshots = PeriodicSnapshots()
         self._uploader: MavsdkUploader | None = None
         if config.mission.uploader == "mavsdk":
             self._uploader = MavsdkUploader(
@@ -371,9 +369,9 @@ class Service:
 
     def _process(self, event: Event, frames: FrameTable | None = None) -> bool:
         """Record an event, step the engine and carry out its effects; return True if the mission ended."""
-        if isinstance(event, Tick) and event.t_ns >= self._snapshot_due_t_ns:
-            self._snapshot_due_t_ns = event.t_ns + _SNAPSHOT_PERIOD_NS
-            self._record(lambda recorder: recorder.record_snapshot(self._snapshot(event.t_ns)))
+        snapshot = None if self.recorder is None else self._snapshots.before(event, self.command.state)
+        if snapshot is not None:
+            self._record(lambda recorder: recorder.record_snapshot(snapshot))
         self._record(lambda recorder: recorder.record_event(event))
         for sink in self.sinks:
             sink.event(event)
@@ -387,9 +385,6 @@ class Service:
                 self.health.plan_ms.append(took_ms)
             self._carry_out(event.t_ns, effect)
         return any(isinstance(effect, MissionEnded) for effect in effects)
-
-    def _snapshot(self, t_ns: int) -> Snapshot:
-        return Snapshot(t_ns, encode_state(self.command.state))
 
     def _carry_out(self, t_ns: int, effect: Effect) -> None:
         payload = b""

@@ -111,6 +111,7 @@ def fly(
                 recorder.record_truth(truth)
 
         run = VirtualRun(scenario, seed, on_event, on_effect, on_truth, loss)
+        run.on_snapshot = None if recorder is None else recorder.record_snapshot
         flown_s = run.run(duration_s)
     timings = run.timings
     return evaluator.summary(

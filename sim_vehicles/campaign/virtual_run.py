@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gcs.core.engine import Engine
-from gcs.core.snapshot import decode_state, encode_state
+from gcs.core.snapshot import PeriodicSnapshots, decode_state, encode_state
 from gcs.errors import ConfigError
 from gcs.model import (
     NS_PER_S,
@@ -58,8 +58,8 @@ class VirtualRun:
 
     Parameters
     ----------
-    on_event, on_effect, on_truth : callable, optional
-        Called with each event, each effect, and the ground truth at each scan.
+    on_event, on_effect, on_truth, on_snapshot : callable, optional
+        Called with each event, each effect, the ground truth at each scan, and a snapshot each 10 s.
     loss : float
         Probability that a datagram is lost, each way.
     kills : dict
@@ -79,6 +79,7 @@ class VirtualRun:
     kills: dict[int, float] = field(default_factory=dict)
     orders: Sequence[Order] = ()
     tamper: Callable[[int, str, bytes], Iterable[tuple[str, bytes]]] | None = None
+    on_snapshot: Callable[[Snapshot], None] | None = None
     timings: Timings = field(default_factory=Timings)
     command: Engine = field(init=False)
     vehicles: dict[str, SimVehicle] = field(init=False)
@@ -92,6 +93,7 @@ class VirtualRun:
     _delayed: list[tuple[int, int, Scan]] = field(init=False, default_factory=list)
     """Scans that have not arrived: (arrival, number, scan)."""
     _loss_rng: np.random.Generator = field(init=False)
+    _snapshots: PeriodicSnapshots = field(init=False, default_factory=PeriodicSnapshots)
 
     def __post_init__(self) -> None:
         config = self.scenario.config
@@ -189,6 +191,9 @@ class VirtualRun:
             yield TruthObject("agents", vehicle.system_id, vehicle.east_m, vehicle.north_m, alive)
 
     def _step(self, event: Event) -> None:
+        snapshot = None if self.on_snapshot is None else self._snapshots.before(event, self.command.state)
+        if snapshot is not None and self.on_snapshot is not None:
+            self.on_snapshot(snapshot)
         if self.on_event is not None:
             self.on_event(event)
         started = time.process_time()

@@ -27,6 +27,7 @@ from gcs.model import (
     Notice,
     Order,
     OrderAnswer,
+    Resumed,
     Route,
     Scan,
     Send,

@@ -161,7 +161,7 @@ def _open_source(options: ReplayOptions, console: Console) -> _Source:
     places, start_t_ns = snapshot_places(path), first[0].t_ns
 
     def records_from(t_ns: int) -> Iterator[Record]:
-        before = [place for place in places if place.t_ns <= t_ns]
+        before = [place for place in places if place.t_ns < t_ns]
         return read(path, only=only, start=before[-1] if before else None)
 
     if options.window.from_s > 0.0 or isinstance(first[0].value, Snapshot):

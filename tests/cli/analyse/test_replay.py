@@ -2,11 +2,12 @@
 
 import asyncio
 import json
+import math
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,10 @@ import numpy as np
 from typer.testing import CliRunner
 
 from gcs.cli import app
-from gcs.config import load
+from gcs.config import load, parse
+from gcs.core.snapshot import encode_state
 from gcs.io.recording.folder import Run
-from gcs.io.recording.reader import Damage, Record, read, read_info
+from gcs.io.recording.reader import Damage, Record, read, read_info, snapshot_places
 from gcs.io.recording.topics import Recordable
 from gcs.io.recording.writer import Recorder
 from gcs.io.records import encode
@@ -29,6 +31,7 @@ from gcs.model import (
     Plan,
     Scan,
     Send,
+    Snapshot,
     Tick,
     Truth,
     read_only,
@@ -55,6 +58,8 @@ def written(folder: Path, records: Iterable[tuple[int, Recordable]], run: Run | 
                 recorder.record_event(value)
             elif isinstance(value, Truth):
                 recorder.record_truth(value)
+            elif isinstance(value, Snapshot):
+                recorder.record_snapshot(value)
             else:
                 recorder.record_effect(t_ns, value)
     return folder
@@ -86,6 +91,50 @@ def test_a_flight_replays_byte_for_byte(flight: Path) -> None:
         for topic in ("/effect/picture/agents", "/effect/picture/targets", "/effect/plan", "/effect/send")
     ) == len(recorded)
     assert 24.0 < found["seconds"] < 26.0
+
+
+def test_a_replay_from_the_middle_begins_at_a_snapshot_and_has_the_same_effects(flight: Path) -> None:
+    _, _, whole = replay(flight, "--verify")
+    code, _, found = replay(flight, "--verify", "--from", "15", "--to", "22")
+    assert (code, found["verified"], found["different"]) == (0, True, 0)
+    assert found["equal"]["/effect/send"] > 30
+    assert found["events"] < 0.6 * whole["events"]
+    assert 21.0 < found["seconds"] < 22.5
+
+
+def test_a_replay_goes_back_and_forth(flight: Path) -> None:
+    """The state at a time is the same from whichever side it is reached."""
+    info, times_s, states = read_info(flight), [18.0, 3.0, 24.0, 12.5, 12.5, 0.0], []
+    places = snapshot_places(flight)
+    start_t_ns = next(iter(read(flight))).t_ns
+
+    def records_from(t_ns: int) -> Iterator[Record]:
+        before = [place for place in places if place.t_ns < t_ns]
+        return read(flight, start=before[-1] if before else None)
+
+    def reached(at_s: float) -> bytes:
+        run = Replay(parse(info.config_text, "x"), 3, read(flight), Window(to_s=at_s))
+        asyncio.run(run.run(asyncio.Event(), math.inf))
+        return encode_state(run.command.state)
+
+    async def scrub() -> None:
+        config = parse(info.config_text, "x")
+        run = Replay(config, 3, read(flight), Window(), start_t_ns, records_from)
+        run.playback.stays_at_end, stop = True, asyncio.Event()
+        playing = asyncio.create_task(run.run(stop, math.inf))
+        for at_s in times_s:
+            run.playback.is_paused = True
+            assert run.playback.seek(at_s) == ""
+            while run.playback.restart_s is not None or run.playback.at_s < at_s - 0.06:
+                await asyncio.sleep(0.01)
+            await asyncio.sleep(0.15)
+            states.append(encode_state(run.command.state))
+        stop.set()
+        await playing
+
+    asyncio.run(scrub())
+    for wanted_s, state in zip(times_s, states, strict=True):
+        assert state == reached(np.nextafter(wanted_s, -1.0))
 
 
 def test_a_changed_byte_is_found_and_named(flight: Path, tmp_path: Path) -> None:
