@@ -18,6 +18,7 @@ from gcs.config import Config
 from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state
 from gcs.core.state import State
+from gcs.errors import RecordingError, WireError
 from gcs.io.recording.reader import Damage, Record
 from gcs.io.recording.topics import topic_of
 from gcs.io.records import encode
@@ -189,10 +190,17 @@ class Replay:
                 self._event(number, value, shown=at_s >= self._window.from_s)
             elif isinstance(value, Snapshot):
                 if not self.events:
-                    self.command.restore(decode_state("snapshot", value.data))
+                    self._restore(value)
             elif not isinstance(value, Truth):
                 self._recorded(record, value)
         return number
+
+    def _restore(self, snapshot: Snapshot) -> None:
+        try:
+            self.command.restore(decode_state("its snapshot", snapshot.data))
+        except (WireError, ValueError) as error:
+            problem = f"has a snapshot that cannot be used: {error}; replay it from its start"
+            raise RecordingError("the recording", problem) from None
 
     def _event(self, number: int, event: Event, *, shown: bool) -> None:
         for sink in self.sinks:

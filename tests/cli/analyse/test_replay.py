@@ -102,6 +102,17 @@ def test_a_replay_from_the_middle_begins_at_a_snapshot_and_has_the_same_effects(
     assert 21.0 < found["seconds"] < 22.5
 
 
+def test_a_snapshot_that_cannot_be_used_is_one_line(flight: Path, tmp_path: Path) -> None:
+    def change(records: list[Record]) -> Rows:
+        rows = [plain(record) for record in records]
+        return [(t, replace(v, data=b"x" + v.data) if isinstance(v, Snapshot) else v) for t, v in rows]
+
+    code, text, _ = replay(changed(flight, tmp_path / "run", change), "--headless", "--from", "15")
+    assert code == 2
+    assert "snapshot that cannot be used" in text
+    assert "replay it from its start" in text
+
+
 def test_a_replay_goes_back_and_forth(flight: Path) -> None:
     """The state at a time is the same from whichever side it is reached."""
     info, times_s, states = read_info(flight), [18.0, 3.0, 24.0, 12.5, 12.5, 0.0], []
