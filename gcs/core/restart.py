@@ -78,6 +78,11 @@ def _contents(state: State) -> str:
             v for v, status in statuses.items() if status == "lost"
         ],
         "{} suspended": [v for v, agent in state.agents.items() if agent.control.suspension is not None],
+        "{} under other control": [
+            v
+            for v, agent in state.agents.items()
+            if not agent.control.is_ours and agent.control.suspension is None
+        ],
         "uploads to {}": list(state.tasking.uploads),
     }
     parts = [text.format(named(vehicles)) for text, vehicles in groups.items() if vehicles]

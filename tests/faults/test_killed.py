@@ -14,6 +14,7 @@ from processes import GCS, Run
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.core.snapshot import decode_state
 from gcs.model import AgentStatus, Plan, Resumed, UploadReport
 
 
@@ -52,6 +53,12 @@ class GroundStation:
         return counts[0]
 
 
+def has_external_mission(journal: Path, vehicle: int) -> bool:
+    state = decode_state("journal", journal.read_bytes().partition(b"\n")[2])
+    upload = state.agents[vehicle].authority.external_upload
+    return upload is not None and upload.has_ended
+
+
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
@@ -83,6 +90,9 @@ def test_killed_and_started_again_it_uploads_nothing_twice_and_all_arrive(run: R
     assert [report.vehicle for report in run.all("second", UploadReport)] in ([], [2])
     assert {f.vehicle for f in run.all("second", AgentStatus) if f.status == "arrived"} == {1, 2, 3, 4}
     assert "taken up again" in run.all("second", Plan)[0].reason
+    replay = [*GCS, "replay", run.folder / "second", "--verify"]
+    verified = subprocess.run(replay, capture_output=True, text=True, check=False, timeout=120)
+    assert verified.returncode == 0, verified.stdout
     run.serve("third")
     said = run.until("third", lambda said: "in contact" in said)
     assert "taking up" not in said  # the mission had ended
@@ -94,15 +104,14 @@ def test_a_vehicle_under_another_ground_station_stays_so_when_the_service_is_kil
     run.until("first", lambda said: said.count("verified by read-back") == 4)
     GroundStation(run.seat).write(3, 7)
     run.until("first", lambda said: "took the mission of system 254" in said)
-    journal = run.folder / "journal"
     deadline = time.monotonic() + 10.0
-    while b'"ended":true,' not in journal.read_bytes() and time.monotonic() < deadline:
+    while not has_external_mission(run.folder / "journal", 3) and time.monotonic() < deadline:
         time.sleep(0.05)
     first.send_signal(signal.SIGKILL)
     first.wait()
     run.serve("second")
     said = run.until("second", lambda said: said.count("its onboard mission is verified") == 3)
-    assert "has a mission of system 254" in said
+    assert "agent 3 under other control" in said
     run.until("second", lambda said: "plan: taken up again" in said)
     assert GroundStation(run.seat).count(3) == 7
     run.services[-1].send_signal(signal.SIGINT)

@@ -162,7 +162,9 @@ def _open_source(options: ReplayOptions, console: Console) -> _Source:
 
     def records_from(t_ns: int) -> Iterator[Record]:
         before = [place for place in places if place.t_ns < t_ns]
-        return read(path, only=only, start=before[-1] if before else None)
+        if before:
+            return read(path, only=only, start=before[-1])
+        return read(path, only=(*only, Snapshot))  # the first one is the state of a resumed run
 
     if options.window.from_s > 0.0 or isinstance(first[0].value, Snapshot):
         records = records_from(start_t_ns + round(options.window.from_s * NS_PER_S))
