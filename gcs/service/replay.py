@@ -124,6 +124,8 @@ class Replay:
         self.events = 0
         self.effects = 0
         self.start_t_ns = start_t_ns
+        self.begin_t_ns = 0
+        """Time of the first processed event."""
         self.t_ns = 0
         self._records = records
         self._records_from = records_from
@@ -180,7 +182,7 @@ class Replay:
                 if self.start_t_ns is None:
                     self.start_t_ns = value.t_ns
                 if not self.events:
-                    self.t_ns = value.t_ns
+                    self.begin_t_ns = self.t_ns = value.t_ns
                 at_s = (value.t_ns - self.start_t_ns) / NS_PER_S
                 if at_s > self._window.to_s:
                     break

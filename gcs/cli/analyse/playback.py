@@ -150,10 +150,11 @@ def _open_source(options: ReplayOptions, console: Console) -> _Source:
     is_unchanged = file.config is None and file.seed is None
     records = read(path, only=(*only, Snapshot) if is_unchanged else only)
     first = list(itertools.islice(records, 1))
-    if options.verify and first and first[0].sequence > 0:
+    number = next(read(path)).sequence if first else 0
+    if options.verify and number > 0:
         raise RecordingError(
             str(path),
-            f"begins in the middle of a run, with record {first[0].sequence}; to verify it, name its folder",
+            f"begins in the middle of a run, with record {number}; to verify it, name its folder",
         )
     seed = _seed(file, header, config)
     if not first or not is_unchanged:
@@ -267,14 +268,14 @@ def _summary(replay: Replay, path: Path, wall_s: float) -> dict[str, Any]:
         "events": replay.events,
         "effects": replay.effects,
         "wall_s": wall_s,
-        "times_real_time": replay.duration_s / wall_s if wall_s > 0.0 else 0.0,
+        "times_real_time": (replay.t_ns - replay.begin_t_ns) / NS_PER_S / max(wall_s, 1e-9),
         "damage": None if replay.damage is None else asdict(replay.damage),
     }
 
 
 def _print_summary(replay: Replay, summary: dict[str, Any], console: Console) -> None:
     console.print(
-        f"replayed {replay.duration_s:.1f} s of run time in {summary['wall_s']:.1f} s "
+        f"replayed up to {replay.duration_s:.1f} s of run time in {summary['wall_s']:.1f} s "
         f"({summary['times_real_time']:.0f} times real time): "
         f"{replay.events} events in, {replay.effects} effects out",
         highlight=False,

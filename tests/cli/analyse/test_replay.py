@@ -148,6 +148,15 @@ def test_a_replay_goes_back_and_forth(flight: Path) -> None:
         assert state == reached(np.nextafter(wanted_s, -1.0))
 
 
+def test_a_recording_that_begins_with_the_truth_is_verified(flight: Path, tmp_path: Path) -> None:
+    def change(records: list[Record]) -> Rows:
+        rows = [plain(record) for record in records]
+        return [(rows[0][0], Truth(rows[0][0], ())), *rows]
+
+    code, text, found = replay(changed(flight, tmp_path / "run", change), "--verify")
+    assert (code, found["verified"]) == (0, True), text
+
+
 def test_a_changed_byte_is_found_and_named(flight: Path, tmp_path: Path) -> None:
     at = next(i for i, r in enumerate(read(flight)) if isinstance(r.value, Picture) and r.sequence > 600)
 
