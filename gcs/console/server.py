@@ -115,7 +115,10 @@ class ConsoleServer:
     @property
     def url(self) -> str:
         """Address for a browser."""
-        host = f"[{self._access.host}]" if ":" in self._access.host else self._access.host
+        host = self._access.host
+        if host in ("0.0.0.0", "::"):  # noqa: S104  not an address that a browser opens
+            host = socket.gethostname()
+        host = f"[{host}]" if ":" in host else host
         return f"{self._access.scheme}://{host}:{self.port}/"
 
     def close(self) -> None:

@@ -30,7 +30,8 @@ export function showHeader(root, feed, theme) {
 
   feed.on(["mission"], ({ mission }) => {
     setText(name, mission.name);
-    setText(tag, mission.kind === "live" ? (mission.speed === 1 ? "LIVE" : `LIVE ×${mission.speed}`) : "REPLAY");
+    const kind = mission.kind === "live" ? (mission.speed === 1 ? "LIVE" : `LIVE ×${mission.speed}`) : "REPLAY";
+    setText(tag, feed.role === "view" ? `${kind}, VIEW ONLY` : kind);
     document.title = `${mission.name} – swarm-gcs`;
     recording.element.hidden = lag.element.hidden = mission.kind !== "live";
   });

@@ -7,7 +7,7 @@ export const KEYS = [
   ["ctrl+A", "select all vehicles"], ["Esc", "end the tool, or select nothing"],
   ["space", "hold the selected vehicles"], ["shift+space", "hold all"],
   ["R", "resume"], ["B", "return to launch (asks)"], ["A, D", "arm, disarm (ask)"],
-  ["C", "confirm the plan that waits"], ["shift+C", "confirm its checked routes"], ["X", "reject it"],
+  ["C, Enter", "confirm the checked routes of the plan"], ["X, Enter", "reject it"],
   ["K", "acknowledge the worst alarm"], ["N", "no-fly zone"],
   ["Z, 0", "zoom to the swarm, to the area"], ["F", "follow"], ["+ −", "zoom"], ["arrows", "move the map"],
   ["L", "layers"], ["M", "measure"], ["P", "play or pause a replay"], ["?", "these keys"],
@@ -42,7 +42,7 @@ export function listenToKeys(actions, feed, selection) {
       return;
     }
     const isScrolling = event.key.startsWith("Arrow") && event.target !== document.body;
-    const action = actions[event.shiftKey && event.key.length === 1 && /[A-Z]/.test(event.key) ? `shift+${event.key.toLowerCase()}` : event.key.toLowerCase()];
+    const action = actions[event.key.toLowerCase()];
     if (action && !isScrolling) {
       event.preventDefault();
       action();

@@ -1,9 +1,11 @@
-// Proposed plan: why, who changes, and by how much. Only routes that are on the screen can be confirmed.
+// Proposed plan: why, who changes, and by how much. Only checked routes are confirmed, all at first.
+// After a new number the buttons wait, so that nobody confirms a plan that came just before the press.
 
 import { el, Rows, setClass, setText } from "./dom.js";
 import { duration, metres } from "./format.js";
 
 const MAX_NAMED = 6;
+const READING_MS = 1000;
 
 function named(routes) {
   if (!routes.length) return "none";
@@ -28,12 +30,11 @@ export class Plan {
     const heads = [["", "left"], ["vehicle", "left"], ["target", "left"], ["length", ""], ["was", "c-was"], ["arrives", ""], ["separation", ""], ["clearance", ""]];
     this.body = el("tbody");
     const head = el("tr", {}, ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text)));
-    this.all = el("button", { class: "main", onclick: () => this.confirm() });
-    this.some = el("button", { onclick: () => this.confirm(true) });
+    this.yes = el("button", { class: "main", onclick: () => this.confirm() });
     this.no = el("button", { onclick: () => this.reject() });
     this.root.append(
       this.title, this.why, el("table", {}, el("thead", {}, head), this.body),
-      el("div", { class: "actions" }, this.all, this.some, this.no),
+      el("div", { class: "actions" }, this.yes, this.no),
     );
     this.rows = new Rows(
       this.body,
@@ -59,37 +60,40 @@ export class Plan {
   }
 
   show() {
-    const { proposal, mission } = this.feed.data;
+    const { proposal } = this.feed.data;
     this.root.hidden = !proposal;
     if (!proposal) return;
     if (proposal.id !== this.shownId) {
       this.shownId = proposal.id;
+      this.shownAt = performance.now();
+      setTimeout(() => this.show(), READING_MS);
       this.unchecked.clear();
     }
     setText(this.title, `Plan ${proposal.id} waits to be confirmed, for ${duration(proposal.age_s)}`);
     setText(this.why, proposal.reason);
     this.rows.show(proposal.routes, (route) => route.id);
     const chosen = this.chosen();
-    setText(this.all, `Confirm plan ${proposal.id} for ${named(proposal.routes)}`);
-    setText(this.some, `Confirm for ${named(chosen)} only`);
+    setText(this.yes, `Confirm plan ${proposal.id} for ${named(chosen)}`);
     setText(this.no, `Reject plan ${proposal.id}`);
-    this.some.hidden = chosen.length === proposal.routes.length;
-    this.some.disabled = !chosen.length || !this.commands.mayOperate;
-    this.all.disabled = this.no.disabled = !this.commands.mayOperate || mission.kind !== "live";
+    const isLocked = !this.commands.mayOperate || performance.now() - this.shownAt < READING_MS;
+    this.yes.disabled = !chosen.length || isLocked;
+    this.no.disabled = isLocked;
+  }
+
+  // Keys move the focus to a button; Enter presses it.
+  focus(name) {
+    if (!this.root.hidden) this[name].focus();
   }
 
   chosen() {
     return this.feed.data.proposal.routes.filter((route) => !this.unchecked.has(route.id));
   }
 
-  confirm(someOnly = false) {
-    const { proposal } = this.feed.data;
-    if (!proposal || !this.commands.mayOperate) return;
-    const routes = someOnly ? this.chosen() : proposal.routes;
-    this.orders.give("confirm", { plan_id: this.shownId, vehicles: routes.map((route) => route.id) });
+  confirm() {
+    this.orders.give("confirm", { plan_id: this.shownId, vehicles: this.chosen().map((route) => route.id) });
   }
 
   reject() {
-    if (this.feed.data.proposal && this.commands.mayOperate) this.orders.give("reject", { plan_id: this.shownId });
+    this.orders.give("reject", { plan_id: this.shownId });
   }
 }
