@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from ctypes import c_float
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -62,16 +63,19 @@ _MODES: Final = {
 def _stored(item: Item) -> Item:
     match item.command:
         case dialect.MAV_CMD_NAV_WAYPOINT:
-            radius_m = (
-                min(_MAX_RADIUS_M, float(int(item.param2))) if math.isfinite(item.param2) else _MAX_RADIUS_M
-            )
+            radius_m = min(_MAX_RADIUS_M, _whole(item.param2, _MAX_RADIUS_M))
             return item._replace(param1=0.0, param2=radius_m, param4=0.0)
         case dialect.MAV_CMD_NAV_LOITER_UNLIM:
             return item._replace(param1=0.0, param2=0.0, param4=0.0)
         case dialect.MAV_CMD_NAV_TAKEOFF | dialect.MAV_CMD_NAV_LAND:
-            kept = float(int(item.param1)) if math.isfinite(item.param1) else 0.0
-            return item._replace(param1=kept, param2=0.0, param3=0.0, param4=0.0)
+            return item._replace(param1=_whole(item.param1, 0.0), param2=0.0, param3=0.0, param4=0.0)
     return item
+
+
+def _whole(value: float, otherwise: float) -> float:
+    """Return the whole part of a parameter as received, a float32; `otherwise` if it is not finite."""
+    received = c_float(value).value
+    return float(int(received)) if math.isfinite(received) else otherwise
 
 
 _PARAMETERS: Final = (

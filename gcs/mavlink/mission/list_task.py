@@ -1,7 +1,8 @@
 """Upload or download of a fence or rally points of one vehicle. Sans-I/O.
 
 An upload succeeds when the list reads back equal. Unlike a mission, it needs no change of mode. ArduPilot and
-PX4 store a fence as a whole, at its end. A failed upload is repeated as a whole.
+PX4 store a fence as a whole, at its end. A failed upload is repeated as a whole. After a programming error
+the task ends as failed.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from gcs.mavlink.mission.geofence_rally import LIST_NAMES, list_difference
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.list_upload import ACCEPTED, ListUpload, ListUploadState, result_name
 from gcs.mavlink.mission.protocol import MissionUpload
-from gcs.mavlink.mission.upload_stages import LIST_TRANSITIONS, Stage
+from gcs.mavlink.mission.upload_stages import LIST_TRANSITIONS, Stage, TransitionError
 from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import system_of
@@ -77,8 +78,26 @@ class ListTask(ListUpload):
         """Advance the timers; return the frames to send."""
         if self.stage is Stage.DONE:
             return []
-        self._run_timers(t_ns)
+        try:
+            self._run_timers(t_ns)
+        except TransitionError as error:
+            self._end_after_error(error, t_ns)
         return self._take_due_frames(t_ns)
+
+    def receive(self, message: Message, t_ns: int) -> list[bytes]:
+        """Process a message of the vehicle; return the frames to send."""
+        try:
+            return super().receive(message, t_ns)
+        except TransitionError as error:
+            self._end_after_error(error, t_ns)
+        return self._take_due_frames(t_ns)
+
+    def _end_after_error(self, error: TransitionError, t_ns: int) -> None:
+        """End at once after a programming error: the stored list is unknown."""
+        self._outbox, self._onboard_items = [], None
+        if self.stage is not Stage.DONE:
+            self._outbox.append(self._ack(dialect.MAV_MISSION_OPERATION_CANCELLED))
+            self._end(False, f"program error ({error}); the stored list is unknown", t_ns)
 
     def _start(self, t_ns: int) -> None:
         self.state.uploads += 1

@@ -66,7 +66,8 @@ LIST_TRANSITIONS: Final[Mapping[Stage, frozenset[Stage]]] = {
 class TransitionError(AssertionError):
     """A transition that the table does not have: a programming error.
 
-    `gcs.core.tasking.active_uploads` ends such an upload with an alarm.
+    `gcs.core.tasking.active_uploads` ends such an upload with an alarm, `gcs.mavlink.mission.list_task` as
+    failed.
     """
 
     def __init__(self, before: Stage, after: Stage) -> None:

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gcs.mavlink.autopilots import ARDUPLANE
@@ -95,3 +95,12 @@ def test_a_height_that_is_no_number_is_a_difference():
         ARDUPLANE.difference(items, [*items[:2], items[2]._replace(z_m=math.nan), items[3]])
         == "item 2: z_m is nan"
     )
+
+
+@given(st.integers(1, 254), st.floats(0.0, 1e-6))
+@example(2, 1.42e-14)
+def test_a_radius_just_below_a_whole_number_reads_back_equal(whole_m, below_m):
+    """1.9999999999999858 m arrives as 2.0: the mission counted as different, and was uploaded again."""
+    items = ARDUPLANE.items(mission(Waypoint(1.0, 1.0, 50.0, whole_m - below_m)), HOME)
+    stored = [item._replace(param2=float(int(item.param2))) for item in over_the_wire(items)]
+    assert ARDUPLANE.difference(items, stored) == ""

@@ -21,6 +21,7 @@ from gcs.mavlink.mission.geofence_rally import (
     rally_items,
 )
 from gcs.mavlink.mission.list_task import ListTask
+from gcs.mavlink.mission.upload_stages import LIST_TRANSITIONS, Stage
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
@@ -157,3 +158,15 @@ def test_messages_about_another_list_change_nothing():
     task.poll(0)
     request = dialect.MAVLink_mission_request_int_message(*to, 0, 0)
     assert task.receive(decode(Encoder(7, 1)(request))[0][0], 1) == []
+
+
+@pytest.mark.parametrize(("stage", "items"), [(Stage.UPLOAD, ITEMS), (Stage.CLEAR, ())])
+def test_a_program_error_ends_it_as_failed_and_not_the_program(stage, items):
+    """The error left the event loop: the fences of all other vehicles were not uploaded either."""
+    plane = vehicle()
+    task = begin(plane, FENCE, items)
+    task.transitions = {**LIST_TRANSITIONS, stage: frozenset({Stage.DONE})}
+    result = talk(task, plane)
+    assert (result.ok, result.items) == (False, None)
+    assert f"program error ({stage} to verify); the stored list is unknown" in result.detail
+    assert task.poll(10**12) == []
