@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import re
 import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect, sync_playwright
+
+from gcs.config import read_text
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = [
@@ -66,3 +72,77 @@ def test_an_operator_watches_holds_and_gets_the_connection_back(fly, launch, pag
         expect(page.locator("#head")).not_to_contain_text("what you see is old")
         expect(row.locator(".c-authority")).to_have_text("held")
     assert errors == []
+
+
+@pytest.fixture
+def demo(tmp_path: Path):
+    """Fly a demo whose plans need approval; return the address of its console."""
+    mission = tmp_path / "mission.toml"
+    mission.write_text(read_text("prescribed")[0].replace('retask = "auto"', 'retask = "confirm"'))
+    command = [
+        sys.executable,
+        "-m",
+        "gcs",
+        "demo",
+        str(mission),
+        "--headless",
+        "--out",
+        str(tmp_path / "run"),
+    ]
+    with (tmp_path / "log").open("w") as log, subprocess.Popen(command, stdout=log, stderr=log) as process:
+        until_s, found = time.monotonic() + 90.0, None
+        while found is None and time.monotonic() < until_s:
+            time.sleep(0.2)
+            found = re.search(r"console: (\S+)", (tmp_path / "log").read_text())
+        assert found is not None
+        yield found[1]
+        process.terminate()
+
+
+@pytest.mark.slow
+def test_every_action_of_the_page_has_its_effect_in_the_vehicles(demo, page):
+    result = page.locator("#commands .result")
+    page.goto(demo)
+    confirm = page.locator("#plan button.main")
+    expect(confirm).to_be_enabled(timeout=20_000)
+    page.locator("#plan input").nth(1).uncheck()
+    expect(confirm).to_have_text("Confirm plan 1 for 1, 3, 4")
+    page.keyboard.press("c")
+    page.keyboard.press("Enter")
+    for vehicle, target in ((1, r"T0\.\d"), (2, r"T0\.\d\?"), (3, r"T0\.\d"), (4, r"T0\.\d")):
+        cell = page.locator(f'tr[data-id="{vehicle}"] .c-target')
+        expect(cell).to_have_text(re.compile(f"^{target}$"), timeout=10_000)
+    expect(confirm).to_have_text(re.compile("for none"))
+
+    page.keyboard.press("x")
+    page.keyboard.press("Enter")
+    expect(result).to_contain_text("rejected for agent 2")
+
+    row = page.locator('tr[data-id="3"]')
+    row.click()
+    page.keyboard.press("Space")
+    expect(row.locator(".c-mode")).to_have_text("LOITER")
+    expect(result).to_contain_text("hold: 3 done")
+    page.keyboard.press("r")
+    expect(result).to_contain_text("resume: 3 done")
+    page.keyboard.press("b")
+    page.get_by_role("button", name="Return 3").last.click()
+    expect(row.locator(".c-mode")).to_have_text("RTL")
+    expect(row.locator(".c-authority")).to_have_text("returning")
+
+    page.keyboard.press("n")
+    page.get_by_role("button", name="Draw a circle").click()
+    box = page.locator("#map canvas").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 30.0, y, steps=3)
+    page.mouse.up()
+    page.get_by_role("button", name="Close this area").click()
+    expect(result).to_contain_text("zone-1 closed")
+    page.get_by_role("button", name="Open zone-1").click()
+    expect(result).to_contain_text("zone-1 opened")
+
+    page.keyboard.press("Shift+Space")
+    for vehicle in (1, 2, 3, 4):
+        expect(page.locator(f'tr[data-id="{vehicle}"] .c-authority')).to_have_text("held")
