@@ -91,7 +91,8 @@ class Engine(Stages):
             agent, audit = self.state.agents[vehicle], self.state.agents[vehicle].authority.audit
             mission = agent.tasking.onboard if audit is None else audit.mission
             known_t_ns = event.saved_t_ns if audit is None else audit.known_t_ns
-            if mission is not None and not self.tasking.may_be_inconsistent(vehicle):
+            is_uploading = vehicle in self.state.tasking.uploads  # its read-back decides
+            if mission is not None and not (is_uploading or self.tasking.may_be_inconsistent(vehicle)):
                 self.onboard_audit.begin(mission, event.t_ns, known_t_ns=known_t_ns)
         return [notice]
 
