@@ -13,8 +13,9 @@ Reading order:
 5. `path`: from grid path to flyable route. Shortcuts, string pulling over tangent points, corner smoothing,
    turns, initial turn, Dubins paths.
 6. `route_search`: one agent to one target, all of the above.
-7. `vehicle_model`: forward simulation. `route_capture`, `route_progress`: joining and following a route.
-8. `terminal`: climb after take-off, terminal loiter, return route and landing.
+7. `forward_simulation`: future flight of a vehicle. `route_capture`, `route_progress`: joining and following
+   a route.
+8. `manoeuvres`: climb after take-off, terminal loiter, return route and landing.
 9. `deconfliction`: altitude layers.
 """
 

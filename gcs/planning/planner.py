@@ -21,8 +21,10 @@ import numpy as np
 
 from gcs import jit
 from gcs.model import FloatArray, Label, Route, read_only, target_name, vehicle_name
-from gcs.planning import deconfliction, intercept, vehicle_model
+from gcs.planning import deconfliction, forward_simulation, intercept
 from gcs.planning.assignment import assign
+from gcs.planning.manoeuvres import loiter
+from gcs.planning.manoeuvres.loiter import plan_terminal_loiter
 from gcs.planning.map import clearance_nodes
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import clear_leg
@@ -41,8 +43,6 @@ from gcs.planning.route_search import RouteSearch
 from gcs.planning.search import canonical_ordering, cost_matrix
 from gcs.planning.search.cost_matrix import Endpoints
 from gcs.planning.search.neighbours import SearchMap, cells, search_map
-from gcs.planning.terminal import loiter
-from gcs.planning.terminal.loiter import plan_terminal_loiter
 
 Stage: TypeAlias = Literal["search", "assignment", "shaping"]
 
@@ -255,7 +255,7 @@ def warm_up_calls() -> list[jit.Call]:
         *clearance_nodes.warm_up_calls(),
         *cost_matrix.warm_up_calls(),
         *intercept.warm_up_calls(),
-        *vehicle_model.warm_up_calls(),
+        *forward_simulation.warm_up_calls(),
         *loiter.warm_up_calls(),
         *deconfliction.warm_up_calls(),
         (make_flyable, blocked, 0.0, vertices, np.zeros(2), 1.0, -1),

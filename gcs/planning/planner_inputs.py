@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gcs.planning.assignment import Objective
+from gcs.planning.forward_simulation import Motion
 from gcs.planning.map.grid import Point
 from gcs.planning.path.shortcut import Shape
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.search.shortest import SearchCost
-from gcs.planning.vehicle_model import Motion
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,8 @@
 
 Where a planner cannot prove the direct turn clear for every radius and side, it adds explicit turn waypoints
 (`gcs.planning.path.turns`), a detour of up to a circle. The forward simulation of the vehicle
-(`gcs.planning.vehicle_model`) knows position, course and turn rate. Where the simulated turn is clear and
-shorter, no explicit turn is needed.
+(`gcs.planning.forward_simulation`) knows position, course and turn rate. Where the simulated turn is clear
+and shorter, no explicit turn is needed.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ import numpy as np
 
 from gcs.geo import bearing_rad, wrap_pi
 from gcs.model import FloatArray
+from gcs.planning.forward_simulation import Motion, RemainingMission, simulate
 from gcs.planning.map.grid import Grid
 from gcs.planning.map.line_of_sight import to_cells
 from gcs.planning.path.initial_turn import MIN_RADIUS_SHARE, start_clearance
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner_inputs import AgentState
-from gcs.planning.vehicle_model import Motion, RemainingMission, simulate
 
 _SAME_COURSE_RAD = 1e-3
 MIN_CLEARANCE_SHARE = 0.25

@@ -29,12 +29,12 @@ from gcs.errors import ConfigError, RecordingError
 from gcs.files import read_text
 from gcs.model import Route
 from gcs.planning.deconfliction import PlannedFlight, assign_layers
+from gcs.planning.forward_simulation import LoiterCircle
+from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.movingai import MAX_BYTES, read_map
 from gcs.planning.planner import PlanResult, Stage, plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions
-from gcs.planning.terminal.landing import LandingSpec, ReturnRoute, plan_return_route
-from gcs.planning.vehicle_model import LoiterCircle
 from gcs.report.plots.plan import PlanDrawing, draw_plan
 
 

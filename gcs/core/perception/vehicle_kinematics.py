@@ -14,8 +14,8 @@ from gcs.core.replanning.plan_targets import place_of
 from gcs.core.state import Agent
 from gcs.geo import wrap_pi
 from gcs.model import NS_PER_S, Track, VehicleState
+from gcs.planning.forward_simulation import Motion, RemainingMission
 from gcs.planning.route_progress import CORRIDOR_M
-from gcs.planning.vehicle_model import Motion, RemainingMission
 
 _MIN_INTERVAL_NS = NS_PER_S * 3 // 4
 _MAX_INTERVAL_NS = 3 * NS_PER_S

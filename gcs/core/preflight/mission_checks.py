@@ -22,9 +22,9 @@ from gcs.fence import fence_of
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
 from gcs.planning.deconfliction import PlannedFlight, assign_layers
+from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.planner import PlanResult, plan_routes
 from gcs.planning.planner_inputs import AgentState
-from gcs.planning.terminal.climb import Climb
 
 _MAX_CLOCK_ERROR_S = 1.0
 

@@ -20,7 +20,7 @@ from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.autopilots.modes import RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Label, Track
-from gcs.planning.terminal.climb import Climb
+from gcs.planning.manoeuvres.climb import Climb
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from gcs.core.perception.vehicle_kinematics import motion_of
 from gcs.core.replanning.records import OtherVehicle
 from gcs.model import Label, Track
-from gcs.planning.terminal.climb import Climb
-from gcs.planning.vehicle_model import Motion
+from gcs.planning.forward_simulation import Motion
+from gcs.planning.manoeuvres.climb import Climb
 
 
 @dataclass(frozen=True, slots=True)

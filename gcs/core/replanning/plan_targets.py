@@ -8,11 +8,11 @@ from gcs.config import Config
 from gcs.config.schema import PlanningTable
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.model import Label, Route, Track
+from gcs.planning.forward_simulation import Motion
 from gcs.planning.intercept import shrunk_velocity
 from gcs.planning.map.grid import Point
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions, TargetDemand
 from gcs.planning.route_progress import CORRIDOR_M, remaining_length_m
-from gcs.planning.vehicle_model import Motion
 
 ARRIVING_M = 50.0
 """Distance to its target at which an approaching agent keeps its route."""

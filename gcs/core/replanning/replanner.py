@@ -30,6 +30,7 @@ from gcs.core.tasking.mission_builder import corners_of
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
+from gcs.planning.forward_simulation import Motion, predict_motion
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.planner import PlanResult, plan_routes
@@ -40,7 +41,6 @@ from gcs.planning.route_capture import (
     turn_around_s,
 )
 from gcs.planning.route_progress import CORRIDOR_M, next_point
-from gcs.planning.vehicle_model import Motion, predict_motion
 
 _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0

@@ -17,9 +17,9 @@ from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Effect, Notice, Route
+from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.planner_inputs import AgentState
-from gcs.planning.terminal.landing import LandingSpec, ReturnRoute, plan_return_route
 
 
 def landing_of(config: Config) -> LandingSpec | None:

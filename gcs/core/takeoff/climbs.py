@@ -18,7 +18,7 @@ from gcs.geo import wrap_pi
 from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import FloatArray, Notice
-from gcs.planning.terminal.climb import Climb, climb_problem, turn_problem
+from gcs.planning.manoeuvres.climb import Climb, climb_problem, turn_problem
 
 _MAX_HEADING_ERROR_RAD = math.radians(15.0)
 """Maximum angle between nose and runway."""

@@ -8,10 +8,10 @@ from gcs.config.airframe import AirframeTable
 from gcs.config.schema import MissionTable
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S, FloatArray, Mission, Route, VehicleState, Waypoint
+from gcs.planning.manoeuvres.climb import Climb
+from gcs.planning.manoeuvres.landing import ReturnRoute
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.route_progress import CORRIDOR_M, next_point
-from gcs.planning.terminal.climb import Climb
-from gcs.planning.terminal.landing import ReturnRoute
 
 MAX_RADIUS_M = 255.0
 """Maximum radius in a mission item."""

@@ -25,8 +25,8 @@ from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.model import NS_PER_S, VehicleState
+from gcs.planning.forward_simulation import RemainingMission
 from gcs.planning.route_progress import time_to_point_s
-from gcs.planning.vehicle_model import RemainingMission
 
 TerminalPhase: TypeAlias = Literal["", "circle", "circle elsewhere", "return route", "landing", "return"]
 """Phase of a mission behind its route; "return": RTL after the last item."""

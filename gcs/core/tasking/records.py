@@ -11,8 +11,8 @@ from gcs.core.tasking.upload_window import UploadWindow
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.upload_steps import UploadState
 from gcs.model import Route
-from gcs.planning.terminal.landing import ReturnRoute
-from gcs.planning.vehicle_model import LoiterCircle
+from gcs.planning.forward_simulation import LoiterCircle
+from gcs.planning.manoeuvres.landing import ReturnRoute
 
 NO_MISSION = -1
 """Instead of a mission number."""

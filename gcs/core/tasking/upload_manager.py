@@ -33,9 +33,9 @@ from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_steps import UploadState
 from gcs.model import NS_PER_S, Effect, Notice, Route, UploadAnswer, UploadReport, VehicleState
-from gcs.planning.terminal.climb import Climb
-from gcs.planning.terminal.landing import ReturnRoute
-from gcs.planning.vehicle_model import RemainingMission
+from gcs.planning.forward_simulation import RemainingMission
+from gcs.planning.manoeuvres.climb import Climb
+from gcs.planning.manoeuvres.landing import ReturnRoute
 
 _MAX_ITEM_WAIT_NS: Final = 5 * NS_PER_S
 _MAX_HOME_SHIFT_M: Final = 20.0

@@ -1,11 +1,11 @@
 """Corner smoothing: move the corners of a route until its turns can be flown.
 
 At a corner of angle a, an arc of turn radius R is tangent to both legs, R tan(a/2) before and after the
-corner. Where a taut string bends around an obstacle, the arc passes nearer to it than the string; two close
-corners may need more of their leg than there is. Corners are moved jointly to the least cost: length along
-legs and arcs, plus penalties for legs that are too short and arcs with too little clearance. Legs keep their
-own clearance. Method: compass search (R. Hooke and T. A. Jeeves, JACM 8, 1961), corner by corner. Corners
-whose turns fit do not move.
+corner. Where a string-pulled path turns around an obstacle, the arc passes nearer to it than the corner. Two
+close corners may need more of their leg than there is. Corners are moved jointly to the least cost: length
+along legs and arcs, plus penalties for legs that are too short and arcs with too little clearance. Legs keep
+their own clearance. Method: compass search (R. Hooke and T. A. Jeeves, JACM 8, 1961), corner by corner.
+Corners whose turns fit do not move.
 
 *Clearance of an arc* is exact. Its legs are clear, so the nearest obstacle is on its inner side, and there
 the farthest point of a square from the centre of the arc is one of its corners.

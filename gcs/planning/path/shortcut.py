@@ -9,7 +9,7 @@ Shaping takes the nodes of the path and
 1. drops the first nodes if they are too near or behind the agent and the next one is visible (likewise a last
    node next to the target), so that an agent between nodes is not sent back;
 2. merges collinear legs ("grid"), or takes shortcuts: the farthest visible point becomes the next corner;
-3. pulls the string taut around obstacles ("pulled"; `gcs.planning.path.string_pulling`);
+3. shortens it by string pulling ("pulled"; `gcs.planning.path.string_pulling`);
 4. adds turns that a fixed wing can fly ("flyable"; `gcs.planning.path.turns`).
 
 Every new leg keeps the clearance exactly (`gcs.planning.map.line_of_sight`). A path that is tighter stays as
@@ -282,7 +282,7 @@ def shape_path(
     length, problem = float(np.hypot(*np.diff(waypoints, axis=0).T).sum()), FLYABLE
     if radius > 0.0 and len(waypoints) > 1:
         turned, flown, problem = make_flyable(blocked, clearance, waypoints, heading, radius, own_cell)
-        # No leg may lead through an obstacle: rather no explicit turn, or the string without turns.
+        # No leg may lead through an obstacle: rather no explicit turn, or the path without turns.
         if not legs_are_clear(blocked, turned, own_cell):
             turned, flown, problem = make_flyable(
                 blocked, clearance, waypoints, np.zeros(2), radius, own_cell

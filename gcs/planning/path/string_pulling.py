@@ -1,7 +1,7 @@
-"""String pulling: the shortest taut string near a known path.
+"""String pulling: the shortest path around obstacles near a known path.
 
 A shortest path among polygons bends only at convex corners, where it is tangent: the obstacle lies on one
-side of the leg (Lozano-Perez & Wesley 1979). The string is searched among the tangent points in a corridor
+side of the leg (Lozano-Perez & Wesley 1979). The path is searched among the tangent points in a corridor
 around the known path (`gcs.planning.path.tangent_points`).
 
 - *Candidates* are ordered by their distance along the path.
@@ -95,7 +95,7 @@ def _relax_candidates(
     e2x: FloatArray, e2y: FloatArray, known: BoolArray, heading: FloatArray, radius: float, own_cell: int,
     cost: FloatArray, came_from: IntArray, leg_in: FloatArray, used_in: FloatArray, least: FloatArray,
 ) -> None:  # fmt: skip
-    """Find the cheapest string to each candidate and its predecessor; arguments as of `_cheapest_string`."""
+    """Find the cheapest path to each candidate and its predecessor; arguments as of `_cheapest_path`."""
     last_known = 0
     margin = start_clearance(blocked, clearance, x[0], y[0])
     cost[0], came_from[0] = 0.0, -1
@@ -140,11 +140,11 @@ def _relax_candidates(
 
 
 @called
-def _cheapest_string(
+def _cheapest_path(
     blocked: BoolArray, clearance: float, found: FloatArray, known: BoolArray, heading: FloatArray,
     radius: float, own_cell: int,
 ) -> IntArray:  # fmt: skip
-    """Return the cheapest string through ordered candidates, from first to last: their indices, backwards."""
+    """Return the cheapest path through ordered candidates, from first to last: their indices, backwards."""
     size = known.size
     cost, came_from, least = np.empty(size), np.empty(size, np.int64), np.empty(size)
     leg_in, used_in = np.zeros(size), np.zeros(size)
@@ -195,7 +195,7 @@ def _slide_corners(
     blocked: BoolArray, clearance: float, vertices: FloatArray, count: int, least: float, own_cell: int,
     settled: BoolArray,
 ) -> int:  # fmt: skip
-    """Slide the corners of a string, and drop those whose neighbours see each other; return the count.
+    """Slide the corners of a path, and drop those whose neighbours see each other; return the count.
 
     `settled` (count,), all false: corners that did not move, and whose neighbours did not.
     """
@@ -251,13 +251,13 @@ def _pull_stretch(
 ) -> FloatArray:  # fmt: skip
     """Shorten a path of legs with one clearance; see `pull_string`."""
     found, known = tangent_points(blocked, clearance, vertices)
-    path = _cheapest_string(blocked, clearance, found, known, heading, radius, own_cell)
+    path = _cheapest_path(blocked, clearance, found, known, heading, radius, own_cell)
     count = path.size
-    string = np.empty((count, 2))
+    pulled = np.empty((count, 2))
     for i in range(count):
-        string[i, 0], string[i, 1] = found[X, path[count - 1 - i]], found[Y, path[count - 1 - i]]
-    return string[
-        : _slide_corners(blocked, clearance, string, count, least, own_cell, np.zeros(count, np.bool_))
+        pulled[i, 0], pulled[i, 1] = found[X, path[count - 1 - i]], found[Y, path[count - 1 - i]]
+    return pulled[
+        : _slide_corners(blocked, clearance, pulled, count, least, own_cell, np.zeros(count, np.bool_))
     ].copy()
 
 
@@ -294,7 +294,7 @@ def pull_string(
     blocked: BoolArray, clearance: float, vertices: FloatArray, heading: FloatArray, radius: float,
     least: float, own_cell: int,
 ) -> FloatArray:  # fmt: skip
-    """Shorten a path to a taut string.
+    """Shorten a path by string pulling.
 
     `clearance` in cells. `vertices` (k, 2): vertices with both ends, each leg with the clearance or, where
     the map allows no other path, with less. `heading` (2,): unit vector, zeros if unknown. `radius`: turn

@@ -1,9 +1,9 @@
-"""Tangent points: the candidate vertices of a pulled string.
+"""Tangent points: the candidate vertices of string pulling.
 
 They are the convex corners of blocked cells in a corridor around the known path. With a clearance, each
 corner is wrapped by two points of the circumscribed octagon and the tip of the square. Each candidate has two
-edges: a string that bends there is tangent to the obstacle, so its legs lie on one side of both edges. The
-vertices of the known path are candidates too.
+edges: a shortest path that turns there is tangent to the obstacle, so its legs lie on one side of both edges.
+The vertices of the known path are candidates too.
 
 Positions in cells: x = column, y = row.
 """
@@ -20,7 +20,7 @@ from gcs.planning.map.line_of_sight import is_clear_at
 
 _CORRIDOR_CELLS = 2.5
 _CORNER_OFFSET = 1e-6
-"""In cells: offset of a string from an obstacle corner without clearance."""
+"""In cells: offset of a leg from an obstacle corner without clearance."""
 _OCTAGON = 1.0 / math.cos(math.pi / 8.0)
 _COS, _SIN = _OCTAGON * math.cos(math.pi / 8.0), _OCTAGON * math.sin(math.pi / 8.0)
 

@@ -1,15 +1,15 @@
-"""Turns of a minimum radius for a taut string, begun on the vehicle's course.
+"""Turns of a minimum radius for a string-pulled path, begun on the vehicle's course.
 
 A vehicle at speed V and bank phi turns with a radius of R = V^2 / (g tan phi) or more.
 
 - *Corners* are flown as arcs tangent to both legs. An arc passes inside its corner by R (sec(a/2) - 1), where
-  a taut string has its obstacle. So corners are moved until arcs are clear and legs long enough
+  a string-pulled path has its obstacle. So corners are moved until arcs are clear and legs long enough
   (`gcs.planning.path.corner_smoothing`). Then corners are joined or dropped where that costs little.
 - *The start* follows the vehicle's course with the initial turn of the autopilot
   (`gcs.planning.path.initial_turn`). If that is blocked, explicit turn waypoints are added.
 - A corner sharper than `MAX_TURN_RAD` is split in two: autopilots cut sharp corners or overshoot.
 
-Every leg and arc keeps the clearance that the string had there. A turn that cannot be flown stays as it was
+Every leg and arc keeps the clearance that the path had there. A turn that cannot be flown stays as it was
 and is reported: a straight plan is better than none.
 
 Positions in cells; angles counter-clockwise from east.
@@ -227,23 +227,29 @@ def _flown_length(points: FloatArray, radius: float) -> float:
 
 @kernel
 def make_flyable(
-    blocked: BoolArray, clearance: float, string: FloatArray, heading: FloatArray, radius: float,
+    blocked: BoolArray, clearance: float, vertices: FloatArray, heading: FloatArray, radius: float,
     own_cell: int,
 ) -> tuple[FloatArray, float, int]:  # fmt: skip
-    """Add flyable turns to a taut string.
+    """Add flyable turns to a string-pulled path.
 
-    `clearance` in cells. `string` (k, 2): the vehicle first. `heading` (2,): unit vector, zeros if unknown.
+    `clearance` in cells. `vertices` (k, 2): the vehicle first. `heading` (2,): unit vector, zeros if unknown.
     `radius` > 0: turn radius in cells. `own_cell` as of `pull_string`. Returns the corners (j, 2), the length
     along the arcs in cells, and the turns that cannot be flown (`FLYABLE` ...).
     """
-    legs = string.shape[0] - 1
+    legs = vertices.shape[0] - 1
     clearances, problem = np.empty(legs), FLYABLE
     for i in range(legs):
         ignored_cell = own_cell if i == 0 else NO_CELL
         clearances[i] = leg_clearance(
-            blocked, string[i, 0], string[i, 1], string[i + 1, 0], string[i + 1, 1], clearance, ignored_cell
+            blocked,
+            vertices[i, 0],
+            vertices[i, 1],
+            vertices[i + 1, 0],
+            vertices[i + 1, 1],
+            clearance,
+            ignored_cell,
         )
-    points = string.copy()
+    points = vertices.copy()
     smooth_corners(blocked, points, clearances, radius, own_cell, np.ones(legs + 1, np.bool_))
     points, clearances, changed = _reduce_corners(blocked, points, clearances, radius, own_cell)
     smooth_corners(blocked, points, clearances, radius, own_cell, changed)

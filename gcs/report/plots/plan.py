@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gcs.model import FloatArray
+from gcs.planning.forward_simulation import LoiterCircle
 from gcs.planning.map.grid import Grid, Point
-from gcs.planning.vehicle_model import LoiterCircle
 from gcs.report.plots.style import AGENTS, AXIS, INK, RED, annotate, legend_below, sample
 
 if TYPE_CHECKING:

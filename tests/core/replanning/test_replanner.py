@@ -14,7 +14,7 @@ from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import State
 from gcs.core.tasking.upload_latency import DELIVERY_S
-from gcs.planning.vehicle_model import Motion, RemainingMission
+from gcs.planning.forward_simulation import Motion, RemainingMission
 
 CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
 

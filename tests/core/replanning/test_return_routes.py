@@ -9,8 +9,8 @@ from flown_clearance import landing
 
 from gcs.core.replanning import return_routes
 from gcs.model import AgentStatus, NoFlyZone, Notice, Order, Plan, UploadReport
+from gcs.planning.manoeuvres.landing import plan_return_route
 from gcs.planning.map.line_of_sight import line_of_sight
-from gcs.planning.terminal.landing import plan_return_route
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import load
 

@@ -15,7 +15,7 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.upload_stages import Stage, TransitionError
 from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.model import Datagram, Notice, Route, Send, Tick, UploadReport, read_only
-from gcs.planning.terminal.landing import ReturnRoute
+from gcs.planning.manoeuvres.landing import ReturnRoute
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import load

@@ -4,11 +4,11 @@ A fixed wing cannot stop. At the end of its mission it enters a circle, and over
 circle of 30 m entered over its centre at 15 m/s. A route whose legs are clear may end in a circle that is
 not.
 
-So the end of a route is simulated (`gcs.planning.vehicle_model`), over the target and round the circle, with
-the expected turn lag and with half of it. Where a circle at the target lacks clearance, the vehicle passes
-the target and goes on to the nearest circle that has it. Where no path on from the target is clear, or the
-target is over an obstacle, other approaches are tried: from another direction, or past the target within the
-capture radius.
+So the end of a route is simulated (`gcs.planning.forward_simulation`), over the target and round the circle,
+with the expected turn lag and with half of it. Where a circle at the target lacks clearance, the vehicle
+passes the target and goes on to the nearest circle that has it. Where no path on from the target is clear, or
+the target is over an obstacle, other approaches are tried: from another direction, or past the target within
+the capture radius.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import numpy as np
 
 from gcs.jit import Call, kernel, leaf
 from gcs.model import BoolArray, FloatArray
+from gcs.planning.forward_simulation import STEP_S, simulate_states
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import NO_CELL, is_clear_at, leg_clearance, to_cells
 from gcs.planning.path.initial_turn import MIN_RADIUS_SHARE, start_clearance
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.route_capture import MIN_CLEARANCE_SHARE
-from gcs.planning.vehicle_model import STEP_S, simulate_states
 
 _ENOUGH_SHARE = 0.5
 """Share of the clearance that is sufficient. Circles are flown by the autopilot, not by waypoints."""

@@ -8,8 +8,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gcs.geo import wrap_pi
+from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission, predict_motion, simulate
 from gcs.planning.map.grid import free_grid
-from gcs.planning.vehicle_model import LoiterCircle, Motion, RemainingMission, predict_motion, simulate
 from sim_vehicles.vehicle.airframe import TURN_TIME_S, Airframe
 from sim_vehicles.vehicle.guidance import Circle as Flown
 from sim_vehicles.vehicle.guidance import ToPoint

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gcs.planning.manoeuvres import loiter
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
-from gcs.planning.terminal import loiter
 from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.guidance import Circle, ToPoint
 

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from gcs.planning.manoeuvres.climb import Climb, climb_problem, turn_problem
 from gcs.planning.map.grid import free_grid
-from gcs.planning.terminal.climb import Climb, climb_problem, turn_problem
 
 HEADING_RAD = math.radians(352.9)
 STAND_M = (1501.5, 1000.0)

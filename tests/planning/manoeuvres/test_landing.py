@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from gcs.geo import bearing_rad, wrap_pi
 from gcs.model import APPROACH_M
+from gcs.planning.manoeuvres.landing import LandingSpec, plan_return_route
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions
-from gcs.planning.terminal.landing import LandingSpec, plan_return_route
 from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.guidance import ToPoint
 

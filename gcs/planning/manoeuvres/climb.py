@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from gcs.planning.forward_simulation import Motion
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight, to_cells
 from gcs.planning.path.initial_turn import START_CLEARANCE_SHARE, is_turn_safe, start_clearance
-from gcs.planning.vehicle_model import Motion
 
 _CLIMB_LENGTH_UNCERTAINTY = 0.1
 """Relative uncertainty of the length of the airborne climb."""

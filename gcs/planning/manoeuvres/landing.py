@@ -4,8 +4,8 @@ A landing begins on a straight leg (`APPROACH_M`) that ends at home. It comes st
 route if the path there, the leg and the turns are clear. Otherwise approaches all round home are candidates,
 and the path to each is a route like any other, with the same search, clearance and turns. It joins the
 approach straight, or by a base leg as in a traffic pattern. The shortest path wins whose legs keep the most
-clearance and whose forward simulation (`gcs.planning.vehicle_model`) is clear, from before the target to the
-middle of the approach, with the expected turn lag and with half of it.
+clearance and whose forward simulation (`gcs.planning.forward_simulation`) is clear, from before the target to
+the middle of the approach, with the expected turn lag and with half of it.
 
 A vehicle always gets a return route. Without a clear one it gets the best there is, with a warning.
 """
@@ -22,6 +22,8 @@ import numpy as np
 
 from gcs.geo import bearing_rad, wrap_pi
 from gcs.model import APPROACH_M, FloatArray, read_only
+from gcs.planning.forward_simulation import Motion, RemainingMission, simulate
+from gcs.planning.manoeuvres.loiter import path_length_m, split_before_end
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight, to_cells
 from gcs.planning.path.initial_turn import MAX_TURN_RAD, MIN_RADIUS_SHARE, is_turn_safe, start_clearance
@@ -29,8 +31,6 @@ from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
 from gcs.planning.route_capture import MIN_CLEARANCE_SHARE
 from gcs.planning.route_search import RouteSearch
-from gcs.planning.terminal.loiter import path_length_m, split_before_end
-from gcs.planning.vehicle_model import Motion, RemainingMission, simulate
 
 _BEARINGS = 36
 _CLEARANCE_SHARES = (1.0, 0.5, MIN_CLEARANCE_SHARE, 0.0)

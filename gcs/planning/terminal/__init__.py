@@ -1,1 +1,0 @@
-"""Both ends of a flight: climb after take-off, terminal loiter, return route and landing."""
