@@ -13,7 +13,7 @@ from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
 from gcs.tracking.glmb.params import GlmbParams
 
 LIMITS = GlmbParams(1.0, max_hypotheses=1000, prune_weight=1e-300, min_existence=0.01).limits()
-MISSED, DIED = -1, -2
+MISSED, ABSENT = -1, -2
 
 
 def flat_clusters(clusters):
@@ -54,7 +54,9 @@ def competition(seed):
         near = rng.integers(0, 80)
         for _ in range(n):
             gated = np.unique((near + rng.integers(0, 4, rng.integers(0, 4))) % 80)
-            options.append([*((int(j), rng.normal(-1.0, 3.0)) for j in gated), (MISSED, -4.0), (DIED, -5.0)])
+            options.append(
+                [*((int(j), rng.normal(-1.0, 3.0)) for j in gated), (MISSED, -4.0), (ABSENT, -5.0)]
+            )
         t += n
     flat = [o for each in options for o in each]
     start = np.cumsum([0, *map(len, options)])

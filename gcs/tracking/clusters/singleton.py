@@ -11,7 +11,7 @@ array                shape        dtype    meaning (m detections, L labels, K co
 p_explained          (m,)         float64  probability that a track made each detection
 p_detected           (L,)         float64  probability that each predicted label was detected
 p_exists             (L,)         float64  existence of each predicted label
-_Components.option   (K,)         int64    option, or _ABSENT for the empty hypothesis
+_Components.option   (K,)         int64    option, or _EMPTY for the empty hypothesis
 .parent, .logw       (K,)                  track and log-weight of each component
 .order, .weight      (K,)                  components kept, best first; their weights sum to 1
 _Representatives     (K, ...)              tracks that represent similar ones (see `merging`); `mean` is that
@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf, prefetch_row, spliced
-from gcs.tracking.glmb.hypotheses import DIED, AssociationOptions, Clusters
+from gcs.tracking.glmb.hypotheses import ABSENT, AssociationOptions, Clusters
 from gcs.tracking.glmb.kalman import update_track
 from gcs.tracking.glmb.merging import cholesky4, outside_axis_gate, within_gate
 from gcs.tracking.glmb.params import Limits
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from gcs.model import BoolArray, FloatArray, IntArray
     from gcs.tracking.models.measurement import LinearisedMeasurement
 
-_ABSENT = -1
+_EMPTY = -1
 _PREFETCH_LABELS = 2
 """Labels by which a detection is prefetched: detections of neighbours are far apart in memory."""
 
@@ -81,13 +81,13 @@ def _drop_tail(kept: int, share: float, components: _Components) -> int:
     """
     existence, dropped, n = 0.0, 0.0, ZERO
     for k in range(kept):
-        if components.option[components.order.index[k]] != _ABSENT:
+        if components.option[components.order.index[k]] != _EMPTY:
             existence += components.weight[k]
     last = kept
     while last > 0:
         more = (
             0.0
-            if components.option[components.order.index[last - 1]] == _ABSENT
+            if components.option[components.order.index[last - 1]] == _EMPTY
             else components.weight[last - 1]
         )
         if dropped + more > share * existence:
@@ -98,7 +98,7 @@ def _drop_tail(kept: int, share: float, components: _Components) -> int:
         return kept
     for k in range(kept):
         c, weight = components.order.index[k], components.weight[k]
-        if components.option[c] == _ABSENT:
+        if components.option[c] == _EMPTY:
             components.order.index[n], components.weight[n] = c, weight
             n += 1
         elif k < last:
@@ -121,14 +121,14 @@ def _weigh_components(
         t = items[start[h]]
         for o in range(options.start[t], options.start[t + 1]):
             logw = clusters.logw[h] + options.logw[o]
-            if options.meas[o] == DIED:
+            if options.meas[o] == ABSENT:
                 max_absent_logw, n_absent = max(max_absent_logw, logw), n_absent + 1
                 continue
             components.option[n], components.parent[n], components.logw[n] = o, t, logw
             best = max(best, logw)
             n += 1
     # Several components say that the object is absent. Their sum is computed only if it can be kept.
-    components.option[0], components.parent[0], components.logw[0] = _ABSENT, _ABSENT, -np.inf
+    components.option[0], components.parent[0], components.logw[0] = _EMPTY, _EMPTY, -np.inf
     if n_absent > 0 and max_absent_logw + n_absent > best + limits.log_prune:
         absent_weight = 0.0
         for h in range(clusters.first[g], clusters.first[g + 1]):
@@ -137,7 +137,7 @@ def _weigh_components(
                 continue
             t = items[start[h]]
             for o in range(options.start[t], options.start[t + 1]):
-                if options.meas[o] == DIED:
+                if options.meas[o] == ABSENT:
                     absent_weight += math.exp(clusters.logw[h] + options.logw[o])
         components.logw[0] = math.log(absent_weight) if absent_weight > 0.0 else -np.inf
     floor, kept = max(best, components.logw[0]) + limits.log_prune, ZERO
@@ -225,15 +225,15 @@ def _update_and_merge(
     count, at = ZERO, n
     for k in range(kept):
         c, weight = components.order.index[k], components.weight[k]
-        if components.option[c] == _ABSENT:
-            reps.weight[count], reps.row[count] = weight, _ABSENT
+        if components.option[c] == _EMPTY:
+            reps.weight[count], reps.row[count] = weight, _EMPTY
             count += 1
             continue
         o, p = components.option[c], components.parent[c]
         update_track(mean, cov, p, meas[o], z, meas_model, out.mean, out.cov, at)
         representative = -1
         for d in range(count):
-            if reps.row[d] == _ABSENT or max_distance2 <= 0.0:
+            if reps.row[d] == _EMPTY or max_distance2 <= 0.0:
                 continue
             if not reps.is_factored[d]:
                 if outside_axis_gate(out.mean, at, reps.mean, d, out.cov, reps.row[d], max_distance2):
@@ -263,7 +263,7 @@ def _add_marginals(
     """Add the kept components of a label to the marginals."""
     for k in range(kept):
         c = components.order.index[k]
-        if components.option[c] != _ABSENT:
+        if components.option[c] != _EMPTY:
             weight, j, label = (
                 components.weight[k],
                 meas[components.option[c]],
@@ -312,7 +312,7 @@ def _update_singletons(
                 prefetch_row(z, next_detection)
         kept, existence = _weigh_components(clusters, singletons[i], options, limits, components), 0.0
         for k in range(kept):
-            if components.option[components.order.index[k]] != _ABSENT:
+            if components.option[components.order.index[k]] != _EMPTY:
                 existence += components.weight[k]
         if marginals.p_exists.size > 0:
             _add_marginals(kept, components, meas, track_label, marginals)
@@ -330,7 +330,7 @@ def _update_singletons(
         for k in range(count):
             d = reps.order.index[k]
             logw[h], start[h + 1] = reps.weight[d], start[h]
-            if reps.row[d] != _ABSENT:
+            if reps.row[d] != _EMPTY:
                 items[start[h]] = reps.row[d]
                 start[h + 1] += 1
             h += 1

@@ -2,11 +2,11 @@
 
 An option has a log-weight (log eta, eq. (20) of Vo, Vo & Hoang 2017, relative to clutter):
 
-    died       log(1 - p_S)
+    absent     log(1 - p_S)
     missed     log p_S + log(1 - p_D P(in the field of view))
     detected   log p_S + log p_D + log N(z; z_hat, A P A' + R) - log kappa(z)
 
-A birth has its birth probability in place of p_S. Options of a track are adjacent, the best one first.
+A birth has its birth probability r_B in place of p_S. Options of a track are adjacent, the best one first.
 
 Detections are sorted into strips, so that those in a gate are a few runs. A guide table of evenly spaced
 values, then bisection, finds where a run begins. The cost is that of a grid where detections are spread
@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, leaf
-from gcs.tracking.glmb.hypotheses import DIED, MISSED
+from gcs.tracking.glmb.hypotheses import ABSENT, MISSED
 from gcs.tracking.models.measurement import LinearisedMeasurement, wrap_angle
 from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending
 
@@ -261,7 +261,7 @@ def _fill_options(
             )
         count += 1
         if log_death[t] > -np.inf:
-            meas[count], logw[count] = DIED, log_death[t]
+            meas[count], logw[count] = ABSENT, log_death[t]
             count += 1
         _sort_options(meas, logw, first, count)
         start[t + 1] = count

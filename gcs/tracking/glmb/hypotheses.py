@@ -15,7 +15,7 @@ Clusters.start          (H + 1,)      int64    items of hypothesis h: ``start[h]
 Clusters.items          (start[H],)   int64    tracks, or options
 Clusters.logw           (H,)          float64  log-weight of each hypothesis
 AssociationOptions      .start        int64    (T + 1,) options of track t: ``start[t]`` to ``start[t + 1]``
-AssociationOptions      .meas         int64    (O,) row of the ordered detections, or MISSED or DIED
+AssociationOptions      .meas         int64    (O,) row of the ordered detections, or MISSED or ABSENT
 AssociationOptions      .logw         float64  (O,) log eta, the best option of a track first
 ======================  ============  =======  ========================================================
 """
@@ -30,8 +30,8 @@ from gcs.jit import inlined
 from gcs.model import FloatArray, IntArray
 from gcs.tracking.numerics.sorting import head
 
-MISSED, DIED = -1, -2
-"""Values of `AssociationOptions.meas` that are no detection."""
+MISSED, ABSENT = -1, -2
+"""Values of `AssociationOptions.meas` that are no detection: missed; dead or not born."""
 
 
 class Clusters(NamedTuple):

@@ -24,7 +24,7 @@ import numpy as np
 
 from gcs.jit import ZERO, inlined, int64, leaf, spliced
 from gcs.model import BoolArray, FloatArray, IntArray, KeyArray
-from gcs.tracking.glmb.hypotheses import DIED, AssociationOptions, item_key
+from gcs.tracking.glmb.hypotheses import ABSENT, AssociationOptions, item_key
 from gcs.tracking.glmb.params import Limits
 from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending, power_of_two
 
@@ -101,7 +101,7 @@ def add_candidate(
     options: AssociationOptions,
     limits: Limits,
 ) -> tuple[int, float]:
-    """Add the component in which track i of n takes option `assignment[i]`; dead tracks are left out.
+    """Add the component in which track i of n takes option `assignment[i]`; absent tracks are left out.
 
     A known component gains the weight. A full pool keeps its best components alone, and `floor`, the
     log-weight below which candidates are ignored, rises to the worst of them. Returns the number of
@@ -109,7 +109,7 @@ def add_candidate(
     """
     key = np.uint64(0)
     for i in range(n):
-        if options.meas[assignment[i]] != DIED:
+        if options.meas[assignment[i]] != ABSENT:
             key += item_key(assignment[i])
     at = _find_slot(pool.slot, slots, pool.key, key)
     found = pool.slot[at]
@@ -125,7 +125,7 @@ def add_candidate(
         at = _find_slot(pool.slot, slots, pool.key, key)
     size = 0
     for i in range(n):
-        if options.meas[assignment[i]] != DIED:
+        if options.meas[assignment[i]] != ABSENT:
             pool.items[count, size] = assignment[i]
             size += 1
     pool.slot[at] = count
