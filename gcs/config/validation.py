@@ -25,6 +25,7 @@ _WORDS = {
 """Type names of msgspec, in the words of TOML."""
 _RENAMED = {
     "accel_std_m_s2": "accel_psd_m2_s3",
+    "acceleration": "piecewise_accel_std_m_s2",
     "dead_existence": "lost_existence",
     "lane_step_m": "layer_step_m",
     "lanes": "layers",
@@ -110,6 +111,8 @@ def _unknown(name: str, known: list[str]) -> str:
     hint = f"did you mean `{near[0]}`?" if near else "misspelt, or in the wrong table?"
     if name == "accel_std_m_s2" and near == ["accel_psd_m2_s3"]:
         hint = "did you mean `accel_psd_m2_s3`? Its value is the square of the former one"
+        if "piecewise_accel_std_m_s2" in known:
+            hint += '; with acceleration = "piecewise", did you mean `piecewise_accel_std_m_s2`?'
     return f"unknown key `{name}`: {hint}"
 
 

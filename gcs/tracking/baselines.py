@@ -134,7 +134,7 @@ class _Baseline:
         dt_s = (t_ns - self._t_ns) / NS_PER_S if self.scans else 0.0
         motion = _Motion(
             constant_velocity.transition(dt_s),
-            constant_velocity.process_noise(dt_s, self._params.accel_std_m_s2, self._params.acceleration),
+            self._params.process_noise(dt_s),
         )
         for track in self._tracks:
             track.filter.predict(F=motion.F, Q=motion.Q)

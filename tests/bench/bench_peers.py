@@ -99,9 +99,7 @@ class Soup:
         order = np.ix_([0, 2, 1, 3], [0, 2, 1, 3])
         moves = LinearGaussianTimeInvariantTransitionModel(
             transition_matrix=constant_velocity.transition(1.0)[order],
-            covariance_matrix=constant_velocity.process_noise(
-                1.0, of.params.accel_std_m_s2, of.params.acceleration
-            )[order],
+            covariance_matrix=of.params.process_noise(1.0)[order],
         )
         self.sensor = of.scans[0].sensor
         self.sees = LinearGaussian(4, (0, 2), np.array(self.sensor.noise_cov_m2))
@@ -210,7 +208,7 @@ def rust_lmb(program: Path, way: str, of: Detections) -> Iterator[tuple[Shown, f
     sensor, births = of.scans[0].sensor, of.births
     (dt_s,) = {(b.t_ns - a.t_ns) / 1e9 for a, b in zip(of.scans, of.scans[1:], strict=False)}
     survival = of.params.survival_probability_per_s**dt_s
-    Q = constant_velocity.process_noise(dt_s, of.params.accel_std_m_s2, of.params.acceleration)
+    Q = of.params.process_noise(dt_s)
     # What counts is the clutter's density: a unit of it over the area in which there is one.
     numbers = [
         [constant_velocity.transition(dt_s), Q, sensor.noise_cov_m2],

@@ -27,9 +27,9 @@ FIELD = (0.0, 0.0, SIDE_M, SIDE_M)
 
 def births_run(seed: int, clutter: float, appear_per_s: float, scans: int = 100) -> tuple[float, float]:
     """Mean count error inside the field, and ms per scan (median); births assumed 0.1 per second."""
-    rng, births = np.random.default_rng(seed), AdaptiveBirth(0.1, 8.0, 0.1, 1.0)
+    rng, births = np.random.default_rng(seed), AdaptiveBirth(0.1, 8.0, 0.1, GlmbParams(1.0).process_noise)
     detector = Sensor("s", 0.95, clutter / SIDE_M**2, np.eye(2) * 25.0, FIELD)
-    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=1.0), 1, summarise_detections=True)
+    tracker = Glmb("targets", GlmbParams(accel_psd_m2_s3=1.0), 1, summarise_detections=True)
     state, errors, spent = np.empty((0, 4)), [], []
     for k in range(scans):
         inside = sensors.covers(detector, state[:, :2])
@@ -147,9 +147,9 @@ def main() -> None:
             print(f"appear {appear}/s, clutter {clutter:3d}: count error {mean:+.3f} +- {sem:.3f}, "
                   f"{rows[:, 1].mean():.2f} ms")  # fmt: skip
     models = {
-        "straight, 4 m/s2": GlmbParams(accel_std_m_s2=4.0),
-        "straight, 2 m/s2": GlmbParams(accel_std_m_s2=2.0),
-        "turning, 1 m/s2": GlmbParams(accel_std_m_s2=1.0, turn_rate_std_rad_s=0.3, turn_time_s=10.0),
+        "straight, 4 m/s2": GlmbParams(accel_psd_m2_s3=16.0),
+        "straight, 2 m/s2": GlmbParams(accel_psd_m2_s3=4.0),
+        "turning, 1 m/s2": GlmbParams(accel_psd_m2_s3=1.0, turn_rate_std_rad_s=0.3, turn_time_s=10.0),
     }
     for kind in ("straight", "legs", "loiter"):
         for name, params in models.items():

@@ -24,7 +24,7 @@ def scan_times(n_objects: int, n_clutter: int, scans: int = 100, side_m: float =
         [rng.uniform(500, side_m - 500, (n_objects, 2)), rng.normal(0, 10, (n_objects, 2))]
     )
     births = [Birth(s * [1, 1, 0, 0], np.diag([100.0, 100.0, 100.0, 100.0]), 0.03) for s in state]
-    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=1.0), 1)
+    tracker = Glmb("targets", GlmbParams(accel_psd_m2_s3=1.0), 1)
     times, errors = [], []
     for k in range(scans):
         seen = state[rng.random(n_objects) < 0.98, :2]

@@ -17,7 +17,7 @@ from gcs.model import NS_PER_S, Sensor
 from gcs.tracking.glmb.filter import Birth, GlmbParams
 from gcs.tracking.models import constant_velocity
 
-P_S, P_D, ACCEL_STD, NOISE_VAR = 0.99, 0.98, 1.0, 10.0
+P_S, P_D, ACCEL_PSD, NOISE_VAR = 0.99, 0.98, 1.0, 10.0
 BIRTH_COV = np.diag([100.0, 100.0, 100.0, 100.0])
 KNOWN_COV = np.diag([5.0, 5.0, 2.0, 2.0])
 """About that of an object which has been tracked for some time."""
@@ -54,12 +54,12 @@ class World:
 
     @property
     def params(self) -> GlmbParams:
-        return GlmbParams(accel_std_m_s2=ACCEL_STD, survival_probability_per_s=P_S)
+        return GlmbParams(accel_psd_m2_s3=ACCEL_PSD, survival_probability_per_s=P_S)
 
     def scans(self, count: int) -> Iterator[Scan]:
         """Begin with all objects about known, as in flight; places of birth make up for the deaths."""
         rng = np.random.default_rng(self.seed)
-        F, Q = constant_velocity.transition(1.0), constant_velocity.process_noise(1.0, ACCEL_STD)
+        F, Q = constant_velocity.transition(1.0), constant_velocity.process_noise(1.0, ACCEL_PSD)
         n_places = max(1, self.objects // 10)
         places = rng.uniform(0.0, self.side_m, (n_places, 2))
         again = tuple(_birth(p, self.objects * (1.0 - P_S) / n_places) for p in places)

@@ -32,7 +32,7 @@ from gcs.service.replay import Replay, Window
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 MODEL = """
-accel_std_m_s2 = 1.0
+accel_psd_m2_s3 = 1.0
 survival_probability = 0.99
 detection_probability = 0.98
 clutter_per_scan = 20.0

@@ -12,7 +12,7 @@ from gcs.cli import app
 from gcs.io.detections.readers import load
 
 MODEL = """
-accel_std_m_s2 = 2.0
+accel_psd_m2_s3 = 4.0
 survival_probability = 0.99
 detection_probability = 0.95
 clutter_per_scan = 1.0
@@ -202,7 +202,7 @@ def test_a_world_without_clutter_and_misses_is_tracked(tracked, probability):
 
 
 RADAR = """
-accel_std_m_s2 = 2.0
+accel_psd_m2_s3 = 4.0
 survival_probability = 0.99
 [anywhere]
 per_s = 0.1

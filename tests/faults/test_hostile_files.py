@@ -26,7 +26,7 @@ from mcap.reader import make_reader
 GOLDEN = Path(__file__).parents[1] / "recordings" / "orders.mcap"
 WITHIN_S = 60.0
 MODEL = """
-accel_std_m_s2 = 1.0
+accel_psd_m2_s3 = 1.0
 survival_probability = 0.99
 detection_probability = 0.98
 clutter_per_scan = 20.0

@@ -47,7 +47,7 @@ class ReferenceGlmb:
         self._t_ns = t_ns
         F, Q = (
             constant_velocity.transition(dt_s),
-            constant_velocity.process_noise(dt_s, self.params.accel_std_m_s2),
+            self.params.process_noise(dt_s),
         )
         live = self.params.survival_probability_per_s**dt_s
         predicted = {track: (F @ m, F @ P @ F.T + Q, live) for track, (m, P) in self._states.items()}

@@ -9,7 +9,7 @@ from gcs.tracking.glmb.params import Birth, GlmbParams
 
 SENSOR = Sensor("s", 0.9, 1e-6, np.eye(2) * 4.0, (-1e3, -1e3, 1e3, 1e3))
 BIRTH = Birth(np.zeros(4), np.diag([4.0, 4.0, 1.0, 1.0]), 0.1)
-STILL = GlmbParams(accel_std_m_s2=1e-9)
+STILL = GlmbParams(accel_psd_m2_s3=1e-18)
 """Without process noise, each axis can be computed by hand."""
 
 

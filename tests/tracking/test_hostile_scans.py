@@ -42,7 +42,7 @@ def assert_sound(tracker):
 @settings(deadline=None, max_examples=150)
 @given(scans=SCANS)
 def test_any_sequence_of_scans_leaves_a_sound_picture(scans):
-    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=3.0), 0)
+    tracker = Glmb("targets", GlmbParams(accel_psd_m2_s3=9.0), 0)
     births = [
         Birth(np.array([0.0, x, 1.0, 0.0]), np.diag([100.0, 100.0, 20.0, 20.0]), p)
         for x, p in [(0, 0.03), (9, 1)]
@@ -71,7 +71,7 @@ def test_thousands_of_detections_in_one_place_are_survived():
     births = [
         Birth(np.array([*place, 0.0, 0.0]), np.diag([100.0, 100.0, 20.0, 20.0]), 0.5) for place in places
     ]
-    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=3.0), 0)
+    tracker = Glmb("targets", GlmbParams(accel_psd_m2_s3=9.0), 0)
     detector = Sensor("s", 0.95, 1e-3, np.eye(2) * 9.0, (-250.0, -250.0, 250.0, 250.0))
     for k in range(3):
         z = np.vstack([rng.normal(0, 30, (5000, 2)), np.zeros((500, 2))])

@@ -26,7 +26,7 @@ def neighbours(seed, kind=list):
 
 
 def tracked(scans, **limits):
-    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=1.0, **limits), 1)
+    tracker = Glmb("targets", GlmbParams(accel_psd_m2_s3=1.0, **limits), 1)
     for t_ns, z, births in scans:
         tracker.update(t_ns, z, SENSOR, births)
         yield tracker

@@ -13,7 +13,7 @@ def test_ten_lines_track_a_small_data_set():
     rng = np.random.default_rng(1)
     radar = Sensor("radar", 0.9, 10 / 2000**2, 5.0**2 * np.eye(2), (-1000.0, -1000.0, 1000.0, 1000.0))
     birth = Birth(np.zeros(4), np.diag([100.0, 100.0, 400.0, 400.0]), 0.02)
-    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=1.0), seed=1)
+    tracker = Glmb("targets", GlmbParams(accel_psd_m2_s3=1.0), seed=1)
     for k in range(30):
         truth = np.array([[20.0 * k, 5.0 * k]])
         clutter = rng.uniform(-1000.0, 1000.0, (rng.poisson(10), 2))

@@ -12,7 +12,7 @@ from gcs.model import NS_PER_S, Sensor
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
 
 EXACT = {
-    "accel_std_m_s2": 2.0,
+    "accel_psd_m2_s3": 4.0,
     "survival_probability_per_s": 0.9,
     "max_hypotheses": 100_000,
     "gate_chi2": 1e6,
@@ -100,7 +100,7 @@ def test_gibbs_sampling_finds_the_same_marginals(seed):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_default_limits_hardly_change_existence(seed):
-    usual = GlmbParams(accel_std_m_s2=2.0)
+    usual = GlmbParams(accel_psd_m2_s3=4.0)
     kept = [
         "max_hypotheses",
         "gate_chi2",
@@ -122,7 +122,7 @@ def test_enumeration_of_a_dense_scene_is_exact_within_its_bound(seed):
     place = rng.uniform(-60.0, 60.0, (9, 2))
     born = [Birth(np.array([*p, 0.0, 0.0]), np.diag([60.0, 60.0, 9.0, 9.0]), 0.7) for p in place]
     usual, unbound = (
-        Glmb("targets", GlmbParams(accel_std_m_s2=1.0, max_enumerated=most), 1) for most in (100_000, 10**15)
+        Glmb("targets", GlmbParams(accel_psd_m2_s3=1.0, max_enumerated=most), 1) for most in (100_000, 10**15)
     )
     for k in range(4):
         z = np.vstack([place[rng.random(9) < 0.9] + rng.normal(0, 3, 2), rng.uniform(-80, 80, (6, 2))])

@@ -41,7 +41,7 @@ def test_the_model_on_the_page_is_one_with_all_its_optional_keys_as_well(tmp_pat
 
 def test_the_sensors_and_the_table_on_the_page_fit_each_other(tmp_path):
     (table,) = (text for text in blocks("") if text.startswith("t_s,sensor"))
-    model = "accel_std_m_s2 = 1.0\nsurvival_probability = 0.99\n" + blocks("toml")[1]
+    model = "accel_psd_m2_s3 = 1.0\nsurvival_probability = 0.99\n" + blocks("toml")[1]
     (tmp_path / "model.toml").write_text(model)
     (tmp_path / "set.csv").write_text(table)
     scans = load(tmp_path / "set.csv", tmp_path / "model.toml", None).scans

@@ -181,15 +181,17 @@ def track_detections(
     clock
         Time in seconds, for the time of a scan.
     """
-    anywhere, accel_std_m_s2 = detections.anywhere, detections.params.accel_std_m_s2
+    anywhere, params = detections.anywhere, detections.params
     tracker = Glmb(
         "targets",
-        detections.params,
+        params,
         _SEED,
         keep_histories=estimator != "filtered",
         summarise_detections=anywhere.per_s > 0.0,
     )
-    unknown = AdaptiveBirth(anywhere.per_s, anywhere.speed_std_m_s, anywhere.max_probability, accel_std_m_s2)
+    unknown = AdaptiveBirth(
+        anywhere.per_s, anywhere.speed_std_m_s, anywhere.max_probability, params.process_noise
+    )
     places = detections.births
     states: dict[int, States] = {k: {} for k in detections.scan_numbers.values()}
     existence: dict[int, dict[Label, float]] = {k: {} for k in states}

@@ -51,7 +51,7 @@ from gcs.model import (
 from gcs.tracking.glmb.filter import Birth, DetectionSummary, Glmb
 from gcs.tracking.models.adaptive_birth import AdaptiveBirth
 from gcs.tracking.models.clutter import intensity_per_m2
-from gcs.tracking.models.constant_velocity import process_noise, transition
+from gcs.tracking.models.constant_velocity import transition
 from gcs.tracking.models.sensor_estimation import SensorEstimation
 from gcs.tracking.models.sensors import clutter_per_m2, covers, noise_m2
 
@@ -89,7 +89,7 @@ class ClassTracker:
         state.is_born = state.is_born or [False] * len(births)
         if len(state.is_born) != len(births):
             raise ValueError("tracker state: is_born is not valid")
-        self._accel_std_m_s2 = math.sqrt(table.accel_psd_m2_s3)
+        self._process_noise = params.process_noise
         self._turn_rate_std_rad_s = math.radians(table.turn_rate_std_deg_s)
         self._filter = Glmb(kind, params, 0, summarise_detections=True, state=state.filter)
         scan_t_ns = state.filter.t_ns
@@ -101,7 +101,7 @@ class ClassTracker:
             anywhere.per_s,
             anywhere.speed_std_m_s,
             anywhere.max_probability,
-            self._accel_std_m_s2,
+            self._process_noise,
             state.adaptive_birth,
         )
 
@@ -158,7 +158,7 @@ class ClassTracker:
         """
         tracks = () if self.picture is None else self.picture.tracks
         dt_s = 0.0 if self.picture is None else max(0.0, (t_ns - self.picture.scan_t_ns) / NS_PER_S)
-        F, Q = transition(dt_s), process_noise(dt_s, self._accel_std_m_s2)
+        F, Q = transition(dt_s), self._process_noise(dt_s)
         means = np.reshape([track.mean for track in tracks], (-1, 4)) @ F.T
         covs = F @ np.reshape([track.cov for track in tracks], (-1, 4, 4)) @ F.T + Q
         # The picture has no turn rates: the offset of a turn adds to the covariance.

@@ -25,7 +25,7 @@ _TURN_TIME_S = 10.0
 def glmb_params(tracking: TrackingTable, accel_psd_m2_s3: float, turn_rate_std_deg_s: float) -> GlmbParams:
     """Return the parameters of a filter for objects with this motion."""
     return GlmbParams(
-        accel_std_m_s2=math.sqrt(accel_psd_m2_s3),
+        accel_psd_m2_s3=accel_psd_m2_s3,
         turn_rate_std_rad_s=math.radians(turn_rate_std_deg_s),
         turn_time_s=_TURN_TIME_S,
         max_hypotheses=tracking.max_hypotheses,

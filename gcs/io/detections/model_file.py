@@ -21,7 +21,6 @@ from gcs.errors import ConfigError
 from gcs.files import read_text
 from gcs.io.detections.tables import read_npz
 from gcs.model import FloatArray, Sensor, read_only
-from gcs.tracking.models.constant_velocity import Acceleration
 from gcs.tracking.models.sensors import polar_sensor, sector
 
 MAX_SCANS: Final = 1_000_000
@@ -79,8 +78,10 @@ class ModelTable(Table, frozen=True, kw_only=True):
     """A model file."""
 
     dt_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 1.0
-    accel_std_m_s2: Positive
-    acceleration: Acceleration = "white"
+    accel_psd_m2_s3: NotNegative = 0.0
+    """Spectral density of a white-noise acceleration."""
+    piecewise_accel_std_m_s2: NotNegative = 0.0
+    """Standard deviation of an acceleration that is constant from scan to scan."""
     turn_rate_std_deg_s: Annotated[float, Meta(ge=0.0, le=180.0)] = 0.0
     turn_time_s: Positive = 10.0
     survival_probability: InnerProbability
@@ -178,8 +179,7 @@ def npz_model(path: Path, arrays: Mapping[str, FloatArray]) -> ModelTable:
         raise ConfigError(str(path), "birth_std", "expected the same for x and y")
     raw = {
         "dt_s": dt_s,
-        "accel_std_m_s2": number["sigma_v"],
-        "acceleration": "piecewise",
+        "piecewise_accel_std_m_s2": number["sigma_v"],
         "survival_probability": number["pS"],
         "detection_probability": number["pD"],
         "clutter_per_scan": number["lambda_c"],
@@ -204,6 +204,12 @@ def _check_model(path: Path, table: ModelTable) -> ModelTable:
     for key, value in _floats(msgspec.to_builtins(table)):
         if not math.isfinite(value):
             raise ConfigError(str(path), key, "expected finite numbers in the model")
+    if table.accel_psd_m2_s3 == table.piecewise_accel_std_m_s2 == 0.0:
+        raise ConfigError(
+            str(path),
+            "accel_psd_m2_s3",
+            "expected a process noise above 0: this key, or piecewise_accel_std_m_s2",
+        )
     own = [key for key in (*_SENSOR_KEYS, "field_of_view_m") if getattr(table, key) is not None]
     if table.sensors and own:
         raise ConfigError(str(path), own[0], "is of one sensor: expected it in the tables of [[sensors]]")

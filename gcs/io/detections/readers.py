@@ -237,8 +237,8 @@ def _numbered_scans(
 def _motion(model: ModelTable) -> tuple[GlmbParams, tuple[Birth, ...]]:
     """Return the filter's parameters and the births of a model."""
     params = GlmbParams(
-        accel_std_m_s2=model.accel_std_m_s2,
-        acceleration=model.acceleration,
+        accel_psd_m2_s3=model.accel_psd_m2_s3,
+        piecewise_accel_std_m_s2=model.piecewise_accel_std_m_s2,
         turn_rate_std_rad_s=math.radians(model.turn_rate_std_deg_s),
         turn_time_s=model.turn_time_s,
         survival_probability_per_s=model.survival_probability ** (1.0 / model.dt_s),

@@ -22,7 +22,7 @@ from gcs.tracking.models import constant_velocity
 
 _POSITION_STD_M: Final = 2.0
 """GLOBAL_POSITION_INT is a filtered position; GPS errors of a second are mostly common to it."""
-_ACCEL_STD_M_S2: Final = 5.0
+_ACCEL_PSD_M2_S3: Final = 25.0
 """Of `constant_velocity`; aeroplanes turn with up to 10 m/s2."""
 _SPEED_STD_M_S: Final = 30.0
 _MAX_NIS: Final = -2.0 * math.log(1e-6)
@@ -60,7 +60,7 @@ def smooth_path(boot_s: FloatArray, points_m: FloatArray) -> SmoothedPath:
         while end < len(points) and boot_s[end] > boot_s[end - 1]:
             dt_s = boot_s[end] - boot_s[end - 1]
             F = constant_velocity.transition(dt_s)
-            Q = constant_velocity.process_noise(dt_s, _ACCEL_STD_M_S2)
+            Q = constant_velocity.process_noise(dt_s, _ACCEL_PSD_M2_S3)
             kalman.predict(F=F, Q=Q)
             innovation = points_m[end] - kalman.x[:2]
             nis = innovation @ np.linalg.solve(kalman.P[:2, :2] + kalman.R, innovation)

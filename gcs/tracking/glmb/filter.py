@@ -26,7 +26,7 @@ from gcs.tracking.glmb.measurements import scan_measurements
 from gcs.tracking.glmb.params import SURE, Birth, BirthComponents, GlmbParams
 from gcs.tracking.glmb.recursion import DetectionSummary, Interval
 from gcs.tracking.glmb.state import GlmbState, check_state
-from gcs.tracking.models import clutter, constant_velocity, coordinated_turn, measurement
+from gcs.tracking.models import clutter, coordinated_turn, measurement
 from gcs.tracking.trajectories.recovery import Histories
 
 __all__ = [
@@ -215,7 +215,7 @@ class Glmb:
     def _interval(self, dt_s: float) -> Interval:
         """Return motion, survival and births since the last scan."""
         params = self.params
-        Q = _process_noise(dt_s, params.accel_std_m_s2, params.acceleration)
+        Q = _process_noise(dt_s, params.accel_psd_m2_s3, params.piecewise_accel_std_m_s2)
         survival = _survival_terms(self._survival_probability(dt_s), float(params.lost_std_m))
         return Interval(dt_s, Q, survival, self.state.scans, self._birth_components)
 
@@ -235,10 +235,8 @@ def _survival_terms(survival: float, lost_std_m: float) -> kalman.Survival:
 
 
 @lru_cache(maxsize=64)
-def _process_noise(
-    dt_s: float, accel_std_m_s2: float, acceleration: constant_velocity.Acceleration
-) -> FloatArray:
-    return constant_velocity.process_noise(dt_s, accel_std_m_s2, acceleration)
+def _process_noise(dt_s: float, accel_psd_m2_s3: float, piecewise_accel_std_m_s2: float) -> FloatArray:
+    return GlmbParams(accel_psd_m2_s3, piecewise_accel_std_m_s2).process_noise(dt_s)
 
 
 def warm_up_calls() -> list[jit.Call]:

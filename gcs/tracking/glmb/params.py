@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,10 +62,17 @@ class GlmbParams:
         If a value is out of range: names the parameter and the expected range.
     """
 
-    accel_std_m_s2: float
-    """Standard deviation of the velocity gained in one second (see `constant_velocity`)."""
-    acceleration: constant_velocity.Acceleration = "white"
-    """Model of the process noise (see `constant_velocity`)."""
+    accel_psd_m2_s3: float
+    """Power spectral density q of the white-noise acceleration along each axis, in m^2/s^3.
+
+    An object gains a velocity of variance q dt in a time dt. It is `noise_diff_coeff` of Stone Soup's
+    `ConstantVelocity`.
+    """
+    piecewise_accel_std_m_s2: float = 0.0
+    """Standard deviation of an acceleration that is constant from scan to scan; it adds to the white noise.
+
+    It is `sigma_v` in the code of Vo and Vo, for data that was simulated so (see `constant_velocity`).
+    """
     turn_rate_std_rad_s: float = 0.0
     """Standard deviation of the turn rate (see `coordinated_turn`); 0 for straight motion."""
     turn_time_s: float = 5.0
@@ -101,11 +108,8 @@ class GlmbParams:
 
     def __post_init__(self) -> None:
         expected = {
-            "accel_std_m_s2": (self.accel_std_m_s2 >= 0.0, "at least 0"),
-            "acceleration": (
-                self.acceleration in get_args(constant_velocity.Acceleration),
-                "white or piecewise",
-            ),
+            "accel_psd_m2_s3": (self.accel_psd_m2_s3 >= 0.0, "at least 0"),
+            "piecewise_accel_std_m_s2": (self.piecewise_accel_std_m_s2 >= 0.0, "at least 0"),
             "turn_rate_std_rad_s": (self.turn_rate_std_rad_s >= 0.0, "at least 0"),
             "turn_time_s": (self.turn_time_s > 0.0, "above 0"),
             "survival_probability_per_s": (0.0 <= self.survival_probability_per_s <= 1.0, "0 to 1"),
@@ -118,6 +122,11 @@ class GlmbParams:
         for name, (is_met, what) in expected.items():
             if not is_met:
                 raise ValueError(f"{name}: expected {what}, got {getattr(self, name)!r}")
+
+    def process_noise(self, dt_s: float) -> FloatArray:
+        """Return Q(dt), (4, 4), for the state [east, north, v_east, v_north]."""
+        white = constant_velocity.process_noise(dt_s, self.accel_psd_m2_s3)
+        return white + constant_velocity.piecewise_process_noise(dt_s, self.piecewise_accel_std_m_s2)
 
     def limits(self) -> Limits:
         """Return the limits as kernels use them."""

@@ -15,6 +15,7 @@ number of sensors. Two sensors do not double the births.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -74,8 +75,8 @@ class AdaptiveBirth:
         Standard deviation of the velocity of a birth, along each axis.
     max_probability : float
         Largest probability of a single birth.
-    accel_std_m_s2 : float
-        Process noise until the next scan.
+    process_noise : callable
+        Q(dt) of the motion until the next scan, (4, 4) (see `GlmbParams.process_noise`).
     state : AdaptiveBirthState, optional
         State to continue from; it is updated in place.
     """
@@ -85,13 +86,13 @@ class AdaptiveBirth:
         per_s: float,
         speed_std_m_s: float,
         max_probability: float,
-        accel_std_m_s2: float,
+        process_noise: Callable[[float], FloatArray],
         state: AdaptiveBirthState | None = None,
     ) -> None:
         self._per_s = per_s
         self._speed_std_m_s = speed_std_m_s
         self._max_probability = max_probability
-        self._accel_std_m_s2 = accel_std_m_s2
+        self._process_noise = process_noise
         self._state = AdaptiveBirthState() if state is None else state
 
     def births(self, t_ns: int) -> list[Birth]:
@@ -101,7 +102,7 @@ class AdaptiveBirth:
             return []
         dt_s = (t_ns - last.t_ns) / NS_PER_S
         speed = np.diag([0.0, 0.0, 1.0, 1.0]) * self._speed_std_m_s**2
-        F, Q = constant_velocity.transition(dt_s), constant_velocity.process_noise(dt_s, self._accel_std_m_s2)
+        F, Q = constant_velocity.transition(dt_s), self._process_noise(dt_s)
         found = []
         for position, noise, probability in zip(
             last.positions_m, last.noise_m2, last.probability, strict=True

@@ -1,29 +1,29 @@
 """Nearly constant velocity: the motion model between scans.
 
-Continuous white-noise acceleration (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.2), per axis with spectral
-density q:
+F(dt) = [[1, dt], [0, 1]] for each axis [p, v]. Two models of the process noise; both may be used, and add:
 
-    d/dt [p, v] = [v, w],    F(dt) = [[1, dt], [0, 1]],    Q(dt) = q [[dt^3/3, dt^2/2], [dt^2/2, dt]]
+Continuous white-noise acceleration of spectral density q, in m^2/s^3 (Bar-Shalom, Li & Kirubarajan 2001,
+section 6.2.2; `noise_diff_coeff` of Stone Soup's `ConstantVelocity`):
+
+    Q(dt) = q [[dt^3/3, dt^2/2], [dt^2/2, dt]]
 
 F and Q over a + b equal those over a followed by b, so the estimate does not depend on the scan times of
-other sensors. ``accel_std_m_s2`` is the standard deviation of the velocity gained in one second: q =
-accel_std_m_s2^2 x 1 s, in m^2/s^3.
+other sensors.
 
-The piecewise-constant model (ibid., section 6.3.2) has one acceleration from scan to scan:
-``Q = accel_std_m_s2^2 [[dt^4/4, dt^3/2], [dt^3/2, dt^2]]``. It is for data that was simulated so, at regular
-scans. At dt = 1 s both add the same variance to the velocity.
+Piecewise-constant acceleration: one draw from scan to scan, of standard deviation sigma, in m/s^2 (ibid.,
+section 6.3.2; `sigma_v` in the code of Vo and Vo):
+
+    Q(dt) = sigma^2 [[dt^4/4, dt^3/2], [dt^3/2, dt^2]]
+
+It is for data that was simulated so, at regular scans. At dt = 1 s both add the same variance to the velocity
+for q = sigma^2 x 1 s.
 """
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
-
 import numpy as np
 
 from gcs.model import FloatArray
-
-Acceleration: TypeAlias = Literal["white", "piecewise"]
-"""Continuous white noise, or piecewise constant between scans."""
 
 
 def transition(dt_s: float) -> FloatArray:
@@ -33,15 +33,19 @@ def transition(dt_s: float) -> FloatArray:
     return matrix
 
 
-def process_noise(dt_s: float, accel_std_m_s2: float, acceleration: Acceleration = "white") -> FloatArray:
-    """Return Q(dt), (4, 4): 0 for dt = 0; for dt > 0 positive definite, or semidefinite if "piecewise"."""
-    density = accel_std_m_s2 * accel_std_m_s2
-    if acceleration == "white":
-        position, cross, velocity = dt_s**3 / 3.0, dt_s**2 / 2.0, dt_s
-    else:
-        position, cross, velocity = dt_s**4 / 4.0, dt_s**3 / 2.0, dt_s**2
+def process_noise(dt_s: float, accel_psd_m2_s3: float) -> FloatArray:
+    """Return Q(dt), (4, 4), of white-noise acceleration: 0 for dt = 0, else positive definite."""
+    return accel_psd_m2_s3 * _both_axes(dt_s**3 / 3.0, dt_s**2 / 2.0, dt_s)
+
+
+def piecewise_process_noise(dt_s: float, accel_std_m_s2: float) -> FloatArray:
+    """Return Q(dt), (4, 4), of piecewise-constant acceleration: positive semidefinite."""
+    return accel_std_m_s2 * accel_std_m_s2 * _both_axes(dt_s**4 / 4.0, dt_s**3 / 2.0, dt_s**2)
+
+
+def _both_axes(position: float, cross: float, velocity: float) -> FloatArray:
     matrix = np.zeros((4, 4))
-    matrix[0, 0] = matrix[1, 1] = density * position
-    matrix[0, 2] = matrix[2, 0] = matrix[1, 3] = matrix[3, 1] = density * cross
-    matrix[2, 2] = matrix[3, 3] = density * velocity
+    matrix[0, 0] = matrix[1, 1] = position
+    matrix[0, 2] = matrix[2, 0] = matrix[1, 3] = matrix[3, 1] = cross
+    matrix[2, 2] = matrix[3, 3] = velocity
     return matrix

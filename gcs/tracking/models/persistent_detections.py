@@ -26,7 +26,7 @@ _UNEXPLAINED: Final = 0.5
 """A detection below this probability of being explained belongs to no track."""
 _GATE_CHI2: Final = 16.0
 _SPEED_STD_M_S: Final = 10.0
-_ACCEL_STD_M_S2: Final = 0.5
+_ACCEL_PSD_M2_S3: Final = 0.25
 _MAX_DETECTION: Final = 0.98
 """Cap of the detection probability: one miss proves little."""
 _MIN_CLUTTER_PER_M2: Final = 1e-9
@@ -90,7 +90,7 @@ class PersistentDetections:
     def _predict(self, t_ns: int) -> None:
         dt_s = (t_ns - self.t_ns) / NS_PER_S if self.score.size else 0.0
         self.t_ns = t_ns
-        F, Q = constant_velocity.transition(dt_s), constant_velocity.process_noise(dt_s, _ACCEL_STD_M_S2)
+        F, Q = constant_velocity.transition(dt_s), constant_velocity.process_noise(dt_s, _ACCEL_PSD_M2_S3)
         self.mean = self.mean @ F.T
         self.cov = F @ self.cov @ F.T + Q
 

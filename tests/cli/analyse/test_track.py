@@ -31,8 +31,7 @@ KEYS = [
 ]
 SCANS = 30
 MODEL = """
-accel_std_m_s2 = 5.0
-acceleration = "piecewise"
+piecewise_accel_std_m_s2 = 5.0
 survival_probability = 0.99
 detection_probability = 0.95
 clutter_per_scan = 10.0
@@ -358,7 +357,9 @@ def test_paths_of_turning_objects_are_recovered_with_their_turns(tmp_path):
     birth = "[[births]]\nx_m = 60.0\ny_m = 0.0\nstd_m = 10.0\nspeed_std_m_s = 10.0\nprobability = 0.03\n"
     straight, turning = tmp_path / "straight.toml", tmp_path / "turning.toml"
     straight.write_text(head + birth)
-    head = head.replace("accel_std_m_s2 = 5.0", "accel_std_m_s2 = 1.0\nturn_rate_std_deg_s = 17.0")
+    head = head.replace(
+        "piecewise_accel_std_m_s2 = 5.0", "piecewise_accel_std_m_s2 = 1.0\nturn_rate_std_deg_s = 17.0"
+    )
     turning.write_text(head + birth)
 
     def ospa(model, estimator):
@@ -372,7 +373,7 @@ def test_paths_of_turning_objects_are_recovered_with_their_turns(tmp_path):
 
 
 RADARS = """
-accel_std_m_s2 = 1.0
+accel_psd_m2_s3 = 1.0
 survival_probability = 0.99
 [[sensors]]
 name = "west"

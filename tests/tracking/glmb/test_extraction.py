@@ -61,7 +61,7 @@ def test_in_clutter_estimates_are_better_than_the_best_track_and_consistent():
     sensor = Sensor("s", 0.8, 3e-4, np.eye(2) * 25.0, (-1e4, -1e4, 1e4, 1e4))
     birth = Birth(np.zeros(4), np.diag([25.0, 25.0, 200.0, 200.0]), 0.9)
     for seed in range(10):
-        rng, of = np.random.default_rng(seed), Glmb("targets", GlmbParams(accel_std_m_s2=2.0), 1)
+        rng, of = np.random.default_rng(seed), Glmb("targets", GlmbParams(accel_psd_m2_s3=4.0), 1)
         x = np.array([0.0, 0.0, 10.0, 0.0])
         for k in range(40):
             z = x[None, :2][rng.random(1) < 0.8] + rng.normal(0.0, 5.0, (1, 2))

@@ -27,7 +27,7 @@ def births(places=PLACES, probability=0.03):
 
 
 def tracker(seed=1, **params):
-    return Glmb("agents", GlmbParams(**{"accel_std_m_s2": 1.0, **params}), seed)
+    return Glmb("agents", GlmbParams(**{"accel_psd_m2_s3": 1.0, **params}), seed)
 
 
 def existence(of):
@@ -230,7 +230,7 @@ def test_pictures_are_accurate_and_the_count_is_unbiased_where_the_model_holds()
     detector = sensor(0.95, noise_m=5.0)
     distances, errors = [], []
     for seed in range(8):
-        of = tracker(seed, accel_std_m_s2=0.6)
+        of = tracker(seed, accel_psd_m2_s3=0.36)
         for k, (z, truth) in enumerate(linear_gaussian_scene(seed)):
             of.update(k * NS_PER_S, z, detector, births(probability=0.9 if k == 0 else 0.03))
             cardinality = of.picture(0).cardinality
@@ -287,7 +287,7 @@ def test_nothing_is_compiled_in_flight_after_the_warm_up():
     jit.warm_up(recovery.__name__)
     before = [len(kernel.signatures) for kernel in kernels]
     busy_run(1, scans=30)
-    of = Glmb("targets", GlmbParams(accel_std_m_s2=1, turn_rate_std_rad_s=1), 1, keep_histories=True)
+    of = Glmb("targets", GlmbParams(accel_psd_m2_s3=1.0, turn_rate_std_rad_s=1), 1, keep_histories=True)
     for k, dtype in enumerate((np.float64, np.int64)):  # laid out otherwise, or of whole numbers
         noise = np.asfortranarray(np.eye(2, dtype=dtype))
         z = np.asfortranarray(PLACES.astype(dtype))
@@ -303,9 +303,9 @@ def test_nothing_is_compiled_in_flight_after_the_warm_up():
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("accel_std_m_s2", -1.0),
-        ("accel_std_m_s2", math.nan),
-        ("acceleration", "jerk"),
+        ("accel_psd_m2_s3", -1.0),
+        ("accel_psd_m2_s3", math.nan),
+        ("piecewise_accel_std_m_s2", -1.0),
         ("survival_probability_per_s", 99.0),
         ("turn_rate_std_rad_s", -0.3),
         ("max_hypotheses", 0),
@@ -313,4 +313,4 @@ def test_nothing_is_compiled_in_flight_after_the_warm_up():
 )
 def test_an_invalid_parameter_is_refused_by_name(key, value):
     with pytest.raises(ValueError, match=f"{key}: expected"):
-        GlmbParams(**{"accel_std_m_s2": 1.0, key: value})
+        GlmbParams(**{"accel_psd_m2_s3": 1.0, key: value})

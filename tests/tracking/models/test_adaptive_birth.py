@@ -16,7 +16,7 @@ def sensor(clutter, name="s", field=FIELD):
 
 
 def unknown(per_s=0.05, most=0.1):
-    return AdaptiveBirth(per_s, 8.0, most, 1.0)
+    return AdaptiveBirth(per_s, 8.0, most, GlmbParams(1.0).process_noise)
 
 
 def scan(rng, clutter, objects=()):
@@ -28,7 +28,7 @@ def scan(rng, clutter, objects=()):
 def follow(clutter, objects, scans, seed, sensors=None):
     """Numbers in the estimate, scan by scan; `objects(k)` gives the true places."""
     rng, births = np.random.default_rng(seed), unknown()
-    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=1.0), 1, summarise_detections=True)
+    tracker = Glmb("targets", GlmbParams(accel_psd_m2_s3=1.0), 1, summarise_detections=True)
     found = []
     for k in range(scans):
         t_ns = k * NS_PER_S
@@ -103,7 +103,7 @@ def test_a_birth_is_predicted_to_the_next_scan():
 
 def test_an_object_outside_every_field_of_view_fades():
     """It lives by survival alone, as one track, and is given up when its place is no more than a guess."""
-    params = GlmbParams(accel_std_m_s2=1.0, lost_std_m=300.0)
+    params = GlmbParams(accel_psd_m2_s3=1.0, lost_std_m=300.0)
     rng, births = np.random.default_rng(3), unknown()
     tracker = Glmb("targets", params, 1, summarise_detections=True)
     radar, numbers, existence = sensor(5), [], []

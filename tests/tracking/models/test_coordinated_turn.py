@@ -138,16 +138,16 @@ def velocity_error(params, seeds, radius_m=45.0, speed_m_s=15.0):
 
 
 def test_a_loiter_circle_is_followed_much_closer_than_by_straight_motion():
-    straight = velocity_error(GlmbParams(accel_std_m_s2=4.0), range(5))
+    straight = velocity_error(GlmbParams(accel_psd_m2_s3=16.0), range(5))
     turning_too = velocity_error(
-        GlmbParams(accel_std_m_s2=1.0, turn_rate_std_rad_s=0.3, turn_time_s=10.0), range(5)
+        GlmbParams(accel_psd_m2_s3=1.0, turn_rate_std_rad_s=0.3, turn_time_s=10.0), range(5)
     )
     assert turning_too < 0.7 * straight
 
 
 def loitering(seed, **params):
     """Tracker of an aircraft that circles among misses and clutter; states shown by scan, and the truth."""
-    params = {"accel_std_m_s2": 1.0, "turn_rate_std_rad_s": 0.3, "turn_time_s": 10.0} | params
+    params = {"accel_psd_m2_s3": 1.0, "turn_rate_std_rad_s": 0.3, "turn_time_s": 10.0} | params
     rng, tracker = np.random.default_rng(seed), Glmb("agents", GlmbParams(**params), 1, keep_histories=True)
     angle = np.arange(40) / 3.0
     truth = 45.0 * np.column_stack([np.cos(angle) - 1.0, np.sin(angle)])
@@ -208,5 +208,5 @@ def test_recovered_turns_are_no_worse_than_filtered_ones_and_smoothed_ones_far_b
 
 @pytest.mark.parametrize("rate", [0.0, 0.3])
 def test_a_straight_flight_is_followed_with_and_without_turns(rate):
-    params = GlmbParams(accel_std_m_s2=1.0, turn_rate_std_rad_s=rate, turn_time_s=10.0)
+    params = GlmbParams(accel_psd_m2_s3=1.0, turn_rate_std_rad_s=rate, turn_time_s=10.0)
     assert velocity_error(params, range(2), radius_m=1e6) < 4.0

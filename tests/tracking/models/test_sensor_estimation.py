@@ -75,7 +75,7 @@ def test_a_corrected_radar_keeps_its_geometry_and_gets_its_clutter():
 def test_a_detection_summary_estimates_the_true_sensor(p_d, clutter):
     """Announced 0.9 and 10; the truth is another. Estimated through the tracker, not from the truth."""
     rng, detector, calibration = np.random.default_rng(4), sensor(), SensorEstimation()
-    tracker = Glmb("targets", GlmbParams(accel_std_m_s2=0.5), 1, summarise_detections=True)
+    tracker = Glmb("targets", GlmbParams(accel_psd_m2_s3=0.25), 1, summarise_detections=True)
     places = rng.uniform(200.0, 800.0, (8, 2))
     for k in range(150):
         r = 0.02 if k < 5 else 1e-4  # as of places that have given their object

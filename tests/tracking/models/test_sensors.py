@@ -160,7 +160,7 @@ def test_noise_on_the_map_lies_along_and_across_the_line_of_sight():
 def fly(sensors_of, path, scans=20, seed=0, births=None, params=None):
     """Track one object along `path(t_s)`; a scan of each sensor every second, without clutter."""
     rng = np.random.default_rng(seed)
-    tracker = Glmb("targets", params or GlmbParams(accel_std_m_s2=1.0), 0)
+    tracker = Glmb("targets", params or GlmbParams(accel_psd_m2_s3=1.0), 0)
     start = np.array([*path(0.0), 0.0, 0.0])
     birth = Birth(start, np.diag([400.0, 400.0, 100.0, 100.0]), 0.1)
     for k in range(scans):

@@ -23,7 +23,7 @@ def births(probability=0.03):
 
 
 def tracker(keep=True, **params):
-    return Glmb("targets", GlmbParams(**{"accel_std_m_s2": 1.0, **params}), 1, keep_histories=keep)
+    return Glmb("targets", GlmbParams(**{"accel_psd_m2_s3": 1.0, **params}), 1, keep_histories=keep)
 
 
 def noisy_run(seed, scans=25, p_d=0.9, clutter=20, keep=True, **params):

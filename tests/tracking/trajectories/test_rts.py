@@ -21,7 +21,7 @@ def history(seed, n, missed=0.3):
         z = None if rng.random() < missed else rng.normal((5.0 * k, 0.0), 30.0)
         steps.append(
             FilterStep(
-                dt, constant_velocity.transition(dt), constant_velocity.process_noise(dt, 2.0), sensor, z
+                dt, constant_velocity.transition(dt), constant_velocity.process_noise(dt, 4.0), sensor, z
             )
         )
     return rng.normal(0, 10, 4), steps
