@@ -30,7 +30,7 @@ from collections import deque
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
-from sim_vehicles.autopilots.base import ARDUPLANE, Mode, Personality
+from sim_vehicles.autopilots.base import ARDUPLANE, AutopilotTraits, Mode
 from sim_vehicles.autopilots.missions import MISSION, Item, MissionStore
 from sim_vehicles.autopilots.state import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
 from sim_vehicles.vehicle.airframe import Airframe
@@ -74,17 +74,17 @@ class Autopilot:
         forward_speed_m_s: float,
         boot_t_ns: int,
         airborne: bool,
-        personality: Personality = ARDUPLANE,
+        traits: AutopilotTraits = ARDUPLANE,
     ) -> None:
         self.airframe = airframe
         self.parameters = parameters
         self.geodesy = geodesy
         self.forward_speed_m_s = forward_speed_m_s
         self.boot_t_ns = boot_t_ns
-        self.personality = personality
-        self._first = personality.home_items
+        self.traits = traits
+        self._first = traits.home_items
         self.mission = MissionStore(MISSION, self.mission_home if self._first else None)
-        self.fence = FenceGuard(parameters, geodesy, px4=personality.atomic)
+        self.fence = FenceGuard(parameters, geodesy, px4=traits.atomic)
         self.notices: deque[StatusText | ItemReached] = deque()
         self.home = Home(airframe.east_m, airframe.north_m, 0.0)
         self.mode = Mode.MANUAL
@@ -330,7 +330,7 @@ class Autopilot:
 
     def _end_mission(self) -> None:
         self._mission_complete = True
-        mode = self.personality.ends_in
+        mode = self.traits.ends_in
         self.notify(mavlink.MAV_SEVERITY_INFO, f"Mission complete, changing mode to {mode.name}")
         self.set_mode(mode)
 

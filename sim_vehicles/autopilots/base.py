@@ -49,7 +49,7 @@ _POSITION_CONTROL: Final = (3, 0)
 
 
 @dataclass(frozen=True, slots=True)
-class Personality:
+class AutopilotTraits:
     """Differences of one autopilot that a ground station sees."""
 
     name: str
@@ -83,6 +83,6 @@ class Personality:
         return self.mode_of_numbers(custom_mode, 0)
 
 
-ARDUPLANE: Final = Personality("ardupilot", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, False, Mode.RTL, True)
-PX4: Final = Personality("px4", mavlink.MAV_AUTOPILOT_PX4, 0, True, Mode.LOITER, False)
-PERSONALITIES: Final = {personality.name: personality for personality in (ARDUPLANE, PX4)}
+ARDUPLANE: Final = AutopilotTraits("ardupilot", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, False, Mode.RTL, True)
+PX4: Final = AutopilotTraits("px4", mavlink.MAV_AUTOPILOT_PX4, 0, True, Mode.LOITER, False)
+TRAITS: Final = {traits.name: traits for traits in (ARDUPLANE, PX4)}

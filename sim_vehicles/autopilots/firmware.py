@@ -23,7 +23,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.errors import SimulationError
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
-from sim_vehicles.autopilots.base import PERSONALITIES, Mode
+from sim_vehicles.autopilots.base import TRAITS, Mode
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ class Launch:
         self.last_status = ""
         """The vehicle's last STATUSTEXT, for the error of a failed launch."""
         self._spec, self._frame = spec, frame
-        self._personality = PERSONALITIES[spec.autopilot]
+        self._traits = TRAITS[spec.autopilot]
         self._is_ready = self._armed = False
         self._mode: Mode | None = None
         self._again_ns = 0
@@ -168,7 +168,7 @@ class Launch:
         match message.get_type():
             case "HEARTBEAT" if message.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1:
                 self._armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-                self._mode = self._personality.mode_of_custom(message.custom_mode)
+                self._mode = self._traits.mode_of_custom(message.custom_mode)
                 if self.stage is Stage.LOITERING and self._mode is Mode.LOITER:
                     self.stage = Stage.DONE
             case "SYS_STATUS":
@@ -219,7 +219,7 @@ class Launch:
 
     def _set_mode(self, mode: Mode) -> Any:
         flag = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        custom_mode = self._personality.custom_mode(mode)
+        custom_mode = self._traits.custom_mode(mode)
         is_px4 = self._spec.autopilot == "px4"
         numbers = (custom_mode >> 16 & 0xFF, custom_mode >> 24) if is_px4 else (custom_mode,)
         return self._command(mavlink.MAV_CMD_DO_SET_MODE, flag, *numbers)

@@ -108,7 +108,7 @@ class Commands:
     def handle_set_mode(self, message: Any) -> None:
         """Process SET_MODE, the older form; its ACK has the message id as command."""
         has_custom = bool(message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
-        mode = self._autopilot.personality.mode_of_custom(message.custom_mode)
+        mode = self._autopilot.traits.mode_of_custom(message.custom_mode)
         result = self._mode(mode) if has_custom else _DENIED
         self._ack(message, mavlink.MAVLINK_MSG_ID_SET_MODE, result)
 
@@ -123,7 +123,7 @@ class Commands:
         autopilot = self._autopilot
         if mode is None:
             return _FAILED
-        if mode is Mode.AUTO and autopilot.personality.atomic and autopilot.mission_state is _NO_MISSION:
+        if mode is Mode.AUTO and autopilot.traits.atomic and autopilot.mission_state is _NO_MISSION:
             # PX4 refuses AUTO without a valid mission; ArduPlane returns home.
             return _TEMPORARILY_REJECTED
         autopilot.set_mode(mode)
@@ -134,7 +134,7 @@ class Commands:
         if base < 0 or not base & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return _DENIED
         numbers = _whole(command.p2), _whole(command.p3)
-        return self._mode(self._autopilot.personality.mode_of_numbers(*numbers))
+        return self._mode(self._autopilot.traits.mode_of_numbers(*numbers))
 
     def _mission_start(self, command: Command, _t_ns: int) -> int:
         # ArduPlane starts the whole mission or nothing.
@@ -156,7 +156,7 @@ class Commands:
         return _ACCEPTED
 
     def _set_current(self, command: Command, t_ns: int) -> int:
-        if not self._autopilot.personality.has_set_current_command:
+        if not self._autopilot.traits.has_set_current_command:
             return _UNSUPPORTED
         seq = _whole(command.p1)
         if seq < 0 or not self._autopilot.set_current(seq):
@@ -214,7 +214,7 @@ class Commands:
         message_id = _whole(command.p1)
         if message_id not in self._telemetry or not math.isfinite(command.p2):
             return _FAILED
-        if self._autopilot.personality is PX4 and message_id == mavlink.MAVLINK_MSG_ID_MISSION_CURRENT:
+        if self._autopilot.traits is PX4 and message_id == mavlink.MAVLINK_MSG_ID_MISSION_CURRENT:
             return _FAILED  # Its interval is fixed.
         self._streams.set_interval(message_id, round(command.p2), t_ns)
         return _ACCEPTED

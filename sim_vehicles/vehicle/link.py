@@ -139,7 +139,7 @@ class VehicleLink:
 
     def _send_text(self, notice: StatusText) -> None:
         """Send a STATUSTEXT: ArduPlane truncates it, PX4 sends chunks with one id."""
-        if self._autopilot.personality is not PX4:
+        if self._autopilot.traits is not PX4:
             text = notice.text[:_CHUNK].encode("ascii")
             self.outbox.send(mavlink.MAVLink_statustext_message(notice.severity, text))
             return
@@ -232,7 +232,7 @@ class VehicleLink:
         name = message.param_id
         if name in parameters:
             value = message.param_value
-            if self._autopilot.personality is PX4:
+            if self._autopilot.traits is PX4:
                 value = decode_value(message, bytewise=True)
             parameters.request(name, value)
             self._send_parameter(name, parameters.index(name))
@@ -240,7 +240,7 @@ class VehicleLink:
     def _send_parameter(self, name: str, index: int) -> None:
         parameters = self._autopilot.parameters
         kind = int(parameters.kind(name))
-        value = encode_value(parameters[name], kind, bytewise=self._autopilot.personality is PX4)
+        value = encode_value(parameters[name], kind, bytewise=self._autopilot.traits is PX4)
         self.outbox.send(
             mavlink.MAVLink_param_value_message(name.encode("ascii"), value, kind, len(parameters), index)
         )
@@ -282,7 +282,7 @@ class VehicleLink:
 def _mission_server(autopilot: Autopilot, send: Callable[[Any], None]) -> MissionServer:
     stores = {MISSION: autopilot.mission, **autopilot.fence.stores}
     cleared = autopilot.mission_cleared
-    if autopilot.personality is PX4:
+    if autopilot.traits is PX4:
         return Px4MissionServer(stores, send, cleared, lambda: autopilot.seq, autopilot.mission_replaced)
     return MissionServer(
         stores,

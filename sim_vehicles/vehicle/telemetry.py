@@ -128,10 +128,10 @@ class Telemetry:
         status = mavlink.MAV_STATE_ACTIVE if autopilot.flying else mavlink.MAV_STATE_STANDBY
         if autopilot.failsafe.is_on:
             status = mavlink.MAV_STATE_CRITICAL
-        personality = autopilot.personality
-        custom_mode = personality.custom_mode(autopilot.mode)
+        traits = autopilot.traits
+        custom_mode = traits.custom_mode(autopilot.mode)
         return mavlink.MAVLink_heartbeat_message(
-            mavlink.MAV_TYPE_FIXED_WING, personality.mav_autopilot, base, custom_mode, status, 3
+            mavlink.MAV_TYPE_FIXED_WING, traits.mav_autopilot, base, custom_mode, status, 3
         )
 
     def _battery_percent(self, t_ns: int) -> int:
@@ -201,7 +201,7 @@ class Telemetry:
         """Return the current item; `total` excludes home."""
         autopilot = self._autopilot
         return mavlink.MAVLink_mission_current_message(
-            autopilot.seq, max(len(autopilot.mission) - autopilot.personality.home_items, 0),
+            autopilot.seq, max(len(autopilot.mission) - autopilot.traits.home_items, 0),
             int(autopilot.mission_state),
             1 if autopilot.mode is Mode.AUTO else 2,
         )  # fmt: skip
@@ -269,10 +269,10 @@ class Telemetry:
         )
         capabilities |= (
             mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
-            if self._autopilot.personality is PX4
+            if self._autopilot.traits is PX4
             else mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
         )
-        major, minor = (1, 15) if self._autopilot.personality is PX4 else (4, 6)
+        major, minor = (1, 15) if self._autopilot.traits is PX4 else (4, 6)
         version = major << 24 | minor << 16 | mavlink.FIRMWARE_VERSION_TYPE_OFFICIAL
         system_id = int(self._autopilot.parameters["SYSID_THISMAV"])
         return mavlink.MAVLink_autopilot_version_message(

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.arduplane import Autopilot
-from sim_vehicles.autopilots.base import PERSONALITIES
+from sim_vehicles.autopilots.base import TRAITS
 from sim_vehicles.autopilots.missions import NEVER_NS
 from sim_vehicles.autopilots.px4 import Px4Autopilot
 from sim_vehicles.vehicle.airframe import STEP_NS, Airframe
@@ -122,7 +122,7 @@ class SimVehicle:
             spec.forward_speed_m_s,
             start_t_ns,
             spec.airborne,
-            PERSONALITIES[spec.autopilot],
+            TRAITS[spec.autopilot],
         )
         self._link = VehicleLink(
             spec.system_id, self.autopilot, start_t_ns, spec.gps_noise_std_m, _generator(spec, "gps"), key
