@@ -39,6 +39,7 @@ from gcs.planning.path.shortcut import (
 from gcs.planning.path.string_pulling import pull_string
 from gcs.planning.path.turns import make_flyable
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
+from gcs.planning.route_capture import capture_length_m, has_explicit_turn, turn_around_s
 from gcs.planning.route_search import RouteSearch
 from gcs.planning.search import canonical_ordering, cost_matrix
 from gcs.planning.search.cost_matrix import Endpoints
@@ -63,6 +64,8 @@ class PlanResult:
         Length of each vehicle's grid path, before shaping.
     stops_short : frozenset of int
         Vehicles whose routes end before the target, because no clear path passes it.
+    captured : mapping of int to Route
+        Shorter routes without an explicit first turn: the simulated vehicle captures them clear of obstacles.
     """
 
     routes: tuple[Route, ...]
@@ -71,6 +74,7 @@ class PlanResult:
     notes: tuple[str, ...]
     grid_lengths_m: Mapping[int, float] = field(default_factory=dict)
     stops_short: frozenset[int] = frozenset()
+    captured: Mapping[int, Route] = field(default_factory=dict)
 
     @property
     def total_length_m(self) -> float:
@@ -113,6 +117,7 @@ def plan_routes(
     routes: list[Route] = []
     grid_lengths_m: dict[int, float] = {}
     stops_short: set[int] = set()
+    captured: dict[int, Route] = {}
     if vehicles and labels:
         needs = [demands.get(label, TargetDemand()) for label in labels]
         search = RouteSearch(
@@ -133,6 +138,14 @@ def plan_routes(
             if problem:
                 notes.append(f"{_agent(vehicle)}: {problem.format(target_name(label))}")
                 stops_short.add(vehicle)
+            if has_explicit_turn(agents[vehicle], route.points_m) and options.shape == "flyable":
+                aimed = search.route(i, j, turns=False)
+                plain = Route(vehicle, label, aimed.points_m, aimed.length_m)
+                start = replace(agents[vehicle], course_rad=None)
+                plain, problem = _with_terminal_loiter(grid, plain, start, aimed.target_m, options)
+                length_m = math.inf if problem else _captured_m(grid, plain, start, options)
+                if length_m < route.length_m:
+                    captured[vehicle] = replace(plain, length_m=length_m)
         on_stage("shaping")
     served = {route.target for route in routes}
     busy = {route.vehicle for route in routes}
@@ -143,6 +156,7 @@ def plan_routes(
         tuple(notes),
         grid_lengths_m,
         frozenset(stops_short),
+        captured,
     )
 
 
@@ -198,6 +212,15 @@ def _with_terminal_loiter(
     length_m = float(np.hypot(*np.diff(path_m, axis=0).T).sum())
     route = replace(route, points_m=read_only(end.points_m), length_m=length_m, wait_m=end.wait_m)
     return route, problem
+
+
+def _captured_m(grid: Grid, route: Route, start: AgentState, options: PlanOptions) -> float:
+    """Return the length of a route captured without an explicit turn; infinite if it is not clear."""
+    motion, turns, lag_s = start.motion, options.turns, options.turn_lag_s
+    if motion is None or turns is None:
+        return math.inf
+    horizon_s = turn_around_s(motion, options.turn_radius_m, lag_s)
+    return capture_length_m(grid, motion, route.points_m, turns, horizon_s, lag_s, options.clearance_m)
 
 
 def _agent(vehicle: int) -> str:

@@ -79,6 +79,10 @@ class PlanOptions:
         Surplus agents get no route, or a target that another agent serves already.
     loiter : LoiterSpec or None
         Terminal loiter of flyable routes. None: the end of a route is not checked.
+    turns : TurnAnticipation or None
+        Turn anticipation at waypoints, for the captures of flyable routes. None: no capture is simulated.
+    turn_lag_s : float
+        Delay until a commanded turn rate is reached.
     """
 
     search_cost: SearchCost = "metric"
@@ -91,3 +95,5 @@ class PlanOptions:
     objective: Objective = "total"
     surplus: Literal["hold", "double"] = "hold"
     loiter: LoiterSpec | None = None
+    turns: TurnAnticipation | None = None
+    turn_lag_s: float = 0.0

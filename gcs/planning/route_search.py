@@ -79,14 +79,14 @@ class RouteSearch:
         by_length = options.cost == "length"
         self.costs: FloatArray = arrivals_s * (speeds[:, None] if by_length else speeds.mean())
 
-    def route(self, i: int, j: int) -> PlannedRoute:
-        """Return the route of agent i to target j, for a finite cost."""
+    def route(self, i: int, j: int, *, turns: bool = True) -> PlannedRoute:
+        """Return the route of agent i to target j, for a finite cost; without `turns` from any course."""
         first = self._prediction.first[j]
         if self._prediction.first[j + 1] - first == 1:
-            return self._route_to(i, first)
-        return self._intercept_route(i, j)
+            return self._route_to(i, first, turns)
+        return self._intercept_route(i, j, turns)
 
-    def _intercept_route(self, i: int, j: int) -> PlannedRoute:
+    def _intercept_route(self, i: int, j: int, turns: bool) -> PlannedRoute:
         """Route to the intercept point, corrected by the shaped length with Newton's method.
 
         The derivative of the path length is the target velocity along the last leg.
@@ -102,7 +102,7 @@ class RouteSearch:
             lengths_m, waypoints = self._paths(self._endpoint_of(i), goals)
             if not np.isfinite(lengths_m[0, 0]):
                 break
-            shaped, is_inside = self._shape(i, goals, 0, waypoints(0, 0)), bool(goals.inside[0])
+            shaped, is_inside = self._shape(i, goals, 0, waypoints(0, 0), turns), bool(goals.inside[0])
             best = self._in_metres(shaped, end_m, is_inside, float(lengths_m[0, 0]))
             late_s = agent.start_delay_s + best.length_m / agent.speed_m_s - meeting_s
             off_m = float(np.hypot(*velocity_m_s)) * abs(late_s)
@@ -119,14 +119,15 @@ class RouteSearch:
             meeting_s = min(max(meeting_s, 0.0), latest_s)
         if best is not None:
             return best
-        return self._route_to(
-            i, first + int(np.flatnonzero(np.isfinite(self._lengths_m[i, first : last + 1]))[-1])
-        )
+        reached = np.flatnonzero(np.isfinite(self._lengths_m[i, first : last + 1]))
+        return self._route_to(i, first + int(reached[-1]), turns)
 
-    def _route_to(self, i: int, k: int) -> PlannedRoute:
+    def _route_to(self, i: int, k: int, turns: bool) -> PlannedRoute:
         """Return the route of agent i to a predicted position."""
-        shaped, is_inside = self._shape(i, self._goals, k, self._path(i, k)), bool(self._goals.inside[k])
-        return self._in_metres(shaped, self._prediction.places_m[k], is_inside, float(self._lengths_m[i, k]))
+        shaped, is_inside = self._shape(i, self._goals, k, self._path(i, k), turns), self._goals.inside[k]
+        return self._in_metres(
+            shaped, self._prediction.places_m[k], bool(is_inside), float(self._lengths_m[i, k])
+        )
 
     def _endpoints(self, points_m: FloatArray | Sequence[Point]) -> Endpoints:
         """Connect positions to the grid."""
@@ -143,14 +144,14 @@ class RouteSearch:
     def _paths(self, starts: Endpoints, goals: Endpoints) -> tuple[FloatArray, PathLookup]:
         return self._find_paths(self._grid, self.smap, starts, goals, self._options.clearance_m)
 
-    def _shape(self, i: int, goals: Endpoints, j: int, nodes: IntArray) -> ShapedPath:
+    def _shape(self, i: int, goals: Endpoints, j: int, nodes: IntArray, turns: bool) -> ShapedPath:
         """Return a shaped route, in cells."""
         grid, options, course = self._grid, self._options, self._agents[i].course_rad
         ends_at_target = not goals.inside[j]
         start_xy, goal_xy = self.starts.xy[i], goals.xy[j]
         parts = [start_xy[None], self._waypoints(nodes, start_xy, goal_xy)] + [goal_xy[None]] * ends_at_target
         heading = np.zeros(2)
-        if course is not None and math.isfinite(course):
+        if turns and course is not None and math.isfinite(course):
             heading = np.array([math.sin(course), math.cos(course)])
         return shape_path(
             grid.blocked,

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gcs.planning.forward_simulation import Motion
 from gcs.planning.map.grid import Grid, free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import line_of_sight
+from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner import plan_routes
-from gcs.planning.planner_inputs import AgentState, PlanOptions
+from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
 from gcs.planning.search.shortest import distances_m
 
 PLAIN = PlanOptions()
@@ -296,3 +299,31 @@ def test_a_loop_on_to_the_route_never_leads_through_the_obstacle_that_its_agent_
     points = [tuple(p) for p in result.routes[0].points_m.tolist()]
     assert all(line_of_sight(grid, a, b) for a, b in itertools.pairwise(points))
     assert any("no clear turn onto its route" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("horizon_s", [0.0, 60.0])
+def test_a_captured_route_is_the_shorter_one_that_a_plan_without_a_course_has(horizon_s):
+    """A vehicle would fly a circle of an explicit first turn that it does not need."""
+    turns = TurnAnticipation(40.0, 15.0, 10.0)
+    options = PlanOptions(shape="flyable", clearance_m=15.0, horizon_s=horizon_s, turns=turns, turn_lag_s=1.0)
+    found = 0
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        grid = random_obstacles(free_grid((25, 25), 40.0), 0.06, rng)
+        agents = {
+            v: AgentState(east, north, course, motion=Motion(east, north, 15.0, course))
+            for v in range(4)
+            for east, north, course in [(*rng.uniform(100.0, 900.0, 2).tolist(), rng.uniform(-3.0, 3.0))]
+        }
+        targets = {(0, n): tuple(rng.uniform(100.0, 900.0, 2).tolist()) for n in range(4)}
+        demands = {label: TargetDemand((3.0, -1.0)) for label in targets}
+        result = plan_routes(grid, agents, targets, {}, options, demands=demands)
+        lengths_m = {route.vehicle: route.length_m for route in result.routes}
+        for vehicle, route in result.captured.items():
+            starts = {vehicle: replace(agents[vehicle], course_rad=None)}
+            place = {route.target: targets[route.target]}
+            (plain,) = plan_routes(grid, starts, place, {}, options, demands=demands).routes
+            assert np.array_equal(plain.points_m, route.points_m)
+            assert route.length_m < lengths_m[vehicle]
+            found += 1
+    assert found >= 3

@@ -37,6 +37,8 @@ def plan_options(config: Config) -> PlanOptions:
         objective=planning.objective,
         surplus=planning.surplus,
         loiter=_loiter(config),
+        turns=corners_of(config.mission, config.airframe),
+        turn_lag_s=config.airframe.turn_lag_s,
     )
 
 

@@ -26,7 +26,6 @@ from gcs.core.replanning.reasons import Reason
 from gcs.core.replanning.records import ReplanningState
 from gcs.core.replanning.triggers import Triggers
 from gcs.core.state import Agent
-from gcs.core.tasking.mission_builder import corners_of
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.mission.upload_timing import UploadTiming
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
@@ -35,11 +34,6 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.planner import PlanResult, plan_routes
 from gcs.planning.planner_inputs import AgentState
-from gcs.planning.route_capture import (
-    capture_length_m,
-    has_explicit_turn,
-    turn_around_s,
-)
 from gcs.planning.route_progress import CORRIDOR_M, next_point
 
 _FIRST_PLAN_WAIT_S = 5.0
@@ -58,7 +52,7 @@ class Replanner:
         self.plan_targets = PlanTargets(config)
         self._layers = AltitudeLayers(config, agents, state)
         self._planning = planning
-        self._lag_s, self._corners = config.airframe.turn_lag_s, corners_of(config.mission, config.airframe)
+        self._lag_s = config.airframe.turn_lag_s
         self._ahead_s = DELIVERY_S + 0.5 * self._lag_s
         self._period_ns = int(planning.period_s * NS_PER_S)
         self._expected_agents = len(config.agents)
@@ -225,9 +219,8 @@ class Replanner:
         }
         starts = {vehicle: self._start(vehicle, inputs) for vehicle in there}
         result = self._routed(starts, set(there.values()), there, inputs, fixed=True)
-        renewed = [
-            self._captured(route, inputs) for route in result.routes if route.target == there[route.vehicle]
-        ]
+        routed = [route for route in result.routes if route.target == there[route.vehicle]]
+        renewed = [result.captured.get(route.vehicle, route) for route in routed]
         vehicles = {route.vehicle for route in renewed}
         others = [r for v, r in self._triggers.newest.items() if v in inputs.agents and v not in vehicles]
         self._state.other_vehicles = inputs.other_vehicles
@@ -293,7 +286,7 @@ class Replanner:
             elif flown is not None and self._is_still_good(flown, route, inputs, short):
                 kept.append(flown)
             else:
-                kept.append(self._captured(route, inputs))
+                kept.append(result.captured.get(route.vehicle, route))
                 changed.append(route.vehicle)
         self._note_made(changed, result, inputs.t_ns)
         kept.sort(key=lambda route: route.vehicle)
@@ -340,29 +333,6 @@ class Replanner:
             replace(self._options, switch_gain_m=math.inf) if fixed else self._options,
             demands=demands,
         )
-
-    def _captured(self, route: Route, inputs: PlanningInputs) -> Route:
-        """Return a route without its first turn where the vehicle captures it sooner without."""
-        vehicle, options = route.vehicle, self._options
-        start = self._start(vehicle, inputs)
-        if options.shape != "flyable" or not has_explicit_turn(start, route.points_m):
-            return route
-        plain = self._routed({vehicle: replace(start, course_rad=None)}, [route.target], {}, inputs)
-        motion = self._expected(vehicle, inputs, 0.0)
-        for one in plain.routes if vehicle not in plain.stops_short else ():
-            horizon_s = turn_around_s(motion, options.turn_radius_m, self._lag_s)
-            length_m = capture_length_m(
-                self._zones.grid,
-                motion,
-                one.points_m,
-                self._corners,
-                horizon_s,
-                self._lag_s,
-                options.clearance_m,
-            )
-            if length_m < route.length_m:
-                return replace(one, length_m=length_m)
-        return route
 
     def _start(self, vehicle: int, inputs: PlanningInputs) -> AgentState:
         """Return where and how an agent begins a route that is planned now."""
