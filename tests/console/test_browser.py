@@ -67,8 +67,11 @@ def test_an_operator_watches_holds_and_gets_the_connection_back(fly, launch, pag
         expect(page.locator("dialog")).to_contain_text("Propellers may turn")
         page.keyboard.press("Escape")
 
-        flight.restart_console()
+        flight.console.close()
         expect(page.locator("#head")).to_contain_text("what you see is old")
+        page.keyboard.press("Shift+Space")
+        expect(page.locator("#commands .result")).to_contain_text("NOT sent")
+        flight.restart_console()
         expect(page.locator("#head")).not_to_contain_text("what you see is old")
         expect(row.locator(".c-authority")).to_have_text("held")
     assert errors == []

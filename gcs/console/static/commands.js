@@ -68,7 +68,7 @@ export class Commands {
 
   async give(action) {
     const chosen = this.chosen();
-    if (!this.mayOperate) return;
+    if (this.isRefused(action)) return;
     if (!chosen.length) {
       this.orders.say(`${action}: select vehicles first (click, or their number)`, true);
       return;
@@ -81,6 +81,14 @@ export class Commands {
   }
 
   holdAll() {
-    if (this.mayOperate) this.orders.give("hold", { vehicles: "all" });
+    if (!this.isRefused("hold all")) this.orders.give("hold", { vehicles: "all" });
+  }
+
+  // Says why an order is not sent: a key pressed in vain must not pass unnoticed.
+  isRefused(what) {
+    if (this.mayOperate) return false;
+    const why = !this.feed.connected ? "no connection" : this.feed.role === "view" ? "this token may view only" : "this is a replay";
+    this.orders.say(`${what}: ${why}, NOT sent`, true);
+    return true;
   }
 }

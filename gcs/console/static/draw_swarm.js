@@ -138,7 +138,7 @@ export function vehicles(ctx, view, list, selection, labels, colour, options) {
     }
     if (!vehicle.at) continue;
     const [x, y] = [view.x(vehicle.at[0]), view.y(vehicle.at[1])];
-    const tint = vehicle.doubted ? "warning" : vehicle.late || vehicle.authority !== "ours" ? "caution" : vehicle.status === "arrived" ? "done" : "vehicle";
+    const tint = tintOf(vehicle);
     ctx.fillStyle = ctx.strokeStyle = colour(tint);
     if (selection.has(vehicle.id)) halo(ctx, x, y, colour("advisory"));
     ctx.fillStyle = colour(tint);
@@ -156,6 +156,12 @@ export function altitudes(ctx, view, list, labels, colour) {
   for (const { at, alt_m, status } of list) {
     if (at && alt_m !== null && status !== "lost") labels.draw(`${alt_m.toFixed(0)} m`, view.x(at[0]) + 10, view.y(at[1]) + 9);
   }
+}
+
+function tintOf(vehicle) {
+  if (vehicle.doubted) return "warning";
+  if (vehicle.late || vehicle.authority !== "ours") return "caution";
+  return vehicle.status === "arrived" ? "done" : "vehicle";
 }
 
 function arrow(ctx, x, y, course) {

@@ -1,4 +1,4 @@
-// Map: canvas, layers, pointer and what is drawn in which order.
+// Map: canvas, layers, and what is drawn in which order.
 
 import { el, setText } from "./dom.js";
 import { Detections } from "./detections.js";
@@ -6,18 +6,19 @@ import * as ground from "./draw_ground.js";
 import * as swarm from "./draw_swarm.js";
 import { metres } from "./format.js";
 import { Labels } from "./labels.js";
+import { Pointer } from "./pointer.js";
 import { View } from "./view.js";
 
 const FONT = '12px system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
 const FADE_STEP_MS = 250;
 const MAX_TRAIL = 1500;
 const TRAIL_STEP_M = 5;
-const CLICK_PX = 5;
-const HIT_PX = 18;
 const LAYERS = {
   trails: "Trails", routes: "Routes", ellipses: "Tracked ellipses (3σ)", detections: "Detections", altitudes: "Altitudes",
   labels: "Target labels", tentative: "Unconfirmed targets", views: "Fields of view", fence: "Fence and homes",
 };
+
+const HIDDEN = new Set(["views", "tentative"]); // until the user shows them
 
 export class SwarmMap {
   constructor(root, feed, selection, theme) {
@@ -32,7 +33,8 @@ export class SwarmMap {
     this.tool = null;
     this.follows = false;
     this.isMoved = false;
-    this.layers = { ...Object.fromEntries(Object.keys(LAYERS).map((name) => [name, name !== "views" && name !== "tentative"])), ...JSON.parse(localStorage.getItem("layers") ?? "{}") };
+    const shown = Object.keys(LAYERS).map((name) => [name, !HIDDEN.has(name)]);
+    this.layers = { ...Object.fromEntries(shown), ...JSON.parse(localStorage.getItem("layers") ?? "{}") };
     this.build();
     this.listen();
   }
@@ -71,13 +73,7 @@ export class SwarmMap {
       if (event.detail.fresh) this.begin();
       this.redraw();
     });
-    this.canvas.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.isMoved = true;
-      this.view.zoom(Math.exp(-0.0015 * event.deltaY), event.offsetX, event.offsetY);
-      this.redraw();
-    }, { passive: false });
-    this.listenToPointer();
+    new Pointer(this);
   }
 
   begin() {
@@ -88,76 +84,6 @@ export class SwarmMap {
     if (run === this.run) return;
     this.run = run;
     this.fitAll();
-  }
-
-  listenToPointer() {
-    const pointers = new Map();
-    let start = null;
-    let box = null;
-    this.canvas.addEventListener("pointerdown", (event) => {
-      this.canvas.setPointerCapture(event.pointerId);
-      pointers.set(event.pointerId, event);
-      start = { x: event.offsetX, y: event.offsetY, moved: false, boxes: event.shiftKey && !this.tool };
-      if (this.tool?.drag && pointers.size === 1) this.tool.down(this.view.place(event.offsetX, event.offsetY));
-    });
-    this.canvas.addEventListener("pointermove", (event) => {
-      this.showPlace(event);
-      const before = pointers.get(event.pointerId);
-      if (!before || !start) {
-        if (this.tool) {
-          this.tool.hover?.(this.view.place(event.offsetX, event.offsetY));
-          this.redraw();
-        }
-        return;
-      }
-      const others = [...pointers.values()].filter((one) => one.pointerId !== event.pointerId);
-      pointers.set(event.pointerId, event);
-      if (Math.hypot(event.offsetX - start.x, event.offsetY - start.y) > CLICK_PX) start.moved = true;
-      if (others.length) this.pinch(others[0], before, event);
-      else if (this.tool?.drag) this.tool.move(this.view.place(event.offsetX, event.offsetY));
-      else if (start.boxes) box = [start.x, start.y, event.offsetX, event.offsetY];
-      else if (start.moved) this.pan(event.offsetX - before.offsetX, event.offsetY - before.offsetY);
-      this.box = box;
-      this.redraw();
-    });
-    const end = (event) => {
-      pointers.delete(event.pointerId);
-      if (!start || event.type === "pointercancel") return;
-      if (box) this.selectBox(box);
-      else if (this.tool?.drag) this.tool.up(this.view.place(event.offsetX, event.offsetY));
-      else if (!start.moved && this.tool) this.tool.click(this.view.place(event.offsetX, event.offsetY));
-      else if (!start.moved) this.selectAt(event);
-      start = this.box = box = null;
-      this.redraw();
-    };
-    this.canvas.addEventListener("pointerup", end);
-    this.canvas.addEventListener("pointercancel", end);
-  }
-
-  pinch(other, before, now) {
-    const distance = (event) => Math.hypot(event.offsetX - other.offsetX, event.offsetY - other.offsetY);
-    this.isMoved = true;
-    this.view.zoom(distance(now) / Math.max(1, distance(before)), (now.offsetX + other.offsetX) / 2, (now.offsetY + other.offsetY) / 2);
-  }
-
-  selectAt(event) {
-    const distance = ({ at }) => Math.hypot(this.view.x(at[0]) - event.offsetX, this.view.y(at[1]) - event.offsetY);
-    const near = (this.feed.data.vehicles ?? []).filter((one) => one.at && distance(one) < HIT_PX).sort((a, b) => distance(a) - distance(b));
-    if (near.length) this.selection.toggle(near[0].id, event.shiftKey || event.ctrlKey || event.metaKey);
-    else this.selection.set([]);
-  }
-
-  selectBox([x0, y0, x1, y1]) {
-    const within = ({ at }) => {
-      const [x, y] = [this.view.x(at[0]), this.view.y(at[1])];
-      return x >= Math.min(x0, x1) && x <= Math.max(x0, x1) && y >= Math.min(y0, y1) && y <= Math.max(y0, y1);
-    };
-    this.selection.set(this.feed.data.vehicles.filter((one) => one.at && within(one)).map((one) => one.id));
-  }
-
-  showPlace(event) {
-    const [east, north] = this.view.place(event.offsetX, event.offsetY);
-    setText(this.place, `E ${east.toFixed(0)}  N ${north.toFixed(0)}`);
   }
 
   say(text) {
@@ -202,9 +128,9 @@ export class SwarmMap {
     this.redraw();
   }
 
-  zoom(factor) {
+  zoom(factor, x, y) {
     this.isMoved = true;
-    this.view.zoom(factor);
+    this.view.zoom(factor, x, y);
     this.redraw();
   }
 
@@ -299,7 +225,11 @@ export class SwarmMap {
   }
 
   fade() {
-    if (this.layers.detections && !this.detections.isEmpty) this.fading ??= setTimeout(() => { this.fading = null; this.redraw(); }, FADE_STEP_MS);
+    if (!this.layers.detections || this.detections.isEmpty) return;
+    this.fading ??= setTimeout(() => {
+      this.fading = null;
+      this.redraw();
+    }, FADE_STEP_MS);
   }
 
   drawRoutes(vehicles, routes, proposal, mission) {

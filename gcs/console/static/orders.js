@@ -2,6 +2,7 @@
 
 import { setClass, setText } from "./dom.js";
 
+const TIMEOUT_MS = 3000;
 const BAD = new Set(["refused", "failed"]);
 
 export class Orders {
@@ -32,9 +33,10 @@ export class Orders {
         method: "POST",
         headers: { "content-type": "application/json" },
         body: JSON.stringify({ action, ...fields }),
+        signal: AbortSignal.timeout(TIMEOUT_MS),
       });
     } catch {
-      this.say(`${action}: no connection, NOT sent`, true);
+      this.say(`${action}: no connection, perhaps NOT sent`, true);
       return;
     }
     const content = await reply.json();

@@ -27,7 +27,10 @@ export class Plan {
   build() {
     this.title = el("h2");
     this.why = el("div", { class: "why" });
-    const heads = [["", "left"], ["vehicle", "left"], ["target", "left"], ["length", ""], ["was", "c-was"], ["arrives", ""], ["separation", ""], ["clearance", ""]];
+    const heads = [
+      ["", "left"], ["vehicle", "left"], ["target", "left"], ["length", ""], ["was", "c-was"], ["arrives", ""],
+      ["separation", ""], ["clearance", ""],
+    ];
     this.body = el("tbody");
     const head = el("tr", {}, ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text)));
     this.yes = el("button", { class: "main", onclick: () => this.confirm() });
