@@ -44,6 +44,10 @@ def replay_of(found):
     return found.get("replay") or {"at_s": 0.0, "paused": False, "ended": False}
 
 
+def first_status(found):
+    return found["vehicles"][0]["status"] if "vehicles" in found else None
+
+
 @pytest.fixture
 def play():
     """Play the recording as if its plans needed approval, while a function watches the console."""
@@ -82,8 +86,7 @@ def test_a_replay_can_be_moved_paused_and_made_faster_but_not_commanded(play):
         assert (code, "forward only" in reply["error"]) == (422, True)
         assert post(url, "/api/replay", {"speed": -1.0})[0] == 422
         post(url, "/api/replay", {"paused": False, "speed": 100.0})
-        found = watched(url, lambda seen: replay_of(seen)["ended"] and "vehicles" in seen)
-        assert found["vehicles"][0]["status"] == "lost"
+        watched(url, lambda seen: replay_of(seen)["ended"] and first_status(seen) == "lost")
         code, reply = post(url, "/api/orders", {"action": "hold", "vehicles": "all"})
         assert (code, "replay" in reply["error"]) == (422, True)
 
