@@ -136,6 +136,8 @@ class Engine(Stages):
                 effects = self.no_fly_zone_orders.carry_out(
                     event, lambda urgent: self._replan(event.t_ns, urgent)
                 )
+            case "ignore" | "attend" | "priority" | "pin" | "unpin":
+                effects = self.target_orders.carry_out(event, lambda: self._replan(event.t_ns, ()))
             case _:
                 targets = self.trackers.targets.confirmation.tracks
                 effects = self.dispatch.settle(self.orders.carry_out(event, targets, self._release))
@@ -143,7 +145,7 @@ class Engine(Stages):
         return effects + self.approval.refresh(event.t_ns, without_missions(self.state.agents))
 
     def _replan(self, t_ns: int, urgent: Container[int]) -> list[Effect]:
-        """Plan on a changed map."""
+        """Plan by an order, or on a changed map."""
         effects: list[Effect] = [*self._check_climbs(t_ns)]
         if self.sensor_watchdog.scan_t_ns is not None:
             effects += self._plan(t_ns, self.state.measured_t_ns, urgent)

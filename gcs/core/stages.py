@@ -17,6 +17,7 @@ from gcs.core.authority.override_notices import OverrideNotices, UnattendedTarge
 from gcs.core.operator.no_fly_zone_orders import NoFlyZoneOrders
 from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.operator.status_report import StatusReport
+from gcs.core.operator.target_orders import TargetOrders
 from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
@@ -142,6 +143,9 @@ class Stages:
             self.incursions,
             self._needs_approval,
         )
+        self.target_orders = TargetOrders(
+            agents, self.state.operator, self.trackers.targets.confirmation, self.replanner
+        )
         self.disarmed_in_auto = DisarmedInAuto(
             agents, self.state.authority, self.fleet, self.tasking, self.orders
         )
@@ -152,6 +156,7 @@ class Stages:
         self.control = ControlAuthority(agents, self.fleet, self.tasking, self.orders)
         self.planning_inputs = PlanningInputBuilder(
             agents,
+            self.state.operator,
             config.local_frame,
             self.fleet,
             self.trackers,

@@ -39,7 +39,15 @@ from gcs.model.events import (
     Tick,
     UploadAnswer,
 )
-from gcs.model.names import network_of, system_of, target_name, vehicle_id, vehicle_name, vehicle_of
+from gcs.model.names import (
+    network_of,
+    system_of,
+    target_name,
+    target_of,
+    vehicle_id,
+    vehicle_name,
+    vehicle_of,
+)
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
 from gcs.model.picture import Picture, Track, VehicleState
 from gcs.model.plans import APPROACH_M, Cause, Mission, Plan, Route, Waypoint
@@ -111,6 +119,7 @@ __all__ = [
     "read_only",
     "system_of",
     "target_name",
+    "target_of",
     "vehicle_id",
     "vehicle_name",
     "vehicle_of",

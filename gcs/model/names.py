@@ -31,6 +31,20 @@ def target_name(label: Label) -> str:
     return f"T{label[0]}.{label[1]}"
 
 
+def target_of(text: str) -> Label:
+    """Parse a name that `target_name` returned.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    scan, separator, index = text.removeprefix("T").partition(".")
+    if not (separator and scan.isdecimal() and index.isdecimal()):
+        raise ValueError(f"expected the name of a target, such as T0.1, got {text!r}")
+    return int(scan), int(index)
+
+
 def vehicle_of(text: str) -> int:
     """Parse a name that `vehicle_name` returned.
 

@@ -5,12 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from gcs.model.basics import NS_PER_S
+from gcs.model.basics import NS_PER_S, Label
 from gcs.model.plans import Route
 from gcs.safe_text import printable
 
 Action: TypeAlias = Literal[
-    "hold", "resume", "return", "arm", "disarm", "plan", "confirm", "reject", "no-fly-zone", "status"
+    "hold",
+    "resume",
+    "return",
+    "arm",
+    "disarm",
+    "plan",
+    "confirm",
+    "reject",
+    "no-fly-zone",
+    "ignore",
+    "attend",
+    "priority",
+    "pin",
+    "unpin",
+    "status",
 ]
 
 
@@ -42,6 +56,10 @@ class Order:
     no_fly_zone: NoFlyZone | None = None
     origin: str = ""
     """Name of the sender, for operators."""
+    target: Label | None = None
+    """Target that is ignored, attended to, ranked, or to which vehicles are pinned."""
+    priority: int | None = None
+    """Priority of the target; a higher one is served first."""
 
     def __post_init__(self) -> None:
         """Make what came from outside safe to show."""

@@ -80,6 +80,7 @@ Cause: TypeAlias = Literal[
     "first plan",
     "taken up again",
     "map changed",
+    "operator order",
     "agent lost",
     "agent not tracked",
     "agent set aside",

@@ -54,6 +54,8 @@ class AgentRecord:
     """True if its onboard mission is known, and read back equal."""
     proposed_target: Label | None = None
     """Target of the route that waits for approval."""
+    pinned: Label | None = None
+    """Target that it is to fly to, by order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +69,10 @@ class TargetRecord:
     agents: tuple[int, ...]
     """Agents on their way to it."""
     reached_by: tuple[int, ...]
+    is_ignored: bool = False
+    """True if no vehicle flies to it, by order."""
+    priority: int | None = None
+    """Priority by order; None: that of the mission file."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -94,6 +94,7 @@ def plan_routes(
     options: PlanOptions,
     on_stage: Callable[[Stage], None] = _ignore_stage,
     demands: Mapping[Label, TargetDemand] = MappingProxyType({}),
+    pinned: Mapping[int, Label] = MappingProxyType({}),
 ) -> PlanResult:
     """Assign targets to agents and plan a route for each assigned agent.
 
@@ -105,6 +106,8 @@ def plan_routes(
         Called with the name of each stage when it ends, for time measurements.
     demands : mapping of label to TargetDemand
         Targets that need more than one agent, have a rank, or move.
+    pinned : mapping of int to label
+        Vehicles that must get a certain target, if it is there and a path leads to it.
     """
     notes: list[str] = []
     vehicles = [v for v in sorted(agents) if _on_earth(agents[v].east_m, agents[v].north_m)]
@@ -125,7 +128,8 @@ def plan_routes(
         )
         notes += _reachability_notes(grid, search.smap, vehicles, labels, search.starts, search.costs)
         on_stage("search")
-        pairs = _assign(search.costs, vehicles, labels, needs, current, options)
+        costs = _pinned_costs(search.costs, vehicles, labels, needs, pinned)
+        pairs = _assign(costs, vehicles, labels, needs, current, options)
         on_stage("assignment")
         for i, j in pairs.items():
             vehicle, label = vehicles[i], labels[j]
@@ -158,6 +162,31 @@ def plan_routes(
         frozenset(stops_short),
         captured,
     )
+
+
+def _pinned_costs(
+    costs: FloatArray,
+    vehicles: Sequence[int],
+    labels: Sequence[Label],
+    needs: Sequence[TargetDemand],
+    pinned: Mapping[int, Label],
+) -> FloatArray:
+    """Return the costs without the other targets of pinned vehicles, and without their competitors."""
+    pairs = [
+        (i, labels.index(pinned[v])) for i, v in enumerate(vehicles) if v in pinned and pinned[v] in labels
+    ]
+    pairs = [(i, j) for i, j in pairs if np.isfinite(costs[i, j])]
+    if not pairs:
+        return costs
+    allowed = np.ones(costs.shape, np.bool_)
+    for j in {j for _, j in pairs}:
+        rows = [i for i, other in pairs if other == j]
+        if len(rows) >= needs[j].agents:
+            allowed[:, j] = False
+    for i, j in pairs:
+        allowed[i] = False
+        allowed[i, j] = True
+    return np.where(allowed, costs, np.inf)
 
 
 def _assign(

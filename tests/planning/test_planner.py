@@ -327,3 +327,26 @@ def test_a_captured_route_is_the_shorter_one_that_a_plan_without_a_course_has(ho
             assert route.length_m < lengths_m[vehicle]
             found += 1
     assert found >= 3
+
+
+def test_a_pinned_agent_gets_its_target_and_others_make_room() -> None:
+    grid = free_grid((50, 50), 10.0)
+    agents = {1: AgentState(0.0, 0.0), 2: AgentState(0.0, 100.0), 3: AgentState(0.0, 200.0)}
+    targets = {(0, k): (300.0, 100.0 * k) for k in range(3)}
+    free = plan_routes(grid, agents, targets, {}, PlanOptions())
+    assert [route.target[1] for route in free.routes] == [0, 1, 2]
+    held = plan_routes(grid, agents, targets, {}, PlanOptions(), pinned={1: (0, 2)})
+    assert {route.vehicle: route.target[1] for route in held.routes}[1] == 2
+    assert sorted(route.target[1] for route in held.routes) == [0, 1, 2]
+    both = plan_routes(grid, agents, targets, {}, PlanOptions(), pinned={1: (0, 2), 2: (0, 2), 3: (9, 9)})
+    assert len({route.target for route in both.routes}) == len(both.routes) == 2
+
+
+def test_a_pin_without_a_path_changes_nothing() -> None:
+    grid = free_grid((50, 50), 10.0).with_obstacles(boxes_m=[(280.0, 180.0, 320.0, 220.0)])
+    agents = {1: AgentState(0.0, 0.0), 2: AgentState(0.0, 100.0)}
+    targets = {(0, 0): (300.0, 0.0), (0, 1): (300.0, 100.0)}
+    free = plan_routes(grid, agents, targets, {}, PlanOptions())
+    assert plan_routes(grid, agents, targets, {}, PlanOptions(), pinned={1: (5, 5)}).routes[0].target == (
+        free.routes[0].target
+    )

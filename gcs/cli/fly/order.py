@@ -12,7 +12,7 @@ import os
 import secrets
 import socket
 import sys
-from typing import TYPE_CHECKING, Annotated, Final, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, TypeAlias
 
 import typer
 from rich.console import Console
@@ -35,12 +35,22 @@ from gcs.io.console import console_for
 
 if TYPE_CHECKING:
     from gcs.io.zenoh.order_messages import AreaMessage, OrderMessage
-    from gcs.model import OrderAnswer, Proposal
+    from gcs.model import Action, OrderAnswer, Proposal
 
 app = command_app("""Give orders to a running service (`gcs run` or `gcs demo`).
 
     A service on this machine is found without further options. The command waits until each vehicle reports
     that it carries out the order.""")
+
+
+def _target(name: str) -> str:
+    from gcs.model import target_name, target_of
+
+    try:
+        return target_name(target_of(name))
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+
 
 VehiclesArgument = Annotated[
     list[int] | None,
@@ -50,6 +60,9 @@ VehiclesArgument = Annotated[
 ]
 AllOption = Annotated[bool, typer.Option("--all", help="All vehicles of the mission.")]
 TimeoutOption = Annotated[float, typer.Option(min=1.0, help="Timeout in seconds.")]
+TargetArgument = Annotated[
+    str, typer.Argument(help="Name of the target, as shown: T0.1.", metavar="TARGET", callback=_target)
+]
 PlanArgument = Annotated[int, typer.Argument(min=1, help="Number of the proposed plan.", metavar="PLAN")]
 
 
@@ -185,6 +198,72 @@ def no_fly_zone(
     _send("no-fly-zone", "all", _Service(mission, zenoh, timeout, as_json), no_fly_zone=zone)
 
 
+_TARGET_SUMMARIES: Final[dict[Literal["ignore", "attend"], str]] = {
+    "ignore": "Fly to this target no more: a false track, for example. Vehicles on their way are re-tasked.",
+    "attend": "Make an ignored target a target again.",
+}
+
+
+def _add_target_order(action: Literal["ignore", "attend"], summary: str) -> None:
+    @app.command(action, help=summary)
+    def order(
+        target: TargetArgument,
+        mission: MissionOption = None,
+        zenoh: ZenohOption = None,
+        timeout: TimeoutOption = 60.0,
+        as_json: JsonOption = False,
+    ) -> None:
+        _send(action, "all", _Service(mission, zenoh, timeout, as_json), target=target)
+
+
+for _target_action, _target_summary in _TARGET_SUMMARIES.items():
+    _add_target_order(_target_action, _target_summary)
+
+
+@app.command()
+def priority(
+    target: TargetArgument,
+    value: Annotated[int, typer.Argument(min=0, max=9, help="Higher is served first.", metavar="0-9")],
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: TimeoutOption = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Set the priority of a target. With too few vehicles, targets of higher priority get them."""
+    _send("priority", "all", _Service(mission, zenoh, timeout, as_json), target=target, priority=value)
+
+
+@app.command()
+def pin(
+    target: TargetArgument,
+    vehicles: Annotated[list[int], typer.Argument(parser=parse_vehicle, metavar="ID...", help="System ids.")],
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: TimeoutOption = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Have vehicles fly to this target, if it needs an agent and a path leads there.
+
+    Example: `gcs order pin T0.2 3`
+    """
+    _send("pin", vehicles, _Service(mission, zenoh, timeout, as_json), target=target)
+
+
+@app.command()
+def unpin(
+    vehicles: VehiclesArgument = None,
+    all_vehicles: AllOption = False,
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: TimeoutOption = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Let pinned vehicles fly to any target again."""
+    if bool(vehicles) == all_vehicles:
+        raise typer.BadParameter("name the vehicles, such as: gcs order unpin 3 (or --all)")
+    _send("unpin", vehicles or "all", _Service(mission, zenoh, timeout, as_json))
+
+
 def _zone(
     name: str, circle: str | None, polygon: str | None, frame: Literal["local", "wgs84"]
 ) -> AreaMessage:
@@ -219,15 +298,14 @@ def _print_proposal(service: _Service) -> Proposal:
 
 
 def _send(
-    action: VehicleAction | Literal["plan", "confirm", "reject", "no-fly-zone"],
+    action: Action,
     vehicles: list[int] | Literal["all"],
     service: _Service,
     *,
-    plan_id: int | None = None,
-    no_fly_zone: AreaMessage | None = None,
     printed: Proposal | None = None,
+    **more: Any,
 ) -> None:
-    order = _order(action, vehicles, plan_id, no_fly_zone)
+    order = _order(action, vehicles, **more)
     answers, problem = _print_answers(order, service)
     ok = _is_ok(answers, problem)
     if service.as_json:
@@ -235,20 +313,15 @@ def _send(
     raise typer.Exit(0 if ok else 1)
 
 
-def _order(
-    action: VehicleAction | Literal["plan", "confirm", "reject", "no-fly-zone"],
-    vehicles: list[int] | Literal["all"],
-    plan_id: int | None = None,
-    no_fly_zone: AreaMessage | None = None,
-) -> OrderMessage:
+def _order(action: Action, vehicles: list[int] | Literal["all"], **more: Any) -> OrderMessage:
+    """Return the message of an order; `more` are further fields of `OrderMessage`."""
     from gcs.io.zenoh.order_messages import OrderMessage
 
     return OrderMessage(
         order_id=f"{action}-{secrets.token_hex(6)}",
         action=action,
         vehicles=vehicles,
-        plan_id=plan_id,
-        no_fly_zone=no_fly_zone,
+        **more,
         origin=f"{_user()}@{socket.gethostname()}, process {os.getpid()}",
     )
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from gcs.core.operator.replies import OrderInProgress
 from gcs.mavlink.services.command_sender import CommandSender
-from gcs.model import AnswerState, OrderAnswer, Plan, Proposal, RouteFigures
+from gcs.model import AnswerState, Label, OrderAnswer, Plan, Proposal, RouteFigures
 
 
 @dataclass(slots=True)
@@ -24,8 +24,19 @@ class AgentOrders:
 
     command: Command | None = None
     """Command of an order to hold, resume, return, arm or disarm."""
+    pinned: Label | None = None
+    """Target that the vehicle is to fly to, by order."""
     confirmation: int | None = None
     """Order that confirmed the mission on its way to the vehicle (`OperatorState.orders`)."""
+
+
+@dataclass(slots=True)
+class TargetWish:
+    """What an operator wants of a target."""
+
+    is_ignored: bool = False
+    priority: int | None = None
+    """A higher one is served first; None: that of the mission file."""
 
 
 @dataclass(slots=True)
@@ -54,8 +65,14 @@ class OperatorState:
     approval: Approval = field(default_factory=Approval)
     orders: dict[int, OrderInProgress] = field(default_factory=dict)
     """Orders with outstanding results, by number."""
+    targets: dict[Label, TargetWish] = field(default_factory=dict)
+    """Targets that are ignored or ranked by order."""
     order_count: int = 0
     """Number of the last order."""
+
+    def is_ignored(self, target: Label) -> bool:
+        """Return True if a target is ignored by order."""
+        return target in self.targets and self.targets[target].is_ignored
 
     def begin(self, ongoing: OrderInProgress) -> int:
         """Keep an order until all its results are known; return its number."""

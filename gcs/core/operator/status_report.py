@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gcs.core.operator.records import TargetWish
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import State
@@ -76,11 +77,12 @@ class StatusReport:
             has_failed=agent.tasking.retry.failures > 0,
             is_verified=agent.tasking.onboard is not None,
             proposed_target=None if proposed is None else proposed.target,
+            pinned=agent.orders.pinned,
         )
 
     def _targets(self) -> tuple[TargetRecord, ...]:
         statuses = [agent.perception.status for agent in self.state.agents.values()]
-        routes = self.replanner.routes
+        routes, wishes, none = self.replanner.routes, self.state.operator.targets, TargetWish()
 
         def reached_by(label: Label) -> tuple[int, ...]:
             return tuple(s.vehicle for s in statuses if s.status == "arrived" and s.target == label)
@@ -93,6 +95,8 @@ class StatusReport:
                 float((track.mean[2] ** 2 + track.mean[3] ** 2) ** 0.5),
                 agents=tuple(vehicle for vehicle, route in sorted(routes.items()) if route.target == label),
                 reached_by=reached_by(label),
+                is_ignored=wishes.get(label, none).is_ignored,
+                priority=wishes.get(label, none).priority,
             )
             for label, track in sorted(self.trackers.targets.confirmation.tracks.items())
         )

@@ -6,6 +6,7 @@ from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 
 from gcs.core.authority.control_authority import without_missions
+from gcs.core.operator.records import OperatorState
 from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.perception.vehicle_kinematics import VehicleKinematics
@@ -28,6 +29,7 @@ class PlanningInputBuilder:
     """Collects the inputs of a plan from the stages of the engine."""
 
     agents: Mapping[int, Agent]
+    operator: OperatorState
     frame: LocalFrame
     fleet: Fleet
     trackers: MultiSensorTracker
@@ -57,6 +59,7 @@ class PlanningInputBuilder:
             passed=frozenset(filter(self.tasking.onboard_missions.has_missed, agents)),
             targets=self.open_targets(),
             at_targets=self.agent_status.at_targets(),
+            priorities={t: w.priority for t, w in self.operator.targets.items() if w.priority is not None},
             arrived=self.agent_status.arrived(),
             lost=lost,
             untaskable=untaskable,
@@ -74,12 +77,12 @@ class PlanningInputBuilder:
         return tracks
 
     def open_targets(self) -> dict[Label, Track]:
-        """Return the confirmed targets that need more agents."""
+        """Return the confirmed targets that need more agents, and are not ignored."""
         at_targets, needed = self.agent_status.at_targets(), self.replanner.plan_targets.needed
         return {
             label: track
             for label, track in self.trackers.targets.confirmation.tracks.items()
-            if at_targets.get(label, 0) < needed(label)
+            if at_targets.get(label, 0) < needed(label) and not self.operator.is_ignored(label)
         }
 
     def climbs(self, vehicles: Iterable[int]) -> dict[int, Climb]:

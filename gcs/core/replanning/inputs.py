@@ -26,6 +26,8 @@ class PlanningInputs:
     """Agents that have arrived."""
     at_targets: Mapping[Label, int] = field(default_factory=dict)
     """Number of arrived agents, by target."""
+    priorities: Mapping[Label, int] = field(default_factory=dict)
+    """Priorities of targets by order; without an entry that of the mission file."""
     lost: frozenset[int] = frozenset()
     """Lost agents."""
     untaskable: Mapping[int, str] = field(default_factory=dict)

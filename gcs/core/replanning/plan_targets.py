@@ -78,10 +78,11 @@ class PlanTargets:
         v_east, v_north = shrunk_velocity(target)
         return east_m + v_east * ahead_s, north_m + v_north * ahead_s
 
-    def demand(self, label: Label, track: Track, arrived: int) -> TargetDemand:
-        """Return the remaining demand of a target with `arrived` agents."""
+    def demand(self, label: Label, track: Track, arrived: int, priority: int | None = None) -> TargetDemand:
+        """Return the remaining demand of a target with `arrived` agents, and a priority by order."""
         known = label[1] < len(self._births)
         rank, needed = (self._ranks[label[1]], self.needed(label)) if known else (self._rank, 1)
+        rank = rank if priority is None else self._rank - priority
         return TargetDemand(shrunk_velocity(track), rank, max(1, needed - arrived))
 
     def needed(self, label: Label) -> int:

@@ -119,6 +119,12 @@ class Replanner:
             self._state.news.append(Reason("taken up again", "taken up again"))
             self._state.next_check_t_ns = t_ns
 
+    def order_plan(self, t_ns: int, text: str) -> None:
+        """Check at once, by an operator's order; before the first plan there is nothing to change."""
+        if self._state.next_check_t_ns is not None:
+            self._state.news.append(Reason("operator order", text))
+            self._state.next_check_t_ns = t_ns
+
     def keep_only(self, vehicles: Collection[int]) -> None:
         """Drop the routes of all other vehicles: the plan has none for them."""
         for vehicle in self._agents.keys() - vehicles:
@@ -320,9 +326,12 @@ class Replanner:
         targets = {label: inputs.targets[label] for label in labels}
         counts = Counter(flown.values())
         demands = {
-            label: self.plan_targets.demand(label, track, inputs.at_targets.get(label, 0))
+            label: self.plan_targets.demand(
+                label, track, inputs.at_targets.get(label, 0), inputs.priorities.get(label)
+            )
             for label, track in targets.items()
         }
+        pinned = {vehicle: self._agents[vehicle].orders.pinned for vehicle in starts}
         if fixed:
             demands = {label: replace(one, agents=counts[label]) for label, one in demands.items()}
         return plan_routes(
@@ -332,6 +341,7 @@ class Replanner:
             flown,
             replace(self._options, switch_gain_m=math.inf) if fixed else self._options,
             demands=demands,
+            pinned={} if fixed else {v: label for v, label in pinned.items() if label is not None},
         )
 
     def _start(self, vehicle: int, inputs: PlanningInputs) -> AgentState:

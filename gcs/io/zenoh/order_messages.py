@@ -16,11 +16,12 @@ from msgspec import Meta
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.io.records import decode_json
-from gcs.model import Action, NoFlyZone, Order
+from gcs.model import Action, NoFlyZone, Order, target_of
 
 _NAME = r"^[A-Za-z0-9_.-]{1,64}$"
-_FOR_VEHICLES: Final = frozenset({"hold", "resume", "return", "arm", "disarm"})
+_FOR_VEHICLES: Final = frozenset({"hold", "resume", "return", "arm", "disarm", "pin", "unpin"})
 _FOR_PLANS: Final = frozenset({"confirm", "reject"})
+_FOR_TARGETS: Final = frozenset({"ignore", "attend", "priority", "pin"})
 _MAX_EXTENT_M = 1e6
 _MAX_BYTES: Final = 32 * 1024
 
@@ -50,6 +51,9 @@ class OrderMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     ) = None
     plan_id: Annotated[int, Meta(ge=1)] | None = None
     no_fly_zone: AreaMessage | None = None
+    target: Annotated[str, Meta(pattern=r"^T\d{1,9}\.\d{1,9}$")] | None = None
+    """Name of a target, such as T12.3."""
+    priority: Annotated[int, Meta(ge=0, le=9)] | None = None
     origin: Annotated[str, Meta(max_length=200)] = ""
 
 
@@ -79,6 +83,10 @@ def decode_order(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Orde
         raise WireError(key, f"plan_id: say which plan to {action}")
     if (action == "no-fly-zone") != (message.no_fly_zone is not None):
         raise WireError(key, "no_fly_zone: goes with the action no-fly-zone, and with no other")
+    if (action in _FOR_TARGETS) != (message.target is not None):
+        raise WireError(key, f"target: goes with {', '.join(sorted(_FOR_TARGETS))}, and with no other")
+    if (action == "priority") != (message.priority is not None):
+        raise WireError(key, "priority: goes with the action priority, and with no other")
     some = isinstance(message.vehicles, list)
     return Order(
         t_ns=t_ns,
@@ -88,6 +96,8 @@ def decode_order(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Orde
         plan_id=message.plan_id if action in _FOR_PLANS else None,
         no_fly_zone=_area(key, message.no_fly_zone, frame) if message.no_fly_zone is not None else None,
         origin=message.origin,
+        target=None if message.target is None else target_of(message.target),
+        priority=message.priority,
     )
 
 

@@ -42,6 +42,7 @@ TRIGGERS: Final[dict[Cause, str]] = {
     "target lost": "#d55e00",
     "target moved": "#8c6d31",
     "map changed": "#2f855a",
+    "operator order": "#4c51bf",
     "taken up again": "#4a5568",
     "approved plan changed": "#b7950b",
 }
