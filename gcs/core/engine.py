@@ -283,22 +283,23 @@ class Engine(Stages):
         state = self.state
         if state.has_ended or not is_settled(state, t_ns):
             return []
+        effects: list[Effect] = []
         if state.resumed_t_ns is not None:
             state.resumed_t_ns = None
-            self.replanner.take_up(t_ns)
+            effects += self.replanner.taken_up(t_ns, picture_t_ns)
         if not self.replanner.is_due(t_ns):
-            return []
+            return effects
         self.control.update(t_ns)
         inputs = self.planning_inputs.build(t_ns, picture_t_ns)
         if self._needs_approval:
             proposals = self.approval.check(inputs)
-            return [*self._planner_notes(t_ns), *proposals]
+            return [*effects, *self._planner_notes(t_ns), *proposals]
         plan = self.replanner.check(inputs)
         notes = self._planner_notes(t_ns)
         if plan is None:
-            return notes
+            return effects + notes
         routes = [route for route in plan.routes if route.vehicle in plan.changed]
-        return [plan, *notes, *self.dispatch.send(routes, plan.t_ns, urgent)]
+        return [*effects, plan, *notes, *self.dispatch.send(routes, plan.t_ns, urgent)]
 
     def _planner_notes(self, t_ns: int) -> list[Effect]:
         return [Notice(t_ns, "warning", note) for note in self.state.replanning.new_notes]

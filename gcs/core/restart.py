@@ -7,7 +7,8 @@ checked.
 * Each onboard mission is read back before any upload (`gcs.core.authority.onboard_audit`).
 * Tracks are predicted over the gap. After a long one the agents' tracks start again at their reports.
 
-No plan is made before missions are read back and agents are tracked, for a bounded time.
+No plan is made before agents are heard and tracked and their missions read back, for a bounded time.
+The restart itself is no reason for a new plan.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from gcs.model import NS_PER_S, Notice, Resumed
 
 _MAX_WAIT_NS: Final = 25 * NS_PER_S
 """Maximum time until the first plan."""
-_MAX_UNTRACKED_WAIT_NS: Final = 8 * NS_PER_S
-"""Maximum wait for active agents that are not tracked."""
+_MAX_UNKNOWN_WAIT_NS: Final = 8 * NS_PER_S
+"""Maximum wait for active agents that are not heard or not tracked."""
 _MAX_PREDICTION_NS: Final = 10 * NS_PER_S
 """Maximum gap over which tracks of agents, which may turn, are predicted."""
 
@@ -48,16 +49,22 @@ def bridge_gap(state: State, event: Resumed) -> Notice:
 
 
 def is_settled(state: State, t_ns: int) -> bool:
-    """Return True if a plan may be made: missions are read back and agents tracked, or the wait is over."""
+    """Return True if a plan may be made: agents are heard and tracked and their missions read back.
+
+    A bounded wait for that ends, too.
+    """
     if state.resumed_t_ns is None:
         return True
     passed_ns = t_ns - state.resumed_t_ns
     if passed_ns >= _MAX_WAIT_NS:
         return True
     active = [agent for agent in state.agents.values() if agent.perception.status.status == "active"]
-    is_tracked = all(agent.perception.association.label is not None for agent in active)
-    is_audited = all(agent.authority.audit is None for agent in active if agent.link.liveness == "alive")
-    return is_audited and (is_tracked or passed_ns >= _MAX_UNTRACKED_WAIT_NS)
+    heard = [agent for agent in active if agent.link.liveness == "alive"]
+    is_audited = all(agent.authority.audit is None for agent in heard)
+    is_known = len(heard) == len(active) and all(
+        agent.perception.association.label is not None for agent in active
+    )
+    return is_audited and (is_known or passed_ns >= _MAX_UNKNOWN_WAIT_NS)
 
 
 def _begin_sighting_again(agent: Agent) -> None:

@@ -260,6 +260,25 @@ def test_a_held_vehicle_that_is_resumed_before_its_mission_is_taken_up_again_fli
     assert ended.arrived == (1, 2, 3, 4)
 
 
+@pytest.mark.parametrize(("scenario", "seed", "at_s"), [("random-targets", 5, 28.75), ("radars", 2, 49.74)])
+def test_a_restart_by_itself_changes_no_route(scenario: str, seed: int, at_s: float) -> None:
+    effects: list[Effect] = []
+    run = VirtualRun(load(scenario), seed, on_effect=lambda _, effect: effects.append(effect))
+    run.run(at_s)
+    assigned = run.command.replanner.assigned
+    effects.clear()
+    run.restart(2.0)
+    run.run(at_s + 5.0)
+    number = next(n for n, e in enumerate(effects) if isinstance(e, Plan) and "taken up again" in e.reason)
+    again, before = effects[number], effects[:number]
+    assert isinstance(again, Plan)
+    assert again.changed == ()
+    active = run.command.agent_status.active()
+    assert {route.vehicle: route.target for route in again.routes} == {v: assigned[v] for v in active}
+    verified = [e.vehicle for e in before if isinstance(e, Notice) and "mission is verified" in e.text]
+    assert sorted(verified) == sorted(active), "no plan before missions are read back"
+
+
 # ---------------------------------------------------------------- missions of others
 
 

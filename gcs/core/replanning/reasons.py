@@ -15,14 +15,7 @@ class Reason(NamedTuple):
 
 
 URGENT: Final[frozenset[Cause]] = frozenset(
-    {
-        "taken up again",
-        "map changed",
-        "operator order",
-        "agent set aside",
-        "agent in danger",
-        "approved plan changed",
-    }
+    {"map changed", "operator order", "agent set aside", "agent in danger", "approved plan changed"}
 )
 """Kinds that replace a proposal before an operator had the time to read it."""
 

@@ -113,11 +113,29 @@ class Replanner:
         route, routes.suspended = routes.suspended, None
         return route
 
-    def take_up(self, t_ns: int) -> None:
-        """Check the routes at once, after a restart."""
-        if self._state.next_check_t_ns is not None:
-            self._state.news.append(Reason("taken up again", "taken up again"))
-            self._state.next_check_t_ns = t_ns
+    def taken_up(self, t_ns: int, picture_t_ns: int) -> list[Plan]:
+        """Return the plan that goes on after a restart; empty if none has been made.
+
+        The planner does not run: a restart by itself changes no route.
+        """
+        if self._state.next_check_t_ns is None:
+            return []
+        assigned = self.assigned
+        return [
+            Plan(
+                t_ns=t_ns,
+                picture_t_ns=picture_t_ns,
+                routes=tuple(route for _, route in sorted(self.routes.items())),
+                unassigned_vehicles=tuple(
+                    v for v, agent in self._agents.items() if agent.routes.is_planned and v not in assigned
+                ),
+                unassigned_targets=tuple(
+                    label for label in self._state.planned_targets if label not in assigned.values()
+                ),
+                reason="taken up again",
+                causes=("taken up again",),
+            )
+        ]
 
     def order_plan(self, t_ns: int, text: str) -> None:
         """Check at once, by an operator's order; before the first plan there is nothing to change."""
