@@ -33,6 +33,7 @@ from gcs.model import (
     Notice,
     Picture,
     Proposal,
+    SwarmStatus,
     TargetRecord,
     Track,
     system_of,
@@ -171,7 +172,7 @@ class LiveView:
         free_rows -= 0 if has_links else 1
         target_rows = min(targets, max(_MIN_TARGET_ROWS, free_rows - agents))
         yield self._agents(status.agents, width, max(1, free_rows - target_rows))
-        yield self._targets(status.targets, max(1, target_rows))
+        yield self._targets(status, max(1, target_rows))
         if has_links:
             yield link_table(link_counters)
         else:
@@ -204,10 +205,14 @@ class LiveView:
         keyed = gate is not None and gate.is_keyed(fleet.link(vehicle), system_of(vehicle))
         return "verified" if keyed else "unchecked"
 
-    def _targets(self, targets: Sequence[TargetRecord], max_rows: int) -> RenderableType:
+    def _targets(self, status: SwarmStatus, max_rows: int) -> RenderableType:
         """Return a table of the targets; those that need agents first if rows are left out."""
-        shown, more = _cut(targets, max_rows, lambda one: (bool(one.reached_by), bool(one.agents), one.label))
-        return _with_more(targets_table(shown), more)
+
+        def rank(target: TargetRecord) -> tuple[bool, bool, Label]:
+            return bool(target.reached_by) or target.is_ignored, bool(target.agents), target.label
+
+        shown, more = _cut(status.targets, max_rows, rank)
+        return _with_more(targets_table(shown, status.agents), more)
 
     def _tracks(self, kind: str) -> dict[Label, Track]:
         picture = self._pictures.get(kind)

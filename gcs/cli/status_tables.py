@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.model import AgentRecord, SensorRecord, SwarmStatus, TargetRecord, target_name, vehicle_name
-from gcs.report.attention import attention, is_late
+from gcs.report.attention import attention, is_late, pinned_vehicles
 
 _STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red"}
 _FIX_NAMES: Final = {0: "none", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK", 7: "static"}
@@ -29,7 +29,7 @@ def status_tables(status: SwarmStatus, mission: str) -> Iterator[RenderableType]
     yield _head(status, mission)
     yield agents_table(sorted(status.agents, key=attention))
     if status.targets:
-        yield targets_table(status.targets)
+        yield targets_table(status.targets, status.agents)
     if status.sensors:
         yield _sensors(status.sensors)
 
@@ -69,7 +69,6 @@ def agents_table(
 def _agent_cells(agent: AgentRecord) -> dict[str, str | Text]:
     is_low = agent.battery_percent is not None and agent.battery_percent < _LOW_BATTERY_PERCENT
     heard_style = "bold red" if is_late(agent) else ""
-    target = agent.target or agent.proposed_target
     return {
         "id": vehicle_name(agent.vehicle),
         "status": Text("position doubted", style="bold red")
@@ -84,11 +83,20 @@ def _agent_cells(agent: AgentRecord) -> dict[str, str | Text]:
         "fix": "" if agent.fix_type is None else _FIX_NAMES.get(agent.fix_type, str(agent.fix_type)),
         "heard": Text(_number(agent.heard_age_s, ".1f", " s") or "never", style=heard_style),
         "loss": f"{100.0 * agent.loss:.1f} %",
-        "target": (target_name(target) if target else "") + ("?" if agent.target is None and target else ""),
+        "target": _target(agent),
         "to go m": _number(agent.to_go_m, ".0f"),
         "ETA s": _number(agent.eta_s, ".0f"),
         "mission": _mission(agent),
     }
+
+
+def _target(agent: AgentRecord) -> str:
+    """Return the target of an agent; with a question mark if it is proposed only."""
+    target = agent.target or agent.proposed_target
+    text = "" if target is None else target_name(target) + ("?" if agent.target is None else "")
+    if agent.pinned is None:
+        return text
+    return f"{text} (pin)" if agent.pinned == target else f"{text} (pin {target_name(agent.pinned)})".strip()
 
 
 def _mission(agent: AgentRecord) -> str | Text:
@@ -102,14 +110,18 @@ def _mission(agent: AgentRecord) -> str | Text:
     return "verified" if agent.is_verified else ""
 
 
-def targets_table(targets: Sequence[TargetRecord]) -> Table:
-    """Return a table with a row for each target."""
+def targets_table(targets: Sequence[TargetRecord], agents: Sequence[AgentRecord]) -> Table:
+    """Return a table with a row for each target; a column tells what was ordered, if anything was."""
     table = titled_table("Targets")
+    pins = pinned_vehicles(agents)
+    orders = [_orders(target, pins.get(target.label, [])) for target in targets]
     for name in ("target", "existence", "east m", "north m", "m/s"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("agents")
     table.add_column("reached by")
-    for target in targets:
+    if any(orders):
+        table.add_column("by order")
+    for target, order in zip(targets, orders, strict=True):
         east_m, north_m = target.position_m
         table.add_row(
             target_name(target.label),
@@ -119,8 +131,19 @@ def targets_table(targets: Sequence[TargetRecord]) -> Table:
             f"{target.speed_m_s:.1f}",
             ", ".join(map(vehicle_name, target.agents)),
             Text(", ".join(map(vehicle_name, target.reached_by)), style="green"),
+            *([order] if any(orders) else []),
+            style="dim strike" if target.is_ignored else "",
         )
     return table
+
+
+def _orders(target: TargetRecord, pinned: Sequence[int]) -> str:
+    parts = ["ignored"] if target.is_ignored else []
+    if target.priority is not None:
+        parts.append(f"priority {target.priority}")
+    if pinned:
+        parts.append(f"pinned {', '.join(map(vehicle_name, pinned))}")
+    return ", ".join(parts)
 
 
 def sensors_line(sensors: Sequence[SensorRecord]) -> Text:

@@ -21,13 +21,13 @@ from gcs.model import (
     Route,
     Scan,
     Sensor,
-    TargetRecord,
+    SwarmStatus,
     VehicleState,
     target_name,
     vehicle_name,
 )
 from gcs.planning.map.grid import Grid
-from gcs.report.attention import attention, is_late
+from gcs.report.attention import attention, is_late, pinned_vehicles
 from gcs.report.operator_lines import route_lines
 
 MAX_DETECTIONS: Final = 20_000
@@ -113,6 +113,7 @@ def _vehicle(
         "existence": rounded(agent.existence, 2),
         "target": None if agent.target is None else target_name(agent.target),
         "proposed": None if agent.proposed_target is None else target_name(agent.proposed_target),
+        "pinned": None if agent.pinned is None else target_name(agent.pinned),
         "to_go_m": rounded(agent.to_go_m, 0),
         "eta_s": rounded(agent.eta_s, 0),
         "upload": agent.upload,
@@ -122,8 +123,9 @@ def _vehicle(
     }
 
 
-def targets(found: tuple[TargetRecord, ...]) -> list[dict[str, Any]]:
+def targets(status: SwarmStatus) -> list[dict[str, Any]]:
     """Return the confirmed targets."""
+    pins = pinned_vehicles(status.agents)
     return [
         {
             "name": target_name(one.label),
@@ -132,8 +134,11 @@ def targets(found: tuple[TargetRecord, ...]) -> list[dict[str, Any]]:
             "speed_m_s": rounded(one.speed_m_s),
             "agents": [vehicle_name(vehicle) for vehicle in one.agents],
             "reached_by": [vehicle_name(vehicle) for vehicle in one.reached_by],
+            "ignored": one.is_ignored,
+            "priority": one.priority,
+            "pinned": [vehicle_name(vehicle) for vehicle in pins.get(one.label, ())],
         }
-        for one in found
+        for one in status.targets
     ]
 
 

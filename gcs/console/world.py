@@ -153,7 +153,7 @@ class World:
         }
         self._put("head", head, news)
         self._put("vehicles", rows.vehicles(capture), news)
-        self._put("targets", rows.targets(status.targets), news)
+        self._put("targets", rows.targets(status), news)
         self._put("proposal", rows.proposal(capture.proposal), news)
         if self._grid is not capture.grid:
             self._grid = capture.grid

@@ -1,10 +1,11 @@
-"""Order of agents by need of attention, the same in every display."""
+"""Order of agents by need of attention, and other parts that every display shows alike."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
-from gcs.model import AgentRecord
+from gcs.model import AgentRecord, Label
 
 _MAX_SILENT_S: Final = 2.5
 
@@ -29,3 +30,12 @@ def attention(agent: AgentRecord) -> tuple[int, int]:
 def is_late(agent: AgentRecord) -> bool:
     """Return True if an agent was not heard for some time, or never."""
     return agent.heard_age_s is None or agent.heard_age_s > _MAX_SILENT_S
+
+
+def pinned_vehicles(agents: Iterable[AgentRecord]) -> dict[Label, list[int]]:
+    """Return the vehicles that are pinned to each target."""
+    pins: dict[Label, list[int]] = {}
+    for agent in agents:
+        if agent.pinned is not None:
+            pins.setdefault(agent.pinned, []).append(agent.vehicle)
+    return pins

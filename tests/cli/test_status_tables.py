@@ -79,3 +79,17 @@ def test_a_proposed_target_is_marked() -> None:
     assert "T3.1?" in row(lines, "1")
     assert "never" in row(lines, "1")
     assert "upload: waiting" in row(lines, "1")
+
+
+def test_what_was_ordered_about_targets_is_shown() -> None:
+    pinned = replace(CALM, pinned=(3, 2))
+    status = SwarmStatus(
+        0, "x", (pinned,), (replace(TARGET, is_ignored=True), replace(TARGET, label=(3, 2), priority=5)),
+        (), None, False,
+    )  # fmt: skip
+    console = Console(width=170, file=io.StringIO())
+    console.print(*status_tables(status, "site"), sep="\n")
+    lines = [line.rstrip() for line in console.file.getvalue().splitlines()]  # type: ignore[attr-defined]
+    assert row(lines, "T3.1").endswith("ignored")
+    assert row(lines, "T3.2").endswith("priority 5, pinned 1")
+    assert "T3.1 (pin T3.2)" in row(lines, "1")

@@ -1,6 +1,7 @@
 // What moves: trails, routes, tracks, targets, vehicles.
 
 const SIGMAS = 3;
+const IGNORED = 0.45; // opacity
 const SIZE = 6; // of a target's diamond, which hides smaller ellipses
 
 export function trails(ctx, view, tracks, colour) {
@@ -103,9 +104,11 @@ export function targetTracks(ctx, view, tracks, confirmed, labels, colour, optio
     if (!target && !(options.tentative && tracks.estimated[index])) return;
     const [x, y] = [view.x(tracks.means[index][0]), view.y(tracks.means[index][1])];
     if (x < -50 || y < -50 || x > view.width + 50 || y > view.height + 50) return;
-    ctx.globalAlpha = opacity(tracks.existence[index]);
+    const isSelected = options.selected === name;
+    if (isSelected) halo(ctx, x, y, colour("advisory"));
+    ctx.globalAlpha = target?.ignored ? IGNORED : opacity(tracks.existence[index]);
     ctx.strokeStyle = ctx.fillStyle = colour(target?.reached_by.length ? "done" : "target");
-    if (options.ellipses && largest(tracks.covs[index], view) > SIZE) {
+    if (options.ellipses && !target?.ignored && largest(tracks.covs[index], view) > SIZE) {
       ctx.lineWidth = 1;
       ellipse(ctx, view, tracks.means[index], tracks.covs[index]);
       ctx.stroke();
@@ -114,9 +117,35 @@ export function targetTracks(ctx, view, tracks, confirmed, labels, colour, optio
     diamond(ctx, x, y, SIZE);
     if (target?.agents.length || target?.reached_by.length) ctx.fill();
     ctx.stroke();
-    if (options.labels) labels.draw(target?.reached_by.length ? `${name} ✓` : name, x + 9, y + 4);
+    if (target?.ignored) stroke(ctx, [x - 10, y + 7], [x + 10, y - 7]);
+    if (options.labels || isSelected) labels.draw(label(name, target), x + 9, y + 4, isSelected, target?.ignored);
   });
   ctx.globalAlpha = 1;
+}
+
+function label(name, target) {
+  if (!target) return name;
+  const rank = target.priority === null ? "" : ` p${target.priority}`;
+  return name + (target.reached_by.length ? " ✓" : "") + (target.ignored ? "" : rank);
+}
+
+function stroke(ctx, [x0, y0], [x1, y1]) {
+  ctx.beginPath();
+  ctx.moveTo(x0, y0);
+  ctx.lineTo(x1, y1);
+  ctx.stroke();
+}
+
+// Dotted lines from vehicles to the targets that they are pinned to.
+export function pins(ctx, view, list, targets, colour) {
+  ctx.strokeStyle = colour("advisory");
+  ctx.lineWidth = 1.5;
+  ctx.setLineDash([2, 4]);
+  for (const { at, status, pinned } of list) {
+    const target = targets.get(pinned);
+    if (at && target && status === "active") stroke(ctx, [view.x(at[0]), view.y(at[1])], [view.x(target.at[0]), view.y(target.at[1])]);
+  }
+  ctx.setLineDash([]);
 }
 
 function diamond(ctx, x, y, size) {

@@ -10,7 +10,9 @@ export const KEYS = [
   ["C, Enter", "confirm the checked routes of the plan"], ["X, Enter", "reject it"],
   ["K", "acknowledge the worst alarm"], ["N", "no-fly zone"],
   ["Z, 0", "zoom to the swarm, to the area"], ["F", "follow"], ["+ −", "zoom"], ["arrows", "move the map"],
-  ["L", "layers"], ["M", "measure"], ["P", "play or pause a replay"], ["?", "these keys"],
+  ["L", "layers"], ["M", "measure"], ["P", "play or pause a replay"],
+  ["T, shift+T", "select the next or the last target"], ["I", "ignore the selected target, or attend to it"],
+  [", .", "lower or raise its priority"], ["P, U", "pin the selected vehicles to it, unpin them"], ["?", "these keys"],
 ];
 
 export function listenToKeys(actions, feed, selection) {
@@ -42,7 +44,8 @@ export function listenToKeys(actions, feed, selection) {
       return;
     }
     const isScrolling = event.key.startsWith("Arrow") && event.target !== document.body;
-    const action = actions[event.key.toLowerCase()];
+    const key = event.key.toLowerCase();
+    const action = (event.shiftKey && actions[`shift+${key}`]) || actions[key];
     if (action && !isScrolling) {
       event.preventDefault();
       action();

@@ -11,11 +11,12 @@ export class Labels {
   }
 
   // Returns false if there is no room. A label that must be seen is drawn anyway.
-  draw(text, x, y, must = false) {
+  draw(text, x, y, must = false, isStruck = false) {
     const cells = this.cells(text.length * CHARACTER_PX, x, y);
     if (!must && cells.some((cell) => this.taken.has(cell))) return false;
     for (const cell of cells) this.taken.add(cell);
     this.ctx.fillText(text, x, y);
+    if (isStruck) this.ctx.fillRect(x, y - 4, this.ctx.measureText(text).width, 1);
     return true;
   }
 

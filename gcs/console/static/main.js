@@ -13,6 +13,7 @@ import { Plan } from "./plan.js";
 import { Replay } from "./replay.js";
 import { Selection } from "./selection.js";
 import { showStrip } from "./strip.js";
+import { TargetOrders } from "./target_orders.js";
 import { showTargets } from "./targets.js";
 import { Theme } from "./theme.js";
 import { Measure, Zones } from "./tools.js";
@@ -28,12 +29,13 @@ const map = new SwarmMap(part("map"), feed, selection, theme);
 const zones = new Zones(map, feed, orders);
 const alarms = new Alarms(part("alarms"), feed);
 const commands = new Commands(part("commands"), feed, selection, orders, () => zones.open());
+const targetOrders = new TargetOrders(part("target-orders"), feed, selection, orders, commands);
 const plan = new Plan(part("plan"), feed, orders, commands);
 const replay = new Replay(part("replay"), feed);
 
 showHeader(part("head"), feed, theme);
 showStrip(part("vehicles"), feed, selection);
-showTargets(part("targets"), feed, map, (name) => zones.reopen(name));
+showTargets(part("targets"), feed, map, selection, (name) => zones.reopen(name));
 showLog(part("log"), feed, part("targets"));
 part("help").addEventListener("click", () => showKeys(KEYS));
 
@@ -57,7 +59,13 @@ listenToKeys({
   f: () => map.follow(),
   l: () => map.toggleLayers(),
   m: measure,
-  p: () => replay.toggle(),
+  p: () => { if (feed.data.mission?.kind === "replay") replay.toggle(); else targetOrders.pin(); },
+  t: () => targetOrders.selectNext(1),
+  "shift+t": () => targetOrders.selectNext(-1),
+  i: () => targetOrders.toggleIgnored(),
+  ",": () => targetOrders.changePriority(-1),
+  ".": () => targetOrders.changePriority(1),
+  u: () => targetOrders.unpin(),
   "+": () => map.zoom(1.4),
   "-": () => map.zoom(1 / 1.4),
   arrowleft: pan(PAN_PX, 0),
@@ -65,7 +73,7 @@ listenToKeys({
   arrowup: pan(0, PAN_PX),
   arrowdown: pan(0, -PAN_PX),
   "?": () => showKeys(KEYS),
-  escape: () => { if (map.tool) map.use(null); else selection.set([]); },
+  escape: () => { if (map.tool) map.use(null); else selection.clear(); },
 }, feed, selection);
 
 feed.connect();

@@ -165,6 +165,12 @@ export class SwarmMap {
     if (places.length) this.centre([0, 1].map((axis) => places.reduce((sum, at) => sum + at[axis], 0) / places.length));
   }
 
+  // Moves the map only if a place is out of view.
+  show(place) {
+    const [x, y] = [this.view.x(place[0]), this.view.y(place[1])];
+    if (x < 0 || y < 0 || x > this.view.width || y > this.view.height) this.centre(place);
+  }
+
   centre([east, north]) {
     this.isMoved = true;
     this.view.east = east;
@@ -215,8 +221,9 @@ export class SwarmMap {
     if (layers.ellipses && this.feed.data.agents_tracks) swarm.agentTracks(ctx, view, this.feed.data.agents_tracks, colour);
     const confirmed = new Map(targets.map((one) => [one.name, one]));
     const labels = new Labels(ctx);
+    swarm.pins(ctx, view, vehicles, confirmed, colour);
     swarm.vehicles(ctx, view, vehicles, this.selection, labels, colour, { font: FONT });
-    if (this.feed.data.targets_tracks) swarm.targetTracks(ctx, view, this.feed.data.targets_tracks, confirmed, labels, colour, layers);
+    if (this.feed.data.targets_tracks) swarm.targetTracks(ctx, view, this.feed.data.targets_tracks, confirmed, labels, colour, { ...layers, selected: this.selection.target });
     if (layers.altitudes) swarm.altitudes(ctx, view, vehicles, labels, colour);
     this.tool?.draw(ctx, view, colour);
     this.drawBox();

@@ -84,12 +84,21 @@ export class Pointer {
     return placed.map(({ id, at }) => ({ id, x: view.x(at[0]), y: view.y(at[1]) }));
   }
 
+  drawnTargets() {
+    const { view, feed } = this.map;
+    return (feed.data.targets ?? []).map(({ name, at }) => ({ name, x: view.x(at[0]), y: view.y(at[1]) }));
+  }
+
+  // Where both are, a vehicle comes before a target.
   selectAt(event) {
     const { selection } = this.map;
     const distance = ({ x, y }) => Math.hypot(x - event.offsetX, y - event.offsetY);
-    const [nearest] = this.drawn().filter((one) => distance(one) < HIT_PX).sort((a, b) => distance(a) - distance(b));
-    if (nearest) selection.toggle(nearest.id, event.shiftKey || event.ctrlKey || event.metaKey);
-    else selection.set([]);
+    const nearest = (list) => list.filter((one) => distance(one) < HIT_PX).sort((a, b) => distance(a) - distance(b))[0];
+    const vehicle = nearest(this.drawn());
+    const target = nearest(this.drawnTargets());
+    if (vehicle) selection.toggle(vehicle.id, event.shiftKey || event.ctrlKey || event.metaKey);
+    else if (target) selection.setTarget(selection.target === target.name ? null : target.name);
+    else selection.clear();
   }
 
   selectBox([x0, y0, x1, y1]) {

@@ -1,9 +1,10 @@
-// Selected vehicles.
+// Selected vehicles, and the selected target.
 
 export class Selection extends EventTarget {
   constructor() {
     super();
     this.ids = new Set();
+    this.target = null;
   }
 
   has(id) {
@@ -13,6 +14,16 @@ export class Selection extends EventTarget {
   set(ids) {
     this.ids = new Set(ids);
     this.dispatchEvent(new Event("change"));
+  }
+
+  setTarget(name) {
+    this.target = name;
+    this.dispatchEvent(new Event("change"));
+  }
+
+  clear() {
+    this.target = null;
+    this.set([]);
   }
 
   toggle(id, add) {

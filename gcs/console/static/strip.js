@@ -18,10 +18,16 @@ const COLUMNS = [
   ["fix", "fix", "", (v) => [v.fix === null ? "–" : (FIXES[v.fix] ?? String(v.fix)), v.fix !== null && v.fix < 3 ? "bad" : "faint"]],
   ["heard", "heard", "", (v) => [v.heard_s === null ? "never" : seconds(v.heard_s), v.late ? "bad" : "faint"]],
   ["loss", "loss", "", (v) => [`${(100 * v.loss).toFixed(1)} %`, v.loss > 0.2 ? "fair" : "faint"]],
-  ["target", "target", "", (v) => v.target ?? (v.proposed ? `${v.proposed}?` : "–")],
+  ["target", "target", "", target],
   ["eta", "ETA", "", (v) => duration(v.eta_s)],
   ["mission", "mission", "left wide", mission],
 ];
+
+function target(vehicle) {
+  const shown = vehicle.target ?? (vehicle.proposed ? `${vehicle.proposed}?` : "–");
+  if (!vehicle.pinned) return shown;
+  return vehicle.pinned === vehicle.target ? `pin ${shown}` : [`${shown}, pin ${vehicle.pinned}`, "fair"];
+}
 
 function mission(vehicle) {
   if (vehicle.status === "lost") return ["–", "faint"];
