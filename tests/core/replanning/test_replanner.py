@@ -1,4 +1,4 @@
-"""A user would lose time and radio: plans too late or without end, missions to vehicles that need none."""
+"""Vehicles would wait for their first plan, fly to where a target was, or turn back on the last metres."""
 
 import math
 from dataclasses import replace
@@ -7,87 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from staging import at, mission, track, zones
+from planning_desk import PERIOD_S, A, B, C, Desk, pair, replanner
+from staging import at, mission, track
 
-from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.replanning.inputs import PlanningInputs
-from gcs.core.replanning.replanner import Replanner
-from gcs.core.state import State
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.planning.forward_simulation import Motion, RemainingMission
-
-CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
-
-
-def replanner(config, state=None):
-    state = state or State.initial(range(1, 20))
-    return Replanner(config, zones(config), state.agents, state.replanning)
-
-
-class Desk:
-    """A planner's desk: agents, targets and assignments; it checks at times a test chooses."""
-
-    def __init__(self, agents, targets, *, tables="", expected_targets=None):
-        count = len(targets) if expected_targets is None else expected_targets
-        config = mission(
-            agents=list(agents.values()), births=[(1900.0, 100.0 * i) for i in range(count)], tables=tables
-        )
-        self.grid = mission_grid(config, 0)
-        state = State.initial(range(1, 20))
-        self.replanner, self.state = replanner(config, state), state.replanning
-        self.agents, self.targets, self.arrived = dict(agents), dict(targets), set()
-        self.lost, self.velocities, self.plans = set(), {}, []
-
-    def check(self, t_s):
-        """Check if a plan is due; return it."""
-        if not self.replanner.is_due(at(t_s)):
-            return None
-        inputs = PlanningInputs(
-            at(t_s),
-            at(t_s),
-            {
-                v: track((0, v), place, self.velocities.get(v, (0.0, 0.0)))
-                for v, place in sorted(self.agents.items())
-            },
-            {label: track(label, place) for label, place in sorted(self.targets.items())},
-            frozenset(self.arrived),
-            lost=frozenset(self.lost),
-        )
-        plan = self.replanner.check(inputs)
-        if plan is not None:
-            self.plans.append(plan)
-            assert plan.causes
-        return plan
-
-    def arrive(self, vehicle):
-        label = self.replanner.assigned[vehicle]
-        self.replanner.drop(vehicle)
-        self.arrived.add(vehicle)
-        del self.agents[vehicle], self.targets[label]
-
-    def lose(self, vehicle):
-        self.lost.add(vehicle)
-        self.replanner.drop(vehicle)
-        del self.agents[vehicle]
-
-    @property
-    def assigned(self):
-        return self.replanner.assigned
-
-
-A, B, C = (0, 0), (0, 1), (3, 2)
-
-
-def pair(**changes):
-    """Two agents in the west, two targets straight east of them, one planned."""
-    desk = Desk({1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1500.0, 200.0), B: (1500.0, 800.0)}, **changes)
-    plan = desk.check(0.0)
-    assert plan.changed == (1, 2)
-    assert desk.assigned == {1: A, 2: B}
-    return desk
-
-
-# ---------------------------------------------------------------- the first plan
 
 
 def test_the_first_plan_is_made_as_soon_as_everybody_expected_is_there():
@@ -116,9 +41,6 @@ def test_there_is_no_first_plan_without_anybody_to_send_or_anywhere_to_go(missin
     assert desk.check(30.0).changed == (1,)
 
 
-# ---------------------------------------------------------------- when to check
-
-
 def test_checks_come_every_period_and_not_at_every_scan():
     desk = pair()
     assert [t_s for t_s in range(1, 21) if desk.replanner.is_due(at(t_s)) and desk.check(t_s) is None] == [
@@ -139,181 +61,6 @@ def test_nothing_new_is_no_new_plan():
     for t_s in range(5, 100, 5):
         desk.agents[1] = (100.0 + 10.0 * t_s, 200.0)
         assert desk.check(t_s) is None
-
-
-# ---------------------------------------------------------------- what makes a plan
-
-
-def test_a_lost_agents_target_goes_to_the_survivor_for_whom_it_is_better():
-    desk = Desk(
-        {1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1000.0, 200.0), B: (1900.0, 200.0)}, expected_targets=2
-    )
-    desk.check(0.0)
-    assert desk.assigned == {1: B, 2: A} or desk.assigned == {1: A, 2: B}
-    near = next(v for v, label in desk.assigned.items() if label == A)
-    desk.lose(near)
-    plan = desk.check(5.0)
-    survivor = 3 - near
-    assert plan.reason == f"agent {near} lost"
-    assert plan.changed == (survivor,)
-    assert desk.assigned == {survivor: A}
-    assert plan.unassigned_targets == (B,)
-    assert desk.check(10.0) is None
-
-
-def test_a_loss_is_reported_though_no_route_changes():
-    desk = pair()
-    desk.lose(1)
-    plan = desk.check(5.0)
-    assert (plan.reason, plan.changed, plan.unassigned_targets) == ("agent 1 lost", (), (A,))
-    assert [route.vehicle for route in plan.routes] == [2]
-    assert desk.check(10.0) is None
-
-
-def test_an_agent_that_arrived_is_not_lost():
-    desk = pair()
-    desk.arrive(1)
-    assert [desk.check(t_s) for t_s in (5.0, 10.0)] == [None, None]
-
-
-def test_an_agent_that_comes_back_is_tasked():
-    desk = pair()
-    place = desk.agents[1]
-    desk.lose(1)
-    desk.check(5.0)
-    desk.agents[1] = place
-    plan = desk.check(10.0)
-    assert (plan.reason, plan.changed) == ("agent 1 joined", (1,))
-    assert desk.assigned == {1: A, 2: B}
-
-
-def test_a_target_that_appears_makes_a_plan_that_redirects_only_its_agent():
-    desk = pair()
-    desk.targets[C] = (400.0, 200.0)
-    desk.targets[B] = (1500.0, 810.0)  # it moved, but by less than a new mission is worth
-    plan = desk.check(5.0)
-    assert (plan.reason, plan.changed) == ("target T3.2 appeared", (1,))
-    assert desk.assigned == {1: C, 2: B}
-
-
-def test_a_target_that_comes_back_under_another_label_is_still_its_agents():
-    desk = pair()
-    del desk.targets[A]
-    desk.targets[C] = (1500.0, 215.0)
-    plan = desk.check(5.0)
-    assert plan.reason == "target T3.2 appeared; target T0.0 is not tracked any more"
-    assert desk.assigned == {1: C, 2: B}
-    assert plan.changed == (1,)
-
-
-def test_a_target_that_is_lost_frees_its_agent_for_another():
-    desk = pair()
-    desk.targets[C] = (1900.0, 1900.0)
-    desk.check(5.0)
-    del desk.targets[A]
-    plan = desk.check(10.0)
-    assert plan.reason == "target T0.0 is not tracked any more"
-    assert sorted(desk.assigned.values()) == [B, C]
-
-
-def test_a_target_that_moved_is_followed_and_only_by_its_own_agent():
-    desk = pair()
-    desk.targets[A] = (1500.0, 200.0 + MOVED_M + 0.5)
-    plan = desk.check(5.0)
-    assert (plan.reason, plan.changed) == ("target T0.0 moved 50 m", (1,))
-    assert plan.routes[0].points_m[-1] == pytest.approx(desk.targets[A])
-    assert {route.vehicle for route in plan.routes} == {1, 2}
-
-
-def test_a_target_may_move_a_little_far_away_and_drift_does_not_go_unnoticed():
-    desk = pair()
-    planned_at = []
-    for t_s in range(5, 60, 5):
-        desk.targets[A] = (1500.0, 200.0 + 4.0 * t_s)
-        if desk.check(t_s):
-            planned_at.append(t_s)
-    assert planned_at == [
-        15,
-        30,
-        45,
-    ]  # 60 m each: measured from where the route ends, not from check to check
-
-
-def test_how_far_a_target_may_move_shrinks_to_half_the_capture_radius_as_its_agent_closes_in():
-    def tolerated_m(to_go_m):
-        for moved_m in np.arange(1.0, 80.0):
-            desk = pair()
-            desk.agents[1] = (1500.0 - to_go_m, 200.0)
-            desk.targets[A] = (1500.0, 200.0 + moved_m)
-            if desk.check(5.0):
-                return moved_m - 1.0
-        raise AssertionError("never followed")
-
-    assert [tolerated_m(to_go_m) for to_go_m in (1400.0, 201.0, 160.0, 100.0, 40.0, 0.0)] == [
-        MOVED_M, MOVED_M, 40.0, 25.0, CAPTURE_M / 2, CAPTURE_M / 2,
-    ]  # fmt: skip
-
-
-def test_several_reasons_are_all_reported():
-    desk = pair()
-    desk.lose(2)
-    desk.targets[C] = (1900.0, 1900.0)
-    desk.targets[A] = (1500.0, 300.0)
-    reason = desk.check(5.0).reason
-    assert reason == "agent 2 lost; target T3.2 appeared; target T0.0 moved 100 m"
-
-
-# ---------------------------------------------------------------- what does not
-
-
-def test_a_target_over_an_obstacle_does_not_make_a_plan_at_each_check():
-    wall = "[map]\nboxes_m = [[1380.0, 80.0, 1620.0, 320.0]]\n"
-    desk = pair(tables=wall)
-    assert any("over an obstacle" in note for note in desk.state.new_notes)
-    end = desk.replanner.routes[1].points_m[-1]
-    assert math.dist(end, desk.targets[A]) > MOVED_M
-    assert [desk.check(t_s) for t_s in range(5, 60, 5)] == [None] * 11
-    assert desk.replanner.routes[1].points_m[-1] == pytest.approx(end)
-
-
-def test_a_target_over_an_obstacle_is_planned_for_once_a_period_and_not_at_every_scan(monkeypatch):
-    walls = "[map]\nboxes_m = [[1000.0, 0.0, 2000.0, 700.0]]\n"
-    desk = pair(tables=f'{walls}[planning]\nwhen = "events"\n')
-    planned, plan = [], desk.replanner._routed
-    monkeypatch.setattr(desk.replanner, "_routed", lambda *args, **kw: planned.append(1) or plan(*args, **kw))
-    for second in range(1, 31):
-        desk.check(float(second))
-    assert 1 <= len(planned) <= 12
-
-
-def test_surplus_agents_wait_without_new_plans_and_get_targets_that_appear():
-    desk = Desk(
-        {1: (100.0, 200.0), 2: (100.0, 800.0), 3: (100.0, 1400.0)}, {A: (1500.0, 200.0)}, expected_targets=1
-    )
-    plan = desk.check(0.0)
-    assert (plan.changed, plan.unassigned_vehicles) == ((1,), (2, 3))
-    assert [desk.check(t_s) for t_s in (5.0, 10.0, 15.0)] == [None] * 3
-    desk.targets[B] = (1500.0, 1400.0)
-    assert desk.check(20.0).changed == (3,)
-
-
-def test_unassigned_targets_are_named_and_assigned_when_an_agent_is_free():
-    desk = Desk({1: (100.0, 200.0)}, {A: (600.0, 200.0), B: (1500.0, 200.0)})
-    assert desk.check(0.0).unassigned_targets == (B,)
-    assert desk.check(5.0) is None
-
-
-def test_an_agent_without_a_route_does_not_make_a_plan_at_each_check():
-    walls = "[map]\nboxes_m = [[0.0, 480.0, 2000.0, 520.0]]\n"
-    desk = Desk(
-        {1: (100.0, 200.0), 2: (100.0, 800.0)}, {A: (1500.0, 200.0), B: (1400.0, 200.0)}, tables=walls
-    )
-    plan = desk.check(0.0)
-    assert plan.changed == (1,)
-    assert "agent 2: no path to any target" in desk.state.new_notes
-    assert [desk.check(t_s) for t_s in range(5, 60, 5)] == [None] * 11
-    assert not desk.state.new_notes  # reported once
-    assert desk.assigned == {1: plan.routes[0].target}
 
 
 def test_a_mission_that_could_not_be_delivered_is_planned_again_at_the_next_check():
@@ -374,30 +121,6 @@ def test_an_agent_that_is_not_in_changed_keeps_its_last_route(history):
                 assert sent[route.vehicle] is route
         idle = set(plan.unassigned_vehicles)
         assert idle | {r.vehicle for r in plan.routes} == set(desk.agents)
-
-
-# ---------------------------------------------------------------- the map
-
-
-def test_a_seed_means_one_map_and_keeps_starts_and_births_clear():
-    config = mission(tables="[map]\nrandom_threshold = 0.2\n")
-    maps = [mission_grid(config, seed) for seed in (1, 1, 2)]
-    assert np.array_equal(maps[0].blocked, maps[1].blocked)
-    assert not np.array_equal(maps[0].blocked, maps[2].blocked)
-    assert 0.15 < maps[0].blocked.mean() < 0.22
-    for row, col in np.argwhere(maps[0].blocked).tolist():
-        place = maps[0].point_of((row, col))
-        for thing in (*config.agents, *config.births):
-            assert math.dist(place, (thing.east_m, thing.north_m)) > 120.0
-
-
-def test_obstacles_placed_by_hand_are_on_the_map_at_their_place():
-    tables = "[map]\ndiscs_m = [[1000.0, 400.0, 50.0]]\nboxes_m = [[0.0, 1900.0, 80.0, 2000.0]]\n"
-    grid = mission_grid(mission(tables=tables), 0)
-    assert (grid.shape, grid.spacing_m, grid.origin_m) == ((51, 51), 40.0, (0.0, 0.0))
-    assert grid.blocked[grid.node_of((1000.0, 400.0))]
-    assert grid.blocked[grid.node_of((40.0, 1950.0))]
-    assert not grid.blocked[grid.node_of((400.0, 1000.0))]
 
 
 def test_agent_and_target_are_both_taken_to_the_time_at_which_the_route_is_taken_up():
@@ -496,9 +219,6 @@ def test_who_passed_its_target_and_was_not_seen_to_reach_it_tries_again():
     plan, flown, now = close_to_a_corner((1510.0, 300.0), passed=[1])
     assert (plan.reason, plan.changed) == ("agent 1 passed target T0.0", (1,))
     assert now is not flown
-
-
-# ---------------------------------------------------------------- the last metres
 
 
 def arriving(metres=40.0, velocity=(15.0, 0.0), **changes):
