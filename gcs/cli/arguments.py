@@ -97,6 +97,7 @@ SeedOption = Annotated[
     int,
     typer.Option(min=0, help="Seed of everything random: obstacles, vehicle losses, targets, noise."),
 ]
+MapSeedOption = Annotated[int, typer.Option(min=0, help="Seed of the random obstacles of the mission file.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object as the last line.")]
 HeadlessOption = Annotated[
     bool, typer.Option("--headless", help="Print plain lines instead of the live view.")

@@ -44,6 +44,8 @@ def parse(text: str, source: str) -> Config:
     ConfigError
         For invalid TOML, unknown or missing keys, values out of range, and contradictions between keys.
     """
+    if not text.strip():
+        raise ConfigError(source, "", "is empty: `gcs init` writes a first mission file")
     try:
         raw = _printable(decode_toml(text, source))
     except RecursionError:

@@ -6,6 +6,7 @@ import pytest
 
 from gcs.geo import LocalFrame
 from gcs.io.vehicles.parameters import ParameterTask
+from gcs.io.vehicles.session import NOT_HEARD
 from gcs.mavlink.frames.codec import Encoder, decode
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
@@ -56,4 +57,4 @@ def test_nothing_is_set_on_an_armed_vehicle_unless_that_is_asked_for():
 
 
 def test_a_vehicle_that_is_not_heard_is_named():
-    assert ParameterTask(7, ["A"], None, Encoder()).rows() == [("A", False, None, "vehicle not heard")]
+    assert ParameterTask(7, ["A"], None, Encoder()).rows() == [("A", False, None, NOT_HEARD)]

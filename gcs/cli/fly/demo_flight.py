@@ -25,7 +25,7 @@ from gcs.cli.run_setup import display, open_recorder, warm_up
 from gcs.config import Config, parse, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.endpoints import Link, parse_endpoint
-from gcs.errors import InterruptedRunError, SimulationError
+from gcs.errors import ConfigError, InterruptedRunError, SimulationError
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
 from gcs.io.output import QueuedText, off_loop
@@ -79,6 +79,10 @@ def run_demo(options: DemoOptions, console: Console) -> int:
     GcsError
         When the run cannot start: a mistake in the file, a port in use, vehicles that do not start.
     """
+    for firmware in options.sitl:
+        name, _, path = firmware.partition("=")
+        if name not in ("arduplane", "px4") or not path:
+            raise ConfigError("--sitl", firmware, "expected arduplane=PATH or px4=PATH")
     text, source = read_text(options.scenario)
     for endpoint in options.forward:
         parse_endpoint(endpoint)

@@ -12,8 +12,8 @@ from gcs.cli.arguments import (
     ConsoleAccessOption,
     ConsoleOption,
     HeadlessOption,
+    MapSeedOption,
     OpenOption,
-    SeedOption,
     command_app,
 )
 from gcs.cli.errors import exit_on_error
@@ -25,7 +25,7 @@ app = command_app()
 @app.command()
 def run(
     config: ConfigArgument,
-    seed: SeedOption = 1,
+    seed: MapSeedOption = 1,
     headless: HeadlessOption = False,
     out: Annotated[Path | None, typer.Option(help="Folder for the recording.  [default: runs/NAME]")] = None,
     resume: Annotated[

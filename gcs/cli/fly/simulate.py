@@ -27,7 +27,10 @@ def simulate(
     out: Annotated[Path | None, typer.Option(help="Folder for recordings.  [default: no recording]")] = None,
     loss: LossOption = 0.0,
     duration: Annotated[
-        float | None, typer.Option(min=1.0, help="Time limit of a run, in seconds of run time.")
+        float | None,
+        typer.Option(
+            min=1.0, help="Time limit in seconds of run time.  [default: max_duration_s of the scenario]"
+        ),
     ] = None,
 ) -> None:
     """Fly simulated missions as fast as the machine can.

@@ -25,7 +25,7 @@ def status(
     ] = None,
     mission: MissionOption = None,
     zenoh: ZenohOption = None,
-    timeout: Annotated[float, typer.Option(min=1.0, help="Timeout in seconds.")] = 5.0,
+    timeout: Annotated[float, typer.Option(min=1.0, help="Time to wait for the service, in seconds.")] = 5.0,
     as_json: JsonOption = False,
 ) -> None:
     """Print the agents, targets and sensors of a running service.

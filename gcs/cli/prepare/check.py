@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
-from gcs.cli.arguments import ConfigArgument, SeedOption, command_app
+from gcs.cli.arguments import ConfigArgument, MapSeedOption, command_app
 from gcs.cli.errors import exit_on_error
 from gcs.io.console import console_for
 
@@ -26,7 +26,7 @@ _ROLES = {
 
 
 @app.command()
-def check(config: ConfigArgument, seed: SeedOption = 1) -> None:
+def check(config: ConfigArgument, seed: MapSeedOption = 1) -> None:
     """Validate a mission file and print what it means.
 
     A mistake is shown with its file, its key and the expected value.

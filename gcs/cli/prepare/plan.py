@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from gcs.cli.arguments import JsonOption, SeedOption, check_picture, command_app, complete_scenario
+from gcs.cli.arguments import JsonOption, MapSeedOption, check_picture, command_app, complete_scenario
 from gcs.cli.errors import exit_on_error
 from gcs.io.console import console_for
 
@@ -66,7 +66,7 @@ def plan(
         Path | None,
         typer.Option("--map", metavar="FILE.map", help="Plan on a Moving AI map. Positions are in cells."),
     ] = None,
-    seed: SeedOption = 1,
+    seed: MapSeedOption = 1,
     plot: Annotated[Path | None, typer.Option(help="Picture of the plan, such as plan.png.")] = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from gcs.cli.arguments import ConfigArgument, JsonOption, LinkOption, SeedOption, command_app
+from gcs.cli.arguments import ConfigArgument, JsonOption, LinkOption, MapSeedOption, command_app
 from gcs.cli.errors import exit_on_error
 from gcs.io.console import console_for
 
@@ -20,7 +20,7 @@ def preflight(
     link: LinkOption = None,
     sensors: Annotated[bool, typer.Option(help="Wait for scans on zenoh as well.")] = True,
     brief: Annotated[bool, typer.Option("--brief", help="Show only checks that are not ok.")] = False,
-    seed: SeedOption = 1,
+    seed: MapSeedOption = 1,
     as_json: JsonOption = False,
 ) -> None:
     """Check every vehicle, link and sensor before a flight.

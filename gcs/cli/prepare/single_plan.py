@@ -1,14 +1,14 @@
 """One plan without a flight: planned, drawn and printed.
 
 Agents are at the starts of the mission and targets at its target births, unless positions are given. Given
-agents are numbered from 1, as are targets.
+agents are numbered from 1. Targets are T0.0, T0.1 and so on: the names of tracks that are born there in the
+first scan.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import re
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ from gcs.core.replanning.plan_targets import plan_options
 from gcs.core.replanning.return_routes import landing_of
 from gcs.errors import ConfigError, RecordingError
 from gcs.files import read_text
-from gcs.model import Route
+from gcs.model import Label, Route, target_name
 from gcs.planning.deconfliction import PlannedFlight, assign_layers
 from gcs.planning.forward_simulation import LoiterCircle
 from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
@@ -45,8 +45,7 @@ class Task:
     name: str
     grid: Grid
     agents: dict[int, AgentState]
-    targets: dict[tuple[int, int], Point]
-    """Position by (0, number)."""
+    targets: dict[Label, Point]
     options: PlanOptions
     y_down: bool
     """True for a Moving AI map, which is drawn with y downwards."""
@@ -122,7 +121,7 @@ def planning_task(
         agents = {n: AgentState(*place, None, speed_m_s) for n, place in enumerate(starts, start=1)}
     if target_texts is not None:
         targets = _positions(target_texts, "--targets", grid)
-    numbered = {(0, number): place for number, place in enumerate(targets, start=1)}
+    numbered = {(0, number): place for number, place in enumerate(targets)}
     return Task(name, grid, agents, numbered, options, y_down, **separation)
 
 
@@ -165,7 +164,7 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
         began = now
 
     result = plan_routes(task.grid, task.agents, task.targets, {}, task.options, done)
-    notes = [re.sub(r"target T0\.(\d+)", r"target \1", note) for note in result.notes]
+    notes = list(result.notes)
     own = {vehicle: number for number, vehicle in enumerate(task.agents)}
     flights = [
         PlannedFlight(
@@ -212,7 +211,7 @@ def _as_dict(
         "routes": [
             {
                 "agent": route.vehicle,
-                "target": route.target[1],
+                "target": target_name(route.target),
                 "length_m": route.length_m,
                 "grid_length_m": result.grid_lengths_m[route.vehicle],
                 "layer": route.layer,
@@ -226,7 +225,7 @@ def _as_dict(
         ],
         "total_length_m": result.total_length_m,
         "unassigned_agents": list(result.unassigned_vehicles),
-        "unassigned_targets": [number for _, number in result.unassigned_targets],
+        "unassigned_targets": [target_name(target) for target in result.unassigned_targets],
         "timings_ms": timings_ms,
         "notes": list(result.notes),
     }
@@ -250,7 +249,7 @@ def _draw(path: Path, task: Task, result: PlanResult, return_routes: Mapping[int
         task.grid,
         task.grid.inflate(task.options.clearance_m),
         starts={vehicle: (agent.east_m, agent.north_m) for vehicle, agent in task.agents.items()},
-        targets={number: place for (_, number), place in task.targets.items()},
+        targets={target_name(target): place for target, place in task.targets.items()},
         routes={r.vehicle: (_start_position(task, r.vehicle), *r.points_m.tolist()) for r in result.routes},
         circles={} if loiter is None else {r.vehicle: _circle(r, loiter.radius_m) for r in result.routes},
         homes={
@@ -282,7 +281,7 @@ def _print_plan(
     for route in result.routes:
         table.add_row(
             str(route.vehicle),
-            str(route.target[1]),
+            target_name(route.target),
             f"{route.length_m:,.1f} m",
             f"{result.grid_lengths_m[route.vehicle]:,.1f} m",
             str(len(route.points_m)),
@@ -296,7 +295,7 @@ def _print_plan(
         console.print(table)
     for names, title in (
         ([str(v) for v in result.unassigned_vehicles], "agents without a route"),
-        ([str(number) for _, number in result.unassigned_targets], "targets without an agent"),
+        ([target_name(target) for target in result.unassigned_targets], "targets without an agent"),
     ):
         if names:
             console.print(f"{title}: {', '.join(names)}", highlight=False)

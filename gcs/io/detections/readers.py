@@ -53,6 +53,15 @@ from gcs.tracking.metrics import Tracks
 _MAX_T_NS: Final = 4.2e18
 _MAX_EMPTY_SCANS, _MAX_EMPTY_PER_SCAN = 10_000, 100
 """Scans without a row, in all and for each scan with rows; more are a mistake in the column."""
+_EXPECTED: Final = "expected detections (NPZ, CSV) or a recording"
+_LOG: Final = f"is a telemetry log, without detections: {_EXPECTED}; `gcs info` and `gcs report` read logs"
+_OTHER_KINDS: Final = {
+    ".toml": f"is a mission file or a model: {_EXPECTED}; a model is named with --model",
+    ".tlog": _LOG,
+    ".raw": _LOG,
+    ".bin": _LOG,
+}
+"""Kinds of files that are given by mistake, by the ending of their names."""
 _MIN_SPAN_NS: Final = 1e6
 """Times of nanoseconds that lie closer are in another unit."""
 
@@ -107,6 +116,8 @@ def load(
     """
     if path.is_dir() or path.suffix == ".mcap":
         return _load_recording(path, model, truth, progress)
+    if path.suffix.lower() in _OTHER_KINDS and path.is_file():
+        raise ConfigError(str(path), "", _OTHER_KINDS[path.suffix.lower()])
     true = None if truth is None else read_truth(truth)
     if path.suffix.lower() == ".npz":
         arrays = read_npz(path)
@@ -260,7 +271,7 @@ def _load_recording(
         raise ConfigError(str(model), "", "a recording has its own model: expected no --model with it")
     text = read_info(path).config_text
     if not text:
-        raise RecordingError(str(path), "has no mission file, so its births are unknown")
+        raise RecordingError(str(path), "is empty, or damaged before its mission file: births are unknown")
     config = parse(text, f"{path}: mission file")
     scans: list[SensorScan] = []
     truths: list[Truth] = []

@@ -112,9 +112,9 @@ def is_stamped(file: BinaryIO, name: str) -> bool:
             frames += 1
     if frames == 0:
         empty = file.seek(0, io.SEEK_END) == 0
-        raise RecordingError(
-            name, "is empty" if empty else "is no recording, and no MAVLink frame is in its first 16 MB"
-        )
+        problem = "is no recording, and no MAVLink frame is in its first 16 MB"
+        expected = "expected a recording (.mcap, or its folder), a .tlog or raw MAVLink"
+        raise RecordingError(name, "is empty" if empty else f"{problem}: {expected}")
     file.seek(0)
     return 2 * stamp_gaps >= frames
 

@@ -103,7 +103,7 @@ def read_keys(path: Path) -> KeyFile:
             raise ConfigError(source, "", problem)
         text = read_text(path, _MAX_BYTES)
     except FileNotFoundError:
-        raise ConfigError(source, "", f"there is no such key file: gcs keys new {path}") from None
+        raise ConfigError(source, "", f"there is no such key file: `gcs keys new {path}` makes one") from None
     except OSError as error:
         raise ConfigError(source, "", f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.fence import fence_of, rally_of
-from gcs.io.vehicles.session import VehicleSession
+from gcs.io.vehicles.session import NOT_HEARD, VehicleSession
 from gcs.mavlink.autopilots import profile_of
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.geofence_rally import (
@@ -76,7 +76,7 @@ class FenceTask:
     def rows(self) -> list[tuple[str, bool, str]]:
         """Return (step, True if it succeeded, detail) of each step."""
         if not self._tasks:
-            return [("link", False, "not heard")]
+            return [("link", False, NOT_HEARD)]
         rows = []
         for task in self._tasks:
             result = task.result

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
-from gcs.io.vehicles.session import VehicleSession
+from gcs.io.vehicles.session import NOT_HEARD, VehicleSession
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.parameters import ParameterReader, ParameterSetter, is_bytewise
 
@@ -59,7 +59,7 @@ class ParameterTask:
         """Return (name, True if as requested, value if known, detail) of each parameter."""
         values = {} if self._reading is None else self._reading.values
         if self._bytewise is None:
-            return [(name, False, None, "vehicle not heard") for name in self._names]
+            return [(name, False, None, NOT_HEARD) for name in self._names]
         if self._refusal:
             return [(name, False, None, self._refusal) for name in self._names]
         if self._setting is not None and (self._setting.outcome is None or not self._setting.outcome[0]):

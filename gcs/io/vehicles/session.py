@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterable, Sequence
-from typing import Protocol
+from typing import Final, Protocol
 
 from gcs.config import Config
 from gcs.io.clock import RunClock
@@ -19,6 +19,8 @@ from gcs.mavlink.frames.codec import FrameTable, Message
 from gcs.model import NS_PER_S, Datagram, Level, system_of
 
 _TICK_S = 0.05
+NOT_HEARD: Final = "not heard: is it on, with this system id, and sending to this machine?"
+"""Result for a vehicle that did not report."""
 
 
 class VehicleTask(Protocol):

@@ -32,7 +32,8 @@ class PlanDrawing:
     inflated: Grid
     """The grid with the clearance around obstacles blocked too."""
     starts: Mapping[int, Point]
-    targets: Mapping[int, Point]
+    targets: Mapping[str, Point]
+    """Positions by name."""
     routes: Mapping[int, Sequence[Sequence[float]]]
     """Points by agent, the start first."""
     circles: Mapping[int, LoiterCircle] = field(default_factory=dict)
@@ -84,8 +85,8 @@ def draw_plan(drawing: PlanDrawing, path: Path) -> None:
     axes.scatter(starts[:, 0], starts[:, 1], facecolors="white", edgecolors=RED, **style)
     axes.scatter(targets[:, 0], targets[:, 1], marker="x", color=INK, **style)
     if few:
-        for number, place in drawing.targets.items():
-            annotate(axes, f"target {number}", place, INK)
+        for name, place in drawing.targets.items():
+            annotate(axes, name, place, INK)
     _draw_legend(axes, drawing)
     figure.savefig(path)
 

@@ -28,6 +28,13 @@ MISTAKES = {
     "another state order": (["order.npz"], "expected constant velocity in the order px, vx, py, vy"),
     "half a scan": (["half.csv", "--model", "set.npz"], "expected whole numbers"),
     "scan a billion": (["far.csv", "--model", "set.npz"], "found number 1000000000"),
+    "a mission file for detections": (
+        ["mission.toml"],
+        "mission.toml: is a mission file or a model: expected detections (NPZ, CSV) or a recording",
+    ),
+    "a log for detections": (["log.tlog"], "without detections: expected detections (NPZ, CSV)"),
+    "a former key": (["set.csv", "--model", "former.toml"], "did you mean `accel_psd_m2_s3`?"),
+    "no process noise": (["set.csv", "--model", "still.toml"], "expected a process noise above 0"),
     "a mission file": (["set.csv", "--model", "mission.toml"], "is a mission file"),
     "a key of no meaning": (["set.csv", "--model", "typo.toml"], "unknown key `accel`"),
     "a word for a number": (["set.csv", "--model", "word.toml"], "noise_std_m: expected a number, got text"),
@@ -56,6 +63,9 @@ def test_a_mistake_is_named_with_its_file_and_what_was_expected(files, monkeypat
     (files / "noise.bin").write_bytes(b"\x89PNG\xff\xfe")
     (files / "word.toml").write_text(MODEL.replace("10.0\nregion", '"10"\nregion'))
     (files / "typo.toml").write_text("accel = 5.0\n" + MODEL)
+    (files / "former.toml").write_text(MODEL.replace("piecewise_", ""))
+    (files / "still.toml").write_text(MODEL.replace("piecewise_accel_std_m_s2 = 5.0", ""))
+    (files / "log.tlog").write_bytes(bytes(100))
     (files / "mission.toml").write_text(read_text("prescribed")[0])
     arrays = made()
     np.savez(files / "order.npz", **{**arrays, "F": np.kron([[1.0, 1.0], [0.0, 1.0]], np.eye(2))})

@@ -77,7 +77,8 @@ def test_ways_home_are_named_and_drawn_where_a_mission_lands(tmp_path):
 def test_places_on_a_benchmark_map_are_given_in_cells_one_after_the_other(tiny, places):
     code, found, _ = plan("--map", tiny, *places)
     assert code == 0
-    assert [(r["agent"], r["target"], r["grid_length_m"]) for r in found["routes"]] == [(1, 1, 6), (2, 2, 6)]
+    routes = [(route["agent"], route["target"], route["grid_length_m"]) for route in found["routes"]]
+    assert routes == [(1, "T0.0", 6), (2, "T0.1", 6)]
 
 
 def test_a_route_is_no_longer_than_on_the_grid_and_its_length_is_that_of_its_points(tiny):
@@ -102,8 +103,8 @@ def test_unreachable_agents_stay_without_a_route_with_a_note(tiny):
     code, found, _ = plan("--map", tiny, "--agents", "3,2", "--targets", "0,0")
     assert code == 1
     assert found["routes"] == []
-    assert (found["unassigned_agents"], found["unassigned_targets"]) == ([1], [1])
-    assert found["notes"] == ["agent 1: no path to any target", "target 1: no path from any agent"]
+    assert (found["unassigned_agents"], found["unassigned_targets"]) == ([1], ["T0.0"])
+    assert found["notes"] == ["agent 1: no path to any target", "target T0.0: no path from any agent"]
 
 
 def test_a_start_inside_an_obstacle_is_left_with_a_note(tiny):
