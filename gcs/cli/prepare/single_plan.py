@@ -211,7 +211,7 @@ def _as_dict(
         "routes": [
             {
                 "agent": route.vehicle,
-                "target": target_name(route.target),
+                "target": list(route.target),
                 "length_m": route.length_m,
                 "grid_length_m": result.grid_lengths_m[route.vehicle],
                 "layer": route.layer,
@@ -225,7 +225,7 @@ def _as_dict(
         ],
         "total_length_m": result.total_length_m,
         "unassigned_agents": list(result.unassigned_vehicles),
-        "unassigned_targets": [target_name(target) for target in result.unassigned_targets],
+        "unassigned_targets": [list(target) for target in result.unassigned_targets],
         "timings_ms": timings_ms,
         "notes": list(result.notes),
     }

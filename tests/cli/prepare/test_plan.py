@@ -78,7 +78,7 @@ def test_places_on_a_benchmark_map_are_given_in_cells_one_after_the_other(tiny, 
     code, found, _ = plan("--map", tiny, *places)
     assert code == 0
     routes = [(route["agent"], route["target"], route["grid_length_m"]) for route in found["routes"]]
-    assert routes == [(1, "T0.0", 6), (2, "T0.1", 6)]
+    assert routes == [(1, [0, 0], 6), (2, [0, 1], 6)]
 
 
 def test_a_route_is_no_longer_than_on_the_grid_and_its_length_is_that_of_its_points(tiny):
@@ -103,7 +103,7 @@ def test_unreachable_agents_stay_without_a_route_with_a_note(tiny):
     code, found, _ = plan("--map", tiny, "--agents", "3,2", "--targets", "0,0")
     assert code == 1
     assert found["routes"] == []
-    assert (found["unassigned_agents"], found["unassigned_targets"]) == ([1], ["T0.0"])
+    assert (found["unassigned_agents"], found["unassigned_targets"]) == ([1], [[0, 0]])
     assert found["notes"] == ["agent 1: no path to any target", "target T0.0: no path from any agent"]
 
 
