@@ -26,7 +26,7 @@ from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import versions
 from gcs.model import Effect, Truth
-from gcs.report.campaign.losses import DeathWatch
+from gcs.report.campaign.losses import LossWatch
 from gcs.report.campaign.results import Row
 from gcs.report.run.evaluation import evaluator_of
 from sim_vehicles.campaign.ground_truth_trackers import GroundTruthTrackers
@@ -105,17 +105,17 @@ def fly(job: Job) -> Row:
     scenario = parse_scenario(job.text, job.scenario)
     config = scenario.config
     evaluator = evaluator_of(config)
-    deaths, truths = DeathWatch(), GroundTruthTrackers()
+    losses, truths = LossWatch(), GroundTruthTrackers()
     run = VirtualRun(scenario, job.seed, loss=job.loss)
 
     def on_effect(_t_ns: int, effect: Effect) -> None:
         evaluator.add_effect(effect)
-        deaths.add_effect(effect)
+        losses.add_effect(effect)
 
     def on_truth(truth: Truth) -> None:
         truths.truth = truth
         evaluator.add_truth(truth)
-        deaths.add_truth(truth)
+        losses.add_truth(truth)
 
     run.on_effect, run.on_truth = on_effect, on_truth
     if job.planner == "truth":
@@ -130,7 +130,7 @@ def fly(job: Job) -> Row:
         plan_ms_p99=0.0,
         recording="",
     )
-    return Row.of(job.value, job.planner, job.digest, summary, deaths)
+    return Row.of(job.value, job.planner, job.digest, summary, losses)
 
 
 class Store:

@@ -36,30 +36,30 @@ def is_false(agent: AgentStatus, run: VirtualRun) -> bool:
 
 @pytest.mark.parametrize("name", ["deterministic", "prescribed", "random-obstacles", "random-targets"])
 def test_a_mission_is_flown_with_a_sensor_that_is_three_seconds_late(name: str) -> None:
-    false_deaths, ended = [], []
+    false_losses, ended = [], []
 
     def on_effect(_t_ns: int, effect: Effect) -> None:
         if isinstance(effect, AgentStatus) and is_false(effect, run):
-            false_deaths.append(effect)
+            false_losses.append(effect)
         elif isinstance(effect, MissionEnded):
             ended.append(effect)
 
     run = VirtualRun(with_latency(name, 3.0), 1, on_effect=on_effect)
     run.run()
     assert ended
-    assert not false_deaths
+    assert not false_losses
 
 
 @pytest.mark.parametrize("shift_s", [-3600.0, -20.0, 20.0])
 def test_a_sensors_clock_that_is_set_in_flight_costs_seconds_and_no_vehicle(shift_s: float) -> None:
-    notices, false_deaths, ended, outside = [], [], [], []
+    notices, false_losses, ended, outside = [], [], [], []
     scenario = load("prescribed")
 
     def on_effect(_t_ns: int, effect: Effect) -> None:
         if isinstance(effect, Notice):
             notices.append(effect)
         elif isinstance(effect, AgentStatus) and is_false(effect, run):
-            false_deaths.append(effect)
+            false_losses.append(effect)
         elif isinstance(effect, MissionEnded):
             ended.append(effect)
         elif isinstance(effect, Send):
@@ -74,7 +74,7 @@ def test_a_sensors_clock_that_is_set_in_flight_costs_seconds_and_no_vehicle(shif
     run.shift_s = shift_s
     run.run()
     assert ended
-    assert not false_deaths
+    assert not false_losses
     assert not outside
     side = "behind" if shift_s < 0 else "ahead of"
     (alarm,) = [notice for notice in notices if "clock of sensor" in notice.text]

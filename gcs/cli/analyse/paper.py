@@ -40,7 +40,7 @@ from gcs.report.run.evaluation import Summary
 from gcs.report.run.tables import Table
 
 SEEDS: Final = {FIGURE_3: 1, FIGURES_4_5: 1, FIGURES_6_7: 4, FIGURES_8_9: 4}
-"""With random deaths: the first seed with one death, as in the paper's figures."""
+"""With random losses: the first seed with one loss, as in the paper's figures."""
 SWARM: Final = "swarm-50"
 _FASTER: Final = "prescribed-1hz"
 _PERIOD: Final = re.compile(r"(\[planning\]\n(?:(?!\[).*\n)*?period_s = )[0-9.]+")
@@ -135,7 +135,7 @@ def _simulated(scenario: str, seed: int, folder: Path | None) -> Summary:
     if done.returncode not in (0, 1) or not lines:
         raise SimulationError(f"{scenario} could not be flown: {done.stderr.strip()[-500:]}")
     summary: dict[str, Any] = json.loads(lines[-1])
-    not_printed = {"retask_list": (), "death_delays_s": (), "deaths": 0, "false_deaths": 0}
+    not_printed = {"retask_list": (), "loss_delays_s": (), "losses": 0, "false_losses": 0}
     return msgspec.convert({**summary, **not_printed}, Summary)
 
 

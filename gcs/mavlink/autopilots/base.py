@@ -122,7 +122,7 @@ class AutopilotProfile:
     atomic: bool
     """True if an upload replaces the old mission as a whole, at its end; False if item by item, in place."""
     window: int
-    """Items in flight at a time: sent without a request after a silence, or requested in a download."""
+    """Items in flight at a time: sent without a request after a timeout, or requested in a download."""
     in_order: bool
     """True if a download must request items in order, and an upload's last item must have been requested."""
     tracks_old_leg: bool

@@ -9,7 +9,7 @@ Reports carry the time since boot; between two of them a vehicle flies at most `
 * ``frozen``: the same position while the ground speed adds up to `FROZEN_M`. Refused, with an alarm, until
   the position changes: a receiver that stands still, or replayed reports.
 * Two *sources* whose reports alternate, with different boot times or positions out of each other's reach, are
-  two vehicles with one system id behind one address. Alarm until one source is silent.
+  two vehicles with one system id behind one address. Alarm until one source is no longer heard.
 
 Pure. Thresholds have hysteresis: each alarm has its all-clear.
 """

@@ -19,7 +19,7 @@ from gcs.mavlink.mission.items import Home
 from gcs.model import IntArray
 
 Liveness: TypeAlias = Literal["waiting", "alive", "stale", "down"]
-"""Not heard yet, heard, silent, or silent for so long that another address may be its own."""
+"""Not heard yet, heard, late, or not heard for so long that another address may be its own."""
 
 
 @dataclass(slots=True)

@@ -4,7 +4,7 @@ MAV_MISSION_TYPE distinguishes missions, fences and rally points. Sources:
 https://mavlink.io/en/services/mission.html, ArduPilot's `MissionItemProtocol`, PX4's `mavlink_mission`.
 
 Upload: the vehicle requests one item after the other. ArduPilot repeats a lost request only once a second. So
-we resend after a silence of about one round trip: the last item, the next one, and one more each time, up to
+we resend after a timeout of about one round trip: the last item, the next one, and one more each time, up to
 a window. Both firmwares store the item whose turn it is without a request. ArduPilot answers any other with
 ACK 13 and PX4 ignores it; the transfer goes on. Without loss no item is sent without a request.
 
@@ -212,7 +212,7 @@ class MissionUpload:
         return self._item_messages(seq, seq + 1, t_ns, rtt, current)
 
     def poll(self, t_ns: int, rtt: RttEstimator, current: int = -1, window: int = 1) -> list[Message]:
-        """Return the items to send without a request, after a silence; at most `window` in flight."""
+        """Return the items to send without a request, after a timeout; at most `window` in flight."""
         if self.resend_t_ns is None or t_ns < self.resend_t_ns:
             return []
         rtt.back_off()

@@ -14,9 +14,9 @@ learned from where these were heard. Additional rules for swarms on hostile netw
 * A frame never returns to its sender. A client's frame that comes again from another address within two
   seconds is a duplicate: a command must not be done twice.
 * A UDP client gets telemetry after two heartbeats at least half a second apart: a datagram with a forged
-  sender has no effect. Before, it gets the answers to its own requests. It expires after ten seconds of
-  silence.
-* Clients, and the ids of each, are bounded. On a full endpoint a new client replaces one that was silent for
+  sender has no effect. Before, it gets the answers to its own requests. It expires after ten seconds
+  without a frame.
+* Clients, and the ids of each, are bounded. On a full endpoint a new client replaces one not heard for
   five seconds, or one of the host with the most clients. Else it waits.
 * `gcs.mavlink.router.access_policy` decides what clients may send.
 
@@ -51,7 +51,7 @@ _MIN_HEARTBEATS: Final = 2
 """Heartbeats before a UDP client gets telemetry."""
 _MIN_HEARTBEAT_INTERVAL_NS: Final = ns(0.5)
 _CLIENT_IDLE_NS: Final = ns(5.0)
-"""Silence after which a client may be replaced."""
+"""Time without a frame after which a client may be replaced."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +59,9 @@ class RoutingSettings:
     """Timeouts and bounds."""
 
     vehicle_timeout_s: float = 5.0
-    """Silence after which a vehicle's component may move to another address."""
+    """Time without a frame after which a vehicle's component may move to another address."""
     client_timeout_s: float = 10.0
-    """Silence after which a UDP client expires."""
+    """Time without a frame after which a UDP client expires."""
     duplicate_window_s: float = 2.0
     max_clients: int = 32
     """On one endpoint."""
@@ -102,7 +102,7 @@ class _VehicleRoute:
 class _Client:
     heard_t_ns: int
     is_permanent: bool
-    """True if silence does not end it: it is connected, or the endpoint's one peer."""
+    """True if it never expires: it is connected, or the endpoint's one peer."""
     ids: dict[Id, int] = field(default_factory=dict)
     """Time of the last frame with each of its ids."""
     heartbeats: int = 0
@@ -142,7 +142,7 @@ class Router:
         self._routes: dict[Id, _VehicleRoute] = {}
         self._clients: dict[Address, _Client] = {}
         self._candidates: dict[Address, _Client] = {}
-        """Senders that are not clients yet, the longest silent first."""
+        """Senders that are not clients yet, those heard the longest ago first."""
         self._recent_frames: dict[bytes, tuple[Address, int]] = {}
         self._expired_t_ns = 0
         self.counters = {link.name: PortCounters() for link in links if link.role != "vehicles"}
@@ -250,7 +250,7 @@ class Router:
     # ------------------------------------------------------------ clients
 
     def add_connection(self, t_ns: int, address: Address) -> None:
-        """Add a connected client: it stays until it disconnects, even if it is silent."""
+        """Add a connected client: it stays until it disconnects, even if it sends nothing."""
         link = self._links.get(address[0])
         if link is not None and link.role != "vehicles" and self._ensure_capacity(t_ns, address):
             self._clients.setdefault(address, _Client(t_ns, is_permanent=True))

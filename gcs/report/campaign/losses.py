@@ -20,12 +20,12 @@ PLAIN_EXISTENCE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class DeathCount:
+class LossDetection:
     """Result of one rule."""
 
     delays_s: tuple[float, ...]
     """Delay of the detection of each loss."""
-    false_deaths: int
+    false_losses: int
     """Number of false detections."""
     revivals: int
     """Number of lost agents that became active again."""
@@ -41,12 +41,12 @@ class _Watched:
     died_t_ns: int | None = None
     arrived: bool = False
     delay_s: float | None = None
-    false_deaths: int = 0
+    false_losses: int = 0
     revivals: int = 0
 
 
 @dataclass(slots=True)
-class DeathWatch:
+class LossWatch:
     """Evaluates the ground truth and the effects of a run in order; ground truth precedes its picture."""
 
     _ground_truth: dict[int, tuple[TruthObject, ...]] = field(default_factory=dict)
@@ -81,37 +81,37 @@ class DeathWatch:
 
     @property
     def agent_hours(self) -> float:
-        """Total flight time of agents until arrival or death."""
+        """Total flight time of agents until arrival or loss."""
         return self._flown_s / 3600.0
 
     @property
-    def deaths(self) -> int:
+    def losses(self) -> int:
         """Agents that died before they arrived."""
         return sum(watched.died_t_ns is not None for watched in self._agents.values())
 
-    def plain(self) -> DeathCount:
+    def plain(self) -> LossDetection:
         """Result of the plain threshold."""
         agents = self._agents.values()
         delays = tuple(watched.delay_s for watched in agents if watched.delay_s is not None)
-        return DeathCount(delays, sum(w.false_deaths for w in agents), sum(w.revivals for w in agents))
+        return LossDetection(delays, sum(w.false_losses for w in agents), sum(w.revivals for w in agents))
 
-    def ours(self) -> DeathCount:
+    def ours(self) -> LossDetection:
         """Result of central command."""
-        delays, false_deaths, revivals, found = [], 0, 0, set[int]()
+        delays, false_losses, revivals, found = [], 0, 0, set[int]()
         for change in self._statuses:
             watched = self._agents.get(change.vehicle)
             if watched is None:
                 continue
             died = watched.died_t_ns is not None and change.t_ns >= watched.died_t_ns
             if change.status == "lost" and not died:
-                false_deaths += 1
+                false_losses += 1
             elif change.status == "lost" and change.vehicle not in found:
                 assert watched.died_t_ns is not None
                 delays.append((change.t_ns - watched.died_t_ns) / NS_PER_S)
                 found.add(change.vehicle)
             elif change.status == "active" and change.vehicle in found:
                 revivals += 1
-        return DeathCount(tuple(delays), false_deaths, revivals)
+        return LossDetection(tuple(delays), false_losses, revivals)
 
     def _apply_plain_rule(self, agent: TruthObject, picture: Picture) -> None:
         watched = self._agents[agent.id]
@@ -125,7 +125,7 @@ class DeathWatch:
         if not watched.seen:
             return
         if agent.alive:
-            watched.false_deaths += not is_alive and not watched.called_lost
+            watched.false_losses += not is_alive and not watched.called_lost
         elif not is_alive and watched.delay_s is None and watched.died_t_ns is not None:
             watched.delay_s = (picture.scan_t_ns - watched.died_t_ns) / NS_PER_S
         elif is_alive and watched.called_lost:

@@ -39,13 +39,13 @@ METRICS: Final = (
     Metric("extra_time", "extra time, %", 100.0),
     Metric("ospa_agents_m", "OSPA of agents, m", digits=2),
     Metric("ospa_targets_m", "OSPA of targets, m", digits=2),
-    Metric("death_seen_after_s", "losses detected after, s", digits=2),
-    Metric("false_deaths_per_h", "false losses per agent-hour", digits=2),
+    Metric("loss_detected_after_s", "losses detected after, s", digits=2),
+    Metric("false_losses_per_h", "false losses per agent-hour", digits=2),
     Metric("retasks", "re-tasks"),
 )
 _PLAIN: Final = (
-    ("central command", "death_seen_after_s", "false_deaths_per_h", "revivals"),
-    ("plain threshold", "plain_death_seen_after_s", "plain_false_deaths_per_h", "plain_revivals"),
+    ("central command", "loss_detected_after_s", "false_losses_per_h", "revivals"),
+    ("plain threshold", "plain_loss_detected_after_s", "plain_false_losses_per_h", "plain_revivals"),
 )
 
 
@@ -89,16 +89,16 @@ def _overview(
     return Table(title, columns, tuple(rows), frozenset({key}), "with 95 % confidence intervals")
 
 
-def deaths(groups: Sequence[Group], key: str) -> Table:
+def losses(groups: Sequence[Group], key: str) -> Table:
     """Return the detection of losses by central command's rule and by a plain threshold."""
     rows = []
     for group in groups:
-        if group.planner != "own" or not group.deaths:
+        if group.planner != "own" or not group.losses:
             continue
-        for rule, delay, false_deaths, revivals in _PLAIN:
+        for rule, delay, false_losses, revivals in _PLAIN:
             rows.append((
-                group.scenario, *([group.value] if key else []), rule, str(group.deaths),
-                with_interval(getattr(group, delay), 2), with_interval(getattr(group, false_deaths), 2),
+                group.scenario, *([group.value] if key else []), rule, str(group.losses),
+                with_interval(getattr(group, delay), 2), with_interval(getattr(group, false_losses), 2),
                 str(getattr(group, revivals)),
             ))  # fmt: skip
     columns = (
@@ -144,7 +144,7 @@ def write_report(
         facts=_facts(own),
         sections=(
             Section("Figures", pictures=tuple(pictures), tables=tuple(overviews(groups, key))),
-            Section("Losses", tables=(deaths(groups, key),)),
+            Section("Losses", tables=(losses(groups, key),)),
             Section("Failures", tables=(failures(rows, key),)),
         ),
     )
@@ -165,7 +165,7 @@ def _facts(own: Sequence[Group]) -> tuple[Fact, ...]:
         Fact("extra time, at most", number(worst["extra_time"]), "%", "mean of a scenario"),
         Fact(
             "losses detected after, at most",
-            number(worst["death_seen_after_s"], 2),
+            number(worst["loss_detected_after_s"], 2),
             "s",
             "mean of a scenario",
         ),
@@ -174,7 +174,7 @@ def _facts(own: Sequence[Group]) -> tuple[Fact, ...]:
 
 
 def _count(group: Group) -> float:
-    rate = group.false_deaths_per_h
+    rate = group.false_losses_per_h
     return rate.value * group.agent_hours if math.isfinite(rate.value) else 0.0
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import stats
 
 from gcs.errors import RecordingError
-from gcs.report.campaign.losses import DeathWatch
+from gcs.report.campaign.losses import LossWatch
 from gcs.report.run.evaluation import Summary
 
 CONFIDENCE = 0.95
@@ -43,16 +43,16 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     lost: int
     targets_total: int
     targets_reached: int
-    deaths_seen_after_s: list[float]
-    false_deaths: int
+    losses_detected_after_s: list[float]
+    false_losses: int
     revivals: int
-    plain_deaths_seen_after_s: list[float]
-    plain_false_deaths: int
+    plain_losses_detected_after_s: list[float]
+    plain_false_losses: int
     plain_revivals: int
-    deaths: int
+    losses: int
     """Agents that died before they arrived."""
     agent_hours: float
-    """Total flight time of agents until arrival or death."""
+    """Total flight time of agents until arrival or loss."""
     ospa_agents_m: float | None
     ospa_targets_m: float | None
     retasks: int
@@ -60,10 +60,10 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     upload_failures: int
 
     @classmethod
-    def of(cls, value: str, planner: str, digest: str, summary: Summary, deaths: DeathWatch) -> Row:
+    def of(cls, value: str, planner: str, digest: str, summary: Summary, losses: LossWatch) -> Row:
         """Make a row from the summary and the losses of a mission."""
         statuses = [agent.status for agent in summary.agents]
-        ours, plain = deaths.ours(), deaths.plain()
+        ours, plain = losses.ours(), losses.plain()
         return cls(
             digest=digest,
             scenario=summary.scenario,
@@ -78,14 +78,14 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
             lost=statuses.count("lost"),
             targets_total=summary.targets_total,
             targets_reached=summary.targets_reached,
-            deaths_seen_after_s=list(ours.delays_s),
-            false_deaths=ours.false_deaths,
+            losses_detected_after_s=list(ours.delays_s),
+            false_losses=ours.false_losses,
             revivals=ours.revivals,
-            plain_deaths_seen_after_s=list(plain.delays_s),
-            plain_false_deaths=plain.false_deaths,
+            plain_losses_detected_after_s=list(plain.delays_s),
+            plain_false_losses=plain.false_losses,
             plain_revivals=plain.revivals,
-            deaths=deaths.deaths,
-            agent_hours=deaths.agent_hours,
+            losses=losses.losses,
+            agent_hours=losses.agent_hours,
             ospa_agents_m=_finite(summary.ospa_agents_mean_m),
             ospa_targets_m=_finite(summary.ospa_targets_mean_m),
             retasks=summary.retasks,
@@ -120,15 +120,15 @@ class Group(msgspec.Struct, frozen=True, kw_only=True):
     ospa_agents_m: IntervalEstimate
     ospa_targets_m: IntervalEstimate
     agent_hours: float
-    deaths: int
-    deaths_seen: int
-    death_seen_after_s: IntervalEstimate
-    death_seen_after_max_s: float
-    false_deaths_per_h: IntervalEstimate
+    losses: int
+    losses_detected: int
+    loss_detected_after_s: IntervalEstimate
+    loss_detected_after_max_s: float
+    false_losses_per_h: IntervalEstimate
     """For each hour of agent flight."""
     revivals: int
-    plain_death_seen_after_s: IntervalEstimate
-    plain_false_deaths_per_h: IntervalEstimate
+    plain_loss_detected_after_s: IntervalEstimate
+    plain_false_losses_per_h: IntervalEstimate
     plain_revivals: int
     retasks: IntervalEstimate
     uploads: IntervalEstimate
@@ -180,7 +180,7 @@ def groups(rows: Iterable[Row]) -> list[Group]:
 
 def _group(rows: Sequence[Row], with_truth: dict[int, Row]) -> Group:
     first, hours = rows[0], sum(row.agent_hours for row in rows)
-    delays = [delay for row in rows for delay in row.deaths_seen_after_s]
+    delays = [delay for row in rows for delay in row.losses_detected_after_s]
     pairs = [
         (row.duration_s, with_truth[row.seed].duration_s)
         for row in rows
@@ -197,14 +197,16 @@ def _group(rows: Sequence[Row], with_truth: dict[int, Row]) -> Group:
         ospa_agents_m=mean(row.ospa_agents_m for row in rows),
         ospa_targets_m=mean(row.ospa_targets_m for row in rows),
         agent_hours=hours,
-        deaths=sum(row.deaths for row in rows),
-        deaths_seen=len(delays),
-        death_seen_after_s=mean(delays),
-        death_seen_after_max_s=max(delays, default=math.nan),
-        false_deaths_per_h=rate(sum(row.false_deaths for row in rows), hours),
+        losses=sum(row.losses for row in rows),
+        losses_detected=len(delays),
+        loss_detected_after_s=mean(delays),
+        loss_detected_after_max_s=max(delays, default=math.nan),
+        false_losses_per_h=rate(sum(row.false_losses for row in rows), hours),
         revivals=sum(row.revivals for row in rows),
-        plain_death_seen_after_s=mean(delay for row in rows for delay in row.plain_deaths_seen_after_s),
-        plain_false_deaths_per_h=rate(sum(row.plain_false_deaths for row in rows), hours),
+        plain_loss_detected_after_s=mean(
+            delay for row in rows for delay in row.plain_losses_detected_after_s
+        ),
+        plain_false_losses_per_h=rate(sum(row.plain_false_losses for row in rows), hours),
         plain_revivals=sum(row.plain_revivals for row in rows),
         retasks=mean(float(row.retasks) for row in rows),
         uploads=mean(float(row.uploads) for row in rows),

@@ -107,10 +107,10 @@ def _functional(flown: Flown) -> Claim:
 
 
 def _handed_over(runs: Runs) -> Claim:
-    parts, deaths, replaced, nearer = [], 0, 0, 0
+    parts, losses, replaced, nearer = [], 0, 0, 0
     for name in _CLUTTERED:
         flown = runs.flown[name]
-        deaths += flown.summary.deaths
+        losses += flown.summary.losses
         found = {one.lost: one for one in handovers(flown)}
         replaced += len(found)
         for lost, path in flown.timeline.paths["agents"].items():
@@ -118,21 +118,21 @@ def _handed_over(runs: Runs) -> Claim:
             if one is not None:
                 nearer += math.isnan(one.former_m) or one.new_m <= one.former_m
                 parts.append(
-                    f"{name}: agent {lost} dies, {one.after_s:.1f} s later agent {one.successor} is sent "
+                    f"{name}: agent {lost} is lost, {one.after_s:.1f} s later agent {one.successor} is sent "
                     f"to its target, {one.new_m:.0f} m away in a straight line (former target: "
                     f"{one.former_m:.0f} m)"
                 )
-            elif path.dies:
+            elif path.is_lost:
                 within = f"within {RE_ROUTED_WITHIN_S:.0f} s"
-                parts.append(f"{name}: agent {lost} dies, no agent is sent to its target {within}")
+                parts.append(f"{name}: agent {lost} is lost, no agent is sent to its target {within}")
     return Claim(
         "Figures 4, 5",
         "When an agent is disabled, another is re-routed to its target, which is now the closest to it.",
         "; ".join(parts)
         + ". With more targets than agents, the assignment by the least total way around the "
         "obstacles decides which ones are left out.",
-        "after every death a survivor gets the target, nearer than its former one; in part after some",
-        "does not hold" if not replaced else "holds" if replaced == nearer == deaths else "holds in part",
+        "after every loss a survivor gets the target, nearer than its former one; in part after some",
+        "does not hold" if not replaced else "holds" if replaced == nearer == losses else "holds in part",
     )
 
 
@@ -184,12 +184,12 @@ def _wavy(slow: Flown, fast: Flown) -> Claim:
 def _revived(runs: Runs) -> Claim:
     counts = {name: spurious(runs.flown[name]) for name in _CLUTTERED}
     again, longest = sum(c[0] for c in counts.values()), max(c[1] for c in counts.values())
-    deaths = sum(flown.summary.deaths for flown in runs.flown.values())
+    losses = sum(flown.summary.losses for flown in runs.flown.values())
     waiting = max(c[2] for c in counts.values())
     return Claim(
         "Figures 5, 7",
-        "Clutter near a dead agent is now and then taken for it: a single spurious state, for one time step.",
-        f"{again} such states after {deaths} deaths, the longest for {longest} scans. A dead agent stayed in "
+        "Clutter near a lost agent is now and then taken for it: a single spurious state, for one time step.",
+        f"{again} such states after {losses} losses, the longest for {longest} scans. A lost agent stayed in "
         f"the estimate for {waiting} scans at most.",
         "holds if there are some, none longer than a scan; not seen if there are none",
         "not seen here" if again == 0 else "holds" if longest <= 1 else "does not hold",
@@ -239,13 +239,13 @@ def _dense(runs: Runs) -> Claim:
 
 def _completes(runs: Runs) -> Claim:
     parts = [
-        f"{name}: {s.outcome}, {s.targets_reached} reached, {s.deaths} of {len(s.agents)} agents lost"
+        f"{name}: {s.outcome}, {s.targets_reached} reached, {s.losses} of {len(s.agents)} agents lost"
         for name, s in ((name, flown.summary) for name, flown in runs.flown.items())
     ]
     complete = [flown.summary.outcome == "complete" for flown in runs.flown.values()]
     return Claim(
         "Figures 6 to 9",
-        "Chaotic missions are completed: obstacles, clutter, agent death, complicated targets.",
+        "Chaotic missions are completed: obstacles, clutter, agent loss, complicated targets.",
         "; ".join(parts) + ".",
         "every run complete, as the truth judges it",
         "holds" if all(complete) else "holds in part" if any(complete) else "does not hold",
@@ -258,18 +258,18 @@ def _altered(runs: Runs) -> Claim:
         flown = runs.flown[name]
         counts = Counter(c for d in flown.timeline.decisions if d.changed for c in d.triggers)
         lost, moved = counts["agent lost"], counts["target moved"]
-        good &= moved > 0 and (lost > 0) == (flown.summary.deaths > 0)
-        delays = flown.summary.death_delays_s
+        good &= moved > 0 and (lost > 0) == (flown.summary.losses > 0)
+        delays = flown.summary.loss_delays_s
         late = f", seen after {max(delays):.0f} s" if delays else ""
         parts.append(
-            f"{name}: {lost} for {flown.summary.deaths} deaths{late}, {moved} for targets that moved, "
+            f"{name}: {lost} for {flown.summary.losses} losses{late}, {moved} for targets that moved, "
             f"{flown.summary.retasks} re-tasks in all"
         )
     return Claim(
         "Figures 4 to 9",
-        "In each simulation the plan was altered to account for agent death and target motion.",
+        "In each simulation the plan was altered to account for agent loss and target motion.",
         "Plans that gave new routes. " + "; ".join(parts) + ".",
-        "each mission has some for targets that moved, and some for a death when there was one",
+        "each mission has some for targets that moved, and some for a loss when there was one",
         "holds" if good else "holds in part",
     )
 
@@ -277,14 +277,14 @@ def _altered(runs: Runs) -> Claim:
 def _not_misled(runs: Runs) -> Claim:
     counts = [astray(runs.flown[name]) for name in _CLUTTERED]
     routes, lost = sum(c[0] for c in counts), sum(c[1] for c in counts)
-    false_deaths = sum(flown.summary.false_deaths for flown in runs.flown.values())
+    false_losses = sum(flown.summary.false_losses for flown in runs.flown.values())
     return Claim(
         "Figures 4 to 9",
         "Measurement clutter was not allowed to affect the mission.",
         f"{lost} of {routes} new routes ended farther than {NEAR_M:.0f} m from where every living target "
-        f"was or was heading; {false_deaths} living agents were called dead.",
+        f"was or was heading; {false_losses} active agents were called lost.",
         "none of both",
-        "holds" if lost == false_deaths == 0 else "holds in part",
+        "holds" if lost == false_losses == 0 else "holds in part",
     )
 
 

@@ -39,7 +39,7 @@ class Handover:
     lost: int
     successor: int
     after_s: float
-    """Time from the death to the plan."""
+    """Time from the loss to the plan."""
     new_m: float
     """Straight-line distance of the survivor to the end of its new route."""
     former_m: float
@@ -64,7 +64,7 @@ def handovers(flown: Flown) -> tuple[Handover, ...]:
     """Return the survivor that got the target of each lost agent, by the first plan after the loss."""
     timeline, found = flown.timeline, []
     for lost, path in timeline.paths["agents"].items():
-        if not path.dies:
+        if not path.is_lost:
             continue
         died_s = float(path.t_s[-1])
         before = [decision for decision in timeline.decisions if decision.t_s <= died_s]
@@ -91,11 +91,11 @@ def spurious(flown: Flown) -> tuple[int, int, int]:
     """Count revivals: (scans, longest run of scans, scans before the first) of estimates of a lost agent.
 
     An estimate counts if it lies within `NEAR_M` of the position of the loss, and no active agent does. The
-    third number is the delay until the death is detected; the first two count what follows.
+    third number is the delay until the loss is detected; the first two count what follows.
     """
     again = longest = waiting = 0
     for path in flown.timeline.paths["agents"].values():
-        if not path.dies:
+        if not path.is_lost:
             continue
         after = [e for e in flown.timeline.estimates["agents"] if e.t_s > path.t_s[-1]]
         shown = [_is_shown(flown.timeline, path, estimate) for estimate in after]

@@ -165,9 +165,9 @@ def truth_until(axes: Axes, timeline: Timeline, until_s: float) -> None:
             paths_m.append(_thin(path.points_m))
         starts = np.reshape([path.points_m[0] for path in shown.values()], (-1, 2))
         dots(axes, starts, s=58 * size**2, facecolors="none", edgecolors=RED, linewidths=1.9 * size, zorder=8)
-        ends += [path.points_m[-1] for path in shown.values() if not path.dies]
-        deaths = np.reshape([path.points_m[-1] for path in shown.values() if path.dies], (-1, 2))
-        dots(axes, deaths, marker="X", s=140 * size, color=INK, edgecolors="white", linewidths=1.2, zorder=9)
+        ends += [path.points_m[-1] for path in shown.values() if not path.is_lost]
+        losses = np.reshape([path.points_m[-1] for path in shown.values() if path.is_lost], (-1, 2))
+        dots(axes, losses, marker="X", s=140 * size, color=INK, edgecolors="white", linewidths=1.2, zorder=9)
     clear_names(axes, names, paths_m)
     end_points = np.reshape(ends, (-1, 2))
     dots(axes, end_points, marker="x", s=60 * size**2, color=RED, linewidths=2.2 * size, zorder=8)
@@ -257,7 +257,7 @@ def legend_entries(
         sample("start", marker="o", ms=7, mfc="none", mec=RED, mew=2),
         sample("end" if everything else "position then", marker="x", ms=7, mew=2, color=RED),
     ]
-    if any(path.dies for path in timeline.paths["agents"].values()):
+    if any(path.is_lost for path in timeline.paths["agents"].values()):
         entries.append(sample("loss", marker="X", ms=10, color=INK, mec="white"))
     if estimates:
         entries.append(sample("estimate", marker="o", ms=4, mfc="white", mew=0.8, mec="black"))

@@ -125,7 +125,7 @@ def draw_agent_rows(axes: Axes, timeline: Timeline, agents: Sequence[int]) -> No
         end_s = float(path.t_s[-1]) if path is not None else timeline.duration_s
         line: dict[str, Any] = {"color": colour[vehicle], "alpha": 0.3, "solid_capstyle": "butt"}
         axes.plot((0.0, end_s), (row, row), lw=6.0 * size, **line)
-        if path is not None and path.dies:
+        if path is not None and path.is_lost:
             axes.plot(end_s, row, marker="X", ms=11 * size, color=INK, mec="white", mew=1.0, zorder=6)
     for decision in timeline.decisions:
         rows = [row_of[v] for v in decision.changed if v in row_of]

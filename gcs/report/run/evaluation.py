@@ -5,7 +5,7 @@ a run and returns a `Summary`:
 
 - OSPA (Schuhmacher, Vo & Vo 2008; c = 100 m, p = 1) of both trackers at each scan: estimated tracks against
   living objects at the time of the scan.
-- The status of each agent as central command saw it. "arrived" is final, even if the agent dies later.
+- The status of each agent as central command saw it. "arrived" is final, even if the agent is lost later.
 - ``complete`` if the mission ended and the ground truth agrees:
 
   1. no agent is left flying;
@@ -14,7 +14,7 @@ a run and returns a `Summary`:
      time for an arrival that needs two scans in a row;
   3. arrivals are at distinct targets: agents and targets are paired within that distance for the least sum
      of distances;
-  4. agents with the status "lost" are dead.
+  4. agents with the status "lost" are lost.
 
 Times are those of the records. Ground truth is interpolated between scans.
 """
@@ -117,11 +117,11 @@ class Summary:
     upload_failures: int
     ospa_agents_mean_m: float
     ospa_targets_mean_m: float
-    death_delays_s: tuple[float, ...]
-    """Delay from each true death to its detection; undetected deaths are missing."""
-    deaths: int
+    loss_delays_s: tuple[float, ...]
+    """Delay from each true loss to its detection; undetected losses are missing."""
+    losses: int
     """Agents that died before they arrived."""
-    false_deaths: int
+    false_losses: int
     """Number of times an agent got the status "lost" while it was alive."""
     scan_ms_p99: float
     plan_ms_p99: float
@@ -130,7 +130,7 @@ class Summary:
     """Counters of the MAVLink links, if any."""
 
 
-_NOT_IN_JSON = frozenset({"retask_list", "death_delays_s", "deaths", "false_deaths"})
+_NOT_IN_JSON = frozenset({"retask_list", "loss_delays_s", "losses", "false_losses"})
 
 
 def summary_json(summary: Summary) -> str:
@@ -240,7 +240,7 @@ class Evaluator:
         reached = self._reached_targets(statuses)
         problems = self._problems(statuses, reached)
         retasks = self.retasks()
-        delays, deaths = self._death_delays(statuses)
+        delays, losses = self._loss_delays(statuses)
         return Summary(
             scenario=scenario,
             seed=seed,
@@ -256,9 +256,9 @@ class Evaluator:
             upload_failures=sum(not upload.ok for upload in self._uploads),
             ospa_agents_mean_m=self.ospa("agents").mean_m,
             ospa_targets_mean_m=self.ospa("targets").mean_m,
-            death_delays_s=delays,
-            deaths=deaths,
-            false_deaths=self._false_deaths(),
+            loss_delays_s=delays,
+            losses=losses,
+            false_losses=self._false_losses(),
             scan_ms_p99=scan_ms_p99,
             plan_ms_p99=plan_ms_p99,
             recording=recording,
@@ -305,7 +305,7 @@ class Evaluator:
         return {arrived[r]: targets[c] for r, c in zip(rows, columns, strict=True) if possible[r, c]}
 
     def _target_distances(self, vehicle: int, t_ns: int) -> dict[int, float]:
-        """Return the distance of an agent to each living target when last alive; empty if dead too long."""
+        """Return the distance of an agent to each living target when last alive; empty if lost too long."""
         for back_s in range(ARRIVAL_DELAY_S + 1):
             things = self._ground_truth.at(t_ns - back_s * NS_PER_S)
             agent = next((t for t in things if t.kind == "agents" and t.id == vehicle and t.alive), None)
@@ -320,30 +320,30 @@ class Evaluator:
     def _why_not_arrived(self, vehicle: int, change: AgentStatus, reached: dict[int, int]) -> str:
         distances = self._target_distances(vehicle, change.t_ns)
         if not distances:
-            return f"agent {vehicle} called arrived but dead, or without any target"
+            return f"agent {vehicle} called arrived but lost, or without any target"
         target = min(distances, key=lambda one: distances[one])
         if distances[target] > self._reach_m:
             return f"agent {vehicle} called arrived {distances[target]:.0f} m from the nearest target"
         other = next((v for v, t in reached.items() if t == target), None)
         return f"agent {vehicle} called arrived at target {target}, where agent {other} had arrived"
 
-    def _death_delays(self, statuses: dict[int, AgentStatus]) -> tuple[tuple[float, ...], int]:
-        """Return the delay of each detected death, and the number of deaths before arrival."""
-        delays, deaths = [], 0
-        for vehicle, died_t_ns in self._ground_truth.deaths(self._agents).items():
+    def _loss_delays(self, statuses: dict[int, AgentStatus]) -> tuple[tuple[float, ...], int]:
+        """Return the delay of each detected loss, and the number of losses before arrival."""
+        delays, losses = [], 0
+        for vehicle, died_t_ns in self._ground_truth.losses(self._agents).items():
             final = statuses[vehicle]
             if final.status == "arrived" and final.t_ns <= died_t_ns:
                 continue
-            deaths += 1
+            losses += 1
             of_vehicle = (change for change in self._statuses if change.vehicle == vehicle)
             detected_t_ns = [c.t_ns for c in of_vehicle if c.status == "lost" and c.t_ns >= died_t_ns]
             if detected_t_ns:
                 delays.append((detected_t_ns[0] - died_t_ns) / NS_PER_S)
             elif final.status == "lost":
                 delays.append(0.0)  # Detected shortly before the loss.
-        return tuple(delays), deaths
+        return tuple(delays), losses
 
-    def _false_deaths(self) -> int:
+    def _false_losses(self) -> int:
         count = 0
         for change in self._statuses:
             alive = {t.id for t in self._ground_truth.at(change.t_ns) if t.kind == "agents" and t.alive}

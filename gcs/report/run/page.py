@@ -104,7 +104,7 @@ def _facts(material: Material) -> list[Fact]:
     evaluated = _evaluated(material)
     if evaluated is not None:
         reached = f"{evaluated.targets_reached} of {evaluated.targets_total}"
-        facts += [Fact("targets reached", reached), _deaths(evaluated)]
+        facts += [Fact("targets reached", reached), _losses(evaluated)]
         for kind, mean_m in (
             ("agents", evaluated.ospa_agents_mean_m),
             ("targets", evaluated.ospa_targets_mean_m),
@@ -131,14 +131,14 @@ def _facts(material: Material) -> list[Fact]:
     return facts
 
 
-def _deaths(summary: Summary) -> Fact:
-    delays = summary.death_delays_s
+def _losses(summary: Summary) -> Fact:
+    delays = summary.loss_delays_s
     detail = f"after {number(min(delays))} s" if delays else ""
     if len(delays) > 1:
         detail += f" to {number(max(delays))} s"
-    if summary.false_deaths:
-        detail += f"; {summary.false_deaths} false"
-    return Fact("losses detected", f"{len(delays)} of {summary.deaths}", "", detail)
+    if summary.false_losses:
+        detail += f"; {summary.false_losses} false"
+    return Fact("losses detected", f"{len(delays)} of {summary.losses}", "", detail)
 
 
 def _map(material: Material, folder: Path) -> Section:

@@ -74,7 +74,7 @@ def _agent_text(agent: AgentOutcome) -> str:
 def _facts(summary: Summary, picture: Path | None) -> list[tuple[str, str]]:
     facts = [
         ("targets reached", f"{summary.targets_reached} of {summary.targets_total}"),
-        ("losses detected", _deaths(summary)),
+        ("losses detected", _losses(summary)),
         ("re-tasks", _retasks_by_trigger(summary)),
         ("uploads", f"{summary.uploads}, {summary.upload_failures} failed"),
         ("OSPA agents", _metres(summary.ospa_agents_mean_m)),
@@ -95,13 +95,13 @@ def _retasks_by_trigger(summary: Summary) -> str:
     return f"{summary.retasks} ({by_trigger})" if by_trigger else str(summary.retasks)
 
 
-def _deaths(summary: Summary) -> str:
-    text = f"{len(summary.death_delays_s)} of {summary.deaths}"
-    if summary.death_delays_s:
-        delays = sorted(summary.death_delays_s)
+def _losses(summary: Summary) -> str:
+    text = f"{len(summary.loss_delays_s)} of {summary.losses}"
+    if summary.loss_delays_s:
+        delays = sorted(summary.loss_delays_s)
         text += f", after {delays[0]:.1f} s" + (f" to {delays[-1]:.1f} s" if len(delays) > 1 else "")
-    if summary.false_deaths:
-        text += f"; {summary.false_deaths} false"
+    if summary.false_losses:
+        text += f"; {summary.false_losses} false"
     return text
 
 

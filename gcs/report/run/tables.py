@@ -38,7 +38,7 @@ def agents(timeline: Timeline, summary: Summary, flights: Mapping[int, Flight]) 
     for agent in summary.agents:
         vehicle = agent.system_id
         path = timeline.paths["agents"].get(vehicle)
-        died_s = float(path.t_s[-1]) if path is not None and path.dies else None
+        died_s = float(path.t_s[-1]) if path is not None and path.is_lost else None
         called = [t_s for v, t_s, status in timeline.statuses if v == vehicle and status == "lost"]
         retasks = sum(vehicle in retask.vehicles for retask in summary.retask_list)
         flown_m = flights[vehicle].length_m if vehicle in flights else None

@@ -49,13 +49,13 @@ class Path:
     """(n,) since the start of the run, while the object was alive."""
     points_m: FloatArray
     """(n, 2)."""
-    dies: bool
+    is_lost: bool
     """True if the object was gone before the run ended."""
 
     def until(self, t_s: float) -> Path:
-        """Return the part up to a time. It dies in it only if it was over by then."""
+        """Return the part up to a time. It is lost in it only if it was over by then."""
         count = int(np.searchsorted(self.t_s, t_s, side="right"))
-        return Path(self.t_s[:count], self.points_m[:count], self.dies and count == len(self.t_s))
+        return Path(self.t_s[:count], self.points_m[:count], self.is_lost and count == len(self.t_s))
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,8 +295,8 @@ class TimelineBuilder:
         for number, trail in sorted(self._trails[kind].items()):
             t_ns, first = np.unique(np.array(trail.t_ns, dtype=np.int64), return_index=True)
             points_m = np.array(trail.points_m).reshape(-1, 2)[first]
-            dies = int(t_ns[-1]) < self._truth_t_ns[1]
-            found[number] = Path(read_only((t_ns - start_t_ns) / NS_PER_S), read_only(points_m), dies)
+            is_lost = int(t_ns[-1]) < self._truth_t_ns[1]
+            found[number] = Path(read_only((t_ns - start_t_ns) / NS_PER_S), read_only(points_m), is_lost)
         return found
 
     def _estimated(self, kind: Kind, start_t_ns: int) -> tuple[Estimate, ...]:

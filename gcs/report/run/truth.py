@@ -52,8 +52,8 @@ class GroundTruth:
         ]
         return read_only(np.reshape(living, (-1, 2)))
 
-    def deaths(self, agents: Container[int]) -> dict[int, int]:
-        """Return the time of the first scan from which on each lost agent is dead."""
+    def losses(self, agents: Container[int]) -> dict[int, int]:
+        """Return the time of the first scan from which on each lost agent is missing."""
         died: dict[int, int] = {}
         for t_ns in self._times_ns:
             for thing in self._objects[t_ns]:

@@ -1,4 +1,4 @@
-"""A campaign's figures: intervals that hold what they promise, and rules of death compared with the truth."""
+"""Figures of a campaign: intervals hold what they promise; loss detection is compared with the truth."""
 
 import math
 
@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.model import NS_PER_S, AgentStatus, Picture, Track, Truth, TruthObject, read_only
-from gcs.report.campaign.losses import DeathWatch
+from gcs.report.campaign.losses import LossWatch
 from gcs.report.campaign.results import Row, groups, mean, proportion, rate
 
 
@@ -17,8 +17,8 @@ def row(**changes: object) -> Row:
     values = {
         "digest": "", "scenario": "s", "value": "", "planner": "own", "seed": 1, "outcome": "complete",
         "reason": "", "duration_s": 100.0, "agents": 4, "arrived": 3, "lost": 1, "targets_total": 3,
-        "targets_reached": 3, "deaths_seen_after_s": [2.0], "false_deaths": 0, "revivals": 0,
-        "plain_deaths_seen_after_s": [1.0], "plain_false_deaths": 1, "plain_revivals": 2, "deaths": 1,
+        "targets_reached": 3, "losses_detected_after_s": [2.0], "false_losses": 0, "revivals": 0,
+        "plain_losses_detected_after_s": [1.0], "plain_false_losses": 1, "plain_revivals": 2, "losses": 1,
         "agent_hours": 0.1, "ospa_agents_m": 2.0, "ospa_targets_m": None, "retasks": 3, "uploads": 7,
         "upload_failures": 0,
     }  # fmt: skip
@@ -60,9 +60,9 @@ def test_the_time_that_trackers_cost_is_taken_in_pairs_of_one_world():
     own, truth = groups(rows)
     assert own.extra_time.value == pytest.approx(0.1)
     assert truth.extra_time.value == 0.0
-    assert (own.missions, own.deaths, own.plain_revivals) == (3, 3, 6)
-    assert own.false_deaths_per_h.value == 0.0
-    assert own.plain_false_deaths_per_h.value == pytest.approx(3 / 0.3)
+    assert (own.missions, own.losses, own.plain_revivals) == (3, 3, 6)
+    assert own.false_losses_per_h.value == 0.0
+    assert own.plain_false_losses_per_h.value == pytest.approx(3 / 0.3)
 
 
 def test_rows_survive_being_written():
@@ -83,37 +83,37 @@ def picture(k: int, *tracks: tuple[tuple[int, int], float, float]) -> Picture:
     return Picture(k * NS_PER_S, k * NS_PER_S, "agents", shown, read_only([1.0]))
 
 
-def watch(alive: str, existence: list[float], statuses: dict[int, str]) -> DeathWatch:
+def watch(alive: str, existence: list[float], statuses: dict[int, str]) -> LossWatch:
     """One agent at 0 m: alive or dead at each second, the existence of its track, command's calls."""
-    deaths = DeathWatch()
+    losses = LossWatch()
     for k, (state, value) in enumerate(zip(alive, existence, strict=True)):
-        deaths.add_truth(Truth(k * NS_PER_S, (TruthObject("agents", 1, 0.0, 0.0, state == "a"),)))
-        deaths.add_effect(picture(k, ((0, 1), 3.0, value), ((0, 2), 500.0, 1.0)))
+        losses.add_truth(Truth(k * NS_PER_S, (TruthObject("agents", 1, 0.0, 0.0, state == "a"),)))
+        losses.add_effect(picture(k, ((0, 1), 3.0, value), ((0, 2), 500.0, 1.0)))
         if k in statuses:
-            deaths.add_effect(AgentStatus(k * NS_PER_S, 1, statuses[k]))
-    return deaths
+            losses.add_effect(AgentStatus(k * NS_PER_S, 1, statuses[k]))
+    return losses
 
 
 def test_a_clutter_point_revives_a_lost_agent_by_the_plain_rule_only():
-    deaths = watch("aaadddd", [1.0, 1.0, 1.0, 0.6, 0.2, 0.7, 0.1], {5: "lost"})
-    assert (deaths.plain().delays_s, deaths.plain().revivals) == ((1.0,), 1)
-    assert (deaths.ours().delays_s, deaths.ours().revivals) == ((2.0,), 0)
-    assert deaths.deaths == 1
-    assert deaths.agent_hours == pytest.approx(2 / 3600)
+    losses = watch("aaadddd", [1.0, 1.0, 1.0, 0.6, 0.2, 0.7, 0.1], {5: "lost"})
+    assert (losses.plain().delays_s, losses.plain().revivals) == ((1.0,), 1)
+    assert (losses.ours().delays_s, losses.ours().revivals) == ((2.0,), 0)
+    assert losses.losses == 1
+    assert losses.agent_hours == pytest.approx(2 / 3600)
 
 
 def test_a_missed_detection_kills_the_living_for_the_plain_rule_only():
-    deaths = watch("aaaaa", [0.1, 1.0, 0.3, 0.4, 1.0], {})
-    assert (deaths.plain().false_deaths, deaths.plain().revivals) == (1, 0)
-    assert deaths.ours().false_deaths == 0
+    losses = watch("aaaaa", [0.1, 1.0, 0.3, 0.4, 1.0], {})
+    assert (losses.plain().false_losses, losses.plain().revivals) == (1, 0)
+    assert losses.ours().false_losses == 0
 
 
 def test_false_calls_of_central_command_are_counted():
-    deaths = watch("aaadd", [1.0] * 5, {1: "lost", 2: "active", 4: "lost"})
-    assert (deaths.ours().false_deaths, deaths.ours().delays_s) == (1, (1.0,))
+    losses = watch("aaadd", [1.0] * 5, {1: "lost", 2: "active", 4: "lost"})
+    assert (losses.ours().false_losses, losses.ours().delays_s) == (1, (1.0,))
 
 
-def test_a_loss_after_arrival_is_not_a_death():
-    deaths = watch("aaadd", [1.0, 1.0, 0.9, 0.1, 0.1], {2: "arrived"})
-    assert deaths.deaths == 0
-    assert deaths.plain().delays_s == ()
+def test_a_loss_after_arrival_is_not_counted():
+    losses = watch("aaadd", [1.0, 1.0, 0.9, 0.1, 0.1], {2: "arrived"})
+    assert losses.losses == 0
+    assert losses.plain().delays_s == ()

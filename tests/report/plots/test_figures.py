@@ -72,7 +72,7 @@ def test_the_timeline_equals_the_events() -> None:
     assert timeline.duration_s == 10.0
     assert timeline.area_m == (0.0, 0.0, 2000.0, 1000.0)
     first, second = timeline.paths["agents"][1], timeline.paths["agents"][2]
-    assert (first.dies, second.dies) == (False, True)
+    assert (first.is_lost, second.is_lost) == (False, True)
     assert second.points_m[-1].tolist() == [500.0, 200.0]
     assert timeline.statuses == ((2, 7.5, "lost"), (1, 10.0, "arrived"))
     assert [(t_s, report.vehicle, report.ok) for t_s, report in timeline.uploads] == [(3.0, 1, True)]

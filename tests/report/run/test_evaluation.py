@@ -94,7 +94,7 @@ def test_a_good_run_is_complete_with_everybody_accounted_for() -> None:
         (3, "arrived", 3),
     ]
     assert (verdict.targets_total, verdict.targets_reached) == (3, 2)
-    assert (verdict.deaths, verdict.death_delays_s, verdict.false_deaths) == (1, (2.5,), 0)
+    assert (verdict.losses, verdict.loss_delays_s, verdict.false_losses) == (1, (2.5,), 0)
 
 
 def test_a_run_that_never_ended_is_incomplete() -> None:
@@ -182,7 +182,7 @@ def test_an_agent_that_was_lost_when_called_arrived_has_not_arrived() -> None:
     evaluator.add_truth(truth(0, {1: (1000.0, 0.0)}, dead=[1]))
     evaluator.add_effect(AgentStatus(at(0), 1, "arrived", (0, 0)))
     evaluator.add_effect(MissionEnded(at(0), (1,), ()))
-    assert "agent 1 called arrived but dead" in summary(evaluator).reason
+    assert "agent 1 called arrived but lost" in summary(evaluator).reason
 
 
 def test_an_agent_that_is_lost_at_its_target_has_arrived() -> None:
@@ -193,7 +193,7 @@ def test_an_agent_that_is_lost_at_its_target_has_arrived() -> None:
     verdict = summary(evaluator)
     assert verdict.outcome == "complete", verdict.reason
     assert verdict.agents[0].status == "arrived"
-    assert verdict.deaths == 1
+    assert verdict.losses == 1
 
 
 def test_a_false_loss_is_counted_and_fails_the_run() -> None:
@@ -204,10 +204,10 @@ def test_a_false_loss_is_counted_and_fails_the_run() -> None:
     evaluator.add_effect(MissionEnded(at(2), (), (1,)))
     verdict = summary(evaluator)
     assert verdict.reason == "agent 1 called lost but alive"
-    assert (verdict.false_deaths, verdict.deaths, verdict.death_delays_s) == (1, 0, ())
+    assert (verdict.false_losses, verdict.losses, verdict.loss_delays_s) == (1, 0, ())
 
 
-def test_a_false_death_that_is_taken_back_is_counted_only() -> None:
+def test_a_false_loss_that_is_taken_back_is_counted_only() -> None:
     evaluator = Evaluator(RADIUS_M, [1])
     for second in (0, 1, 2):
         evaluator.add_truth(truth(second, {1: (1000.0, 0.0)}))
@@ -219,15 +219,15 @@ def test_a_false_death_that_is_taken_back_is_counted_only() -> None:
         evaluator.add_effect(status)
     evaluator.add_effect(MissionEnded(at(2), (1,), ()))
     verdict = summary(evaluator)
-    assert (verdict.outcome, verdict.false_deaths) == ("complete", 1)
+    assert (verdict.outcome, verdict.false_losses) == ("complete", 1)
 
 
-def test_an_undetected_death_is_not_a_detection() -> None:
+def test_an_undetected_loss_is_not_a_detection() -> None:
     evaluator = Evaluator(RADIUS_M, [1])
     evaluator.add_truth(truth(0, {1: (0.0, 0.0)}))
     evaluator.add_truth(truth(1, {1: (0.0, 0.0)}, dead=[1]))
     verdict = summary(evaluator)
-    assert (verdict.deaths, verdict.death_delays_s) == (1, ())
+    assert (verdict.losses, verdict.loss_delays_s) == (1, ())
 
 
 def test_ospa_compares_confirmed_tracks_with_the_living_at_the_same_scan() -> None:

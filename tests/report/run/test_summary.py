@@ -27,9 +27,9 @@ GOOD = Summary(
     upload_failures=1,
     ospa_agents_mean_m=3.456,
     ospa_targets_mean_m=float("nan"),
-    death_delays_s=(2.0,),
-    deaths=1,
-    false_deaths=0,
+    loss_delays_s=(2.0,),
+    losses=1,
+    false_losses=0,
     scan_ms_p99=4.5,
     plan_ms_p99=31.0,
     recording="runs/prescribed-4",
@@ -72,5 +72,5 @@ def test_a_large_swarm_fits_a_screen(terminal: bool) -> None:
         assert len(text.splitlines()) < 45
 
 
-def test_false_deaths_are_not_hidden() -> None:
-    assert "; 2 false" in shown(replace(GOOD, false_deaths=2), terminal=True)
+def test_false_losses_are_not_hidden() -> None:
+    assert "; 2 false" in shown(replace(GOOD, false_losses=2), terminal=True)

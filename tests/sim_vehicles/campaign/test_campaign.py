@@ -39,10 +39,10 @@ def test_a_planner_that_is_given_the_truth_sees_everything_at_once():
     )
     own, truth = (fly(job) for job in job.jobs())
     assert truth.ospa_agents_m == truth.ospa_targets_m == 0.0
-    assert truth.deaths_seen_after_s == [0.0]
+    assert truth.losses_detected_after_s == [0.0]
     assert truth.uploads > 0, "the truth reaches the planner"
     assert own.ospa_agents_m > 0.0
-    assert own.deaths_seen_after_s[0] > 0.0
+    assert own.losses_detected_after_s[0] > 0.0
 
 
 def test_a_campaign_goes_on_where_it_was_cut_off(tmp_path):

@@ -97,8 +97,8 @@ def assert_complete(flown: Flown) -> None:
 def test_the_papers_missions_complete(name: str, seed: int) -> None:
     flown = fly(name, seed)
     assert_complete(flown)
-    assert flown.summary.false_deaths == 0
-    assert flown.summary.upload_failures <= flown.summary.deaths
+    assert flown.summary.false_losses == 0
+    assert flown.summary.upload_failures <= flown.summary.losses
     assert sum(isinstance(effect, MissionEnded) for effect in flown.effects) == 1
 
 
@@ -174,7 +174,7 @@ def test_a_killed_vehicle_is_called_lost_within_five_seconds_and_the_others_arri
     assert first[1] == "lost"
     assert at_s <= first[0] <= at_s + 5.0
     assert_complete(flown)
-    assert flown.summary.false_deaths == 0
+    assert flown.summary.false_losses == 0
 
 
 def test_a_vehicle_killed_before_its_association_is_called_lost_soon_too() -> None:
