@@ -9,7 +9,7 @@
   Frames read back are those of MISSION_ITEM_INT.
 - One transfer at a time. A ``MISSION_COUNT`` during one gets ACK 1; ``MISSION_ACK`` 15 ends an upload;
   clearing and ``MISSION_SET_CURRENT`` are ignored.
-- A read-back goes in order: the next item, or the last one again. Any other ends it with ACK 1, and 5 s of
+- A read-back goes in order: the next item, or the last one again. Any other ends it with ACK 1, and 5 s
   without a request end it without a message. After that, requests are ignored until a new start.
 """
 
