@@ -39,7 +39,7 @@ from gcs.model import (
     system_of,
     vehicle_name,
 )
-from gcs.report.attention import attention
+from gcs.report.agent_order import attention
 from gcs.report.operator_lines import (
     MAX_ROUTES,
     ProposalLog,

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.model import AgentRecord, SensorRecord, SwarmStatus, TargetRecord, target_name, vehicle_name
-from gcs.report.attention import attention, is_late, pinned_vehicles
+from gcs.report.agent_order import attention, is_late, pinned_vehicles
 
 _STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red"}
 _FIX_NAMES: Final = {0: "none", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK", 7: "static"}

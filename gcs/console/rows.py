@@ -27,7 +27,7 @@ from gcs.model import (
     vehicle_name,
 )
 from gcs.planning.map.grid import Grid
-from gcs.report.attention import attention, is_late, pinned_vehicles
+from gcs.report.agent_order import attention, is_late, pinned_vehicles
 from gcs.report.operator_lines import route_lines
 
 MAX_DETECTIONS: Final = 20_000

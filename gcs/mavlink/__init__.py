@@ -21,7 +21,7 @@ In reading order:
 `mission.protocol`          MissionDownload, MissionUpload: the exchanges of the mission protocol
 `mission.upload_task`       a mission uploaded, verified, selected and started
 `mission.list_task`         the same for a fence or rally points
-`autopilots`                what differs between ArduPlane and PX4
+`autopilots`                profile of each autopilot: modes, mission items, parameters
 `router.router`             routes between vehicles and other ground stations
 ==========================  ====================================================================
 """

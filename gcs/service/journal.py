@@ -10,17 +10,38 @@ from __future__ import annotations
 
 import hashlib
 import os
+from functools import partial
 from pathlib import Path
 
 import msgspec
 
+from gcs.core.snapshot import encode_state
 from gcs.errors import JournalError
 from gcs.files import read_bytes
+from gcs.io.output import Writer
 from gcs.io.private_files import make_private, private
-from gcs.model import Snapshot
+from gcs.model import (
+    NS_PER_S,
+    AgentStatus,
+    Effect,
+    Event,
+    MissionEnded,
+    OrderAnswer,
+    Plan,
+    Proposal,
+    Snapshot,
+    Tick,
+    UploadReport,
+)
+from gcs.service.service import Service
 
 VERSION = 4
 _MAX_BYTES = 64 * 1024 * 1024
+WRITE_PERIOD_NS = 5 * NS_PER_S
+"""Longest time between two versions."""
+MIN_WRITE_INTERVAL_NS = NS_PER_S // 2
+"""Shortest time between two versions, after changes of the state other than a plan."""
+_CLOSE_TIMEOUT_S = 5.0
 
 
 class _Head(msgspec.Struct, frozen=True, kw_only=True):
@@ -117,3 +138,70 @@ class Journal:
                 str(self.path), f"belongs to another mission file or seed ({head.mission}); it is not used"
             )
         return snapshot
+
+
+class JournalSink:
+    """Writes the journal on its own thread: at once for a new plan, within 0.5 s for other changes."""
+
+    def __init__(self, service: Service, journal: Journal) -> None:
+        self._service, self._command, self._journal = service, service.command, journal
+        self.writer = Writer("journal", 2, "alarm")
+        self._error: JournalError | None = None
+        """Error of the last attempt to write."""
+        self._written_t_ns: int | None = None
+        self._is_changed = False
+        self._checked_t_ns = 0
+        self._untaskable: dict[int, str] = {}
+        self._failed = False
+
+    def event(self, event: Event) -> None:
+        """Write the journal when it is due."""
+        if not isinstance(event, Tick):
+            return
+        self._report_change()
+        if event.t_ns - self._checked_t_ns >= MIN_WRITE_INTERVAL_NS:
+            self._checked_t_ns, before = event.t_ns, self._untaskable
+            self._untaskable = self._command.untaskable()  # a pilot may have changed a mode
+            self._is_changed = self._is_changed or self._untaskable != before
+        since_ns = event.t_ns - (self._written_t_ns or 0)
+        if since_ns >= WRITE_PERIOD_NS or (self._is_changed and since_ns >= MIN_WRITE_INTERVAL_NS):
+            self.write(event.t_ns)
+
+    def effect(self, t_ns: int, effect: Effect) -> None:
+        """Note a change of the state."""
+        if isinstance(effect, Plan):
+            # Uploads of the plan may begin before it is written: a route counts after a restart only when the
+            # vehicle reads back the same mission.
+            self.write(t_ns)
+        elif isinstance(effect, AgentStatus | UploadReport | OrderAnswer | Proposal | MissionEnded):
+            self._is_changed = True
+
+    def write(self, t_ns: int) -> None:
+        """Queue the state for the writer; a failure becomes an alarm and is tried again."""
+        self._written_t_ns = t_ns
+        snapshot = Snapshot(t_ns, encode_state(self._command.state))
+        self._is_changed = not self.writer.put(partial(self._store, snapshot))
+
+    def close(self) -> None:
+        """Wait at most 5 s until the journal is written, and report a failure."""
+        self.writer.drain(_CLOSE_TIMEOUT_S)
+        self._report_change()
+
+    def _store(self, snapshot: Snapshot) -> None:
+        try:
+            self._journal.write(snapshot)
+        except JournalError as error:
+            self._error = error
+        else:
+            self._error = None
+
+    def _report_change(self) -> None:
+        error = self._error
+        if (error is not None) is self._failed:
+            return
+        self._failed = error is not None
+        if error is not None:
+            text = f"{error}: a restart would begin from an older state"
+            self._service.on_link_news("journal", "alarm", text)
+        else:
+            self._service.on_link_news("journal", "info", "is written again")

@@ -1,35 +1,18 @@
-"""Journal of a running service, and the start of a service from it."""
+"""Start of a service from the journal of the service before."""
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
-from gcs.core.snapshot import decode_state, encode_state
+from gcs.core.snapshot import decode_state
 from gcs.core.state import State
 from gcs.errors import JournalError, WireError
-from gcs.io.output import Writer
-from gcs.model import (
-    NS_PER_S,
-    AgentStatus,
-    Effect,
-    Event,
-    MissionEnded,
-    OrderAnswer,
-    Plan,
-    Proposal,
-    Snapshot,
-    Tick,
-    UploadReport,
-)
+from gcs.model import NS_PER_S, Snapshot
 from gcs.service.journal import Journal
 from gcs.service.service import Service
 
-_EVERY_NS = 5 * NS_PER_S
-_CHANGED_NS = NS_PER_S // 2
-_CLOSE_S = 5.0
 _STALE_S = 900.0
 """An older journal is used with `--resume` only."""
 
@@ -100,70 +83,3 @@ def _restore(service: Service, journal: Journal, snapshot: Snapshot, state: Stat
         service.resume(snapshot, state)
     except ValueError as error:
         raise JournalError(str(journal.path), f"makes no sense: {error}") from None
-
-
-class JournalSink:
-    """Writes the journal on its own thread: at once for a new plan, within 0.5 s for other changes."""
-
-    def __init__(self, service: Service, journal: Journal) -> None:
-        self._service, self._command, self._journal = service, service.command, journal
-        self.writer = Writer("journal", 2, "alarm")
-        self._error: JournalError | None = None
-        """Error of the last attempt to write."""
-        self._written_t_ns: int | None = None
-        self._is_changed = False
-        self._checked_t_ns = 0
-        self._untaskable: dict[int, str] = {}
-        self._failed = False
-
-    def event(self, event: Event) -> None:
-        """Write the journal when it is due."""
-        if not isinstance(event, Tick):
-            return
-        self._report_change()
-        if event.t_ns - self._checked_t_ns >= _CHANGED_NS:
-            self._checked_t_ns, before = event.t_ns, self._untaskable
-            self._untaskable = self._command.untaskable()  # a pilot may have changed a mode
-            self._is_changed = self._is_changed or self._untaskable != before
-        since_ns = event.t_ns - (self._written_t_ns or 0)
-        if since_ns >= _EVERY_NS or (self._is_changed and since_ns >= _CHANGED_NS):
-            self.write(event.t_ns)
-
-    def effect(self, t_ns: int, effect: Effect) -> None:
-        """Note a change of the state."""
-        if isinstance(effect, Plan):
-            # Uploads of the plan may begin before it is written: a route counts after a restart only when the
-            # vehicle reads back the same mission.
-            self.write(t_ns)
-        elif isinstance(effect, AgentStatus | UploadReport | OrderAnswer | Proposal | MissionEnded):
-            self._is_changed = True
-
-    def write(self, t_ns: int) -> None:
-        """Queue the state for the writer; a failure becomes an alarm and is tried again."""
-        self._written_t_ns = t_ns
-        snapshot = Snapshot(t_ns, encode_state(self._command.state))
-        self._is_changed = not self.writer.put(partial(self._store, snapshot))
-
-    def close(self) -> None:
-        """Wait at most 5 s until the journal is written, and report a failure."""
-        self.writer.drain(_CLOSE_S)
-        self._report_change()
-
-    def _store(self, snapshot: Snapshot) -> None:
-        try:
-            self._journal.write(snapshot)
-        except JournalError as error:
-            self._error = error
-        else:
-            self._error = None
-
-    def _report_change(self) -> None:
-        error = self._error
-        if (error is not None) is self._failed:
-            return
-        self._failed = error is not None
-        if error is not None:
-            text = f"{error}: a restart would begin from an older state"
-            self._service.on_link_news("journal", "alarm", text)
-        else:
-            self._service.on_link_news("journal", "info", "is written again")

@@ -31,8 +31,7 @@ from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Event, MissionEnded, Notice, Send, Tick
-from gcs.service.journal import Journal
-from gcs.service.resume import JournalSink
+from gcs.service.journal import Journal, JournalSink
 from gcs.service.service import Service
 
 GCS = (sys.executable, "-P", "-c", "from gcs.cli import main; main()")

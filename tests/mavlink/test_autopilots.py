@@ -7,8 +7,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE, PROFILES, PX4, mode_name, profile_of
-from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
+from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home, item_of
 from gcs.model import Mission, VehicleState, Waypoint

@@ -17,8 +17,7 @@ from gcs.io.recording.reader import read
 from gcs.io.recording.writer import Recorder
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, Notice, Tick, Truth
-from gcs.service.journal import Journal
-from gcs.service.resume import JournalSink
+from gcs.service.journal import Journal, JournalSink
 from gcs.service.service import Service
 
 

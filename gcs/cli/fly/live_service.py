@@ -21,8 +21,8 @@ from gcs.io.signing.gate import Signing
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.session import service_bus
 from gcs.mavlink.frames.fast_scan import Scanner
-from gcs.service.journal import Journal, fingerprint
-from gcs.service.resume import JournalSink, default_path, resume_from_journal
+from gcs.service.journal import Journal, JournalSink, fingerprint
+from gcs.service.resume import default_path, resume_from_journal
 from gcs.service.service import Service, fly_on_after_hangup, wait_for_interrupt
 
 

@@ -28,8 +28,8 @@ from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import State
 from gcs.core.takeoff.sequence import SELF_LAUNCHING, TakeoffSequence
 from gcs.core.tasking.upload_manager import UploadManager
-from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
+from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.command_sender import CommandSender, command_long, set_mode

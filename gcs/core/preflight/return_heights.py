@@ -16,7 +16,7 @@ from gcs.config import Config
 from gcs.core.preflight.result import Check
 from gcs.core.state import Agent
 from gcs.mavlink.autopilots import AutopilotProfile
-from gcs.mavlink.autopilots.base import is_on_ground
+from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.parameters import decode_value

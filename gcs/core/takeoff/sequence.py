@@ -18,8 +18,8 @@ from gcs.config import Config
 from gcs.core.state import Agent
 from gcs.core.takeoff.records import TakeoffState
 from gcs.core.tasking.upload_manager import UploadManager
-from gcs.mavlink.autopilots.base import is_on_ground
 from gcs.mavlink.autopilots.modes import AUTO
+from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice, VehicleState, vehicle_name

@@ -18,7 +18,7 @@ from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import ActiveUpload, OnboardMission, TaskingState
 from gcs.core.tasking.upload_retry import UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
-from gcs.mavlink.autopilots.base import is_on_ground
+from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.upload_stages import OnboardState, TransitionError

@@ -1,4 +1,4 @@
-"""Missions from routes: positions, altitudes and acceptance radii of waypoints."""
+"""Missions from routes: waypoints with altitudes and acceptance radii (items: `gcs.mavlink.autopilots`)."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMissions, TerminalPhase
 from gcs.core.tasking.records import OnboardMission, QueuedRoute, TaskingState
 from gcs.core.tasking.upload_retry import UploadRetry
-from gcs.mavlink.autopilots.base import is_on_ground
+from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Home

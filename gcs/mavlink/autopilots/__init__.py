@@ -11,7 +11,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.ardupilot import ARDUPLANE
-from gcs.mavlink.autopilots.base import AutopilotProfile, Envelope, FenceLimits, WantedParameter
+from gcs.mavlink.autopilots.profile import AutopilotProfile, Envelope, FenceLimits, WantedParameter
 from gcs.mavlink.autopilots.px4 import PX4
 from gcs.mavlink.frames.codec import Message
 

@@ -25,8 +25,8 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.autopilots.base import AutopilotProfile, Envelope, FenceLimits, WantedParameter
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
+from gcs.mavlink.autopilots.profile import AutopilotProfile, Envelope, FenceLimits, WantedParameter
 from gcs.mavlink.mission.items import Item
 
 _MODES: Final = {
