@@ -112,7 +112,7 @@ def test_broken_toml_and_missing_files_say_so(tmp_path: Path) -> None:
         read_text("no-such-scenario")
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigError, match="cannot be read as text"):
+    with pytest.raises(ConfigError, match="is not text: expected a mission file"):
         read_text(str(binary))
 
 

@@ -45,7 +45,9 @@ def override_keys(text: str, settings: Sequence[str], source: str) -> str:
         key, equals, value = (part.strip() for part in setting.partition("="))
         steps = _steps(key)
         if not equals or not value or not steps:
-            raise ConfigError("settings", setting, "expected KEY=VALUE, such as planning.switch_gain_m=50")
+            raise ConfigError(
+                "--set or --sweep", setting, "expected KEY=VALUE, such as planning.switch_gain_m=50"
+            )
         _set(document, steps, value, ConfigError(source, key, "there is no such table or row to change"))
     return tomlkit.dumps(document)
 

@@ -67,8 +67,8 @@ def _text_of(path: Path) -> str:
         return read_file(path, _MAX_BYTES)
     except OSError as error:
         raise ConfigError(os.fspath(path), "", f"cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(os.fspath(path), "", f"cannot be read as text: {error}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(os.fspath(path), "", "is not text: expected a mission file in TOML") from None
 
 
 def decode_toml(text: str, source: str) -> dict[str, Any]:

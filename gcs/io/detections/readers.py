@@ -54,12 +54,9 @@ _MAX_T_NS: Final = 4.2e18
 _MAX_EMPTY_SCANS, _MAX_EMPTY_PER_SCAN = 10_000, 100
 """Scans without a row, in all and for each scan with rows; more are a mistake in the column."""
 _EXPECTED: Final = "expected detections (NPZ, CSV) or a recording"
-_LOG: Final = f"is a telemetry log, without detections: {_EXPECTED}; `gcs info` and `gcs report` read logs"
 _OTHER_KINDS: Final = {
     ".toml": f"is a mission file or a model: {_EXPECTED}; a model is named with --model",
-    ".tlog": _LOG,
-    ".raw": _LOG,
-    ".bin": _LOG,
+    ".tlog": f"is a telemetry log, without detections: {_EXPECTED}; `gcs info` and `gcs report` read logs",
 }
 """Kinds of files that are given by mistake, by the ending of their names."""
 _MIN_SPAN_NS: Final = 1e6

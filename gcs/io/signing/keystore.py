@@ -98,6 +98,8 @@ def read_keys(path: Path) -> KeyFile:
     source = str(path)
     try:
         mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            raise ConfigError(source, "", "is a folder: expected a key file, as `gcs keys new` makes one")
         if mode & (stat.S_IRWXG | stat.S_IRWXO):
             problem = f"others may read these keys (mode {stat.S_IMODE(mode):o}): chmod 600 {path}"
             raise ConfigError(source, "", problem)
