@@ -2,9 +2,11 @@
 
 Sources: https://mavlink.io/en/services/command.html, https://mavlink.io/en/messages/common.html#mav_commands.
 
-A COMMAND_ACK says that a command was understood, not that it is done. A command has succeeded when two
-heartbeats in a row show it (one may cross with an earlier command on a slow link). It has failed after
-several refusals, or when its tries are used up. The vehicle's STATUSTEXT gives the reason.
+A COMMAND_ACK says that a command was understood, not that it is done. A command has succeeded when a
+heartbeat after its ACK shows it; that heartbeat is requested. Without an ACK, two heartbeats in a row are
+needed (one may cross with an earlier command on a slow link), and also in AUTO, which PX4 leaves again if it
+rejects its mission. A command has failed after several refusals, or when its tries are used up. The
+vehicle's STATUSTEXT gives the reason.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import AutopilotProfile, mode_name, profile_of
+from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message, is_for
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer
 from gcs.model import system_of
@@ -27,6 +30,7 @@ REQUEST_MESSAGE: Final[int] = dialect.MAV_CMD_REQUEST_MESSAGE
 COMMAND_RETRY_POLICY: Final = RetryPolicy(wait_s=1.0, max_wait_s=3.0, max_tries=10)
 _MAX_REFUSALS: Final = 3
 _MIN_CONFIRMATIONS: Final = 2
+_HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _OWN: Final = (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
 _ARMED: Final[int] = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _WARNING: Final[int] = dialect.MAV_SEVERITY_WARNING
@@ -86,6 +90,10 @@ class CommandSender:
     """Result of the last temporary rejection."""
     statustext: str = ""
     """Last warning of the vehicle."""
+    is_accepted: bool = False
+    """True after an ACK that accepts the command."""
+    wants_heartbeat: bool = False
+    """True if a heartbeat is requested next: the regular one may be a second away."""
 
     @classmethod
     def begin(
@@ -102,6 +110,9 @@ class CommandSender:
             nothing = f"{self.rejection or 'no answer'} to {self.timer.sent} commands"
             self.outcome = (False, self.statustext or nothing)
             return []
+        if self.wants_heartbeat:
+            self.wants_heartbeat = False
+            return [encode(command_long(self.timer.request.target_system, REQUEST_MESSAGE, _HEARTBEAT))]
         # A mode shown once is not commanded again before the next heartbeat.
         return [encode(self.timer.request)] if not self.confirmations and self.timer.start_try(t_ns) else []
 
@@ -121,7 +132,7 @@ class CommandSender:
         mode, armed = mode_name(message), bool(message.base_mode & _ARMED)
         is_done = self.mode in ("", mode) and self.armed in (None, armed)
         self.confirmations = self.confirmations + 1 if self.timer.sent and is_done else 0
-        if self.confirmations >= _MIN_CONFIRMATIONS:
+        if self.confirmations >= (1 if self.is_accepted and self.mode != AUTO else _MIN_CONFIRMATIONS):
             self.outcome = (True, f"{mode}, {'armed' if armed else 'disarmed'}")
 
     def _on_ack(self, message: Message) -> None:
@@ -133,7 +144,11 @@ class CommandSender:
                 "TEMPORARILY_REJECTED"  # it may do so later: PX4 says so of AUTO without a mission
             )
             return
-        if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
+        if message.result == dialect.MAV_RESULT_ACCEPTED:
+            self.wants_heartbeat |= not self.is_accepted
+            self.is_accepted = True
+            return
+        if message.result == dialect.MAV_RESULT_IN_PROGRESS:
             return
         self.refusals += 1
         if self.refusals >= _MAX_REFUSALS:

@@ -134,9 +134,9 @@ def test_an_order_for_an_unknown_vehicle_is_refused_with_the_known_ones() -> Non
 
 
 def test_the_newest_order_counts() -> None:
-    flight = fly([order(20.0, "return", 1), order(20.4, "hold", 1)], 30.0)
+    flight = fly([order(20.0, "return", 1), order(20.05, "hold", 1)], 30.0)
     assert flight.answers("return-20.0") == [("accepted", None), ("failed", 1)]
-    assert flight.answers("hold-20.4") == [("accepted", None), ("done", 1)]
+    assert flight.answers("hold-20.05") == [("accepted", None), ("done", 1)]
     assert flight.mode(1) is Mode.LOITER
 
 
