@@ -73,8 +73,10 @@ def service_page(service: Service, options: PageOptions, console: Console, speed
 
 
 @contextmanager
-def replay_page(replay: Replay, options: PageOptions, console: Console) -> Iterator[None]:
-    """Serve the console of a replay while the context lasts.
+def replay_page(
+    replay: Replay, options: PageOptions, console: Console, recording: Path | None
+) -> Iterator[None]:
+    """Serve the console of a replay while the context lasts; without a recording, of a log.
 
     Raises
     ------
@@ -86,7 +88,14 @@ def replay_page(replay: Replay, options: PageOptions, console: Console) -> Itera
         from gcs.console.capture import capture
         from gcs.console.server import Source
 
-        return Source(replay, lambda t_ns: capture(replay.command, t_ns), playback=replay.playback)
+        return Source(
+            replay,
+            lambda t_ns: capture(replay.command, t_ns),
+            playback=replay.playback,
+            on_restart=replay.on_restart,
+            recording=recording,
+            start_t_ns=replay.start_t_ns,
+        )
 
     with _page(source, options, console):
         yield

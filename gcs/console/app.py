@@ -22,6 +22,7 @@ from gcs.console.access import Access
 from gcs.console.capture import Capture
 from gcs.console.clients import Client, Clients
 from gcs.console.guard import COOKIE, Guard
+from gcs.console.history import History
 from gcs.console.metrics import metrics_text
 from gcs.console.openapi import description
 from gcs.console.orders import OrderDesk, RefusedOrderError, is_answered
@@ -47,9 +48,11 @@ class Board:
         clients: Clients,
         desk: OrderDesk,
         playback: PlaybackDesk,
+        history: History,
         watch: Callable[[], None],
     ) -> None:
         self.world, self.clients, self.desk, self.playback = world, clients, desk, playback
+        self.history = history
         self._watch = watch
         self._asked_s = -_ASKED_S
         self._changed = asyncio.Event()
@@ -96,6 +99,7 @@ def make_app(board: Board, access: Access) -> ASGIApp:
         Route("/api/orders", api.place_order, methods=["POST"]),
         Route("/api/orders/{order_id}", api.order),
         Route("/api/replay", api.replay, methods=["POST"]),
+        Route("/api/marks", api.marks),
         Route("/api/openapi.json", api.openapi),
         Route("/metrics", api.metrics),
         *(Route(path, _Static(*content).serve) for path, content in static.items()),
@@ -183,6 +187,13 @@ class _Api:
             return _too_long()
         problem = self._board.playback.carry_out(body)
         return JSONResponse({"error": problem}, 422) if problem else JSONResponse({})
+
+    async def marks(self, request: Request) -> Response:
+        history, after = self._board.history, request.query_params.get("after", "0")
+        if not after.isdecimal():
+            return JSONResponse({"error": "after: expected a number of marks"}, 422)
+        is_complete = history.is_complete
+        return _json(msgspec.json.encode({"complete": is_complete, "marks": history.marks(int(after[:9]))}))
 
     async def place_order(self, request: Request) -> Response:
         body = await _body(request)

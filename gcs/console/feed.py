@@ -9,10 +9,11 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Final
 
 from gcs.console.capture import Capture
-from gcs.model import NS_PER_S, Effect, Event, Kind, Picture, Scan, Send, Tick, Upload, VehicleState
+from gcs.model import NS_PER_S, Effect, Event, Kind, Order, Picture, Scan, Send, Tick, Upload, VehicleState
 
 CAPTURE_S: Final = 0.25
 """Minimum time between two captures of the state."""
@@ -20,6 +21,20 @@ _MAX_EFFECTS: Final = 5000
 _MAX_SCANS: Final = 100
 _MAX_PASSED: Final = 100
 _PASSED_NS: Final = 2 * NS_PER_S
+
+
+@dataclass(slots=True)
+class News:
+    """What the feed has kept since the run began, or since a replay began again at another time."""
+
+    capture: Capture | None = None
+    effects: deque[tuple[int, Effect | Order]] = field(default_factory=lambda: deque(maxlen=_MAX_EFFECTS))
+    scans: deque[Scan] = field(default_factory=lambda: deque(maxlen=_MAX_SCANS))
+    pictures: dict[Kind, Picture] = field(default_factory=dict)
+    passed: deque[tuple[VehicleState, ...]] = field(default_factory=lambda: deque(maxlen=_MAX_PASSED))
+    """States now and then, for the trails of a page that opens later."""
+    begun_t_ns: int | None = None
+    """Time of the first event; None before it."""
 
 
 class Feed:
@@ -31,6 +46,8 @@ class Feed:
         Returns a capture of the state at a time.
     states : callable
         Returns the vehicles' states now.
+    start_t_ns : int, optional
+        Start of the run; by default its first event.
 
     Attributes
     ----------
@@ -39,43 +56,56 @@ class Feed:
     """
 
     def __init__(
-        self, take: Callable[[int], Capture], states: Callable[[], tuple[VehicleState, ...]]
+        self,
+        take: Callable[[int], Capture],
+        states: Callable[[], tuple[VehicleState, ...]],
+        start_t_ns: int | None = None,
     ) -> None:
         self.is_watched = False
-        self.capture: Capture | None = None
-        self.effects: deque[tuple[int, Effect]] = deque(maxlen=_MAX_EFFECTS)
-        self.scans: deque[Scan] = deque(maxlen=_MAX_SCANS)
-        self.pictures: dict[Kind, Picture] = {}
-        self.start_t_ns: int | None = None
-        self.passed: deque[tuple[VehicleState, ...]] = deque(maxlen=_MAX_PASSED)
-        """States now and then, for the trails of a page that opens later."""
+        self.start_t_ns = start_t_ns
+        self.news = News()
         self._take, self._states = take, states
         self._passed_t_ns = 0
-        self._t_ns = 0
+        self._t_ns = start_t_ns or 0
+        self._due_s = 0.0
+
+    def restart(self) -> None:
+        """Forget everything: a replay begins again at another time."""
+        self.news = News()
+        self._passed_t_ns, self._t_ns = 0, self.start_t_ns or 0
         self._due_s = 0.0
 
     def event(self, event: Event) -> None:
-        """Keep scans; capture the state at a tick, if it is due."""
+        """Keep scans and orders; capture the state at a tick, if it is due."""
         if isinstance(event, Tick):
             self._t_ns = event.t_ns
             if event.t_ns - self._passed_t_ns >= _PASSED_NS:
                 self._passed_t_ns = event.t_ns
-                self.passed.append(self._states())
+                self.news.passed.append(self._states())
             if self.is_watched and time.monotonic() >= self._due_s:
                 self.refresh()
         elif isinstance(event, Scan) and self.is_watched:
-            self.scans.append(event)
+            self.news.scans.append(event)
+        elif isinstance(event, Order):
+            self.news.effects.append((event.t_ns, event))
         if self.start_t_ns is None:
-            self.start_t_ns = self._t_ns = event.t_ns
+            self.start_t_ns = event.t_ns
+        if self.news.begun_t_ns is None:
+            self.news.begun_t_ns = self._t_ns = event.t_ns
 
     def effect(self, t_ns: int, effect: Effect) -> None:
         """Keep an effect that a page shows."""
         if isinstance(effect, Send | Upload):
             return
         if isinstance(effect, Picture):
-            self.pictures[effect.kind] = effect
+            self.news.pictures[effect.kind] = effect
         else:
-            self.effects.append((t_ns, effect))
+            self.news.effects.append((t_ns, effect))
+
+    @property
+    def capture(self) -> Capture | None:
+        """The last capture."""
+        return self.news.capture
 
     @property
     def is_stale(self) -> bool:
@@ -84,6 +114,8 @@ class Feed:
         return is_old and time.monotonic() >= self._due_s + CAPTURE_S
 
     def refresh(self) -> None:
-        """Capture the state now."""
+        """Capture the state now, unless the run has not begun."""
+        if not self._t_ns:
+            return
         self._due_s = time.monotonic() + CAPTURE_S
-        self.capture = self._take(self._t_ns)
+        self.news.capture = self._take(self._t_ns)

@@ -16,9 +16,14 @@ class Playback(Protocol):
 
     speed: float
     is_paused: bool
-    at_s: float
     duration_s: float | None
     has_ended: bool
+    has_snapshots: bool
+    is_seeking: bool
+
+    @property
+    def shown_s(self) -> float:
+        """Time that is asked for or reached."""
 
     def seek(self, at_s: float) -> str:
         """Go to a time; return why not, or an empty text."""
@@ -45,6 +50,8 @@ class PlaybackDesk:
 
     def __init__(self, playback: Playback | None, call: Callable[[Callable[[], None]], None]) -> None:
         self._playback, self._call = playback, call
+        self.is_moved = False
+        """True after a page has asked for another time; whoever shows that time clears it."""
 
     def state(self) -> dict[str, Any] | None:
         """Return position and speed; None for a live run."""
@@ -55,9 +62,15 @@ class PlaybackDesk:
             "paused": playback.is_paused,
             "ended": playback.has_ended,
             "speed": rounded(playback.speed, 2),
-            "at_s": rounded(playback.at_s),
+            "at_s": rounded(playback.shown_s),
+            "back": playback.has_snapshots,
             "duration_s": rounded(playback.duration_s),
         }
+
+    @property
+    def is_seeking(self) -> bool:
+        """True until a replay has reached the time that was asked for."""
+        return self._playback is not None and self._playback.is_seeking
 
     def carry_out(self, body: bytes) -> str:
         """Carry a wish out; return why not, or an empty text."""
@@ -68,8 +81,10 @@ class PlaybackDesk:
             wish = msgspec.json.decode(body, type=Wish)
         except msgspec.DecodeError as error:
             return str(error)
-        if wish.at_s is not None and (refusal := playback.seek(wish.at_s)):
-            return refusal
+        if wish.at_s is not None:
+            if refusal := playback.seek(wish.at_s):
+                return refusal
+            self.is_moved = True
 
         def apply() -> None:
             if wish.paused is not None:

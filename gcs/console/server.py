@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
 import uvicorn
@@ -23,6 +24,7 @@ from gcs.console.app import Board, make_app
 from gcs.console.capture import Capture
 from gcs.console.clients import Clients
 from gcs.console.feed import Feed
+from gcs.console.history import History
 from gcs.console.orders import OrderDesk
 from gcs.console.playback import Playback, PlaybackDesk
 from gcs.console.world import World
@@ -33,6 +35,9 @@ from gcs.model import Level
 T = TypeVar("T")
 
 _PUBLISH_S: Final = 0.1
+_SEEK_POLL_S: Final = 0.02
+_MAX_SEEK_S: Final = 2.0
+"""A replay that takes longer than this to reach a time shows what it passes."""
 _PORTS: Final = 50
 """Ports that are tried from the default one on."""
 _END_S: Final = 3.0
@@ -61,6 +66,12 @@ class Source:
     """Of the run's clock, as a multiple of real time."""
     playback: Playback | None = None
     """Position and speed of a replay; None for a live service."""
+    on_restart: list[Callable[[], None]] | None = None
+    """Where to put what is called when a replay begins again at another time."""
+    recording: Path | None = None
+    """Recording that is replayed; None: a log, or a live service."""
+    start_t_ns: int | None = None
+    """Start of the run; None: its first event."""
 
 
 class ConsoleServer:
@@ -81,16 +92,21 @@ class ConsoleServer:
         self._socket = bind(access)
         self.port: int = self._socket.getsockname()[1]
         run, submit = source.run, source.submit
-        self.feed = Feed(source.take, run.command.fleet.states)
+        self.feed = Feed(source.take, run.command.fleet.states, source.start_t_ns)
+        if source.on_restart is not None:
+            source.on_restart.append(self.feed.restart)
         self._run_loop = asyncio.get_running_loop()
         self._access = replace(access, port=self.port)
         kind = "live" if source.playback is None else "replay"
         about = {"kind": kind, "speed": source.speed, "begun": str(time.time_ns())}
-        world = World(run.config, about)
+        self._recording = source.recording
+        self._history = History(is_recorded=source.recording is not None)
+        self._ends = threading.Event()
+        world = World(run.config, about, self._history)
         self.clients = Clients(world.snapshot)
         desk = OrderDesk(run.config.local_frame, None if submit is None else self._on_run_loop(submit))
         self._playback = PlaybackDesk(source.playback, self._on_run_loop(lambda action: action()))
-        self._board = Board(world, self.clients, desk, self._playback, self._watch)
+        self._board = Board(world, self.clients, desk, self._playback, self._history, self._watch)
         config = uvicorn.Config(
             make_app(self._board, self._access),
             loop="asyncio",
@@ -124,6 +140,7 @@ class ConsoleServer:
     def close(self) -> None:
         """End the server; wait for it, but not for a browser that does not read."""
         self._server.should_exit = True
+        self._ends.set()
         self._thread.join(_END_S)
         self._socket.close()
 
@@ -154,6 +171,7 @@ class ConsoleServer:
         """Send what is new to all pages, ten times a second."""
         while True:
             await asyncio.sleep(_PUBLISH_S)
+            await self._reach_time()
             self.feed.is_watched = self._board.is_watched
             if self.feed.is_watched and self.feed.is_stale:
                 self._watch()
@@ -161,6 +179,28 @@ class ConsoleServer:
             if message is not None:
                 self.clients.send(message)
                 self._board.wake()
+            if self._recording is not None and self._board.world.capture is not None:
+                self._read_history(self._recording)  # after the first picture, which it would delay
+                self._recording = None
+
+    async def _reach_time(self) -> None:
+        """Wait until a replay has reached the time that was asked for, and for a capture there."""
+        if not self._playback.is_moved:
+            return
+        until_s = time.monotonic() + _MAX_SEEK_S
+        while self._playback.is_seeking and time.monotonic() < until_s:
+            await asyncio.sleep(_SEEK_POLL_S)
+        self._playback.is_moved = self._playback.is_seeking
+        if self._board.is_watched:
+            before = self.feed.capture
+            self._watch()
+            while self.feed.capture is before and time.monotonic() < until_s:
+                await asyncio.sleep(_SEEK_POLL_S)
+
+    def _read_history(self, recording: Path) -> None:
+        start_t_ns = self.feed.start_t_ns or 0
+        arguments = (recording, start_t_ns, self._ends)
+        threading.Thread(target=self._history.read, args=arguments, name="history", daemon=True).start()
 
     def _watch(self) -> None:
         """Ask the service for a capture now, for a page that has just opened."""

@@ -15,12 +15,14 @@ import msgspec
 from gcs.config import Config
 from gcs.console import rows
 from gcs.console.capture import Capture
-from gcs.console.feed import Feed
+from gcs.console.feed import Feed, News
+from gcs.console.history import SEVERE, History
 from gcs.model import (
     NS_PER_S,
     Effect,
     Kind,
     NoFlyZone,
+    Order,
     OrderAnswer,
     Picture,
     Plan,
@@ -49,12 +51,22 @@ class World:
         The mission.
     about : dict
         More about the run: whether it is live, its speed.
+    history : History
+        Marks of the run. Those of a live run are added here; those of a recording are read from its file.
     """
 
-    def __init__(self, config: Config, about: dict[str, Any]) -> None:
+    def __init__(self, config: Config, about: dict[str, Any], history: History) -> None:
+        self._mission = _raw(rows.mission(config) | about)
+        self._history = history
+        self._adds_marks = not history.is_recorded
+        self._news: News | None = None
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin without data."""
         self.capture: Capture | None = None
         self.answers: deque[OrderAnswer] = deque(maxlen=_MAX_ANSWERS)
-        self._sections: dict[str, msgspec.Raw] = {"mission": _raw(rows.mission(config) | about)}
+        self._sections: dict[str, msgspec.Raw] = {"mission": self._mission}
         self._trails: dict[int, deque[list[float]]] = {}
         self._log: deque[dict[str, Any]] = deque(maxlen=_MAX_LOG)
         self._logged = 0
@@ -81,29 +93,53 @@ class World:
         return _message("snapshot", self._sections | lists)
 
     def update(self, feed: Feed, replay: dict[str, Any] | None = None) -> bytes | None:
-        """Take what is new out of a feed; return the update, or None without news."""
+        """Take what is new out of a feed; return the update, or None without news.
+
+        A replay that has begun again at another time gives a snapshot, as soon as there is something to show.
+        """
+        found, news = feed.news, dict[str, Any]()
+        is_new = self._news is not None and found is not self._news
+        if is_new and found.capture is None:
+            return None
+        if is_new:
+            self._begin()
+        self._news = found
         if feed.start_t_ns is not None:
             self._start_t_ns = feed.start_t_ns
-        news: dict[str, Any] = {}
+        if is_new and not self._adds_marks:
+            self._add_earlier(found)
         self._put("replay", replay, news)
-        self._add_effects(_drained(feed.effects), news)
-        for states in _drained(feed.passed):
+        self._add_effects(_drained(found.effects), news)
+        for states in _drained(found.passed):
             self._add_to_trails(states)
-        scans: list[Scan] = _drained(feed.scans)
+        scans: list[Scan] = _drained(found.scans)
         if scans:
             self._add_scans(scans, news)
-        for kind, picture in tuple(feed.pictures.items()):
+        for kind, picture in tuple(found.pictures.items()):
             if self._pictures.get(kind) is not picture:
                 self._pictures[kind] = picture
                 self._put(f"{kind}_tracks", rows.tracks(picture), news)
-        capture = feed.capture
+        capture = found.capture
         if capture is not None and capture is not self.capture:
             self.capture = capture
             self._add_capture(capture, news)
+        if is_new:
+            return self.snapshot()
         return _message("update", news) if news else None
 
-    def _add_effects(self, effects: Iterable[tuple[int, Effect]], news: dict[str, Any]) -> None:
+    def _add_earlier(self, found: News) -> None:
+        """Log the events of a recording before the time at which its replay has begun again."""
+        begun_s = 0.0 if found.begun_t_ns is None else self._seconds(found.begun_t_ns)
+        for mark in self._history.marks():
+            if mark.t_s < begun_s:
+                self._log_line(mark.t_s, mark.text, "alarm" if mark.kind in SEVERE else "info", mark.kind)
+
+    def _add_effects(self, effects: Iterable[tuple[int, Effect | Order]], news: dict[str, Any]) -> None:
         for t_ns, effect in effects:
+            if self._adds_marks:
+                self._history.add(self._seconds(t_ns), effect)
+            if isinstance(effect, Order):
+                continue
             if isinstance(effect, OrderAnswer):
                 self.answers.append(effect)
                 news.setdefault("answers", []).append(self._answer(effect))
@@ -113,17 +149,24 @@ class World:
                 continue
             line = _line(effect)
             if line is not None:
-                self._logged += 1
-                entry = {
-                    "n": self._logged,
-                    "t_s": self._seconds(t_ns),
-                    "level": line[1],
-                    "text": line[0],
-                    "kind": type(effect).__name__,
-                    "vehicle": getattr(effect, "vehicle", None),
-                }
-                self._log.append(entry)
+                vehicle = getattr(effect, "vehicle", None)
+                entry = self._log_line(self._seconds(t_ns), *line, type(effect).__name__, vehicle)
                 news.setdefault("log", []).append(entry)
+
+    def _log_line(
+        self, t_s: float, text: str, level: str, kind: str, vehicle: int | None = None
+    ) -> dict[str, Any]:
+        self._logged += 1
+        entry = {
+            "n": self._logged,
+            "t_s": t_s,
+            "level": level,
+            "text": text,
+            "kind": kind,
+            "vehicle": vehicle,
+        }
+        self._log.append(entry)
+        return entry
 
     def _add_to_trails(self, states: Iterable[VehicleState]) -> None:
         for state in states:

@@ -73,15 +73,24 @@ class Playback:
     """True if the replay may begin again at any time."""
     restart_s: float | None = None
     """Time at which the replay is to begin again; None: it goes on."""
+    is_seeking: bool = False
+    """True until the time that was asked for is reached."""
+
+    @property
+    def shown_s(self) -> float:
+        """Time that is asked for or reached, in seconds from the start of the recording."""
+        return self.fast_until_s if self.is_seeking else self.at_s
 
     def seek(self, at_s: float) -> str:
         """Go to another time; return why not, or an empty text."""
-        is_near = self.at_s <= at_s < self.at_s + _NEAR_S and not self.has_ended
-        if self.has_snapshots and not is_near:
-            self.restart_s = at_s
-        elif at_s < self.at_s:
+        is_near = self.at_s <= at_s < self.at_s + _NEAR_S and not self.has_ended and self.restart_s is None
+        restarts = self.has_snapshots and not is_near
+        if not restarts and at_s < self.at_s:
             return "this replay goes forward only: start it again to see earlier times"
         self.fast_until_s = at_s
+        if restarts:
+            self.restart_s = at_s
+        self.is_seeking = restarts or not self.has_ended
         return ""
 
 
@@ -143,6 +152,7 @@ class Replay:
         while True:
             number = await self._play(records, stop)
             playback.has_ended = playback.restart_s is None
+            playback.is_seeking = not playback.has_ended
             while playback.stays_at_end and playback.restart_s is None and not stop.is_set():
                 await asyncio.sleep(_NAP_S)
             if playback.restart_s is None or stop.is_set():
@@ -162,6 +172,7 @@ class Replay:
         if not isinstance(first.value, Snapshot):
             self.command.restore(State.initial(agent.vehicle for agent in self.config.agents))
         self.events, self.damage, self._window = 0, None, replace(self._window, from_s=0.0)
+        self.playback.at_s = at_s
         for notify in self.on_restart:
             notify()
         return itertools.chain([first], records)
@@ -271,6 +282,7 @@ class _Pace:
         if at_s < playback.fast_until_s:
             self._anchor = None
             return 0.0
+        playback.is_seeking = playback.restart_s is not None
         if playback.is_paused:
             self._anchor = None
             return _NAP_S

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import shutil
 import socket
 import threading
 import time
@@ -16,6 +17,7 @@ from functools import partial
 from typing import Any
 
 import pytest
+from playwright.sync_api import Page, sync_playwright
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from websockets.sync.client import ClientConnection, connect
 
@@ -29,6 +31,24 @@ from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import Event, Tick
 from gcs.service.service import Service
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+FLAGS = [
+    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+]  # fmt: skip
+
+
+@pytest.fixture
+def page() -> Iterator[Page]:
+    if CHROMIUM is None:
+        pytest.skip("Chromium is not installed: apt-get install chromium")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        opened = browser.new_page(viewport={"width": 1400, "height": 900})
+        opened.set_default_timeout(5000.0)
+        yield opened
+        browser.close()
 
 
 class Events:

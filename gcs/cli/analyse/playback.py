@@ -248,7 +248,8 @@ async def _display(
             return
         replay.playback.duration_s = _duration_s(options)
         replay.playback.stays_at_end = options.page.is_asked_for
-        with replay_page(replay, options.page, console):
+        recording = options.file.path if options.file.is_recording() else None
+        with replay_page(replay, options.page, console, recording):
             yield
 
 

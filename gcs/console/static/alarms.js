@@ -9,6 +9,9 @@ const LEVELS = { alarm: 2, warning: 1 };
 // Proposed plans have a panel of their own, and a refused order is shown beside its button.
 const isElsewhere = ({ kind, level }) => kind === "Proposal" || (kind === "OrderAnswer" && level === "warning");
 
+// Names an entry also after a replay has gone to another time, which numbers all entries anew.
+const nameOf = ({ t_s: at, text }) => `${at} ${text}`;
+
 export class Alarms {
   constructor(root, feed) {
     this.root = root;
@@ -30,7 +33,7 @@ export class Alarms {
     for (const entry of data.log) {
       if (entry.n <= this.seen) continue;
       this.seen = entry.n;
-      if (!(entry.level in LEVELS) || isElsewhere(entry) || this.acknowledged.has(entry.n)) continue;
+      if (!(entry.level in LEVELS) || isElsewhere(entry) || this.acknowledged.has(nameOf(entry))) continue;
       this.open.set(`${entry.vehicle} ${entry.text.replace(/[\d.,]+/g, "#")}`, entry);
       worst = Math.max(worst, LEVELS[entry.level]);
     }
@@ -55,7 +58,7 @@ export class Alarms {
     for (const [key, entry] of this.open) {
       if (numbers.has(entry.n)) this.open.delete(key);
     }
-    for (const n of numbers) this.acknowledged.add(n);
+    for (const entry of entries) this.acknowledged.add(nameOf(entry));
     if (this.store) sessionStorage.setItem(this.store, JSON.stringify([...this.acknowledged]));
     if (!this.open.size) this.expanded = false;
     this.show();

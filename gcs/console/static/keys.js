@@ -11,6 +11,8 @@ export const KEYS = [
   ["K", "acknowledge the worst alarm"], ["N", "no-fly zone"],
   ["Z, 0", "zoom to the swarm, to the area"], ["F", "follow"], ["+ −", "zoom"], ["arrows", "move the map"],
   ["L", "layers"], ["M", "measure"], ["P", "play or pause a replay"],
+  ["← →", "replay: 5 s back or on; with shift 30 s"], ["Home, End", "replay: to its start, its end"],
+  [", .", "replay: to the event before, to the next"],
   ["T, shift+T", "select the next or the last target"], ["I", "ignore the selected target, or attend to it"],
   [", .", "lower or raise its priority"], ["P, U", "pin the selected vehicles to it, unpin them"], ["?", "these keys"],
 ];
@@ -43,7 +45,7 @@ export function listenToKeys(actions, feed, selection) {
       select(event.key);
       return;
     }
-    const isScrolling = event.key.startsWith("Arrow") && event.target !== document.body;
+    const isScrolling = /^(Arrow|Home|End)/.test(event.key) && event.target !== document.body && !event.target.matches("#replay *");
     const key = event.key.toLowerCase();
     const action = (event.shiftKey && actions[`shift+${key}`]) || actions[key];
     if (action && !isScrolling) {

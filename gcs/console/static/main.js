@@ -8,6 +8,7 @@ import { showHeader } from "./header.js";
 import { KEYS, listenToKeys } from "./keys.js";
 import { showLog } from "./log.js";
 import { SwarmMap } from "./map.js";
+import { Marks } from "./marks.js";
 import { Orders } from "./orders.js";
 import { Plan } from "./plan.js";
 import { Replay } from "./replay.js";
@@ -31,7 +32,8 @@ const alarms = new Alarms(part("alarms"), feed);
 const commands = new Commands(part("commands"), feed, selection, orders, () => zones.open());
 const targetOrders = new TargetOrders(part("target-orders"), feed, selection, orders, commands);
 const plan = new Plan(part("plan"), feed, orders, commands);
-const replay = new Replay(part("replay"), feed);
+const marks = new Marks(feed);
+const replay = new Replay(part("replay"), feed, marks, theme);
 
 showHeader(part("head"), feed, theme);
 showStrip(part("vehicles"), feed, selection);
@@ -41,6 +43,7 @@ part("help").addEventListener("click", () => showKeys(KEYS));
 
 const measure = () => map.use(map.tool ? null : new Measure());
 const pan = (dx, dy) => () => map.pan(dx, dy);
+const inReplay = (action, live) => () => (replay.isShown ? action() : live());
 map.onmeasure = measure;
 
 listenToKeys({
@@ -59,17 +62,21 @@ listenToKeys({
   f: () => map.follow(),
   l: () => map.toggleLayers(),
   m: measure,
-  p: () => { if (feed.data.mission?.kind === "replay") replay.toggle(); else targetOrders.pin(); },
+  p: inReplay(() => replay.toggle(), () => targetOrders.pin()),
   t: () => targetOrders.selectNext(1),
   "shift+t": () => targetOrders.selectNext(-1),
   i: () => targetOrders.toggleIgnored(),
-  ",": () => targetOrders.changePriority(-1),
-  ".": () => targetOrders.changePriority(1),
+  ",": inReplay(() => replay.jump(-1), () => targetOrders.changePriority(-1)),
+  ".": inReplay(() => replay.jump(1), () => targetOrders.changePriority(1)),
   u: () => targetOrders.unpin(),
   "+": () => map.zoom(1.4),
   "-": () => map.zoom(1 / 1.4),
-  arrowleft: pan(PAN_PX, 0),
-  arrowright: pan(-PAN_PX, 0),
+  home: () => replay.seek(0),
+  end: () => replay.seek(replay.duration),
+  "shift+arrowleft": inReplay(() => replay.step(-30), pan(PAN_PX, 0)),
+  "shift+arrowright": inReplay(() => replay.step(30), pan(-PAN_PX, 0)),
+  arrowleft: inReplay(() => replay.step(-5), pan(PAN_PX, 0)),
+  arrowright: inReplay(() => replay.step(5), pan(-PAN_PX, 0)),
   arrowup: pan(0, PAN_PX),
   arrowdown: pan(0, -PAN_PX),
   "?": () => showKeys(KEYS),
