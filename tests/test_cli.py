@@ -109,3 +109,15 @@ except SystemExit as end:
     command = [sys.executable, "-P", "-c", code]
     done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
     assert done.stdout.split() == ["1", "True", "1"], done.stderr
+
+
+@pytest.mark.parametrize("option", [["--console", "here"], ["--sitl", "plane"]])
+def test_a_wrong_option_is_refused_before_anything_starts(
+    option: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["demo", *option])
+    assert done.exit_code == 2
+    assert "expected" in done.output
+    assert "listens" not in done.output
+    assert not list(tmp_path.iterdir())

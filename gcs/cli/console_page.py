@@ -36,6 +36,19 @@ class PageOptions:
         """True if an option asks for the console."""
         return self.opens_browser or self.access is not None or self.address not in (None, "off")
 
+    def check(self) -> None:
+        """Check the options before a run begins.
+
+        Raises
+        ------
+        ConsoleError
+            For a text that is no address, and for an address that needs another access.
+        """
+        if self.address not in (None, "off") or self.access is not None:
+            from gcs.console.access import parse_access
+
+            parse_access(self.address, self.access)
+
 
 DEFAULT_PAGE: Final = PageOptions()
 

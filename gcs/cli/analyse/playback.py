@@ -99,6 +99,7 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
     RecordingError, ConfigError
         When the recording has no events, or its mission or seed is missing.
     """
+    options.page.check()
     source = _open_source(options, console)
     warm_up(console, TRACKING, PLANNING, LINKS)
     replay = Replay(

@@ -79,6 +79,7 @@ def run_demo(options: DemoOptions, console: Console) -> int:
     GcsError
         When the run cannot start: a mistake in the file, a port in use, vehicles that do not start.
     """
+    options.page.check()
     for firmware in options.sitl:
         name, _, path = firmware.partition("=")
         if name not in ("arduplane", "px4") or not path:

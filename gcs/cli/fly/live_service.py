@@ -45,6 +45,7 @@ def serve(
     ConfigError, LinkError
         When the mission file is wrong or a port cannot be opened.
     """
+    page.check()
     text, source = read_text(scenario)
     config = parse(text, source)
     warm_up(console)
