@@ -38,7 +38,7 @@ class _Watched:
     label: Label | None = None
     seen: bool = False
     called_lost: bool = False
-    died_t_ns: int | None = None
+    lost_t_ns: int | None = None
     arrived: bool = False
     delay_s: float | None = None
     false_losses: int = 0
@@ -65,8 +65,8 @@ class LossWatch:
             watched = self._agents.setdefault(agent.id, _Watched())
             if agent.alive and not watched.arrived:
                 self._flown_s += elapsed_s
-            elif not agent.alive and not watched.arrived and watched.died_t_ns is None:
-                watched.died_t_ns = truth.t_ns
+            elif not agent.alive and not watched.arrived and watched.lost_t_ns is None:
+                watched.lost_t_ns = truth.t_ns
 
     def add_effect(self, effect: Effect) -> None:
         """Add an effect of central command."""
@@ -86,8 +86,8 @@ class LossWatch:
 
     @property
     def losses(self) -> int:
-        """Agents that died before they arrived."""
-        return sum(watched.died_t_ns is not None for watched in self._agents.values())
+        """Agents that were lost before they arrived."""
+        return sum(watched.lost_t_ns is not None for watched in self._agents.values())
 
     def plain(self) -> LossDetection:
         """Result of the plain threshold."""
@@ -102,12 +102,12 @@ class LossWatch:
             watched = self._agents.get(change.vehicle)
             if watched is None:
                 continue
-            died = watched.died_t_ns is not None and change.t_ns >= watched.died_t_ns
-            if change.status == "lost" and not died:
+            is_lost = watched.lost_t_ns is not None and change.t_ns >= watched.lost_t_ns
+            if change.status == "lost" and not is_lost:
                 false_losses += 1
             elif change.status == "lost" and change.vehicle not in found:
-                assert watched.died_t_ns is not None
-                delays.append((change.t_ns - watched.died_t_ns) / NS_PER_S)
+                assert watched.lost_t_ns is not None
+                delays.append((change.t_ns - watched.lost_t_ns) / NS_PER_S)
                 found.add(change.vehicle)
             elif change.status == "active" and change.vehicle in found:
                 revivals += 1
@@ -126,8 +126,8 @@ class LossWatch:
             return
         if agent.alive:
             watched.false_losses += not is_alive and not watched.called_lost
-        elif not is_alive and watched.delay_s is None and watched.died_t_ns is not None:
-            watched.delay_s = (picture.scan_t_ns - watched.died_t_ns) / NS_PER_S
+        elif not is_alive and watched.delay_s is None and watched.lost_t_ns is not None:
+            watched.delay_s = (picture.scan_t_ns - watched.lost_t_ns) / NS_PER_S
         elif is_alive and watched.called_lost:
             watched.revivals += watched.delay_s is not None
         watched.called_lost = not is_alive

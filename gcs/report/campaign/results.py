@@ -50,7 +50,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     plain_false_losses: int
     plain_revivals: int
     losses: int
-    """Agents that died before they arrived."""
+    """Agents that were lost before they arrived."""
     agent_hours: float
     """Total flight time of agents until arrival or loss."""
     ospa_agents_m: float | None

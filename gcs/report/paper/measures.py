@@ -66,25 +66,25 @@ def handovers(flown: Flown) -> tuple[Handover, ...]:
     for lost, path in timeline.paths["agents"].items():
         if not path.is_lost:
             continue
-        died_s = float(path.t_s[-1])
-        before = [decision for decision in timeline.decisions if decision.t_s <= died_s]
+        lost_s = float(path.t_s[-1])
+        before = [decision for decision in timeline.decisions if decision.t_s <= lost_s]
         target = before[-1].targets.get(lost) if before else None
         for decision in timeline.decisions:
-            if not died_s < decision.t_s <= died_s + RE_ROUTED_WITHIN_S or target is None:
+            if not lost_s < decision.t_s <= lost_s + RE_ROUTED_WITHIN_S or target is None:
                 continue
             successors = [v for v in decision.changed if decision.targets[v] == target and v != lost]
             if successors:
-                found.append(_handover(timeline, lost, successors[0], decision, died_s))
+                found.append(_handover(timeline, lost, successors[0], decision, lost_s))
                 break
     return tuple(found)
 
 
-def _handover(timeline: Timeline, lost: int, new: int, decision: Decision, died_s: float) -> Handover:
+def _handover(timeline: Timeline, lost: int, new: int, decision: Decision, lost_s: float) -> Handover:
     here = _at(timeline.paths["agents"][new], decision.t_s)
     earlier = [d.ends_m[new] for d in timeline.decisions if d.t_s < decision.t_s and new in d.ends_m]
     former_m = float(np.hypot(*(here - np.array(earlier[-1])))) if earlier else math.nan
     new_m = float(np.hypot(*(here - np.array(decision.ends_m[new]))))
-    return Handover(lost, new, decision.t_s - died_s, new_m, former_m)
+    return Handover(lost, new, decision.t_s - lost_s, new_m, former_m)
 
 
 def spurious(flown: Flown) -> tuple[int, int, int]:

@@ -53,7 +53,7 @@ OSPA_CUTOFF_M = 100.0
 OSPA_ORDER = 1.0
 CAPTURE_ALLOWANCE_M = 25.0
 ARRIVAL_DELAY_S = 2
-"""An arrival needs two scans in a row; the agent may have died since the first."""
+"""An arrival needs two scans in a row; the agent may have been lost since the first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ class Summary:
     loss_delays_s: tuple[float, ...]
     """Delay from each true loss to its detection; undetected losses are missing."""
     losses: int
-    """Agents that died before they arrived."""
+    """Agents that were lost before they arrived."""
     false_losses: int
     """Number of times an agent got the status "lost" while it was alive."""
     scan_ms_p99: float
@@ -330,15 +330,15 @@ class Evaluator:
     def _loss_delays(self, statuses: dict[int, AgentStatus]) -> tuple[tuple[float, ...], int]:
         """Return the delay of each detected loss, and the number of losses before arrival."""
         delays, losses = [], 0
-        for vehicle, died_t_ns in self._ground_truth.losses(self._agents).items():
+        for vehicle, lost_t_ns in self._ground_truth.losses(self._agents).items():
             final = statuses[vehicle]
-            if final.status == "arrived" and final.t_ns <= died_t_ns:
+            if final.status == "arrived" and final.t_ns <= lost_t_ns:
                 continue
             losses += 1
             of_vehicle = (change for change in self._statuses if change.vehicle == vehicle)
-            detected_t_ns = [c.t_ns for c in of_vehicle if c.status == "lost" and c.t_ns >= died_t_ns]
+            detected_t_ns = [c.t_ns for c in of_vehicle if c.status == "lost" and c.t_ns >= lost_t_ns]
             if detected_t_ns:
-                delays.append((detected_t_ns[0] - died_t_ns) / NS_PER_S)
+                delays.append((detected_t_ns[0] - lost_t_ns) / NS_PER_S)
             elif final.status == "lost":
                 delays.append(0.0)  # Detected shortly before the loss.
         return tuple(delays), losses

@@ -38,7 +38,7 @@ def agents(timeline: Timeline, summary: Summary, flights: Mapping[int, Flight]) 
     for agent in summary.agents:
         vehicle = agent.system_id
         path = timeline.paths["agents"].get(vehicle)
-        died_s = float(path.t_s[-1]) if path is not None and path.is_lost else None
+        lost_s = float(path.t_s[-1]) if path is not None and path.is_lost else None
         called = [t_s for v, t_s, status in timeline.statuses if v == vehicle and status == "lost"]
         retasks = sum(vehicle in retask.vehicles for retask in summary.retask_list)
         flown_m = flights[vehicle].length_m if vehicle in flights else None
@@ -46,7 +46,7 @@ def agents(timeline: Timeline, summary: Summary, flights: Mapping[int, Flight]) 
             flown_m = float(np.hypot(*np.diff(path.points_m, axis=0).T).sum())
         target = NONE if agent.target is None else str(agent.target)
         rows.append((
-            str(vehicle), agent.status, target, number(died_s), number(called[0] if called else None),
+            str(vehicle), agent.status, target, number(lost_s), number(called[0] if called else None),
             str(retasks), number(flown_m, 0),
         ))  # fmt: skip
     columns = ("agent", "status", "true target", "last alive, s", "detected lost, s", "re-tasks", "flown, m")

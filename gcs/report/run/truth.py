@@ -54,15 +54,15 @@ class GroundTruth:
 
     def losses(self, agents: Container[int]) -> dict[int, int]:
         """Return the time of the first scan from which on each lost agent is missing."""
-        died: dict[int, int] = {}
+        lost: dict[int, int] = {}
         for t_ns in self._times_ns:
             for thing in self._objects[t_ns]:
                 if thing.kind == "agents" and thing.id in agents:
                     if thing.alive:
-                        died.pop(thing.id, None)
+                        lost.pop(thing.id, None)
                     else:
-                        died.setdefault(thing.id, t_ns)
-        return died
+                        lost.setdefault(thing.id, t_ns)
+        return lost
 
     def targets(self) -> set[int]:
         """Return the targets that ever existed."""
