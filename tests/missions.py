@@ -43,4 +43,6 @@ east_m = 500.0
 north_m = 500.0
 """
     state = State.initial(vehicles)
+    for vehicle, agent in state.agents.items():
+        agent.link = fleet._vehicles[vehicle].link
     return UploadManager(parse(text, "uploads.toml"), fleet, state.agents, state.tasking)

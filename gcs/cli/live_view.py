@@ -23,6 +23,7 @@ from gcs.cli.status_tables import agents_table, sensors_line, targets_table
 from gcs.config import Config
 from gcs.core.authority.override_notices import overridden_text
 from gcs.core.engine import Engine
+from gcs.core.state import at_targets, flown_routes
 from gcs.io.links.manager import Links
 from gcs.model import (
     NS_PER_S,
@@ -255,14 +256,14 @@ class LiveView:
                 if 0 <= row < rows and 0 <= column + offset < columns:
                     cells[row][column + offset] = (character, style)
 
-        for route in self._command.replanner.routes.values():
+        for route in flown_routes(self._command.state.agents).values():
             for east_m, north_m in route.points_m:
                 put(east_m, north_m, "·", "cyan")
         pending = self._command.state.operator.approval.pending
         for route in pending.routes if pending is not None else ():
             for east_m, north_m in route.points_m:
                 put(east_m, north_m, "·", "bold yellow")
-        reached = self._command.agent_status.at_targets()
+        reached = at_targets(self._command.state.agents)
         for label, track in self._tracks("targets").items():
             if track.estimated:
                 put(

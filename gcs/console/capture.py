@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gcs.core.engine import Engine
+from gcs.core.state import flown_routes
 from gcs.model import NoFlyZone, Proposal, Route, SwarmStatus, VehicleState
 from gcs.planning.map.grid import Grid
 
@@ -44,7 +45,7 @@ def capture(
         t_ns=t_ns,
         status=engine.status_report.build(t_ns),
         states=engine.fleet.states(),
-        routes=tuple(route for _, route in sorted(engine.replanner.routes.items())),
+        routes=tuple(flown_routes(engine.state.agents).values()),
         proposal=engine.state.operator.approval.pending,
         grid=engine.grid,
         zones=tuple(engine.state.airspace.zones.values()),

@@ -14,12 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Container
 
-from gcs.core.authority.control_authority import without_missions
-from gcs.core.authority.override_notices import overridden_text
-from gcs.core.operator.replies import OrderInProgress
+from gcs.core.authority.override_notices import overridden_text, unattended_targets
+from gcs.core.operator.records import OrderInProgress
+from gcs.core.perception.never_heard import check_never_heard
 from gcs.core.restart import bridge_gap, is_settled
 from gcs.core.stages import Stages
-from gcs.core.state import State
+from gcs.core.state import State, at_targets, with_status, without_missions
+from gcs.core.tasking.mission_ends import check_route_ends
 from gcs.mavlink.frames.codec import FrameTable, scan
 from gcs.model import (
     NS_PER_S,
@@ -77,17 +78,19 @@ class Engine(Stages):
 
     def untaskable(self) -> dict[int, str]:
         """Return the vehicles that are not ours to task, with the reason in words."""
-        return self.control.untaskable()
+        controls = {vehicle: agent.control for vehicle, agent in self.state.agents.items()}
+        return {v: control.reason for v, control in controls.items() if not control.is_ours}
 
     def overridden(self) -> dict[int, str]:
         """Return the overriding modes by vehicle, except modes that orders here asked for."""
-        return self.control.overridden()
+        modes = self.tasking.overrides.modes()
+        return {v: mode for v, mode in modes.items() if not self.orders.has_ordered(v, mode)}
 
     def _resume(self, event: Resumed) -> list[Effect]:
         """Continue after an outage of the service: read the onboard missions of active agents back."""
         notice = bridge_gap(self.state, event)
         self.restore(self.state)
-        for vehicle in self.agent_status.active():
+        for vehicle in with_status(self.state.agents, "active"):
             agent, audit = self.state.agents[vehicle], self.state.agents[vehicle].authority.audit
             mission = agent.tasking.onboard if audit is None else audit.mission
             known_t_ns = event.saved_t_ns if audit is None else audit.known_t_ns
@@ -104,7 +107,7 @@ class Engine(Stages):
             frames = scan(event.data) if frames is None else frames
             effects, overridden = self.external_uploads.receive(event, frames)
             for vehicle in overridden:
-                self.replanner.drop(vehicle)
+                self.state.agents[vehicle].routes.drop()
                 self.tasking.forget_onboard(vehicle)
             return effects
         for vehicle, message in self.fleet.receive(event, frames):
@@ -161,7 +164,8 @@ class Engine(Stages):
     def _tick(self, event: Tick) -> list[Effect]:
         t_ns = event.t_ns
         effects: list[Effect] = [*self.fleet.poll(t_ns), *self.fleet.notices()]
-        effects += self.sensor_watchdog.poll(t_ns) + self.never_heard.poll(t_ns)
+        effects += self.sensor_watchdog.poll(t_ns)
+        effects += check_never_heard(self.state.agents, self.state.perception, t_ns)
         effects += self.input_errors.poll(t_ns)
         if self.report_history.is_due(t_ns):
             self.report_history.add(t_ns, self.fleet.states())
@@ -241,25 +245,26 @@ class Engine(Stages):
         effects += self.position_integrity.update(event, states, agents.tracks, targets.tracks.values())
         reporting = {s.system_id for s in newest if abs(t_ns - s.t_ns) <= self._max_report_age_ns}
         effects += self.sensor_watchdog.associated(t_ns, reporting, self.association.labels)
-        for status in self.agent_status.update(
-            t_ns, event.measured_t_ns, agents, targets, self.replanner.assigned, reporting
-        ):
+        for status in self.agent_status.update(t_ns, event.measured_t_ns, agents, targets, reporting):
             effects.append(status)
             effects += self._status_changed(status)
         effects += self._check_climbs(t_ns)
-        effects += self.mission_ends.check(t_ns, self.agent_status.active())
+        capture_m = self.config.planning.capture_radius_m
+        effects += check_route_ends(self.state.agents, self.tasking.onboard_missions, capture_m, t_ns)
         self.control.update(t_ns)
         effects += self.approval.refresh(t_ns, without_missions(self.state.agents))
         effects += self._plan(t_ns, event.measured_t_ns)
         if self.no_fly_zones.closed:
             effects += self.incursions.check(t_ns, newest, self.no_fly_zones.closed)
-        open_targets = self.planning_inputs.open_targets()
-        effects += self.unattended_targets.check(t_ns, open_targets, ended=self.state.has_ended)
+        authority, has_ended = self.state.authority, self.state.has_ended
+        effects += unattended_targets(
+            authority, self.planning_inputs.open_targets(), t_ns, has_ended=has_ended
+        )
         return effects + self._end(t_ns) + self.trackers.notices(event)
 
     def _status_changed(self, status: AgentStatus) -> list[Effect]:
         if status.status != "active":
-            self.replanner.drop(status.vehicle)
+            self.state.agents[status.vehicle].routes.drop()
         if status.status == "lost":
             self.state.agents[status.vehicle].control.apply(ControlEvent.AGENT_LOST, status.t_ns)
             self.association.forget(status.vehicle)
@@ -272,11 +277,11 @@ class Engine(Stages):
         """Check the climbs of vehicles on the ground that have a mission, or may get one."""
         self.control.update(t_ns)
         agents = self.state.agents
-        ours = [vehicle for vehicle in self.agent_status.active() if agents[vehicle].control.is_ours]
+        ours = [vehicle for vehicle in with_status(agents, "active") if agents[vehicle].control.is_ours]
         notices = self.climbs.check(self.planning_inputs.climbs(ours), t_ns)
-        for vehicle, agent in self.state.agents.items():
+        for agent in agents.values():
             if agent.takeoff.blocked:
-                self.replanner.drop(vehicle)
+                agent.routes.drop()
         return notices
 
     def _plan(self, t_ns: int, picture_t_ns: int, urgent: Container[int] = ()) -> list[Effect]:
@@ -306,14 +311,11 @@ class Engine(Stages):
 
     def _end(self, t_ns: int) -> list[Effect]:
         """End the mission when no agent is active, or every expected target has its agents."""
-        active = self.agent_status.active()
-        reached = len(self.agent_status.at_targets())
+        active = with_status(self.state.agents, "active")
+        reached = len(at_targets(self.state.agents))
         is_done = reached >= max(1, self._expected_targets) and not self.planning_inputs.open_targets()
         if self.state.has_ended or (active and not is_done):
             return []
         self.state.has_ended = True
-        arrived, lost = (
-            tuple(v for v, one in self.state.agents.items() if one.perception.status.status == status)
-            for status in ("arrived", "lost")
-        )
-        return [MissionEnded(t_ns, arrived, lost, tuple(active))]
+        arrived, lost = with_status(self.state.agents, "arrived"), with_status(self.state.agents, "lost")
+        return [MissionEnded(t_ns, tuple(arrived), tuple(lost), tuple(active))]

@@ -15,10 +15,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from gcs.core.operator.replies import named
 from gcs.core.perception.records import AgentSighting, Association, IntegrityTest, TrackerState
-from gcs.core.state import Agent, State
-from gcs.model import NS_PER_S, Notice, Resumed
+from gcs.core.state import Agent, State, with_status
+from gcs.model import NS_PER_S, Notice, Resumed, named
 
 _MAX_WAIT_NS: Final = 25 * NS_PER_S
 """Maximum time until the first plan."""
@@ -58,7 +57,7 @@ def is_settled(state: State, t_ns: int) -> bool:
     passed_ns = t_ns - state.resumed_t_ns
     if passed_ns >= _MAX_WAIT_NS:
         return True
-    active = [agent for agent in state.agents.values() if agent.perception.status.status == "active"]
+    active = [state.agents[vehicle] for vehicle in with_status(state.agents, "active")]
     heard = [agent for agent in active if agent.link.liveness == "alive"]
     is_audited = all(agent.authority.audit is None for agent in heard)
     is_known = len(heard) == len(active) and all(
@@ -75,21 +74,15 @@ def _begin_sighting_again(agent: Agent) -> None:
 
 def _contents(state: State) -> str:
     """Return a state in words."""
-    statuses = {vehicle: agent.perception.status.status for vehicle, agent in state.agents.items()}
+    agents, active = state.agents, with_status(state.agents, "active")
+    suspended = [v for v, agent in agents.items() if agent.control.suspension is not None]
+    not_ours = [v for v, agent in agents.items() if not agent.control.is_ours]
     groups = {
-        "missions of {}": [
-            v for v, agent in state.agents.items() if agent.routes.flown and statuses[v] == "active"
-        ],
-        "{} at their targets": [v for v, status in statuses.items() if status == "arrived"],
-        "{} lost, until they report and are tracked again": [
-            v for v, status in statuses.items() if status == "lost"
-        ],
-        "{} suspended": [v for v, agent in state.agents.items() if agent.control.suspension is not None],
-        "{} under other control": [
-            v
-            for v, agent in state.agents.items()
-            if not agent.control.is_ours and agent.control.suspension is None
-        ],
+        "missions of {}": [v for v in active if agents[v].routes.flown is not None],
+        "{} at their targets": with_status(agents, "arrived"),
+        "{} lost, until they report and are tracked again": with_status(agents, "lost"),
+        "{} suspended": suspended,
+        "{} under other control": [v for v in not_ours if v not in suspended],
         "uploads to {}": list(state.tasking.uploads),
     }
     parts = [text.format(named(vehicles)) for text, vehicles in groups.items() if vehicles]

@@ -13,7 +13,7 @@ from gcs.core.authority.control_authority import ControlAuthority
 from gcs.core.authority.disarmed_in_auto import DisarmedInAuto
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.authority.onboard_audit import OnboardAudit
-from gcs.core.authority.override_notices import OverrideNotices, UnattendedTargets
+from gcs.core.authority.override_notices import OverrideNotices
 from gcs.core.operator.no_fly_zone_orders import NoFlyZoneOrders
 from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.operator.status_report import StatusReport
@@ -21,7 +21,6 @@ from gcs.core.operator.target_orders import TargetOrders
 from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
-from gcs.core.perception.never_heard import NeverHeardCheck
 from gcs.core.perception.position_integrity import PositionIntegrityMonitor
 from gcs.core.perception.report_history import ReportHistory
 from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
@@ -34,7 +33,6 @@ from gcs.core.state import State
 from gcs.core.takeoff.climbs import Climbs
 from gcs.core.takeoff.sequence import TakeoffSequence
 from gcs.core.tasking.dispatch import Dispatch
-from gcs.core.tasking.mission_ends import MissionEnds
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.model import NS_PER_S
@@ -83,7 +81,7 @@ class Stages:
             state=self.state.fleet,
             vehicle_links={vehicle: agent.link for vehicle, agent in agents.items()},
         )
-        self.external_uploads = ExternalUploads(links, agents, self.state.authority, self.fleet.is_atomic)
+        self.external_uploads = ExternalUploads(links, agents, self.state.authority)
         # Perception
         perception = self.state.perception
         self.scan_timing, self.oosm_buffer = perception.scan_timing, perception.oosm_buffer
@@ -96,9 +94,6 @@ class Stages:
         self.position_integrity = PositionIntegrityMonitor(agents, telemetry)
         self.kinematics = VehicleKinematics(agents, telemetry.max_age_s)
         self.agent_status = AgentStatusMonitor(agents, config.planning.capture_radius_m)
-        self.never_heard = NeverHeardCheck(
-            vehicles, lambda vehicle: bool(self.fleet.link(vehicle)), perception
-        )
         # Planning and tasking
         self.replanner = Replanner(config, self.no_fly_zones, agents, self.state.replanning)
         self.return_routes = ReturnRoutes(config, self.no_fly_zones, self.fleet, agents)
@@ -112,16 +107,10 @@ class Stages:
             MissionBoundsCheck(config, grid),
             lambda vehicle: self.takeoff_sequence.holds_back(vehicle, self.orders.launching()),
         )
-        self.takeoff_sequence = TakeoffSequence(config, self.fleet, self.tasking, agents, self.state.takeoff)
-        self.mission_ends = MissionEnds(agents, self.tasking, config.planning.capture_radius_m)
+        self.takeoff_sequence = TakeoffSequence(config, self.fleet, self.tasking.onboard_missions, self.state)
         self.approval = PlanApproval(config, self.no_fly_zones, self.replanner, agents, self.state.operator)
         self.dispatch = Dispatch(
-            self.replanner,
-            self.return_routes,
-            self.approval,
-            self.tasking,
-            agents,
-            self.external_uploads,
+            self.return_routes, self.approval, self.tasking, agents, self.external_uploads
         )
         # Orders and control authority
         self.return_heights = ReturnHeightMonitor(config, self.fleet, agents)
@@ -129,17 +118,17 @@ class Stages:
             self.state,
             self.fleet,
             self.tasking,
-            self.replanner,
+            self.replanner.layers,
             self.takeoff_sequence,
             self.return_heights,
         )
         self.incursions = IncursionWarnings(self.state.airspace, self.tasking.onboard_missions)
         self.no_fly_zone_orders = NoFlyZoneOrders(
             self.no_fly_zones,
+            agents,
             self.fleet,
             self.replanner,
             self.return_routes,
-            self.agent_status,
             self.incursions,
             self._needs_approval,
         )
@@ -149,10 +138,9 @@ class Stages:
         self.disarmed_in_auto = DisarmedInAuto(
             agents, self.state.authority, self.fleet, self.tasking, self.orders
         )
-        self.onboard_audit = OnboardAudit(agents, self.fleet, self.tasking, self.replanner)
+        self.onboard_audit = OnboardAudit(agents, self.fleet, self.tasking)
         authority = self.state.authority
         self.override_notices = OverrideNotices(agents, authority, self.tasking.overrides, self.orders)
-        self.unattended_targets = UnattendedTargets(authority)
         self.control = ControlAuthority(agents, self.fleet, self.tasking, self.orders)
         self.planning_inputs = PlanningInputBuilder(
             agents,
@@ -161,17 +149,10 @@ class Stages:
             self.fleet,
             self.trackers,
             self.kinematics,
-            self.agent_status,
             self.tasking,
             self.replanner,
         )
-        self.status_report = StatusReport(
-            self.state,
-            self.fleet,
-            self.trackers,
-            self.replanner,
-            self.tasking,
-        )
+        self.status_report = StatusReport(self.state, self.fleet, self.trackers, self.replanner.layers)
         self._expected_targets = len(config.births)
         self._reorder_window_s = tracking.reorder_window_s
         self._max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)

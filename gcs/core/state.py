@@ -9,7 +9,8 @@ no result.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from gcs.core.airspace.records import AirspaceState
@@ -21,7 +22,7 @@ from gcs.core.takeoff.records import AgentTakeoff, TakeoffState
 from gcs.core.tasking.records import AgentTasking, TaskingState
 from gcs.mavlink.fleet.records import FleetState, VehicleLink
 from gcs.mavlink.fleet.telemetry_table import new_table
-from gcs.model import AgentStatus, Control
+from gcs.model import AgentStatus, Authority, Control, Label, Route
 
 
 @dataclass(slots=True)
@@ -43,6 +44,29 @@ class Agent:
     def initial(cls, vehicle: int) -> Agent:
         """Return the record of a vehicle before the first event."""
         return cls(perception=AgentPerception(status=AgentStatus(0, vehicle, "active")))
+
+
+def with_status(agents: Mapping[int, Agent], status: str) -> list[int]:
+    """Return the agents with a status, in the order of the mission file."""
+    return [vehicle for vehicle, agent in agents.items() if agent.perception.status.status == status]
+
+
+def at_targets(agents: Mapping[int, Agent]) -> Counter[Label]:
+    """Return the number of arrived agents by target."""
+    statuses = [agent.perception.status for agent in agents.values()]
+    return Counter(s.target for s in statuses if s.status == "arrived" and s.target is not None)
+
+
+def flown_routes(agents: Mapping[int, Agent]) -> dict[int, Route]:
+    """Return the routes that vehicles fly, or whose missions are on their way to them, by vehicle."""
+    routes = {vehicle: agent.routes.flown for vehicle, agent in sorted(agents.items())}
+    return {vehicle: route for vehicle, route in routes.items() if route is not None}
+
+
+def without_missions(agents: Mapping[int, Agent]) -> dict[int, str]:
+    """Return the vehicles that get no mission now, with the reason in words: not ours, or grounded."""
+    controls = {vehicle: agent.control for vehicle, agent in agents.items()}
+    return {v: control.reason for v, control in controls.items() if control.authority is not Authority.OURS}
 
 
 @dataclass(slots=True)

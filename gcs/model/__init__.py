@@ -40,6 +40,7 @@ from gcs.model.events import (
     UploadAnswer,
 )
 from gcs.model.names import (
+    named,
     network_of,
     system_of,
     target_name,
@@ -115,6 +116,7 @@ __all__ = [
     "UploadReport",
     "VehicleState",
     "Waypoint",
+    "named",
     "network_of",
     "read_only",
     "system_of",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from gcs.model.basics import Label
 
 
@@ -24,6 +26,12 @@ def vehicle_name(vehicle: int) -> str:
     """Return the name of a vehicle: "17", or "2:17" on network 2."""
     network, system_id = network_of(vehicle), system_of(vehicle)
     return f"{network}:{system_id}" if network else str(system_id)
+
+
+def named(vehicles: Iterable[int]) -> str:
+    """Return vehicles in words: ``agents 1, 3``."""
+    ids = sorted(vehicles)
+    return f"agent{'s' if len(ids) != 1 else ''} {', '.join(map(vehicle_name, ids))}"
 
 
 def target_name(label: Label) -> str:

@@ -20,7 +20,6 @@ from typing import Protocol
 
 from gcs.config import Config
 from gcs.core.engine import Engine
-from gcs.core.operator.replies import named
 from gcs.core.snapshot import PeriodicSnapshots
 from gcs.core.state import State
 from gcs.errors import GcsError, RecordingError, WireError
@@ -55,6 +54,7 @@ from gcs.model import (
     Tick,
     Truth,
     Upload,
+    named,
     system_of,
     vehicle_name,
 )
@@ -207,7 +207,7 @@ class Service:
         if resumed is not None:  # before anything else is heard
             self._record(lambda recorder: recorder.record_snapshot(resumed))
             self._put(Resumed(clock.now_ns(), resumed.t_ns))
-        self.links.start(loop, self, lambda vehicle: vehicle in self.command.tasking.stages)
+        self.links.start(loop, self, lambda vehicle: vehicle in self.command.state.tasking.stages)
         self._bus.subscribe(
             sensor_scan_keys(self.config.name),
             lambda key, payload: on_loop(loop, self._on_scan, key, payload),
@@ -257,7 +257,7 @@ class Service:
     def _partly_uploaded(self) -> list[int]:
         """Return the vehicles whose onboard missions an upload in progress may have changed."""
         tasking = self.command.tasking
-        return sorted(vehicle for vehicle in tasking.stages if tasking.may_be_inconsistent(vehicle))
+        return sorted(vehicle for vehicle in tasking.state.stages if tasking.may_be_inconsistent(vehicle))
 
     def _put(self, event: Event, frames: FrameTable | None = None) -> bool:
         """Queue an event, and the frames of a datagram; return False if the queue is full."""

@@ -15,6 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from gcs.core.state import flown_routes
 from gcs.model import NS_PER_S, Effect, Plan, UploadReport
 from gcs.planning.planner import warm_up as warm_up_planning
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
@@ -32,7 +33,7 @@ def picture(run: VirtualRun) -> dict[str, object]:
     return {
         "target labels": sorted(command.trackers.targets.confirmation.tracks),
         "statuses": {v: one.perception.status.status for v, one in command.state.agents.items()},
-        "targets of agents": {v: route.target for v, route in sorted(command.replanner.routes.items())},
+        "targets of agents": {v: route.target for v, route in flown_routes(command.state.agents).items()},
         "authorities": {v: one.control.authority.word for v, one in command.state.agents.items()},
     }
 

@@ -132,7 +132,7 @@ def run(inputs: int, seed: int, seconds: float = math.inf, pool: int = 20_000) -
             seen["tasks"] += 1
         if done % 5000 == 0:
             tasking.cancel(VEHICLES[rng.integers(len(VEHICLES))], t_ns)
-            fleet.health(), fleet.states(), tasking.overrides.modes(), tasking.stages
+            fleet.health(), fleet.states(), tasking.overrides.modes(), tasking.state.stages
         for effect in effects:
             if isinstance(effect, Send):
                 seen["sends"] += 1

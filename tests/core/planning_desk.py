@@ -5,7 +5,7 @@ from staging import at, mission, track, zones
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.replanner import Replanner
-from gcs.core.state import State
+from gcs.core.state import State, flown_routes
 
 CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
 
@@ -25,7 +25,7 @@ class Desk:
         )
         self.grid = mission_grid(config, 0)
         state = State.initial(range(1, 20))
-        self.replanner, self.state = replanner(config, state), state.replanning
+        self.replanner, self.state, self.vehicles = replanner(config, state), state.replanning, state.agents
         self.agents, self.targets, self.arrived = dict(agents), dict(targets), set()
         self.lost, self.velocities, self.plans = set(), {}, []
 
@@ -51,19 +51,19 @@ class Desk:
         return plan
 
     def arrive(self, vehicle):
-        label = self.replanner.assigned[vehicle]
-        self.replanner.drop(vehicle)
+        label = self.assigned[vehicle]
+        self.vehicles[vehicle].routes.drop()
         self.arrived.add(vehicle)
         del self.agents[vehicle], self.targets[label]
 
     def lose(self, vehicle):
         self.lost.add(vehicle)
-        self.replanner.drop(vehicle)
+        self.vehicles[vehicle].routes.drop()
         del self.agents[vehicle]
 
     @property
     def assigned(self):
-        return self.replanner.assigned
+        return {vehicle: route.target for vehicle, route in flown_routes(self.vehicles).items()}
 
 
 A, B, C = (0, 0), (0, 1), (3, 2)

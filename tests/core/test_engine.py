@@ -123,13 +123,13 @@ def test_two_commands_side_by_side_do_not_disturb_each_other(flight: Flight) -> 
 def test_a_mission_is_only_ever_begun_for_vehicles_in_changed(flight: Flight) -> None:
     command, changed = Engine(flight.config, SEED), 0
     for event in flight.events:
-        under_way = set(command.tasking.stages)
+        under_way = set(command.state.tasking.stages)
         effects = command.step(event)
         plans = [effect for effect in effects if isinstance(effect, Plan)]
         counted = {m.target_system for _, m in messages(effects) if m.get_type() == "MISSION_COUNT"}
         if plans:
             assert counted <= set(plans[0].changed) | under_way
-            assert set(plans[0].changed) <= set(command.tasking.stages)
+            assert set(plans[0].changed) <= set(command.state.tasking.stages)
             changed += len(plans[0].changed)
         else:
             assert counted <= under_way
@@ -400,14 +400,14 @@ def test_a_vehicle_that_refuses_its_mission_is_reported_and_gets_a_new_one() -> 
 def test_a_upload_to_a_vehicle_that_is_lost_is_given_up_without_a_word_more() -> None:
     scene = Scene()
     scene.fly(8.0)
-    assert scene.command.tasking.stages == {1: "upload"}
+    assert scene.command.state.tasking.stages == {1: "upload"}
     scene.plane = None
     effects = scene.fly(40.0)
     death = next(i for i, e in enumerate(effects) if isinstance(e, AgentStatus))
     assert (effects[death].vehicle, effects[death].status) == (1, "lost")
     assert not [m for _, m in messages(effects[death:]) if m.get_type() in MISSION_MESSAGES]
     assert not any(isinstance(effect, Plan) for effect in effects[death:])
-    assert scene.command.tasking.stages == {}
+    assert scene.command.state.tasking.stages == {}
     assert (scene.all(UploadReport), dict(scene.command.association.labels)) == ([], {})
 
 

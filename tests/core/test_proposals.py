@@ -15,7 +15,7 @@ from staging import S, at, mission, track, zones
 from gcs.core.operator.plan_approval import MIN_READING_S, PlanApproval
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.replanner import Replanner
-from gcs.core.state import State
+from gcs.core.state import State, flown_routes
 from gcs.model import Effect, Label, MissionEnded, Order, OrderAnswer, Plan, Proposal, Route
 from sim_vehicles.campaign.virtual_run import START_T_NS
 
@@ -147,7 +147,7 @@ def test_a_plan_that_became_another_one_is_refused_and_proposed_again(change, wo
     assert pending is not None
     assert pending.plan_id == 2
     assert re.search(words, pending.reason)
-    assert stage.replanner.routes == {}
+    assert flown_routes(stage.state.agents) == {}
     again, flown = stage.confirm(8.0, 2)
     assert again.state == "accepted"
     assert flown
@@ -169,7 +169,7 @@ def test_an_agent_about_to_reach_its_target_is_left_alone_though_a_plan_for_it_i
     stage = Stage()
     stage.check(0.0)
     stage.confirm(1.0, 1)
-    flown = dict(stage.replanner.routes)
+    flown = flown_routes(stage.state.agents)
     stage.targets[A], stage.targets[B] = (1500.0, 290.0), (1500.0, 890.0)
     stage.agents = {1: (900.0, 200.0), 2: (900.0, 800.0)}
     pending = stage.check(25.0)
@@ -179,7 +179,7 @@ def test_an_agent_about_to_reach_its_target_is_left_alone_though_a_plan_for_it_i
     answer, routes = stage.confirm(40.0, pending.plan_id)
     assert answer.state == "accepted"
     assert [route.vehicle for route in routes] == [2]
-    assert stage.replanner.routes[1] is flown[1]
+    assert stage.state.agents[1].routes.flown is flown[1]
 
 
 # ---------------------------------------------------------------- stable
@@ -224,7 +224,7 @@ def test_what_cannot_wait_gets_a_number_at_once() -> None:
     flown = {route.vehicle for route in first.routes}
     lost = min(flown)
     del stage.agents[lost]
-    stage.replanner.drop(lost)
+    stage.state.agents[lost].routes.drop()
     stage.approval.hurry()
     stage.check(5.0)
     assert stage.numbers == {1: 0.0, 2: 5.0}

@@ -15,7 +15,7 @@ from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
 from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
-from gcs.core.state import State
+from gcs.core.state import State, flown_routes, with_status
 from gcs.io.records import encode
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import (
@@ -128,7 +128,7 @@ def test_uploads_continue_after_a_restart(px4: list[int], begun_s: float) -> Non
     text, source = read_text("prescribed")
     scenario = parse_scenario(override_keys(text, [f"simulation.px4={px4}"], source), source)
     first = VirtualRun(scenario, SEED)
-    while not first.command.tasking.stages:
+    while not first.command.state.tasking.stages:
         first.run((first.t_ns - START_T_NS) / S + 0.05)
     at_s = (first.t_ns - START_T_NS) / S + begun_s
     flight = flight_with_a_restart(at_s, 3.0, 40.0, scenario=scenario)
@@ -217,7 +217,7 @@ def test_an_inconsistent_mission_is_cleared_after_a_restart_though_no_route_wait
     run.run(30.0)
     run.vehicles["vehicle:4"].autopilot.set_mode(Mode.LOITER)  # an override: it gets no mission of ours
     run.run(33.0)
-    run.command.replanner.drop(4)
+    run.command.state.agents[4].routes.drop()
     run.command.tasking.mark_inconsistent(4)
     snapshot = run.snapshot()
     assert run.command.state.agents[4].routes.flown is None
@@ -265,7 +265,7 @@ def test_a_restart_by_itself_changes_no_route(scenario: str, seed: int, at_s: fl
     effects: list[Effect] = []
     run = VirtualRun(load(scenario), seed, on_effect=lambda _, effect: effects.append(effect))
     run.run(at_s)
-    assigned = run.command.replanner.assigned
+    assigned = {v: route.target for v, route in flown_routes(run.command.state.agents).items()}
     effects.clear()
     run.restart(2.0)
     run.run(at_s + 5.0)
@@ -273,7 +273,7 @@ def test_a_restart_by_itself_changes_no_route(scenario: str, seed: int, at_s: fl
     again, before = effects[number], effects[:number]
     assert isinstance(again, Plan)
     assert again.changed == ()
-    active = run.command.agent_status.active()
+    active = with_status(run.command.state.agents, "active")
     assert {route.vehicle: route.target for route in again.routes} == {v: assigned[v] for v in active}
     verified = [e.vehicle for e in before if isinstance(e, Notice) and "mission is verified" in e.text]
     assert sorted(verified) == sorted(active), "no plan before missions are read back"
@@ -299,7 +299,7 @@ def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked
     effects: list[tuple[int, Effect]] = []
     run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
     run.run(30.0)
-    run.command.replanner.drop(3)
+    run.command.state.agents[3].routes.drop()
     snapshot = run.snapshot()
     give_another(run, 3)
     run.restart(3.0, snapshot)
@@ -334,7 +334,7 @@ def test_a_vehicle_that_was_not_heard_for_a_while_gets_an_onboard_mission_audit(
     )
     assert is_reported is changed
     assert suspensions(run.command) == ({2: "found"} if changed else {})
-    assert (2 in run.command.replanner.routes) is not changed
+    assert (run.command.state.agents[2].routes.flown is not None) is not changed
 
 
 def test_a_vehicle_without_an_audit_gets_no_mission_until_an_answer_or_an_order() -> None:
@@ -371,7 +371,7 @@ def test_tracks_keep_their_labels_over_a_restart(at_s: float) -> None:
     assert len(targets) >= 2
     assert targets.keys() <= run.command.trackers.targets.confirmation.tracks.keys()
     assert run.command.association.labels == before.association.labels
-    assert run.command.agent_status.active() == before.agent_status.active()
+    assert with_status(run.command.state.agents, "active") == with_status(before.state.agents, "active")
 
 
 @pytest.mark.parametrize("outage_s", [15.0, 60.0])

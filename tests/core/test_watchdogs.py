@@ -5,9 +5,9 @@ from collections.abc import Callable
 from staging import at
 
 from gcs.core.perception.input_errors import InputErrors
-from gcs.core.perception.never_heard import NeverHeardCheck
-from gcs.core.perception.records import PerceptionState
+from gcs.core.perception.never_heard import check_never_heard
 from gcs.core.perception.sensor_watchdog import SensorWatchdog
+from gcs.core.state import State
 from gcs.model import BadInput, Notice
 
 
@@ -84,8 +84,11 @@ def test_vehicles_that_report_and_are_never_associated_are_an_alarm() -> None:
 
 
 def test_vehicles_that_were_never_heard_are_named_once() -> None:
-    watchdog = NeverHeardCheck([1, 2, 3], lambda vehicle: vehicle == 2, PerceptionState())
-    ((t_s, level, text),) = notices_of(lambda t_s: watchdog.poll(at(t_s)), 40.0)
+    state = State.initial([1, 2, 3])
+    state.agents[2].link.address = ("udp", "10.0.0.2:14550")
+    ((t_s, level, text),) = notices_of(
+        lambda t_s: check_never_heard(state.agents, state.perception, at(t_s)), 40.0
+    )
     assert (t_s, level) == (10.0, "warning")
     assert text.startswith("agents 1, 3 not heard yet")
 

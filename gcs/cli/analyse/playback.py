@@ -24,7 +24,6 @@ from gcs.cli.prepare.sketch.telemetry import read_vehicles
 from gcs.cli.run_setup import display, warm_up
 from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
 from gcs.config import Config, load, parse
-from gcs.core.operator.replies import named
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import versions
 from gcs.io.recording.reader import (
@@ -35,7 +34,7 @@ from gcs.io.recording.reader import (
     read_info,
     snapshot_places,
 )
-from gcs.model import NS_PER_S, Effect, Event, Snapshot
+from gcs.model import NS_PER_S, Effect, Event, Snapshot, named
 from gcs.report.run.verification import Verification
 from gcs.service.replay import Replay, Verifier, Window
 from gcs.service.service import wait_for_interrupt

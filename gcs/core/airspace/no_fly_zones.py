@@ -17,14 +17,7 @@ _MAX_ZONES = 100
 
 
 class NoFlyZones:
-    """The map with the closed zones.
-
-    Parameters
-    ----------
-    state : AirspaceState
-        Closed zones.
-    grid : Grid
-        Map of the mission.
+    """The map of the mission, `grid`, with the closed zones.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.state import Agent
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.model import Authority, Control, ControlEvent
+from gcs.model import Control, ControlEvent
 
 _MISSION_MODES: Final = ("", "AUTO", "LOITER")
 """Before the first heartbeat, on a mission, and waiting for one."""
@@ -44,10 +44,12 @@ class ControlAuthority:
     def _events(self, vehicle: int) -> Iterator[tuple[ControlEvent, str]]:
         state = self.fleet.state(vehicle)
         mode = "" if state is None else state.mode
-        is_mission_mode = mode in _MISSION_MODES or self._missed_in_rtl(vehicle)
-        is_landing = self.tasking.terminal_phase(vehicle) == "landing"
+        missions, agent = self.tasking.onboard_missions, self.agents[vehicle]
+        has_missed_in_rtl = agent.authority.mode.has_ended and missions.has_missed(vehicle)
+        is_mission_mode = mode in _MISSION_MODES or has_missed_in_rtl
+        is_landing = missions.terminal_phase(vehicle) == "landing"
         is_unknown = bool(self.fleet.link(vehicle)) and self.fleet.profile(vehicle) is None
-        is_blocked = bool(self.agents[vehicle].takeoff.blocked)
+        is_blocked = bool(agent.takeoff.blocked)
         if is_mission_mode:
             yield ControlEvent.MISSION_MODE_SEEN, ""
         else:
@@ -57,24 +59,3 @@ class ControlAuthority:
         yield ControlEvent.TAKEOFF_BLOCKED if is_blocked else ControlEvent.TAKEOFF_CLEAR, ""
         is_waiting = self.orders.is_waiting(vehicle)
         yield ControlEvent.WAIT_COMMANDED if is_waiting else ControlEvent.WAIT_ENDED, ""
-
-    def untaskable(self) -> dict[int, str]:
-        """Return the vehicles that are not ours, with the reason in words."""
-        controls = {vehicle: agent.control for vehicle, agent in self.agents.items()}
-        return {v: control.reason for v, control in controls.items() if not control.is_ours}
-
-    def overridden(self) -> dict[int, str]:
-        """Return the overriding modes by vehicle, except modes that orders here asked for."""
-        modes = self.tasking.overrides.modes()
-        return {v: mode for v, mode in modes.items() if not self.orders.has_ordered(v, mode)}
-
-    def _missed_in_rtl(self, vehicle: int) -> bool:
-        """Return True if a vehicle completed its mission, into RTL, without having reached its target."""
-        has_completed = self.tasking.overrides.has_completed(vehicle)
-        return has_completed and self.tasking.onboard_missions.has_missed(vehicle)
-
-
-def without_missions(agents: Mapping[int, Agent]) -> dict[int, str]:
-    """Return the vehicles that get no mission now, with the reason in words: not ours, or grounded."""
-    controls = {vehicle: agent.control for vehicle, agent in agents.items()}
-    return {v: control.reason for v, control in controls.items() if control.authority is not Authority.OURS}

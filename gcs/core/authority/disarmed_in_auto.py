@@ -68,7 +68,7 @@ class DisarmedInAuto:
         """Return True if arming would start a mission that the vehicle is not to fly."""
         vehicle = state.system_id
         stands = not state.armed and state.mode == AUTO and state.ground_speed_m_s <= _MAX_SPEED_M_S
-        is_busy = vehicle in self._tasking.stages or self._agents[vehicle].orders.command is not None
+        is_busy = vehicle in self._tasking.state.stages or self._agents[vehicle].orders.command is not None
         return stands and not is_busy and not self._orders.may_fly(vehicle)
 
     def _begin(self, vehicle: int, t_ns: int) -> list[Effect]:
@@ -76,7 +76,7 @@ class DisarmedInAuto:
         if profile is None:
             return []
         command = set_mode(vehicle, profile.autopilot, LOITER)
-        self._tasking.overrides.note_command(vehicle, LOITER)
+        self._tasking.overrides.of(vehicle).note_command(LOITER)
         sender = self._agents[vehicle].authority.loiter = CommandSender.begin(command, t_ns, mode=LOITER)
         text = "stands on the ground in AUTO with no mission to fly: armed, it would take off; set to LOITER"
         return [Notice(t_ns, "info", text, vehicle), *self._progress(vehicle, sender, t_ns)]

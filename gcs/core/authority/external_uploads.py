@@ -11,7 +11,7 @@ Other commands are reported at intervals. Commands that may end a flight, and ma
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -28,14 +28,7 @@ from gcs.mavlink.router.access_policy import (
     command_of,
 )
 from gcs.mavlink.services.retry import ns
-from gcs.model import (
-    ControlEvent,
-    Datagram,
-    Effect,
-    Level,
-    Notice,
-    vehicle_id,
-)
+from gcs.model import ControlEvent, Datagram, Effect, Level, Notice, vehicle_id
 
 _TIMEOUT_NS: Final = ns(10.0)
 _REPEAT_NS: Final = ns(10.0)
@@ -58,24 +51,9 @@ _ORDERS_TO_ALL: Final = _MANUAL | {dialect.MAVLINK_MSG_ID_SET_MODE, dialect.MAVL
 
 
 class ExternalUploads:
-    """Monitor of other ground stations.
+    """Monitor of other ground stations; `links` are all MAVLink endpoints."""
 
-    Parameters
-    ----------
-    links : iterable of Link
-        All MAVLink endpoints.
-    is_atomic : callable
-        Returns True for a vehicle whose firmware replaces its mission as a whole, or not at all.
-    """
-
-    def __init__(
-        self,
-        links: Iterable[Link],
-        agents: Mapping[int, Agent],
-        state: AuthorityState,
-        is_atomic: Callable[[int], bool] = lambda _vehicle: False,
-    ) -> None:
-        self._is_atomic = is_atomic
+    def __init__(self, links: Iterable[Link], agents: Mapping[int, Agent], state: AuthorityState) -> None:
         self._networks = {link.name: link.network for link in links if link.role != "vehicles"}
         self._agents, self._state = agents, state
 
@@ -135,7 +113,7 @@ class ExternalUploads:
         return effects
 
     def _broken_off(self, vehicle: int, upload: ExternalUpload, t_ns: int, how: str) -> Notice:
-        is_atomic = self._is_atomic(vehicle)
+        is_atomic = self._agents[vehicle].link.is_atomic
         state = "it keeps the mission before that" if is_atomic else "its onboard mission may be inconsistent"
         text = f"the upload of {upload.station} {how}: {state}; order it to resume, "
         return Notice(t_ns, "alarm", text + "and it gets a new one of ours", vehicle)

@@ -20,7 +20,6 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.authority.records import Audit
-from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import Agent
 from gcs.core.tasking.records import OnboardMission
 from gcs.core.tasking.upload_manager import UploadManager
@@ -40,14 +39,8 @@ _MISSION: Final[int] = dialect.MAV_MISSION_TYPE_MISSION
 class OnboardAudit:
     """Audits in progress."""
 
-    def __init__(
-        self,
-        agents: Mapping[int, Agent],
-        fleet: Fleet,
-        tasking: UploadManager,
-        replanner: Replanner,
-    ) -> None:
-        self._agents, self._fleet, self._tasking, self._replanner = agents, fleet, tasking, replanner
+    def __init__(self, agents: Mapping[int, Agent], fleet: Fleet, tasking: UploadManager) -> None:
+        self._agents, self._fleet, self._tasking = agents, fleet, tasking
 
     def _audits(self) -> Iterator[tuple[int, Audit]]:
         """Yield the audits in progress, by vehicle."""
@@ -65,7 +58,7 @@ class OnboardAudit:
         vehicle, rtt = mission.route.vehicle, RttEstimator()
         audit = Audit(mission, t_ns, known_t_ns, rtt, _download(vehicle, rtt, t_ns))
         self._agents[vehicle].authority.audit = audit
-        self._tasking.pause_uploads(vehicle)
+        self._fleet.forward_next_heartbeat(vehicle)
 
     def release(self, vehicle: int, t_ns: int) -> None:
         """End an audit, on an operator's order."""
@@ -73,15 +66,14 @@ class OnboardAudit:
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle; begin an audit after a reboot or a lost link."""
-        mission, authority = self._tasking.pop_mission_before_boot(vehicle), self._agents[vehicle].authority
-        returns = self._fleet.returns(vehicle)
-        if returns != authority.returns:
-            authority.returns = returns
-            mission = mission or self._agents[vehicle].tasking.onboard
+        agent = self._agents[vehicle]
+        mission, authority = agent.tasking.pop_before_boot(), agent.authority
+        if agent.link.returns != authority.returns:
+            authority.returns = agent.link.returns
+            mission = mission or agent.tasking.onboard
         known_t_ns = t_ns if authority.heard_t_ns is None else authority.heard_t_ns
         authority.heard_t_ns = t_ns
-        is_uploading = self._tasking.elapsed_s(vehicle, t_ns) is not None
-        is_free = authority.audit is None and not is_uploading
+        is_free = authority.audit is None and vehicle not in self._tasking.state.uploads
         if mission is not None and is_free and not self._tasking.may_be_inconsistent(vehicle):
             self.begin(mission, t_ns, known_t_ns=known_t_ns)
         audit = authority.audit
@@ -131,12 +123,12 @@ class OnboardAudit:
             self._end(vehicle, ControlEvent.MISSION_LOST, t_ns)
             self._tasking.forget_onboard(vehicle)
             self._tasking.overrides.note_mission_lost(vehicle, booted_t_ns, t_ns)
-            self._replanner.drop_route(vehicle)
+            self._agents[vehicle].routes.drop_flown()
             text = "lost its onboard mission at a reboot: it gets a new one"
             return [Notice(t_ns, "warning", text, vehicle)]
         if difference:
             self._end(vehicle, ControlEvent.AUDIT_DIFFERENT, t_ns)
-            self._replanner.drop(vehicle)
+            self._agents[vehicle].routes.drop()
             self._tasking.forget_onboard(vehicle)
             text = f"its onboard mission is not the one it was given ({difference}): left alone "
             return [Notice(t_ns, "alarm", text + _until(vehicle), vehicle)]
@@ -152,7 +144,6 @@ class OnboardAudit:
         if agent.authority.audit is not None:
             agent.authority.audit = None
             agent.control.apply(event, t_ns)
-            self._tasking.resume_uploads(vehicle)
 
 
 def _begin_again(audit: Audit, t_ns: int) -> None:

@@ -50,25 +50,20 @@ class OverrideNotices:
         return effects + free
 
 
-class UnattendedTargets:
-    """Notices about targets that appear after the mission has ended."""
-
-    def __init__(self, state: AuthorityState) -> None:
-        self._state = state
-
-    def check(self, t_ns: int, targets: Collection[Label], *, ended: bool) -> list[Effect]:
-        """Process the open targets; return a notice about new ones after the end."""
-        if not ended:
-            self._state.known_targets = tuple(sorted(targets))
-            return []
-        new = sorted(set(targets) - set(self._state.known_targets))
-        self._state.known_targets += tuple(new)
-        if not new:
-            return []
-        names = ", ".join(map(target_name, new))
-        subject = f"target{'s' if len(new) > 1 else ''} {names}"
-        text = f"{subject} appeared after the mission ended: no agent is sent there; "
-        return [Notice(t_ns, "warning", text + "start the service with --no-resume to fly on")]
+def unattended_targets(
+    state: AuthorityState, targets: Collection[Label], t_ns: int, *, has_ended: bool
+) -> list[Effect]:
+    """Process the open targets; return a notice about new ones after the end of the mission."""
+    if not has_ended:
+        state.known_targets = tuple(sorted(targets))
+        return []
+    new = sorted(set(targets) - set(state.known_targets))
+    state.known_targets += tuple(new)
+    if not new:
+        return []
+    subject = f"target{'s' if len(new) > 1 else ''} {', '.join(map(target_name, new))}"
+    text = f"{subject} appeared after the mission ended: no agent is sent there; "
+    return [Notice(t_ns, "warning", text + "start the service with --no-resume to fly on")]
 
 
 def overridden_text(modes: Mapping[int, str]) -> str:

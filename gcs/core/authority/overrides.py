@@ -43,10 +43,6 @@ class Overrides:
         modes = {v: agent.control.detail(Authority.OVERRIDDEN) for v, agent in self._agents.items()}
         return {vehicle: mode for vehicle, mode in modes.items() if mode}
 
-    def note_command(self, vehicle: int, mode: str) -> None:
-        """Note that we command a mode: the vehicle stays ours in it."""
-        self.of(vehicle).note_command(mode)
-
     def observe_mode(self, vehicle: int, profile: AutopilotProfile, heartbeat: Message, t_ns: int) -> None:
         """Process the mode of a heartbeat."""
         mode = profile.mode_name(heartbeat.custom_mode)
@@ -100,10 +96,6 @@ class Overrides:
             for vehicle, authority in authorities.items()
             if authority.may_have_ended and t_ns - authority.override_t_ns < _COMPLETION_NS
         }
-
-    def has_completed(self, vehicle: int) -> bool:
-        """Return True if a vehicle is in RTL because its mission is complete."""
-        return self._agents[vehicle].authority.mode.has_ended
 
     def note_mission_lost(self, vehicle: int, booted_t_ns: int, t_ns: int) -> None:
         """Note that a vehicle lost its mission at a boot: a LOITER that it started in is no override."""

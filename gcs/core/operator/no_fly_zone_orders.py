@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 from gcs.core.airspace.incursion_warning import IncursionWarnings
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.operator.replies import OrderInProgress, named
-from gcs.core.perception.agent_status import AgentStatusMonitor
+from gcs.core.operator.records import OrderInProgress
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
+from gcs.core.state import Agent, with_status
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.model import Effect, Notice, Order
+from gcs.model import Effect, Notice, Order, named
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,10 +20,10 @@ class NoFlyZoneOrders:
     """Carries out orders that close or open a no-fly zone."""
 
     zones: NoFlyZones
+    agents: Mapping[int, Agent]
     fleet: Fleet
     replanner: Replanner
     return_routes: ReturnRoutes
-    agent_status: AgentStatusMonitor
     incursions: IncursionWarnings
     needs_approval: bool
 
@@ -47,15 +47,16 @@ class NoFlyZoneOrders:
         verb = "closed" if zone.name in self.zones.closed else "opened"
         states = self.fleet.states()
         positions = {state.system_id: (state.east_m, state.north_m) for state in states}
-        routes = self.replanner.routes
-        returning = {v: position for v, position in positions.items() if v not in routes}
+        returning = {v: position for v, position in positions.items() if self.agents[v].routes.flown is None}
         without_return = self.return_routes.crossed(closed, returning)
         affected = self.replanner.change_map(
             order.t_ns, closed, positions, f"no-fly zone {zone.name} {verb}", without_return
         )
-        arrived = self.agent_status.arrived() & without_return
+        arrived = without_return.intersection(with_status(self.agents, "arrived"))
         effects = replan(affected)
-        remaining = set(affected) - set(self.replanner.routes) | set(self.replanner.blocked)
+        routes = {vehicle: agent.routes for vehicle, agent in self.agents.items()}
+        remaining = {v for v in affected if routes[v].flown is None}
+        remaining |= {v for v, route in routes.items() if route.is_blocked}
         rerouted = set(affected) - remaining
         text = f"{zone.name} {verb}" + (f"; {named(rerouted)} led around it" if rerouted else "")
         remaining_states = [state for state in self.fleet.states() if state.system_id in remaining]

@@ -20,12 +20,11 @@ from dataclasses import replace
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.operator.plan_figures import PlanFigures
-from gcs.core.operator.records import OperatorState
-from gcs.core.operator.replies import OrderInProgress, named
+from gcs.core.operator.records import OperatorState, OrderInProgress
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.plan_targets import place_of
 from gcs.core.replanning.replanner import Replanner
-from gcs.core.state import Agent
+from gcs.core.state import Agent, flown_routes
 from gcs.model import (
     NS_PER_S,
     AnswerState,
@@ -37,6 +36,7 @@ from gcs.model import (
     Route,
     RouteFigures,
     UploadReport,
+    named,
     target_name,
     vehicle_name,
 )
@@ -106,11 +106,9 @@ class PlanApproval:
     def _propose(self, plan: Plan, inputs: PlanningInputs, *, new_number: bool = False) -> list[Effect]:
         """Propose a plan; it keeps the number of the last one with the same assignment."""
         pending, self._state.plan = self._state.pending, plan
-        waiting = tuple(
-            route
-            for vehicle, route in sorted(self._replanner.proposed.items())
-            if self._agents[vehicle].routes.declined is None
-        )
+        agents = [agent for _, agent in sorted(self._agents.items())]
+        proposed = [agent.routes.proposed for agent in agents if agent.routes.declined is None]
+        waiting = tuple(route for route in proposed if route is not None)
         if not waiting:
             return self._withdraw_all(plan.t_ns, plan.reason)
         before = pending.routes if pending is not None else ()
@@ -181,7 +179,7 @@ class PlanApproval:
             return self._confirm(order, chosen, inputs)
         vehicles = [route.vehicle for route in chosen]
         for vehicle in vehicles:
-            self._replanner.decline(vehicle)
+            self._agents[vehicle].routes.decline()
         text = f"plan {pending.plan_id} rejected for {named(vehicles)}"
         left = tuple(route for route in pending.routes if route.vehicle not in vehicles)
         return [OrderInProgress(order).answer(order.t_ns, "done", text), *self._keep(order.t_ns, left)], []
@@ -262,18 +260,19 @@ class PlanApproval:
 
     def _adopt(self, order: Order, chosen: list[Route], inputs: PlanningInputs, *, whole: bool) -> Plan:
         """Make routes the flown ones; return them as a plan."""
-        plan, pending, replanner = self._state.plan, self._state.pending, self._replanner
+        plan, pending = self._state.plan, self._state.pending
         assert plan is not None
         assert pending is not None
         for route in chosen:
-            replanner.adopt(route)
+            self._agents[route.vehicle].routes.adopt(route)
         if whole and all(agent.routes.declined is None for agent in self._agents.values()):
-            replanner.keep_only({route.vehicle for route in plan.routes})
+            for vehicle in self._agents.keys() - {route.vehicle for route in plan.routes}:
+                self._agents[vehicle].routes.drop_flown()
         return replace(
             plan,
             t_ns=order.t_ns,
             picture_t_ns=inputs.picture_t_ns,
-            routes=tuple(route for _, route in sorted(replanner.routes.items())),
+            routes=tuple(flown_routes(self._agents).values()),
             reason=f"plan {order.plan_id} confirmed: {pending.reason}",
             changed=tuple(route.vehicle for route in chosen),
         )

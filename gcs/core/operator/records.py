@@ -2,11 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from gcs.core.operator.replies import OrderInProgress
 from gcs.mavlink.services.command_sender import CommandSender
-from gcs.model import AnswerState, Label, OrderAnswer, Plan, Proposal, RouteFigures
+from gcs.model import AnswerState, Label, Order, OrderAnswer, Plan, Proposal, RouteFigures
+
+
+@dataclass(slots=True)
+class OrderInProgress:
+    """An order with outstanding results of some vehicles."""
+
+    order: Order
+    waiting: tuple[int, ...] = ()
+
+    def answer(self, t_ns: int, state: AnswerState, detail: str, vehicle: int | None = None) -> OrderAnswer:
+        """Return the reply for one vehicle, which is final, or for the whole order."""
+        self.waiting = tuple(sorted(one for one in self.waiting if one != vehicle))
+        order = self.order
+        return OrderAnswer(t_ns, order.order_id, order.action, state, detail, vehicle, self.waiting)
+
+    def showing(self, proposal: Proposal) -> OrderAnswer:
+        """Return the reply with the plan that waits."""
+        detail = f"plan {proposal.plan_id} waits to be confirmed: {proposal.reason}"
+        return replace(self.answer(proposal.t_ns, "done", detail), proposal=proposal)
 
 
 @dataclass(slots=True)

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 from gcs.core.operator.records import TargetWish
 from gcs.core.perception.fusion import MultiSensorTracker
-from gcs.core.replanning.replanner import Replanner
-from gcs.core.state import State
-from gcs.core.tasking.upload_manager import UploadManager
+from gcs.core.replanning.altitude_layers import AltitudeLayers
+from gcs.core.state import State, flown_routes
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.vehicle import Health
 from gcs.model import NS_PER_S, AgentRecord, Label, SwarmStatus, TargetRecord
@@ -24,8 +23,7 @@ class StatusReport:
     state: State
     fleet: Fleet
     trackers: MultiSensorTracker
-    replanner: Replanner
-    tasking: UploadManager
+    layers: AltitudeLayers
 
     def build(self, t_ns: int, order_id: str = "") -> SwarmStatus:
         """Return the status now, as the answer to an order."""
@@ -64,16 +62,16 @@ class StatusReport:
             battery_percent=health.battery_percent,
             fix_type=health.fix_type,
             position_m=position_m,
-            alt_rel_m=None if state is None else self.tasking.height_m(state),
+            alt_rel_m=None if state is None else self.fleet.height_m(state),
             ground_speed_m_s=None if state is None else state.ground_speed_m_s,
             is_position_doubted=agent.perception.integrity.is_alarmed,
             track=label,
             existence=0.0 if track is None else track.existence,
-            layer=self.replanner.layer(vehicle),
+            layer=self.layers.of(vehicle),
             target=status.target if route is None else route.target,
             to_go_m=to_go_m,
             eta_s=eta_s,
-            upload=self.tasking.stages.get(vehicle, ""),
+            upload=self.state.tasking.stages.get(vehicle, ""),
             has_failed=agent.tasking.retry.failures > 0,
             is_verified=agent.tasking.onboard is not None,
             proposed_target=None if proposed is None else proposed.target,
@@ -82,7 +80,7 @@ class StatusReport:
 
     def _targets(self) -> tuple[TargetRecord, ...]:
         statuses = [agent.perception.status for agent in self.state.agents.values()]
-        routes, wishes, none = self.replanner.routes, self.state.operator.targets, TargetWish()
+        routes, wishes, none = flown_routes(self.state.agents), self.state.operator.targets, TargetWish()
 
         def reached_by(label: Label) -> tuple[int, ...]:
             return tuple(s.vehicle for s in statuses if s.status == "arrived" and s.target == label)
@@ -93,7 +91,7 @@ class StatusReport:
                 track.existence,
                 (float(track.mean[0]), float(track.mean[1])),
                 float((track.mean[2] ** 2 + track.mean[3] ** 2) ** 0.5),
-                agents=tuple(vehicle for vehicle, route in sorted(routes.items()) if route.target == label),
+                agents=tuple(vehicle for vehicle, route in routes.items() if route.target == label),
                 reached_by=reached_by(label),
                 is_ignored=wishes.get(label, none).is_ignored,
                 priority=wishes.get(label, none).priority,

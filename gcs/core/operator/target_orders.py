@@ -11,12 +11,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from gcs.core.operator.records import OperatorState, TargetWish
-from gcs.core.operator.replies import OrderInProgress, named
+from gcs.core.operator.records import OperatorState, OrderInProgress, TargetWish
 from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import Agent
-from gcs.model import Effect, Order, target_name
+from gcs.model import Effect, Order, named, target_name
 
 _MAX_NAMED: Final = 10
 _DONE: Final = {"ignore": "is ignored", "attend": "is a target again", "unpin": "may fly to any target"}

@@ -21,11 +21,10 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.operator.records import Command
-from gcs.core.operator.replies import OrderInProgress, named
+from gcs.core.operator.records import Command, OrderInProgress
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
-from gcs.core.replanning.replanner import Replanner
-from gcs.core.state import State
+from gcs.core.replanning.altitude_layers import AltitudeLayers
+from gcs.core.state import State, flown_routes
 from gcs.core.takeoff.sequence import SELF_LAUNCHING, TakeoffSequence
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
@@ -42,6 +41,7 @@ from gcs.model import (
     Notice,
     Order,
     VehicleState,
+    named,
     vehicle_name,
 )
 
@@ -67,12 +67,12 @@ class Orders:
         state: State,
         fleet: Fleet,
         tasking: UploadManager,
-        replanner: Replanner,
+        layers: AltitudeLayers,
         takeoff_sequence: TakeoffSequence,
         return_heights: ReturnHeightMonitor,
     ) -> None:
         self._state, self._agents, self._operator = state, state.agents, state.operator
-        self._fleet, self._tasking, self._replanner = fleet, tasking, replanner
+        self._fleet, self._tasking, self._layers = fleet, tasking, layers
         self._takeoff_sequence, self._return_heights = takeoff_sequence, return_heights
 
     def is_waiting(self, vehicle: int) -> bool:
@@ -175,10 +175,7 @@ class Orders:
                 return ""  # resume ends the pause after failed uploads
             case "resume" if control.is_ours:
                 return f"is not suspended, and is in {state.mode or 'an unknown mode'}"
-            case "hold" | "return" if (control.suspension, state.mode) == (
-                order.action,
-                _MODES[order.action],
-            ):
+            case "hold" | "return" as action if (control.suspension, state.mode) == (action, _MODES[action]):
                 return control.reason
             case "arm" if state.armed:
                 return "is armed"
@@ -207,7 +204,7 @@ class Orders:
             return ""
         if state.mode in PILOTED:
             return f"is in {state.mode}: its pilot has to give it back"
-        height_m = self._tasking.height_m(state)
+        height_m = self._fleet.height_m(state)
         low = height_m < min(MIN_RESUME_HEIGHT_M, 0.5 * self._tasking.altitude_rel_m)
         if state.mode == LOITER or _stands(state) or not low:
             return ""
@@ -239,7 +236,7 @@ class Orders:
             return False
         if action == "resume":
             return state.armed and self._agents[vehicle].tasking.onboard is not None
-        return action == "arm" and (state.mode in SELF_LAUNCHING or self._tasking.is_uploading(vehicle))
+        return action == "arm" and (state.mode in SELF_LAUNCHING or self._state.tasking.is_uploading(vehicle))
 
     def _blocked(self, order: Order, vehicle: int, begun: Collection[int]) -> str:
         """Return which vehicle blocks the take-off that an order starts; empty if none does."""
@@ -254,7 +251,7 @@ class Orders:
         agent, onboard = self._agents[vehicle], self._agents[vehicle].tasking.onboard
         is_stored = onboard is not None and onboard.route.is_same(agent.routes.flown)
         is_suspended = agent.control.suspension is not None
-        return is_stored and not is_suspended and vehicle not in self._tasking.stages
+        return is_stored and not is_suspended and vehicle not in self._state.tasking.stages
 
     def _cannot_disarm(self, vehicle: int, state: VehicleState | None) -> str:
         """Return why a vehicle may be in the air; empty if it reports that it is on the ground."""
@@ -269,9 +266,8 @@ class Orders:
     def _begin(
         self, number: int, order: Order, vehicle: int, autopilot: int, targets: Container[Label]
     ) -> list[Effect]:
-        effects: list[Effect] = self._end_command(
-            vehicle, order.t_ns, f"replaced by an order to {order.action}"
-        )
+        reason = f"replaced by an order to {order.action}"
+        effects: list[Effect] = self._end_command(vehicle, order.t_ns, reason)
         if order.action in ("arm", "disarm"):
             arm = order.action == "arm"
             command = command_long(vehicle, _ARM_DISARM, 1.0 if arm else 0.0)
@@ -288,25 +284,26 @@ class Orders:
         return effects + self._send(number, vehicle, sender, order.t_ns)
 
     def _suspend(self, vehicle: int, action: str, t_ns: int) -> list[Effect]:
-        self._replanner.suspend(vehicle, is_uploaded=vehicle not in self._tasking.stages)
+        self._agents[vehicle].routes.suspend(is_uploaded=vehicle not in self._state.tasking.stages)
         return self._tasking.abandon(vehicle, f"given up for an order to {action}", t_ns)
 
     def _resume(self, vehicle: int, targets: Container[Label], t_ns: int) -> str:
         """End a suspension; return the mode to command."""
         self._tasking.release_override(vehicle, t_ns)
-        route = self._replanner.pop_suspended(vehicle)
-        if self._agents[vehicle].routes.flown is None:
-            pursued = self._replanner.assigned.values()
-            if route is None or route.target not in targets or route.target in pursued:
+        routes = self._agents[vehicle].routes
+        route = routes.pop_suspended()
+        if routes.flown is None:
+            flown = flown_routes(self._agents).values()
+            if route is None or route.target not in targets or route.target in {r.target for r in flown}:
                 return LOITER
             positions = {state.system_id: (state.east_m, state.north_m) for state in self._fleet.states()}
-            if not self._replanner.is_separated(route, positions):
+            if not self._layers.is_clear(route, list(flown), positions):
                 return LOITER  # the next plan has a layer for it
-            self._replanner.adopt(route)
+            routes.adopt(route)
         if self.may_fly(vehicle):
             return AUTO
-        if vehicle not in self._tasking.stages:
-            self._replanner.drop_route(vehicle)  # the next plan has another
+        if vehicle not in self._state.tasking.stages:
+            routes.drop_flown()  # the next plan has another
         return LOITER
 
     # ------------------------------------------------------------ commands
@@ -325,8 +322,8 @@ class Orders:
             action = self._action(command)
             if action == "resume" and done:
                 detail += "" if self.may_fly(vehicle) else f": {self._outlook(vehicle)}"
-            elif action == "resume" and vehicle not in self._tasking.stages:
-                self._replanner.drop_route(vehicle)  # it does not fly its route: the next plan has another
+            elif action == "resume" and vehicle not in self._state.tasking.stages:
+                self._agents[vehicle].routes.drop_flown()  # the next plan has another
                 detail += "; it gets a new mission with the next plan"
             result: AnswerState = "done" if done else "failed"
             effects.append(self._operator.finish(command.order, t_ns, result, detail, vehicle))
@@ -339,19 +336,17 @@ class Orders:
                 return "has reached its target and gets no other"
             case "lost":
                 return "is lost; it gets a mission when it is tracked again"
-        return (
-            "gets no mission, since the mission has ended"
-            if self._state.has_ended
-            else "waits for its next mission"
-        )
+        if self._state.has_ended:
+            return "gets no mission, since the mission has ended"
+        return "waits for its next mission"
 
     def _end_command(self, vehicle: int, t_ns: int, reason: str) -> list[Effect]:
         """End a command in progress, for a newer order."""
         orders = self._agents[vehicle].orders
         command, orders.command = orders.command, None
-        return (
-            [] if command is None else [self._operator.finish(command.order, t_ns, "failed", reason, vehicle)]
-        )
+        if command is None:
+            return []
+        return [self._operator.finish(command.order, t_ns, "failed", reason, vehicle)]
 
 
 def _stands(state: VehicleState) -> bool:

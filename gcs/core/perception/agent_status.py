@@ -11,13 +11,12 @@ final.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping
 
 from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.core.perception.records import AgentSighting
 from gcs.core.state import Agent
-from gcs.model import NS_PER_S, AgentStatus, Label, Track
+from gcs.model import NS_PER_S, AgentStatus, Track
 
 REVIVE_EXISTENCE = 0.9
 ARRIVAL_EPOCHS = 2
@@ -29,38 +28,10 @@ NEVER_SEEN_S = 20.0
 
 
 class AgentStatusMonitor:
-    """Statuses of all agents.
-
-    Parameters
-    ----------
-    agents : mapping
-        All agents of the mission, by vehicle.
-    capture_radius_m : float
-        Distance at which an agent has reached its target.
-    """
+    """Statuses of all agents; within `capture_radius_m` an agent has reached its target."""
 
     def __init__(self, agents: Mapping[int, Agent], capture_radius_m: float) -> None:
         self._agents, self._capture_radius_m = agents, capture_radius_m
-
-    def active(self) -> list[int]:
-        """Return the active agents, in the order of the mission file."""
-        return self._with("active")
-
-    def arrived(self) -> frozenset[int]:
-        """Return the agents that have arrived."""
-        return frozenset(self._with("arrived"))
-
-    def lost(self) -> frozenset[int]:
-        """Return the lost agents."""
-        return frozenset(self._with("lost"))
-
-    def at_targets(self) -> Counter[Label]:
-        """Return the number of arrived agents by target."""
-        targets = (self._agents[vehicle].perception.status.target for vehicle in self._with("arrived"))
-        return Counter(target for target in targets if target is not None)
-
-    def _with(self, status: str) -> list[int]:
-        return [v for v, agent in self._agents.items() if agent.perception.status.status == status]
 
     def update(
         self,
@@ -68,7 +39,6 @@ class AgentStatusMonitor:
         measured_t_ns: int,
         agents: TrackConfirmation,
         targets: TrackConfirmation,
-        assigned: Mapping[int, Label],
         reporting: set[int],
     ) -> list[AgentStatus]:
         """Update all statuses after one scan; return those that changed.
@@ -77,8 +47,6 @@ class AgentStatusMonitor:
         ----------
         t_ns, measured_t_ns
             Arrival and measurement time of the scan.
-        assigned
-            Target of each tasked vehicle.
         reporting
             Vehicles with a fresh position report.
         """
@@ -91,7 +59,8 @@ class AgentStatusMonitor:
                 sighting.seen_t_ns = t_ns
             if track is not None and track.estimated:
                 sighting.position_m = (float(track.mean[0]), float(track.mean[1]))
-            target = targets.tracks.get(assigned[vehicle]) if vehicle in assigned else None
+            route = agent.routes.flown
+            target = None if route is None else targets.tracks.get(route.target)
             is_lost = label is not None and agents.is_lost(label)
             after = None
             if before.status == "active":

@@ -27,8 +27,6 @@ class TrackConfirmation:
     ----------
     lost_existence : float
         Existence probability below which a track is lost.
-    state : ConfirmationState
-        Counts of each label.
     tracks : sequence of Track
         Tracks of the last picture.
 

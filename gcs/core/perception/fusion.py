@@ -37,17 +37,7 @@ from gcs.core.perception.tracking_model import (
     target_births,
 )
 from gcs.core.perception.untracked_detections import UntrackedDetections
-from gcs.model import (
-    NS_PER_S,
-    FloatArray,
-    Kind,
-    Notice,
-    Picture,
-    Scan,
-    Sensor,
-    VehicleState,
-    read_only,
-)
+from gcs.model import NS_PER_S, FloatArray, Kind, Notice, Picture, Scan, Sensor, VehicleState, read_only
 from gcs.tracking.glmb.filter import Birth, DetectionSummary, Glmb
 from gcs.tracking.models.adaptive_birth import AdaptiveBirth
 from gcs.tracking.models.clutter import intensity_per_m2

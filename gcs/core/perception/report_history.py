@@ -78,12 +78,4 @@ def _between(earlier: PositionReport, later: PositionReport, t_ns: int) -> Posit
 
 def _as_of(report: PositionReport, newest: VehicleState) -> VehicleState:
     """Return a past state with the current mode, arming state and mission item."""
-    return replace(
-        newest,
-        t_ns=report.t_ns,
-        east_m=report.east_m,
-        north_m=report.north_m,
-        alt_msl_m=report.alt_msl_m,
-        ground_speed_m_s=report.ground_speed_m_s,
-        course_rad=report.course_rad,
-    )
+    return replace(newest, **report._asdict())

@@ -34,6 +34,8 @@ Positions: TypeAlias = Mapping[int, tuple[float, float]]
 _FORBIDDEN = 1e9
 _KEEP_COST = -1.0
 """Cost of the present track; less than any distance."""
+_BREAK_AFTER = 3
+"""Consecutive epochs with the report outside the gate that end an association."""
 LIKELY_EXISTENCE = 0.5
 """Minimum existence probability of a track near an unassociated vehicle."""
 
@@ -43,41 +45,25 @@ class TrackVehicleAssociation:
 
     Parameters
     ----------
-    agents : mapping
-        All agents, by vehicle.
     gate_chi2 : float
         Gate on the squared Mahalanobis distance of a report from a track.
     noise_std_m : float
         Standard deviation of a report.
     max_age_s : float
         Maximum age of a report.
-    break_after : int
-        Consecutive epochs with the report outside the gate that end an association.
     """
 
     def __init__(
-        self,
-        agents: Mapping[int, Agent],
-        gate_chi2: float,
-        noise_std_m: float,
-        max_age_s: float,
-        break_after: int = 3,
+        self, agents: Mapping[int, Agent], gate_chi2: float, noise_std_m: float, max_age_s: float
     ) -> None:
         self._agents, self._gate_chi2 = agents, gate_chi2
         self._noise: FloatArray = np.eye(2) * noise_std_m**2
         self._max_age_ns = int(max_age_s * NS_PER_S)
-        self._break_after = break_after
 
     @property
     def labels(self) -> dict[int, Label]:
         """Track label of each associated vehicle."""
         labels = {vehicle: self._of(vehicle).label for vehicle in self._agents}
-        return {vehicle: label for vehicle, label in labels.items() if label is not None}
-
-    @property
-    def near(self) -> dict[int, Label]:
-        """Label of the nearest existing track, of each reporting vehicle without an association."""
-        labels = {vehicle: self._of(vehicle).near for vehicle in self._agents}
         return {vehicle: label for vehicle, label in labels.items() if label is not None}
 
     def update(self, confirmation: TrackConfirmation, t_ns: int, states: Sequence[VehicleState]) -> None:
@@ -125,7 +111,7 @@ class TrackVehicleAssociation:
         is_outside = ~(squared_distances(reported, means, S).diagonal() <= self._gate_chi2)
         outside = set()
         for (vehicle, _), holds in zip(tracked, is_outside.tolist(), strict=True):
-            if self._of(vehicle).outside.count(t_ns, holds=holds) >= self._break_after:
+            if self._of(vehicle).outside.count(t_ns, holds=holds) >= _BREAK_AFTER:
                 self.forget(vehicle)
             elif holds:
                 outside.add(vehicle)
@@ -161,8 +147,7 @@ class TrackVehicleAssociation:
         waiting = [
             vehicle
             for vehicle in positions
-            if self._of(vehicle).waiting.count(t_ns, holds=self._of(vehicle).near is not None)
-            >= self._break_after
+            if self._of(vehicle).waiting.count(t_ns, holds=self._of(vehicle).near is not None) >= _BREAK_AFTER
         ]
         for vehicle, label in self._nearest(waiting, [tracks[label] for label in silent], positions).items():
             self.forget(silent[label])

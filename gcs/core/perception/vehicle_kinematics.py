@@ -26,15 +26,7 @@ _MAX_TURN_RATE_RAD_S = 1.0
 
 
 class VehicleKinematics:
-    """Newest report of each vehicle, and its turn rate.
-
-    Parameters
-    ----------
-    agents : mapping
-        All agents, by vehicle.
-    max_age_s : float
-        Maximum age of a report.
-    """
+    """Newest report of each vehicle, at most `max_age_s` old, and its turn rate."""
 
     def __init__(self, agents: Mapping[int, Agent], max_age_s: float) -> None:
         self._agents, self._max_age_ns = agents, int(max_age_s * NS_PER_S)

@@ -64,12 +64,11 @@ def rehearse(
     }
     grid = mission_grid(config, seed)
     takeoffs = None if fleet is None else Climbs(config, NoFlyZones(AirspaceState(), grid), fleet, {})
-    found = (
-        {}
-        if takeoffs is None
-        else {v: takeoffs.climb(v, layer) for v, layer in preferred_layers(config).items()}
-    )
-    climbs = {vehicle: climb for vehicle, climb in found.items() if climb is not None}
+    climbs = {
+        vehicle: climb
+        for vehicle, layer in preferred_layers(config).items()
+        if takeoffs is not None and (climb := takeoffs.climb(vehicle, layer)) is not None
+    }
     targets: dict[Label, tuple[float, float]] = {
         (0, index): (birth.east_m, birth.north_m) for index, birth in enumerate(config.births)
     }

@@ -94,8 +94,8 @@ class ReturnHeightMonitor:
     def receive(self, vehicle: int, message: Message) -> None:
         """Process a message of a vehicle: keep the parameters that set its return height."""
         if message.get_type() == "PARAM_VALUE" and message.param_id in _UNITS_PER_M:
-            values = self._agents[vehicle].return_parameters
-            values[message.param_id] = decode_value(message, self._fleet.is_atomic(vehicle))
+            agent = self._agents[vehicle]
+            agent.return_parameters[message.param_id] = decode_value(message, agent.link.is_atomic)
 
     def warning(self, vehicles: Collection[int]) -> str:
         """Return a warning of vehicles that would return nearer in height than a layer step; else empty."""

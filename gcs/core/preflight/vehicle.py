@@ -99,15 +99,8 @@ class VehicleChecks:
     def checks(self) -> list[Check]:
         """Return all rows."""
         if "HEARTBEAT" not in self._messages:
-            return [
-                self._row(
-                    "link",
-                    "refused",
-                    "not heard",
-                    "heartbeats",
-                    "is it on, with this system id, and does it send to this machine (links.mavlink)?",
-                )
-            ]
+            remedy = "is it on, with this system id, and does it send to this machine (links.mavlink)?"
+            return [self._row("link", "refused", "not heard", "heartbeats", remedy)]
         rows = [self._link(), self._firmware(), self._fix(), self._position(), self._home(), self._mode()]
         rows += [self._armed(), self._sensors(), *self._texts(), self._battery(), self._clock()]
         rows.append(self._signing())
@@ -128,21 +121,15 @@ class VehicleChecks:
         value = f"{health.liveness} at {where}, {100.0 * part:.0f} % lost"
         if health.conflicts:
             value, level = f"{value}, {health.conflicts} frames of another with its id", "refused"
-        return self._row(
-            "link", level, value, "alive, < 10 % lost", "antennas, range, radio rate; one system id each"
-        )
+        remedy = "antennas, range, radio rate; one system id each"
+        return self._row("link", level, value, "alive, < 10 % lost", remedy)
 
     def _firmware(self) -> Check:
         profile, version = self._query.profile, self._messages.get("AUTOPILOT_VERSION")
         if profile is None:
-            number = self._messages["HEARTBEAT"].autopilot
-            return self._row(
-                "firmware",
-                "refused",
-                f"MAV_AUTOPILOT {number}",
-                "ArduPlane or PX4",
-                "it is tracked, but never tasked",
-            )
+            value = f"MAV_AUTOPILOT {self._messages['HEARTBEAT'].autopilot}"
+            remedy = "it is tracked, but never tasked"
+            return self._row("firmware", "refused", value, "ArduPlane or PX4", remedy)
         if version is None:
             return self._row("firmware", "warning", profile.name, "a version", "no AUTOPILOT_VERSION")
         numbers = ".".join(str(version.flight_sw_version >> shift & 0xFF) for shift in (24, 16, 8))
@@ -157,9 +144,8 @@ class VehicleChecks:
         name = str(gps.fix_type) if entry is None else entry.name.removeprefix("GPS_FIX_TYPE_")
         few = gps.satellites_visible < _MIN_SATELLITES
         level: Level = "refused" if gps.fix_type < dialect.GPS_FIX_TYPE_3D_FIX else "warning" if few else "ok"
-        return self._row(
-            "GPS", level, name + count, f"3D fix, {_MIN_SATELLITES} satellites", "wait, under open sky"
-        )
+        wanted = f"3D fix, {_MIN_SATELLITES} satellites"
+        return self._row("GPS", level, name + count, wanted, "wait, under open sky")
 
     def _position(self) -> Check:
         if self._state is None:
@@ -172,13 +158,9 @@ class VehicleChecks:
         place = f"({self._state.east_m:.0f}, {self._state.north_m:.0f}) m, {self._state.alt_msl_m:.0f} m AMSL"
         area = self._config.map
         inside = 0 <= self._state.east_m <= area.width_m and 0 <= self._state.north_m <= area.height_m
-        return self._row(
-            "position",
-            "ok" if inside else "warning",
-            place,
-            f"on the map, {area.width_m:.0f} x {area.height_m:.0f} m",
-            "routes begin at the map's nearest cell",
-        )
+        wanted = f"on the map, {area.width_m:.0f} x {area.height_m:.0f} m"
+        level: Level = "ok" if inside else "warning"
+        return self._row("position", level, place, wanted, "routes begin at the map's nearest cell")
 
     def _home(self) -> Check:
         home = self._health.home
@@ -190,13 +172,8 @@ class VehicleChecks:
         if state is not None and not state.armed:
             away_m = math.hypot(state.east_m - east_m, state.north_m - north_m)
             if away_m > _HOME_M:
-                return self._row(
-                    "home",
-                    "refused",
-                    f"{text}: {away_m:.0f} m away",
-                    f"within {_HOME_M:.0f} m",
-                    "set home anew",
-                )
+                value = f"{text}: {away_m:.0f} m away"
+                return self._row("home", "refused", value, f"within {_HOME_M:.0f} m", "set home anew")
         return self._row("home", "ok", text)
 
     def _mode(self) -> Check:
@@ -219,14 +196,10 @@ class VehicleChecks:
         return bool(self._messages["HEARTBEAT"].base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
 
     def _armed(self) -> Check:
-        armed = self._is_armed
-        return self._row(
-            "armed",
-            "warning" if armed else "ok",
-            "armed" if armed else "disarmed",
-            "disarmed",
-            "propellers may turn: keep away, or it flies already",
-        )
+        if not self._is_armed:
+            return self._row("armed", "ok", "disarmed", "disarmed")
+        remedy = "propellers may turn: keep away, or it flies already"
+        return self._row("armed", "warning", "armed", "disarmed", remedy)
 
     def _sensors(self) -> Check:
         status = self._messages.get("SYS_STATUS")
@@ -234,13 +207,10 @@ class VehicleChecks:
             return self._row("sensors", "warning", "not reported", "healthy", "no SYS_STATUS")
         enabled = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled
         ill = [n for bit, n in _SENSORS.items() if enabled & bit & ~status.onboard_control_sensors_health]
-        return self._row(
-            "sensors",
-            "refused" if ill else "ok",
-            f"{', '.join(ill)} not healthy" if ill else "healthy",
-            "healthy",
-            "see its messages below" if self._query.texts else "it gives no reason: inspect it",
-        )
+        if not ill:
+            return self._row("sensors", "ok", "healthy", "healthy")
+        remedy = "see its messages below" if self._query.texts else "it gives no reason: inspect it"
+        return self._row("sensors", "refused", f"{', '.join(ill)} not healthy", "healthy", remedy)
 
     def _texts(self) -> Iterator[Check]:
         """Yield the messages of the autopilot during the query."""
@@ -259,31 +229,22 @@ class VehicleChecks:
 
     def _clock(self) -> Check:
         if "SYSTEM_TIME" not in self._messages or not self._messages["SYSTEM_TIME"].time_unix_usec:
-            return self._row(
-                "clock", "warning", "unknown to the vehicle", "GPS time", "its logs and signing lack the time"
-            )
+            remedy = "its logs and signing lack the time"
+            return self._row("clock", "warning", "unknown to the vehicle", "GPS time", remedy)
         came_t_ns, message = self._query.messages["SYSTEM_TIME"]
         off_s = (message.time_unix_usec * 1000 - came_t_ns) / NS_PER_S
-        return self._row(
-            "clock",
-            "ok" if abs(off_s) <= _MAX_CLOCK_S else "warning",
-            f"{off_s:+.1f} s to ours",
-            f"within {_MAX_CLOCK_S:.0f} s",
-            "is this machine's clock set (NTP)?",
-        )
+        level: Level = "ok" if abs(off_s) <= _MAX_CLOCK_S else "warning"
+        value, wanted = f"{off_s:+.1f} s to ours", f"within {_MAX_CLOCK_S:.0f} s"
+        return self._row("clock", level, value, wanted, "is this machine's clock set (NTP)?")
 
     def _signing(self) -> Check:
         signed, wanted = self._health.signed, bool(self._config.links.keys)
         if signed and not self._has_key:
             text = "it may ignore our messages: put its key into links.keys (docs/signing.md)"
             return self._row("signing", "refused", "signed, no key for it here", "its key", text)
-        return self._row(
-            "signing",
-            "ok" if signed or not wanted else "warning",
-            "signed" if signed else "not signed",
-            "signed" if wanted else "",
-            "gcs keys install, if its link has a key",
-        )
+        level: Level = "ok" if signed or not wanted else "warning"
+        value, want = "signed" if signed else "not signed", "signed" if wanted else ""
+        return self._row("signing", level, value, want, "gcs keys install, if its link has a key")
 
     # ------------------------------------------------------------ parameters, fence and rally points
 
@@ -316,58 +277,42 @@ class VehicleChecks:
         limits = profile.fence_limits(self._query.values)
         wanted, onboard = fence_of(config, config.name), self._query.onboard_lists.get(FENCE)
         yield self._fence_on_board(wanted, onboard)
-        if wanted.max_alt_rel_m and self._query.values.get(profile.ceiling_parameter) != wanted.max_alt_rel_m:
-            value = self._query.values.get(profile.ceiling_parameter)
-            yield self._row(
-                "ceiling",
-                "refused",
-                "no answer" if value is None else f"{value:g} m",
-                f"{wanted.max_alt_rel_m:g} m",
-                f"gcs fence upload sets {profile.ceiling_parameter}",
-            )
+        ceiling_m, wanted_m = self._query.values.get(profile.ceiling_parameter), wanted.max_alt_rel_m
+        if wanted_m and ceiling_m != wanted_m:
+            value = "no answer" if ceiling_m is None else f"{ceiling_m:g} m"
+            remedy = f"gcs fence upload sets {profile.ceiling_parameter}"
+            yield self._row("ceiling", "refused", value, f"{wanted_m:g} m", remedy)
         problem = self._breach(limits, None if onboard is None else fence_from_items(onboard))
-        yield self._row(
-            "mission in fence",
-            "refused" if problem else "ok",
-            problem or ("fits" if limits.is_on else "the fence is off"),
-            "",
-            "it would breach its fence on the way: change the mission or the fence",
-        )
+        level: Level = "refused" if problem else "ok"
+        value = problem or ("fits" if limits.is_on else "the fence is off")
+        remedy = "it would breach its fence on the way: change the mission or the fence"
+        yield self._row("mission in fence", level, value, "", remedy)
 
     def _fence_on_board(self, wanted: Fence, onboard: Sequence[object] | None) -> Check:
         items = fence_items(wanted)
         text = "not reported" if onboard is None else f"{len(onboard)} items" if onboard else "none"
         if onboard is None:
-            return self._row(
-                "fence",
-                "warning" if not items else "refused",
-                text,
-                "",
-                "no reply to the download of its fence",
-            )
+            level: Level = "refused" if items else "warning"
+            return self._row("fence", level, text, "", "no reply to the download of its fence")
         if not items:
             return self._row("fence", "ok", text, "none in the mission file")
         if not list_difference(FENCE, items, self._query.onboard_lists[FENCE] or ()):
             return self._row("fence", "ok", text, "that of the mission file")
-        level: Level = "refused" if onboard or self._config.fence.areas else "warning"
+        level = "refused" if onboard or self._config.fence.areas else "warning"
         return self._row("fence", level, text, "that of the mission file", "gcs fence upload")
 
     def _rally(self) -> Iterator[Check]:
         items, onboard = rally_items(rally_of(self._config)), self._query.onboard_lists.get(RALLY)
         if onboard is None:
             if items:
-                yield self._row(
-                    "rally", "refused", "not reported", f"{len(items)} points", "gcs fence upload"
-                )
+                wanted = f"{len(items)} points"
+                yield self._row("rally", "refused", "not reported", wanted, "gcs fence upload")
             return
         same = not list_difference(RALLY, items, onboard)
-        yield self._row(
-            "rally",
-            "ok" if same else "refused" if items else "warning",
-            f"{len(onboard)} points" + ("" if same or not onboard else ", others"),
-            f"{len(items)} points" if items else "none",
-            "gcs fence upload",
-        )
+        level: Level = "ok" if same else "refused" if items else "warning"
+        value = f"{len(onboard)} points" + ("" if same or not onboard else ", others")
+        wanted = f"{len(items)} points" if items else "none"
+        yield self._row("rally", level, value, wanted, "gcs fence upload")
 
     def _return_height(self) -> Iterator[Check]:
         assert self._query.profile is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from gcs.config import Config
 from gcs.core.replanning.plan_targets import place_of
 from gcs.core.replanning.records import OtherVehicle, ReplanningState
 from gcs.core.state import Agent
-from gcs.model import Route, Track, vehicle_name
+from gcs.model import FloatArray, Route, Track, vehicle_name
 from gcs.planning.deconfliction import Conflict, PlannedFlight, assign_layers, min_separation_m
 from gcs.planning.map.grid import Point
 from gcs.planning.route_progress import CORRIDOR_M, next_point
@@ -85,52 +85,46 @@ class AltitudeLayers:
         planned = {route.vehicle for route in routes}
         others = {one.vehicle for one in self._state.other_vehicles}
         latest = [self._agents[vehicle].routes.latest for vehicle in arrived if vehicle not in others]
-        flights = [
-            self._other_flight(one, layer)
-            for one, layer in self._other_layers()
-            if one.vehicle not in planned
+        circling = [
+            self._planned(route, route.flown_m[[-1, -1]], route.layer)
+            for route in latest
+            if route is not None
         ]
-        return flights + [self._circling(route) for route in latest if route is not None]
+        return [one for one in self._other_flights() if one.vehicle not in planned] + circling
 
     def is_clear(self, route: Route, routes: Sequence[Route], places: Mapping[int, Point]) -> bool:
         """Return True if a route is separated, in its layer, from others flown from these positions."""
-        flights = [
-            self._other_flight(one, layer)
-            for one, layer in self._other_layers()
-            if one.vehicle != route.vehicle
-        ]
+        flights = [one for one in self._other_flights() if one.vehicle != route.vehicle]
         flown = [one for one in (*routes, route) if one.vehicle in places]
         flights += [self._from(one, places[one.vehicle]) for one in flown]
         _, conflicts = assign_layers(flights, self._count, self._min_separation_m)
         return not any(route.vehicle in conflict.vehicles for conflict in conflicts)
 
-    def _other_layers(self) -> Iterator[tuple[OtherVehicle, int]]:
-        """Yield the other vehicles within a layer, with that layer."""
+    def _other_flights(self) -> list[PlannedFlight]:
+        """Return the flights of the other vehicles within a layer."""
+        flights = []
         for one in self._state.other_vehicles:
             layer = round((one.height_m - self._base_m) / self._step_m) if self._count > 1 else 0
             if 0 <= layer < self._count:
-                yield one, layer
-
-    def _other_flight(self, one: OtherVehicle, layer: int) -> PlannedFlight:
-        points_m = np.array((one.position_m, one.to_m))
-        return PlannedFlight(one.vehicle, points_m, self._speeds_m_s[one.vehicle], layer, True)
+                flights.append(self._planned(one, np.array((one.position_m, one.to_m)), layer))
+        return flights
 
     def _flight(self, route: Route, agent: Track, is_flown: bool) -> PlannedFlight:
         place = place_of(agent)
         if is_flown:
             return self._from(route, place)
         points_m, layer = np.vstack((place, route.flown_m)), self.of(route.vehicle)
-        return PlannedFlight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], layer)
+        return self._planned(route, points_m, layer, is_fixed=False)
 
     def _from(self, route: Route, place: Point) -> PlannedFlight:
         """Return the remaining flight on a route."""
         points_m = np.vstack((place, route.flown_m[next_point(route.flown_m, place, CORRIDOR_M) :]))
-        return PlannedFlight(route.vehicle, points_m, self._speeds_m_s[route.vehicle], route.layer, True)
+        return self._planned(route, points_m, route.layer)
 
-    def _circling(self, route: Route) -> PlannedFlight:
-        return PlannedFlight(
-            route.vehicle, route.flown_m[[-1, -1]], self._speeds_m_s[route.vehicle], route.layer, True
-        )
+    def _planned(
+        self, one: Route | OtherVehicle, points_m: FloatArray, layer: int, *, is_fixed: bool = True
+    ) -> PlannedFlight:
+        return PlannedFlight(one.vehicle, points_m, self._speeds_m_s[one.vehicle], layer, is_fixed)
 
 
 def _words(conflict: Conflict) -> str:

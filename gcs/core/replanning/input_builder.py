@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 
-from gcs.core.authority.control_authority import without_missions
 from gcs.core.operator.records import OperatorState
-from gcs.core.perception.agent_status import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.perception.vehicle_kinematics import VehicleKinematics
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.records import OtherVehicle
 from gcs.core.replanning.replanner import Replanner
-from gcs.core.state import Agent
+from gcs.core.state import Agent, at_targets, with_status, without_missions
 from gcs.core.tasking.upload_latency import late_s, left_s
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
@@ -34,7 +32,6 @@ class PlanningInputBuilder:
     fleet: Fleet
     trackers: MultiSensorTracker
     kinematics: VehicleKinematics
-    agent_status: AgentStatusMonitor
     tasking: UploadManager
     replanner: Replanner
 
@@ -43,7 +40,7 @@ class PlanningInputBuilder:
         tracks, untaskable = self._tracks(), without_missions(self.agents)
         picture = self.trackers.agents.picture  # later than that of targets after reports alone
         agents_t_ns = picture_t_ns if picture is None else max(picture_t_ns, picture.scan_t_ns)
-        active, lost = self.agent_status.active(), self.agent_status.lost()
+        active, lost = with_status(self.agents, "active"), frozenset(with_status(self.agents, "lost"))
         agents = {v: tracks[v] for v in active if v not in untaskable and v in tracks}
         return PlanningInputs(
             t_ns=t_ns,
@@ -58,9 +55,9 @@ class PlanningInputBuilder:
             other_vehicles=self._other_vehicles(agents, lost),
             passed=frozenset(filter(self.tasking.onboard_missions.has_missed, agents)),
             targets=self.open_targets(),
-            at_targets=self.agent_status.at_targets(),
+            at_targets=at_targets(self.agents),
             priorities={t: w.priority for t, w in self.operator.targets.items() if w.priority is not None},
-            arrived=self.agent_status.arrived(),
+            arrived=frozenset(with_status(self.agents, "arrived")),
             lost=lost,
             untaskable=untaskable,
         )
@@ -78,16 +75,16 @@ class PlanningInputBuilder:
 
     def open_targets(self) -> dict[Label, Track]:
         """Return the confirmed targets that need more agents, and are not ignored."""
-        at_targets, needed = self.agent_status.at_targets(), self.replanner.plan_targets.needed
+        arrived, needed = at_targets(self.agents), self.replanner.plan_targets.needed
         return {
             label: track
             for label, track in self.trackers.targets.confirmation.tracks.items()
-            if at_targets.get(label, 0) < needed(label) and not self.operator.is_ignored(label)
+            if arrived[label] < needed(label) and not self.operator.is_ignored(label)
         }
 
     def climbs(self, vehicles: Iterable[int]) -> dict[int, Climb]:
         """Return the climbs that vehicles have before their routes."""
-        found = {v: self.tasking.climb(v, self.replanner.layer(v)) for v in vehicles}
+        found = {v: self.tasking.climb(v, self.replanner.layers.of(v)) for v in vehicles}
         return {vehicle: climb for vehicle, climb in found.items() if climb is not None}
 
     def _other_vehicles(self, planned: Container[int], lost: Container[int]) -> tuple[OtherVehicle, ...]:
@@ -101,10 +98,10 @@ class PlanningInputBuilder:
             position_m = to_m = (state.east_m, state.north_m)
             if state.mode == RTL and home is not None:
                 to_m = self.frame.to_local(home.lat_deg, home.lon_deg)
-            found.append(OtherVehicle(vehicle, position_m, to_m, self.tasking.height_m(state)))
+            found.append(OtherVehicle(vehicle, position_m, to_m, self.fleet.height_m(state)))
         return tuple(found)
 
     def _left_s(self, vehicles: Iterable[int], t_ns: int) -> dict[int, float]:
         """Return the remaining time of each upload in progress."""
-        elapsed = {vehicle: self.tasking.elapsed_s(vehicle, t_ns) for vehicle in vehicles}
+        elapsed = {vehicle: self.tasking.state.elapsed_s(vehicle, t_ns) for vehicle in vehicles}
         return {v: left_s(self.agents[v].tasking, for_s) for v, for_s in elapsed.items() if for_s is not None}

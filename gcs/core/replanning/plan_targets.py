@@ -8,10 +8,9 @@ from gcs.config import Config
 from gcs.config.schema import PlanningTable
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.model import Label, Route, Track
-from gcs.planning.forward_simulation import Motion
 from gcs.planning.intercept import shrunk_velocity
 from gcs.planning.map.grid import Point
-from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions, TargetDemand
+from gcs.planning.planner_inputs import LoiterSpec, PlanOptions, TargetDemand
 from gcs.planning.route_progress import CORRIDOR_M, remaining_length_m
 
 ARRIVING_M = 50.0
@@ -56,7 +55,7 @@ def _loiter(config: Config) -> LoiterSpec | None:
 
 
 class PlanTargets:
-    """Starts of agents, demands of targets, and tolerances of routes."""
+    """Demands of targets, and tolerances of routes."""
 
     def __init__(self, config: Config) -> None:
         self._planning: PlanningTable = config.planning
@@ -65,10 +64,6 @@ class PlanTargets:
         highest = max((birth.priority for birth in config.births), default=0)
         self._ranks = [highest - birth.priority for birth in config.births]
         self._rank = highest
-
-    def start(self, vehicle: int, turns: Motion, captures: Motion, late_s: float) -> AgentState:
-        """Return the start of an agent: its motion at the first turn, and at the capture of the route."""
-        return AgentState(*turns.place_m, turns.course_rad, self._speeds_m_s[vehicle], late_s, captures)
 
     def position(self, target: Track, ahead_s: float) -> Point:
         """Return the predicted position of a target; with `planning.aim = "position"` the current one."""

@@ -53,6 +53,35 @@ class AgentRoutes:
         """Proposed route, else the flown one."""
         return self.flown if self.proposed is None else self.proposed
 
+    def drop(self) -> None:
+        """Drop the routes of a vehicle that arrived, is lost, or is not tasked."""
+        self.drop_flown()
+        self.proposed = None
+
+    def drop_flown(self) -> None:
+        """Drop the route of a vehicle whose mission could not be uploaded."""
+        self.flown, self.is_blocked = None, False
+
+    def adopt(self, route: Route) -> None:
+        """Make a proposed or suspended route the one that is flown."""
+        self.drop()
+        self.flown = route
+
+    def suspend(self, *, is_uploaded: bool) -> None:
+        """Drop the routes; keep one that the vehicle has on board for `pop_suspended`."""
+        if self.flown is not None and is_uploaded:
+            self.suspended = self.flown
+        self.drop()
+
+    def decline(self) -> None:
+        """Note that an operator rejected the proposed route."""
+        self.declined = self.proposed
+
+    def pop_suspended(self) -> Route | None:
+        """Return, once, the route of a suspended vehicle."""
+        route, self.suspended = self.suspended, None
+        return route
+
 
 @dataclass(slots=True)
 class ReplanningState:

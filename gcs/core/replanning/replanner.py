@@ -25,10 +25,10 @@ from gcs.core.replanning.plan_targets import PlanTargets, plan_options
 from gcs.core.replanning.reasons import Reason
 from gcs.core.replanning.records import ReplanningState
 from gcs.core.replanning.triggers import Triggers
-from gcs.core.state import Agent
+from gcs.core.state import Agent, flown_routes
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.mission.upload_timing import UploadTiming
-from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route, Track
+from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route
 from gcs.planning.forward_simulation import Motion, predict_motion
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
@@ -41,77 +41,19 @@ _SAME_PLACE_M = 1.0
 
 
 class Replanner:
-    """Plans when a trigger asks for it, and keeps the routes of all vehicles."""
+    """Plans when a trigger asks for it, and changes the routes of all vehicles."""
 
     def __init__(
         self, config: Config, zones: NoFlyZones, agents: Mapping[int, Agent], state: ReplanningState
     ) -> None:
-        planning = config.planning
         self._zones, self._agents, self._state = zones, agents, state
-        self._options = plan_options(config)
+        self._config, self._planning, self._options = config, config.planning, plan_options(config)
         self.plan_targets = PlanTargets(config)
-        self._layers = AltitudeLayers(config, agents, state)
-        self._planning = planning
+        self.layers = AltitudeLayers(config, agents, state)
         self._lag_s = config.airframe.turn_lag_s
         self._ahead_s = DELIVERY_S + 0.5 * self._lag_s
-        self._period_ns = int(planning.period_s * NS_PER_S)
-        self._expected_agents = len(config.agents)
-        self._expected_targets = len(config.births)
+        self._period_ns = int(config.planning.period_s * NS_PER_S)
         self._triggers = Triggers(config, self.plan_targets, zones, agents, state)
-
-    @property
-    def routes(self) -> dict[int, Route]:
-        """Routes that vehicles fly, or whose missions are on their way to them."""
-        routes = {vehicle: agent.routes.flown for vehicle, agent in self._agents.items()}
-        return {vehicle: route for vehicle, route in routes.items() if route is not None}
-
-    @property
-    def proposed(self) -> dict[int, Route]:
-        """Routes that were proposed to an operator, with `planning.retask = "confirm"`."""
-        routes = {vehicle: agent.routes.proposed for vehicle, agent in self._agents.items()}
-        return {vehicle: route for vehicle, route in routes.items() if route is not None}
-
-    def layer(self, vehicle: int) -> int:
-        """Return the altitude layer of a vehicle's route, or the one that it gets first."""
-        return self._layers.of(vehicle)
-
-    @property
-    def assigned(self) -> dict[int, Label]:
-        """Target of each tasked vehicle."""
-        return {vehicle: route.target for vehicle, route in self.routes.items()}
-
-    def drop(self, vehicle: int) -> None:
-        """Drop the routes of a vehicle that arrived, is lost, or is not tasked."""
-        self.drop_route(vehicle)
-        self._agents[vehicle].routes.proposed = None
-
-    def drop_route(self, vehicle: int) -> None:
-        """Drop the route of a vehicle whose mission could not be uploaded."""
-        routes = self._agents[vehicle].routes
-        routes.flown, routes.is_blocked = None, False
-
-    def adopt(self, route: Route) -> None:
-        """Make a proposed or suspended route the one that is flown."""
-        self.drop(route.vehicle)
-        self._agents[route.vehicle].routes.flown = route
-
-    def decline(self, vehicle: int) -> None:
-        """Note that an operator rejected the proposed route of a vehicle."""
-        routes = self._agents[vehicle].routes
-        routes.declined = routes.proposed
-
-    def suspend(self, vehicle: int, *, is_uploaded: bool) -> None:
-        """Drop the routes of a vehicle; keep one that it has on board for `pop_suspended`."""
-        routes = self._agents[vehicle].routes
-        if routes.flown is not None and is_uploaded:
-            routes.suspended = routes.flown
-        self.drop(vehicle)
-
-    def pop_suspended(self, vehicle: int) -> Route | None:
-        """Return, once, the route of a suspended vehicle."""
-        routes = self._agents[vehicle].routes
-        route, routes.suspended = routes.suspended, None
-        return route
 
     def taken_up(self, t_ns: int, picture_t_ns: int) -> list[Plan]:
         """Return the plan that goes on after a restart; empty if none has been made.
@@ -120,18 +62,16 @@ class Replanner:
         """
         if self._state.next_check_t_ns is None:
             return []
-        assigned = self.assigned
+        routes, targets = flown_routes(self._agents), self._state.planned_targets
+        planned = [vehicle for vehicle, agent in self._agents.items() if agent.routes.is_planned]
+        assigned = {route.target for route in routes.values()}
         return [
             Plan(
                 t_ns=t_ns,
                 picture_t_ns=picture_t_ns,
-                routes=tuple(route for _, route in sorted(self.routes.items())),
-                unassigned_vehicles=tuple(
-                    v for v, agent in self._agents.items() if agent.routes.is_planned and v not in assigned
-                ),
-                unassigned_targets=tuple(
-                    label for label in self._state.planned_targets if label not in assigned.values()
-                ),
+                routes=tuple(routes.values()),
+                unassigned_vehicles=tuple(vehicle for vehicle in planned if vehicle not in routes),
+                unassigned_targets=tuple(label for label in targets if label not in assigned),
                 reason="taken up again",
                 causes=("taken up again",),
             )
@@ -142,11 +82,6 @@ class Replanner:
         if self._state.next_check_t_ns is not None:
             self._state.news.append(Reason("operator order", text))
             self._state.next_check_t_ns = t_ns
-
-    def keep_only(self, vehicles: Collection[int]) -> None:
-        """Drop the routes of all other vehicles: the plan has none for them."""
-        for vehicle in self._agents.keys() - vehicles:
-            self.drop_route(vehicle)
 
     def change_map(
         self,
@@ -174,20 +109,16 @@ class Replanner:
         list of int
             Vehicles that will fly through the closed cells unless they get another route.
         """
-        for vehicle, route in self.routes.items():
+        for vehicle, route in flown_routes(self._agents).items():
             if vehicle in without_return or is_crossed(closed, route.flown_m, places.get(vehicle)):
                 self._agents[vehicle].routes.is_blocked = True
-        for vehicle, route in self.proposed.items():
-            if is_crossed(closed, route.flown_m, places.get(vehicle)):
-                self._agents[vehicle].routes.proposed = None
+        for vehicle, agent in self._agents.items():
+            proposed = agent.routes.proposed
+            if proposed is not None and is_crossed(closed, proposed.flown_m, places.get(vehicle)):
+                agent.routes.proposed = None
         self._state.news.append(Reason("map changed", news))
         if self._state.next_check_t_ns is not None:
             self._state.next_check_t_ns = t_ns
-        return self.blocked
-
-    @property
-    def blocked(self) -> list[int]:
-        """Vehicles whose flown or return routes lead through an area that was closed since."""
         return [vehicle for vehicle, agent in sorted(self._agents.items()) if agent.routes.is_blocked]
 
     def is_due(self, t_ns: int) -> bool:
@@ -248,7 +179,7 @@ class Replanner:
         vehicles = {route.vehicle for route in renewed}
         others = [r for v, r in self._triggers.newest.items() if v in inputs.agents and v not in vehicles]
         self._state.other_vehicles = inputs.other_vehicles
-        given, _ = self._layers.give([*others, *renewed], vehicles, inputs.agents, inputs.arrived)
+        given, _ = self.layers.give([*others, *renewed], vehicles, inputs.agents, inputs.arrived)
         routes = {route.vehicle: route for route in given if route.vehicle in vehicles}
         for vehicle, route in routes.items():
             self._agents[vehicle].routes.proposed = route
@@ -261,26 +192,19 @@ class Replanner:
             routes = self._agents[vehicle].routes
             routes.made_t_ns, routes.is_short = t_ns, vehicle in result.stops_short
 
-    def is_separated(self, route: Route, places: Mapping[int, Point]) -> bool:
-        """Return True if a route that is flown again keeps its separation from those that are flown now.
-
-        `places` are the positions of vehicles, east and north.
-        """
-        return self._layers.is_clear(route, list(self.routes.values()), places)
-
     def separation_m(self, inputs: PlanningInputs) -> dict[int, float]:
         """Return the minimum distance of each vehicle to others of its layer; infinite without others."""
         routes = [route for v, route in self._triggers.newest.items() if v in inputs.agents]
-        return self._layers.separation_m(routes, self.proposed, inputs.agents, inputs.arrived)
+        proposed = {v for v, agent in self._agents.items() if agent.routes.proposed is not None}
+        return self.layers.separation_m(routes, proposed, inputs.agents, inputs.arrived)
 
     def _first_plan(self, inputs: PlanningInputs) -> Plan | None:
         """Plan when all expected agents and targets are there, or after a short wait without the rest."""
         state = self._state
         if state.started_t_ns is None:
             state.started_t_ns = inputs.t_ns
-        is_complete = (
-            len(inputs.agents) >= self._expected_agents and len(inputs.targets) >= self._expected_targets
-        )
+        config = self._config
+        is_complete = len(inputs.agents) >= len(config.agents) and len(inputs.targets) >= len(config.births)
         waited = inputs.t_ns - state.started_t_ns >= _FIRST_PLAN_WAIT_S * NS_PER_S
         if not (is_complete or (waited and inputs.agents and inputs.targets)):
             return None
@@ -288,9 +212,8 @@ class Replanner:
         return self._plan(inputs, [Reason("first plan", "first plan")])
 
     def _plan(self, inputs: PlanningInputs, why: Sequence[Reason]) -> Plan:
-        arriving = [
-            route for _, route in sorted(self.routes.items()) if self._triggers.is_arriving(route, inputs)
-        ]
+        routes = flown_routes(self._agents).values()
+        arriving = [route for route in routes if self._triggers.is_arriving(route, inputs)]
         keeping = {route.vehicle for route in arriving}
         there = Counter(inputs.at_targets) + Counter(route.target for route in arriving)
         kept_targets = {r.target for r in arriving if there[r.target] >= self.plan_targets.needed(r.target)}
@@ -315,7 +238,7 @@ class Replanner:
         self._note_made(changed, result, inputs.t_ns)
         kept.sort(key=lambda route: route.vehicle)
         self._state.other_vehicles = inputs.other_vehicles
-        kept, near = self._layers.give(kept, changed, inputs.agents, inputs.arrived)
+        kept, near = self.layers.give(kept, changed, inputs.agents, inputs.arrived)
         notes = (*result.notes, *near)
         self._state.new_notes = tuple(note for note in notes if note not in self._state.noted)
         self._state.noted = notes
@@ -352,10 +275,11 @@ class Replanner:
         pinned = {vehicle: self._agents[vehicle].orders.pinned for vehicle in starts}
         if fixed:
             demands = {label: replace(one, agents=counts[label]) for label, one in demands.items()}
+        ahead_s = (inputs.t_ns - inputs.picture_t_ns) / NS_PER_S + self._ahead_s  # begin of the routes
         return plan_routes(
             self._zones.grid,
             starts,
-            {label: self._place(track, inputs) for label, track in targets.items()},
+            {label: self.plan_targets.position(track, ahead_s) for label, track in targets.items()},
             flown,
             replace(self._options, switch_gain_m=math.inf) if fixed else self._options,
             demands=demands,
@@ -369,7 +293,8 @@ class Replanner:
         late_s = inputs.late_s.get(vehicle, 0.0)
         if vehicle in inputs.climbs:
             late_s += inputs.climbs[vehicle].duration_s
-        return self.plan_targets.start(vehicle, turns, takes_up, late_s)
+        speed_m_s = self._config.speed_m_s(vehicle)
+        return AgentState(*turns.place_m, turns.course_rad, speed_m_s, late_s, takes_up)
 
     def _expected(self, vehicle: int, inputs: PlanningInputs, more_s: float) -> Motion:
         """Return an agent's motion `more_s` after it got a route that is planned now, or after its climb."""
@@ -379,12 +304,6 @@ class Replanner:
         until_hold_s = max(0.0, motion.ahead.next_s - UploadTiming().guard_s)
         ahead_s = DELIVERY_S + motion.ahead.wait_s + min(late_s, until_hold_s) + more_s
         return predict_motion(self._zones.grid, motion, ahead_s, self._lag_s)
-
-    def _place(self, target: Track, inputs: PlanningInputs) -> Point:
-        """Return the position of a target at the time when agents begin routes that are planned now."""
-        return self.plan_targets.position(
-            target, (inputs.t_ns - inputs.picture_t_ns) / NS_PER_S + self._ahead_s
-        )
 
     def _decide(self, kept: list[Route], inputs: PlanningInputs) -> None:
         """Make the routes of a plan the flown ones, or propose those that differ."""
@@ -398,7 +317,7 @@ class Replanner:
             if routes.declined is not None and not routes.declined.is_same(routes.proposed):
                 routes.declined = None
             if routes.flown is None or routes.flown.target not in inputs.targets:
-                self.drop_route(vehicle)
+                routes.drop_flown()
 
     def _is_still_good(self, flown: Route, new: Route, inputs: PlanningInputs, short: bool) -> bool:
         """Return True if a vehicle should keep its route; `short`: the new one ends before its target."""

@@ -11,13 +11,12 @@ names two that climb near each other.
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping
+from collections.abc import Container
 from typing import Final
 
 from gcs.config import Config
-from gcs.core.state import Agent
-from gcs.core.takeoff.records import TakeoffState
-from gcs.core.tasking.upload_manager import UploadManager
+from gcs.core.state import State
+from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
@@ -40,12 +39,11 @@ class TakeoffSequence:
         self,
         config: Config,
         fleet: Fleet,
-        tasking: UploadManager,
-        agents: Mapping[int, Agent],
-        state: TakeoffState,
+        onboard_missions: OnboardMissions,
+        state: State,
     ) -> None:
-        self._config, self._fleet, self._tasking = config, fleet, tasking
-        self._agents, self._state = agents, state
+        self._config, self._fleet, self._missions = config, fleet, onboard_missions
+        self._agents, self._state, self._uploads = state.agents, state.takeoff, state.tasking
         self._low_m = config.mission.altitude_rel_m - _ALTITUDE_TOLERANCE_M
         climb_m = config.takeoff.length_m(config.mission.altitude_rel_m)
         self.distance_m = climb_m + config.planning.separation_m
@@ -71,7 +69,7 @@ class TakeoffSequence:
                 continue
             away_m = _distance_m(state, other)
             activity, until = self._obstructs(other, is_starting=health.system_id in starting)
-            if self._tasking.terminal_phase(health.system_id) == "landing" and health.home is not None:
+            if self._missions.terminal_phase(health.system_id) == "landing" and health.home is not None:
                 home_m = self._config.local_frame.to_local(health.home.lat_deg, health.home.lon_deg)
                 away_m = min(away_m, math.dist(home_m, (state.east_m, state.north_m)))
             if activity and away_m <= self.distance_m:
@@ -98,14 +96,14 @@ class TakeoffSequence:
         vehicle, home = state.system_id, self._fleet.home(state.system_id)
         above = f"is {max(self._low_m, 0.0):.0f} m above home or {self.distance_m:.0f} m away"
         if is_on_ground(state, home):
-            is_loaded = state.mode in SELF_LAUNCHING or self._tasking.is_uploading(vehicle)
+            is_loaded = state.mode in SELF_LAUNCHING or self._uploads.is_uploading(vehicle)
             if is_starting or is_loaded:
                 return "is about to take off", f"{above}, or is disarmed"
             return "", ""
-        ending = self._tasking.terminal_phase(vehicle)
+        ending = self._missions.terminal_phase(vehicle)
         if ending in ("return route", "landing"):
             return "flies its landing", "has landed and is disarmed"
-        height_m = self._height_m(state)
+        height_m = self._fleet.height_m(state)
         if height_m >= self._low_m:
             return "", ""
         if self._climbs(vehicle):
@@ -121,7 +119,7 @@ class TakeoffSequence:
 
     def _check_waiting(self, t_ns: int, starting: Container[int]) -> list[Effect]:
         effects: list[Effect] = []
-        stages = self._tasking.stages
+        stages = self._uploads.stages
         for vehicle, agent in sorted(self._agents.items()):
             is_queued, was_waiting = stages.get(vehicle) == "waiting", agent.takeoff.is_waiting
             reason = self.holds_back(vehicle, starting) if is_queued else ""
@@ -134,7 +132,7 @@ class TakeoffSequence:
         climbing = []
         for state in self._fleet.states():
             takeoff = self._agents[state.system_id].takeoff
-            was_grounded, is_low = takeoff.is_grounded, self._height_m(state) < self._low_m
+            was_grounded, is_low = takeoff.is_grounded, self._fleet.height_m(state) < self._low_m
             takeoff.is_grounded = is_on_ground(state, self._fleet.home(state.system_id))
             takeoff.is_climbing = not takeoff.is_grounded and (was_grounded or takeoff.is_climbing) and is_low
             if not takeoff.is_grounded and self._climbs(state.system_id):
@@ -163,15 +161,10 @@ class TakeoffSequence:
 
     def _climbs(self, vehicle: int) -> bool:
         state = self._fleet.state(vehicle)
-        if state is None or not state.armed or self._height_m(state) >= self._low_m:
+        if state is None or not state.armed or self._fleet.height_m(state) >= self._low_m:
             return False
         is_climbing = self._agents[vehicle].takeoff.is_climbing or state.mode == "TAKEOFF"
-        return is_climbing or self._tasking.is_in_takeoff(vehicle)
-
-    def _height_m(self, state: VehicleState) -> float:
-        """Return the height above home; above the mission's origin if home is unknown."""
-        home = self._fleet.home(state.system_id)
-        return state.alt_msl_m - (self._config.frame.alt_msl_m if home is None else home.alt_msl_m)
+        return is_climbing or self._missions.is_in_takeoff(vehicle)
 
 
 def _distance_m(one: VehicleState, other: VehicleState) -> float:

@@ -25,20 +25,14 @@ from gcs.mavlink.mission.upload_stages import OnboardState, TransitionError
 from gcs.mavlink.mission.upload_steps import UploadState
 from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.mavlink.mission.upload_timing import UploadPolicy
-from gcs.model import NS_PER_S, Effect, Notice, Upload, UploadAnswer
+from gcs.model import Effect, Notice, Upload, UploadAnswer
 
 _MAX_ITEMS_IN_FLIGHT: Final = 12
 """Per link; each upload has at least one."""
 
 
 class ActiveUploads(UploadPolicy):
-    """Uploads in progress, and their policy.
-
-    Parameters
-    ----------
-    max_parallel : int
-        Maximum number of uploads at a time over one link.
-    """
+    """Uploads in progress, at most `max_parallel` at a time over one link, and their policy."""
 
     def __init__(
         self,
@@ -51,40 +45,16 @@ class ActiveUploads(UploadPolicy):
         max_parallel: int,
     ) -> None:
         self._fleet, self._agents = fleet, agents
-        self._uploads, self._windows = state.uploads, state.windows
+        self._state, self._uploads, self._windows = state, state.uploads, state.windows
         self._onboard, self._overrides, self._first_legs = onboard, overrides, first_legs
         self._max_parallel = max_parallel
-
-    def __contains__(self, vehicle: int) -> bool:
-        """Return True if an upload to a vehicle is in progress, or its mission is being cleared."""
-        return vehicle in self._uploads
-
-    @property
-    def stages(self) -> dict[int, str]:
-        """Stage of each upload, by vehicle."""
-        return {vehicle: upload.state.stage for vehicle, upload in self._uploads.items()}
-
-    def elapsed_s(self, vehicle: int, t_ns: int) -> float | None:
-        """Return the time since an upload began; None if there is none."""
-        upload = self._uploads.get(vehicle)
-        return None if upload is None else (t_ns - upload.state.began_t_ns) / NS_PER_S
-
-    def has_mission(self, vehicle: int) -> bool:
-        """Return True if a mission is being uploaded to a vehicle, and not merely cleared."""
-        upload = self._uploads.get(vehicle)
-        return upload is not None and upload.onboard is not None
 
     def has_capacity(self, vehicle: int) -> bool:
         """Return True if an upload to a vehicle may begin; clearing precedes a mission."""
         if vehicle in self._uploads:
-            return not self.has_mission(vehicle)
+            return not self._state.is_uploading(vehicle)
         window = self._window(self._fleet.link(vehicle))
         return window.active < window.window
-
-    def may_be_inconsistent(self, vehicle: int) -> bool:
-        """Return True if the onboard mission may be inconsistent; never where uploads are atomic."""
-        is_unsure = vehicle in self._uploads or self._agents[vehicle].tasking.is_inconsistent
-        return is_unsure and not self._fleet.is_atomic(vehicle)
 
     def mark_inconsistent(self, vehicle: int) -> None:
         """Mark an onboard mission as inconsistent: the vehicle is held and cleared when it is heard."""
@@ -104,7 +74,7 @@ class ActiveUploads(UploadPolicy):
 
     def time_to_next_s(self, vehicle: int, t_ns: int) -> float:
         """Return the time until a vehicle reaches its current item; 0 if that is unknown."""
-        return self._onboard.time_to_next_s(vehicle, t_ns) if self.has_mission(vehicle) else 0.0
+        return self._onboard.time_to_next_s(vehicle, t_ns) if self._state.is_uploading(vehicle) else 0.0
 
     def first_item(self, vehicle: int) -> int:
         """Return the first item ahead of a vehicle."""

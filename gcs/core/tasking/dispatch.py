@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.operator.plan_approval import PlanApproval
-from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
-from gcs.core.state import Agent
+from gcs.core.state import Agent, flown_routes
 from gcs.core.tasking.upload_latency import note_failure, note_success
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.model import ControlEvent, Effect, Route, UploadReport
@@ -19,7 +18,6 @@ from gcs.model import ControlEvent, Effect, Route, UploadReport
 class Dispatch:
     """Connects planned routes, their approval, and uploads."""
 
-    replanner: Replanner
     return_routes: ReturnRoutes
     approval: PlanApproval
     tasking: UploadManager
@@ -31,7 +29,7 @@ class Dispatch:
         effects: list[Effect] = self.withdraw(t_ns)
         for route in routes:
             at_once = route.vehicle in urgent
-            elapsed_s = self.tasking.elapsed_s(route.vehicle, t_ns)
+            elapsed_s = self.tasking.state.elapsed_s(route.vehicle, t_ns)
             if elapsed_s is not None:
                 note_failure(self.agents[route.vehicle].tasking, elapsed_s)
             return_route, warnings = self.return_routes.plan(route, t_ns)
@@ -41,7 +39,7 @@ class Dispatch:
 
     def withdraw(self, t_ns: int) -> list[Effect]:
         """Remove queued routes that their vehicles should not fly any more."""
-        unwanted = self.tasking.withdraw_except(self.replanner.routes)
+        unwanted = self.tasking.withdraw_except(flown_routes(self.agents))
         return [answer for v in unwanted for answer in self.approval.end(v, t_ns, "not wanted any more")]
 
     def settle(self, effects: Sequence[Effect]) -> list[Effect]:
@@ -56,9 +54,9 @@ class Dispatch:
                 note_success(self.agents[effect.vehicle].tasking, effect.duration_s)
             else:
                 note_failure(self.agents[effect.vehicle].tasking, effect.duration_s)
-            if self.tasking.has_pending(effect.vehicle):
+            if self.tasking.state.has_pending(effect.vehicle):
                 continue  # the result of the newer upload counts
             settled += self.approval.uploaded(effect)
             if not effect.ok:
-                self.replanner.drop_route(effect.vehicle)
+                self.agents[effect.vehicle].routes.drop_flown()
         return settled

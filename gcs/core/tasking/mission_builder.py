@@ -18,13 +18,7 @@ MAX_RADIUS_M = 255.0
 
 
 class MissionBuilder:
-    """Makes missions from routes.
-
-    Parameters
-    ----------
-    table : MissionTable
-        Altitude and minimum acceptance radius of waypoints.
-    """
+    """Makes missions from routes."""
 
     def __init__(self, table: MissionTable, airframe: AirframeTable, frame: LocalFrame) -> None:
         self._table, self._frame, self._corners = table, frame, corners_of(table, airframe)

@@ -7,13 +7,12 @@ notified and the next plan gives the vehicle a new mission. A vehicle in its lan
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Final
 
-from gcs.core.state import Agent
-from gcs.core.tasking.onboard_missions import TerminalPhase
+from gcs.core.state import Agent, with_status
+from gcs.core.tasking.onboard_missions import OnboardMissions, TerminalPhase
 from gcs.core.tasking.records import NO_MISSION
-from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice
 
@@ -30,40 +29,30 @@ _PHASE_WORDS: Final[dict[TerminalPhase, str]] = {
 }
 
 
-class MissionEnds:
-    """Vehicles that have passed the ends of their routes.
-
-    Parameters
-    ----------
-    capture_radius_m : float
-        Distance at which a vehicle has reached its target.
-    """
-
-    def __init__(self, agents: Mapping[int, Agent], tasking: UploadManager, capture_radius_m: float) -> None:
-        self._agents, self._tasking, self._max_radius_m = agents, tasking, capture_radius_m
-
-    def check(self, t_ns: int, active: Iterable[int]) -> list[Effect]:
-        """Check the vehicles that have not reached a target; report each mission once."""
-        effects: list[Effect] = []
-        for agent in self._agents.values():
-            agent.tasking.route_end.has_missed = False
-        for vehicle in active:
-            tasking, phase = self._agents[vehicle].tasking, self._tasking.terminal_phase(vehicle)
-            mission, end = tasking.onboard, tasking.route_end
-            if not phase or (mission is None and phase != "return"):
-                end.since_t_ns = None
-                continue
-            mission_id = NO_MISSION if mission is None else mission.mission_id
-            if end.since_t_ns is None or end.mission_id != mission_id:
-                end.since_t_ns, end.mission_id = t_ns, mission_id
-                continue
-            circle = None if mission is None else mission.circle
-            is_at_target = phase == "circle" and circle is not None and circle.radius_m <= self._max_radius_m
-            if t_ns - end.since_t_ns < (_CIRCLING_NS if is_at_target else _ARRIVAL_NS):
-                continue
-            end.has_missed = not is_at_target and phase != "landing"
-            if end.reported_id != mission_id:
-                end.reported_id = mission_id
-                text = f"ended its route without having reached its target: {_PHASE_WORDS[phase]}"
-                effects.append(Notice(t_ns, "alarm", text, vehicle))
-        return effects
+def check_route_ends(
+    agents: Mapping[int, Agent], missions: OnboardMissions, capture_radius_m: float, t_ns: int
+) -> list[Effect]:
+    """Check the active vehicles, which have not reached a target; report each mission once."""
+    effects: list[Effect] = []
+    for agent in agents.values():
+        agent.tasking.route_end.has_missed = False
+    for vehicle in with_status(agents, "active"):
+        mission, end = agents[vehicle].tasking.onboard, agents[vehicle].tasking.route_end
+        phase = missions.terminal_phase(vehicle)
+        if not phase or (mission is None and phase != "return"):
+            end.since_t_ns = None
+            continue
+        mission_id = NO_MISSION if mission is None else mission.mission_id
+        if end.since_t_ns is None or end.mission_id != mission_id:
+            end.since_t_ns, end.mission_id = t_ns, mission_id
+            continue
+        circle = None if mission is None else mission.circle
+        is_at_target = phase == "circle" and circle is not None and circle.radius_m <= capture_radius_m
+        if t_ns - end.since_t_ns < (_CIRCLING_NS if is_at_target else _ARRIVAL_NS):
+            continue
+        end.has_missed = not is_at_target and phase != "landing"
+        if end.reported_id != mission_id:
+            end.reported_id = mission_id
+            text = f"ended its route without having reached its target: {_PHASE_WORDS[phase]}"
+            effects.append(Notice(t_ns, "alarm", text, vehicle))
+    return effects

@@ -105,6 +105,8 @@ class OnboardMissions:
 
     def terminal_phase(self, vehicle: int) -> TerminalPhase:
         """Return the phase of a mission behind the last point of its route; empty before that."""
+        if self._agents[vehicle].authority.mode.has_ended:
+            return "return"
         flown = self._flown(vehicle)
         if flown is None:
             return ""

@@ -10,7 +10,7 @@ from gcs.core.tasking.upload_retry import UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.upload_steps import UploadState
-from gcs.model import Route
+from gcs.model import NS_PER_S, Route
 from gcs.planning.forward_simulation import LoiterCircle
 from gcs.planning.manoeuvres.landing import ReturnRoute
 
@@ -105,8 +105,6 @@ class AgentTasking:
     """False while the vehicle still counts items of the mission before."""
     is_inconsistent: bool = False
     """True if the onboard mission may be inconsistent: the vehicle is held and cleared when it is heard."""
-    is_paused: bool = False
-    """True while the onboard mission is audited: no upload starts."""
     boots: int = 0
     """Reboots that have been processed."""
     before_boot: OnboardMission | None = None
@@ -117,6 +115,11 @@ class AgentTasking:
     route_end: RouteEnd = field(default_factory=RouteEnd)
     usual_upload_s: float | None = None
     """Estimated duration of an upload; None before the first one."""
+
+    def pop_before_boot(self) -> OnboardMission | None:
+        """Return, once, the mission that the vehicle stored before it rebooted outside an upload."""
+        mission, self.before_boot = self.before_boot, None
+        return mission
 
 
 @dataclass(slots=True)
@@ -133,3 +136,23 @@ class TaskingState:
     """Monitored first legs by vehicle, in order of their begin."""
     windows: dict[str, UploadWindow] = field(default_factory=dict)
     """By link."""
+
+    @property
+    def stages(self) -> dict[int, str]:
+        """Stage of each upload, by vehicle; "waiting" for queued routes."""
+        stages = {vehicle: upload.state.stage for vehicle, upload in self.uploads.items()}
+        return dict.fromkeys(self.queue, "waiting") | stages
+
+    def elapsed_s(self, vehicle: int, t_ns: int) -> float | None:
+        """Return the time since an upload began; None if there is none."""
+        upload = self.uploads.get(vehicle)
+        return None if upload is None else (t_ns - upload.state.began_t_ns) / NS_PER_S
+
+    def is_uploading(self, vehicle: int) -> bool:
+        """Return True if a mission is being uploaded to a vehicle, and not merely queued or cleared."""
+        upload = self.uploads.get(vehicle)
+        return upload is not None and upload.onboard is not None
+
+    def has_pending(self, vehicle: int) -> bool:
+        """Return True if a mission is queued or being uploaded."""
+        return vehicle in self.queue or self.is_uploading(vehicle)

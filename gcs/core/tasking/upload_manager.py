@@ -24,7 +24,7 @@ from gcs.core.takeoff.climbs import Climbs
 from gcs.core.tasking.active_uploads import ActiveUploads
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import MissionBuilder
-from gcs.core.tasking.onboard_missions import OnboardMissions, TerminalPhase
+from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import OnboardMission, QueuedRoute, TaskingState
 from gcs.core.tasking.upload_retry import UploadRetry
 from gcs.mavlink.autopilots.profile import is_on_ground
@@ -32,7 +32,7 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_steps import UploadState
-from gcs.model import NS_PER_S, Effect, Notice, Route, UploadAnswer, UploadReport, VehicleState
+from gcs.model import NS_PER_S, Effect, Notice, Route, UploadAnswer, UploadReport
 from gcs.planning.forward_simulation import RemainingMission
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.landing import ReturnRoute
@@ -92,30 +92,15 @@ class UploadManager:
 
     # ------------------------------------------------------------ queries
 
-    @property
-    def stages(self) -> dict[int, str]:
-        """Stage of each upload, by vehicle; "waiting" for queued routes."""
-        return dict.fromkeys(self.state.queue, "waiting") | self._active.stages
-
-    def elapsed_s(self, vehicle: int, t_ns: int) -> float | None:
-        """Return the time since an upload began; None if there is none."""
-        return self._active.elapsed_s(vehicle, t_ns)
-
-    def is_uploading(self, vehicle: int) -> bool:
-        """Return True if a mission is being uploaded to a vehicle, and not merely queued."""
-        return self._active.has_mission(vehicle)
-
-    def has_pending(self, vehicle: int) -> bool:
-        """Return True if a mission is queued or being uploaded."""
-        return vehicle in self.state.queue or self.is_uploading(vehicle)
-
     def may_be_inconsistent(self, vehicle: int) -> bool:
         """Return True if the onboard mission may be inconsistent; never where uploads are atomic."""
-        return self._active.may_be_inconsistent(vehicle)
+        agent = self._agents[vehicle]
+        is_unsure = vehicle in self.state.uploads or agent.tasking.is_inconsistent
+        return is_unsure and not agent.link.is_atomic
 
     def forward_simulation(self, vehicle: int, t_ns: int) -> RemainingMission:
         """Return what a vehicle flies until it gets another mission, and when that upload may begin."""
-        wait_s = 0.0 if vehicle in self._active else self._item_wait_s(vehicle, t_ns)
+        wait_s = 0.0 if vehicle in self.state.uploads else self._item_wait_s(vehicle, t_ns)
         return self.onboard_missions.forward_simulation(vehicle, wait_s, t_ns)
 
     def climb(self, vehicle: int, layer: int) -> Climb | None:
@@ -124,26 +109,10 @@ class UploadManager:
             return None
         return self._climbs.climb(vehicle, layer, in_takeoff=self.onboard_missions.is_in_takeoff(vehicle))
 
-    def terminal_phase(self, vehicle: int) -> TerminalPhase:
-        """Return the phase of a mission behind the last point of its route; empty before that."""
-        return (
-            "return"
-            if self.overrides.has_completed(vehicle)
-            else self.onboard_missions.terminal_phase(vehicle)
-        )
-
-    def is_in_takeoff(self, vehicle: int) -> bool:
-        """Return True if a vehicle in AUTO flies to its take-off item."""
-        return self.onboard_missions.is_in_takeoff(vehicle)
-
     @property
     def altitude_rel_m(self) -> float:
         """Height of the lowest altitude layer above home."""
         return self._table.altitude_rel_m
-
-    def height_m(self, state: VehicleState) -> float:
-        """Return the height of a vehicle above its home."""
-        return state.alt_msl_m - (self._fleet.home(state.system_id) or self._default_home).alt_msl_m
 
     # ------------------------------------------------------------ onboard missions and authority
 
@@ -156,21 +125,6 @@ class UploadManager:
     def mark_inconsistent(self, vehicle: int) -> None:
         """Mark an onboard mission as inconsistent: the vehicle is held and cleared when it is heard."""
         self._active.mark_inconsistent(vehicle)
-
-    def pop_mission_before_boot(self, vehicle: int) -> OnboardMission | None:
-        """Return, once, the mission that a vehicle stored before it rebooted outside an upload."""
-        tasking = self._agents[vehicle].tasking
-        mission, tasking.before_boot = tasking.before_boot, None
-        return mission
-
-    def pause_uploads(self, vehicle: int) -> None:
-        """Start no upload to a vehicle before `resume_uploads`."""
-        self._agents[vehicle].tasking.is_paused = True
-        self._fleet.forward_next_heartbeat(vehicle)
-
-    def resume_uploads(self, vehicle: int) -> None:
-        """Allow uploads to a vehicle again."""
-        self._agents[vehicle].tasking.is_paused = False
 
     def release_override(self, vehicle: int, t_ns: int) -> None:
         """Take control of a vehicle back, on an operator's order."""
@@ -189,7 +143,7 @@ class UploadManager:
         """
         vehicle = route.vehicle
         if (
-            self.is_uploading(vehicle)
+            self.state.is_uploading(vehicle)
             and not self._is_climbing(vehicle)
             and not self._holds_back(vehicle)
             and (at_once or self._agents[vehicle].tasking.retry.may_supersede(t_ns))
@@ -232,16 +186,16 @@ class UploadManager:
     def abandon(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
         """End an upload safely: the vehicle keeps a whole mission, or is held and cleared."""
         queued = self.state.queue.pop(vehicle, None)
-        if vehicle in self._active:
+        if vehicle in self.state.uploads:
             return self._active.abandon(vehicle, reason, t_ns)
         return [] if queued is None else self._not_begun(vehicle, reason, t_ns)
 
     def _observe(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process reboots, mode changes and mission states of a vehicle."""
         tasking = self._agents[vehicle].tasking
-        if self._fleet.boots(vehicle) != tasking.boots:
+        if self._agents[vehicle].link.boots != tasking.boots:
             return self._rebooted(vehicle, t_ns)
-        profile, is_uploading = self._fleet.profile(vehicle), vehicle in self._active
+        profile, is_uploading = self._fleet.profile(vehicle), vehicle in self.state.uploads
         if profile is None:
             return []
         if message.get_type() == "MISSION_CURRENT":
@@ -265,8 +219,8 @@ class UploadManager:
 
     def _rebooted(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Forget the onboard mission, and restart an upload in progress."""
-        tasking, is_uploading = self._agents[vehicle].tasking, vehicle in self._active
-        tasking.boots = self._fleet.boots(vehicle)
+        agent, is_uploading = self._agents[vehicle], vehicle in self.state.uploads
+        tasking, agent.tasking.boots = agent.tasking, agent.link.boots
         self.overrides.of(vehicle).note_reboot(t_ns)
         self._first_legs.end(vehicle)
         if tasking.onboard is not None and not is_uploading:
@@ -296,7 +250,7 @@ class UploadManager:
         """Start the uploads that need not wait any longer."""
         effects: list[Effect] = []
         for vehicle in list(self.state.queue):
-            may_start = self._active.has_capacity(vehicle) and not self._agents[vehicle].tasking.is_paused
+            may_start = self._active.has_capacity(vehicle) and self._agents[vehicle].authority.audit is None
             is_due = may_start and not self._is_climbing(vehicle) and self._is_due(vehicle, t_ns)
             if is_due and not self._holds_back(vehicle):
                 queued = self.state.queue.pop(vehicle)
@@ -337,7 +291,7 @@ class UploadManager:
             current=state.mission_seq if state is not None and state.mission_seq >= 0 else None,
             from_ground=from_ground,
             delegated=self._table.uploader != "own",
-            round_trip_s=self._active.round_trip_s(link) or fleet.round_trip_s(vehicle),
+            round_trip_s=self._active.round_trip_s(link) or self._agents[vehicle].link.requests.round_trip_s,
         )
         items = upload.sending.items
         if self._bounds is not None:

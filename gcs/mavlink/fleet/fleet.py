@@ -162,7 +162,7 @@ class Fleet:
         self._networks = {link.name: link.network for link in links}
         self._encoder = Encoder(*own)
         self._outgoing = [(link.name, link.endpoint.remote) for link in links if link.endpoint.remote]
-        self._settings = settings or FleetSettings()
+        self._frame, self._settings = frame, settings or FleetSettings()
         self._stale_after_ns = ns(self._settings.stale_after_s)
         self._lost_after_ns = ns(self._settings.lost_after_s)
         self._scan: Callable[[bytes], FrameTable] = scan
@@ -438,30 +438,13 @@ class Fleet:
 
     def profile(self, system_id: int) -> AutopilotProfile | None:
         """Return the profile of the vehicle's firmware; None if unknown."""
-        return self._vehicles[system_id].profile
-
-    def is_atomic(self, system_id: int) -> bool:
-        """Return True if the vehicle's firmware is known and replaces a mission as a whole."""
-        profile = self._vehicles[system_id].profile
-        return profile is not None and profile.atomic
+        return self._vehicles[system_id].link.profile
 
     def booted_t_ns(self, system_id: int, since_t_ns: int) -> int | None:
         """Return the vehicle's boot time by its newest position; None without one since `since_t_ns`."""
         record = self._vehicles[system_id].record
         is_known = record[POSITIONS] and record[POSITION_NS] >= since_t_ns
         return record.item(BOOT_OFFSET_NS) if is_known else None
-
-    def returns(self, system_id: int) -> int:
-        """Return how often the vehicle was heard again after its link was down."""
-        return self._vehicles[system_id].link.returns
-
-    def round_trip_s(self, system_id: int) -> float:
-        """Return the round trip of a command in seconds; 0 before it was measured."""
-        return self._vehicles[system_id].link.requests.round_trip_s
-
-    def boots(self, system_id: int) -> int:
-        """Return the number of reboots seen."""
-        return self._vehicles[system_id].link.boots
 
     def link(self, system_id: int) -> str:
         """Return the vehicle's link; empty before it is heard."""
@@ -475,6 +458,11 @@ class Fleet:
     def home(self, system_id: int) -> Home | None:
         """Return the vehicle's home position, if known."""
         return self._vehicles[system_id].link.home
+
+    def height_m(self, state: VehicleState) -> float:
+        """Return the height of a vehicle above its home; above the frame's origin if home is unknown."""
+        home = self.home(state.system_id)
+        return state.alt_msl_m - (self._frame.alt_msl_m if home is None else home.alt_msl_m)
 
     def health(self) -> tuple[Health, ...]:
         """Return link and equipment of every expected vehicle, by system id."""

@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.mavlink.autopilots import AutopilotProfile, profile_of
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystems
 from gcs.mavlink.fleet.notice_queue import NoticeQueue
 from gcs.mavlink.fleet.peers import Address, Peers
@@ -85,6 +86,17 @@ class VehicleLink:
     texts: TextChunks = field(default_factory=TextChunks)
     returned_t_ns: int = 0
     """Time at which it was last heard again after its link was down."""
+
+    @property
+    def profile(self) -> AutopilotProfile | None:
+        """Profile of the firmware; None before the first heartbeat, or if unknown."""
+        return profile_of(self.autopilot, self.vehicle_type)
+
+    @property
+    def is_atomic(self) -> bool:
+        """True if the firmware is known and replaces a mission as a whole."""
+        profile = self.profile
+        return profile is not None and profile.atomic
 
     def begin_again(self) -> None:
         """Count the vehicle as not heard until its next frame, from whatever address."""

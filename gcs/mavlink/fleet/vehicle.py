@@ -15,7 +15,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
-from gcs.mavlink.autopilots import AutopilotProfile, mode_name, profile_of
+from gcs.mavlink.autopilots import mode_name
 from gcs.mavlink.fleet.heartbeat import heartbeat_key
 from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.fleet.position_checks import position_problem
@@ -134,11 +134,6 @@ class Vehicle:
         """Frames missing in the sequence."""
         return self.record.item(LOST)
 
-    @property
-    def profile(self) -> AutopilotProfile | None:
-        """Profile of its firmware; None before its first heartbeat, or if unknown."""
-        return profile_of(self.link.autopilot, self.link.vehicle_type)
-
     def encode(self, message: Message) -> bytes:
         """Return the next frame to it."""
         frame = self._encoder.pack(message, self.link.sequence)
@@ -254,7 +249,7 @@ class Vehicle:
     def _set_autopilot(self, heartbeat: Message, notify: Notify) -> None:
         """Note its firmware."""
         self.link.autopilot, self.link.vehicle_type = heartbeat.autopilot, heartbeat.type
-        if self.profile is None:
+        if self.link.profile is None:
             text = (
                 f"MAV_AUTOPILOT {heartbeat.autopilot} on MAV_TYPE {heartbeat.type}: a firmware not known here"
             )

@@ -16,6 +16,7 @@ from staging import S, suspensions
 
 from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
+from gcs.core.state import flown_routes
 from gcs.io.records import decode, encode
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.model import (
@@ -234,7 +235,7 @@ def test_a_no_fly_zone_changes_the_plan_at_once_and_no_route_crosses_it() -> Non
             points = [tuple(map(float, point)) for point in route.points_m]
             only = replace(command.grid, blocked=closed)
             assert all(line_of_sight(only, a, b) for a, b in pairwise(points))
-    through = [r for r in free.replanner.routes.values() if r.vehicle in plan.changed]
+    through = [r for r in flown_routes(free.state.agents).values() if r.vehicle in plan.changed]
     assert through
 
 

@@ -5,12 +5,14 @@ from hypothesis import strategies as st
 from staging import at, confirmation_of, confirmed, picture, track
 
 from gcs.core.perception.agent_status import NEVER_SEEN_S, UNSEEN_S, AgentStatusMonitor
-from gcs.core.state import State
+from gcs.core.state import State, at_targets, with_status
+from gcs.model import Route, read_only
 
 AGENT, TARGET = (0, 0), (0, 1)
 RADIUS_M = 40.0
 HERE, FAR = (0.0, 0.0), (500.0, 0.0)
 NO_TRACKS = confirmation_of()
+ROUTE = Route(1, TARGET, read_only([HERE]), 500.0)
 
 
 class Scene:
@@ -27,13 +29,9 @@ class Scene:
         agents = confirmed(agent) if agent else NO_TRACKS
         targets = confirmed(target) if target else NO_TRACKS
         self.agents[1].perception.association.label = AGENT if associated else None
+        self.agents[1].routes.flown = ROUTE if tasked else None
         changed = self.monitor.update(
-            at(self.t_s),
-            at(self.t_s),
-            agents,
-            targets,
-            {1: TARGET} if tasked else {},
-            {1} if reporting else set(),
+            at(self.t_s), at(self.t_s), agents, targets, {1} if reporting else set()
         )
         assert all(status.t_ns == at(self.t_s) for status in changed)
         return [(status.vehicle, status.status) for status in changed]
@@ -56,7 +54,7 @@ def test_an_agent_whose_track_is_gone_is_lost_and_its_last_place_is_known():
     assert scene.scan(flying((300.0, 40.0)), goal()) == []
     assert scene.scan(None, goal(), reporting=False) == [(1, "lost")]
     assert scene.status.position_m == (300.0, 40.0)
-    assert scene.monitor.active() == []
+    assert with_status(scene.agents, "active") == []
 
 
 def test_an_agent_whose_track_was_only_missed_flies_on():
@@ -66,7 +64,7 @@ def test_an_agent_whose_track_was_only_missed_flies_on():
     for _ in range(6):
         scene.t_s += 1
         doubted.update(picture(flying(existence=0.3, estimated=False)))
-        assert scene.monitor.update(at(scene.t_s), at(scene.t_s), doubted, NO_TRACKS, {}, set()) == []
+        assert scene.monitor.update(at(scene.t_s), at(scene.t_s), doubted, NO_TRACKS, set()) == []
 
 
 def test_the_last_place_known_is_one_where_it_was_seen():
@@ -74,7 +72,7 @@ def test_the_last_place_known_is_one_where_it_was_seen():
     scene.scan(flying((300.0, 40.0)), goal())
     coasted = confirmed(flying((300.0, 40.0)))
     coasted.update(picture(flying((390.0, 40.0), existence=0.2, estimated=False)))
-    scene.monitor.update(at(2), at(2), coasted, NO_TRACKS, {}, set())
+    scene.monitor.update(at(2), at(2), coasted, NO_TRACKS, set())
     scene.scan(None, goal(), reporting=False)
     assert scene.status.position_m == (300.0, 40.0)
 
@@ -101,7 +99,7 @@ def test_a_lost_agent_is_active_again_only_with_a_report_and_a_sure_track_associ
     assert lost().scan(flying(existence=0.89), goal(), reporting=True) == []
     scene = lost()
     assert scene.scan(flying(existence=0.9), goal(), reporting=True) == [(1, "active")]
-    assert scene.monitor.active() == [1]
+    assert with_status(scene.agents, "active") == [1]
 
 
 def test_a_revived_agent_can_be_lost_again_and_can_arrive():
@@ -120,7 +118,7 @@ def test_arrival_takes_two_scans_in_a_row():
     assert [scene.scan(a, goal()) for a in (near, away, near, away, near)] == [[]] * 5
     assert scene.scan(near, goal()) == [(1, "arrived")]
     assert (scene.status.target, scene.status.position_m) == (TARGET, (39.9, 0.0))
-    assert scene.monitor.at_targets() == {TARGET: 1}
+    assert at_targets(scene.agents) == {TARGET: 1}
 
 
 def test_two_sensors_that_see_an_agent_at_its_target_at_one_epoch_are_not_two_scans_in_a_row():
@@ -140,7 +138,7 @@ def test_an_agent_that_is_lost_on_its_last_metres_has_not_arrived():
     scene = Scene()
     scene.scan(flying(HERE), goal())
     assert scene.scan(None, goal(), reporting=False) == [(1, "lost")]
-    assert not scene.monitor.at_targets()
+    assert not at_targets(scene.agents)
 
 
 def test_a_track_that_coasts_over_the_target_unseen_has_not_arrived():
@@ -149,7 +147,7 @@ def test_a_track_that_coasts_over_the_target_unseen_has_not_arrived():
     agents = confirmed(flying(HERE))
     agents.update(picture(flying(HERE, existence=0.4, estimated=False)))
     for t_s in range(1, 5):
-        changed = scene.monitor.update(at(t_s), at(t_s), agents, confirmed(goal()), {1: TARGET}, {1})
+        changed = scene.monitor.update(at(t_s), at(t_s), agents, confirmed(goal()), {1})
         assert changed == []
 
 

@@ -188,7 +188,7 @@ def test_a_vehicle_near_an_unconfirmed_track_is_unassociated_and_seen_there():
     confirmation.update(picture(track(B, EAST), track(successor, WEST)))
     association.update(confirmation, at(1), [state(1, WEST, 1), state(2, EAST, 1)])
     assert association.labels == {2: B}
-    assert association.near == {1: successor}
+    assert association._of(1).near == successor
 
 
 def test_of_two_at_one_place_whose_track_was_lost_the_silent_one_is_gone():

@@ -65,7 +65,7 @@ def test_nothing_new_is_no_new_plan():
 
 def test_a_mission_that_could_not_be_delivered_is_planned_again_at_the_next_check():
     desk = pair()
-    desk.replanner.drop(2)
+    desk.vehicles[2].routes.drop()
     plan = desk.check(5.0)
     assert (plan.reason, plan.changed) == ("agent 2 has no route", (2,))
     assert desk.assigned == {1: A, 2: B}
@@ -104,7 +104,7 @@ def test_an_agent_that_is_not_in_changed_keeps_its_last_route(history):
             del desk.targets[labels[number % len(labels)]]
         elif action == "drop" and tasked:
             sent.pop(tasked[number % len(tasked)], None)
-            desk.replanner.drop(tasked[number % len(tasked)])
+            desk.vehicles[tasked[number % len(tasked)]].routes.drop()
         plan = desk.check(t_s)
         t_s += PERIOD_S
         if plan is None:
@@ -202,7 +202,7 @@ def close_to_a_corner(target, *, passed=()):
         at(60.0), at(60.0), {1: agent}, {A: track(A, target)}, frozenset(), motions={1: motion},
         passed=frozenset(passed),
     )  # fmt: skip
-    return desk.replanner.check(inputs), flown, desk.replanner.routes[1]
+    return desk.replanner.check(inputs), flown, desk.vehicles[1].routes.flown
 
 
 def test_a_route_that_does_not_reach_its_target_replaces_none_that_is_good():

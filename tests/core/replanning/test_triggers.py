@@ -130,10 +130,10 @@ def test_a_target_over_an_obstacle_does_not_make_a_plan_at_each_check():
     wall = "[map]\nboxes_m = [[1380.0, 80.0, 1620.0, 320.0]]\n"
     desk = pair(tables=wall)
     assert any("over an obstacle" in note for note in desk.state.new_notes)
-    end = desk.replanner.routes[1].points_m[-1]
+    end = desk.vehicles[1].routes.flown.points_m[-1]
     assert math.dist(end, desk.targets[A]) > MOVED_M
     assert [desk.check(t_s) for t_s in range(5, 60, 5)] == [None] * 11
-    assert desk.replanner.routes[1].points_m[-1] == pytest.approx(end)
+    assert desk.vehicles[1].routes.flown.points_m[-1] == pytest.approx(end)
 
 
 def test_a_target_over_an_obstacle_is_planned_for_once_a_period_and_not_at_every_scan(monkeypatch):

@@ -125,7 +125,6 @@ class Swarm:
         lat_deg, lon_deg = self.config.local_frame.to_geodetic(0.0, 0.0)
         self._home = Home(lat_deg, lon_deg, 70.0)
         self._liveness = liveness
-        self.stages = {}
 
     def state(self, vehicle):
         return self._states[vehicle]
@@ -145,13 +144,12 @@ class Swarm:
     def is_in_takeoff(self, _vehicle):
         return False
 
-    def is_uploading(self, _vehicle):
-        return False
+    def height_m(self, state):
+        return state.alt_msl_m - self._home.alt_msl_m
 
 
 def sequence(swarm):
-    start = State.initial([1, 2])
-    return TakeoffSequence(swarm.config, swarm, swarm, start.agents, start.takeoff)
+    return TakeoffSequence(swarm.config, swarm, swarm, State.initial([1, 2]))
 
 
 @pytest.mark.parametrize(

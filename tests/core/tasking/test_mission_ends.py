@@ -6,12 +6,12 @@ from staging import at, mission
 
 from gcs.core.state import State
 from gcs.core.tasking.mission_builder import MissionBuilder
-from gcs.core.tasking.mission_ends import MissionEnds
+from gcs.core.tasking.mission_ends import check_route_ends
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import OnboardMission
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.mission.items import Home
-from gcs.model import NS_PER_S, Notice, Route, UploadReport, read_only
+from gcs.model import NS_PER_S, AgentStatus, Notice, Route, UploadReport, read_only
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
@@ -32,15 +32,14 @@ class UploadManager:
             OnboardMission(route, ARDUPLANE.items(planned, Home(33.2, -87.6, 70.0)), first_point=1)
         )
 
-    def terminal_phase(self, vehicle):
-        return self.onboard_missions.terminal_phase(vehicle)
-
 
 def check_ends(tasking, seq, seconds, active=(1,)):
-    ends = MissionEnds(tasking.agents, tasking, 40.0)
+    agents, missions = tasking.agents, tasking.onboard_missions
+    if not active:
+        agents[1].perception.status = AgentStatus(0, 1, "arrived")
     tasking.fleet.one.mission_seq = seq
-    texts = [notice.text for second in range(seconds) for notice in ends.check(at(float(second)), active)]
-    return texts, tasking.onboard_missions.has_missed(1)
+    found = [check_route_ends(agents, missions, 40.0, at(float(second))) for second in range(seconds)]
+    return [notice.text for notices in found for notice in notices], missions.has_missed(1)
 
 
 def test_flight_g4_a_vehicle_that_returns_without_its_target_is_reported_and_tasked_again():

@@ -62,7 +62,7 @@ class Swarm:
             for plane in self.planes.values():
                 self.hear(plane, plane.poll(self.t_ns))
             self.carry([*self.fleet.poll(self.t_ns), *self.tasking.poll(self.t_ns)])
-            stages = list(self.tasking.stages.values())
+            stages = list(self.tasking.state.stages.values())
             self.busiest = max(self.busiest, len(stages) - stages.count("waiting"))
 
     def reports(self):
@@ -75,7 +75,7 @@ def test_uploads_wait_for_the_window_of_their_link_and_all_are_delivered():
         plane.ignores.add("MISSION_REQUEST_LIST")  # so that they last
     for vehicle in swarm.planes:
         swarm.task(vehicle)
-    assert sorted(swarm.tasking.stages.values()).count("waiting") == 9
+    assert sorted(swarm.tasking.state.stages.values()).count("waiting") == 9
     swarm.run(1.0)
     for plane in swarm.planes.values():
         plane.ignores.clear()
@@ -186,7 +186,7 @@ def test_a_route_that_waits_is_not_sent_to_a_vehicle_under_an_override():
     swarm.planes[1].ignores.add("MISSION_REQUEST_LIST")  # so that it lasts
     swarm.task(1)
     swarm.task(2)
-    assert swarm.tasking.stages[2] == "waiting"
+    assert swarm.tasking.state.stages[2] == "waiting"
     swarm.planes[2].mode = MANUAL
     swarm.run(2.0)
     swarm.planes[1].ignores.clear()
@@ -227,7 +227,7 @@ def test_after_failures_a_vehicle_is_tasked_again_ever_more_slowly_with_notices(
     swarm = Swarm(1)
     swarm.planes[1].ignores |= {"MISSION_COUNT", "MISSION_CLEAR_ALL"}
     for _ in range(160):
-        if not swarm.tasking.has_pending(1):
+        if not swarm.tasking.state.has_pending(1):
             swarm.task(1)
         swarm.run(2.0)
     failed_s = [report.t_ns / S for report in swarm.reports()]
@@ -293,7 +293,7 @@ def test_a_px4_gets_no_false_notice():
     assert not [notice.text for notice in swarm.fleet.notices() if "does not give" in notice.text]
     swarm.mute = {1}
     swarm.task(1)
-    assert swarm.tasking.stages
+    assert swarm.tasking.state.stages
     assert not swarm.tasking.may_be_inconsistent(1)
     swarm.mute = set()
     swarm.tasking.mark_inconsistent(1)  # as after a restart, before it is heard
