@@ -64,18 +64,20 @@ def service_page(service: Service, options: PageOptions, console: Console, speed
     """
 
     def source() -> Source:
-        from gcs.console.capture import Capture, capture
+        from gcs.console.capture import Capture, ServiceState, capture
         from gcs.console.server import Source
         from gcs.model import NS_PER_S
 
         def take(t_ns: int) -> Capture:
-            return capture(
-                service.command,
-                t_ns,
+            recorder, stations = service.recorder, service.links.ground_stations(t_ns).values()
+            state = ServiceState(
                 lag_s=max(0.0, (service.clock.now_ns() - t_ns) / NS_PER_S / speed),
                 dropped=service.health.dropped,
-                is_recording=service.recorder is not None,
+                is_recording=recorder is not None,
+                space=None if recorder is None else recorder.space,
+                stations=tuple(one for found in stations for one in found),
             )
+            return capture(service.command, t_ns, state)
 
         return Source(service, take, service.give_order, speed)
 

@@ -8,6 +8,7 @@ Reading order:
 - `clients`: bounded queues of the pages; a slow page loses messages, then gets everything anew.
 - `access`, `guard`: addresses, tokens, TLS; checks of each request.
 - `orders`: orders from pages and programs, and their answers. `playback`: control of a replay.
+- `alarm_guide`: the page of alarms, and the entry of an alarm.
 - `app`, `openapi`, `metrics`: what is served. `server`: the thread.
 - `static`: the page, plain ES modules and CSS.
 """

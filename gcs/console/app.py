@@ -13,11 +13,12 @@ from typing import Any, Final
 import msgspec
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from gcs.console import alarm_guide
 from gcs.console.access import Access
 from gcs.console.capture import Capture
 from gcs.console.clients import Client, Clients
@@ -94,6 +95,7 @@ def make_app(board: Board, access: Access) -> ASGIApp:
     routes = [
         WebSocketRoute("/feed", _Feed(board).serve),
         Route("/login", _Login(access, static["/login.html"]).serve, methods=["GET", "POST"]),
+        Route(alarm_guide.PATH, _guide),
         Route("/api/status", api.status),
         Route("/api/plan", api.plan),
         Route("/api/orders", api.place_order, methods=["POST"]),
@@ -126,6 +128,14 @@ class _Static:
 
     async def serve(self, _request: Request) -> Response:
         return Response(self._content, media_type=self._media_type)
+
+
+async def _guide(request: Request) -> Response:
+    """Serve the page of alarms; with `about=TEXT` lead to the entry of that alarm."""
+    text = request.query_params.get("about")
+    if text is not None:
+        return RedirectResponse(alarm_guide.link_of(text), 303)
+    return Response(alarm_guide.page(), media_type="text/html")
 
 
 class _Feed:

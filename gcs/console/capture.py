@@ -7,11 +7,34 @@ that another thread may read them while the engine goes on.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias
 
 from gcs.core.engine import Engine
+from gcs.core.perception.sensor_watchdog import WatchedSensor
 from gcs.core.state import flown_routes
-from gcs.model import NoFlyZone, Proposal, Route, SwarmStatus, VehicleState
+from gcs.io.recording.writer import DiskSpace
+from gcs.model import NS_PER_S, NoFlyZone, Proposal, Route, SwarmStatus, VehicleState
 from gcs.planning.map.grid import Grid
+
+SensorState: TypeAlias = Literal["", "late", "silent"]
+"""Empty if scans come in time; `silent` while the alarm about that is raised."""
+_LATE_PERIODS: Final = 2
+_LATE_NS: Final = NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceState:
+    """State of the service around the engine; a replay has none."""
+
+    lag_s: float
+    """Run time that the newest tick waited before it was processed."""
+    dropped: int
+    """Events that found the queue of the service full."""
+    is_recording: bool
+    space: DiskSpace | None
+    """Space of the recording; None if it is not known."""
+    stations: tuple[str, ...]
+    """Other ground stations: address, and system and component ids."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,16 +52,12 @@ class Capture:
     zones: tuple[NoFlyZone, ...]
     lost_at_m: dict[int, tuple[float, float]]
     """Position at which each lost vehicle was last seen."""
-    lag_s: float = 0.0
-    """Run time that the newest tick waited before it was processed."""
-    dropped: int = 0
-    """Events that found the queue of the service full."""
-    is_recording: bool = False
+    sensors: dict[str, SensorState]
+    service: ServiceState | None = None
+    """None in a replay."""
 
 
-def capture(
-    engine: Engine, t_ns: int, *, lag_s: float = 0.0, dropped: int = 0, is_recording: bool = False
-) -> Capture:
+def capture(engine: Engine, t_ns: int, service: ServiceState | None = None) -> Capture:
     """Return the state of the engine now."""
     statuses = [agent.perception.status for agent in engine.state.agents.values()]
     return Capture(
@@ -54,7 +73,16 @@ def capture(
             for one in statuses
             if one.status == "lost" and one.position_m is not None
         },
-        lag_s=lag_s,
-        dropped=dropped,
-        is_recording=is_recording,
+        sensors={
+            name: _sensor_state(one, t_ns)
+            for name, one in engine.state.perception.sensor_watchdog.sensors.items()
+        },
+        service=service,
     )
+
+
+def _sensor_state(sensor: WatchedSensor, t_ns: int) -> SensorState:
+    if sensor.alarmed:
+        return "silent"
+    since_t_ns = sensor.first_t_ns if sensor.processed_t_ns is None else sensor.processed_t_ns
+    return "late" if t_ns - since_t_ns > max(_LATE_NS, _LATE_PERIODS * sensor.period_ns) else ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
-from gcs.console.capture import Capture
+from gcs.console.capture import Capture, ServiceState
 from gcs.model import AgentRecord, vehicle_name
 
 _AGENT_GAUGES: Final[tuple[tuple[str, str, Callable[[AgentRecord], float | None]], ...]] = (
@@ -31,9 +31,8 @@ def _lines(capture: Capture | None, pages: int) -> Iterator[str]:
     if capture is None:
         return
     status = capture.status
-    yield from _gauge("lag_seconds", "Time that the newest tick waited.", [("", capture.lag_s)])
-    yield from _gauge("events_dropped", "Events that found the queue full.", [("", float(capture.dropped))])
-    yield from _gauge("recording", "1 if the run is recorded.", [("", float(capture.is_recording))])
+    if capture.service is not None:
+        yield from _service(capture.service)
     yield from _gauge("targets", "Confirmed targets.", [("", float(len(status.targets)))])
     yield from _gauge("plan_waits", "1 if a plan waits.", [("", float(status.plan_id is not None))])
     ages = [(f'{{sensor="{_escaped(one.name)}"}}', one.scan_age_s) for one in status.sensors]
@@ -41,6 +40,18 @@ def _lines(capture: Capture | None, pages: int) -> Iterator[str]:
     for name, text, value in _AGENT_GAUGES:
         rows = [(f'{{vehicle="{vehicle_name(one.vehicle)}"}}', value(one)) for one in status.agents]
         yield from _gauge(f"vehicle_{name}", text, rows)
+
+
+def _service(state: ServiceState) -> Iterator[str]:
+    yield from _gauge("lag_seconds", "Time that the newest tick waited.", [("", state.lag_s)])
+    yield from _gauge("events_dropped", "Events that found the queue full.", [("", float(state.dropped))])
+    yield from _gauge("recording", "1 if the run is recorded.", [("", float(state.is_recording))])
+    stations = float(len(state.stations))
+    yield from _gauge("ground_stations", "Other ground stations heard.", [("", stations)])
+    if state.space is not None:
+        used, free = float(state.space.used_bytes), float(state.space.free_bytes)
+        yield from _gauge("recording_bytes", "Size of the recording.", [("", used)])
+        yield from _gauge("disk_free_bytes", "Space left on its disk.", [("", free)])
 
 
 def _gauge(name: str, text: str, rows: Iterable[tuple[str, float | None]]) -> Iterator[str]:

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from gcs.config import Config
-from gcs.console.capture import Capture
+from gcs.console.capture import Capture, ServiceState
 from gcs.fence import drawn_areas, rally_of
 from gcs.model import (
     AgentRecord,
@@ -140,6 +140,35 @@ def targets(status: SwarmStatus) -> list[dict[str, Any]]:
         }
         for one in status.targets
     ]
+
+
+def sensors(capture: Capture) -> list[dict[str, Any]]:
+    """Return the sensors: the age of each one's last scan, and whether it is late or silent."""
+    return [
+        {
+            "name": one.name,
+            "age_s": rounded(one.scan_age_s),
+            "state": capture.sensors.get(one.name, ""),
+            "refused": one.refused,
+        }
+        for one in capture.status.sensors
+    ]
+
+
+def service(state: ServiceState | None) -> dict[str, Any] | None:
+    """Return the state of the service around the engine; None in a replay."""
+    if state is None:
+        return None
+    space = state.space
+    return {
+        "lag_s": rounded(state.lag_s, 2),
+        "dropped": state.dropped,
+        "recording": state.is_recording,
+        "used_mb": None if space is None else rounded(space.used_bytes / 1e6),
+        "free_mb": None if space is None else rounded(space.free_bytes / 1e6, 0),
+        "low": space is not None and space.is_low,
+        "stations": state.stations,
+    }
 
 
 def tracks(picture: Picture) -> dict[str, Any]:

@@ -185,14 +185,9 @@ class World:
         head = {
             "t_ms": capture.t_ns // 1_000_000,
             "elapsed_s": self._seconds(capture.t_ns),
-            "lag_s": rows.rounded(capture.lag_s, 2),
-            "dropped": capture.dropped,
-            "recording": capture.is_recording,
             "ended": status.has_ended,
-            "sensors": [
-                {"name": one.name, "age_s": rows.rounded(one.scan_age_s), "refused": one.refused}
-                for one in status.sensors
-            ],
+            "sensors": rows.sensors(capture),
+            "service": rows.service(capture.service),
         }
         self._put("head", head, news)
         self._put("vehicles", rows.vehicles(capture), news)

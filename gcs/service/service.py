@@ -28,6 +28,7 @@ from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.manager import Links
 from gcs.io.mavsdk.uploader import MavsdkUploader
 from gcs.io.output import QueuedText, Writer
+from gcs.io.recording.writer import DiskSpace
 from gcs.io.records import encode
 from gcs.io.zenoh.keys import effect_key, order_key, sensor_of, sensor_scan_keys
 from gcs.io.zenoh.order_inbox import OrderInbox
@@ -79,6 +80,10 @@ LAG_TEXT = "this machine cannot keep up"
 
 class Recording(Protocol):
     """Recorder of events and effects; every method may raise `RecordingError`."""
+
+    @property
+    def space(self) -> DiskSpace | None:
+        """Space of the recording; None if it is not known."""
 
     def record_event(self, event: Event) -> None:
         """Record an event before the engine gets it."""

@@ -1,4 +1,4 @@
-"""An operator would not see what was ordered about targets."""
+"""An operator would not see what was ordered about targets, or that the service is in trouble."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from dataclasses import replace
 
 from cli.test_status_tables import CALM, TARGET
 
-from gcs.console.rows import targets
-from gcs.model import SwarmStatus
+from gcs.config import load
+from gcs.console.capture import ServiceState, capture
+from gcs.console.rows import sensors, service, targets
+from gcs.core.engine import Engine
+from gcs.io.recording.writer import DiskSpace
+from gcs.model import NS_PER_S, SwarmStatus
 
 
 def test_a_target_tells_that_it_is_ignored_ranked_and_who_is_pinned_to_it() -> None:
@@ -16,3 +20,27 @@ def test_a_target_tells_that_it_is_ignored_ranked_and_who_is_pinned_to_it() -> N
     ranked, ignored = targets(SwarmStatus(0, "", agents, found, (), None, False))
     assert (ranked["priority"], ranked["pinned"], ranked["ignored"]) == (5, ["1"], False)
     assert (ignored["priority"], ignored["pinned"], ignored["ignored"]) == (None, [], True)
+
+
+def test_a_sensor_that_falls_silent_is_late_at_first() -> None:
+    engine = Engine(load("prescribed"), 1)
+    watchdog = engine.state.perception.sensor_watchdog
+    for t_s in range(1, 4):
+        watchdog.processed("radar", t_s * NS_PER_S)
+
+    def state(t_s: int) -> str:
+        watchdog.poll(t_s * NS_PER_S)
+        (row,) = sensors(capture(engine, t_s * NS_PER_S))
+        return str(row["state"])
+
+    assert [state(t_s) for t_s in (4, 6, 9)] == ["", "late", "silent"]
+
+
+def test_the_space_of_the_recording_is_shown() -> None:
+    state = ServiceState(
+        0.01, 0, True, DiskSpace(12_000_000, 34_000_000_000, False), ("10.0.0.2:14550 (255/190)",)
+    )
+    shown = service(state)
+    assert shown is not None
+    assert (shown["used_mb"], shown["free_mb"], shown["low"]) == (12.0, 34000.0, False)
+    assert shown["stations"] == ("10.0.0.2:14550 (255/190)",)

@@ -12,6 +12,11 @@ const isElsewhere = ({ kind, level }) => kind === "Proposal" || (kind === "Order
 // Names an entry also after a replay has gone to another time, which numbers all entries anew.
 const nameOf = ({ t_s: at, text }) => `${at} ${text}`;
 
+// Link to what the alarm means and what to do.
+const helpOn = ({ n, text }) => el("a", {
+  href: `/alarms?about=${encodeURIComponent(text)}`, target: "_blank", rel: "noopener", "data-name": `help-${n}`,
+}, "What to do");
+
 export class Alarms {
   constructor(root, feed) {
     this.root = root;
@@ -80,6 +85,7 @@ export class Alarms {
       el("span", { class: "text" }, worst ? `${duration(worst.t_s)}  ${worst.text}` : "No open alarm"),
     );
     if (worst) {
+      bar.append(helpOn(worst));
       const more = el("button", {
         "data-name": "more", "aria-expanded": String(this.expanded), onclick: () => this.toggle(),
       }, `${entries.length} open`);
@@ -98,6 +104,7 @@ export class Alarms {
     const rows = entries.map((entry) =>
       el("li", { class: entry.level },
         el("span", { class: "text" }, `${duration(entry.t_s)}  ${entry.text}`),
+        helpOn(entry),
         button(`one-${entry.n}`, "Acknowledge", () => this.acknowledge([entry]))));
     const all = el("li", {}, el("span", { class: "text" }), button("all", "Acknowledge all", () => this.acknowledge(entries)));
     return el("ul", {}, ...rows, all);

@@ -27,3 +27,8 @@ export function metres(value) {
   if (value === null || value === undefined) return "–";
   return Math.abs(value) < 10000 ? `${value.toFixed(0)} m` : `${(value / 1000).toFixed(1)} km`;
 }
+
+export function megabytes(value) {
+  if (value === null || value === undefined) return "–";
+  return value < 1000 ? `${value.toFixed(value < 10 ? 1 : 0)} MB` : `${(value / 1000).toFixed(value < 10000 ? 1 : 0)} GB`;
+}

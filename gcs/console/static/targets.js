@@ -57,6 +57,7 @@ export function showTargets(root, feed, map, selection, openZone) {
   feed.on(["targets"], ({ targets }) => {
     setText(title, `Targets: ${targets.length}${targets.length > MAX_ROWS ? `, the first ${MAX_ROWS} shown` : ""}`);
     table.hidden = !targets.length;
+    table.classList.toggle("unordered", !targets.some(ordered));
     table.classList.toggle("dense", targets.length > DENSE_ROWS);
     const sorted = [...targets].sort((a, b) => rank(a) - rank(b));
     rows.show(sorted.slice(0, MAX_ROWS), (target) => target.name);

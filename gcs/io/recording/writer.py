@@ -56,6 +56,18 @@ class DiskBudget:
     """Space that is left free for the journal and other programs."""
 
 
+@dataclass(frozen=True, slots=True)
+class DiskSpace:
+    """Space of a recording, as last checked."""
+
+    used_bytes: int
+    """All parts together."""
+    free_bytes: int
+    """Left on the disk."""
+    is_low: bool
+    """True while the alarm about low disk space is raised."""
+
+
 class Recorder:
     """Writes a recording.
 
@@ -95,9 +107,10 @@ class Recorder:
         """Called with notices for the operator."""
         self._metadata = config_text, dict(versions), run
         self._budget = budget or DiskBudget()
+        self.space: DiskSpace | None = None
+        """None before the first flush."""
         self._finished_bytes = 0
         """Size of earlier parts."""
-        self._is_space_low = False
         self._sequence = 0
         """Number of records that are written."""
         self._pending: list[PendingRecord] = []
@@ -216,14 +229,14 @@ class Recorder:
         is_low = used >= _LOW_SPACE_FRACTION * budget.max_bytes or free < budget.min_free_bytes / (
             1.0 - _LOW_SPACE_FRACTION
         )
-        if is_low and not self._is_space_low:
+        if is_low and not (self.space and self.space.is_low):
             self.notify(
                 "alarm",
                 f"disk space runs low: {self.folder} has {used / 1e9:.2f} GB, its disk {free / 1e6:.0f} MB "
                 f"free; it ends at {budget.max_bytes / 1e9:.6g} GB, or {budget.min_free_bytes / 1e6:.0f} MB "
                 "free: free disk space",
             )
-        self._is_space_low = is_low
+        self.space = DiskSpace(used, free, is_low)
 
     def close(self) -> None:
         """Finish the files; do nothing if the recording has ended.

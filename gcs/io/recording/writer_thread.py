@@ -11,7 +11,7 @@ from typing import Any, Final, Self
 
 from gcs.errors import RecordingError
 from gcs.io.output import Writer
-from gcs.io.recording.writer import Recorder
+from gcs.io.recording.writer import DiskSpace, Recorder
 from gcs.model import Effect, Event, Snapshot, Truth
 
 _HAND_OVER_PERIOD_S: Final = 0.1
@@ -47,6 +47,11 @@ class RecorderThread:
     def folder(self) -> Path:
         """Current folder; it changes if the first one was deleted or moved away."""
         return self._recorder.folder
+
+    @property
+    def space(self) -> DiskSpace | None:
+        """Space of the recording; None before the first flush."""
+        return self._recorder.space
 
     def record_event(self, event: Event) -> None:
         """Record an event; call it before the engine processes the event.

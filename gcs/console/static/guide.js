@@ -1,0 +1,5 @@
+// A page of text: dark or light as the console.
+
+import { Theme } from "./theme.js";
+
+new Theme();
