@@ -4,7 +4,7 @@ Reading order:
 
 - `feed`: on the loop of the service. It keeps references to scans, effects and the state; it encodes nothing.
 - `capture`: what the console reads of the engine, in one place.
-- `world`, `rows`: everything that a page shows, as JSON, on the console's own thread.
+- `world`, `rows`, `details`: everything that a page shows, as JSON, on the console's own thread.
 - `clients`: bounded queues of the pages; a slow page loses messages, then gets everything anew.
 - `access`, `guard`: addresses, tokens, TLS; checks of each request.
 - `orders`: orders from pages and programs, and their answers. `playback`: control of a replay.

@@ -30,7 +30,7 @@ from gcs.console.orders import OrderDesk, RefusedOrderError, is_answered
 from gcs.console.playback import PlaybackDesk
 from gcs.console.world import World
 from gcs.io.records import encode
-from gcs.model import OrderAnswer
+from gcs.model import OrderAnswer, vehicle_of
 
 _STALLED_S: Final = 30.0
 """A page that accepts no message for this time is disconnected."""
@@ -98,6 +98,7 @@ def make_app(board: Board, access: Access) -> ASGIApp:
         Route(alarm_guide.PATH, _guide),
         Route("/api/status", api.status),
         Route("/api/plan", api.plan),
+        Route("/api/vehicles/{name}", api.vehicle),
         Route("/api/orders", api.place_order, methods=["POST"]),
         Route("/api/orders/{order_id}", api.order),
         Route("/api/replay", api.replay, methods=["POST"]),
@@ -179,6 +180,18 @@ class _Api:
     async def status(self, _request: Request) -> Response:
         capture = await self._board.capture()
         return _no_run() if capture is None else _json(encode(capture.status))
+
+    async def vehicle(self, request: Request) -> Response:
+        try:
+            vehicle = vehicle_of(request.path_params["name"])
+        except ValueError as error:
+            return JSONResponse({"error": str(error)}, 404)
+        if await self._board.capture() is None:
+            return _no_run()
+        detail = self._board.world.detail(vehicle)
+        if detail is None:
+            return JSONResponse({"error": "the mission has no such vehicle"}, 404)
+        return _json(msgspec.json.encode(detail))
 
     async def plan(self, _request: Request) -> Response:
         capture = await self._board.capture()

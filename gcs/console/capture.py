@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
+from gcs.console.details import VehicleDetail, collect_details
 from gcs.core.engine import Engine
 from gcs.core.perception.sensor_watchdog import WatchedSensor
 from gcs.core.state import flown_routes
@@ -53,6 +54,7 @@ class Capture:
     lost_at_m: dict[int, tuple[float, float]]
     """Position at which each lost vehicle was last seen."""
     sensors: dict[str, SensorState]
+    details: dict[int, VehicleDetail]
     service: ServiceState | None = None
     """None in a replay."""
 
@@ -77,6 +79,7 @@ def capture(engine: Engine, t_ns: int, service: ServiceState | None = None) -> C
             name: _sensor_state(one, t_ns)
             for name, one in engine.state.perception.sensor_watchdog.sensors.items()
         },
+        details=collect_details(engine, t_ns),
         service=service,
     )
 

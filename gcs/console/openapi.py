@@ -35,6 +35,7 @@ def description() -> dict[str, Any]:
             "422": {"description": "the order has a mistake"},
         },
     }
+    name = {"name": "name", "in": "path", "required": True, "schema": {"type": "string"}}
     order_id = {"name": "order_id", "in": "path", "required": True, "schema": {"type": "string"}}
     return {
         "openapi": "3.1.0",
@@ -42,6 +43,9 @@ def description() -> dict[str, Any]:
         "paths": {
             "/api/status": {"get": _get("Agents, targets and sensors", status)},
             "/api/plan": {"get": _get("Routes that are flown, and the plan that waits", plan)},
+            "/api/vehicles/{name}": {
+                "get": _get("Record of a vehicle, with its onboard mission", {}) | {"parameters": [name]}
+            },
             "/api/orders": {"post": placed},
             "/api/orders/{order_id}": {
                 "get": _get("Answers to an order", answers) | {"parameters": [order_id]}

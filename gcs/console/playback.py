@@ -8,7 +8,7 @@ from typing import Annotated, Any, Protocol
 import msgspec
 from msgspec import Meta
 
-from gcs.console.rows import rounded
+from gcs.console.rounding import rounded
 
 
 class Playback(Protocol):

@@ -12,6 +12,7 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.console.capture import Capture, ServiceState
+from gcs.console.rounding import rounded
 from gcs.fence import drawn_areas, rally_of
 from gcs.model import (
     AgentRecord,
@@ -32,11 +33,6 @@ from gcs.report.operator_lines import route_lines
 
 MAX_DETECTIONS: Final = 20_000
 """Detections of one scan that a page gets."""
-
-
-def rounded(value: float | None, digits: int = 1) -> float | None:
-    """Return a number as it is shown; None for no number."""
-    return None if value is None or not np.isfinite(value) else round(float(value), digits)
 
 
 def mission(config: Config) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import msgspec
 from gcs.config import Config
 from gcs.console import rows
 from gcs.console.capture import Capture
+from gcs.console.details import detail_row
 from gcs.console.feed import Feed, News
 from gcs.console.history import SEVERE, History
 from gcs.model import (
@@ -29,6 +30,7 @@ from gcs.model import (
     Proposal,
     Route,
     Scan,
+    UploadReport,
     VehicleState,
     vehicle_name,
 )
@@ -56,6 +58,7 @@ class World:
     """
 
     def __init__(self, config: Config, about: dict[str, Any], history: History) -> None:
+        self._frame = config.local_frame
         self._mission = _raw(rows.mission(config) | about)
         self._history = history
         self._adds_marks = not history.is_recorded
@@ -65,6 +68,8 @@ class World:
     def _begin(self) -> None:
         """Begin without data."""
         self.capture: Capture | None = None
+        self._verified: dict[int, tuple[int, int]] = {}
+        """Number of each vehicle's last verified mission, and when that was."""
         self.answers: deque[OrderAnswer] = deque(maxlen=_MAX_ANSWERS)
         self._sections: dict[str, msgspec.Raw] = {"mission": self._mission}
         self._trails: dict[int, deque[list[float]]] = {}
@@ -77,6 +82,15 @@ class World:
         self._zones: tuple[NoFlyZone, ...] | None = None
         self._routes: tuple[Route, ...] | None = None
         self._fields_of_view: dict[str, dict[str, Any]] = {}
+
+    def detail(self, vehicle: int) -> dict[str, Any] | None:
+        """Return everything of a vehicle's record; None if there is no such vehicle."""
+        detail = None if self.capture is None else self.capture.details.get(vehicle)
+        if detail is None:
+            return None
+        mission_id, t_ns = self._verified.get(vehicle, (0, 0))
+        is_known = detail.onboard is not None and detail.onboard.mission_id == mission_id != 0
+        return detail_row(detail, self._frame, (detail.t_ns - t_ns) / NS_PER_S if is_known else None)
 
     def put(self, name: str, value: Any) -> bytes:
         """Replace a section; return the update."""
@@ -143,6 +157,8 @@ class World:
             if isinstance(effect, OrderAnswer):
                 self.answers.append(effect)
                 news.setdefault("answers", []).append(self._answer(effect))
+            if isinstance(effect, UploadReport) and effect.ok:
+                self._verified[effect.vehicle] = effect.mission_id, t_ns
             if isinstance(effect, Plan):
                 self._put("plan", {"t_s": self._seconds(t_ns), "reason": effect.reason}, news)
             if isinstance(effect, Proposal) and not self._proposals.add_if_due(effect):

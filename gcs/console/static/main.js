@@ -2,6 +2,7 @@
 
 import { Alarms } from "./alarms.js";
 import { Commands } from "./commands.js";
+import { Detail } from "./detail.js";
 import { showKeys } from "./dialogs.js";
 import { Feed } from "./feed.js";
 import { showHeader } from "./header.js";
@@ -34,6 +35,8 @@ const targetOrders = new TargetOrders(part("target-orders"), feed, selection, or
 const plan = new Plan(part("plan"), feed, orders, commands);
 const marks = new Marks(feed);
 const replay = new Replay(part("replay"), feed, marks, theme);
+
+const detail = new Detail(part("detail"), feed, selection, map);
 
 showHeader(part("head"), feed, theme);
 showStrip(part("vehicles"), feed, selection);
@@ -69,6 +72,7 @@ listenToKeys({
   ",": inReplay(() => replay.jump(-1), () => targetOrders.changePriority(-1)),
   ".": inReplay(() => replay.jump(1), () => targetOrders.changePriority(1)),
   u: () => targetOrders.unpin(),
+  v: () => detail.toggle(),
   "+": () => map.zoom(1.4),
   "-": () => map.zoom(1 / 1.4),
   home: () => replay.seek(0),

@@ -3,6 +3,7 @@
 import { el, setText } from "./dom.js";
 import { Detections } from "./detections.js";
 import * as ground from "./draw_ground.js";
+import { onboardMission } from "./draw_mission.js";
 import * as swarm from "./draw_swarm.js";
 import { metres } from "./format.js";
 import { Labels } from "./labels.js";
@@ -31,6 +32,7 @@ export class SwarmMap {
     this.trails = new Map();
     this.detections = new Detections();
     this.tool = null;
+    this.mission = null; // onboard mission that is shown
     this.follows = false;
     this.isMoved = false;
     const shown = Object.keys(LAYERS).map((name) => [name, !HIDDEN.has(name)]);
@@ -95,6 +97,11 @@ export class SwarmMap {
   use(tool) {
     this.tool = tool;
     this.say(tool?.hint);
+    this.redraw();
+  }
+
+  setMission(mission) {
+    this.mission = mission;
     this.redraw();
   }
 
@@ -221,6 +228,7 @@ export class SwarmMap {
     if (layers.ellipses && this.feed.data.agents_tracks) swarm.agentTracks(ctx, view, this.feed.data.agents_tracks, colour);
     const confirmed = new Map(targets.map((one) => [one.name, one]));
     const labels = new Labels(ctx);
+    if (this.mission) onboardMission(ctx, view, this.mission, labels, colour);
     swarm.pins(ctx, view, vehicles, confirmed, colour);
     swarm.vehicles(ctx, view, vehicles, this.selection, labels, colour, { font: FONT });
     if (this.feed.data.targets_tracks) swarm.targetTracks(ctx, view, this.feed.data.targets_tracks, confirmed, labels, colour, { ...layers, selected: this.selection.target });

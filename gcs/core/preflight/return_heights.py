@@ -108,11 +108,18 @@ class ReturnHeightMonitor:
             "is down, or watch them"
         )
 
-    def _of(self, vehicle: int) -> ReturnHeight | None:
+    def height(self, vehicle: int) -> ReturnHeight | None:
+        """Return the return height of a vehicle; None if its parameters were not heard."""
         profile = self._fleet.profile(vehicle)
-        if profile is None or is_on_ground(self._fleet.state(vehicle), self._fleet.home(vehicle)):
+        if profile is None:
             return None
         return return_of(vehicle, profile, self._agents[vehicle].return_parameters, self._rally_m)
+
+    def _of(self, vehicle: int) -> ReturnHeight | None:
+        """Return the return height of a vehicle in flight."""
+        if is_on_ground(self._fleet.state(vehicle), self._fleet.home(vehicle)):
+            return None
+        return self.height(vehicle)
 
 
 def returns_check(heights: Sequence[ReturnHeight], step_m: float) -> Iterator[Check]:
