@@ -88,7 +88,7 @@ class Engine(Stages):
 
     def _resume(self, event: Resumed) -> list[Effect]:
         """Continue after an outage of the service: read the onboard missions of active agents back."""
-        notice = bridge_gap(self.state, event)
+        effects = bridge_gap(self.state, event)
         self.restore(self.state)
         for vehicle in with_status(self.state.agents, "active"):
             agent, audit = self.state.agents[vehicle], self.state.agents[vehicle].authority.audit
@@ -97,7 +97,7 @@ class Engine(Stages):
             is_uploading = vehicle in self.state.tasking.uploads  # its read-back decides
             if mission is not None and not (is_uploading or self.tasking.may_be_inconsistent(vehicle)):
                 self.onboard_audit.begin(mission, event.t_ns, known_t_ns=known_t_ns)
-        return [notice]
+        return effects
 
     # ------------------------------------------------------------ datagrams and orders
 

@@ -3,7 +3,9 @@
 The outage is a gap in all links: uploads, orders and authorities continue. What may have changed meanwhile is
 checked.
 
-* A vehicle counts as not heard until its next frame.
+* A vehicle counts as not heard until its next frame. Nothing but heartbeats is sent to it before its own: a
+  pilot may have taken over.
+* Commands to arm and disarm end, and after a long gap all commands: they are ordered again or not.
 * Each onboard mission is read back before any upload (`gcs.core.authority.onboard_audit`).
 * Tracks are predicted over the gap. After a long one the agents' tracks start again at their reports.
 
@@ -17,7 +19,7 @@ from typing import Final
 
 from gcs.core.perception.records import AgentSighting, Association, IntegrityTest, TrackerState
 from gcs.core.state import Agent, State, with_status
-from gcs.model import NS_PER_S, Notice, Resumed, named
+from gcs.model import NS_PER_S, Effect, Notice, Resumed, named
 
 _MAX_WAIT_NS: Final = 25 * NS_PER_S
 """Maximum time until the first plan."""
@@ -27,8 +29,8 @@ _MAX_PREDICTION_NS: Final = 10 * NS_PER_S
 """Maximum gap over which tracks of agents, which may turn, are predicted."""
 
 
-def bridge_gap(state: State, event: Resumed) -> Notice:
-    """Change a state for the time that passed without the service; return a notice for operators."""
+def bridge_gap(state: State, event: Resumed) -> list[Effect]:
+    """Change a state for the time that passed without the service; return what operators must know."""
     gap_ns = event.t_ns - event.saved_t_ns
     state.resumed_t_ns = event.t_ns
     state.fleet.begin_again()
@@ -42,9 +44,28 @@ def bridge_gap(state: State, event: Resumed) -> Notice:
         for agent in state.agents.values():
             agent.perception.association = Association()
             agent.perception.integrity = IntegrityTest()
+    effects: list[Effect] = []
+    for vehicle, agent in state.agents.items():
+        agent.authority.loiter = None
+        effects += _end_command(state, vehicle, event, is_long=gap_ns > _MAX_PREDICTION_NS)
     text = f"continues from its state {gap_ns / NS_PER_S:.0f} s ago: {_contents(state)}"
     text += "; for a new flight, end the service and start it with --no-resume"
-    return Notice(event.t_ns, "warning", text)
+    return [Notice(event.t_ns, "warning", text), *effects]
+
+
+def _end_command(state: State, vehicle: int, event: Resumed, *, is_long: bool) -> list[Effect]:
+    """End the command in progress to a vehicle, if it must not be repeated after the gap."""
+    orders = state.agents[vehicle].orders
+    if orders.command is None:
+        return []
+    number = orders.command.order
+    action = state.operator.orders[number].order.action
+    if not is_long and action not in ("arm", "disarm"):
+        return []
+    orders.command = None
+    text = f"not confirmed before the restart of the service; to {action} it, order it again"
+    answer = state.operator.finish(number, event.t_ns, "failed", text, vehicle)
+    return [answer, Notice(event.t_ns, "alarm", f"its order to {action} was {text}", vehicle)]
 
 
 def is_settled(state: State, t_ns: int) -> bool:

@@ -417,9 +417,10 @@ class Fleet:
         return self._vehicles[system_id].encode
 
     def address_frames(self, system_id: int, frames: Iterable[bytes]) -> list[Send]:
-        """Address frames to a vehicle; return none if it has never been heard."""
-        address = self._vehicles[system_id].link.address
-        return [] if address is None else [Send(*address, frame) for frame in frames]
+        """Address frames to a vehicle; return none if it was not heard since the start or a restart."""
+        link = self._vehicles[system_id].link
+        address = link.address
+        return [] if address is None or link.is_awaited else [Send(*address, frame) for frame in frames]
 
     # ------------------------------------------------------------ state
 

@@ -87,6 +87,9 @@ class VehicleLink:
     returned_t_ns: int = 0
     """Time at which it was last heard again after its link was down."""
 
+    is_awaited: bool = False
+    """True after a restart until its next heartbeat: its mode is not known."""
+
     @property
     def profile(self) -> AutopilotProfile | None:
         """Profile of the firmware; None before the first heartbeat, or if unknown."""
@@ -100,6 +103,7 @@ class VehicleLink:
 
     def begin_again(self) -> None:
         """Count the vehicle as not heard until its next frame, from whatever address."""
+        self.is_awaited = self.address is not None
         if self.liveness != "waiting":
             self.liveness = "down"
 

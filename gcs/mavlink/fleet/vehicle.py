@@ -235,6 +235,7 @@ class Vehicle:
 
     def _on_heartbeat(self, message: Message, _t_ns: int, notify: Notify) -> None:
         link = self.link
+        link.is_awaited = False
         if message.autopilot != link.autopilot:
             self._set_autopilot(message, notify)
         mode, armed = mode_name(message), bool(message.base_mode & _ARMED)
