@@ -15,8 +15,7 @@ from staging import S, suspensions
 from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
 from gcs.core.engine import Engine
-from gcs.core.operator.records import Command
-from gcs.core.operator.replies import OrderInProgress
+from gcs.core.operator.records import Command, OrderInProgress
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State, flown_routes, with_status
 from gcs.io.records import encode
