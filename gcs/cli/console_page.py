@@ -54,8 +54,15 @@ DEFAULT_PAGE: Final = PageOptions()
 
 
 @contextmanager
-def service_page(service: Service, options: PageOptions, console: Console, speed: float) -> Iterator[None]:
+def service_page(
+    service: Service, options: PageOptions, console: Console, speed: float, mission_file: str | None = None
+) -> Iterator[None]:
     """Serve the console of a live service while the context lasts.
+
+    Parameters
+    ----------
+    mission_file : str, optional
+        Mission file of a service whose vehicles `gcs preflight` can check.
 
     Raises
     ------
@@ -79,7 +86,7 @@ def service_page(service: Service, options: PageOptions, console: Console, speed
             )
             return capture(service.command, t_ns, state)
 
-        return Source(service, take, service.give_order, speed)
+        return Source(service, take, service.give_order, speed, mission_file=mission_file)
 
     with _page(source, options, console) as server:
         if server is not None:

@@ -7,6 +7,7 @@ Reading order:
 - `world`, `rows`, `details`: everything that a page shows, as JSON, on the console's own thread.
 - `clients`: bounded queues of the pages; a slow page loses messages, then gets everything anew.
 - `access`, `guard`: addresses, tokens, TLS; checks of each request.
+- `preflight`: preflight checks on demand.
 - `orders`: orders from pages and programs, and their answers. `playback`: control of a replay.
 - `alarm_guide`: the page of alarms, and the entry of an alarm.
 - `app`, `openapi`, `metrics`: what is served. `server`: the thread.

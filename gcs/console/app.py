@@ -28,6 +28,7 @@ from gcs.console.metrics import metrics_text
 from gcs.console.openapi import description
 from gcs.console.orders import OrderDesk, RefusedOrderError, is_answered
 from gcs.console.playback import PlaybackDesk
+from gcs.console.preflight import PreflightDesk
 from gcs.console.world import World
 from gcs.io.records import encode
 from gcs.model import OrderAnswer, vehicle_of
@@ -50,10 +51,11 @@ class Board:
         desk: OrderDesk,
         playback: PlaybackDesk,
         history: History,
+        preflight: PreflightDesk,
         watch: Callable[[], None],
     ) -> None:
         self.world, self.clients, self.desk, self.playback = world, clients, desk, playback
-        self.history = history
+        self.history, self.preflight = history, preflight
         self._watch = watch
         self._asked_s = -_ASKED_S
         self._changed = asyncio.Event()
@@ -101,6 +103,7 @@ def make_app(board: Board, access: Access) -> ASGIApp:
         Route("/api/vehicles/{name}", api.vehicle),
         Route("/api/orders", api.place_order, methods=["POST"]),
         Route("/api/orders/{order_id}", api.order),
+        Route("/api/preflight", api.preflight, methods=["GET", "POST"]),
         Route("/api/replay", api.replay, methods=["POST"]),
         Route("/api/marks", api.marks),
         Route("/api/openapi.json", api.openapi),
@@ -203,6 +206,10 @@ class _Api:
             for one in capture.routes
         ]
         return _json(msgspec.json.encode({"routes": routes, "proposal": msgspec.Raw(proposal)}))
+
+    async def preflight(self, request: Request) -> Response:
+        desk = self._board.preflight
+        return JSONResponse(await desk.run() if request.method == "POST" else desk.last())
 
     async def replay(self, request: Request) -> Response:
         body = await _body(request)

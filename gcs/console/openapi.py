@@ -50,6 +50,10 @@ def description() -> dict[str, Any]:
             "/api/orders/{order_id}": {
                 "get": _get("Answers to an order", answers) | {"parameters": [order_id]}
             },
+            "/api/preflight": {
+                "get": _get("Last result of gcs preflight", {}),
+                "post": _get("Run gcs preflight beside the service", {}),
+            },
             "/metrics": {"get": {"summary": "Prometheus", "responses": {"200": {"description": "text"}}}},
         },
         "components": {

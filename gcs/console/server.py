@@ -27,6 +27,7 @@ from gcs.console.feed import Feed
 from gcs.console.history import History
 from gcs.console.orders import OrderDesk
 from gcs.console.playback import Playback, PlaybackDesk
+from gcs.console.preflight import PreflightDesk
 from gcs.console.world import World
 from gcs.core.engine import Engine
 from gcs.errors import ConsoleError
@@ -72,6 +73,8 @@ class Source:
     """Recording that is replayed; None: a log, or a live service."""
     start_t_ns: int | None = None
     """Start of the run; None: its first event."""
+    mission_file: str | None = None
+    """Mission file of a service whose vehicles `gcs preflight` can check; else None."""
 
 
 class ConsoleServer:
@@ -99,6 +102,7 @@ class ConsoleServer:
         self._access = replace(access, port=self.port)
         kind = "live" if source.playback is None else "replay"
         about = {"kind": kind, "speed": source.speed, "begun": str(time.time_ns())}
+        about["preflight"] = source.mission_file is not None
         self._recording = source.recording
         self._history = History(is_recorded=source.recording is not None)
         self._ends = threading.Event()
@@ -106,7 +110,8 @@ class ConsoleServer:
         self.clients = Clients(world.snapshot)
         desk = OrderDesk(run.config.local_frame, None if submit is None else self._on_run_loop(submit))
         self._playback = PlaybackDesk(source.playback, self._on_run_loop(lambda action: action()))
-        self._board = Board(world, self.clients, desk, self._playback, self._history, self._watch)
+        preflight = PreflightDesk(source.mission_file)
+        self._board = Board(world, self.clients, desk, self._playback, self._history, preflight, self._watch)
         config = uvicorn.Config(
             make_app(self._board, self._access),
             loop="asyncio",

@@ -61,7 +61,18 @@ def serve(
         links = Links(config.mavlink_links, vehicles, config.local_frame, signing, Scanner())
         asyncio.run(
             _serve(
-                config, seed, links, recorder, journal, console, view, clock, resume, page, headless=headless
+                config,
+                source,
+                seed,
+                links,
+                recorder,
+                journal,
+                console,
+                view,
+                clock,
+                resume,
+                page,
+                headless=headless,
             )
         )
         console.print(f"recording: {recorder.folder}", highlight=False, markup=False, soft_wrap=True)
@@ -69,6 +80,7 @@ def serve(
 
 async def _serve(
     config: Config,
+    source: str,
     seed: int,
     links: Links,
     recorder: RecorderThread,
@@ -99,7 +111,7 @@ async def _serve(
             "Ctrl-C ends it",
             highlight=False,
         )
-        with service_page(service, page, console, clock.speed):
+        with service_page(service, page, console, clock.speed, source):
             async with display(service, console, speed=clock.speed, headless=headless):
                 await service.run(clock, stop, at_once=at_once)
         keeper.write(service.now_ns())

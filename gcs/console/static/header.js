@@ -49,16 +49,18 @@ export function showHeader(root, feed, theme) {
   const stations = item("other stations");
   const link = el("span", { class: "item", role: "status" });
   const help = el("button", { id: "help", title: "Keys (?)" }, "Keys");
+  const preflight = el("a", { href: "/preflight.html", target: "_blank", rel: "noopener", hidden: true }, "Preflight");
   const mode = el("button", { title: "Dark or light", onclick: () => theme.toggle() }, "Theme");
   root.append(
     name, tag, utc.element, elapsed.element, scans.element, lag.element, recording.element, stations.element,
-    link, el("span", { class: "space" }), el("span", { class: "actions" }, mode, help),
+    link, el("span", { class: "space" }), el("span", { class: "actions" }, preflight, mode, help),
   );
 
   feed.on(["mission"], ({ mission }) => {
     setText(name, mission.name);
     const kind = mission.kind === "live" ? (mission.speed === 1 ? "LIVE" : `LIVE ×${mission.speed}`) : "REPLAY";
     setText(tag, feed.role === "view" ? `${kind}, VIEW ONLY` : kind);
+    preflight.hidden = !mission.preflight;
     document.title = `${mission.name} – swarm-gcs`;
   });
 
