@@ -5,6 +5,7 @@ Reading order:
 - `feed`: on the loop of the service. It keeps references to scans, effects and the state; it encodes nothing.
 - `capture`: what the console reads of the engine, in one place.
 - `world`, `rows`, `details`: everything that a page shows, as JSON, on the console's own thread.
+- `history`, `series`: marks of the whole run, and the data of its charts; of a recording, read from its file.
 - `clients`: bounded queues of the pages; a slow page loses messages, then gets everything anew.
 - `access`, `guard`: addresses, tokens, TLS; checks of each request.
 - `preflight`: preflight checks on demand.

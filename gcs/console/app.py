@@ -106,6 +106,7 @@ def make_app(board: Board, access: Access) -> ASGIApp:
         Route("/api/preflight", api.preflight, methods=["GET", "POST"]),
         Route("/api/replay", api.replay, methods=["POST"]),
         Route("/api/marks", api.marks),
+        Route("/api/charts", api.charts),
         Route("/api/openapi.json", api.openapi),
         Route("/metrics", api.metrics),
         *(Route(path, _Static(*content).serve) for path, content in static.items()),
@@ -224,6 +225,9 @@ class _Api:
             return JSONResponse({"error": "after: expected a number of marks"}, 422)
         is_complete = history.is_complete
         return _json(msgspec.json.encode({"complete": is_complete, "marks": history.marks(int(after[:9]))}))
+
+    async def charts(self, _request: Request) -> Response:
+        return _json(self._board.history.charts())
 
     async def place_order(self, request: Request) -> Response:
         body = await _body(request)

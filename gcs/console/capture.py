@@ -14,7 +14,7 @@ from gcs.core.engine import Engine
 from gcs.core.perception.sensor_watchdog import WatchedSensor
 from gcs.core.state import flown_routes
 from gcs.io.recording.writer import DiskSpace
-from gcs.model import NS_PER_S, NoFlyZone, Proposal, Route, SwarmStatus, VehicleState
+from gcs.model import NS_PER_S, IntArray, NoFlyZone, Proposal, Route, SwarmStatus, VehicleState
 from gcs.planning.map.grid import Grid
 
 SensorState: TypeAlias = Literal["", "late", "silent"]
@@ -53,6 +53,8 @@ class Capture:
     zones: tuple[NoFlyZone, ...]
     lost_at_m: dict[int, tuple[float, float]]
     """Position at which each lost vehicle was last seen."""
+    telemetry: IntArray
+    """Telemetry table, with the counters of the links."""
     sensors: dict[str, SensorState]
     details: dict[int, VehicleDetail]
     service: ServiceState | None = None
@@ -75,6 +77,7 @@ def capture(engine: Engine, t_ns: int, service: ServiceState | None = None) -> C
             for one in statuses
             if one.status == "lost" and one.position_m is not None
         },
+        telemetry=engine.state.fleet.table.copy(),
         sensors={
             name: _sensor_state(one, t_ns)
             for name, one in engine.state.perception.sensor_watchdog.sensors.items()

@@ -13,13 +13,28 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from gcs.console.capture import Capture
-from gcs.model import NS_PER_S, Effect, Event, Kind, Order, Picture, Scan, Send, Tick, Upload, VehicleState
+from gcs.console.series import Work
+from gcs.model import (
+    NS_PER_S,
+    Effect,
+    Event,
+    Kind,
+    Order,
+    Picture,
+    Plan,
+    Scan,
+    Send,
+    Tick,
+    Upload,
+    VehicleState,
+)
 
 CAPTURE_S: Final = 0.25
 """Minimum time between two captures of the state."""
 _MAX_EFFECTS: Final = 5000
 _MAX_SCANS: Final = 100
 _MAX_PASSED: Final = 100
+_MAX_WORK: Final = 2000
 _PASSED_NS: Final = 2 * NS_PER_S
 
 
@@ -33,6 +48,8 @@ class News:
     pictures: dict[Kind, Picture] = field(default_factory=dict)
     passed: deque[tuple[VehicleState, ...]] = field(default_factory=lambda: deque(maxlen=_MAX_PASSED))
     """States now and then, for the trails of a page that opens later."""
+    work: deque[tuple[int, Work, float]] = field(default_factory=lambda: deque(maxlen=_MAX_WORK))
+    """Computing times of steps with a scan and with a plan, in milliseconds."""
     begun_t_ns: int | None = None
     """Time of the first event; None before it."""
 
@@ -68,6 +85,7 @@ class Feed:
         self._passed_t_ns = 0
         self._t_ns = start_t_ns or 0
         self._due_s = 0.0
+        self._step_s, self._took_s = 0.0, 0.0
 
     def restart(self) -> None:
         """Forget everything: a replay begins again at another time."""
@@ -92,14 +110,20 @@ class Feed:
             self.start_t_ns = event.t_ns
         if self.news.begun_t_ns is None:
             self.news.begun_t_ns = self._t_ns = event.t_ns
+        self._step_s, self._took_s = time.perf_counter(), 0.0
 
     def effect(self, t_ns: int, effect: Effect) -> None:
         """Keep an effect that a page shows."""
+        if not self._took_s:  # the first effect of the step
+            self._took_s = time.perf_counter() - self._step_s
         if isinstance(effect, Send | Upload):
             return
         if isinstance(effect, Picture):
             self.news.pictures[effect.kind] = effect
+            self.news.work.append((t_ns, "scan", 1e3 * self._took_s))
         else:
+            if isinstance(effect, Plan):
+                self.news.work.append((t_ns, "plan", 1e3 * self._took_s))
             self.news.effects.append((t_ns, effect))
 
     @property

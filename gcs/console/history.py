@@ -1,4 +1,4 @@
-"""Marks of a run: losses, arrivals, plans, failed uploads, alarms and orders, with their times.
+"""Marks of a run (losses, arrivals, plans, failed uploads, alarms, orders), and the data of its charts.
 
 In a live run they come from the feed. Those of a recording are read from its file on a thread of their own,
 so that they are known before the replay comes to them; pages show them as they are found.
@@ -6,24 +6,32 @@ so that they are known before the replay comes to them; pages show them as they 
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
 import msgspec
 
-from gcs.errors import RecordingError
-from gcs.io.recording.reader import read_indexed
+from gcs.console.series import BINS, ChartData, Work
+from gcs.core.snapshot import decode_state
+from gcs.errors import RecordingError, WireError
+from gcs.io.recording.reader import Record, read_end_t_ns, read_indexed
 from gcs.model import (
     NS_PER_S,
     AgentStatus,
     Effect,
+    IntArray,
     MissionEnded,
     Notice,
     Order,
+    Picture,
     Plan,
     Proposal,
+    Snapshot,
+    Truth,
     UploadReport,
     vehicle_name,
 )
@@ -37,6 +45,8 @@ SEVERE: Final = frozenset({"lost", "upload", "alarm"})
 _MAX_MARKS: Final = 5000
 _MAX_NAMED: Final = 6
 _BURST_S: Final = 0.02
+_ENCODED_S: Final = 1.0
+"""Time for which all pages get the same charts."""
 
 
 class Mark(msgspec.Struct, frozen=True):
@@ -49,20 +59,23 @@ class Mark(msgspec.Struct, frozen=True):
 
 
 class History:
-    """Marks of a run, up to a maximum number; safe to use from several threads.
+    """Marks and charts of a run, up to a maximum size; safe to use from several threads.
 
     Parameters
     ----------
     is_recorded : bool
-        True if the marks are read from a recording.
+        True if they are read from a recording.
     """
 
     def __init__(self, *, is_recorded: bool) -> None:
         self.is_recorded = is_recorded
         self.is_complete = False
-        """True if all of a recording was read."""
+        """True if all marks of a recording were read."""
         self._marks: list[Mark] = []
         self._proposals = ProposalLog()
+        self._charts, self._has_charts = ChartData(), False
+        self._lock = threading.Lock()
+        self._encoded, self._encoded_s = b"", -_ENCODED_S
 
     def add(self, t_s: float, record: Effect | Order) -> None:
         """Add the mark of a record, if it has one."""
@@ -72,23 +85,70 @@ class History:
         if mark is not None and len(self._marks) < _MAX_MARKS:
             self._marks.append(mark)
 
+    def add_picture(self, t_s: float, picture: Picture) -> None:
+        """Add the tracks after a scan to the charts."""
+        with self._lock:
+            self._charts.add_picture(t_s, picture)
+
+    def add_telemetry(self, t_s: float, vehicles: Iterable[int], table: IntArray) -> None:
+        """Add the counters of the links to the charts."""
+        with self._lock:
+            self._charts.add_telemetry(t_s, vehicles, table)
+
+    def add_work(self, t_s: float, work: Work, took_ms: float) -> None:
+        """Add a computing time to the charts."""
+        with self._lock:
+            self._charts.add_work(t_s, work, took_ms)
+
     def marks(self, after: int = 0) -> list[Mark]:
         """Return the marks, without the first `after`."""
         return self._marks[after:]
 
-    def read(self, path: Path, start_t_ns: int, ends: threading.Event) -> None:
-        """Add the marks of a recording, in short bursts, until `ends` is set."""
-        paused_s = time.monotonic()
-        try:
-            for record in read_indexed(path, MARKED):
-                self.add((record.t_ns - start_t_ns) / NS_PER_S, record.value)  # type: ignore[arg-type]
-                if time.monotonic() - paused_s > _BURST_S:
-                    if ends.wait(_BURST_S):
-                        return
-                    paused_s = time.monotonic()
-        except RecordingError:
-            pass  # the replay, which reads the same file, reports it
-        self.is_complete = True
+    def charts(self) -> bytes:
+        """Return the charts as JSON; made once a second for all pages."""
+        if time.monotonic() - self._encoded_s >= _ENCODED_S:
+            with self._lock:
+                built = self._charts.build()
+            self._encoded = msgspec.json.encode(built | {"complete": self._has_charts})
+            self._encoded_s = time.monotonic()
+        return self._encoded
+
+    def read(self, path: Path, vehicles: Sequence[int], start_t_ns: int, ends: threading.Event) -> None:
+        """Add what a recording has, in short bursts, until `ends` is set."""
+        with contextlib.suppress(RecordingError):  # the replay, which reads the same file, reports it
+            for record in _in_bursts(read_indexed(path, MARKED), ends):
+                self.add(_seconds(record, start_t_ns), record.value)  # type: ignore[arg-type]
+            self.is_complete = not ends.is_set()
+            duration_ns = (read_end_t_ns(path) or start_t_ns) - start_t_ns
+            charted = (Picture, Snapshot, Truth)
+            for record in _in_bursts(read_indexed(path, charted, duration_ns // (2 * BINS)), ends):
+                self._add_charted(_seconds(record, start_t_ns), record.value, vehicles)
+        self.is_complete = self._has_charts = True
+
+    def _add_charted(self, t_s: float, value: object, vehicles: Sequence[int]) -> None:
+        if isinstance(value, Picture):
+            self.add_picture(t_s, value)
+        elif isinstance(value, Truth):
+            with self._lock:
+                self._charts.add_truth(value)
+        elif isinstance(value, Snapshot):
+            with contextlib.suppress(WireError, ValueError):  # of another version
+                self.add_telemetry(t_s, vehicles, decode_state("its snapshot", value.data).fleet.table)
+
+
+def _in_bursts(records: Iterable[Record], ends: threading.Event) -> Iterator[Record]:
+    """Yield records; pause between, so that other threads are not delayed."""
+    paused_s = time.monotonic()
+    for record in records:
+        yield record
+        if time.monotonic() - paused_s > _BURST_S:
+            if ends.wait(_BURST_S):
+                return
+            paused_s = time.monotonic()
+
+
+def _seconds(record: Record, start_t_ns: int) -> float:
+    return (record.t_ns - start_t_ns) / NS_PER_S
 
 
 def mark_of(t_s: float, record: Effect | Order) -> Mark | None:

@@ -104,6 +104,7 @@ class ConsoleServer:
         about = {"kind": kind, "speed": source.speed, "begun": str(time.time_ns())}
         about["preflight"] = source.mission_file is not None
         self._recording = source.recording
+        self._vehicles = sorted(agent.vehicle for agent in run.config.agents)
         self._history = History(is_recorded=source.recording is not None)
         self._ends = threading.Event()
         world = World(run.config, about, self._history)
@@ -204,7 +205,7 @@ class ConsoleServer:
 
     def _read_history(self, recording: Path) -> None:
         start_t_ns = self.feed.start_t_ns or 0
-        arguments = (recording, start_t_ns, self._ends)
+        arguments = (recording, self._vehicles, start_t_ns, self._ends)
         threading.Thread(target=self._history.read, args=arguments, name="history", daemon=True).start()
 
     def _watch(self) -> None:

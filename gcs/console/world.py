@@ -61,7 +61,7 @@ class World:
         self._frame = config.local_frame
         self._mission = _raw(rows.mission(config) | about)
         self._history = history
-        self._adds_marks = not history.is_recorded
+        self._adds_history = not history.is_recorded
         self._news: News | None = None
         self._begin()
 
@@ -120,7 +120,7 @@ class World:
         self._news = found
         if feed.start_t_ns is not None:
             self._start_t_ns = feed.start_t_ns
-        if is_new and not self._adds_marks:
+        if is_new and not self._adds_history:
             self._add_earlier(found)
         self._put("replay", replay, news)
         self._add_effects(_drained(found.effects), news)
@@ -133,6 +133,10 @@ class World:
             if self._pictures.get(kind) is not picture:
                 self._pictures[kind] = picture
                 self._put(f"{kind}_tracks", rows.tracks(picture), news)
+                if self._adds_history:
+                    self._history.add_picture(self._seconds(picture.t_ns), picture)
+        for t_ns, work, took_ms in _drained(found.work):
+            self._history.add_work(self._seconds(t_ns), work, took_ms)
         capture = found.capture
         if capture is not None and capture is not self.capture:
             self.capture = capture
@@ -150,7 +154,7 @@ class World:
 
     def _add_effects(self, effects: Iterable[tuple[int, Effect | Order]], news: dict[str, Any]) -> None:
         for t_ns, effect in effects:
-            if self._adds_marks:
+            if self._adds_history:
                 self._history.add(self._seconds(t_ns), effect)
             if isinstance(effect, Order):
                 continue
@@ -198,6 +202,9 @@ class World:
 
     def _add_capture(self, capture: Capture, news: dict[str, Any]) -> None:
         status = capture.status
+        if self._adds_history:
+            vehicles = sorted(agent.vehicle for agent in status.agents)
+            self._history.add_telemetry(self._seconds(capture.t_ns), vehicles, capture.telemetry)
         head = {
             "t_ms": capture.t_ns // 1_000_000,
             "elapsed_s": self._seconds(capture.t_ns),

@@ -101,6 +101,7 @@ async def serve(port: int) -> None:
     from gcs.console import Access, ConsoleServer, Source
     from gcs.console.capture import Capture
     from gcs.core.airspace.obstacle_map import mission_grid
+    from gcs.mavlink.fleet.telemetry_table import new_table
     from gcs.model import NS_PER_S, Picture, Scan, Sensor, SwarmStatus, TargetRecord, Tick, Track
 
     rng, config = np.random.default_rng(1), load("swarm-50")
@@ -110,7 +111,7 @@ async def serve(port: int) -> None:
     def take(t_ns: int) -> Capture:
         targets = tuple(TargetRecord((0, n), 0.9, tuple(p), 1.0, (), ()) for n, p in enumerate(places))
         status = SwarmStatus(t_ns, "", (), targets, (), None, False)
-        return Capture(t_ns, status, (), (), None, grid, (), {})
+        return Capture(t_ns, status, (), (), None, grid, (), {}, new_table(0), {}, {})
 
     run = SimpleNamespace(
         config=config, command=SimpleNamespace(fleet=SimpleNamespace(states=lambda: ())), sinks=[]

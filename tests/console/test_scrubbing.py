@@ -161,4 +161,21 @@ def test_a_recording_is_scrubbed_with_keys_and_pointer(console, page):
     page.keyboard.press("ArrowLeft")
     page.keyboard.press("ArrowLeft")
     expect(page.locator("tr.gone")).to_have_count(0)
+
+    page.keyboard.press("p")
+    page.keyboard.press("Home")
+    page.keyboard.press("Shift+ArrowRight")
+    page.keyboard.press("g")
+    objects = page.locator("#charts figure", has_text="Number of objects")
+    expect(objects.locator(".values")).to_contain_text("agents, true 4.0")
+    expect(page.locator("#charts figure", has_text="OSPA").locator("b")).to_have_count(2)
+    expect(page.locator("#charts figure", has_text="Battery").locator("b")).to_have_count(4)
+    chart, area = objects.locator("> canvas"), page.locator("#map").bounding_box()
+    box = chart.bounding_box()
+    assert area["x"] + area["width"] <= box["x"]
+    chart.click(position={"x": 40 + (box["width"] - 66) * 57 / 60.05, "y": 40})
+    expect(elapsed).to_contain_text("0:57")
+    expect(objects.locator(".values")).to_contain_text("agents, true 3.0")
+    page.keyboard.press("g")
+    expect(page.locator("#vehicles")).to_be_visible()
     assert errors == []

@@ -1,9 +1,11 @@
 // The console: parts of the page, and what connects them.
 
 import { Alarms } from "./alarms.js";
+import { Charts } from "./charts.js";
 import { Commands } from "./commands.js";
 import { Detail } from "./detail.js";
 import { showKeys } from "./dialogs.js";
+import { el } from "./dom.js";
 import { Feed } from "./feed.js";
 import { showHeader } from "./header.js";
 import { KEYS, listenToKeys } from "./keys.js";
@@ -35,6 +37,7 @@ const targetOrders = new TargetOrders(part("target-orders"), feed, selection, or
 const plan = new Plan(part("plan"), feed, orders, commands);
 const marks = new Marks(feed);
 const replay = new Replay(part("replay"), feed, marks, theme);
+const charts = new Charts(part("charts"), feed, marks, selection, theme, (at) => replay.seek(at));
 
 const detail = new Detail(part("detail"), feed, selection, map);
 
@@ -42,6 +45,7 @@ showHeader(part("head"), feed, theme);
 showStrip(part("vehicles"), feed, selection);
 showTargets(part("targets"), feed, map, selection, (name) => zones.reopen(name));
 showLog(part("log"), feed, part("targets"));
+part("help").before(el("button", { id: "open-charts", title: "Charts (G)", onclick: () => charts.toggle() }, "Charts"));
 part("help").addEventListener("click", () => showKeys(KEYS));
 
 const measure = () => map.use(map.tool ? null : new Measure());
@@ -64,6 +68,7 @@ listenToKeys({
   0: () => map.fitAll(),
   f: () => map.follow(),
   l: () => map.toggleLayers(),
+  g: () => charts.toggle(),
   m: measure,
   p: inReplay(() => replay.toggle(), () => targetOrders.pin()),
   t: () => targetOrders.selectNext(1),

@@ -415,11 +415,11 @@ def snapshot_places(path: Path) -> tuple[SnapshotPlace, ...]:
     return tuple(places)
 
 
-def read_indexed(path: Path, only: Collection[type]) -> Iterator[Record]:
+def read_indexed(path: Path, only: Collection[type], spacing_ns: int = 0) -> Iterator[Record]:
     """Read the records of some types, in order, and skip all others by the message indices.
 
     That is faster than `read` for rare types. Chunks without them are not decompressed. What is behind damage
-    is left out.
+    is left out. With `spacing_ns`, records that follow one of their topic within that time are skipped.
 
     Raises
     ------
@@ -429,7 +429,7 @@ def read_indexed(path: Path, only: Collection[type]) -> Iterator[Record]:
     for file_path in mcap_paths(path):
         with _open_mcap(file_path) as file, contextlib.suppress(_DamageError, *_LIBRARY_ERRORS):
             reader = _RunReader(only)
-            for chunk_at, entries in _indexed_chunks(file, reader):
+            for chunk_at, entries in _indexed_chunks(file, reader, spacing_ns):
                 file.seek(chunk_at + 1)
                 content = _bounded(file, int.from_bytes(file.read(_HEAD.size - 1), "little"))
                 yield from reader.read_messages(content, sorted(offset for _, offset in entries))
@@ -441,8 +441,11 @@ def _snapshots_of_part(file: BinaryIO, part: int) -> Iterator[SnapshotPlace]:
             yield SnapshotPlace(t_ns, part, chunk_at)
 
 
-def _indexed_chunks(file: BinaryIO, reader: _RunReader) -> Iterator[tuple[int, list[tuple[int, int]]]]:
+def _indexed_chunks(
+    file: BinaryIO, reader: _RunReader, spacing_ns: int = 0
+) -> Iterator[tuple[int, list[tuple[int, int]]]]:
     """Yield the place of each chunk with requested messages, and their times and offsets in it."""
+    due_ns: dict[int, int] = {}
     chunk_at, at, entries = 0, len(MCAP_MAGIC), list[tuple[int, int]]()
     size = file.seek(0, io.SEEK_END)
     while at + _HEAD.size <= size:
@@ -459,7 +462,11 @@ def _indexed_chunks(file: BinaryIO, reader: _RunReader) -> Iterator[tuple[int, l
             chunk_at = at
         elif opcode == Opcode.MESSAGE_INDEX and reader.requests(_CHANNEL.unpack(file.read(_CHANNEL.size))[0]):
             file.seek(at + _HEAD.size)
-            entries += MessageIndex.read(_stream(_bounded(file, length))).records
+            index = MessageIndex.read(_stream(_bounded(file, length)))
+            for t_ns, offset in index.records:
+                if t_ns >= due_ns.get(index.channel_id, 0):
+                    due_ns[index.channel_id] = t_ns + spacing_ns
+                    entries.append((t_ns, offset))
         elif opcode == Opcode.DATA_END:
             return
         at += _HEAD.size + length
