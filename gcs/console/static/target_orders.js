@@ -34,7 +34,7 @@ export class TargetOrders {
     this.root.append(
       this.about, this.ignore.element, el("label", {}, "Priority", this.priority),
       this.pinned.element, this.unpinned.element, el("span", { class: "space" }),
-      el("button", { "aria-label": "Select no target", onclick: () => this.selection.setTarget(null) }, "Close"),
+      el("button", { title: "Select no target", onclick: () => this.selection.setTarget(null) }, "Close"),
     );
   }
 

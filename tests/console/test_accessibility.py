@@ -1,0 +1,46 @@
+"""An operator with weak sight, colour blindness or without a mouse could not use the console."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import Page, expect
+
+from gcs.console.access import Access
+
+AXE = Path(__file__).parent / "axe" / "axe.min.js.gz"
+OPERATE = "operate-0123456789"
+
+
+def problems(page: Page, *rules: str) -> list[tuple[str, str]]:
+    """Return the rule and the element of each violation that axe-core finds; of some rules, or of all."""
+    if not page.evaluate("'axe' in window"):
+        page.evaluate(gzip.decompress(AXE.read_bytes()).decode())
+    options = {"resultTypes": ["violations"]} | ({"runOnly": rules} if rules else {})
+    result: dict[str, Any] = page.evaluate("options => axe.run(document, options)", options)
+    return [(one["id"], one["nodes"][0]["html"]) for one in result["violations"]]
+
+
+def test_the_console_has_no_violation_that_axe_finds(fly, launch, page):
+    with fly() as flight:
+        vehicles = launch(flight)
+        page.goto(flight.url)
+        expect(page.locator("#vehicles tbody tr")).to_have_count(4)
+        vehicles.say(2, "an alarm")
+        expect(page.locator("#alarms .bar.alarm")).to_contain_text("an alarm")
+        page.keyboard.press("1")
+        page.keyboard.press("l")
+        page.locator('#alarms [data-name="more"]').click()
+        expect(page.locator("#detail")).to_contain_text("authority")
+        assert problems(page) == []
+        dark = page.locator("html").get_attribute("data-theme") == "dark"
+        page.get_by_role("button", name="Theme").click()
+        expect(page.locator("html")).to_have_attribute("data-theme", "light" if dark else "dark")
+        assert problems(page, "color-contrast") == []
+        page.goto(flight.url + "/preflight.html")
+        assert problems(page) == []
+    with fly(Access(operate_token=OPERATE)) as flight:
+        page.goto(flight.url + "/login")
+        assert problems(page) == []
