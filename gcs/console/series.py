@@ -21,7 +21,7 @@ _MIN_WIDTH_S: Final = 0.5
 _KINDS: Final[tuple[Kind, ...]] = ("agents", "targets")
 _RATE_S: Final = 2.0
 """Rates are of this time, or of a bin if that is longer."""
-_MAX_TRACKS: Final = 40
+MAX_TRACKS: Final = 64
 """Tracks of each kind whose existence is shown: those that existed most."""
 _MIN_EXISTENCE: Final = 0.3
 """A track is shown once its existence was that large."""
@@ -86,7 +86,7 @@ class ChartData:
         for track in picture.tracks:
             name = target_name(track.label) if kind == "targets" else f"{track.label[0]}.{track.label[1]}"
             is_new = (kind, name) not in self._lines
-            if is_new and (track.existence < _MIN_EXISTENCE or added == _MAX_TRACKS):
+            if is_new and (track.existence < _MIN_EXISTENCE or added == MAX_TRACKS):
                 continue
             added += is_new
             self._add(kind, name, t_s, track.existence)
@@ -172,8 +172,8 @@ class ChartData:
 
     def _forget_tracks(self, kind: Kind) -> None:
         names = self._names(kind)
-        if len(names) > _MAX_TRACKS:
-            for name in sorted(names, key=lambda one: self._lines[kind, one].total.sum())[:-_MAX_TRACKS]:
+        if len(names) > MAX_TRACKS:
+            for name in sorted(names, key=lambda one: self._lines[kind, one].total.sum())[:-MAX_TRACKS]:
                 del self._lines[kind, name]
 
     def _compare(self, scan_t_ns: int) -> None:
@@ -203,4 +203,4 @@ def _ospa_m(truth_m: FloatArray, places_m: FloatArray) -> float:
 
 def _listed(values: FloatArray) -> list[float | None]:
     """Return a JSON array's values; None for NaN."""
-    return [None if value != value else value for value in values.round(3).tolist()]
+    return [None if value != value else value for value in values.round(2).tolist()]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gcs.console.series import BINS, ChartData
+from gcs.console.series import BINS, MAX_TRACKS, ChartData
 from gcs.mavlink.fleet.telemetry_table import BATTERY_PERCENT, FRAMES, LOST, new_table
 from gcs.model import Picture, Track, Truth, TruthObject
 
@@ -41,11 +41,11 @@ def test_rates_and_losses_are_those_between_two_counts():
 
 def test_the_tracks_that_existed_most_are_shown():
     charts = ChartData()
-    for second in range(50):
+    for second in range(90):
         clutter = {100 + second: 0.9, 1000 + second: 0.1}
         charts.add_picture(second, picture(second, {0: 1.0, 1: 0.8} | clutter))
     shown = charts.build()["existence"]["targets"]
-    assert len(shown) == 40
+    assert len(shown) == MAX_TRACKS
     assert {"T0.0", "T0.1"} <= shown.keys()
     assert not {name for name in shown if name.startswith("T0.10") and len(name) > 6}
 

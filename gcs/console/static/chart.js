@@ -10,6 +10,8 @@ const TOP = 6;
 const BOTTOM = 20;
 const LINES_PX = 92;
 const ROW_PX = 12;
+const LOW_ROW_PX = 6; // with many rows; then only some have their names beside them
+const MANY_ROWS = 24;
 const FONT = '11px system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
 const GAP_S = 12; // longer gaps between values are shown
 const STEPS_S = [5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400];
@@ -208,16 +210,17 @@ export class RowChart extends Chart {
 
   draw() {
     if (this.root.hidden || !this.rows) return;
-    const height = TOP + ROW_PX * this.rows.length + BOTTOM;
+    const rowPx = this.rows.length > MANY_ROWS ? LOW_ROW_PX : ROW_PX;
+    const height = TOP + rowPx * this.rows.length + BOTTOM;
     const ctx = this.begin(height);
     if (!ctx) return;
     const { width } = this.axis;
-    const pointed = this.y ? this.rows[Math.floor((this.y - TOP) / ROW_PX)] : null;
+    const pointed = this.y ? this.rows[Math.floor((this.y - TOP) / rowPx)] : null;
     this.rows.forEach((row, number) => {
-      const y = TOP + number * ROW_PX;
+      const y = TOP + number * rowPx;
       ctx.textAlign = "right";
       ctx.fillStyle = this.theme.colour(row === pointed ? "text" : "dim");
-      ctx.fillText(row.name, LEFT - 5, y + 10);
+      if (rowPx === ROW_PX || (number * rowPx) % ROW_PX === 0) ctx.fillText(row.name, LEFT - 5, y + 10);
       ctx.fillStyle = this.theme.colour(row.colour);
       row.values.forEach((value, index) => {
         if (value === null) return;
@@ -225,7 +228,7 @@ export class RowChart extends Chart {
         while (next < row.values.length && row.values[next] === null && (next - index) * width < Math.max(3, 2 * width)) next++;
         ctx.globalAlpha = Math.max(0.06, value);
         const [from, to] = [Math.round(this.x(index * width)), Math.round(this.x(next * width))];
-        ctx.fillRect(from, y + 2, Math.max(1, to - from), ROW_PX - 3);
+        ctx.fillRect(from, y + 1, Math.max(1, to - from), rowPx - (rowPx === ROW_PX ? 3 : 1));
       });
       ctx.globalAlpha = 1;
     });

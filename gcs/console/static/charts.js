@@ -19,13 +19,13 @@ export class Charts {
     this.events = new MarkChart(root, "Events", ...common);
     this.objects = new LineChart(root, "Number of objects (± 1σ)", "", ...common, { digits: 1 });
     this.ospa = new LineChart(root, "OSPA of positions (c = 100 m, p = 1)", "m", ...common, { digits: 1 });
-    this.targets = new RowChart(root, "Existence probability of target tracks", ...common);
-    this.agents = new RowChart(root, "Existence probability of agent tracks", ...common);
     this.rate = new LineChart(root, "Messages received", "1/s", ...common, { digits: 1 });
     this.loss = new LineChart(root, "Messages lost", "%", ...common, { digits: 1 });
     this.battery = new LineChart(root, "Battery", "%", ...common, { least: 100 });
     this.work = new LineChart(root, "Longest computing time (in a replay: of what was played)", "ms", ...common, { digits: 1 });
-    this.charts = [this.events, this.objects, this.ospa, this.targets, this.agents, this.rate, this.loss, this.battery, this.work];
+    this.targets = new RowChart(root, "Existence probability of target tracks", ...common);
+    this.agents = new RowChart(root, "Existence probability of agent tracks", ...common);
+    this.charts = [this.events, this.objects, this.ospa, this.rate, this.loss, this.battery, this.work, this.targets, this.agents];
     feed.on(["replay", "head"], () => this.showTime());
     marks.addEventListener("change", () => this.showMarks());
     selection.addEventListener("change", () => this.show());
