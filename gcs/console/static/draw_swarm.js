@@ -18,6 +18,8 @@ function line(ctx, view, points) {
   points.forEach(([east, north], index) => ctx[index ? "lineTo" : "moveTo"](view.x(east), view.y(north)));
 }
 
+const CORRIDOR_M = 40;
+
 export function routes(ctx, view, planned, style) {
   ctx.strokeStyle = style.colour;
   for (const route of planned) {
@@ -34,24 +36,17 @@ export function routes(ctx, view, planned, style) {
   ctx.globalAlpha = 1;
 }
 
-// Points that the vehicle has still to pass: those after the leg that is nearest to it.
-function ahead(from, points) {
-  let best = Math.hypot(points[0][0] - from[0], points[0][1] - from[1]);
+// Points that the vehicle has still to pass: the rule of next_point in gcs/planning/route_progress.py.
+function ahead([x, y], points) {
   let next = 0;
   for (let index = 0; index + 1 < points.length; index++) {
-    const distance = toLeg(from, points[index], points[index + 1]);
-    if (distance <= best) {
-      best = distance;
-      next = index + 1;
-    }
+    const [[ax, ay], [bx, by]] = [points[index], points[index + 1]];
+    const length = Math.hypot(bx - ax, by - ay);
+    const along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / length;
+    const across = Math.abs((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / length;
+    if (along > 0 && along <= length && across <= CORRIDOR_M) next = index + 1;
   }
   return points.slice(next);
-}
-
-function toLeg([x, y], [ax, ay], [bx, by]) {
-  const length2 = (bx - ax) ** 2 + (by - ay) ** 2;
-  const along = length2 ? Math.min(1, Math.max(0, ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / length2)) : 0;
-  return Math.hypot(x - ax - along * (bx - ax), y - ay - along * (by - ay));
 }
 
 // Where vehicle and target will meet, and the circle that follows.
