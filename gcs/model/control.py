@@ -172,9 +172,10 @@ class Control:
         for authority in _ENDED[event]:
             self.claims.pop(authority, None)
         for authority in _BEGUN[event]:
-            self._begin(authority, t_ns, detail)
+            self.begin(authority, t_ns, detail)
 
-    def _begin(self, authority: Authority, t_ns: int, detail: str) -> None:
+    def begin(self, authority: Authority, t_ns: int, detail: str) -> None:
+        """Begin a claim; one that goes on keeps its time."""
         claim = self.claims.get(authority)
         if claim is None or claim.detail != detail:
             self.claims[authority] = Claim(t_ns, detail)

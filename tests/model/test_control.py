@@ -21,7 +21,7 @@ each_event = pytest.mark.parametrize("event", ControlEvent)
 def after(claims: frozenset[Authority], event: ControlEvent) -> Control:
     control = Control()
     for claim in claims:
-        control.restore(claim, 1, "x")
+        control.begin(claim, 1, "x")
     control.apply(event, 2, "x")
     return control
 
