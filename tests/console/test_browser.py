@@ -141,6 +141,13 @@ def test_every_action_of_the_page_has_its_effect_in_the_vehicles(demo, page):
     page.mouse.up()
     page.get_by_role("button", name="Close this area").click()
     expect(result).to_contain_text("zone-1 closed")
+    page.get_by_role("button", name="Edit zone-1").click()
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x, y + 20.0, steps=3)
+    page.mouse.up()
+    page.keyboard.press("Enter")
+    expect(result).to_contain_text("zone-1 closed")
     page.get_by_role("button", name="Open zone-1").click()
     expect(result).to_contain_text("zone-1 opened")
 

@@ -43,7 +43,7 @@ const detail = new Detail(part("detail"), feed, selection, map);
 
 showHeader(part("head"), feed, theme);
 showStrip(part("vehicles"), feed, selection);
-showTargets(part("targets"), feed, map, selection, (name) => zones.reopen(name));
+showTargets(part("targets"), feed, map, selection, zones);
 showLog(part("log"), feed, part("targets"));
 part("help").before(el("button", { id: "open-charts", title: "Charts (G)", onclick: () => charts.toggle() }, "Charts"));
 part("help").addEventListener("click", () => showKeys(KEYS));

@@ -1,6 +1,6 @@
 // Map: canvas, layers, and what is drawn in which order.
 
-import { el, setText } from "./dom.js";
+import { el } from "./dom.js";
 import { Detections } from "./detections.js";
 import * as ground from "./draw_ground.js";
 import { onboardMission } from "./draw_mission.js";
@@ -88,15 +88,16 @@ export class SwarmMap {
     this.fitAll();
   }
 
-  say(text) {
-    setText(this.hint, text ?? "");
+  say(text, actions = []) {
+    this.hint.replaceChildren(text ?? "", ...actions.map(([label, act]) => el("button", { onclick: act }, label)));
     this.hint.hidden = !text;
+    this.hint.querySelector("button")?.focus();
   }
 
   // A tool takes the pointer until it ends. See tools.js.
   use(tool) {
     this.tool = tool;
-    this.say(tool?.hint);
+    this.say(tool?.hint, tool?.actions);
     this.redraw();
   }
 

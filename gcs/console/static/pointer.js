@@ -11,6 +11,7 @@ export class Pointer {
     this.map = map;
     this.pressed = new Map(); // by pointer, of fingers too
     this.start = null;
+    this.isDrawing = false; // a tool has the pointer until it is released
     const listen = (type, handler, options) => map.canvas.addEventListener(type, (event) => handler.call(this, event), options);
     listen("pointerdown", this.down);
     listen("pointermove", this.move);
@@ -28,7 +29,7 @@ export class Pointer {
     canvas.setPointerCapture(event.pointerId);
     this.pressed.set(event.pointerId, event);
     this.start = { x: event.offsetX, y: event.offsetY, moved: false, boxes: event.shiftKey && !tool };
-    if (tool?.drag && this.pressed.size === 1) tool.down(this.place(event));
+    this.isDrawing = Boolean(tool?.drag) && this.pressed.size === 1 && tool.down(this.place(event)) !== false;
   }
 
   move(event) {
@@ -48,7 +49,7 @@ export class Pointer {
     this.pressed.set(event.pointerId, event);
     if (Math.hypot(event.offsetX - start.x, event.offsetY - start.y) > CLICK_PX) start.moved = true;
     if (other) this.pinch(other, before, event);
-    else if (map.tool?.drag) map.tool.move(this.place(event));
+    else if (this.isDrawing) map.tool?.move(this.place(event));
     else if (start.boxes) map.box = [start.x, start.y, event.offsetX, event.offsetY];
     else if (start.moved) map.pan(event.offsetX - before.offsetX, event.offsetY - before.offsetY);
   }
@@ -59,10 +60,11 @@ export class Pointer {
     if (!start) return;
     const isClick = !start.moved && event.type === "pointerup";
     if (map.box) this.selectBox(map.box);
-    else if (map.tool?.drag) map.tool.up(this.place(event));
-    else if (isClick && map.tool) map.tool.click(this.place(event));
+    else if (this.isDrawing) map.tool?.up(this.place(event));
+    else if (isClick && map.tool) map.tool.click?.(this.place(event));
     else if (isClick) this.selectAt(event);
     this.start = map.box = null;
+    this.isDrawing = false;
     map.redraw();
   }
 

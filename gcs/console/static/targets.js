@@ -1,4 +1,4 @@
-// Targets, and the no-fly zones with the button that opens each.
+// Targets, and the no-fly zones with the buttons that change and open each.
 
 import { el, Rows, setClass, setText } from "./dom.js";
 import { number } from "./format.js";
@@ -15,7 +15,7 @@ export function ordered({ ignored, priority, pinned }) {
   return parts.filter(Boolean).join(", ");
 }
 
-export function showTargets(root, feed, map, selection, openZone) {
+export function showTargets(root, feed, map, selection, editor) {
   const title = el("h2", {}, "Targets");
   const body = el("tbody");
   const heads = [["target", "left"], ["existence", ""], ["east", ""], ["north", ""], ["m/s", ""], ["agents", "left"], ["by order", "left"]];
@@ -64,8 +64,11 @@ export function showTargets(root, feed, map, selection, openZone) {
     mark();
   });
   feed.on(["zones", "mission"], ({ zones: closed = [], mission }) => {
-    const buttons = closed.map((zone) =>
-      el("button", { onclick: () => openZone(zone.name), disabled: mission.kind !== "live" }, `Open ${zone.name}`));
+    const disabled = mission.kind !== "live";
+    const buttons = closed.flatMap(({ name }) => [
+      el("button", { onclick: () => editor.edit(name), disabled }, `Edit ${name}`),
+      el("button", { onclick: () => editor.reopen(name), disabled }, `Open ${name}`),
+    ]);
     zones.replaceChildren(...(closed.length ? [el("h2", {}, `No-fly zones: ${closed.length}`), el("div", { class: "actions" }, ...buttons)] : []));
   });
 }

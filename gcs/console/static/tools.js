@@ -1,8 +1,9 @@
-// Tools of the map: measure a distance, draw a no-fly zone. Escape ends a tool.
+// Tools of the map: measure a distance, draw or change a no-fly zone. Escape ends a tool.
 
 import { openDialog } from "./dialogs.js";
 import { el, setText } from "./dom.js";
 import { metres } from "./format.js";
+import { ZoneEdit } from "./zone_edit.js";
 
 export class Measure {
   constructor() {
@@ -143,6 +144,19 @@ export class Zones {
       el("button", { class: "danger", onclick: close }, "Close this area"),
     ]);
     name[1].focus();
+  }
+
+  // Drags the handles of a closed zone; the same name with another shape replaces it.
+  edit(name) {
+    const zone = (this.feed.data.zones ?? []).find((one) => one.name === name);
+    if (!zone) return;
+    const [east, north] = zone.disc ?? zone.polygon[0];
+    this.map.show([east, north]);
+    const send = (shape) => {
+      this.orders.give("no-fly-zone", { no_fly_zone: { name, ...shape } });
+      this.map.use(null);
+    };
+    this.map.use(new ZoneEdit(zone, send, () => this.map.use(null)));
   }
 
   reopen(name) {
