@@ -119,6 +119,12 @@ ConsoleAccessOption = Annotated[
         "machines reach.",
     ),
 ]
+ConsoleMapOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--console-map", metavar="FILE", help="MBTiles file with raster tiles, drawn under the console's map."
+    ),
+]
 OpenOption = Annotated[bool, typer.Option("--open", help="Open the console in the browser.")]
 LossOption = Annotated[
     float, typer.Option(min=0.0, max=1.0, help="Fraction of datagrams lost in each direction, 0 to 1.")

@@ -30,11 +30,14 @@ class PageOptions:
     access: Path | None = None
     """Folder with certificate, key and tokens."""
     opens_browser: bool = False
+    map_file: Path | None = None
+    """MBTiles file under the map."""
 
     @property
     def is_asked_for(self) -> bool:
         """True if an option asks for the console."""
-        return self.opens_browser or self.access is not None or self.address not in (None, "off")
+        is_moved = self.access is not None or self.address not in (None, "off")
+        return self.opens_browser or self.map_file is not None or is_moved
 
     def check(self) -> None:
         """Check the options before a run begins.
@@ -42,12 +45,16 @@ class PageOptions:
         Raises
         ------
         ConsoleError
-            For a text that is no address, and for an address that needs another access.
+            For a text that is no address, an address that needs another access, a map that cannot be read.
         """
         if self.address not in (None, "off") or self.access is not None:
             from gcs.console.access import parse_access
 
             parse_access(self.address, self.access)
+        if self.map_file is not None:
+            from gcs.console.tiles import Tiles
+
+            Tiles(self.map_file)
 
 
 DEFAULT_PAGE: Final = PageOptions()
@@ -147,9 +154,11 @@ def _started(source: Callable[[], Source], options: PageOptions, console: Consol
     try:
         from gcs.console import ConsoleServer
         from gcs.console.access import parse_access
+        from gcs.console.tiles import Tiles
 
         access = parse_access(options.address, options.access)
-        return None if access is None else ConsoleServer(source(), access)
+        tiles = None if options.map_file is None else Tiles(options.map_file)
+        return None if access is None else ConsoleServer(source(), access, tiles)
     except (ConsoleError, ImportError) as error:
         if options.is_asked_for:
             raise ConsoleError(str(error)) from None

@@ -29,6 +29,7 @@ from gcs.console.openapi import description
 from gcs.console.orders import OrderDesk, RefusedOrderError, is_answered
 from gcs.console.playback import PlaybackDesk
 from gcs.console.preflight import PreflightDesk
+from gcs.console.tiles import Tiles
 from gcs.console.world import World
 from gcs.io.records import encode
 from gcs.model import OrderAnswer, vehicle_of
@@ -52,10 +53,11 @@ class Board:
         playback: PlaybackDesk,
         history: History,
         preflight: PreflightDesk,
+        tiles: Tiles | None,
         watch: Callable[[], None],
     ) -> None:
         self.world, self.clients, self.desk, self.playback = world, clients, desk, playback
-        self.history, self.preflight = history, preflight
+        self.history, self.preflight, self.tiles = history, preflight, tiles
         self._watch = watch
         self._asked_s = -_ASKED_S
         self._changed = asyncio.Event()
@@ -108,6 +110,7 @@ def make_app(board: Board, access: Access) -> ASGIApp:
         Route("/api/marks", api.marks),
         Route("/api/charts", api.charts),
         Route("/api/openapi.json", api.openapi),
+        Route("/tiles/{zoom:int}/{column:int}/{row:int}", api.tile),
         Route("/metrics", api.metrics),
         *(Route(path, _Static(*content).serve) for path, content in static.items()),
     ]
@@ -207,6 +210,13 @@ class _Api:
             for one in capture.routes
         ]
         return _json(msgspec.json.encode({"routes": routes, "proposal": msgspec.Raw(proposal)}))
+
+    async def tile(self, request: Request) -> Response:
+        tiles, at = self._board.tiles, request.path_params
+        found = None if tiles is None else tiles.tile(at["zoom"], at["column"], at["row"])
+        if tiles is None or found is None:
+            return Response(status_code=204)
+        return Response(found, media_type=tiles.media_type)
 
     async def preflight(self, request: Request) -> Response:
         desk = self._board.preflight

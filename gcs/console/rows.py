@@ -43,6 +43,7 @@ def mission(config: Config) -> dict[str, Any]:
         "description": config.description,
         "size_m": [area.width_m, area.height_m],
         "origin_deg": [frame.lat_deg, frame.lon_deg],
+        "origin_alt_m": frame.alt_msl_m,
         "approval": config.planning.retask == "confirm",
         "loiter_radius_m": config.mission.loiter_radius_m,
         "homes": [

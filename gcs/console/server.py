@@ -28,6 +28,7 @@ from gcs.console.history import History
 from gcs.console.orders import OrderDesk
 from gcs.console.playback import Playback, PlaybackDesk
 from gcs.console.preflight import PreflightDesk
+from gcs.console.tiles import Tiles
 from gcs.console.world import World
 from gcs.core.engine import Engine
 from gcs.errors import ConsoleError
@@ -88,7 +89,7 @@ class ConsoleServer:
         When the port is taken, or TLS files cannot be read.
     """
 
-    def __init__(self, source: Source, access: Access) -> None:
+    def __init__(self, source: Source, access: Access, tiles: Tiles | None = None) -> None:
         self.name = "console"
         """Name in notices."""
         self._error: Exception | None = None
@@ -101,8 +102,8 @@ class ConsoleServer:
         self._run_loop = asyncio.get_running_loop()
         self._access = replace(access, port=self.port)
         kind = "live" if source.playback is None else "replay"
-        about = {"kind": kind, "speed": source.speed, "begun": str(time.time_ns())}
-        about["preflight"] = source.mission_file is not None
+        about: dict[str, Any] = {"kind": kind, "speed": source.speed, "begun": str(time.time_ns())}
+        about |= {"preflight": source.mission_file is not None, "tiles": tiles and tiles.about()}
         self._recording = source.recording
         self._vehicles = sorted(agent.vehicle for agent in run.config.agents)
         self._history = History(is_recorded=source.recording is not None)
@@ -112,7 +113,9 @@ class ConsoleServer:
         desk = OrderDesk(run.config.local_frame, None if submit is None else self._on_run_loop(submit))
         self._playback = PlaybackDesk(source.playback, self._on_run_loop(lambda action: action()))
         preflight = PreflightDesk(source.mission_file)
-        self._board = Board(world, self.clients, desk, self._playback, self._history, preflight, self._watch)
+        self._board = Board(
+            world, self.clients, desk, self._playback, self._history, preflight, tiles, self._watch
+        )
         config = uvicorn.Config(
             make_app(self._board, self._access),
             loop="asyncio",

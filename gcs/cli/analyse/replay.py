@@ -10,6 +10,7 @@ import typer
 
 from gcs.cli.arguments import (
     ConsoleAccessOption,
+    ConsoleMapOption,
     ConsoleOption,
     DetectionsOption,
     HeadlessOption,
@@ -62,6 +63,7 @@ def replay(
     as_json: JsonOption = False,
     page: ConsoleOption = None,
     page_access: ConsoleAccessOption = None,
+    page_map: ConsoleMapOption = None,
     open_page: OpenOption = False,
 ) -> None:
     """Play a recording through central command again.
@@ -83,7 +85,7 @@ def replay(
             verify,
             headless,
             as_json,
-            PageOptions(page, page_access, open_page),
+            PageOptions(page, page_access, open_page, page_map),
         )
         code = run_replay(options, console_for(stderr=as_json))
     raise typer.Exit(code)

@@ -9,6 +9,7 @@ import typer
 
 from gcs.cli.arguments import (
     ConsoleAccessOption,
+    ConsoleMapOption,
     ConsoleOption,
     HeadlessOption,
     JsonOption,
@@ -57,6 +58,7 @@ def demo(
     ] = None,
     page: ConsoleOption = None,
     page_access: ConsoleAccessOption = None,
+    page_map: ConsoleMapOption = None,
     open_page: OpenOption = False,
 ) -> None:
     """Fly a mission with simulated vehicles, over real MAVLink and real zenoh.
@@ -79,7 +81,7 @@ def demo(
         out,
         tuple(forward or ()),
         tuple(sitl or ()),
-        PageOptions(page, page_access, open_page),
+        PageOptions(page, page_access, open_page, page_map),
     )
     with exit_on_error():
         code = run_demo(options, console_for(stderr=as_json))

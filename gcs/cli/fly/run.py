@@ -10,6 +10,7 @@ import typer
 from gcs.cli.arguments import (
     ConfigArgument,
     ConsoleAccessOption,
+    ConsoleMapOption,
     ConsoleOption,
     HeadlessOption,
     MapSeedOption,
@@ -41,6 +42,7 @@ def run(
     ] = None,
     page: ConsoleOption = None,
     page_access: ConsoleAccessOption = None,
+    page_map: ConsoleMapOption = None,
     open_page: OpenOption = False,
     clock: Annotated[str | None, typer.Option(hidden=True, metavar="EPOCH_NS,SPEED")] = None,
 ) -> None:
@@ -68,5 +70,5 @@ def run(
             resume=resume,
             journal_path=journal,
             clock=run_clock,
-            page=PageOptions(page, page_access, open_page),
+            page=PageOptions(page, page_access, open_page, page_map),
         )

@@ -8,13 +8,16 @@ import * as swarm from "./draw_swarm.js";
 import { metres } from "./format.js";
 import { Labels } from "./labels.js";
 import { Pointer } from "./pointer.js";
+import { Tiles } from "./tiles.js";
 import { View } from "./view.js";
 
 const FONT = '12px system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
 const FADE_STEP_MS = 250;
+const TILES_OPACITY = 0.4;
 const MAX_TRAIL = 1500;
 const TRAIL_STEP_M = 5;
 const LAYERS = {
+  tiles: "Map tiles",
   trails: "Trails", routes: "Routes", ellipses: "Tracked ellipses (3σ)", detections: "Detections", altitudes: "Altitudes",
   labels: "Target labels", tentative: "Unconfirmed targets", views: "Fields of view", fence: "Fence and homes",
 };
@@ -31,6 +34,7 @@ export class SwarmMap {
     this.obstacles = new ground.Obstacles();
     this.trails = new Map();
     this.detections = new Detections();
+    this.tiles = new Tiles(() => this.redraw());
     this.tool = null;
     this.mission = null; // onboard mission that is shown
     this.follows = false;
@@ -214,6 +218,7 @@ export class SwarmMap {
     ctx.fillStyle = colour("map");
     ctx.fillRect(0, 0, view.width, view.height);
     ctx.font = FONT;
+    if (mission.tiles && layers.tiles) this.drawTiles(mission);
     ground.gridLines(ctx, view, colour);
     this.obstacles.draw(ctx, view);
     ground.border(ctx, view, mission, colour);
@@ -238,6 +243,17 @@ export class SwarmMap {
     this.drawBox();
     this.drawScale();
     this.fade();
+  }
+
+  // Faint, so that what is drawn above keeps its contrast.
+  drawTiles(mission) {
+    this.ctx.globalAlpha = TILES_OPACITY;
+    this.tiles.draw(this.ctx, this.view, mission);
+    this.ctx.globalAlpha = 1;
+    const credit = mission.tiles.attribution.replace(/<[^>]*>/g, "");
+    this.ctx.fillStyle = this.theme.colour("dim");
+    this.ctx.textAlign = "left";
+    this.ctx.fillText(credit, 12, this.view.height - 34);
   }
 
   fade() {
