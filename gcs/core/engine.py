@@ -97,7 +97,7 @@ class Engine(Stages):
             is_uploading = vehicle in self.state.tasking.uploads  # its read-back decides
             if mission is not None and not (is_uploading or self.tasking.may_be_inconsistent(vehicle)):
                 self.onboard_audit.begin(mission, event.t_ns, known_t_ns=known_t_ns)
-        return effects
+        return effects + self.tasking.resume(event.t_ns)
 
     # ------------------------------------------------------------ datagrams and orders
 

@@ -141,7 +141,7 @@ class Journal:
 
 
 class JournalSink:
-    """Writes the journal on its own thread: at once for a new plan, within 0.5 s for other changes."""
+    """Writes the journal on its own thread: at once for plans and uploads, within 0.5 s for other changes."""
 
     def __init__(self, service: Service, journal: Journal) -> None:
         self._service, self._command, self._journal = service, service.command, journal
@@ -151,6 +151,8 @@ class JournalSink:
         self._written_t_ns: int | None = None
         self._is_changed = False
         self._checked_t_ns = 0
+        self._uploads: set[int] = set()
+        """Vehicles with an upload in progress."""
         self._untaskable: dict[int, str] = {}
         self._failed = False
 
@@ -159,6 +161,10 @@ class JournalSink:
         if not isinstance(event, Tick):
             return
         self._report_change()
+        uploads = set(self._command.state.tasking.uploads)
+        begun, self._uploads = uploads - self._uploads, uploads
+        if begun:
+            self.write(event.t_ns)  # A mission that the journal does not know would be taken for another's.
         if event.t_ns - self._checked_t_ns >= MIN_WRITE_INTERVAL_NS:
             self._checked_t_ns, before = event.t_ns, self._untaskable
             self._untaskable = self._command.untaskable()  # a pilot may have changed a mode

@@ -145,6 +145,43 @@ def test_uploads_continue_after_a_restart(px4: list[int], begun_s: float) -> Non
     assert {report.vehicle for report in flight.all(UploadReport) if report.ok} == {1, 2, 3, 4}
 
 
+@pytest.mark.parametrize("px4", [[], [1, 2, 3, 4]], ids=["ArduPlane", "PX4"])
+@pytest.mark.parametrize(("saved_s", "killed_s"), [(0.05, 0.8), (0.05, 1.3), (0.3, 1.3)])
+def test_a_mission_that_was_stored_after_the_state_was_saved_is_not_uploaded_again(
+    px4: list[int], saved_s: float, killed_s: float
+) -> None:
+    text, source = read_text("deterministic")
+    keys = ["planning.shape=pulled", f"simulation.px4={px4}"]
+    scenario = parse_scenario(override_keys(text, keys, source), source)
+    first = VirtualRun(scenario, SEED)
+    while not first.command.state.tasking.stages:
+        first.run((first.t_ns - START_T_NS) / S + 0.05)
+    begun_s = (first.t_ns - START_T_NS) / S
+    restarted_s = begun_s + killed_s + 3.0
+    flight = flight_with_a_restart(
+        begun_s + saved_s, 3.0, 60.0, scenario=scenario, meanwhile=lambda run: run.run(begun_s + killed_s)
+    )
+    for vehicle in (1, 2, 3, 4):
+        sent = {m.get_type() for m in flight.messages_to(vehicle, restarted_s, 60.0)}
+        assert not sent & {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
+        assert flight.mode(vehicle) is Mode.AUTO
+    assert {report.vehicle for report in flight.all(UploadReport) if report.ok} == {1, 2, 3, 4}
+    assert not [n.text for n in flight.all(Notice) if n.level == "alarm"]
+
+
+def test_an_upload_is_not_given_up_for_the_length_of_an_outage() -> None:
+    first = VirtualRun(load("prescribed"), SEED)
+    while not first.command.state.tasking.stages:
+        first.run((first.t_ns - START_T_NS) / S + 0.05)
+    at_s = (first.t_ns - START_T_NS) / S + 0.05
+    first.run(at_s)
+    command = Engine(first.scenario.config, SEED, decode_state("test", first.snapshot().data))
+    effects = command.step(Resumed(first.t_ns + 400 * S, first.t_ns))
+    effects += command.step(Tick(first.t_ns + 400 * S))
+    assert set(command.state.tasking.stages.values()) == {"verify"}
+    assert not [e for e in effects if isinstance(e, UploadReport)]
+
+
 def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
     area = NoFlyZone("fire", (1700.0, 1200.0, 60.0))
     close = replace(order(21.0, "no-fly-zone"), no_fly_zone=area)

@@ -139,6 +139,13 @@ class ActiveUploads(UploadPolicy):
         """Restart an upload after a reboot of its vehicle."""
         return self._run(vehicle, lambda task: task.restart(t_ns), t_ns)
 
+    def resume(self, t_ns: int) -> list[Effect]:
+        """Continue all uploads after an outage of the service."""
+        effects: list[Effect] = []
+        for vehicle in list(self._uploads):
+            effects += self._run(vehicle, lambda task: task.resume(t_ns), t_ns)
+        return effects
+
     def abandon(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
         """End an upload safely: the vehicle keeps a whole mission, or is held and cleared."""
         return self._run(vehicle, lambda task: task.abandon(reason, t_ns), t_ns)

@@ -173,6 +173,10 @@ class UploadManager:
         """Run the timers."""
         return self._active.poll(t_ns) + self._first_legs.poll(t_ns) + self._start_due(t_ns)
 
+    def resume(self, t_ns: int) -> list[Effect]:
+        """Continue the uploads in progress after an outage of the service: read back first."""
+        return self._active.resume(t_ns)
+
     def add_upload_answer(self, answer: UploadAnswer) -> list[Effect]:
         """Process the result of the external uploader."""
         return self._active.add_answer(answer)

@@ -93,6 +93,17 @@ class UploadTask(UploadSteps):
             self._retry_upload("the vehicle rebooted", t_ns)
         return self._take_due_frames(t_ns)
 
+    def resume(self, t_ns: int) -> list[bytes]:
+        """Continue after an outage of the service, which counts for no timeout.
+
+        The onboard mission is read back first: the upload may have gone on after the state was saved, and the
+        vehicle may have flown on since its first item was selected.
+        """
+        self.state.began_t_ns = t_ns
+        if self.stage in (Stage.UPLOAD, Stage.VERIFY, Stage.SELECT, Stage.MODE):
+            self._start_verify(t_ns)
+        return self._take_due_frames(t_ns)
+
     def abandon(self, reason: str, t_ns: int) -> list[bytes]:
         """Stop the upload safely: the vehicle keeps a whole mission, or holds and is cleared.
 
