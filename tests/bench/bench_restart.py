@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gcs.core.snapshot import encode_state
+from gcs.core.state import flown_routes
 from gcs.mavlink.frames.codec import decode
 from gcs.model import Effect, Event, Send, Snapshot, UploadReport
 from gcs.planning.planner import warm_up as warm_up_planning
@@ -48,7 +49,7 @@ def picture(run: VirtualRun) -> dict[str, object]:
     return {
         "target labels": sorted(command.trackers.targets.confirmation.tracks),
         "statuses": {v: one.perception.status.status for v, one in command.state.agents.items()},
-        "targets of agents": {v: route.target for v, route in sorted(command.replanner.routes.items())},
+        "targets of agents": {v: route.target for v, route in flown_routes(command.state.agents).items()},
         "authorities": {v: one.control.authority.word for v, one in command.state.agents.items()},
     }
 

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from gcs.config import load
+from gcs.config import load, read_text
+from gcs.config.key_overrides import override_keys
 from gcs.core.engine import Engine
-from gcs.core.snapshot import encode_state
+from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State
 from gcs.errors import JournalError
-from gcs.model import Snapshot, Tick
-from gcs.service.journal import Journal, fingerprint
+from gcs.model import Event, Snapshot, Tick
+from gcs.service.journal import Journal, JournalSink, fingerprint
 from gcs.service.resume import resume_from_journal
 from gcs.service.service import Service
+from sim_vehicles.campaign.virtual_run import VirtualRun
+from sim_vehicles.world.scenario import parse_scenario
 
 MINE = fingerprint("name = 'm'", 1)
 WRITTEN = Snapshot(7, encode_state(Engine(load("prescribed"), 1).state))
@@ -53,6 +57,28 @@ def test_damage_is_named(journal: Journal, spoil, words: str) -> None:
     journal.path.write_bytes(spoil(journal.path.read_bytes()))
     with pytest.raises(JournalError, match=words):
         journal.read()
+
+
+def test_an_upload_that_began_after_its_plan_is_in_the_journal_at_once(
+    journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a restart its mission would be taken for another station's, and the vehicle suspended."""
+    written: list[Snapshot] = []
+    monkeypatch.setattr("gcs.io.output.Writer.put", lambda _, job: job() or True)
+    monkeypatch.setattr(journal, "write", written.append)
+
+    def on_event(event: Event) -> None:
+        sink.event(event)
+        if isinstance(event, Tick):
+            saved = decode_state("the journal", written[-1].data)
+            assert saved.tasking.uploads.keys() >= run.command.state.tasking.uploads.keys()
+
+    text, source = read_text("prescribed")
+    scenario = parse_scenario(override_keys(text, ["links.max_parallel_uploads=1"], source), source)
+    run = VirtualRun(scenario, 1, on_event, lambda t_ns, effect: sink.effect(t_ns, effect))
+    sink = JournalSink(SimpleNamespace(command=run.command), journal)  # type: ignore[arg-type]
+    run.run(10.0)
+    assert len(written) > 4
 
 
 class Started:

@@ -89,7 +89,9 @@ MESSAGES = st.one_of(
     built("command_ack", st.sampled_from([176, 512]), st.integers(0, 9), zero, zero, systems, components),
     built("heartbeat", st.just(1), st.just(3), st.just(129), modes, st.just(4), st.just(3)),
 )
-ORDERS = st.sampled_from(["reboot", "abandon", "supersede", "no answer", AUTO, LOITER, RTL, MANUAL])
+ORDERS = st.sampled_from(
+    ["reboot", "restart", "abandon", "supersede", "no answer", AUTO, LOITER, RTL, MANUAL]
+)
 
 
 def order(link, what, authority):
@@ -99,6 +101,8 @@ def order(link, what, authority):
             plane.reboot(t_ns)
             authority.note_reboot(t_ns)
             link.up.put(task.restart(t_ns), t_ns)
+        case "restart":
+            link.up.put(task.resume(t_ns), t_ns)
         case "abandon":
             link.up.put(task.abandon("ordered to", t_ns), t_ns)
         case "supersede":
@@ -178,7 +182,7 @@ def test_forged_messages_of_the_vehicle_cause_no_other_transition(data):
     st.sampled_from([ARDUPLANE, PX4]),
     st.booleans(),
     st.sampled_from(["", "AUTO", "LOITER", "MANUAL"]),
-    st.lists(st.tuples(st.floats(0.0, 30.0), MESSAGES | st.integers(0, 5)), max_size=60),
+    st.lists(st.tuples(st.floats(0.0, 30.0), MESSAGES | st.integers(0, 6)), max_size=60),
 )
 def test_messages_in_any_order_cause_no_other_transition(profile, delegated, mode, steps):
     task = upload_task(
@@ -206,6 +210,8 @@ def test_messages_in_any_order_cause_no_other_transition(profile, delegated, mod
                 frames = []
             case 5:
                 frames = [f for m in task.items for f in task.receive(said(m.message(0, *GCS)), t_ns)]
+            case 6:
+                frames = task.resume(t_ns)
             case _:
                 frames = task.receive(said(what), t_ns)
         frames += task.poll(t_ns)
