@@ -114,7 +114,7 @@ def test_a_journal_that_cannot_be_written_is_reported_once_and_retried(service, 
 def test_ctrl_c_waits_for_an_upload_and_twice_it_names_inconsistent_missions(service, monkeypatch, waits):
     under_way, sink = {3: "2/8"}, Sink()
     service.sinks.append(sink)
-    monkeypatch.setattr(type(service.command.tasking), "stages", property(lambda _: under_way))
+    monkeypatch.setattr(type(service.command.state.tasking), "stages", property(lambda _: under_way))
     monkeypatch.setattr(service.command.tasking, "may_be_inconsistent", under_way.__contains__)
 
     async def run():
