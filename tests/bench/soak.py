@@ -103,6 +103,7 @@ class Soak:
     loss: float
     folder: Path
     loads: tuple[str, ...] = SETTINGS
+    keeps_recording: bool = False
     counts: Counter[str] = field(default_factory=Counter)
     _gone_until: dict[str, float] = field(default_factory=dict)
     _held: list[int] = field(default_factory=list)
@@ -114,7 +115,12 @@ class Soak:
         self.recorder = Recorder(self.folder, text, versions(), Run("soak", self.seed), DiskBudget(1_000_000))
         self.journal = Journal(self.folder / "journal", "soak", fingerprint(text, self.seed))
         self.run = VirtualRun(
-            self.scenario, self.seed, self.recorder.record_event, self._effect, None, loss=self.loss
+            self.scenario,
+            self.seed,
+            self.recorder.record_event,
+            self._effect,
+            loss=self.loss,
+            on_snapshot=self.recorder.record_snapshot,
         )
 
     @property
@@ -148,7 +154,8 @@ class Soak:
             self.journal.write(self.run.snapshot())
             self.recorder.flush()
             # The harness itself must not grow: old parts of the recording go, times are not kept.
-            for part in sorted(self.folder.glob("*.mcap"))[:-2] + sorted(self.folder.glob("*.tlog"))[:-2]:
+            old = sorted(self.folder.glob("*.mcap"))[:-2] + sorted(self.folder.glob("*.tlog"))[:-2]
+            for part in () if self.keeps_recording else old:
                 part.unlink()
             self.run.timings.scan_ms.clear()
             self.run.timings.plan_ms.clear()
