@@ -18,7 +18,8 @@ import msgspec
 from gcs.console.series import BINS, ChartData, Work
 from gcs.core.snapshot import decode_state
 from gcs.errors import RecordingError, WireError
-from gcs.io.recording.reader import Record, read_end_t_ns, read_indexed
+from gcs.io.recording.index import read_end_t_ns, read_indexed
+from gcs.io.recording.reader import Record
 from gcs.model import (
     NS_PER_S,
     AgentStatus,

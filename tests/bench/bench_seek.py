@@ -18,7 +18,9 @@ import numpy as np
 from soak import Soak
 
 from gcs.core.perception import agent_status
-from gcs.io.recording.reader import read, read_end_t_ns, recording_bytes, snapshot_places
+from gcs.io.recording.index import read_end_t_ns, snapshot_places
+from gcs.io.recording.mcap_file import recording_bytes
+from gcs.io.recording.reader import read
 from gcs.model import NS_PER_S, Event
 from gcs.planning.planner import warm_up as warm_up_planning
 from gcs.service.replay import Replay, Window

@@ -20,7 +20,8 @@ from gcs.config import parse
 from gcs.console import Access, ConsoleServer, Source
 from gcs.console.capture import capture
 from gcs.console.history import MARKED, Mark, mark_of
-from gcs.io.recording.reader import read, read_end_t_ns, read_indexed, read_info, snapshot_places
+from gcs.io.recording.index import read_end_t_ns, read_indexed, snapshot_places
+from gcs.io.recording.reader import read, read_info
 from gcs.model import NS_PER_S, Event, Snapshot
 from gcs.service.replay import Replay, Window
 from sim_vehicles.campaign.simulate import fly

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from gcs.io.recording.reader import Damage, mcap_paths, read
+from gcs.io.recording.mcap_file import mcap_paths
+from gcs.io.recording.reader import Damage, read
 from gcs.model import (
     Tick,
 )

@@ -7,7 +7,8 @@ from mcap.reader import make_reader
 from recorded import CONFIG, EVENTS, VERSIONS, in_parts, texts, whole
 
 from gcs.errors import RecordingError
-from gcs.io.recording.reader import Damage, mcap_paths, read, read_info, recording_bytes
+from gcs.io.recording.mcap_file import mcap_paths, recording_bytes
+from gcs.io.recording.reader import Damage, read, read_info
 from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.io.recording.writer import Recorder
 

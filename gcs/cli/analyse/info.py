@@ -21,7 +21,8 @@ from gcs.errors import RecordingError
 from gcs.files import open_regular
 from gcs.io.console import console_for
 from gcs.io.detections.tables import ENDINGS
-from gcs.io.recording.reader import Damage, is_recording, mcap_paths, read, read_info, recording_bytes
+from gcs.io.recording.mcap_file import mcap_paths, recording_bytes
+from gcs.io.recording.reader import Damage, is_recording, read, read_info
 from gcs.io.recording.timestamps import FrameTimes
 from gcs.io.recording.tlog import LogFrame, UnreadableBytes, is_stamped, read_log
 from gcs.io.recording.topics import topic_of

@@ -10,6 +10,7 @@ import time
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
@@ -26,14 +27,8 @@ from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
 from gcs.config import Config, load, parse
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import versions
-from gcs.io.recording.reader import (
-    Record,
-    RecordingInfo,
-    read,
-    read_end_t_ns,
-    read_info,
-    snapshot_places,
-)
+from gcs.io.recording.index import read_end_t_ns, snapshot_places
+from gcs.io.recording.reader import Record, RecordingInfo, read, read_info
 from gcs.model import NS_PER_S, Effect, Event, Snapshot, named
 from gcs.report.run.verification import Verification
 from gcs.service.replay import Replay, Verifier, Window
@@ -150,19 +145,21 @@ def _open_source(options: ReplayOptions, console: Console) -> _Source:
     is_unchanged = file.config is None and file.seed is None
     records = read(path, only=(*only, Snapshot) if is_unchanged else only)
     first = list(itertools.islice(records, 1))
-    number = next(read(path)).sequence if first else 0
-    if options.verify and number > 0:
+    number = next(read(path)).sequence if first and options.verify else 0
+    if number > 0:
         raise RecordingError(
             str(path),
             f"begins in the middle of a run, with record {number}; to verify it, name its folder",
         )
     seed = _seed(file, header, config)
     if not first or not is_unchanged:
-        return _Source(header, config, seed, itertools.chain(first, records))
-    places, start_t_ns = snapshot_places(path), first[0].t_ns
+        start = first[0].t_ns if first else None
+        return _Source(header, config, seed, itertools.chain(first, records), start)
+    start_t_ns = first[0].t_ns
+    places = cache(lambda: snapshot_places(path))
 
     def records_from(t_ns: int) -> Iterator[Record]:
-        before = [place for place in places if place.t_ns < t_ns]
+        before = [place for place in places() if place.t_ns < t_ns]
         if before:
             return read(path, only=only, start=before[-1])
         return read(path, only=(*only, Snapshot))  # the first one is the state of a resumed run
@@ -246,20 +243,17 @@ async def _display(
         if options.headless and not options.page.is_asked_for:
             yield
             return
-        replay.playback.duration_s = _duration_s(options)
+        replay.playback.duration_s = _duration_s(options, replay.start_t_ns)
         replay.playback.stays_at_end = options.page.is_asked_for
         recording = options.file.path if options.file.is_recording() else None
         with replay_page(replay, options.page, console, recording):
             yield
 
 
-def _duration_s(options: ReplayOptions) -> float | None:
+def _duration_s(options: ReplayOptions, start_t_ns: int | None) -> float | None:
     """Return the length of a recording in seconds; None for a telemetry log."""
-    if not options.file.is_recording():
-        return None
-    start = next(read(options.file.path, only=get_args(Event)), None)
-    end_t_ns = read_end_t_ns(options.file.path)
-    return None if start is None or end_t_ns is None else (end_t_ns - start.t_ns) / NS_PER_S
+    end_t_ns = read_end_t_ns(options.file.path) if options.file.is_recording() else None
+    return None if start_t_ns is None or end_t_ns is None else (end_t_ns - start_t_ns) / NS_PER_S
 
 
 def _summary(replay: Replay, path: Path, wall_s: float) -> dict[str, Any]:

@@ -26,7 +26,8 @@ from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.engine import Engine
 from gcs.errors import ConfigError, GcsError, RecordingError
 from gcs.files import open_regular
-from gcs.io.recording.reader import Damage, read, read_info, recording_bytes
+from gcs.io.recording.mcap_file import recording_bytes
+from gcs.io.recording.reader import Damage, read, read_info
 from gcs.io.recording.timestamps import FrameTimes, TimeSource
 from gcs.io.recording.tlog import LogFrame, is_stamped, read_log
 from gcs.mavlink.frames.codec import scan

@@ -26,7 +26,7 @@ from gcs.cli.arguments import check_picture
 from gcs.cli.warm_up_progress import HISTORIES, TRACKING, load_kernels
 from gcs.errors import ConfigError, RecordingError
 from gcs.io.detections.readers import Detections, load
-from gcs.io.recording.reader import recording_bytes
+from gcs.io.recording.mcap_file import recording_bytes
 from gcs.model import FloatArray, Label
 from gcs.report.plots.track_figure import TrackingDrawing, draw_tracking
 from gcs.tracking.glmb.filter import Birth, Glmb

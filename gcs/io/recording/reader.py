@@ -17,27 +17,31 @@ import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, TypeAlias
+from typing import BinaryIO
 
-import zstandard
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, MessageIndex, Metadata, Statistics
+from mcap.records import Attachment, Channel, Chunk, Metadata, Statistics
 
 from gcs.errors import RecordingError, WireError
 from gcs.files import open_regular
-from gcs.io.recording.chunks import MAX_CHUNK_BYTES, Unpacker, UnpackingError
+from gcs.io.recording.chunks import Unpacker, UnpackingError
 from gcs.io.recording.folder import (
     CONFIG_NAME,
     FORMAT_METADATA,
     FORMAT_VERSION,
     MCAP_MAGIC,
-    MCAP_NAME,
     RUN_METADATA,
     VERSIONS_METADATA,
     Run,
-    part_paths,
+)
+from gcs.io.recording.mcap_file import (
+    HEAD,
+    LIBRARY_ERRORS,
+    DamageError,
+    mcap_paths,
+    mcap_records,
+    open_mcap,
+    stream,
 )
 from gcs.io.recording.topics import TOPICS, Recordable
 from gcs.io.records import decode
@@ -45,23 +49,8 @@ from gcs.model import Picture, Snapshot
 
 _MAX_DEFINITIONS = 200_000
 """Maximum schemas and channels in a chunk. The format allows 65,536 of each."""
-_HEAD = struct.Struct("<BQ")
-_CHUNK_TIMES = struct.Struct("<QQ")
-"""Log times of the first and the last message of a chunk, at its head."""
-_CHANNEL = struct.Struct("<H")
 _MESSAGE = struct.Struct("<HIQQ")
 """Channel, sequence, log time and publish time of a message; its content follows."""
-_LIBRARY_ERRORS = (
-    McapError,
-    ValueError,
-    struct.error,
-    zstandard.ZstdError,
-    RuntimeError,
-    KeyError,
-    OverflowError,
-    MemoryError,
-)
-"""Exceptions that the MCAP and compression libraries raise on damaged bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,14 +100,6 @@ class RecordingInfo:
     """None if the recording does not have it."""
 
 
-_McapRecord: TypeAlias = tuple[int, int, bytes]
-"""Opcode, offset of the next record, content."""
-
-
-class _DamageError(Exception):
-    """The file ends or is invalid from here on."""
-
-
 def is_recording(path: Path) -> bool:
     """Return True if the path is a folder, or a file with the magic number of an MCAP.
 
@@ -165,11 +146,11 @@ def read(
     RecordingError
         If there is no such file, it is not an MCAP, or it has another format version.
     """
-    state, before = _RunReader(only if start is None else {*only, Snapshot}), 0
+    state, before = RunReader(only if start is None else {*only, Snapshot}), 0
     paths = mcap_paths(path)
     _check_format(paths[0])
     for number, file_path in enumerate(paths):
-        with _open_mcap(file_path) as file:
+        with open_mcap(file_path) as file:
             problem = ""
             if start is not None and number < start.part:
                 before += file.seek(0, io.SEEK_END)
@@ -177,9 +158,9 @@ def read(
             at_snapshot = start if start is not None and number == start.part else None
             try:
                 yield from _part_records(file, state, before, progress, at_snapshot)
-            except _DamageError as error:
+            except DamageError as error:
                 problem = str(error)
-            except _LIBRARY_ERRORS as error:
+            except LIBRARY_ERRORS as error:
                 problem = f"damaged behind byte {state.offset} ({error or type(error).__name__})"
             if problem:
                 if len(paths) > 1:
@@ -192,7 +173,7 @@ def read(
 
 def _part_records(
     file: BinaryIO,
-    state: _RunReader,
+    state: RunReader,
     before: int,
     progress: Callable[[int], None] | None,
     start: SnapshotPlace | None,
@@ -200,13 +181,13 @@ def _part_records(
     state.begin()
     if start is not None:
         state.begin_at(
-            start, next(content for code, _, content in _mcap_records(file) if code == Opcode.CHUNK)
+            start, next(content for code, _, content in mcap_records(file) if code == Opcode.CHUNK)
         )
-    for opcode, offset, content in _mcap_records(file, 0 if start is None else start.offset):
+    for opcode, offset, content in mcap_records(file, 0 if start is None else start.offset):
         if opcode == Opcode.CHUNK:
             yield from state.read_chunk(content)
         elif opcode == Opcode.STATISTICS:
-            state.check_count(Statistics.read(_stream(content)).message_count)
+            state.check_count(Statistics.read(stream(content)).message_count)
         elif opcode == Opcode.FOOTER:
             _check_end(file)
             return
@@ -224,10 +205,10 @@ def _check_format(path: Path) -> None:
         If the version differs; the text names the version of the software that reads the recording.
     """
     found, is_whole, software = "", False, ""
-    with _open_mcap(path) as file, contextlib.suppress(_DamageError, *_LIBRARY_ERRORS):
-        for opcode, _, content in _mcap_records(file):
+    with open_mcap(path) as file, contextlib.suppress(DamageError, *LIBRARY_ERRORS):
+        for opcode, _, content in mcap_records(file):
             if opcode == Opcode.METADATA:
-                metadata = Metadata.read(_stream(content))
+                metadata = Metadata.read(stream(content))
                 if metadata.name == FORMAT_METADATA:
                     found = metadata.metadata["version"]
                 elif metadata.name == VERSIONS_METADATA:
@@ -254,43 +235,27 @@ def read_info(path: Path) -> RecordingInfo:
     config_text, versions, run = "", {}, None
     path = mcap_paths(path)[0]
     _check_format(path)
-    with _open_mcap(path) as file:
+    with open_mcap(path) as file:
         try:
-            for opcode, _, content in _mcap_records(file):
+            for opcode, _, content in mcap_records(file):
                 if opcode == Opcode.ATTACHMENT:
-                    attachment = Attachment.read(_stream(content))
+                    attachment = Attachment.read(stream(content))
                     if attachment.name == CONFIG_NAME and _is_attachment_valid(content):
                         config_text = attachment.data.decode("utf-8")
                 elif opcode == Opcode.METADATA:
-                    metadata = Metadata.read(_stream(content))
+                    metadata = Metadata.read(stream(content))
                     if metadata.name == VERSIONS_METADATA:
                         versions = dict(metadata.metadata)
                     elif metadata.name == RUN_METADATA:
                         run = Run(metadata.metadata["scenario"], int(metadata.metadata["seed"]))
                 elif opcode == Opcode.CHUNK:
                     break
-        except (_DamageError, *_LIBRARY_ERRORS):
+        except (DamageError, *LIBRARY_ERRORS):
             pass
     return RecordingInfo(config_text, versions, run)
 
 
-def read_end_t_ns(path: Path) -> int | None:
-    """Return the time of the last record, from the heads of the last part's chunks; None if it has none.
-
-    Raises
-    ------
-    RecordingError
-        If there is no such file, or it is not an MCAP.
-    """
-    end_t_ns = None
-    with _open_mcap(mcap_paths(path)[-1]) as file, contextlib.suppress(_DamageError, *_LIBRARY_ERRORS):
-        for opcode, _, content in _mcap_records(file):
-            if opcode == Opcode.CHUNK:
-                _, end_t_ns = _CHUNK_TIMES.unpack_from(content)
-    return end_t_ns
-
-
-class _RunReader:
+class RunReader:
     """State after the parts read so far."""
 
     def __init__(self, only: Collection[type]) -> None:
@@ -325,10 +290,10 @@ class _RunReader:
         data = self._unpacked(content)
         at = definitions = 0
         while at < len(data):
-            opcode, length = _HEAD.unpack_from(data, at)
-            at += _HEAD.size
+            opcode, length = HEAD.unpack_from(data, at)
+            at += HEAD.size
             if length > len(data) - at:
-                raise _DamageError(f"damaged behind byte {self.offset}: a chunk ends within a record")
+                raise DamageError(f"damaged behind byte {self.offset}: a chunk ends within a record")
             if opcode == Opcode.MESSAGE:
                 record = self._message(data, at, at + length)
                 if self._start_t_ns is not None and _is_snapshot(record, self._start_t_ns):
@@ -340,9 +305,9 @@ class _RunReader:
             definitions += 1
             if definitions > _MAX_DEFINITIONS:
                 what = f"a chunk has more than {_MAX_DEFINITIONS} records that are no messages"
-                raise _DamageError(f"damaged behind byte {self.offset}: {what}")
+                raise DamageError(f"damaged behind byte {self.offset}: {what}")
             if opcode == Opcode.CHANNEL:
-                channel = Channel.read(_stream(data[at : at + length]))
+                channel = Channel.read(stream(data[at : at + length]))
                 held = _type_of(channel.topic)
                 self._types[channel.id] = held if held in self._only else None
             at += length
@@ -355,9 +320,9 @@ class _RunReader:
         """Yield the records at some offsets of a chunk; those between are not counted."""
         data = self._unpacked(content)
         for at in offsets:
-            _, length = _HEAD.unpack_from(data, at)
+            _, length = HEAD.unpack_from(data, at)
             self.count = 0
-            record = self._message(data, at + _HEAD.size, at + _HEAD.size + length)
+            record = self._message(data, at + HEAD.size, at + HEAD.size + length)
             if record is not None:
                 yield record
 
@@ -365,18 +330,18 @@ class _RunReader:
         """Compare the number of messages with the number in the file's statistics."""
         found = self.count - self._before
         if count != found and self._begins_at_first:
-            raise _DamageError(f"records are missing: {count} were written, {found} could be read")
+            raise DamageError(f"records are missing: {count} were written, {found} could be read")
 
     def _unpacked(self, chunk: bytes) -> bytes:
         try:
-            return self._unpacker.unpack(Chunk.read(_stream(chunk)))
+            return self._unpacker.unpack(Chunk.read(stream(chunk)))
         except UnpackingError as error:
-            raise _DamageError(f"damaged behind byte {self.offset}: {error}") from None
+            raise DamageError(f"damaged behind byte {self.offset}: {error}") from None
 
     def _message(self, data: bytes, at: int, end: int) -> Record | None:
         channel_id, sequence, t_ns, _ = _MESSAGE.unpack_from(data, at)
         if self.count and sequence != self.sequence:
-            raise _DamageError(
+            raise DamageError(
                 f"records are missing behind byte {self.offset}: after number {self.sequence - 1} comes "
                 f"number {sequence}"
             )
@@ -390,7 +355,7 @@ class _RunReader:
         try:
             value: Recordable = decode(f"record {sequence}", payload, record_type)
         except WireError as error:
-            raise _DamageError(str(error)) from None
+            raise DamageError(str(error)) from None
         return Record(sequence, t_ns, value, payload)
 
 
@@ -398,162 +363,9 @@ def _is_snapshot(record: Record | None, t_ns: int) -> bool:
     return record is not None and record.t_ns == t_ns and isinstance(record.value, Snapshot)
 
 
-def snapshot_places(path: Path) -> tuple[SnapshotPlace, ...]:
-    """Return the places of all snapshots of a recording, in order; those behind damage are left out.
-
-    Only the message indices behind the chunks are read.
-
-    Raises
-    ------
-    RecordingError
-        If there is no such file, or it is not an MCAP.
-    """
-    places: list[SnapshotPlace] = []
-    for part, file_path in enumerate(mcap_paths(path)):
-        with _open_mcap(file_path) as file, contextlib.suppress(_DamageError, *_LIBRARY_ERRORS):
-            places += _snapshots_of_part(file, part)
-    return tuple(places)
-
-
-def read_indexed(path: Path, only: Collection[type], spacing_ns: int = 0) -> Iterator[Record]:
-    """Read the records of some types, in order, and skip all others by the message indices.
-
-    That is faster than `read` for rare types. Chunks without them are not decompressed. What is behind damage
-    is left out. With `spacing_ns`, records that follow one of their topic within that time are skipped.
-
-    Raises
-    ------
-    RecordingError
-        If there is no such file, or it is not an MCAP.
-    """
-    for file_path in mcap_paths(path):
-        with _open_mcap(file_path) as file, contextlib.suppress(_DamageError, *_LIBRARY_ERRORS):
-            reader = _RunReader(only)
-            for chunk_at, entries in _indexed_chunks(file, reader, spacing_ns):
-                file.seek(chunk_at + 1)
-                content = _bounded(file, int.from_bytes(file.read(_HEAD.size - 1), "little"))
-                yield from reader.read_messages(content, sorted(offset for _, offset in entries))
-
-
-def _snapshots_of_part(file: BinaryIO, part: int) -> Iterator[SnapshotPlace]:
-    for chunk_at, entries in _indexed_chunks(file, _RunReader((Snapshot,))):
-        for t_ns, _ in entries:
-            yield SnapshotPlace(t_ns, part, chunk_at)
-
-
-def _indexed_chunks(
-    file: BinaryIO, reader: _RunReader, spacing_ns: int = 0
-) -> Iterator[tuple[int, list[tuple[int, int]]]]:
-    """Yield the place of each chunk with requested messages, and their times and offsets in it."""
-    due_ns: dict[int, int] = {}
-    chunk_at, at, entries = 0, len(MCAP_MAGIC), list[tuple[int, int]]()
-    size = file.seek(0, io.SEEK_END)
-    while at + _HEAD.size <= size:
-        file.seek(at)
-        opcode, length = _HEAD.unpack(file.read(_HEAD.size))
-        if opcode in (Opcode.CHUNK, Opcode.DATA_END) and entries:
-            yield chunk_at, entries
-            entries = []
-        if opcode == Opcode.CHUNK:
-            if not chunk_at:  # the first chunk has the channels
-                file.seek(at + _HEAD.size)
-                for _ in reader.read_chunk(_bounded(file, length)):
-                    pass
-            chunk_at = at
-        elif opcode == Opcode.MESSAGE_INDEX and reader.requests(_CHANNEL.unpack(file.read(_CHANNEL.size))[0]):
-            file.seek(at + _HEAD.size)
-            index = MessageIndex.read(_stream(_bounded(file, length)))
-            for t_ns, offset in index.records:
-                if t_ns >= due_ns.get(index.channel_id, 0):
-                    due_ns[index.channel_id] = t_ns + spacing_ns
-                    entries.append((t_ns, offset))
-        elif opcode == Opcode.DATA_END:
-            return
-        at += _HEAD.size + length
-    if entries:
-        yield chunk_at, entries
-
-
-def _bounded(file: BinaryIO, length: int) -> bytes:
-    if length > MAX_CHUNK_BYTES:
-        raise _DamageError(f"a part claims {length} bytes")
-    return file.read(length)
-
-
-def _mcap_records(file: BinaryIO, offset: int = 0) -> Iterator[_McapRecord]:
-    """Yield the records of a file from an offset on; 0: from its beginning."""
-    file.seek(offset)
-    if not offset and file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
-        raise _DamageError("cut off in its first bytes")
-    while True:
-        offset = file.tell()
-        head = file.read(_HEAD.size)
-        if not head:
-            raise _DamageError(
-                f"cut off: the run did not end in order (last whole part ends at byte {offset})"
-            )
-        if len(head) < _HEAD.size:
-            raise _DamageError(f"cut off at byte {offset}")
-        opcode, length = _HEAD.unpack(head)
-        if length > MAX_CHUNK_BYTES:
-            raise _DamageError(f"damaged at byte {offset}: a part claims {length} bytes")
-        content = file.read(length)
-        if len(content) < length:
-            raise _DamageError(f"cut off at byte {offset + _HEAD.size + len(content)}")
-        yield opcode, file.tell(), content
-
-
 def _check_end(file: BinaryIO) -> None:
     if file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
-        raise _DamageError("cut off in its last bytes; every record was read")
-
-
-def mcap_paths(path: Path) -> list[Path]:
-    """Return the MCAP files of a recording in order; a single file is returned as it is.
-
-    Raises
-    ------
-    RecordingError
-        If there is none.
-    """
-    try:
-        paths = part_paths(path) if path.is_dir() else [path]
-    except OSError as error:
-        raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
-    if path.is_dir() and len(paths) == 1 and not paths[0].exists():
-        raise RecordingError(str(path), f"has no recording: there is no {MCAP_NAME} in it")
-    return paths
-
-
-def recording_bytes(path: Path) -> int:
-    """Return the size of all MCAP files of a recording in bytes.
-
-    Raises
-    ------
-    RecordingError
-        If one cannot be read.
-    """
-    try:
-        return sum(part.stat().st_size for part in mcap_paths(path))
-    except OSError as error:
-        raise RecordingError(error.filename or str(path), f"cannot be read: {error.strerror}") from None
-
-
-def _open_mcap(path: Path) -> BinaryIO:
-    try:
-        file = open_regular(path)
-    except OSError as error:
-        raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
-    magic = file.read(len(MCAP_MAGIC))
-    file.seek(0)
-    if not MCAP_MAGIC.startswith(magic):
-        file.close()
-        raise RecordingError(str(path), "is no recording: it does not begin as an MCAP does")
-    return file
-
-
-def _stream(content: bytes) -> Any:
-    return ReadDataStream(io.BytesIO(content))
+        raise DamageError("cut off in its last bytes; every record was read")
 
 
 def _is_attachment_valid(content: bytes) -> bool:

@@ -19,7 +19,8 @@ from gcs.cli import app
 from gcs.config import load, parse
 from gcs.core.snapshot import encode_state
 from gcs.io.recording.folder import Run
-from gcs.io.recording.reader import Damage, Record, read, read_info, snapshot_places
+from gcs.io.recording.index import snapshot_places
+from gcs.io.recording.reader import Damage, Record, read, read_info
 from gcs.io.recording.topics import Recordable
 from gcs.io.recording.writer import Recorder
 from gcs.io.records import encode
