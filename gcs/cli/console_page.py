@@ -148,7 +148,10 @@ def _page(
 
 
 def _started(source: Callable[[], Source], options: PageOptions, console: Console) -> ConsoleServer | None:
-    """Return the server; None without one. A flight does not depend on a console that nobody asked for."""
+    """Return the server; None without one.
+
+    A failure is an error only if an option asks for the console.
+    """
     if options.address == "off":
         return None
     try:

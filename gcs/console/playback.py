@@ -29,8 +29,8 @@ class Playback(Protocol):
         """Go to a time; return why not, or an empty text."""
 
 
-class Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a page asks for; None leaves it as it is."""
+class PlaybackRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Request of a page; None leaves a value as it is."""
 
     paused: bool | None = None
     speed: Annotated[float, Meta(gt=0.0, le=1000.0)] | None = None
@@ -38,7 +38,7 @@ class Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlaybackDesk:
-    """Passes the wishes of pages on to a replay.
+    """Passes requests of pages on to a replay.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class PlaybackDesk:
     def __init__(self, playback: Playback | None, call: Callable[[Callable[[], None]], None]) -> None:
         self._playback, self._call = playback, call
         self.is_moved = False
-        """True after a page has asked for another time; whoever shows that time clears it."""
+        """True after a request for another time, until that time is shown."""
 
     def state(self) -> dict[str, Any] | None:
         """Return position and speed; None for a live run."""
@@ -73,24 +73,24 @@ class PlaybackDesk:
         return self._playback is not None and self._playback.is_seeking
 
     def carry_out(self, body: bytes) -> str:
-        """Carry a wish out; return why not, or an empty text."""
+        """Carry out a request; return why not, or an empty text."""
         playback = self._playback
         if playback is None:
             return "this run is live"
         try:
-            wish = msgspec.json.decode(body, type=Wish)
+            request = msgspec.json.decode(body, type=PlaybackRequest)
         except msgspec.DecodeError as error:
             return str(error)
-        if wish.at_s is not None:
-            if refusal := playback.seek(wish.at_s):
+        if request.at_s is not None:
+            if refusal := playback.seek(request.at_s):
                 return refusal
             self.is_moved = True
 
         def apply() -> None:
-            if wish.paused is not None:
-                playback.is_paused = wish.paused
-            if wish.speed is not None:
-                playback.speed = wish.speed
+            if request.paused is not None:
+                playback.is_paused = request.paused
+            if request.speed is not None:
+                playback.speed = request.speed
 
         self._call(apply)
         return ""

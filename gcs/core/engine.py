@@ -48,8 +48,17 @@ class Engine(Stages):
     """Central command of one mission, made from its file, the seed of its map, and a state."""
 
     def restore(self, state: State) -> None:
-        """Continue from another state."""
-        super().__init__(self.config, self.seed, state)
+        """Continue from another state.
+
+        Raises
+        ------
+        ValueError
+            If the state is damaged, or of another mission; the engine is then not to be used.
+        """
+        try:
+            super().__init__(self.config, self.seed, state)
+        except (KeyError, IndexError, TypeError) as error:
+            raise ValueError(f"the state makes no sense ({error!r})") from None
 
     def step(self, event: Event, frames: FrameTable | None = None) -> list[Effect]:
         """Process one event; return its effects.
@@ -176,9 +185,8 @@ class Engine(Stages):
         effects += self.external_uploads.poll(t_ns)
         effects += self.orders.poll(t_ns) + self.onboard_audit.poll(t_ns)
         effects += self.takeoff_sequence.check(t_ns, self.orders.launching())
-        if (
-            t_ns >= self.state.control_due_t_ns
-        ):  # for displays and the journal; decisions update it themselves
+        # For displays and the journal; decisions update it themselves.
+        if t_ns >= self.state.control_due_t_ns:
             self.state.control_due_t_ns = t_ns + _CONTROL_PERIOD_NS
             self.control.update(t_ns)
         effects += self.override_notices.poll(t_ns)
@@ -213,7 +221,7 @@ class Engine(Stages):
     def _process_reports(self, t_ns: int) -> list[Effect]:
         """Track agents by their reports alone while no sensor publishes.
 
-        The epoch is as old as scans are when they arrive: the first one after a silence is not refused.
+        The epoch is as old as scans are when they arrive: the first one that comes again is not refused.
         """
         if not self.sensor_watchdog.is_blind or self.oosm_buffer.held:
             return []

@@ -181,7 +181,7 @@ class Service:
         """
         try:
             self.command.restore(state)
-        except (ValueError, KeyError, IndexError):
+        except ValueError:
             self.command.restore(State.initial(agent.vehicle for agent in self.config.agents))
             raise
         self._resumed_from = snapshot

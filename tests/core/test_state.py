@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import random
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from gcs.config import Config, parse
 from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
+from gcs.errors import WireError
 from gcs.io.recording.reader import Damage, read, read_info
 from gcs.io.records import encode
 from gcs.model import Event, Truth
@@ -165,6 +167,25 @@ def test_a_snapshot_is_the_same_after_another_round() -> None:
         engine.step(event)
     data = encode_state(engine.state)
     assert encode_state(decode_state("test", data)) == data
+
+
+def test_a_snapshot_with_changed_bytes_is_refused_or_restored() -> None:
+    """Compiled kernels do not check the indices of arrays: nothing else may come through."""
+    config, seed, events = events_of(RECORDINGS[-1])
+    engine = Engine(config, seed)
+    for event in events[: len(events) // 2]:
+        engine.step(event)
+    data, rng = encode_state(engine.state), random.Random(3)
+    refused = 0
+    for _ in range(40):
+        changed = bytearray(data)
+        for _ in range(rng.choice((1, 2, 8))):
+            changed[rng.randrange(len(changed))] = rng.randrange(256)
+        try:
+            engine.restore(decode_state("test", bytes(changed)))
+        except (WireError, ValueError):
+            refused += 1
+    assert refused > 10
 
 
 if __name__ == "__main__":  # the attributes that are not in the state yet

@@ -10,7 +10,7 @@ export class Labels {
     this.taken = new Set();
   }
 
-  // Returns false if there is no room. A label that must be seen is drawn anyway.
+  // Returns false where it would overlap. A label that must be seen is drawn anyway.
   draw(text, x, y, must = false, isStruck = false) {
     const cells = this.cells(text.length * CHARACTER_PX, x, y);
     if (!must && cells.some((cell) => this.taken.has(cell))) return false;

@@ -18,7 +18,7 @@ export const KINDS = {
 
 export const markText = ({ t_s: at, text }) => `${duration(at)}  ${text}`;
 
-// Fetches marks while somebody wants them.
+// Fetches marks while a page shows them.
 export class Marks extends EventTarget {
   constructor(feed) {
     super();

@@ -1,5 +1,5 @@
 // Proposed plan: why, who changes, and by how much. Only checked routes are confirmed, all at first.
-// After a new number the buttons wait, so that nobody confirms a plan that came just before the press.
+// After a new number the buttons wait, so that a press does not confirm a plan that came just before it.
 
 import { el, Rows, setClass, setText } from "./dom.js";
 import { duration, metres } from "./format.js";

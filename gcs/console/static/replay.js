@@ -137,11 +137,11 @@ export class Replay {
     return Math.max(0, mark.t_s - BEFORE_S);
   }
 
-  async send(wish) {
+  async send(request) {
     setText(this.problem, "");
     try {
       const reply = await fetch("/api/replay", {
-        method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(wish),
+        method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(request),
       });
       if (!reply.ok) {
         setText(this.problem, (await reply.json()).error);
@@ -166,8 +166,8 @@ export class Replay {
     const mark = this.markAt(event);
     this.tip.hidden = false;
     setText(this.tip, mark ? markText(mark) : duration(this.timeAt(event)));
-    const room = this.canvas.clientWidth - this.tip.offsetWidth;
-    this.tip.style.left = `${Math.max(0, Math.min(room, event.offsetX - this.tip.offsetWidth / 2))}px`;
+    const maxLeft = this.canvas.clientWidth - this.tip.offsetWidth;
+    this.tip.style.left = `${Math.max(0, Math.min(maxLeft, event.offsetX - this.tip.offsetWidth / 2))}px`;
   }
 
   draw() {

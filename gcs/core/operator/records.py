@@ -49,8 +49,8 @@ class AgentOrders:
 
 
 @dataclass(slots=True)
-class TargetWish:
-    """What an operator wants of a target."""
+class TargetSettings:
+    """Settings of a target by order."""
 
     is_ignored: bool = False
     priority: int | None = None
@@ -83,7 +83,7 @@ class OperatorState:
     approval: Approval = field(default_factory=Approval)
     orders: dict[int, OrderInProgress] = field(default_factory=dict)
     """Orders with outstanding results, by number."""
-    targets: dict[Label, TargetWish] = field(default_factory=dict)
+    targets: dict[Label, TargetSettings] = field(default_factory=dict)
     """Targets that are ignored or ranked by order."""
     order_count: int = 0
     """Number of the last order."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gcs.core.operator.records import TargetWish
+from gcs.core.operator.records import TargetSettings
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.replanning.altitude_layers import AltitudeLayers
 from gcs.core.state import State, flown_routes
@@ -80,7 +80,11 @@ class StatusReport:
 
     def _targets(self) -> tuple[TargetRecord, ...]:
         statuses = [agent.perception.status for agent in self.state.agents.values()]
-        routes, wishes, none = flown_routes(self.state.agents), self.state.operator.targets, TargetWish()
+        routes, settings, default = (
+            flown_routes(self.state.agents),
+            self.state.operator.targets,
+            TargetSettings(),
+        )
 
         def reached_by(label: Label) -> tuple[int, ...]:
             return tuple(s.vehicle for s in statuses if s.status == "arrived" and s.target == label)
@@ -93,8 +97,8 @@ class StatusReport:
                 float((track.mean[2] ** 2 + track.mean[3] ** 2) ** 0.5),
                 agents=tuple(vehicle for vehicle, route in routes.items() if route.target == label),
                 reached_by=reached_by(label),
-                is_ignored=wishes.get(label, none).is_ignored,
-                priority=wishes.get(label, none).priority,
+                is_ignored=settings.get(label, default).is_ignored,
+                priority=settings.get(label, default).priority,
             )
             for label, track in sorted(self.trackers.targets.confirmation.tracks.items())
         )

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from gcs.core.operator.records import OperatorState, OrderInProgress, TargetWish
+from gcs.core.operator.records import OperatorState, OrderInProgress, TargetSettings
 from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import Agent
@@ -31,7 +31,7 @@ class TargetOrders:
     replanner: Replanner
 
     def carry_out(self, order: Order, replan: Callable[[], list[Effect]]) -> list[Effect]:
-        """Note what an operator wants of a target, and plan again at once."""
+        """Carry out an order about a target, and plan again at once."""
         ongoing = OrderInProgress(order)
         refusal = self._refusal(order)
         if refusal:
@@ -65,9 +65,9 @@ class TargetOrders:
         gone = [one for one in targets if one not in self.targets.existing]
         for one in gone:
             del targets[one]
-        wish = targets.setdefault(label, TargetWish())
+        settings = targets.setdefault(label, TargetSettings())
         if order.action == "priority":
-            wish.priority = order.priority
+            settings.priority = order.priority
             return f"target {target_name(label)} has priority {order.priority}"
-        wish.is_ignored = order.action == "ignore"
+        settings.is_ignored = order.action == "ignore"
         return f"target {target_name(label)} {_DONE[order.action]}"

@@ -28,6 +28,8 @@ class PlanningInputs:
     """Number of arrived agents, by target."""
     priorities: Mapping[Label, int] = field(default_factory=dict)
     """Priorities of targets by order; without an entry that of the mission file."""
+    ignored: frozenset[Label] = frozenset()
+    """Targets that are ignored by order."""
     lost: frozenset[int] = frozenset()
     """Lost agents."""
     untaskable: Mapping[int, str] = field(default_factory=dict)

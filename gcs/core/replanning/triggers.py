@@ -61,6 +61,7 @@ class Triggers:
         gone = planned - set(inputs.agents) - inputs.arrived
         came = set(inputs.agents) - planned
         gone_targets = {route.target for route in self.newest.values()} - set(inputs.targets)
+        gone_targets -= inputs.ignored  # the order is the reason
         came_targets = set(inputs.targets) - set(self._state.planned_targets)
         return [
             *news,

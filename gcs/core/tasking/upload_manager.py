@@ -3,7 +3,7 @@
 A newer route for a vehicle supersedes its upload in progress. Other routes wait, the newest of each vehicle,
 first come, first served,
 
-* until the upload window of their link has room (`gcs.core.tasking.upload_window`);
+* until the upload window of their link admits another (`gcs.core.tasking.upload_window`);
 * for an item that their vehicle is about to reach, for `_MAX_ITEM_WAIT_NS` at most;
 * for the end of a pause after repeated failures (`gcs.core.tasking.upload_retry`).
 

@@ -22,6 +22,7 @@ def test_an_ignored_target_gets_no_agent_until_it_is_attended_to() -> None:
     flight = fly(orders, 40.0)
     ignoring = [plan for plan in flight.all(Plan) if 12 * S <= plan.t_ns - START_T_NS < 30 * S]
     assert ignoring[0].causes[0] == "operator order"
+    assert "target lost" not in ignoring[0].causes
     assert all(route.target != label for plan in ignoring for route in plan.routes)
     assert 3 in plan_after(flight, 12.0), "the vehicle gets another target at once"
     assert label in plan_after(flight, 30.0).values() or label in plan_after(fly(orders, 90.0), 31.0).values()
