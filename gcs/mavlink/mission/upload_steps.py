@@ -27,7 +27,7 @@ from gcs.mavlink.services.command_sender import (
     set_current_item,
     set_mode,
 )
-from gcs.mavlink.services.retry import RetryPolicy, ns
+from gcs.mavlink.services.retry import ns
 from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import NS_PER_S, Mission, system_of
 
@@ -166,16 +166,8 @@ class UploadSteps(ListUpload):
 
     # ------------------------------------------------------------ stages
 
-    def _enter_stage(
-        self,
-        stage: Stage,
-        t_ns: int,
-        request: Message | None = None,
-        *,
-        pause_s: float = 0.0,
-        policy: RetryPolicy | None = None,
-    ) -> None:
-        super()._enter_stage(stage, t_ns, request, pause_s=pause_s, policy=policy)
+    def _set_stage(self, stage: Stage) -> None:
+        super()._set_stage(stage)
         self.state.unexplained_mode_t_ns, self.state.refusals = None, 0
 
     def _enter_park(self, t_ns: int) -> None:
