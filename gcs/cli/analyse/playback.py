@@ -118,6 +118,12 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
         raise RecordingError(str(options.file.path), f"has no events to replay{why}")
     summary = _summary(replay, options.file.path, wall_s)
     _print_summary(replay, summary, console)
+    if not interrupted and replay.duration_s < options.window.from_s:
+        console.print(
+            f"nothing to show: it ends at {replay.duration_s:.1f} s, before --from {options.window.from_s:g}",
+            style="yellow",
+            highlight=False,
+        )
     if options.verify:
         summary |= _print_verification(verifier.result, replay, source.header, console)
     if compares:

@@ -103,6 +103,12 @@ def test_a_replay_from_the_middle_begins_at_a_snapshot_and_has_the_same_effects(
     assert 21.0 < found["seconds"] < 22.5
 
 
+def test_a_start_behind_the_end_is_said(flight: Path) -> None:
+    code, text, _ = replay(flight, "--headless", "--from", "1000")
+    assert code == 0
+    assert "nothing to show: it ends at 25" in text
+
+
 def test_a_snapshot_that_cannot_be_used_is_one_line(flight: Path, tmp_path: Path) -> None:
     def change(records: list[Record]) -> Rows:
         rows = [plain(record) for record in records]
