@@ -109,6 +109,7 @@ def detail_row(detail: VehicleDetail, frame: LocalFrame, verified_age_s: float |
     return {
         "id": health.system_id,
         "name": vehicle_name(health.system_id),
+        "t_s": detail.t_ns / NS_PER_S,
         "claims": list(_claims(detail)),
         "link": {
             "state": health.liveness,

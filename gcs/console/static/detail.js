@@ -4,6 +4,7 @@ import { el, setText } from "./dom.js";
 import { duration, number, seconds } from "./format.js";
 
 const PERIOD_MS = 1000;
+const RATE_S = 2;
 const STORE = "details";
 
 const bad = (text) => el("span", { class: "bad" }, text);
@@ -16,7 +17,8 @@ export class Detail {
     this.selection = selection;
     this.map = map;
     this.record = null;
-    this.before = null; // the last record, for rates
+    this.before = null; // record of at least RATE_S ago, for the rate
+    this.rate = null; // frames a second of the run
     this.isWanted = localStorage.getItem(STORE) !== "closed";
     this.build();
     selection.addEventListener("change", () => this.begin());
@@ -52,9 +54,11 @@ export class Detail {
   }
 
   keep(record) {
-    this.before = record ? this.record : null;
+    const passed = record && this.before?.id === record.id ? record.t_s - this.before.t_s : -1;
+    if (passed >= RATE_S) this.rate = (record.link.frames - this.before.link.frames) / passed;
+    else if (passed < 0) this.rate = null;
+    if (passed >= RATE_S || passed < 0) this.before = record;
     this.record = record;
-    if (record) record.at = performance.now();
     this.map.setMission(record?.mission ?? null);
     this.show();
   }
@@ -98,10 +102,9 @@ export class Detail {
   link() {
     const { link } = this.record;
     if (!link.address) return [bad("never heard")];
-    const rate = this.before?.id === this.record.id ? (link.frames - this.before.link.frames) / ((this.record.at - this.before.at) / 1000) : null;
     const words = [
       link.state === "alive" ? "heard" : bad(link.state),
-      ` at ${link.address}, ${rate === null ? "–" : number(rate)} frames/s, ${link.lost} of ${link.frames + link.lost} lost, `,
+      ` at ${link.address}, ${this.rate === null ? "–" : number(this.rate)} frames/s, ${link.lost} of ${link.frames + link.lost} lost, `,
       `${link.signed ? "signed" : "not signed"}, ${link.autopilot || "unknown firmware"}`,
     ];
     if (link.conflicts) words.push(bad(`, ${link.conflicts} frames from another address`));
