@@ -19,7 +19,7 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.errors import ConfigError
-from gcs.geo import LocalFrame
+from gcs.geo import LocalFrame, corner_error
 from gcs.model import FloatArray
 
 Place: TypeAlias = tuple[float, float]
@@ -135,8 +135,8 @@ def drawn_areas(config: Config, source: str = "") -> list[Area]:
             areas.append(Area(stay_in, (), circle[:2], circle[2]))
         else:
             corners = _open(polygon)
-            if len(set(corners)) < 3:
-                raise ConfigError(source, f"{key}.corners_deg", "expected at least three different corners")
+            if error := corner_error(set(corners)):
+                raise ConfigError(source, f"{key}.corners_deg", error)
             areas.append(Area(stay_in, corners))
     return areas
 

@@ -1,4 +1,4 @@
-"""WGS84 to the mission's local east/north frame and back, and angle arithmetic.
+"""WGS84 to the mission's local east/north frame and back, angle arithmetic, and the corners of areas.
 
 The local frame is the plane tangent to the ellipsoid at the mission's origin: x east, y north, metres.
 Heights are separate, as metres above mean sea level or above the origin. Over a 6 km map the plane
@@ -10,6 +10,7 @@ Bearings, courses and headings are clockwise from north, in radians, as aviation
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,6 +18,7 @@ import numpy as np
 
 _SEMI_MAJOR_M: Final = 6_378_137.0
 _SEMI_MINOR_M: Final = 6_356_752.31424518
+_MIN_CORNERS: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,3 +92,12 @@ def wrap_pi(angle_rad: float) -> float:
 def bearing_rad(east_from_m: float, north_from_m: float, east_to_m: float, north_to_m: float) -> float:
     """Bearing from one local point to another, clockwise from north, in (-pi, pi]."""
     return math.atan2(east_to_m - east_from_m, north_to_m - north_from_m)
+
+
+def corner_error(corners: Collection[object]) -> str:
+    """Return what is wrong with the corners of an area; empty if nothing.
+
+    Pass a set where repeated corners count once.
+    """
+    count = len(corners)
+    return "" if count >= _MIN_CORNERS else f"expected at least three different corners, got {count}"

@@ -20,7 +20,7 @@ from typing import Any, TypeAlias
 import msgspec
 
 from gcs.errors import ConfigError
-from gcs.geo import LocalFrame
+from gcs.geo import LocalFrame, corner_error
 
 Position: TypeAlias = tuple[float, float]
 """Longitude and latitude in degrees, or east and north in metres."""
@@ -159,8 +159,8 @@ def _polygon(rings: Any, source: str, where: str) -> Polygon:
         corners = tuple(
             _position(corner, source, where) for corner in (ring if isinstance(ring, list) else [])
         )
-        if len(set(corners)) < 3:
-            raise ConfigError(source, where, "a ring needs at least three different corners")
+        if error := corner_error(set(corners)):
+            raise ConfigError(source, where, f"a ring: {error}")
         polygon.append(corners)
     return tuple(polygon)
 

@@ -2,10 +2,9 @@
 
 In reading order:
 
-- `vehicle`: one vehicle: `airframe` and `guidance`; `link` and `telemetry` for MAVLink; `failsafe`, `fence`,
-  `parameters` and `commands` of the autopilots.
-- `autopilots`: ArduPlane and PX4 (`base`, `arduplane`, `px4`), their mission protocols, and real
-  firmware in the loop (`firmware`, `firmware_process`).
+- `vehicle`: one vehicle: `airframe` and `guidance`; `link` and `telemetry` for MAVLink.
+- `autopilots`: ArduPlane and PX4 (`base`, `arduplane`, `px4`), their `failsafe`, `fence`, `parameters`,
+  `commands` and mission protocols, and real firmware in the loop (`firmware`, `firmware_process`).
 - `world`: `scenario` (the `[simulation]` table), targets, sensors, ground truth, and their process.
 - `campaign`: whole missions on virtual time. `virtual_run` flies one, `campaign` many.
 - `cli`, `supervisor`, `process`: the ``sim-vehicles`` command and its processes in real time.

@@ -17,9 +17,9 @@ from gcs.cli.warm_up_progress import load_kernels
 from gcs.config import Config
 from gcs.config.schema import RecordingTable
 from gcs.core.engine import Engine
+from gcs.io.background_writer import is_busy
 from gcs.io.console import Printable, console_for
 from gcs.io.links.manager import Links
-from gcs.io.output import is_busy
 from gcs.io.private_files import new_folder
 from gcs.io.recording.folder import Run, remove_empty, versions
 from gcs.io.recording.writer import DiskBudget, Recorder

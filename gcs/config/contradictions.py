@@ -10,6 +10,7 @@ from gcs.config.mission_file import Config
 from gcs.config.schema import AgentTable, BirthTable, link_of
 from gcs.endpoints import Link
 from gcs.errors import ConfigError, LinkError
+from gcs.geo import corner_error
 from gcs.geojson import read_zones
 from gcs.model import vehicle_name
 
@@ -35,8 +36,8 @@ def _contradictions(config: Config, source: str) -> Iterator[ConfigError]:
             )
     area = config.map
     for index, corners in enumerate(area.polygons_m):
-        if len({tuple(corner) for corner in corners}) < 3:
-            yield ConfigError(source, f"map.polygons_m[{index}]", "expected at least three different corners")
+        if error := corner_error({tuple(corner) for corner in corners}):
+            yield ConfigError(source, f"map.polygons_m[{index}]", error)
     lists: list[tuple[str, Sequence[AgentTable | BirthTable]]] = [
         ("agents", config.agents),
         ("births", config.births),

@@ -20,7 +20,7 @@ from gcs.core.perception.never_heard import check_never_heard
 from gcs.core.restart import bridge_gap, is_settled
 from gcs.core.stages import Stages
 from gcs.core.state import State, at_targets, with_status, without_missions
-from gcs.core.tasking.mission_ends import check_route_ends
+from gcs.core.tasking.missed_targets import check_missed_targets
 from gcs.mavlink.frames.codec import FrameTable, scan
 from gcs.model import (
     NS_PER_S,
@@ -258,7 +258,7 @@ class Engine(Stages):
             effects += self._status_changed(status)
         effects += self._check_climbs(t_ns)
         capture_m = self.config.planning.capture_radius_m
-        effects += check_route_ends(self.state.agents, self.tasking.onboard_missions, capture_m, t_ns)
+        effects += check_missed_targets(self.state.agents, self.tasking.onboard_missions, capture_m, t_ns)
         self.control.update(t_ns)
         effects += self.approval.refresh(t_ns, without_missions(self.state.agents))
         effects += self._plan(t_ns, event.measured_t_ns)

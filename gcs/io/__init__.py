@@ -2,5 +2,5 @@
 
 `links` (UDP, TCP, serial), `signing` (keys), `zenoh` (sensors, orders), `recording`, `vehicles` (preflight,
 fence and parameter sessions), `mavsdk`, `detections` (files for `gcs track`). `clock` is the run's clock,
-`output` writes off the event loop, `console` prints.
+`background_writer` writes off the event loop, `console` prints.
 """

@@ -2,26 +2,30 @@
 
 In reading order:
 
-==========================  ====================================================================
-`frames.codec`              frame layout, `scan` (parse_buffer), `Encoder` (pack), `target_of`
-`frames.stream`             frames out of a TCP or serial byte stream
-`frames.signing`            MAVLink 2 message signing: keys, checks, time stamps
-`frames.fast_scan`          `scan` compiled; `fast_verify` and `batches` build on it
-`fleet.fleet`               all vehicles: datagrams in; `Send`, `Notice`, vehicle states out
-`fleet.records`             the state of one vehicle and of all links, as plain records
-`fleet.vehicle`             one vehicle: position, mode, home, health (mavutil's `messages`)
-`fleet.stream_requests`     SET_MESSAGE_INTERVAL and REQUEST_MESSAGE, repeated
-`fleet.mode_authority`      control authority: our mode, or an operator's override
-`fleet.position_checks`     which GLOBAL_POSITION_INT reports to believe
-`fleet.fast_telemetry`      routine telemetry, compiled, on the table in `fleet.telemetry_table`
-`services.command_sender`   COMMAND_LONG, set_mode, and their repetition
-`services.parameters`       PARAM_REQUEST_READ and PARAM_SET (ParameterReader, ParameterSetter)
-`services.retry`, `.rtt`    RetryPolicy, RetryTimer, RttEstimator: when to send again
-`mission.items`             MISSION_ITEM_INT as a record
-`mission.protocol`          MissionDownload, MissionUpload: the exchanges of the mission protocol
-`mission.upload_task`       a mission uploaded, verified, selected and started
-`mission.list_task`         the same for a fence or rally points
-`autopilots`                profile of each autopilot: modes, mission items, parameters
-`router.router`             routes between vehicles and other ground stations
-==========================  ====================================================================
+=================================  ======================================================================
+`frames.codec`                     frame layout, `scan` (parse_buffer), `Encoder` (pack), `target_of`
+`frames.stream`                    frames out of a TCP or serial byte stream
+`frames.signing`                   MAVLink 2 message signing: keys, checks, time stamps
+`frames.fast_scan`                 `scan` compiled; `fast_verify` and `batches` build on it
+`fleet.fleet`                      all vehicles: datagrams in; `Send`, `Notice`, vehicle states out
+`fleet.records`                    the state of one vehicle and of all links, as plain records
+`fleet.vehicle`                    one vehicle: position, mode, home, health (mavutil's `messages`)
+`fleet.stream_requests`            SET_MESSAGE_INTERVAL and REQUEST_MESSAGE, repeated
+`fleet.mode_authority`             control authority: our mode, or an operator's override
+`fleet.position_checks`            which GLOBAL_POSITION_INT reports to believe
+`fleet.fast_telemetry`             routine telemetry, compiled, on the table in `fleet.telemetry_table`
+`services.command_sender`          COMMAND_LONG, set_mode, and their repetition
+`services.parameter_protocol`      PARAM_REQUEST_READ and PARAM_SET (ParameterReader, ParameterSetter)
+`services.retry`                   RetryPolicy, RetryTimer: repetition of a request
+`services.retransmission_timeout`  RttEstimator: when to send again, by the round trip
+`mission.items`                    MISSION_ITEM_INT as a record
+`mission.item_transfer`            MissionDownload, MissionUpload: the transfers of the mission protocol
+`mission.upload_limits`            timeouts and bounds of an upload
+`mission.upload_task`              a mission uploaded, verified, selected and started
+`mission.list_task`                the same for a fence or rally points
+`autopilots.profile`               profile of each autopilot: modes, formats, limits
+`autopilots.item_builder`          a mission as the items of a firmware
+`autopilots.preflight_parameters`  parameters that the preflight check reads, and their ranges
+`router.router`                    routes between vehicles and other ground stations
+=================================  ======================================================================
 """

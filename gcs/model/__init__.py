@@ -5,8 +5,8 @@ epoch, and always an argument. Arrays are float64 and read-only; tuples of track
 State order everywhere: ``[east_m, north_m, v_east_m_s, v_north_m_s]``.
 
 Events go into `gcs.core`, effects come out. Both are plain data, so a recording is a list of them. In reading
-order: `basics` (labels, time), `scans`, `picture` (tracks, vehicle states), `plans`, `orders`, `control`
-(authority over a vehicle), `status` (of the swarm), `events`, `effects`, `truth`
+order: `basics` (labels, time), `sensors` (and their scans), `picture` (tracks, vehicle states), `plans`,
+`orders`, `control` (authority over a vehicle), `status` (of the swarm), `events`, `effects`, `truth`
 (simulations), `names`.
 """
 
@@ -52,7 +52,7 @@ from gcs.model.names import (
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
 from gcs.model.picture import Picture, Track, VehicleState
 from gcs.model.plans import APPROACH_M, Cause, Mission, Plan, Route, Waypoint
-from gcs.model.scans import Polar, Scan, Sensor
+from gcs.model.sensors import Polar, Scan, Sensor
 from gcs.model.status import AgentRecord, SensorRecord, SwarmStatus, TargetRecord
 from gcs.model.truth import Truth, TruthObject
 

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 from gcs.model.basics import Level
 from gcs.model.orders import Order
-from gcs.model.scans import Scan
+from gcs.model.sensors import Scan
 from gcs.safe_text import printable
 
 

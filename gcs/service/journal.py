@@ -18,7 +18,7 @@ import msgspec
 from gcs.core.snapshot import encode_state
 from gcs.errors import JournalError
 from gcs.files import read_bytes
-from gcs.io.output import Writer
+from gcs.io.background_writer import BackgroundWriter
 from gcs.io.private_files import make_private, private
 from gcs.model import (
     NS_PER_S,
@@ -145,7 +145,7 @@ class JournalSink:
 
     def __init__(self, service: Service, journal: Journal) -> None:
         self._service, self._command, self._journal = service, service.command, journal
-        self.writer = Writer("journal", 2, "alarm")
+        self.writer = BackgroundWriter("journal", 2, "alarm")
         self._error: JournalError | None = None
         """Error of the last attempt to write."""
         self._written_t_ns: int | None = None

@@ -23,14 +23,14 @@ from gcs.core.engine import Engine
 from gcs.core.snapshot import PeriodicSnapshots
 from gcs.core.state import State
 from gcs.errors import GcsError, RecordingError, WireError
+from gcs.io.background_writer import BackgroundWriter, QueuedText
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.manager import Links
 from gcs.io.mavsdk.uploader import MavsdkUploader
-from gcs.io.output import QueuedText, Writer
 from gcs.io.recording.writer import DiskSpace
 from gcs.io.records import encode
-from gcs.io.zenoh.keys import effect_key, order_key, sensor_of, sensor_scan_keys
+from gcs.io.zenoh.key_expressions import effect_key, order_key, sensor_of, sensor_scan_keys
 from gcs.io.zenoh.order_inbox import OrderInbox
 from gcs.io.zenoh.scans import decode_scan
 from gcs.io.zenoh.session import ZenohSession
@@ -154,7 +154,7 @@ class Service:
         self.recorder: Recording | None = None
         self.sinks: list[Sink] = []
         """Live view, evaluator, journal and others."""
-        self._publisher = Writer("zenoh", _MAX_UNPUBLISHED)
+        self._publisher = BackgroundWriter("zenoh", _MAX_UNPUBLISHED)
         self.outputs: list[Output] = [self._publisher]
         """Outputs whose failures become alarms."""
         self._garbage = GarbageFilter()

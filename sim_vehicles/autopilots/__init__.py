@@ -1,1 +1,1 @@
-"""The autopilots: simulated ArduPlane and PX4, and real firmware in the loop."""
+"""The autopilots: simulated ArduPlane and PX4, their failsafes and parameters, and real firmware."""

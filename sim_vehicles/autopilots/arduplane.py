@@ -31,14 +31,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.base import ARDUPLANE, AutopilotTraits, Mode
+from sim_vehicles.autopilots.failsafe import Failsafe, PlaneFailsafe
+from sim_vehicles.autopilots.fence import FenceGuard
 from sim_vehicles.autopilots.missions import MISSION, Item, MissionStore
+from sim_vehicles.autopilots.parameters import Parameters
 from sim_vehicles.autopilots.state import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
 from sim_vehicles.vehicle.airframe import Airframe
-from sim_vehicles.vehicle.failsafe import Failsafe, PlaneFailsafe
-from sim_vehicles.vehicle.fence import FenceGuard
 from sim_vehicles.vehicle.geodesy import Geodesy
 from sim_vehicles.vehicle.guidance import Circle, Goal, Legs, Straight, ToPoint, Tuning, density_ratio
-from sim_vehicles.vehicle.parameters import Parameters
 
 _CHECK_NS = NS_PER_S // 10
 _GLIDE_SLOPE = 0.1

@@ -1,1 +1,1 @@
-"""One simulated vehicle: airframe, guidance, failsafes and its side of the link."""
+"""One simulated vehicle: airframe, guidance, telemetry and its side of the link."""

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.mavlink.services.parameters import decode_value, encode_value
+from gcs.mavlink.services.parameter_protocol import decode_value, encode_value
 from sim_vehicles.autopilots.arduplane import Autopilot
 from sim_vehicles.autopilots.base import PX4, Mode
+from sim_vehicles.autopilots.commands import Commands
 from sim_vehicles.autopilots.missions import MISSION, NEVER_NS, MissionServer
 from sim_vehicles.autopilots.px4_missions import Px4MissionServer
 from sim_vehicles.autopilots.state import ItemReached, StatusText
-from sim_vehicles.vehicle.commands import Commands
 from sim_vehicles.vehicle.frames import FrameReader, Outbox, Signing
 from sim_vehicles.vehicle.telemetry import Streams, Telemetry
 

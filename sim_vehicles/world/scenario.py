@@ -17,7 +17,7 @@ from gcs.config import Config, Table, convert, local_places, parse, read_text
 from gcs.config.schema import Box, NotNegative, Positive, Probability, SystemId
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
-from sim_vehicles.vehicle.parameters import Parameters
+from sim_vehicles.autopilots.parameters import Parameters
 
 
 class SensorTable(Table, frozen=True, kw_only=True):

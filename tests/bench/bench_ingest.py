@@ -31,7 +31,7 @@ from gcs.geo import LocalFrame
 from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.manager import Links
 from gcs.io.links.recvmmsg import BatchReader
-from gcs.io.signing.gate import Signing
+from gcs.io.signing.link_signing import LinkSigning
 from gcs.mavlink.fleet import fast_telemetry
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import scan
@@ -160,7 +160,7 @@ async def receive_by_ours(args, together, key=None):
     ports = free_ports(args.networks)
     links = [Link(parse_endpoint(f"udpin:127.0.0.1:{port}"), network) for network, port in enumerate(ports)]
     vehicles = [vehicle_id(n, s) for n in range(args.networks) for s in range(1, args.vehicles + 1)]
-    intake, signing = Intake(links, vehicles), Signing(links, None)
+    intake, signing = Intake(links, vehicles), LinkSigning(links, None)
     if key is not None:
         signing.gate = SigningGate(Keys(default=key), links)
     opened = Links(links, vehicles, FRAME, signing, Scanner())

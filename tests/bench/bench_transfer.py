@@ -23,6 +23,7 @@ from plane_double import AUTO, Channel, Joined, OfPlane, Plane, S, upload_task
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
+from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.fleet.records import ModeRecord
 from gcs.mavlink.frames.codec import Encoder, decode
@@ -43,7 +44,7 @@ def mission(points: int, shift_deg: float = 0.0, vehicle: int = 1) -> Mission:
 def trial(seed: int, loss: float) -> tuple[str, float, int, int, bool]:
     """Outcome, seconds, mixed legs during and after the task, whether it was held."""
     plane = Plane(mode=AUTO, leg_s=LEG_S)
-    old = ARDUPLANE.items(mission(40, 0.1), HOME)
+    old = build_items(ARDUPLANE, mission(40, 0.1), HOME)
     plane.load(old, current=2)
     task = upload_task(
         mission(28), HOME, Encoder(), authority=ModeAuthority(ModeRecord("AUTO", tasked=True)), old=old,

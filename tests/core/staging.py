@@ -14,8 +14,8 @@ from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.engine import Engine
-from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.core.perception.records import ConfirmationState
+from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.model import NS_PER_S, Kind, Label, Picture, Scan, Sensor, Suspension, Track, VehicleState, read_only
 
 S = NS_PER_S

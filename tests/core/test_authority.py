@@ -17,6 +17,7 @@ from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMission
 from gcs.mavlink.autopilots import profile_of
+from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.mavlink.mission.items import Home
@@ -295,7 +296,7 @@ def test_a_vehicle_on_its_final_approach_is_not_tasked(autopilot: int) -> None:
     assert profile is not None
     route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0)
     planned = MissionBuilder(config.mission, config.airframe, config.local_frame).of(route, 1, None)
-    items = profile.items(planned, Home(33.0, -87.0, 70.0))
+    items = build_items(profile, planned, Home(33.0, -87.0, 70.0))
     stage.command.tasking.onboard_missions.note(OnboardMission(route, items, profile.home_items))
     stage.hear(dialect.MAVLink_mission_current_message(len(items) - 2))
     stage.wait(1.0)

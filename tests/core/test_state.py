@@ -24,8 +24,8 @@ RECORDINGS = sorted((Path(__file__).parents[1] / "recordings").glob("*.mcap"))
 CACHES: frozenset[str] = frozenset(
     {
         # The picture of the posterior, and its confirmed tracks.
-        "gcs.core.perception.confirmation.TrackConfirmation.existing",
-        "gcs.core.perception.confirmation.TrackConfirmation.tracks",
+        "gcs.core.perception.track_lifecycle.TrackConfirmation.existing",
+        "gcs.core.perception.track_lifecycle.TrackConfirmation.tracks",
         "gcs.core.perception.fusion.ClassTracker.picture",
         # Arguments of the last update, as arrays, and its detection summary.
         "gcs.tracking.glmb.filter.Glmb._birth_components",

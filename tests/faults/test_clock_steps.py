@@ -20,7 +20,7 @@ from gcs.endpoints import Link, parse_endpoint
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.links.manager import Links
 from gcs.io.recording.reader import read
-from gcs.io.zenoh.keys import scan_key
+from gcs.io.zenoh.key_expressions import scan_key
 from gcs.io.zenoh.scans import encode_scan
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import scan

@@ -18,7 +18,7 @@ from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
-from gcs.io.zenoh.keys import order_key
+from gcs.io.zenoh.key_expressions import order_key
 from gcs.io.zenoh.order_inbox import BURST, MAX_WAITING, ORDERS_PER_S, OrderInbox
 from gcs.io.zenoh.order_messages import decode_order
 from gcs.io.zenoh.session import ZenohSession, free_endpoint

@@ -21,9 +21,9 @@ from gcs.cli.run_setup import display
 from gcs.config import load
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import RecordingError
+from gcs.io.background_writer import BackgroundWriter, QueuedText, off_loop
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
-from gcs.io.output import QueuedText, Writer, off_loop
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Record, read
 from gcs.io.recording.writer import Recorder
@@ -77,7 +77,7 @@ def service() -> Iterator[Service]:
 @pytest.fixture
 def short_stuck_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Report a blocked output after a second."""
-    monkeypatch.setattr("gcs.io.output._STUCK_S", 1.0)
+    monkeypatch.setattr("gcs.io.background_writer._STUCK_S", 1.0)
 
 
 def serve(service: Service, seconds: float, console: Console | None = None) -> Ticks:
@@ -307,7 +307,7 @@ while True:
 
 def test_a_full_writer_refuses_and_an_error_ends_it() -> None:
     released, done = threading.Event(), []
-    writer = Writer("x", 2)
+    writer = BackgroundWriter("x", 2)
     assert writer.put(released.wait)
     assert writer.put(lambda: done.append(1))
     assert not writer.put(lambda: done.append(2))

@@ -10,8 +10,8 @@ from wall_clock import WallClock
 
 from gcs.endpoints import Link, parse_endpoint
 from gcs.geo import LocalFrame
-from gcs.io.signing.gate import Signing
 from gcs.io.signing.keystore import KeyFile
+from gcs.io.signing.link_signing import LinkSigning
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.frames.signing import signed, timestamp_of
@@ -52,7 +52,7 @@ class SignedPlane:
 
 
 def fly(
-    signing: Signing, unix: WallClock, planes: list[SignedPlane], from_s: float, to_s: float
+    signing: LinkSigning, unix: WallClock, planes: list[SignedPlane], from_s: float, to_s: float
 ) -> list[bytes]:
     """Have planes send ten times a second; return the frames, all of them accepted."""
     frames = []
@@ -65,7 +65,7 @@ def fly(
     return frames
 
 
-def accepted(signing: Signing, t_ns: int, frames: list[bytes]) -> int:
+def accepted(signing: LinkSigning, t_ns: int, frames: list[bytes]) -> int:
     return sum(bool(signing.gate.accept_frames(t_ns, FOE, scan(frame))) for frame in frames)
 
 
@@ -75,30 +75,30 @@ def test_frames_recorded_before_a_crash_are_refused_and_newer_ones_heard_at_once
     unix, keys, killed_s, lead_s
 ):
     planes = [SignedPlane(lead_s, system_id) for system_id in (1, 2)]
-    recorded = fly(Signing([LINK], keys), unix, planes, 0.0, killed_s)
+    recorded = fly(LinkSigning([LINK], keys), unix, planes, 0.0, killed_s)
     unix.t_ns = t_ns = NOW + int((killed_s + 2.0) * NS_PER_S)
-    again = Signing([LINK], keys)
+    again = LinkSigning([LINK], keys)
     assert accepted(again, t_ns, recorded) == 0
     later_ns = t_ns + NS_PER_S // 10
     assert all(again.gate.accept_frames(later_ns, HOME, scan(p.beat(later_ns))) for p in planes)
 
 
 def test_a_vehicle_that_jumps_ahead_just_before_the_crash_cannot_be_replayed(unix, keys):
-    first, plane = Signing([LINK], keys), SignedPlane()
+    first, plane = LinkSigning([LINK], keys), SignedPlane()
     fly(first, unix, [plane], 0.0, 12.0)
     ahead = SignedPlane(31.0)
     recorded = fly(first, unix, [ahead], 12.0, 13.0)
     unix.t_ns = t_ns = NOW + 15 * NS_PER_S
-    again = Signing([LINK], keys)
+    again = LinkSigning([LINK], keys)
     assert accepted(again, t_ns, recorded) == 0
     assert again.gate.accept_frames(t_ns + 1, HOME, scan(ahead.beat(t_ns + NS_PER_S // 10)))
 
 
 @pytest.mark.parametrize("off_s", [3600, -3600, 86_400 * 365])
 def test_a_clock_that_is_set_while_the_service_is_down_locks_no_vehicle_out(unix, keys, off_s):
-    recorded = fly(Signing([LINK], keys), unix, [SignedPlane()], 0.0, 9.0)
+    recorded = fly(LinkSigning([LINK], keys), unix, [SignedPlane()], 0.0, 9.0)
     unix.t_ns = NOW + (11 + off_s) * NS_PER_S
-    again = Signing([LINK], keys)
+    again = LinkSigning([LINK], keys)
     assert accepted(again, unix.t_ns, recorded) == 0
     plane = SignedPlane()
     late = plane.beat(NOW + 11 * NS_PER_S)
@@ -119,17 +119,17 @@ def test_a_clock_that_is_set_while_the_service_is_down_locks_no_vehicle_out(unix
 
 
 def test_a_run_that_ends_in_order_keeps_the_exact_times(unix, keys):
-    first = Signing([LINK], keys)
+    first = LinkSigning([LINK], keys)
     recorded = fly(first, unix, [SignedPlane()], 0.0, 5.0)
     first.close()
     unix.t_ns += 3600 * NS_PER_S
-    again = Signing([LINK], keys)
+    again = LinkSigning([LINK], keys)
     assert accepted(again, unix.t_ns, recorded) == 0
     assert again.gate.accept_frames(unix.t_ns, HOME, scan(SignedPlane().beat(NOW + 5 * NS_PER_S)))
 
 
 def test_streams_that_fly_on_are_saved_every_ten_seconds_and_not_more_often(unix, keys, monkeypatch):
-    signing, saved = Signing([LINK], keys), []
+    signing, saved = LinkSigning([LINK], keys), []
     monkeypatch.setattr(type(signing._time), "write", lambda *_: saved.append(unix.t_ns))
     fly(signing, unix, [SignedPlane()], 0.0, 60.0)
     assert 6 <= len(saved) <= 9

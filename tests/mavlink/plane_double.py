@@ -21,9 +21,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
+from gcs.mavlink.mission.upload_limits import UploadPolicy
 from gcs.mavlink.mission.upload_steps import UploadState
 from gcs.mavlink.mission.upload_task import UploadTask
-from gcs.mavlink.mission.upload_timing import UploadPolicy
 
 S = 1_000_000_000
 HOME = (-353632621, 1491652370, 584.09)
@@ -292,13 +292,13 @@ def upload_task(
     *,
     authority=None,
     policy=None,
-    timing=None,
+    limits=None,
     kind=UploadTask,
     **known,
 ):
     """Return a task before its begin; without a policy its flight is unknown."""
     state = UploadState.initial(mission, home, profile, **known)
-    return kind(state, encode, authority or ModeAuthority(), policy or UploadPolicy(), timing)
+    return kind(state, encode, authority or ModeAuthority(), policy or UploadPolicy(), limits)
 
 
 class OfPlane(UploadPolicy):

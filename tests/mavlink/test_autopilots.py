@@ -7,6 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE, PROFILES, PX4, mode_name, profile_of
+from gcs.mavlink.autopilots.item_builder import build_items, first_flown_item
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.frames.codec import Encoder, decode
@@ -23,7 +24,9 @@ def mission(end="loiter"):
 
 
 def commands(profile, **options):
-    return [item.command for item in profile.items(mission(**options.pop("mission", {})), HOME, **options)]
+    return [
+        item.command for item in build_items(profile, mission(**options.pop("mission", {})), HOME, **options)
+    ]
 
 
 def test_home_comes_first_on_ardupilot_alone():
@@ -34,15 +37,15 @@ def test_home_comes_first_on_ardupilot_alone():
 @pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
 def test_from_the_ground_it_takes_off_first_and_begins_there_while_it_stands(profile):
     assert commands(profile, from_ground=True)[profile.home_items :] == [TAKEOFF, WP, WP, LOITER_UNLIM]
-    first = profile.first_flown(0, from_ground=True, still_on_ground=True)
+    first = first_flown_item(profile, 0, from_ground=True, still_on_ground=True)
     assert commands(profile, from_ground=True)[first] == TAKEOFF
-    later = profile.first_flown(1, from_ground=True, still_on_ground=False)
-    assert profile.items(mission(), HOME, from_ground=True)[later].x == 332200000
+    later = first_flown_item(profile, 1, from_ground=True, still_on_ground=False)
+    assert build_items(profile, mission(), HOME, from_ground=True)[later].x == 332200000
 
 
 @pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
 def test_a_landing_is_at_home_behind_an_approach_that_both_autopilots_take(profile):
-    *_, last, approach, touch_down = profile.items(mission("land"), HOME)
+    *_, last, approach, touch_down = build_items(profile, mission("land"), HOME)
     assert (touch_down.command, touch_down.x, touch_down.y, touch_down.z_m) == (
         LAND,
         332000000,
@@ -59,8 +62,8 @@ def test_a_landing_is_at_home_behind_an_approach_that_both_autopilots_take(profi
 
 
 def test_what_has_no_meaning_is_nan_for_px4_and_0_for_ardupilot():
-    assert all(math.isnan(item.param4) for item in PX4.items(mission(), HOME))
-    assert all(item.param4 == 0.0 for item in ARDUPLANE.items(mission(), HOME))
+    assert all(math.isnan(item.param4) for item in build_items(PX4, mission(), HOME))
+    assert all(item.param4 == 0.0 for item in build_items(ARDUPLANE, mission(), HOME))
 
 
 def over_the_wire(items):
@@ -70,7 +73,7 @@ def over_the_wire(items):
 
 def test_px4_keeps_radii_that_ardupilot_rounds():
     for profile, equal in ((ARDUPLANE, True), (PX4, False)):
-        sent = profile.items(mission(), HOME)
+        sent = build_items(profile, mission(), HOME)
         held = over_the_wire(sent)
         at = profile.home_items
         assert profile.difference(sent, held) == ""
@@ -80,7 +83,7 @@ def test_px4_keeps_radii_that_ardupilot_rounds():
 
 def test_item_0_is_compared_where_it_is_flown():
     for profile, ignored in ((ARDUPLANE, True), (PX4, False)):
-        sent = profile.items(mission(), HOME)
+        sent = build_items(profile, mission(), HOME)
         held = [sent[0]._replace(x=1), *sent[1:]]
         assert (profile.difference(sent, held) == "") is ignored
 
@@ -131,7 +134,7 @@ def test_on_the_ground_is_disarmed_or_slow_and_low():
 
 @pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
 def test_a_circle_elsewhere_comes_after_the_last_waypoint(profile):
-    *_, last, circle = profile.items(Mission(1, 1, ROUTE, 30.0, wait_deg=(33.225, -87.585)), HOME)
+    *_, last, circle = build_items(profile, Mission(1, 1, ROUTE, 30.0, wait_deg=(33.225, -87.585)), HOME)
     assert (last.command, last.x, last.y) == (WP, 332200000, -875900000)
     assert (circle.command, circle.x, circle.y) == (LOITER_UNLIM, 332250000, -875850000)
     assert (circle.z_m, circle.param3) == (120.0, 30.0)
@@ -140,9 +143,9 @@ def test_a_circle_elsewhere_comes_after_the_last_waypoint(profile):
 @pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
 def test_a_way_home_stands_between_the_route_and_the_landing_and_reads_back_equal(profile):
     return_waypoints = (Waypoint(33.215, -87.61, 120.0, 58.6), Waypoint(33.2, -87.605, 120.0, 40.0))
-    sent = profile.items(replace(mission("land"), return_waypoints=return_waypoints), HOME)
+    sent = build_items(profile, replace(mission("land"), return_waypoints=return_waypoints), HOME)
     *flown, corner, approach, touch_down = sent
-    assert tuple(flown) == profile.items(mission("land"), HOME)[:-2]
+    assert tuple(flown) == build_items(profile, mission("land"), HOME)[:-2]
     assert (corner.command, corner.x, corner.y, corner.z_m) == (WP, 332150000, -876100000, 120.0)
     assert (approach.command, approach.x, approach.y) == (WP, 332000000, -876050000)
     assert (approach.z_m, approach.param2) == (30.0, 40.0)

@@ -6,6 +6,7 @@ from px4_double import AUTO, HOLD, Px4
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import PX4
+from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.mission.items import Home
 from gcs.model import Mission, Waypoint
@@ -43,7 +44,7 @@ def test_a_mission_that_reads_back_differently_is_held_and_cleared(mode):
 
 def test_an_old_mission_that_is_still_there_is_kept():
     px4 = Px4(mode=AUTO)
-    old = PX4.items(Mission(2, 1, MISSION.waypoints[:2]), HOME)
+    old = build_items(PX4, Mission(2, 1, MISSION.waypoints[:2]), HOME)
     px4.store, px4.valid = [item.message(seq, 1, 1) for seq, item in enumerate(old)], True
     px4._on_mission_count = lambda _message, sender: [px4_refusal(sender)]
     result = joined(px4, old=old).run()

@@ -64,7 +64,7 @@ def test_an_upload_that_began_after_its_plan_is_in_the_journal_at_once(
 ) -> None:
     """After a restart its mission would be taken for another station's, and the vehicle suspended."""
     written: list[Snapshot] = []
-    monkeypatch.setattr("gcs.io.output.Writer.put", lambda _, job: job() or True)
+    monkeypatch.setattr("gcs.io.background_writer.BackgroundWriter.put", lambda _, job: job() or True)
     monkeypatch.setattr(journal, "write", written.append)
 
     def on_event(event: Event) -> None:

@@ -10,7 +10,7 @@ from gcs.core.engine import Engine
 from gcs.endpoints import Link, parse_endpoint
 from gcs.io.links.manager import Links
 from gcs.io.records import encode
-from gcs.io.signing.gate import Signing
+from gcs.io.signing.link_signing import LinkSigning
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.frames.fast_scan import Scanner
@@ -40,7 +40,7 @@ class Way:
 
     def __init__(self, monkeypatch, bus, key):
         self.scanner, self.pen, self.key = CountingScanner(), Encoder(1, 1), key
-        signing = Signing([AIR, SEAT])
+        signing = LinkSigning([AIR, SEAT])
         signing.gate = SigningGate(Keys(default=key), [AIR, SEAT])
         monkeypatch.setattr("gcs.io.links.manager.TRANSPORTS", {"udpin": lambda _: Transport()})
         links = Links([AIR, SEAT], [1, 2, 3, 4], CONFIG.local_frame, signing, self.scanner)

@@ -20,7 +20,7 @@ from rich.console import Console
 from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.analyse.whatif import Comparison, comparison_table, different_settings
 from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, replay_page
-from gcs.cli.prepare.mission_file import mission_name, mission_text
+from gcs.cli.prepare.first_mission_file import mission_name, mission_text
 from gcs.cli.prepare.sketch.telemetry import read_vehicles
 from gcs.cli.run_setup import display, warm_up
 from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING

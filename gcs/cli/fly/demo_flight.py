@@ -26,16 +26,16 @@ from gcs.config import Config, parse, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import ConfigError, InterruptedRunError, SimulationError
+from gcs.io.background_writer import QueuedText, off_loop
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
-from gcs.io.output import QueuedText, off_loop
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import read
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.records import decode
-from gcs.io.signing.gate import Signing
+from gcs.io.signing.link_signing import LinkSigning
 from gcs.io.zenoh.discovery import announced
-from gcs.io.zenoh.keys import truth_key
+from gcs.io.zenoh.key_expressions import truth_key
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.model import NS_PER_S, Effect, Event, Truth
@@ -185,7 +185,7 @@ async def _fly(
     forward = [link for link in config.mavlink_links if link.role != "vehicles"]
     open_links = [Link(parse_endpoint("udpin:127.0.0.1:0")), *forward]
     vehicles = [agent.vehicle for agent in config.agents]
-    links = Links(open_links, vehicles, config.local_frame, Signing(open_links, keys), Scanner())
+    links = Links(open_links, vehicles, config.local_frame, LinkSigning(open_links, keys), Scanner())
     stop, interrupt = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
     endpoint = free_endpoint()

@@ -12,12 +12,12 @@ from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, service_page
 from gcs.cli.link_table import link_rows, link_table
 from gcs.cli.run_setup import display, open_recorder, warm_up
 from gcs.config import Config, parse, read_text
+from gcs.io.background_writer import QueuedText, off_loop
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
-from gcs.io.output import QueuedText, off_loop
 from gcs.io.recording.folder import Run
 from gcs.io.recording.writer_thread import RecorderThread
-from gcs.io.signing.gate import Signing
+from gcs.io.signing.link_signing import LinkSigning
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.session import service_bus
 from gcs.mavlink.frames.fast_scan import Scanner
@@ -56,7 +56,7 @@ def serve(
     ):
         path = journal_path or default_path(config.name)
         journal = Journal(path, config.name, fingerprint(text, seed))
-        signing = Signing(config.mavlink_links, config.links.key_file(source))
+        signing = LinkSigning(config.mavlink_links, config.links.key_file(source))
         vehicles = [agent.vehicle for agent in config.agents]
         links = Links(config.mavlink_links, vehicles, config.local_frame, signing, Scanner())
         asyncio.run(

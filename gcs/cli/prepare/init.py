@@ -41,7 +41,7 @@ def init(
     Waypoints of a plan and points of a KML become target births. Points named "agent" or "vehicle" become
     starts; polygons become a fence. Logs and links give the vehicles. Nothing on a vehicle is changed.
     """
-    from gcs.cli.prepare.mission_file import write_mission_file
+    from gcs.cli.prepare.first_mission_file import write_mission_file
 
     with exit_on_error():
         write_mission_file(source, listen, console_for(), wait_s=wait, name=name, out=out, force=force)

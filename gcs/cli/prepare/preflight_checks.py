@@ -18,14 +18,14 @@ from rich.text import Text
 from gcs.config import Config, load
 from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
 from gcs.core.preflight.result import Check, Level
-from gcs.core.preflight.vehicle import envelope_of, vehicle_checks
+from gcs.core.preflight.vehicle_checks import envelope_of, vehicle_checks
 from gcs.errors import LinkError, WireError
 from gcs.fence import fence_of
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.mavsdk.uploader import REMEDY, mavsdk_problem
 from gcs.io.vehicles.access import vehicle_access
 from gcs.io.vehicles.session import VehicleSession
-from gcs.io.zenoh.keys import sensor_scan_keys
+from gcs.io.zenoh.key_expressions import sensor_scan_keys
 from gcs.io.zenoh.scans import decode_scan
 from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.services.preflight_query import PREFLIGHT_MESSAGE_IDS, PreflightQuery

@@ -25,9 +25,9 @@ from gcs.core.tasking.records import OnboardMission
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
-from gcs.mavlink.mission.protocol import MissionDownload
+from gcs.mavlink.mission.item_transfer import MissionDownload
+from gcs.mavlink.services.retransmission_timeout import RttEstimator
 from gcs.mavlink.services.retry import ns
-from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import Authority, ControlEvent, Effect, Notice, system_of
 
 _TIMEOUT_NS: Final = ns(25.0)

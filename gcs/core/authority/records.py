@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 from gcs.core.tasking.records import OnboardMission
 from gcs.mavlink.fleet.records import ModeRecord
-from gcs.mavlink.mission.protocol import MissionDownload
+from gcs.mavlink.mission.item_transfer import MissionDownload
 from gcs.mavlink.services.command_sender import CommandSender
-from gcs.mavlink.services.rtt import RttEstimator
+from gcs.mavlink.services.retransmission_timeout import RttEstimator
 from gcs.model import Label
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gcs.core.operator.records import OperatorState, OrderInProgress, TargetSettings
-from gcs.core.perception.confirmation import TrackConfirmation
+from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import Agent
 from gcs.model import Effect, Order, named, target_name

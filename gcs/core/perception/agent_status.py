@@ -1,11 +1,12 @@
 """Agent status: active, arrived or lost, from tracks and position reports.
 
-An agent is lost when the existence probability of its track falls below `lost_existence`. It is active again
-only when it reports and is associated with a track above `REVIVE_EXISTENCE`: clutter near a lost agent does
-not revive it.
+An agent is lost when its track is lost (`track_lifecycle.TrackConfirmation.is_lost` compares the existence
+probability with `lost_existence`), or after `UNSEEN_S` without track and report. It is active again only when
+it reports and is associated with a track above `REVIVE_EXISTENCE`: clutter near a lost agent does not revive
+it.
 
-An agent has arrived after two consecutive epochs within the capture radius with a confirmed track. Arrival is
-final.
+An agent has arrived after `ARRIVAL_EPOCHS` consecutive epochs in which its confirmed track and that of its
+target are within the capture radius. Arrival is final.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.core.perception.records import AgentSighting
+from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.core.state import Agent
 from gcs.model import NS_PER_S, AgentStatus, Track
 

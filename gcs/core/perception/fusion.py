@@ -27,8 +27,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs.config import Config
-from gcs.core.perception.confirmation import TrackConfirmation
 from gcs.core.perception.records import TrackersState, TrackerState
+from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.core.perception.tracking_model import (
     BIRTH_AGAIN_PROBABILITY,
     agent_births,

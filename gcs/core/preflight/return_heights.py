@@ -19,7 +19,7 @@ from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.parameters import decode_value
+from gcs.mavlink.services.parameter_protocol import decode_value
 from gcs.model import vehicle_name
 
 MARGIN_M: Final = 15.0

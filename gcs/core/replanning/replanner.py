@@ -27,7 +27,7 @@ from gcs.core.replanning.records import ReplanningState
 from gcs.core.replanning.triggers import Triggers
 from gcs.core.state import Agent, flown_routes
 from gcs.core.tasking.upload_latency import DELIVERY_S
-from gcs.mavlink.mission.upload_timing import UploadTiming
+from gcs.mavlink.mission.upload_limits import UploadLimits
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route
 from gcs.planning.forward_simulation import Motion, predict_motion
 from gcs.planning.map.grid import Grid, Point
@@ -301,7 +301,7 @@ class Replanner:
         if vehicle in inputs.climbs:
             return predict_motion(self._zones.grid, inputs.motion(vehicle), more_s, self._lag_s)
         motion, late_s = inputs.motion(vehicle), inputs.late_s.get(vehicle, 0.0)
-        until_hold_s = max(0.0, motion.ahead.next_s - UploadTiming().guard_s)
+        until_hold_s = max(0.0, motion.ahead.next_s - UploadLimits().guard_s)
         ahead_s = DELIVERY_S + motion.ahead.wait_s + min(late_s, until_hold_s) + more_s
         return predict_motion(self._zones.grid, motion, ahead_s, self._lag_s)
 

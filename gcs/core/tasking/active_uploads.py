@@ -18,13 +18,14 @@ from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import ActiveUpload, OnboardMission, TaskingState
 from gcs.core.tasking.upload_retry import UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
+from gcs.mavlink.autopilots.item_builder import first_flown_item
 from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.mission.upload_limits import UploadPolicy
 from gcs.mavlink.mission.upload_stages import OnboardState, TransitionError
 from gcs.mavlink.mission.upload_steps import UploadState
 from gcs.mavlink.mission.upload_task import UploadTask
-from gcs.mavlink.mission.upload_timing import UploadPolicy
 from gcs.model import Effect, Notice, Upload, UploadAnswer
 
 _MAX_ITEMS_IN_FLIGHT: Final = 12
@@ -82,7 +83,8 @@ class ActiveUploads(UploadPolicy):
         if upload.onboard is None or profile is None:
             return 0
         state = self._fleet.state(vehicle)
-        return profile.first_flown(
+        return first_flown_item(
+            profile,
             points_passed(upload.onboard.route, upload.planned_t_ns, state),
             from_ground=upload.onboard.first_point > profile.home_items,
             still_on_ground=is_on_ground(state, self._fleet.home(vehicle)),

@@ -23,7 +23,7 @@ from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.mavlink.mission.upload_timing import UploadTiming
+from gcs.mavlink.mission.upload_limits import UploadLimits
 from gcs.model import NS_PER_S, VehicleState
 from gcs.planning.forward_simulation import RemainingMission
 from gcs.planning.route_progress import time_to_point_s
@@ -147,4 +147,4 @@ class OnboardMissions:
         if profile is None or profile.atomic or not self.points_ahead(vehicle):
             return 0.0
         to_go_s = self.time_to_next_s(vehicle, t_ns)
-        return to_go_s + _REPORT_DELAY_S if to_go_s < UploadTiming().guard_s + DELIVERY_S else 0.0
+        return to_go_s + _REPORT_DELAY_S if to_go_s < UploadLimits().guard_s + DELIVERY_S else 0.0

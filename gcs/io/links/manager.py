@@ -19,7 +19,7 @@ from gcs.io.links.serial import SerialPort
 from gcs.io.links.tcp import TcpIn, TcpOut
 from gcs.io.links.transport import Transport
 from gcs.io.links.udp import UdpIn, UdpOut
-from gcs.io.signing.gate import Signing
+from gcs.io.signing.link_signing import LinkSigning
 from gcs.mavlink.fleet.heartbeat import heartbeat
 from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.frames.codec import Encoder, Frame, FrameTable, scan
@@ -62,7 +62,7 @@ class Links:
         Our vehicles.
     frame : LocalFrame
         Frame of the target tracks.
-    signing : Signing, optional
+    signing : LinkSigning, optional
         Checks incoming and signs outgoing frames; without it no link has a key.
     scan : callable
         Returns the frames of a datagram; a long run takes `gcs.mavlink.frames.fast_scan.Scanner`.
@@ -78,12 +78,12 @@ class Links:
         links: Sequence[Link],
         vehicles: Iterable[int],
         frame: LocalFrame,
-        signing: Signing | None = None,
+        signing: LinkSigning | None = None,
         scan: Callable[[bytes], FrameTable] = scan,
     ) -> None:
         self.links = tuple(links)
         self._scan = scan
-        self.signing = signing or Signing(self.links)
+        self.signing = signing or LinkSigning(self.links)
         self._now_ns: Callable[[], int] = lambda: 0
         self._transports: dict[str, Transport] = {}
         self._frame = frame

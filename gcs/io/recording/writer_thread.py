@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from gcs.errors import RecordingError
-from gcs.io.output import Writer
+from gcs.io.background_writer import BackgroundWriter
 from gcs.io.recording.writer import DiskSpace, Recorder
 from gcs.model import Effect, Event, Snapshot, Truth
 
@@ -35,7 +35,7 @@ class RecorderThread:
     """
 
     def __init__(self, recorder: Recorder) -> None:
-        self.writer = Writer("recording", _MAX_WAITING_RECORDS, "alarm", reports_error=False)
+        self.writer = BackgroundWriter("recording", _MAX_WAITING_RECORDS, "alarm", reports_error=False)
         self._recorder = recorder
         recorder.notify = self.writer.notify
         self._batch: list[tuple[Callable[..., None], tuple[Any, ...]]] = []

@@ -1,1 +1,1 @@
-"""Signing keys: `keystore` (files), `gate` (signing of a run's links), `provisioning` (SETUP_SIGNING)."""
+"""Signing keys: `keystore` (files), `link_signing` (of a run), `provisioning` (SETUP_SIGNING)."""

@@ -23,7 +23,7 @@ from gcs.mavlink.mission.geofence_rally import (
 )
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.list_task import ListTask
-from gcs.mavlink.services.parameters import ParameterSetter, is_bytewise
+from gcs.mavlink.services.parameter_protocol import ParameterSetter, is_bytewise
 
 Action: TypeAlias = Literal["upload", "show", "clear"]
 

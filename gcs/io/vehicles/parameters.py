@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.config import Config
 from gcs.io.vehicles.session import NOT_HEARD, VehicleSession
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.parameters import ParameterReader, ParameterSetter, is_bytewise
+from gcs.mavlink.services.parameter_protocol import ParameterReader, ParameterSetter, is_bytewise
 
 _ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 

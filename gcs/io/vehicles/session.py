@@ -12,7 +12,7 @@ from typing import Final, Protocol
 from gcs.config import Config
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
-from gcs.io.signing.gate import Signing
+from gcs.io.signing.link_signing import LinkSigning
 from gcs.io.vehicles.access import vehicle_access
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.mavlink.frames.codec import FrameTable, Message
@@ -81,7 +81,7 @@ class VehicleSession:
             extra_ids=extra_ids,
             kernel=False,  # a session is shorter than the loading of kernels
         )
-        signing = Signing(links, config.links.key_file(source) if is_direct else None)
+        signing = LinkSigning(links, config.links.key_file(source) if is_direct else None)
         self.links = Links(links, vehicles, config.local_frame, signing)
         self.news: list[tuple[str, Level, str]] = []
         self._tasks: dict[int, VehicleTask] = {}

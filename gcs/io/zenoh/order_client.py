@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 from gcs.errors import LinkError, WireError
 from gcs.io.records import decode
-from gcs.io.zenoh.keys import answer_key, order_key, status_key
+from gcs.io.zenoh.key_expressions import answer_key, order_key, status_key
 from gcs.io.zenoh.order_messages import OrderMessage, encode_order
 from gcs.io.zenoh.session import ZenohSession
 from gcs.model import OrderAnswer, SwarmStatus

@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from gcs.errors import WireError
-from gcs.geo import LocalFrame
+from gcs.geo import LocalFrame, corner_error
 from gcs.io.records import decode_json
 from gcs.model import Action, NoFlyZone, Order, target_of
 
@@ -104,8 +104,8 @@ def decode_order(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Orde
 def _area(key: str, area: AreaMessage, frame: LocalFrame) -> NoFlyZone:
     if area.circle is not None and area.polygon:
         raise WireError(key, "no_fly_zone: a circle or a polygon, not both")
-    if area.polygon and len(area.polygon) < 3:
-        raise WireError(key, f"no_fly_zone.polygon: at least 3 corners, got {len(area.polygon)}")
+    if area.polygon and (error := corner_error(area.polygon)):
+        raise WireError(key, f"no_fly_zone.polygon: {error}")
     disc_m = None
     if area.circle is not None:
         disc_m = (*_place(key, area, area.circle[0], area.circle[1], frame), area.circle[2])

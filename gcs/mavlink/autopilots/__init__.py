@@ -1,6 +1,7 @@
 """Autopilot profiles: one table per firmware of how it stores, flies and returns a mission.
 
-`base` (the profile's fields, and the items of a mission), `ardupilot`, `px4`, `modes` (mode names).
+`profile` (its fields), `ardupilot`, `px4`, `modes` (mode names), `item_builder` (a mission as items),
+`preflight_parameters` (parameters that the preflight check reads).
 `profile_of` chooses by a vehicle's HEARTBEAT. A vehicle with another firmware is tracked and never tasked.
 """
 
@@ -11,7 +12,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.ardupilot import ARDUPLANE
-from gcs.mavlink.autopilots.profile import AutopilotProfile, Envelope, FenceLimits, WantedParameter
+from gcs.mavlink.autopilots.profile import AutopilotProfile, FenceLimits
 from gcs.mavlink.autopilots.px4 import PX4
 from gcs.mavlink.frames.codec import Message
 
@@ -20,9 +21,7 @@ __all__ = [
     "PROFILES",
     "PX4",
     "AutopilotProfile",
-    "Envelope",
     "FenceLimits",
-    "WantedParameter",
     "mode_name",
     "profile_of",
 ]

@@ -25,7 +25,8 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
-from gcs.mavlink.autopilots.profile import AutopilotProfile, Envelope, FenceLimits, WantedParameter
+from gcs.mavlink.autopilots.preflight_parameters import ARDUPLANE_PARAMETERS, arduplane_parameters_for
+from gcs.mavlink.autopilots.profile import AutopilotProfile, FenceLimits
 from gcs.mavlink.mission.items import Item
 
 _MAX_RADIUS_M: Final = 255.0
@@ -78,85 +79,6 @@ def _whole(value: float, otherwise: float) -> float:
     return float(int(received)) if math.isfinite(received) else otherwise
 
 
-_PARAMETERS: Final = (
-    WantedParameter(
-        ("MAV_GCS_SYSID", "SYSID_MYGCS"),
-        255,
-        255,
-        "the failsafe watches another station's heartbeat, not ours",
-    ),
-    WantedParameter(
-        ("FS_GCS_ENABL",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False
-    ),
-    WantedParameter(
-        ("FS_LONG_ACTN",),
-        0,
-        1,
-        "when the link is lost, 2 glides into the ground, 3 opens a parachute, 4 and 5 begin a mission or a "
-        "landing; 1 returns, 0 continues in AUTO and GUIDED",
-        meanings={
-            0: "AUTO and GUIDED continue; LOITER, MANUAL and all other modes go to RTL",
-            1: "every mode goes to RTL",
-        },
-    ),
-    WantedParameter(
-        ("FS_LONG_TIMEOUT",), 5, 300, "a few lost heartbeats of ours start the failsafe", must=False
-    ),
-    WantedParameter(
-        ("BATT_FS_LOW_ACT",), 1, 6, "without a link it circles until the battery is empty", must=False
-    ),
-    WantedParameter(("THR_FAILSAFE",), 1, 1, "a lost remote control is not noticed", must=False),
-    WantedParameter(
-        ("RTL_ALTITUDE",),
-        30,
-        500,
-        "the return height may be below obstacles",
-        must=False,
-        older=WantedParameter(
-            ("ALT_HOLD_RTL",),
-            3000,
-            50_000,
-            "the return height (in cm) may be below obstacles",
-            must=False,
-        ),
-    ),
-    WantedParameter(("FENCE_ENABLE",), 1, 1, "nothing stops a vehicle that leaves the area", must=False),
-    WantedParameter(("FENCE_ACTION",), 1, 8, "a breach of the fence is only reported", must=False),
-    WantedParameter(("NAVL1_PERIOD",), 8, 30, "turns are too sharp or too wide", must=False),
-    WantedParameter(("MIS_RESTART",), 0, 0, "AUTO would begin its mission anew instead of resuming it"),
-    WantedParameter(
-        ("ARMING_SKIPCHK",),
-        0,
-        0,
-        "it arms without some of its checks",
-        older=WantedParameter(("ARMING_CHECK",), 1, 2**24, "it arms without checks"),
-    ),
-)
-
-
-def _fits(envelope: Envelope) -> tuple[WantedParameter, ...]:
-    bank, slow, fast = envelope.bank_deg, 0.75 * envelope.speed_m_s, 1.25 * envelope.speed_m_s
-    wide = "it turns wider than routes are planned for (airframe.bank_deg)"
-    speed = "it flies faster or slower than routes are planned for (airframe.speed_m_s)"
-    return (
-        WantedParameter(
-            ("ROLL_LIMIT_DEG",),
-            bank,
-            90,
-            wide,
-            older=WantedParameter(("LIM_ROLL_CD",), 100 * bank, 9000, wide),
-        ),
-        WantedParameter(
-            ("AIRSPEED_CRUISE",),
-            slow,
-            fast,
-            speed,
-            must=False,
-            older=WantedParameter(("TRIM_ARSPD_CM",), 100 * slow, 100 * fast, speed, must=False),
-        ),
-    )
-
-
 def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
     """FENCE_TYPE: bit 0 maximum altitude, bit 1 circle around home, bit 2 polygons and circles."""
     kinds = int(values.get("FENCE_TYPE", 0))
@@ -197,8 +119,8 @@ ARDUPLANE: Final = AutopilotProfile(
     modes={(number, 0): name for number, name in _MODES.items()},
     split_mode=lambda custom_mode: (custom_mode, 0),
     stored=_stored,
-    parameters=_PARAMETERS,
-    fits=_fits,
+    parameters=ARDUPLANE_PARAMETERS,
+    fits=arduplane_parameters_for,
     fence_parameters=("FENCE_ENABLE", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_RADIUS"),
     fence_limits=_fence_limits,
     ceiling_parameter="FENCE_ALT_MAX",

@@ -1,101 +1,26 @@
-"""Fields of an autopilot profile, and the items of a mission.
-
-Items of a mission, in order::
-
-    [home]  [take-off]  waypoint ... waypoint  end
-
-* home: ArduPilot keeps item 0 for its home. It overwrites what is sent; the item is not compared.
-* take-off: if the vehicle is on the ground. Its position is the end of the climb along the runway: ArduPlane
-  ignores it and holds the runway's heading, PX4 flies towards it.
-* end: an unlimited loiter at the last waypoint ("loiter"), since a fixed wing without items would return or
-  circle off the planned route; or the waypoints of the return route, an approach and a landing ("land").
-
-Source: https://mavlink.io/en/services/mission.html and MAV_CMD in
-https://mavlink.io/en/messages/common.html.
-"""
+"""Profile of an autopilot: the differences between firmwares that matter to missions, modes and checks."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.mavlink.autopilots.preflight_parameters import Envelope, WantedParameter
 from gcs.mavlink.mission.items import Home, Item, first_item_difference
-from gcs.model import APPROACH_M, Mission, VehicleState, Waypoint
+from gcs.model import VehicleState
 
-_WAYPOINT: Final = dialect.MAV_CMD_NAV_WAYPOINT
 _GLOBAL: Final = dialect.MAV_FRAME_GLOBAL
 _RELATIVE: Final = dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT
 _SAME_FRAME: Final = {
     dialect.MAV_FRAME_GLOBAL_INT: _GLOBAL,
     dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: _RELATIVE,
 }
-_APPROACH_ALT_M: Final = 30.0
-"""Glide slope of 3.4 degrees: below PX4's limit of 5 (FW_LND_ANG)."""
-_EARTH_M_PER_DEG: Final = 111_195.0
 _GROUND_M: Final = 10.0
 _GROUND_SPEED_M_S: Final = 3.0
-_NO_BOUND: Final = 2**24
-
-
-@dataclass(frozen=True, slots=True)
-class WantedParameter:
-    """A parameter and its required range, for the preflight check."""
-
-    names: tuple[str, ...]
-    """Names, newest firmware first."""
-    low: float
-    high: float
-    """Required: low <= value <= high."""
-    why: str
-    """Consequence of a value out of range."""
-    must: bool = True
-    """True if a wrong value fails the preflight check; else it is a warning."""
-    older: WantedParameter | None = None
-    """Parameter of older firmware with another name, unit or meaning."""
-    allowed: tuple[float, ...] = ()
-    """The only allowed values between `low` and `high`; empty for all."""
-    meanings: Mapping[float, str] = field(default_factory=dict)
-    """Effect of a value, where a pilot must know it."""
-
-    def accepts(self, value: float) -> bool:
-        """Return True if a value is allowed."""
-        return self.low <= value <= self.high and (not self.allowed or value in self.allowed)
-
-    @property
-    def wanted(self) -> str:
-        """Required values as text."""
-        if self.allowed:
-            return " or ".join(f"{value:.6g}" for value in self.allowed)
-        low, high = f"{self.low:.6g}", f"{self.high:.6g}"
-        if self.high >= _NO_BOUND:
-            return f"{low} and above"
-        return low if low == high else f"{low} ... {high}"
-
-    @property
-    def all_names(self) -> tuple[str, ...]:
-        """All names to read."""
-        return self.names + (() if self.older is None else self.older.all_names)
-
-    def found(self, values: Mapping[str, float]) -> tuple[WantedParameter, str] | None:
-        """Return the parameter and its name on a vehicle; None if the vehicle has neither."""
-        name = next((name for name in self.names if name in values), None)
-        if name is not None:
-            return self, name
-        return None if self.older is None else self.older.found(values)
-
-
-@dataclass(frozen=True, slots=True)
-class Envelope:
-    """Performance that a mission requires of its vehicles."""
-
-    speed_m_s: float
-    bank_deg: float
-    lands: bool = False
-    """True if missions end in a landing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,75 +99,7 @@ class AutopilotProfile:
                 return numbers
         raise KeyError(name)
 
-    # ------------------------------------------------------------ missions
-
-    def items(self, mission: Mission, home: Home, *, from_ground: bool = False) -> tuple[Item, ...]:
-        """Return the items of a mission.
-
-        Raises
-        ------
-        ValueError
-            The mission has no waypoint.
-        """
-        if not mission.waypoints:
-            raise ValueError(f"mission {mission.mission_id} of vehicle {mission.vehicle} has no waypoint")
-        at_home = _e7(home.lat_deg), _e7(home.lon_deg)
-        items = [Item(_WAYPOINT, _GLOBAL, *at_home, round(home.alt_msl_m, 2))] * self.home_items
-        flown = [self._waypoint(point) for point in mission.waypoints]
-        if from_ground:
-            pitch, takeoff = self.takeoff_pitch_deg, dialect.MAV_CMD_NAV_TAKEOFF
-            climbed = flown[0] if mission.takeoff is None else self._waypoint(mission.takeoff)
-            items.append(climbed._replace(command=takeoff, param1=pitch, param2=0.0))
-        items += flown
-        if mission.end == "land":
-            items += self._landing(
-                flown[-1], [self._waypoint(point) for point in mission.return_waypoints], home
-            )
-        else:
-            unlimited, radius_m = dialect.MAV_CMD_NAV_LOITER_UNLIM, round(mission.loiter_radius_m)
-            circle = flown[-1]._replace(command=unlimited, param2=0.0, param3=float(radius_m))
-            if mission.wait_deg is not None:
-                circle = circle._replace(x=_e7(mission.wait_deg[0]), y=_e7(mission.wait_deg[1]))
-            items.append(circle)
-        return tuple(items)
-
-    def _waypoint(self, point: Waypoint) -> Item:
-        return Item(
-            _WAYPOINT,
-            _RELATIVE,
-            _e7(point.lat_deg),
-            _e7(point.lon_deg),
-            round(point.alt_rel_m, 2),
-            param2=max(self.min_radius_m, point.accept_radius_m),
-            param4=self.unused,
-        )
-
-    def _landing(self, last: Item, return_items: list[Item], home: Home) -> list[Item]:
-        """Return the return route, approach and landing; a straight line if there is no return route."""
-        *corners, approach = return_items or [self._straight_approach(last, home)]
-        approach = approach._replace(z_m=min(last.z_m, _APPROACH_ALT_M))
-        touch_down = approach._replace(
-            command=dialect.MAV_CMD_NAV_LAND, x=_e7(home.lat_deg), y=_e7(home.lon_deg), z_m=0.0, param2=0.0
-        )
-        return [*corners, approach, touch_down]
-
-    @staticmethod
-    def _straight_approach(last: Item, home: Home) -> Item:
-        """Return the start of the approach on the straight line from the last waypoint."""
-        metres_east = _EARTH_M_PER_DEG * math.cos(math.radians(home.lat_deg))
-        north_m = (last.x * 1e-7 - home.lat_deg) * _EARTH_M_PER_DEG
-        east_m = (last.y * 1e-7 - home.lon_deg) * metres_east
-        scale = APPROACH_M / max(math.hypot(east_m, north_m), 1.0)
-        return last._replace(
-            x=_e7(home.lat_deg + scale * north_m / _EARTH_M_PER_DEG),
-            y=_e7(home.lon_deg + scale * east_m / metres_east),
-        )
-
-    def first_flown(self, points_passed: int, *, from_ground: bool, still_on_ground: bool) -> int:
-        """Return the first item for a vehicle that has passed the first points of its route."""
-        if from_ground and still_on_ground:
-            return self.home_items
-        return self.home_items + int(from_ground) + points_passed
+    # ------------------------------------------------------------ stored items
 
     def normalised(self, item: Item) -> Item:
         """Return the item as the autopilot stores and returns it.
@@ -270,7 +127,3 @@ def is_on_ground(state: VehicleState | None, home: Home | None) -> bool:
         return True
     low = home is not None and state.alt_msl_m - home.alt_msl_m < _GROUND_M
     return low and state.ground_speed_m_s < _GROUND_SPEED_M_S
-
-
-def _e7(degrees: float) -> int:
-    return round(degrees * 1e7)

@@ -26,7 +26,8 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
-from gcs.mavlink.autopilots.profile import AutopilotProfile, Envelope, FenceLimits, WantedParameter
+from gcs.mavlink.autopilots.preflight_parameters import PX4_PARAMETERS, px4_parameters_for
+from gcs.mavlink.autopilots.profile import AutopilotProfile, FenceLimits
 from gcs.mavlink.mission.items import Item
 
 _MODES: Final = {
@@ -47,47 +48,6 @@ _MODES: Final = {
     (4, 8): "FOLLOW",
     (4, 9): "PRECLAND",
 }
-
-_PARAMETERS: Final = (
-    WantedParameter(
-        ("NAV_DLL_ACT",), 1, 3, "a vehicle that loses us is not noticed by its failsafe", must=False
-    ),
-    WantedParameter(
-        ("COM_LOW_BAT_ACT",), 2, 3, "without a link it circles until the battery is empty", must=False
-    ),
-    WantedParameter(
-        ("COM_DL_LOSS_T",), 5, 300, "the link is given up sooner than it can recover", must=False
-    ),
-    WantedParameter(("RTL_RETURN_ALT",), 30, 500, "the return height may be below obstacles", must=False),
-    WantedParameter(("GF_ACTION",), 1, 5, "nothing stops a vehicle that leaves the area", must=False),
-    WantedParameter(
-        ("FW_LND_ANG",), 3.5, 15, "the approach of a mission that ends in a landing is refused", must=False
-    ),
-)
-
-
-def _wanted_of_missions(envelope: Envelope) -> WantedParameter:
-    """Return the requirement on MIS_TKO_LAND_REQ, by which the navigator checks missions, also in the air.
-
-    1 requires a take-off item, which no re-task in flight has; 2 a landing; 3 and 4 both.
-    """
-    name = ("MIS_TKO_LAND_REQ",)
-    if envelope.lands:
-        why = "1 and 3 to 5 reject missions without a take-off, so every re-task in flight"
-        return WantedParameter(name, 0, 2, why, allowed=(0, 2))
-    why = 'missions that end in a loiter are rejected, in flight too; or set mission.end = "land" (0 or 2)'
-    return WantedParameter(name, 0, 0, why)
-
-
-def _fits(envelope: Envelope) -> tuple[WantedParameter, ...]:
-    slow, fast = 0.75 * envelope.speed_m_s, 1.25 * envelope.speed_m_s
-    wide = "it turns wider than routes are planned for (airframe.bank_deg)"
-    speed = "it flies faster or slower than routes are planned for (airframe.speed_m_s)"
-    return (
-        _wanted_of_missions(envelope),
-        WantedParameter(("FW_R_LIM",), envelope.bank_deg, 90, wide),
-        WantedParameter(("FW_AIRSPD_TRIM",), slow, fast, speed, must=False),
-    )
 
 
 def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
@@ -133,8 +93,8 @@ PX4: Final = AutopilotProfile(
     modes=_MODES,
     split_mode=lambda custom_mode: (custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF),
     stored=_stored,
-    parameters=_PARAMETERS,
-    fits=_fits,
+    parameters=PX4_PARAMETERS,
+    fits=px4_parameters_for,
     fence_parameters=("GF_ACTION", "GF_MAX_VER_DIST", "GF_MAX_HOR_DIST"),
     fence_limits=_fence_limits,
     ceiling_parameter="GF_MAX_VER_DIST",

@@ -15,16 +15,16 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.geofence_rally import LIST_NAMES, list_difference
+from gcs.mavlink.mission.item_transfer import MissionUpload
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.list_upload import ACCEPTED, ListUpload, ListUploadState, result_name
-from gcs.mavlink.mission.protocol import MissionUpload
+from gcs.mavlink.mission.upload_limits import UploadLimits
 from gcs.mavlink.mission.upload_stages import LIST_TRANSITIONS, Stage, TransitionError
-from gcs.mavlink.mission.upload_timing import UploadTiming
-from gcs.mavlink.services.rtt import RttEstimator
+from gcs.mavlink.services.retransmission_timeout import RttEstimator
 from gcs.model import system_of
 
 _UNSUPPORTED: Final = (dialect.MAV_MISSION_UNSUPPORTED, dialect.MAV_MISSION_UNSUPPORTED_FRAME)
-_TIMING: Final = UploadTiming(max_tries=6, min_answer_s=6.0, max_uploads=4)
+_LIMITS: Final = UploadLimits(max_tries=6, min_answer_s=6.0, max_uploads=4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class ListTask(ListUpload):
     ) -> None:
         to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
         sending = MissionUpload(tuple(items or ()), to, mission_type, in_order=True)
-        super().__init__(ListUploadState(sending=sending, rtt=RttEstimator()), encode, _TIMING, own)
+        super().__init__(ListUploadState(sending=sending, rtt=RttEstimator()), encode, _LIMITS, own)
         self.result: ListResult | None = None
         self.vehicle = vehicle
         self._items = items
@@ -109,7 +109,7 @@ class ListTask(ListUpload):
             self._enter_stage(Stage.CLEAR, t_ns, clear)
 
     def _retry_upload(self, reason: str, t_ns: int) -> None:
-        if self.state.uploads >= self._timing.max_uploads:
+        if self.state.uploads >= self._limits.max_uploads:
             self._end(
                 False, f"{reason}, {self.state.uploads} uploads failed; the stored list is unknown", t_ns
             )

@@ -14,12 +14,12 @@ from typing import ClassVar, Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
+from gcs.mavlink.mission.item_transfer import MissionDownload, MissionUpload
 from gcs.mavlink.mission.items import Item
-from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
+from gcs.mavlink.mission.upload_limits import UploadLimits
 from gcs.mavlink.mission.upload_stages import Stage, TransitionError
-from gcs.mavlink.mission.upload_timing import UploadTiming
+from gcs.mavlink.services.retransmission_timeout import RttEstimator
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer, ns
-from gcs.mavlink.services.rtt import RttEstimator
 
 ACCEPTED: Final = dialect.MAV_MISSION_ACCEPTED
 _ERROR: Final = dialect.MAV_MISSION_ERROR
@@ -63,12 +63,12 @@ class ListUpload(ABC):
         self,
         state: ListUploadState,
         encode: Callable[[Message], bytes],
-        timing: UploadTiming,
+        limits: UploadLimits,
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
     ) -> None:
         self.state = state
         self.mission_type = state.sending.mission_type
-        self._encode, self._timing, self._own = encode, timing, own
+        self._encode, self._limits, self._own = encode, limits, own
         self._to = state.sending.to
         self._outbox: list[Message] = []
 
@@ -114,7 +114,7 @@ class ListUpload(ABC):
         self._set_stage(stage)
         self.state.stage_t_ns = t_ns
         self.state.deadline_t_ns = self.state.pending_failure = self.state.download = None
-        policy = policy or self.state.rtt.retry_policy(self._timing.max_tries, self._timing.min_answer_s)
+        policy = policy or self.state.rtt.retry_policy(self._limits.max_tries, self._limits.min_answer_s)
         self.state.timer = RetryTimer(request, policy, t_ns + ns(pause_s)) if request is not None else None
 
     def _start_verify(self, t_ns: int) -> None:
@@ -215,7 +215,7 @@ class ListUpload(ABC):
         if self.state.timer is not None:
             self.state.rtt.add_sample(self.state.timer.round_trip_s(t_ns))
         self.state.timer = self.state.pending_failure = None
-        wait_s = self._timing.ack_timeout_s if upload.is_all_sent else self._timing.request_timeout_s
+        wait_s = self._limits.ack_timeout_s if upload.is_all_sent else self._limits.request_timeout_s
         self.state.deadline_t_ns = t_ns + ns(wait_s)
         self._outbox += items
 
@@ -244,7 +244,7 @@ class ListUpload(ABC):
     def _note_failure(self, reason: str, t_ns: int) -> None:
         """Retry after a pause, unless the vehicle requests an item before."""
         self.state.pending_failure = self.state.pending_failure or (
-            t_ns + ns(self._timing.settle_s),
+            t_ns + ns(self._limits.settle_s),
             reason,
         )
 

@@ -12,14 +12,15 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE, AutopilotProfile, profile_of
+from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
+from gcs.mavlink.mission.item_transfer import MissionUpload
 from gcs.mavlink.mission.items import Home, Item
 from gcs.mavlink.mission.list_upload import ACCEPTED, ListUpload, ListUploadState
-from gcs.mavlink.mission.protocol import MissionUpload
+from gcs.mavlink.mission.upload_limits import UploadLimits, UploadPolicy
 from gcs.mavlink.mission.upload_stages import TRANSITIONS, OnboardState, Stage, UploadResult
-from gcs.mavlink.mission.upload_timing import UploadPolicy, UploadTiming
 from gcs.mavlink.services.command_sender import (
     REQUEST_MESSAGE,
     SET_MODE,
@@ -27,12 +28,12 @@ from gcs.mavlink.services.command_sender import (
     set_current_item,
     set_mode,
 )
+from gcs.mavlink.services.retransmission_timeout import RttEstimator
 from gcs.mavlink.services.retry import ns
-from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import NS_PER_S, Mission, system_of
 
 _MAX_PAUSE_S: Final = 4.0
-_TIMING: Final = UploadTiming()
+_LIMITS: Final = UploadLimits()
 
 
 @dataclass(slots=True, kw_only=True)
@@ -107,7 +108,7 @@ class UploadState(ListUploadState):
         round_trip_s : float
             Earlier measurement of its link; 0 for none.
         """
-        items = profile.items(mission, home, from_ground=from_ground)
+        items = build_items(profile, mission, home, from_ground=from_ground)
         to = (system_of(mission.vehicle), AUTOPILOT_COMPONENT_ID)
         return cls(
             sending=MissionUpload(items, to, in_order=profile.in_order),
@@ -137,7 +138,7 @@ class UploadSteps(ListUpload):
         Of this vehicle.
     policy : UploadPolicy
         Shared by all uploads.
-    timing : UploadTiming, optional
+    limits : UploadLimits, optional
         By default that for the link's round trip.
     """
 
@@ -150,9 +151,9 @@ class UploadSteps(ListUpload):
         encode: Callable[[Message], bytes],
         authority: ModeAuthority,
         policy: UploadPolicy,
-        timing: UploadTiming | None = None,
+        limits: UploadLimits | None = None,
     ) -> None:
-        super().__init__(state, encode, timing or _TIMING.for_round_trip(state.rtt.earlier_s))
+        super().__init__(state, encode, limits or _LIMITS.for_round_trip(state.rtt.earlier_s))
         profile = profile_of(state.autopilot)
         assert profile is not None  # it had one at the begin
         self.result: UploadResult | None = None
@@ -173,7 +174,7 @@ class UploadSteps(ListUpload):
     def _enter_park(self, t_ns: int) -> None:
         """Command LOITER and wait for the heartbeat that shows it."""
         self.state.loiter_t_ns = t_ns
-        self._enter_stage(Stage.PARK, t_ns, self._mode_command(LOITER), policy=self._timing.loiter_retry)
+        self._enter_stage(Stage.PARK, t_ns, self._mode_command(LOITER), policy=self._limits.loiter_retry)
 
     def _start_upload(self, t_ns: int, pause_s: float = 0.0) -> None:
         self.state.uploads += 1
@@ -183,7 +184,7 @@ class UploadSteps(ListUpload):
             self._enter_stage(Stage.UPLOAD, t_ns, self.state.sending.count_message(), pause_s=pause_s)
             return
         self._enter_stage(Stage.UPLOAD, t_ns)
-        self.state.deadline_t_ns = t_ns + ns(self._timing.external_timeout_s)
+        self.state.deadline_t_ns = t_ns + ns(self._limits.external_timeout_s)
         self._note_upload_begun()
         to, items = self._to, enumerate(self.items)
         messages = (item.message(n, *to, current=n == self.state.start_seq) for n, item in items)
@@ -204,7 +205,7 @@ class UploadSteps(ListUpload):
         return min(max(self._profile.home_items, first), len(self.items) - 1)
 
     def _is_near_next_item(self, t_ns: int) -> bool:
-        return self._policy.time_to_next_s(self.state.vehicle, t_ns) < self._timing.guard_s
+        return self._policy.time_to_next_s(self.state.vehicle, t_ns) < self._limits.guard_s
 
     def _start_select(self, t_ns: int) -> None:
         self.state.current_before = self.state.current
@@ -265,7 +266,7 @@ class UploadSteps(ListUpload):
             self._start_clear(t_ns)
         else:
             self.state.loiter_t_ns = t_ns
-            self._enter_stage(Stage.HOLD, t_ns, self._mode_command(LOITER), policy=self._timing.loiter_retry)
+            self._enter_stage(Stage.HOLD, t_ns, self._mode_command(LOITER), policy=self._limits.loiter_retry)
 
     def _start_clear(self, t_ns: int) -> None:
         self.state.is_cleared = False
@@ -276,7 +277,7 @@ class UploadSteps(ListUpload):
     def _retry_upload(self, reason: str, t_ns: int) -> None:
         """Upload again after a pause. After the last upload, read back once more, then clear."""
         self.state.reason = self.state.reason if self.state.uploads_exhausted else reason
-        if self.state.uploads < self._timing.max_uploads:
+        if self.state.uploads < self._limits.max_uploads:
             self.state.rtt.retransmissions += 1
             self._outbox += self._cancel_messages()
             self._start_upload(t_ns, min(_MAX_PAUSE_S, 0.25 * 2.0**self.state.uploads))

@@ -8,7 +8,7 @@ Sources: https://mavlink.io/en/services/mission.html, ArduPilot's `MissionItemPr
   The read-back shows the stored mission, also after a lost ACK. A PX4 upload is atomic: the onboard mission
   is always whole, and hold and clear are not needed.
 * Over an inconsistent mission the vehicle may stay in AUTO while it flies its cached waypoint. It must not
-  take the next item. When that is nearer than `UploadTiming.guard_s` it gets LOITER ("park" before the
+  take the next item. When that is nearer than `UploadLimits.guard_s` it gets LOITER ("park" before the
   upload, or during it), and AUTO after verification. The same holds between verification and selection: the
   old item number may be beyond the end of the new mission, and the vehicle would return to launch.
 * After the last retry: LOITER, then MISSION_CLEAR_ALL (refused in AUTO), then a check.
@@ -66,14 +66,14 @@ class UploadTask(UploadSteps):
             return []
         self._guard_next_item(t_ns)
         if self.state.unexplained_mode_t_ns is not None and t_ns - self.state.unexplained_mode_t_ns > ns(
-            self._timing.settle_s
+            self._limits.settle_s
         ):
             self._end_overridden(t_ns)
             return self._take_due_frames(t_ns)
         transferring = self.stage in (Stage.UPLOAD, Stage.VERIFY)
-        if transferring and t_ns - self.state.began_t_ns > ns(self._timing.transfer_timeout_s):
+        if transferring and t_ns - self.state.began_t_ns > ns(self._limits.transfer_timeout_s):
             before = self.state.reason or self.stage
-            self.state.reason = f"no end after {self._timing.transfer_timeout_s:.0f} s: {before}"
+            self.state.reason = f"no end after {self._limits.transfer_timeout_s:.0f} s: {before}"
             self._hold_and_clear(t_ns)
         else:
             self._run_timers(t_ns)
@@ -233,7 +233,7 @@ class UploadTask(UploadSteps):
             return
         moved_on = self.state.current is not None and self.state.current != self.state.current_before
         again = self.state.loiter_t_ns is None or t_ns - self.state.loiter_t_ns >= ns(
-            self._timing.loiter_repeat_s
+            self._limits.loiter_repeat_s
         )
         if (near or moved_on or self.state.loiter_t_ns is not None) and again:
             self.state.loiter_t_ns = t_ns
@@ -257,7 +257,7 @@ class UploadTask(UploadSteps):
         if self.state.is_delegated:
             return
         super()._on_request(message, t_ns)
-        asks_late = t_ns - self.state.stage_t_ns > ns(self._timing.settle_s)
+        asks_late = t_ns - self.state.stage_t_ns > ns(self._limits.settle_s)
         if asks_late and self.stage in (Stage.VERIFY, Stage.SELECT, Stage.MODE):
             self._retry_upload("the vehicle requests items again", t_ns)
 
@@ -326,7 +326,7 @@ class UploadTask(UploadSteps):
         The vehicle may have flown to an item of this number before. With atomic uploads it has begun the new
         mission there already.
         """
-        is_late = t_ns - self.state.stage_t_ns > ns(self._timing.settle_s)
+        is_late = t_ns - self.state.stage_t_ns > ns(self._limits.settle_s)
         return self._profile.atomic or seq != self.state.current_before or is_late
 
     def _on_command_ack(self, message: Message, t_ns: int) -> None:
@@ -336,8 +336,8 @@ class UploadTask(UploadSteps):
             return
         self.state.refusals += 1
         self.state.reason = f"AUTO refused: {result_name('MAV_RESULT', message.result)}"
-        is_settled = t_ns - self.state.stage_t_ns >= ns(self._timing.settle_s)
-        if self.state.refusals >= self._timing.max_refusals and is_settled:
+        is_settled = t_ns - self.state.stage_t_ns >= ns(self._limits.settle_s)
+        if self.state.refusals >= self._limits.max_refusals and is_settled:
             if self.state.has_no_mission and self._profile.atomic:
                 self._reject(t_ns)
             else:

@@ -1,5 +1,5 @@
 """MAVLink microservices with one vehicle: commands, parameters, signing keys, preflight data, ADS-B.
 
 Each is sans-I/O: `receive` takes a message, `poll` returns the frames that are due. Repetition follows
-`retry` and `rtt`.
+`retry` and `retransmission_timeout`.
 """

@@ -12,13 +12,14 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.autopilots import AutopilotProfile, Envelope, profile_of
+from gcs.mavlink.autopilots import AutopilotProfile, profile_of
+from gcs.mavlink.autopilots.preflight_parameters import Envelope
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.geofence_rally import FENCE, RALLY
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.list_task import ListTask
 from gcs.mavlink.services.command_sender import REQUEST_MESSAGE, command_long
-from gcs.mavlink.services.parameters import ParameterReader, is_bytewise
+from gcs.mavlink.services.parameter_protocol import ParameterReader, is_bytewise
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer
 from gcs.safe_text import printable
 

@@ -47,7 +47,7 @@ def sector(
 
     Parameters
     ----------
-    place_m
+    position_m
         East and north of the sensor.
     stds
         Standard deviations of range in metres and of bearing in degrees.

@@ -8,6 +8,7 @@ from staging import mission, state
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
+from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import Mission, Notice, Waypoint, read_only
 
@@ -31,7 +32,7 @@ def problem(*points_m, end="loiter", home=HOME, wait_m=None, profile=ARDUPLANE, 
     places = [CONFIG.local_frame.to_geodetic(*point) for point in points_m]
     wait_deg = None if wait_m is None else CONFIG.local_frame.to_geodetic(*wait_m)
     waypoints = tuple(Waypoint(*place, alt_rel_m, 10.0) for place in places)
-    items = profile.items(Mission(1, 1, waypoints, 30.0, end, wait_deg), home)
+    items = build_items(profile, Mission(1, 1, waypoints, 30.0, end, wait_deg), home)
     return check.problem(items[profile.home_items :], seen)
 
 

@@ -10,6 +10,7 @@ from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import OnboardMission
 from gcs.mavlink.autopilots import ARDUPLANE
+from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.mission.items import Home
 from gcs.model import Route, read_only
@@ -32,7 +33,7 @@ class Fleet:
 def stored(wait_m, seq, mode=AUTO):
     route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0, wait_m=wait_m)
     planned = MissionBuilder(CONFIG.mission, CONFIG.airframe, FRAME).of(route, 1, None)
-    items = ARDUPLANE.items(planned, Home(33.2, -87.6, 70.0))
+    items = build_items(ARDUPLANE, planned, Home(33.2, -87.6, 70.0))
     held = OnboardMissions(Fleet(seq, mode), State.initial([1, 2]).agents, stays=True)
     held.note(OnboardMission(route, items, first_point=1))
     return held

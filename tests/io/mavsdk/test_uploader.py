@@ -11,6 +11,7 @@ from gcs.errors import LinkError
 from gcs.geo import LocalFrame
 from gcs.io.mavsdk.uploader import MavsdkUploader, mavsdk_problem
 from gcs.mavlink.autopilots import ARDUPLANE
+from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home
 from gcs.model import Mission, Upload, Waypoint
@@ -18,7 +19,7 @@ from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 HOME = Home(33.2, -87.6, 70.0)
 ROUTE = tuple(Waypoint(33.2 + n * 1e-3, -87.6, 100.0, 10.0) for n in range(6))
-ITEMS = ARDUPLANE.items(Mission(1, 7, ROUTE), HOME)
+ITEMS = build_items(ARDUPLANE, Mission(1, 7, ROUTE), HOME)
 FRAMES = b"".join(map(Encoder(), (item.message(seq, 7, 1) for seq, item in enumerate(ITEMS))))
 
 

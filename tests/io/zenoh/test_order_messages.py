@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
-from gcs.io.zenoh.keys import order_key
+from gcs.io.zenoh.key_expressions import order_key
 from gcs.io.zenoh.order_messages import decode_order
 from gcs.model import NoFlyZone, Order
 
@@ -51,7 +51,10 @@ def test_places_in_degrees_become_local_metres() -> None:
         ({"action": "confirm"}, "which plan"),
         ({"action": "no-fly-zone"}, "no_fly_zone"),
         ({"action": "hold", "vehicles": "all", "no_fly_zone": {"name": "x"}}, "no_fly_zone"),
-        ({"action": "no-fly-zone", "no_fly_zone": {"name": "x", "polygon": [[0, 0], [1, 1]]}}, "3 corners"),
+        (
+            {"action": "no-fly-zone", "no_fly_zone": {"name": "x", "polygon": [[0, 0], [1, 1]]}},
+            "no_fly_zone.polygon: expected at least three different corners, got 2",
+        ),
         ({"action": "no-fly-zone", "no_fly_zone": {"name": "x", "circle": [0, 0, -1]}}, "circle"),
         (
             {"action": "no-fly-zone", "no_fly_zone": {"name": "x", "frame": "wgs84", "circle": [99, 0, 1]}},

@@ -11,7 +11,7 @@ import pytest
 
 from gcs.config import load
 from gcs.errors import LinkError
-from gcs.io.zenoh.keys import sensor_scan_keys
+from gcs.io.zenoh.key_expressions import sensor_scan_keys
 from gcs.io.zenoh.scans import decode_scan
 from gcs.io.zenoh.session import ZenohSession, free_endpoint, service_bus
 

@@ -7,6 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gcs.mavlink.autopilots import ARDUPLANE
+from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home, item_of
 from gcs.model import Mission, Waypoint
@@ -33,7 +34,7 @@ def over_the_wire(items):
 
 
 def test_home_comes_first_and_the_aircraft_stays_at_the_last_point():
-    items = ARDUPLANE.items(mission(), HOME)
+    items = build_items(ARDUPLANE, mission(), HOME)
     assert [i.command for i in items] == [16, 16, 16, 17]
     assert (items[0].x, items[0].y, items[0].frame) == (-353632621, 1491652370, 0)
     assert items[1].param2 == 10.0
@@ -43,16 +44,16 @@ def test_home_comes_first_and_the_aircraft_stays_at_the_last_point():
 
 def test_a_mission_without_waypoints_is_no_mission():
     with pytest.raises(ValueError, match="no waypoint"):
-        ARDUPLANE.items(Mission(1, 1, ()), HOME)
+        build_items(ARDUPLANE, Mission(1, 1, ()), HOME)
 
 
 def test_a_tiny_acceptance_radius_does_not_become_the_vehicles_large_default():
-    assert ARDUPLANE.items(mission(Waypoint(1.0, 1.0, 50.0, 0.3)), HOME)[1].param2 >= 1.0
+    assert build_items(ARDUPLANE, mission(Waypoint(1.0, 1.0, 50.0, 0.3)), HOME)[1].param2 >= 1.0
 
 
 @given(st.lists(WAYPOINTS, min_size=1, max_size=20))
 def test_what_an_autopilot_stores_and_sends_back_counts_as_equal(points):
-    items = ARDUPLANE.items(mission(*points), HOME)
+    items = build_items(ARDUPLANE, mission(*points), HOME)
     stored = [
         ARDUPLANE.normalised(i)._replace(
             frame={0: 5, 3: 6}[i.frame], param4=math.nan, autocontinue=0, z_m=round(i.z_m, 2)
@@ -65,7 +66,7 @@ def test_what_an_autopilot_stores_and_sends_back_counts_as_equal(points):
 
 @given(st.lists(WAYPOINTS, min_size=1, max_size=5), st.data())
 def test_every_difference_that_would_be_flown_is_named(points, data):
-    items = ARDUPLANE.items(mission(*points), HOME)
+    items = build_items(ARDUPLANE, mission(*points), HOME)
     seq = data.draw(st.integers(1, len(items) - 1))
     change = data.draw(
         st.sampled_from(
@@ -85,12 +86,12 @@ def test_every_difference_that_would_be_flown_is_named(points, data):
 
 
 def test_missing_items_are_a_difference():
-    items = ARDUPLANE.items(mission(), HOME)
+    items = build_items(ARDUPLANE, mission(), HOME)
     assert ARDUPLANE.difference(items, items[:-1]) == "3 items instead of 4"
 
 
 def test_a_height_that_is_no_number_is_a_difference():
-    items = ARDUPLANE.items(mission(), HOME)
+    items = build_items(ARDUPLANE, mission(), HOME)
     assert (
         ARDUPLANE.difference(items, [*items[:2], items[2]._replace(z_m=math.nan), items[3]])
         == "item 2: z_m is nan"
@@ -101,6 +102,6 @@ def test_a_height_that_is_no_number_is_a_difference():
 @example(2, 1.42e-14)
 def test_a_radius_just_below_a_whole_number_reads_back_equal(whole_m, below_m):
     """1.9999999999999858 m arrives as 2.0: the mission counted as different, and was uploaded again."""
-    items = ARDUPLANE.items(mission(Waypoint(1.0, 1.0, 50.0, whole_m - below_m)), HOME)
+    items = build_items(ARDUPLANE, mission(Waypoint(1.0, 1.0, 50.0, whole_m - below_m)), HOME)
     stored = [item._replace(param2=float(int(item.param2))) for item in over_the_wire(items)]
     assert ARDUPLANE.difference(items, stored) == ""

@@ -24,6 +24,7 @@ from plane_double import (
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
+from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_stages import TRANSITIONS, OnboardState, Stage, TransitionError
@@ -40,7 +41,7 @@ def mission(points, shift_deg=0.0):
     return Mission(1, 1, tuple(Waypoint(*place, 100.0, 10.0) for place in places))
 
 
-OLD = ARDUPLANE.items(mission(OLD_POINTS, 0.01), HOME)
+OLD = build_items(ARDUPLANE, mission(OLD_POINTS, 0.01), HOME)
 
 
 class Recorded(UploadTask):

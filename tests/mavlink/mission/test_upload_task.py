@@ -20,9 +20,10 @@ from plane_double import (
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE
+from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.items import Home
-from gcs.mavlink.mission.upload_timing import UploadTiming
+from gcs.mavlink.mission.upload_limits import UploadLimits
 from gcs.model import Mission, Waypoint
 
 MODE_NAMES = {AUTO: "AUTO", LOITER: "LOITER", RTL: "RTL"}
@@ -39,7 +40,7 @@ def mission(points=4, shift_deg=0.0, mission_id=1):
 def flying(points=6, leg_s=math.inf, mode=AUTO):
     """A plane that flies an older mission; and that mission's items."""
     plane = Plane(mode=mode, leg_s=leg_s)
-    old = ARDUPLANE.items(mission(points, 0.01), HOME)
+    old = build_items(ARDUPLANE, mission(points, 0.01), HOME)
     plane.load(old, current=2)
     return plane, old
 
@@ -107,7 +108,7 @@ def test_the_first_leg_starts_where_the_plane_is(current):
 def test_a_plane_that_flew_nothing_yet_is_selected_all_the_same():
     """It says 0 by itself then, which is no answer to a selection."""
     plane, _ = flying()
-    plane.load(ARDUPLANE.items(mission(4, 0.01), HOME), current=1)
+    plane.load(build_items(ARDUPLANE, mission(4, 0.01), HOME), current=1)
     plane.current, plane.mode, plane.cached = 0, LOITER, None
     plane.ignores = {"MISSION_SET_CURRENT"}
     link = joined(plane)
@@ -181,7 +182,7 @@ def test_one_kind_of_answer_that_never_comes_does_not_hide_the_truth(name):
 def test_a_refused_item_ends_in_loiter_with_nothing_stored_and_a_reason():
     plane, _ = flying()
     plane.accepts = lambda message: 3 if message.seq == 2 else 0
-    result = joined(plane, timing=UploadTiming(max_uploads=2)).run()
+    result = joined(plane, limits=UploadLimits(max_uploads=2)).run()
     assert (result.ok, result.onboard, result.was_held) == (False, "cleared", True)
     assert "UNSUPPORTED" in result.detail
     assert (plane.mode, plane.store) == (LOITER, [])
@@ -215,7 +216,7 @@ def test_a_store_that_reads_back_differently_is_repaired_or_cleared():
         return store(message, sender, t_ns)
 
     plane._on_mission_item_int = damages
-    result = joined(plane, timing=UploadTiming(max_uploads=3)).run()
+    result = joined(plane, limits=UploadLimits(max_uploads=3)).run()
     assert not result.ok
     assert "read-back differs: item 2: x" in result.detail
     assert plane.store == []
@@ -228,7 +229,7 @@ def test_a_vehicle_that_keeps_its_old_mission_on_failure_keeps_flying_it():
         return [dialect.MAVLink_mission_ack_message(*sender, dialect.MAV_MISSION_DENIED, 0)]
 
     plane._on_mission_count = refuses
-    result = joined(plane, timing=UploadTiming(max_uploads=2), old=old).run()
+    result = joined(plane, limits=UploadLimits(max_uploads=2), old=old).run()
     assert (result.ok, result.onboard, result.was_held) == (False, "old", False)
     assert plane.mode == AUTO
     assert plane.holds(old)
@@ -443,7 +444,7 @@ def test_a_vehicle_that_cannot_wait_keeps_its_mission():
 def test_a_vehicle_that_waited_in_vain_goes_on_with_its_old_mission():
     plane, old = flying(leg_s=2.0)
     plane._on_mission_count = lambda _m, sender, _t: [dialect.MAVLink_mission_ack_message(*sender, 14, 0)]
-    result = joined(plane, 10, old=old, timing=UploadTiming(max_uploads=2)).run()
+    result = joined(plane, 10, old=old, limits=UploadLimits(max_uploads=2)).run()
     assert (result.ok, result.onboard, result.was_held) == (False, "old", False)
     assert plane.holds(old)
     assert plane.mode == AUTO

@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.io.records import decode
-from gcs.io.zenoh.keys import truth_key
+from gcs.io.zenoh.key_expressions import truth_key
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, Truth
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec

@@ -18,8 +18,8 @@ from gcs.mavlink.mission.geofence_rally import fence_from_items
 from gcs.mavlink.mission.items import Item as MissionItem
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.autopilots.missions import FENCE, RALLY, Item, MissionStore
+from sim_vehicles.autopilots.parameters import Parameters
 from sim_vehicles.vehicle.geodesy import Geodesy
-from sim_vehicles.vehicle.parameters import Parameters
 
 _PX4_REACTIONS = {2: Mode.LOITER, 3: Mode.RTL}
 _RTL = 1

@@ -11,7 +11,7 @@ from typing import Final
 
 from rich.console import Console
 
-from gcs.cli.prepare.sketch.files import read_kml, read_plan
+from gcs.cli.prepare.sketch.plan_and_kml import read_kml, read_plan
 from gcs.cli.prepare.sketch.sketch import MAX_PLACES, FenceArea, Place, Sketch, Start
 from gcs.cli.prepare.sketch.telemetry import listen_for_vehicles, read_vehicles
 from gcs.config import parse

@@ -18,6 +18,7 @@ import msgspec
 from gcs.cli.prepare.sketch.sketch import MAX_PLACES, FenceArea, Place, Sketch, Start, is_place
 from gcs.errors import ConfigError
 from gcs.files import read_bytes
+from gcs.geo import corner_error
 
 _MAX_BYTES: Final = 4_000_000
 _MAX_DEPTH: Final = 40
@@ -100,8 +101,8 @@ def _plan_fence(fence: dict[str, Any], sketch: Sketch, source: str) -> None:
         corners = _list(_dict(row, source, key), "polygon")
         places = [_numbers(corner, 2, source, f"{key}.polygon[{n}]") for n, corner in enumerate(corners)]
         polygon = tuple(_place(lat_deg, lon_deg, source, key) for lat_deg, lon_deg in places)
-        if len(polygon) < 3:
-            raise ConfigError(source, key, "expected at least three corners")
+        if error := corner_error(polygon):
+            raise ConfigError(source, key, error)
         sketch.areas.append(FenceArea(row.get("inclusion") is True, polygon))
     for index, row in enumerate(_list(fence, "circles")):
         key = f"geoFence.circles[{index}]"
@@ -228,8 +229,8 @@ def _add_polygon(name: str, shape: ET.Element, sketch: Sketch, source: str) -> N
     corners = _coordinates(rings[0], name, source) if rings else []
     if len(corners) > 1 and corners[0] == corners[-1]:
         corners.pop()
-    if len(set(corners)) < 3:
-        raise ConfigError(source, f"Placemark {name!r}", "expected at least three corners in a Polygon")
+    if error := corner_error(set(corners)):
+        raise ConfigError(source, f"Placemark {name!r}", f"{error} in a Polygon")
     stay_in = any(word in name.lower() for word in ("fence", "boundary"))
     sketch.areas.append(FenceArea(stay_in, tuple(corners)))
 

@@ -1,6 +1,7 @@
 """Timeouts and bounds of a mission upload, and its policy.
 
-Waits follow the measured round trip (`gcs.mavlink.services.rtt`). The bounds here follow ArduPlane.
+Waits follow the measured round trip (`gcs.mavlink.services.retransmission_timeout`). The bounds here follow
+ArduPlane.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ _SHORT_ROUND_TRIP_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class UploadTiming:
+class UploadLimits:
     """Timeouts and bounds of each stage."""
 
     max_tries: int = 24
@@ -43,8 +44,8 @@ class UploadTiming:
     transfer_timeout_s: float = 300.0
     """For all uploads and read-backs together."""
 
-    def for_round_trip(self, round_trip_s: float) -> UploadTiming:
-        """Return the timing for a link with this round trip: no decision before an answer can have come."""
+    def for_round_trip(self, round_trip_s: float) -> UploadLimits:
+        """Return the limits for a link with this round trip: no decision before an answer can have come."""
         if round_trip_s <= _SHORT_ROUND_TRIP_S:
             return self
         return replace(

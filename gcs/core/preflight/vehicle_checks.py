@@ -20,8 +20,9 @@ from gcs.core.preflight.return_heights import (
 )
 from gcs.fence import Fence, fence_of, rally_of
 from gcs.geo import LocalFrame
-from gcs.mavlink.autopilots import Envelope, FenceLimits, WantedParameter, mode_name
+from gcs.mavlink.autopilots import FenceLimits, mode_name
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
+from gcs.mavlink.autopilots.preflight_parameters import Envelope, WantedParameter
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.vehicle import Health
 from gcs.mavlink.mission.geofence_rally import (

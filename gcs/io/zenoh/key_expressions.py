@@ -1,4 +1,4 @@
-"""Keys on zenoh; those of a mission begin with ``swarm/<mission>``.
+"""Key expressions on zenoh; those of a mission begin with ``swarm/<mission>``.
 
 =============================================  ==================================================
 ``swarm/<mission>/sensor/<name>/scan``         a sensor's scan (``docs/sensors.md``), for the service

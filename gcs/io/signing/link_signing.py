@@ -13,8 +13,8 @@ from typing import Final
 
 from gcs.endpoints import Link
 from gcs.errors import ConfigError
+from gcs.io.background_writer import BackgroundWriter
 from gcs.io.clock import unix_ns
-from gcs.io.output import Writer
 from gcs.io.signing.keystore import TimeFile, read_keys
 from gcs.mavlink.frames.signing import TICKS_PER_S, Keys, SigningCounters, SigningGate
 from gcs.model import NS_PER_S, Level
@@ -29,7 +29,7 @@ _DRAIN_S: Final = 2.0
 _MIN_NOTICE_INTERVAL_NS: Final = 60 * NS_PER_S
 
 
-class Signing:
+class LinkSigning:
     """Signing of a run's links.
 
     Parameters
@@ -47,7 +47,7 @@ class Signing:
 
     def __init__(self, links: Sequence[Link], keys: Path | None = None) -> None:
         self._time: TimeFile | None = None
-        self._writer: Writer | None = None
+        self._writer: BackgroundWriter | None = None
         self._save_problem = ""
         """Why the last save failed; empty if it did not, or after the notice."""
         self._saved_t_ns = 0
@@ -56,7 +56,7 @@ class Signing:
             self.gate = SigningGate(Keys(), links)
             return
         table = read_keys(keys).keys
-        self._time, self._writer = TimeFile(keys), Writer("the file of signing times", 2, "alarm")
+        self._time, self._writer = TimeFile(keys), BackgroundWriter("the file of signing times", 2, "alarm")
         self.gate = SigningGate(table, links, *self._time.read(unix_ns()))
         unknown = sorted(table.links.keys() - {link.name for link in links})
         if unknown:

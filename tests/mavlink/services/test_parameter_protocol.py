@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.frames.codec import Encoder, decode
-from gcs.mavlink.services.parameters import (
+from gcs.mavlink.services.parameter_protocol import (
     ParameterReader,
     ParameterSetter,
     decode_value,

@@ -1,4 +1,4 @@
-"""The two exchanges of the mission protocol: `MissionDownload` and `MissionUpload`. Sans-I/O.
+"""The two transfers of the mission protocol: `MissionDownload` and `MissionUpload`. Sans-I/O.
 
 MAV_MISSION_TYPE distinguishes missions, fences and rally points. Sources:
 https://mavlink.io/en/services/mission.html, ArduPilot's `MissionItemProtocol`, PX4's `mavlink_mission`.
@@ -22,8 +22,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Item, item_of
+from gcs.mavlink.services.retransmission_timeout import RttEstimator
 from gcs.mavlink.services.retry import RetryTimer, ns
-from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import NS_PER_S
 
 _MISSION: Final = dialect.MAV_MISSION_TYPE_MISSION

@@ -1,4 +1,4 @@
-"""Track confirmation, with hysteresis against clutter and missed detections.
+"""Confirmation and loss of tracks, with hysteresis against clutter and missed detections.
 
 A track is confirmed after `CONFIRMATION_EPOCHS` consecutive epochs in the estimate. It is dropped when its
 existence probability falls below `lost_existence`, or after as many epochs out of the estimate: then another

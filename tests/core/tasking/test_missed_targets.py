@@ -5,11 +5,12 @@ from core.tasking.test_onboard_missions import CONFIG, FRAME, Fleet
 from staging import at, mission
 
 from gcs.core.state import State
+from gcs.core.tasking.missed_targets import check_missed_targets
 from gcs.core.tasking.mission_builder import MissionBuilder
-from gcs.core.tasking.mission_ends import check_route_ends
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import OnboardMission
 from gcs.mavlink.autopilots import ARDUPLANE
+from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import NS_PER_S, AgentStatus, Notice, Route, UploadReport, read_only
 from sim_vehicles.autopilots.base import Mode
@@ -29,7 +30,7 @@ class UploadManager:
         self.agents = State.initial([1]).agents
         self.onboard_missions = OnboardMissions(self.fleet, self.agents, stays=end == "loiter")
         self.onboard_missions.note(
-            OnboardMission(route, ARDUPLANE.items(planned, Home(33.2, -87.6, 70.0)), first_point=1)
+            OnboardMission(route, build_items(ARDUPLANE, planned, Home(33.2, -87.6, 70.0)), first_point=1)
         )
 
 
@@ -38,7 +39,7 @@ def check_ends(tasking, seq, seconds, active=(1,)):
     if not active:
         agents[1].perception.status = AgentStatus(0, 1, "arrived")
     tasking.fleet.one.mission_seq = seq
-    found = [check_route_ends(agents, missions, 40.0, at(float(second))) for second in range(seconds)]
+    found = [check_missed_targets(agents, missions, 40.0, at(float(second))) for second in range(seconds)]
     return [notice.text for notices in found for notice in notices], missions.has_missed(1)
 
 

@@ -14,8 +14,8 @@ from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
 from gcs.io.links.manager import Links
-from gcs.io.signing.gate import Signing
 from gcs.io.signing.keystore import KeyFile, TimeFile, read_keys
+from gcs.io.signing.link_signing import LinkSigning
 from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.frames.signing import signing_time
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
@@ -90,34 +90,34 @@ def test_signing_time_goes_on_after_a_crash_and_after_the_clock_went_back(tmp_pa
     link = Link(parse_endpoint("udpin:127.0.0.1:0"))
     keys, address = key_file(tmp_path, default=KEY), (link.name, "127.0.0.1:1")
 
-    def time_of(signing: Signing, t_ns: int) -> int:
+    def time_of(signing: LinkSigning, t_ns: int) -> int:
         out = signing.gate.sign_frames(t_ns, address, scan(beat(255, ground=True)))
         return signing_time(scan(out).frames[0])
 
-    first = Signing([link], keys)
+    first = LinkSigning([link], keys)
     first.tick(NOW)
     first.wait_until_saved()
     before = time_of(first, NOW)
     first.tick(NOW + 11 * S)
     first.wait_until_saved()
     last = time_of(first, NOW + 19 * S)  # and now it is killed
-    crashed = Signing([link], keys)
+    crashed = LinkSigning([link], keys)
     assert time_of(crashed, NOW - 3600 * S) > last > before
     crashed.close()
     assert TimeFile(keys).path.stat().st_mode & 0o777 == 0o600
-    assert time_of(Signing([link], keys), NOW - 3600 * S) == crashed.gate.timestamp + 1
+    assert time_of(LinkSigning([link], keys), NOW - 3600 * S) == crashed.gate.timestamp + 1
 
 
 def test_a_damaged_time_file_is_reported_and_not_skipped(tmp_path):
     keys = key_file(tmp_path, default=KEY)
     TimeFile(keys).path.write_bytes(b"{")
     with pytest.raises(ConfigError, match="damaged"):
-        Signing([], keys)
+        LinkSigning([], keys)
 
 
 def test_a_key_for_an_endpoint_that_is_not_there_is_a_mistake(tmp_path):
     with pytest.raises(ConfigError, match="no such endpoint"):
-        Signing([], key_file(tmp_path, links={"udpin:0.0.0.0:1": KEY}))
+        LinkSigning([], key_file(tmp_path, links={"udpin:0.0.0.0:1": KEY}))
 
 
 # ---------------------------------------------------------------- over sockets
@@ -135,7 +135,7 @@ def test_a_signed_vehicle_is_heard_and_obeys_while_an_impostor_is_kept_out(tmp_p
     async def scenario() -> None:
         loop, handler, plane = asyncio.get_running_loop(), RecordingHandler(NOW), vehicle(KEY)
         links = Links(
-            [link, stations], [1], FRAME, Signing([link, stations], key_file(tmp_path, vehicles={1: KEY}))
+            [link, stations], [1], FRAME, LinkSigning([link, stations], key_file(tmp_path, vehicles={1: KEY}))
         )
         links.start(loop, handler)
         to = ("127.0.0.1", links.ports()[link.name])

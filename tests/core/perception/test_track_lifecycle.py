@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from staging import RADAR, confirmation_of, picture, track
 
-from gcs.core.perception.confirmation import CONFIRMATION_EPOCHS
+from gcs.core.perception.track_lifecycle import CONFIRMATION_EPOCHS
 
 HERE = (0.0, 0.0)
 LOST_EXISTENCE = 0.01

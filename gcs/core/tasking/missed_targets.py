@@ -29,7 +29,7 @@ _PHASE_WORDS: Final[dict[TerminalPhase, str]] = {
 }
 
 
-def check_route_ends(
+def check_missed_targets(
     agents: Mapping[int, Agent], missions: OnboardMissions, capture_radius_m: float, t_ns: int
 ) -> list[Effect]:
     """Check the active vehicles, which have not reached a target; report each mission once."""

@@ -1,7 +1,7 @@
-"""Writing off the event loop: terminals, pipes and disks may block at any time.
+"""Writing on a background thread: terminals, pipes and disks may block at any time.
 
 A terminal blocks on Ctrl-S, a pipe without a reader, a disk when it is busy or gone. The event loop hands
-work to a `Writer` and goes on.
+work to a `BackgroundWriter` and goes on.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _DRAIN_S: Final = 5.0
 """Wait at the end for a blocked terminal."""
 
 
-class Writer:
+class BackgroundWriter:
     """Runs jobs that may block, in order, on its own thread.
 
     A job that raises ends the output: its error is kept, and later jobs are dropped.
@@ -144,7 +144,7 @@ class QueuedText(io.TextIOBase):
     """
 
     def __init__(self, stream: TextIO) -> None:
-        self.writer = Writer("view", _MAX_PIECES)
+        self.writer = BackgroundWriter("view", _MAX_PIECES)
         self._stream = stream
         self._is_terminal = stream.isatty()
         try:

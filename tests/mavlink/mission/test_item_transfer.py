@@ -10,10 +10,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.mavlink.frames.codec import Encoder, decode
+from gcs.mavlink.mission.item_transfer import MissionDownload, MissionUpload
 from gcs.mavlink.mission.items import Home, Item
-from gcs.mavlink.mission.protocol import MissionDownload, MissionUpload
+from gcs.mavlink.services.retransmission_timeout import RttEstimator
 from gcs.mavlink.services.retry import RetryTimer
-from gcs.mavlink.services.rtt import RttEstimator
 from gcs.model import Mission, Waypoint
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
