@@ -35,9 +35,9 @@ def summary_text(summary: Summary, picture: Path | None = None) -> str:
     lines += [f"  agent {a.system_id}: {_agent_text(a)}" for a in summary.agents]
     lines += [f"  {name}: {value}" for name, value in _facts(summary, picture)]
     lines += [
-        f"  re-task at {when}: {vehicles}: {reason}"
-        for when, vehicles, reason in _retasks(summary.retask_list)
+        f"  re-task at {when}: {vehicles}: {why}" for when, vehicles, why in _retasks(summary.retask_list)
     ]
+    lines += [f"  {more}" for more in _more_retasks(summary.retask_list)]
     return "\n".join(lines)
 
 
@@ -135,11 +135,14 @@ def _retask_table(retasks: Sequence[Retask]) -> Table:
     table.add_column("reason")
     for when, vehicles, reason in _retasks(retasks):
         table.add_row(when, vehicles, Text(reason))
+    for more in _more_retasks(retasks):
+        table.add_row("", "", more)
     return table
 
 
 def _retasks(retasks: Sequence[Retask]) -> list[tuple[str, str, str]]:
-    rows = [(f"{r.t_s:.1f} s", ", ".join(str(v) for v in r.vehicles), r.reason) for r in retasks[:_RETASKS]]
-    if len(retasks) > _RETASKS:
-        rows.append(("", "", f"... and {len(retasks) - _RETASKS} more"))
-    return rows
+    return [(f"{r.t_s:.1f} s", ", ".join(str(v) for v in r.vehicles), r.reason) for r in retasks[:_RETASKS]]
+
+
+def _more_retasks(retasks: Sequence[Retask]) -> list[str]:
+    return [f"and {len(retasks) - _RETASKS} more re-tasks"] if len(retasks) > _RETASKS else []
