@@ -11,6 +11,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from gcs.mavlink.fleet.battery_alarm import LOW_PERCENT
 from gcs.model import AgentRecord, SensorRecord, SwarmStatus, TargetRecord, target_name, vehicle_name
 from gcs.report.agent_order import attention, is_late, pinned_vehicles
 
@@ -21,7 +22,6 @@ AGENT_COLUMNS: Final = (
     "to go m", "ETA s", "mission",
 )  # fmt: skip
 _LEFT_COLUMNS: Final = ("status", "authority", "mode", "armed", "mission")
-_LOW_BATTERY_PERCENT: Final = 30
 
 
 def status_tables(status: SwarmStatus, mission: str) -> Iterator[RenderableType]:
@@ -67,7 +67,7 @@ def agents_table(
 
 
 def _agent_cells(agent: AgentRecord) -> dict[str, str | Text]:
-    is_low = agent.battery_percent is not None and agent.battery_percent < _LOW_BATTERY_PERCENT
+    is_low = agent.battery_percent is not None and agent.battery_percent < LOW_PERCENT
     heard_style = "bold red" if is_late(agent) else ""
     return {
         "id": vehicle_name(agent.vehicle),

@@ -393,6 +393,7 @@ class Fleet:
             notify("warning", f"not heard for {silent_ns / NS_PER_S:.1f} s")
         elif link.liveness == "alive":
             vehicle.check_position_age(t_ns, notify)
+            vehicle.check_battery(notify)
         if link.claimed_t_ns is not None and t_ns - link.claimed_t_ns > _REPEAT_NOTICE_NS:
             link.claimed_t_ns = None
             notify("info", "no other address uses its system id any more")

@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import AutopilotProfile, profile_of
+from gcs.mavlink.fleet.battery_alarm import BatteryAlarm
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystems
 from gcs.mavlink.fleet.notice_queue import NoticeQueue
 from gcs.mavlink.fleet.peers import Address, Peers
@@ -82,6 +83,7 @@ class VehicleLink:
     """Current mission item; -1 if unknown."""
     home: Home | None = None
     checks: PositionChecks = field(default_factory=PositionChecks)
+    battery: BatteryAlarm = field(default_factory=BatteryAlarm)
     requests: StreamRecord = field(default_factory=StreamRecord)
     texts: TextChunks = field(default_factory=TextChunks)
     returned_t_ns: int = 0

@@ -319,6 +319,12 @@ class Vehicle:
             checks.has_no_position = False
             notify("info", "its positions are believed again")
 
+    def check_battery(self, notify: Notify) -> None:
+        """Notify when the battery of an armed vehicle is low."""
+        charge_percent = self.record.item(BATTERY_PERCENT)
+        if charge_percent != NONE:
+            self.link.battery.check(charge_percent, notify, armed=self.link.armed)
+
     def _check_position(self, lat_deg: float, lon_deg: float, alt_msl_m: float) -> str:
         if NONE < self.record[BEST_FIX] < dialect.GPS_FIX_TYPE_3D_FIX:
             return "no fix"

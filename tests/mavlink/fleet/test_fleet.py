@@ -287,6 +287,27 @@ def test_a_link_loss_is_reported_once_and_so_is_the_return():
 # ---------------------------------------------------------------- what is sent
 
 
+def test_a_low_battery_in_flight_is_reported_once_for_each_limit():
+    air = Air()
+
+    def notices(t_s, percent, *, armed=True):
+        status = dialect.MAVLink_sys_status_message(0, 0, 0, 180, 11_000, 0, percent, 0, 0, 0, 0, 0, 0)
+        air.hear(t_s, beat(armed=armed), status)
+        air.poll(t_s)
+        return [(n.level, n.text) for n in air.fleet.notices() if "battery" in n.text]
+
+    assert notices(1, 31) == []
+    assert notices(2, 29) == [("warning", "battery low: 29 %")]
+    assert notices(3, 31) == notices(4, 29) == [], "a load on the battery is no news"
+    assert notices(5, -1) == [], "unknown"
+    assert notices(6, 14) == [("alarm", "battery critical: 14 %")]
+    assert notices(7, 20) == notices(8, 14) == []
+    assert notices(9, 95) == [("info", "battery: 95 % again")]
+    assert notices(10, 10) == [("alarm", "battery critical: 10 %")]
+    assert notices(11, 10, armed=False) == [], "on the ground the preflight check tells"
+    assert notices(12, 28) == [("warning", "battery low: 28 %")]
+
+
 def test_each_known_address_gets_four_heartbeats_a_second_so_that_losses_start_no_failsafe():
     air = Air(1, 2, 3)
     for system_id, peer in ((1, HERE), (2, HERE), (3, THERE)):
