@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from gcs.core.perception.agent_status import UNSEEN_S
 from gcs.core.perception.records import AgentSighting, Association, IntegrityTest, TrackerState
 from gcs.core.state import Agent, State, with_status
 from gcs.model import NS_PER_S, Effect, Notice, Resumed, named
@@ -37,7 +38,7 @@ def bridge_gap(state: State, event: Resumed) -> list[Effect]:
     state.perception.sensor_watchdog.begin_again(event.t_ns)
     for agent in state.agents.values():
         agent.link.begin_again()
-        _begin_sighting_again(agent)
+        _begin_sighting_again(agent, event.t_ns)
     if gap_ns > _MAX_PREDICTION_NS:
         tracker = state.perception.trackers.agents
         state.perception.trackers.agents = TrackerState(tracker.filter.without_tracks())
@@ -87,10 +88,13 @@ def is_settled(state: State, t_ns: int) -> bool:
     return is_audited and (is_known or passed_ns >= _MAX_UNKNOWN_WAIT_NS)
 
 
-def _begin_sighting_again(agent: Agent) -> None:
-    """Wait for an agent as at the start of the service."""
-    sighting = agent.perception.sighting
-    agent.perception.sighting = AgentSighting(position_m=sighting.position_m, at_target=sighting.at_target)
+def _begin_sighting_again(agent: Agent, t_ns: int) -> None:
+    """Wait for an agent: if it is not seen before the first plan, it is lost."""
+    before = agent.perception.sighting
+    sighting = AgentSighting(position_m=before.position_m, at_target=before.at_target)
+    if before.seen_t_ns is not None:
+        sighting.seen_t_ns = t_ns + _MAX_UNKNOWN_WAIT_NS - round(UNSEEN_S * NS_PER_S)
+    agent.perception.sighting = sighting
 
 
 def _contents(state: State) -> str:

@@ -418,15 +418,18 @@ def test_agents_that_turned_in_a_long_outage_are_not_called_lost(outage_s: float
     assert set(flight.run.command.association.labels) == {1, 2, 3, 4}
 
 
-def test_a_vehicle_lost_in_the_outage_does_not_keep_the_others_waiting() -> None:
+@pytest.mark.parametrize("outage_s", [2.0, 20.0])
+def test_a_vehicle_lost_in_the_outage_is_called_lost_before_the_others_get_a_plan(outage_s: float) -> None:
     def shot_down(run: VirtualRun) -> None:
         run.kills[3] = 30.0
 
-    flight = flight_with_a_restart(30.0, 2.0, 60.0, scenario=standing(), meanwhile=shot_down)
+    flight = flight_with_a_restart(30.0, outage_s, 60.0, scenario=standing(), meanwhile=shot_down)
     (again,) = [plan for plan in flight.all(Plan) if "taken up again" in plan.reason]
-    assert again.t_ns <= START_T_NS + 41 * S
+    assert again.t_ns <= START_T_NS + round((39.0 + outage_s) * S)
     assert sorted(route.vehicle for route in again.routes) == [1, 2, 4]
-    assert [(one.vehicle, one.status) for one in flight.all(AgentStatus)] == [(3, "lost")]
+    (status,) = flight.all(AgentStatus)
+    assert (status.vehicle, status.status) == (3, "lost")
+    assert status.t_ns <= again.t_ns
 
 
 def test_a_damaged_state_is_refused() -> None:
