@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import threading
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -32,12 +33,14 @@ class PageOptions:
     opens_browser: bool = False
     map_file: Path | None = None
     """MBTiles file under the map."""
+    compares: bool = False
+    """True if it compares two recordings, which nothing else shows."""
 
     @property
     def is_asked_for(self) -> bool:
         """True if an option asks for the console."""
         is_moved = self.access is not None or self.address not in (None, "off")
-        return self.opens_browser or self.map_file is not None or is_moved
+        return self.compares or self.opens_browser or self.map_file is not None or is_moved
 
     def check(self) -> None:
         """Check the options before a run begins.
@@ -47,6 +50,8 @@ class PageOptions:
         ConsoleError
             For a text that is no address, an address that needs another access, a map that cannot be read.
         """
+        if self.compares and self.address == "off":
+            raise ConsoleError("--compare shows two recordings in the console; leave out --console off")
         if self.address not in (None, "off") or self.access is not None:
             from gcs.console.access import parse_access
 
@@ -112,29 +117,50 @@ def replay_page(
     ConsoleError
         When it cannot be served as the options say.
     """
-
-    def source() -> Source:
-        from gcs.console.capture import capture
-        from gcs.console.server import Source
-
-        return Source(
-            replay,
-            lambda t_ns: capture(replay.command, t_ns),
-            playback=replay.playback,
-            on_restart=replay.on_restart,
-            recording=recording,
-            start_t_ns=replay.start_t_ns,
-        )
-
-    with _page(source, options, console):
+    with _page(lambda: replay_source(replay, recording), options, console):
         yield
 
 
 @contextmanager
+def comparison_page(
+    runs: Sequence[tuple[Replay, Path | None, str]], options: PageOptions, console: Console
+) -> Iterator[None]:
+    """Serve the console of two replays while the context lasts: each with its recording, and its name.
+
+    Raises
+    ------
+    ConsoleError
+        When it cannot be served as the options say.
+    """
+    first, other = (partial(replay_source, *run) for run in runs)
+    with _page(first, options, console, other):
+        yield
+
+
+def replay_source(replay: Replay, recording: Path | None, file: str = "") -> Source:
+    """Return what the console needs of a replay, of its recording, and the name of a compared file."""
+    from gcs.console.capture import capture
+    from gcs.console.server import Source
+
+    return Source(
+        replay,
+        lambda t_ns: capture(replay.command, t_ns),
+        playback=replay.playback,
+        on_restart=replay.on_restart,
+        recording=recording,
+        file=file,
+        start_t_ns=replay.start_t_ns,
+    )
+
+
+@contextmanager
 def _page(
-    source: Callable[[], Source], options: PageOptions, console: Console
+    source: Callable[[], Source],
+    options: PageOptions,
+    console: Console,
+    other: Callable[[], Source] | None = None,
 ) -> Iterator[ConsoleServer | None]:
-    server = _started(source, options, console)
+    server = _started(source, options, console, other)
     if server is None:
         yield None
         return
@@ -147,7 +173,12 @@ def _page(
         server.close()
 
 
-def _started(source: Callable[[], Source], options: PageOptions, console: Console) -> ConsoleServer | None:
+def _started(
+    source: Callable[[], Source],
+    options: PageOptions,
+    console: Console,
+    other: Callable[[], Source] | None,
+) -> ConsoleServer | None:
     """Return the server; None without one.
 
     A failure is an error only if an option asks for the console.
@@ -161,7 +192,7 @@ def _started(source: Callable[[], Source], options: PageOptions, console: Consol
 
         access = parse_access(options.address, options.access)
         tiles = None if options.map_file is None else Tiles(options.map_file)
-        return None if access is None else ConsoleServer(source(), access, tiles)
+        return None if access is None else ConsoleServer(source(), access, tiles, other and other())
     except (ConsoleError, ImportError) as error:
         if options.is_asked_for:
             raise ConsoleError(str(error)) from None

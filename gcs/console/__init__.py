@@ -12,7 +12,7 @@ Reading order:
 - `orders`: orders from pages and programs, and their answers. `playback`: control of a replay.
 - `alarm_guide`: the page of alarms, and the entry of an alarm.
 - `app`, `openapi`, `metrics`: what is served. `server`: the thread.
-- `static`: the page, plain ES modules and CSS.
+- `static`: the page, plain ES modules and CSS. `compare`: the pages of two recordings, in frames.
 """
 
 from gcs.console.access import Access

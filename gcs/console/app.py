@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import mimetypes
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 from typing import Any, Final
 
@@ -14,7 +14,7 @@ import msgspec
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response
-from starlette.routing import Route, WebSocketRoute
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
@@ -92,14 +92,27 @@ class Board:
         return self.world.capture
 
 
-def make_app(board: Board, access: Access) -> ASGIApp:
-    """Return the application behind its guard."""
+def make_app(boards: Sequence[Board], access: Access) -> ASGIApp:
+    """Return the application behind its guard. With two boards its first page compares them."""
     static = _static_files()
-    api = _Api(board)
+    page, comparison = static["/index.html"], static.pop("/compare.html")
+    others = [Mount("/b", routes=[Route("/", _Static(*page).serve), *_routes(board)]) for board in boards[1:]]
     routes = [
-        WebSocketRoute("/feed", _Feed(board).serve),
+        Route("/", _Static(*(comparison if others else page)).serve),
         Route("/login", _Login(access, static["/login.html"]).serve, methods=["GET", "POST"]),
         Route(alarm_guide.PATH, _guide),
+        *_routes(boards[0]),
+        *others,
+        *(Route(path, _Static(*content).serve) for path, content in static.items()),
+    ]
+    return Guard(Starlette(routes=routes), access, access.port or 0)
+
+
+def _routes(board: Board) -> list[BaseRoute]:
+    """Return the routes to the data of one run."""
+    api = _Api(board)
+    return [
+        WebSocketRoute("/feed", _Feed(board).serve),
         Route("/api/status", api.status),
         Route("/api/plan", api.plan),
         Route("/api/vehicles/{name}", api.vehicle),
@@ -112,20 +125,17 @@ def make_app(board: Board, access: Access) -> ASGIApp:
         Route("/api/openapi.json", api.openapi),
         Route("/tiles/{zoom:int}/{column:int}/{row:int}", api.tile),
         Route("/metrics", api.metrics),
-        *(Route(path, _Static(*content).serve) for path, content in static.items()),
     ]
-    return Guard(Starlette(routes=routes), access, access.port or 0)
 
 
 def _static_files() -> dict[str, tuple[bytes, str]]:
     """Return content and media type of each file of the page, by path."""
     folder = files("gcs.console") / "static"
-    found = {
+    return {
         f"/{one.name}": (one.read_bytes(), mimetypes.guess_type(one.name)[0] or "application/octet-stream")
         for one in folder.iterdir()
         if one.is_file()
     }
-    return found | {"/": found["/index.html"]}
 
 
 class _Static:

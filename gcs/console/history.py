@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
@@ -74,12 +75,21 @@ class History:
         """True if all marks of a recording were read."""
         self._marks: list[Mark] = []
         self._proposals = ProposalLog()
+        self._tasked = set[int]()
+        self._retasks_s, self._failures_s = list[float](), list[float]()
+        """Times of re-tasks and of failed uploads."""
         self._charts, self._has_charts = ChartData(), False
         self._lock = threading.Lock()
         self._encoded, self._encoded_s = b"", -_ENCODED_S
 
     def add(self, t_s: float, record: Effect | Order) -> None:
         """Add the mark of a record, if it has one."""
+        if isinstance(record, Plan):
+            if not self._tasked.isdisjoint(record.changed):
+                self._retasks_s.append(t_s)
+            self._tasked.update(route.vehicle for route in record.routes)
+        elif isinstance(record, UploadReport) and not record.ok:
+            self._failures_s.append(t_s)
         if isinstance(record, Proposal) and not self._proposals.add_if_due(record):
             return
         mark = mark_of(t_s, record)
@@ -113,6 +123,21 @@ class History:
             self._encoded = msgspec.json.encode(built | {"complete": self._has_charts})
             self._encoded_s = time.monotonic()
         return self._encoded
+
+    def figures(self, at_s: float) -> dict[str, float | int | None]:
+        """Return what runs are compared by: re-tasks and failed uploads until a time, and OSPA then.
+
+        None: not known, or not read from the recording yet.
+        """
+        is_known = self.is_complete or not self.is_recorded
+        with self._lock:
+            ospa_m = self._charts.ospa_m(at_s)
+        return {
+            "retasks": bisect_right(self._retasks_s, at_s) if is_known else None,
+            "failed_uploads": bisect_right(self._failures_s, at_s) if is_known else None,
+            "ospa_agents_m": ospa_m.get("agents"),
+            "ospa_targets_m": ospa_m.get("targets"),
+        }
 
     def read(self, path: Path, vehicles: Sequence[int], start_t_ns: int, ends: threading.Event) -> None:
         """Add what a recording has, in short bursts, until `ends` is set."""

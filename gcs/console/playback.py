@@ -25,8 +25,11 @@ class Playback(Protocol):
     def shown_s(self) -> float:
         """Time that is asked for or reached."""
 
-    def seek(self, at_s: float) -> str:
-        """Go to a time; return why not, or an empty text."""
+    def refusal(self, at_s: float) -> str:
+        """Return why a time cannot be shown; an empty text if it can."""
+
+    def seek(self, at_s: float) -> None:
+        """Go to a time that is not refused."""
 
 
 class PlaybackRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -52,6 +55,8 @@ class PlaybackDesk:
         self._playback, self._call = playback, call
         self.is_moved = False
         """True after a request for another time, until that time is shown."""
+        self.peer: PlaybackDesk | None = None
+        """Of the other recording of a comparison: a request is for both."""
 
     def state(self) -> dict[str, Any] | None:
         """Return position and speed; None for a live run."""
@@ -74,23 +79,26 @@ class PlaybackDesk:
 
     def carry_out(self, body: bytes) -> str:
         """Carry out a request; return why not, or an empty text."""
-        playback = self._playback
-        if playback is None:
+        desks = [desk for desk in (self, self.peer) if desk is not None]
+        playbacks = [desk._playback for desk in desks if desk._playback is not None]
+        if not playbacks:
             return "this run is live"
         try:
             request = msgspec.json.decode(body, type=PlaybackRequest)
         except msgspec.DecodeError as error:
             return str(error)
         if request.at_s is not None:
-            if refusal := playback.seek(request.at_s):
+            if refusal := next(filter(None, (one.refusal(request.at_s) for one in playbacks)), ""):
                 return refusal
-            self.is_moved = True
+            for one in playbacks:
+                one.seek(request.at_s)
+            for desk in desks:
+                desk.is_moved = True
 
         def apply() -> None:
-            if request.paused is not None:
-                playback.is_paused = request.paused
-            if request.speed is not None:
-                playback.speed = request.speed
+            for one in playbacks:
+                one.is_paused = one.is_paused if request.paused is None else request.paused
+                one.speed = request.speed or one.speed
 
         self._call(apply)
         return ""

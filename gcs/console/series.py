@@ -135,6 +135,16 @@ class ChartData:
             "work": {name: _listed(self._lines["work", name].max()[:used]) for name in self._names("work")},
         }
 
+    def ospa_m(self, t_s: float) -> dict[Kind, float]:
+        """Return the OSPA of each kind at the last scan until a time, as far as it is known."""
+        found: dict[Kind, float] = {}
+        for kind in _KINDS:
+            line = self._lines.get(("ospa", kind), _Line())
+            known = np.flatnonzero(line.count[: int(t_s / self.width_s) + 1])
+            if len(known):
+                found[kind] = round(float(line.mean()[known[-1]]), 2)
+        return found
+
     def _add(self, chart: str, name: str, t_s: float, value: float) -> None:
         if t_s < 0.0 or not np.isfinite(value):
             return

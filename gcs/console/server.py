@@ -72,6 +72,8 @@ class Source:
     """Where to put what is called when a replay begins again at another time."""
     recording: Path | None = None
     """Recording that is replayed; None: a log, or a live service."""
+    file: str = ""
+    """Name of a file that is compared with another; else empty."""
     start_t_ns: int | None = None
     """Start of the run; None: its first event."""
     mission_file: str | None = None
@@ -79,9 +81,7 @@ class Source:
 
 
 class ConsoleServer:
-    """Serves the console of one run, from construction until `close`.
-
-    It is made on the loop of the run: there it takes captures and passes on orders.
+    """Serves the console of one run, or of two that are compared, from construction until `close`.
 
     Raises
     ------
@@ -89,35 +89,20 @@ class ConsoleServer:
         When the port is taken, or TLS files cannot be read.
     """
 
-    def __init__(self, source: Source, access: Access, tiles: Tiles | None = None) -> None:
+    def __init__(
+        self, source: Source, access: Access, tiles: Tiles | None = None, other: Source | None = None
+    ) -> None:
         self.name = "console"
         """Name in notices."""
         self._error: Exception | None = None
         self._socket = bind(access)
         self.port: int = self._socket.getsockname()[1]
-        run, submit = source.run, source.submit
-        self.feed = Feed(source.take, run.command.fleet.states, source.start_t_ns)
-        if source.on_restart is not None:
-            source.on_restart.append(self.feed.restart)
-        self._run_loop = asyncio.get_running_loop()
         self._access = replace(access, port=self.port)
-        kind = "live" if source.playback is None else "replay"
-        about: dict[str, Any] = {"kind": kind, "speed": source.speed, "begun": str(time.time_ns())}
-        about |= {"preflight": source.mission_file is not None, "tiles": tiles and tiles.about()}
-        self._recording = source.recording
-        self._vehicles = sorted(agent.vehicle for agent in run.config.agents)
-        self._history = History(is_recorded=source.recording is not None)
-        self._ends = threading.Event()
-        world = World(run.config, about, self._history)
-        self.clients = Clients(world.snapshot)
-        desk = OrderDesk(run.config.local_frame, None if submit is None else self._on_run_loop(submit))
-        self._playback = PlaybackDesk(source.playback, self._on_run_loop(lambda action: action()))
-        preflight = PreflightDesk(source.mission_file)
-        self._board = Board(
-            world, self.clients, desk, self._playback, self._history, preflight, tiles, self._watch
-        )
+        self.runs = [ShownRun(one, tiles) for one in (source, other) if one is not None]
+        for run, peer in zip(self.runs, reversed(self.runs), strict=True):
+            run.playback.peer = None if peer is run else peer.playback
         config = uvicorn.Config(
-            make_app(self._board, self._access),
+            make_app([run.board for run in self.runs], self._access),
             loop="asyncio",
             http="h11",
             ws="websockets-sansio",
@@ -134,7 +119,6 @@ class ConsoleServer:
             config.ssl = tls_context(access.folder)
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._serve, name="console", daemon=True)
-        run.sinks.append(self.feed)
         self._thread.start()
 
     @property
@@ -149,7 +133,8 @@ class ConsoleServer:
     def close(self) -> None:
         """End the server; wait for it, but not for a browser that does not read."""
         self._server.should_exit = True
-        self._ends.set()
+        for run in self.runs:
+            run.ends.set()
         self._thread.join(_END_S)
         self._socket.close()
 
@@ -168,39 +153,78 @@ class ConsoleServer:
 
     async def _serve_and_publish(self) -> None:
         server = asyncio.create_task(self._server.serve(sockets=[self._socket]))
-        publisher = asyncio.create_task(self._publish())
-        await asyncio.wait({server, publisher}, return_when=asyncio.FIRST_COMPLETED)
-        publisher.cancel()
+        publishers = [asyncio.create_task(run.publish()) for run in self.runs]
+        await asyncio.wait({server, *publishers}, return_when=asyncio.FIRST_COMPLETED)
+        for publisher in publishers:
+            publisher.cancel()
         self._server.should_exit = True
-        for ended in await asyncio.gather(server, publisher, return_exceptions=True):
+        for ended in await asyncio.gather(server, *publishers, return_exceptions=True):
             if isinstance(ended, Exception):
                 raise ended
 
-    async def _publish(self) -> None:
+
+class ShownRun:
+    """What the console shows of one run.
+
+    It is made on the loop of the run: there it takes captures and passes on orders.
+    """
+
+    def __init__(self, source: Source, tiles: Tiles | None) -> None:
+        run, submit = source.run, source.submit
+        self.feed = Feed(source.take, run.command.fleet.states, source.start_t_ns)
+        if source.on_restart is not None:
+            source.on_restart.append(self.feed.restart)
+        self._run_loop = asyncio.get_running_loop()
+        kind = "live" if source.playback is None else "replay"
+        about: dict[str, Any] = {"kind": kind, "speed": source.speed, "begun": str(time.time_ns())}
+        about |= {"preflight": source.mission_file is not None, "tiles": tiles and tiles.about()}
+        about["file"] = source.file
+        self._is_compared = bool(source.file)
+        self._recording = source.recording
+        self._vehicles = sorted(agent.vehicle for agent in run.config.agents)
+        self.history = History(is_recorded=source.recording is not None)
+        self.ends = threading.Event()
+        world = World(run.config, about, self.history)
+        self.clients = Clients(world.snapshot)
+        desk = OrderDesk(run.config.local_frame, None if submit is None else self._on_run_loop(submit))
+        self.playback = PlaybackDesk(source.playback, self._on_run_loop(lambda action: action()))
+        preflight = PreflightDesk(source.mission_file)
+        self.board = Board(
+            world, self.clients, desk, self.playback, self.history, preflight, tiles, self._watch
+        )
+        run.sinks.append(self.feed)
+
+    async def publish(self) -> None:
         """Send what is new to all pages, ten times a second."""
         while True:
             await asyncio.sleep(_PUBLISH_S)
             await self._reach_time()
-            self.feed.is_watched = self._board.is_watched
+            self.feed.is_watched = self.board.is_watched
             if self.feed.is_watched and self.feed.is_stale:
                 self._watch()
-            message = self._board.world.update(self.feed, self._playback.state())
+            message = self.board.world.update(self.feed, self._replay_state())
             if message is not None:
                 self.clients.send(message)
-                self._board.wake()
-            if self._recording is not None and self._board.world.capture is not None:
+                self.board.wake()
+            if self._recording is not None and self.board.world.capture is not None:
                 self._read_history(self._recording)  # after the first picture, which it would delay
                 self._recording = None
 
+    def _replay_state(self) -> dict[str, Any] | None:
+        state = self.playback.state()
+        if state is None or not self._is_compared:
+            return state
+        return state | {"figures": self.history.figures(state["at_s"])}
+
     async def _reach_time(self) -> None:
         """Wait until a replay has reached the time that was asked for, and for a capture there."""
-        if not self._playback.is_moved:
+        if not self.playback.is_moved:
             return
         until_s = time.monotonic() + _MAX_SEEK_S
-        while self._playback.is_seeking and time.monotonic() < until_s:
+        while self.playback.is_seeking and time.monotonic() < until_s:
             await asyncio.sleep(_SEEK_POLL_S)
-        self._playback.is_moved = self._playback.is_seeking
-        if self._board.is_watched:
+        self.playback.is_moved = self.playback.is_seeking
+        if self.board.is_watched:
             before = self.feed.capture
             self._watch()
             while self.feed.capture is before and time.monotonic() < until_s:
@@ -208,8 +232,8 @@ class ConsoleServer:
 
     def _read_history(self, recording: Path) -> None:
         start_t_ns = self.feed.start_t_ns or 0
-        arguments = (recording, self._vehicles, start_t_ns, self._ends)
-        threading.Thread(target=self._history.read, args=arguments, name="history", daemon=True).start()
+        arguments = (recording, self._vehicles, start_t_ns, self.ends)
+        threading.Thread(target=self.history.read, args=arguments, name="history", daemon=True).start()
 
     def _watch(self) -> None:
         """Ask the service for a capture now, for a page that has just opened."""

@@ -11,7 +11,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from gcs.config import Config
@@ -30,6 +30,9 @@ _YIELD_S = 0.02
 _NAP_S = 0.1
 _NEAR_S = 20.0
 """Later times within this are reached by processing all events until then."""
+_AHEAD_S = 0.2
+"""Of two replays that are compared, one is ahead of the other by this time at most."""
+_PEER_NAP_S = 0.002
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,23 +78,40 @@ class Playback:
     """Time at which the replay is to begin again; None: it goes on."""
     is_seeking: bool = False
     """True until the time that was asked for is reached."""
+    next_s: float = 0.0
+    """Time of the event that is processed next."""
+    peer: Playback | None = field(default=None, repr=False, compare=False)
+    """Playback of the other recording of a comparison: both show the same time."""
 
     @property
     def shown_s(self) -> float:
         """Time that is asked for or reached, in seconds from the start of the recording."""
         return self.fast_until_s if self.is_seeking else self.at_s
 
-    def seek(self, at_s: float) -> str:
-        """Go to another time; return why not, or an empty text."""
-        is_near = self.at_s <= at_s < self.at_s + _NEAR_S and not self.has_ended and self.restart_s is None
+    @property
+    def is_ahead(self) -> bool:
+        """True if the other recording of a comparison must be played first."""
+        peer = self.peer
+        if peer is None:
+            return False
+        return peer.is_seeking or (not peer.has_ended and peer.next_s < self.next_s - _AHEAD_S)
+
+    def refusal(self, at_s: float) -> str:
+        """Return why a time cannot be shown; an empty text if it can."""
+        if self.has_snapshots or at_s >= self.at_s:
+            return ""
+        return "this replay goes forward only: start it again to see earlier times"
+
+    def seek(self, at_s: float) -> None:
+        """Go to another time that is not refused; at the end, later times change nothing."""
+        if self.has_ended and self.at_s <= at_s and self.restart_s is None:
+            return
+        is_near = self.at_s <= at_s < self.at_s + _NEAR_S and self.restart_s is None
         restarts = self.has_snapshots and not is_near
-        if not restarts and at_s < self.at_s:
-            return "this replay goes forward only: start it again to see earlier times"
         self.fast_until_s = at_s
         if restarts:
             self.restart_s = at_s
         self.is_seeking = restarts or not self.has_ended
-        return ""
 
 
 class Replay:
@@ -172,7 +192,7 @@ class Replay:
         if not isinstance(first.value, Snapshot):
             self.command.restore(State.initial(agent.vehicle for agent in self.config.agents))
         self.events, self.damage, self._window = 0, None, replace(self._window, from_s=0.0)
-        self.playback.at_s = at_s
+        self.playback.at_s, self.playback.has_ended = at_s, False
         for notify in self.on_restart:
             notify()
         return itertools.chain([first], records)
@@ -268,6 +288,7 @@ class _Pace:
     async def until(self, at_s: float, stop: asyncio.Event) -> None:
         """Wait until `at_s` of the run is due."""
         playback = self._playback
+        playback.next_s = at_s
         while not stop.is_set() and playback.restart_s is None and (left_s := self._left_s(at_s)) > 0.0:
             await asyncio.sleep(min(left_s, _NAP_S))
             self._yielded_s = time.monotonic()
@@ -283,9 +304,9 @@ class _Pace:
             self._anchor = None
             return 0.0
         playback.is_seeking = playback.restart_s is not None
-        if playback.is_paused:
+        if playback.is_paused or playback.is_ahead:
             self._anchor = None
-            return _NAP_S
+            return _NAP_S if playback.is_paused else _PEER_NAP_S
         if not math.isfinite(playback.speed):
             return 0.0
         if self._anchor is None or self._anchor[0] != playback.speed:

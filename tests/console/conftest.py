@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gzip
 import json
 import shutil
 import socket
@@ -14,6 +15,7 @@ import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -32,6 +34,7 @@ from gcs.model import Event, Tick
 from gcs.service.service import Service
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
+AXE = Path(__file__).parent / "axe" / "axe.min.js.gz"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = [
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
@@ -49,6 +52,20 @@ def page() -> Iterator[Page]:
         opened.set_default_timeout(5000.0)
         yield opened
         browser.close()
+
+
+@pytest.fixture
+def problems() -> Callable[..., list[tuple[str, str]]]:
+    return _problems
+
+
+def _problems(page: Page, *rules: str) -> list[tuple[str, str]]:
+    """Return the rule and the element of each violation that axe-core finds; of some rules, or of all."""
+    if not page.evaluate("'axe' in window"):
+        page.evaluate(gzip.decompress(AXE.read_bytes()).decode())
+    options = {"resultTypes": ["violations"]} | ({"runOnly": rules} if rules else {})
+    result: dict[str, Any] = page.evaluate("options => axe.run(document, options)", options)
+    return [(one["id"], one["nodes"][0]["html"]) for one in result["violations"]]
 
 
 class Events:

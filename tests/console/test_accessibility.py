@@ -2,28 +2,14 @@
 
 from __future__ import annotations
 
-import gzip
-from pathlib import Path
-from typing import Any
-
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
 from gcs.console.access import Access
 
-AXE = Path(__file__).parent / "axe" / "axe.min.js.gz"
 OPERATE = "operate-0123456789"
 
 
-def problems(page: Page, *rules: str) -> list[tuple[str, str]]:
-    """Return the rule and the element of each violation that axe-core finds; of some rules, or of all."""
-    if not page.evaluate("'axe' in window"):
-        page.evaluate(gzip.decompress(AXE.read_bytes()).decode())
-    options = {"resultTypes": ["violations"]} | ({"runOnly": rules} if rules else {})
-    result: dict[str, Any] = page.evaluate("options => axe.run(document, options)", options)
-    return [(one["id"], one["nodes"][0]["html"]) for one in result["violations"]]
-
-
-def test_the_console_has_no_violation_that_axe_finds(fly, launch, page):
+def test_the_console_has_no_violation_that_axe_finds(fly, launch, page, problems):
     with fly() as flight:
         vehicles = launch(flight)
         page.goto(flight.url)

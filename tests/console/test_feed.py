@@ -33,13 +33,13 @@ def test_a_page_shows_mission_map_and_vehicles_within_a_second(fly):
 def test_nothing_is_captured_while_no_page_is_open(fly):
     with fly() as flight:
         time.sleep(0.5)
-        assert flight.console.feed.capture is None
+        assert flight.console.runs[0].feed.capture is None
         with flight.page() as page:
             read(page, {"vehicles"})
         time.sleep(0.5)
-        last = flight.console.feed.capture
+        last = flight.console.runs[0].feed.capture
         time.sleep(0.5)
-        assert flight.console.feed.capture is last
+        assert flight.console.runs[0].feed.capture is last
 
 
 def test_an_order_of_the_page_is_an_event_and_its_answer_is_shown(fly):

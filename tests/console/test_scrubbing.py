@@ -95,8 +95,9 @@ def wait_for(condition: Callable[[], object]) -> None:
 
 def marks_of(console: ConsoleServer) -> list[Mark]:
     """Return all marks, which are read after the first picture."""
-    wait_for(lambda: console._history.is_complete)
-    return console._history.marks()
+    history = console.runs[0].history
+    wait_for(lambda: history.is_complete)
+    return history.marks()
 
 
 def test_marks_are_those_of_the_whole_recording(recording):
@@ -109,7 +110,7 @@ def test_marks_are_those_of_the_whole_recording(recording):
 def test_going_back_shows_the_run_as_it_was(console):
     def go(page, at_s):
         """Go to a time; return the snapshot that the page gets."""
-        console._playback.carry_out(json.dumps({"at_s": at_s}).encode())
+        console.runs[0].playback.carry_out(json.dumps({"at_s": at_s}).encode())
         while True:
             message = json.loads(page.recv(timeout=5.0))
             if (
@@ -120,7 +121,7 @@ def test_going_back_shows_the_run_as_it_was(console):
                 return message
 
     with connect(console.url.replace("http", "ws") + "feed", compression=None, proxy=None) as page:
-        console._playback.carry_out(b'{"at_s": 1.0}')
+        console.runs[0].playback.carry_out(b'{"at_s": 1.0}')
         assert any(mark.kind == "lost" for mark in marks_of(console))
         late = go(page, 58.0)
         assert [one["status"] for one in late["vehicles"]].count("lost") == 1

@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Final, get_args
 
 import typer
 from rich.console import Console
@@ -33,6 +33,9 @@ from gcs.model import NS_PER_S, Effect, Event, Snapshot, named
 from gcs.report.run.verification import Verification
 from gcs.service.replay import Replay, Verifier, Window
 from gcs.service.service import wait_for_interrupt
+
+_SCANNED_NS: Final = 2 * NS_PER_S
+"""A replay begins this long before the time to show, so that scans bring tracks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +65,10 @@ class _Source:
     """Start of the run; None: the first record."""
     records_from: Callable[[int], Iterable[Record]] | None = None
     """Records from the last snapshot up to a time on; None if they cannot be read again."""
+
+    def replay(self, window: Window) -> Replay:
+        """Return a replay of the records."""
+        return Replay(self.config, self.seed, self.records, window, self.start_t_ns, self.records_from)
 
 
 def parse_speed(text: str | None) -> float | None:
@@ -94,16 +101,9 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
         When the recording has no events, or its mission or seed is missing.
     """
     options.page.check()
-    source = _open_source(options, console)
+    source = open_source(options, console)
     warm_up(console, TRACKING, PLANNING, LINKS)
-    replay = Replay(
-        source.config,
-        source.seed,
-        source.records,
-        options.window,
-        source.start_t_ns,
-        source.records_from,
-    )
+    replay = source.replay(options.window)
     verifier, comparison = Verifier(), Comparison()
     if options.verify:
         replay.watchers.append(verifier)
@@ -135,7 +135,14 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
     return 1 if verifier.result.first is not None else 0
 
 
-def _open_source(options: ReplayOptions, console: Console) -> _Source:
+def open_source(options: ReplayOptions, console: Console) -> _Source:
+    """Return what a file has to replay.
+
+    Raises
+    ------
+    RecordingError, ConfigError
+        When it cannot be read, or its mission or seed is missing.
+    """
     file, path = options.file, options.file.path
     if not file.is_recording():
         return _open_log(options, console)
@@ -165,7 +172,7 @@ def _open_source(options: ReplayOptions, console: Console) -> _Source:
     places = cache(lambda: snapshot_places(path))
 
     def records_from(t_ns: int) -> Iterator[Record]:
-        before = [place for place in places() if place.t_ns < t_ns]
+        before = [place for place in places() if place.t_ns < t_ns - _SCANNED_NS]
         if before:
             return read(path, only=only, start=before[-1])
         return read(path, only=(*only, Snapshot))  # the first one is the state of a resumed run
@@ -249,14 +256,19 @@ async def _display(
         if options.headless and not options.page.is_asked_for:
             yield
             return
-        replay.playback.duration_s = _duration_s(options, replay.start_t_ns)
+        replay.playback.duration_s = duration_s(options, replay.start_t_ns)
         replay.playback.stays_at_end = options.page.is_asked_for
-        recording = options.file.path if options.file.is_recording() else None
-        with replay_page(replay, options.page, console, recording):
+        with replay_page(replay, options.page, console, recording_of(options.file)):
             yield
 
 
-def _duration_s(options: ReplayOptions, start_t_ns: int | None) -> float | None:
+def recording_of(file: RunFile) -> Path | None:
+    """Return the recording that has what the replay of a file shows; None for a log or other settings."""
+    is_as_recorded = file.is_recording() and file.config is None and file.seed is None
+    return file.path if is_as_recorded else None
+
+
+def duration_s(options: ReplayOptions, start_t_ns: int | None) -> float | None:
     """Return the length of a recording in seconds; None for a telemetry log."""
     end_t_ns = read_end_t_ns(options.file.path) if options.file.is_recording() else None
     return None if start_t_ns is None or end_t_ns is None else (end_t_ns - start_t_ns) / NS_PER_S

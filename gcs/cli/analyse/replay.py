@@ -56,6 +56,14 @@ def replay(
         ),
     ] = None,
     seed: RecordedSeedOption = None,
+    compare: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Another recording or log, beside this one in the console, at the same mission time. "
+            "--config, --seed and the options of logs are for the first.",
+        ),
+    ] = None,
     detections: DetectionsOption = None,
     model: ModelOption = None,
     offset: OffsetOption = 0.0,
@@ -85,7 +93,13 @@ def replay(
             verify,
             headless,
             as_json,
-            PageOptions(page, page_access, open_page, page_map),
+            PageOptions(page, page_access, open_page, page_map, compare is not None),
         )
-        code = run_replay(options, console_for(stderr=as_json))
+        console = console_for(stderr=as_json)
+        if compare is None:
+            code = run_replay(options, console)
+        else:
+            from gcs.cli.analyse.compare import run_comparison
+
+            code = run_comparison(options, RunFile(compare), console)
     raise typer.Exit(code)

@@ -49,7 +49,7 @@ export class Charts {
   async load() {
     if (!this.isOpen || this.timer) return;
     try {
-      const reply = await fetch("/api/charts");
+      const reply = await fetch("api/charts");
       this.data = await reply.json();
       this.show();
     } catch { /* the server is away: the header says so */ }

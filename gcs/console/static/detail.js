@@ -71,7 +71,7 @@ export class Detail {
     }
     let record = null;
     try {
-      const reply = await fetch(`/api/vehicles/${encodeURIComponent(vehicle.name)}`, { signal: AbortSignal.timeout(3 * PERIOD_MS) });
+      const reply = await fetch(`api/vehicles/${encodeURIComponent(vehicle.name)}`, { signal: AbortSignal.timeout(3 * PERIOD_MS) });
       if (reply.ok) record = await reply.json();
     } catch {
       // The header tells that the connection is lost; the record stays as it was.

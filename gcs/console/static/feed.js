@@ -15,8 +15,9 @@ export class Feed extends EventTarget {
   }
 
   connect() {
-    const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/feed`);
+    const url = new URL("feed", document.baseURI); // each page has its own, see compare.js
+    url.protocol = url.protocol.replace("http", "ws");
+    const socket = new WebSocket(url);
     const decoder = new TextDecoder();
     socket.binaryType = "arraybuffer";
     socket.onmessage = (event) => this.receive(JSON.parse(decoder.decode(event.data)));

@@ -50,7 +50,7 @@ export function showHeader(root, feed, theme) {
   const link = el("span", { class: "item", role: "status" });
   const help = el("button", { id: "help", title: "Keys (?)" }, "Keys");
   const preflight = el("a", { href: "/preflight.html", target: "_blank", rel: "noopener", hidden: true }, "Preflight");
-  const mode = el("button", { title: "Dark or light", onclick: () => theme.toggle() }, "Theme");
+  const mode = el("button", { id: "theme", title: "Dark or light", onclick: () => theme.toggle() }, "Theme");
   root.append(
     name, tag, utc.element, elapsed.element, scans.element, lag.element, recording.element, stations.element,
     link, el("span", { class: "space" }), el("span", { class: "actions" }, preflight, mode, help),

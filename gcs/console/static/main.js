@@ -22,6 +22,7 @@ import { showTargets } from "./targets.js";
 import { Theme } from "./theme.js";
 import { Measure, Zones } from "./tools.js";
 
+const { comparison } = window.parent; // of two recordings: each page is in a frame
 const part = (id) => document.getElementById(id);
 const PAN_PX = 60;
 
@@ -36,7 +37,7 @@ const commands = new Commands(part("commands"), feed, selection, orders, () => z
 const targetOrders = new TargetOrders(part("target-orders"), feed, selection, orders, commands);
 const plan = new Plan(part("plan"), feed, orders, commands);
 const marks = new Marks(feed);
-const replay = new Replay(part("replay"), feed, marks, theme);
+const replay = comparison?.replay ?? new Replay(part("replay"), feed, marks, theme);
 const charts = new Charts(part("charts"), feed, marks, selection, theme, (at) => replay.seek(at));
 
 const detail = new Detail(part("detail"), feed, selection, map);
@@ -53,7 +54,7 @@ const pan = (dx, dy) => () => map.pan(dx, dy);
 const inReplay = (action, live) => () => (replay.isShown ? action() : live());
 map.onmeasure = measure;
 
-listenToKeys({
+const actions = {
   space: () => commands.give("hold"),
   "shift+space": () => commands.holdAll(),
   r: () => commands.give("resume"),
@@ -90,6 +91,9 @@ listenToKeys({
   arrowdown: pan(0, -PAN_PX),
   "?": () => showKeys(KEYS),
   escape: () => { if (map.tool) map.use(null); else selection.clear(); },
-}, feed, selection);
+};
 
+listenToKeys(actions, feed, selection);
+document.documentElement.classList.toggle("framed", Boolean(comparison));
+comparison?.add(window.frameElement, { feed, map, marks, selection, actions });
 feed.connect();

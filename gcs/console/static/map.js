@@ -135,14 +135,26 @@ export class SwarmMap {
   }
 
   pan(dx, dy) {
-    this.isMoved = true;
     this.view.pan(dx, dy);
-    this.redraw();
+    this.moved();
   }
 
   zoom(factor, x, y) {
-    this.isMoved = true;
     this.view.zoom(factor, x, y);
+    this.moved();
+  }
+
+  moved(isMoved = true) {
+    this.isMoved = isMoved;
+    this.redraw();
+    this.onmove?.();
+  }
+
+  // Shows what another map shows.
+  look(east, north, scale) {
+    this.setFollows(false);
+    Object.assign(this.view, { east, north, scale });
+    this.isMoved = true;
     this.redraw();
   }
 
@@ -153,23 +165,25 @@ export class SwarmMap {
   }
 
   fitSwarm() {
-    this.isMoved = true;
     const targets = this.selection.ids.size ? [] : (this.feed.data.targets ?? []).map((one) => one.at);
     this.view.fit([...this.places(), ...targets], 60);
-    this.redraw();
+    this.moved();
   }
 
   fitAll() {
     const [width, height] = this.feed.data.mission?.size_m ?? [1000, 1000];
     this.view.fit([[0, 0], [width, height]], 24);
-    this.isMoved = false;
-    this.redraw();
+    this.moved(false);
   }
 
   follow() {
-    this.follows = !this.follows;
-    this.followButton.setAttribute("aria-pressed", String(this.follows));
+    this.setFollows(!this.follows);
     this.centreSwarm();
+  }
+
+  setFollows(follows) {
+    this.follows = follows;
+    this.followButton.setAttribute("aria-pressed", String(follows));
   }
 
   centreSwarm() {
@@ -184,10 +198,8 @@ export class SwarmMap {
   }
 
   centre([east, north]) {
-    this.isMoved = true;
-    this.view.east = east;
-    this.view.north = north;
-    this.redraw();
+    Object.assign(this.view, { east, north });
+    this.moved();
   }
 
   resize() {

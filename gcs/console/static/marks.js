@@ -51,7 +51,7 @@ export class Marks extends EventTarget {
   async load() {
     const run = this.run;
     try {
-      const reply = await fetch(`/api/marks?after=${this.all.length}`);
+      const reply = await fetch(`api/marks?after=${this.all.length}`);
       const { marks, complete } = await reply.json();
       if (run === this.run) {
         this.complete = complete;

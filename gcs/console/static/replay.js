@@ -80,7 +80,7 @@ export class Replay {
       this.marks[this.isShown ? "want" : "release"]();
     }
     if (!state) return;
-    setText(this.play, state.paused ? "Play" : "Pause");
+    setText(this.play, state.paused || state.ended ? "Play" : "Pause");
     if (document.activeElement !== this.speed) this.speed.value = String(state.speed);
     if (this.slider.max !== String(this.duration)) {
       this.slider.max = String(this.duration);
@@ -181,7 +181,7 @@ export class Replay {
     for (const [name, { colour, shape }] of Object.entries(KINDS).reverse()) {
       ctx.fillStyle = ctx.strokeStyle = this.theme.colour(colour);
       for (const mark of this.marks.all) {
-        if (mark.kind === name) drawMark(ctx, shape, this.x(mark.t_s), height / 2, MARK_PX);
+        if (mark.kind === name) drawMark(ctx, shape, this.x(mark.t_s), height * (mark.height ?? 0.5), MARK_PX);
       }
     }
   }

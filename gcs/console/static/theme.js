@@ -5,6 +5,7 @@ export class Theme extends EventTarget {
     super();
     this.system = matchMedia("(prefers-color-scheme: light)");
     this.system.addEventListener("change", () => this.apply());
+    addEventListener("storage", () => this.apply()); // chosen in another page
     this.apply();
   }
 

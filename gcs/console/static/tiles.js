@@ -71,7 +71,7 @@ export class Tiles {
     if (!image) {
       image = new Image();
       image.onload = this.redraw;
-      image.src = `/tiles/${name}`;
+      image.src = `tiles/${name}`;
       this.images.set(name, image);
       if (this.images.size > MAX_KEPT) this.images.delete(this.images.keys().next().value);
     }
