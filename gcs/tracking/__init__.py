@@ -4,11 +4,11 @@ Reading order:
 
 - `glmb.filter` (`Glmb`), `glmb.params` (`GlmbParams`, `Birth`): the tracker and its parameters.
 - `glmb.recursion`: the equations of the filter, and the steps of a scan.
-- `glmb.kalman`, `glmb.gating`, `glmb.association`, `glmb.ranked_assignment`: prediction, association, update.
+- `glmb.kalman`, `glmb.gating`, `glmb.joint_association`, `glmb.scan_update`: prediction, association, update.
 - `clusters`: labels that compete for detections are merged into clusters, associated and split again.
 - `glmb.marginals`, `glmb.extraction`: existence, cardinality and state estimates.
 - `trajectories`: whole paths from association histories, filtered and smoothed.
-- `models`: motion, sensors, clutter, adaptive birth, sensor estimation.
+- `models`: motion, sensor geometry, measurement models, clutter, adaptive birth, sensor estimation.
 - `metrics`: OSPA, OSPA(2), GOSPA and others.
 - `numerics`: sorting, exponentials and logarithms for kernels.
 

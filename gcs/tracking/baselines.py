@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment
 from gcs.model import NS_PER_S, FloatArray, IntArray, Label, Sensor
 from gcs.tracking.glmb.params import Birth, GlmbParams
 from gcs.tracking.models import constant_velocity
-from gcs.tracking.models.sensors import covers, noise_m2
+from gcs.tracking.models.sensor_geometry import covers, noise_m2
 
 _GATE_CHI2: Final = 4.0**2
 """Squared Mahalanobis distance up to which a detection may belong to a track."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from gcs.config.schema import MapTable
 from gcs.model import FloatArray, Polar, Scan, Sensor, TruthObject, read_only
-from gcs.tracking.models.sensors import (
+from gcs.tracking.models.sensor_geometry import (
     covers,
     expected_clutter,
     map_coordinates,

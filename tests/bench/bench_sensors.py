@@ -18,8 +18,9 @@ from filterpy.kalman import ExtendedKalmanFilter
 from gcs.model import NS_PER_S, Polar, Sensor
 from gcs.tracking.glmb import kalman
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams, warm_up
-from gcs.tracking.models import measurement, sensors
+from gcs.tracking.models import sensor_geometry
 from gcs.tracking.models.adaptive_birth import AdaptiveBirth
+from gcs.tracking.models.measurement_model import linearise, sensor_model
 
 SIDE_M = 2000.0
 FIELD = (0.0, 0.0, SIDE_M, SIDE_M)
@@ -32,7 +33,7 @@ def births_run(seed: int, clutter: float, appear_per_s: float, scans: int = 100)
     tracker = Glmb("targets", GlmbParams(accel_psd_m2_s3=1.0), 1, summarise_detections=True)
     state, errors, spent = np.empty((0, 4)), [], []
     for k in range(scans):
-        inside = sensors.covers(detector, state[:, :2])
+        inside = sensor_geometry.covers(detector, state[:, :2])
         state = state[inside & (rng.random(len(state)) < 0.99)]
         push = rng.normal(0.0, 1.0, (len(state), 2))
         state = np.hstack([state[:, :2] + state[:, 2:] + push / 2, state[:, 2:] + push])
@@ -40,7 +41,7 @@ def births_run(seed: int, clutter: float, appear_per_s: float, scans: int = 100)
         state = np.vstack(
             [state, np.hstack([rng.uniform(100, SIDE_M - 100, (new, 2)), rng.normal(0, 8, (new, 2))])]
         )
-        seen = state[sensors.covers(detector, state[:, :2]) & (rng.random(len(state)) < 0.95), :2]
+        seen = state[sensor_geometry.covers(detector, state[:, :2]) & (rng.random(len(state)) < 0.95), :2]
         z = np.vstack(
             [seen + rng.normal(0, 5, seen.shape), rng.uniform(0, SIDE_M, (rng.poisson(clutter), 2))]
         )
@@ -51,7 +52,8 @@ def births_run(seed: int, clutter: float, appear_per_s: float, scans: int = 100)
         places = np.reshape([t.mean[:2] for t in tracker.estimate()], (-1, 2))
         spent.append((time.process_time() - begin) * 1e3)
         errors.append(
-            int(sensors.covers(detector, places).sum()) - int(sensors.covers(detector, state[:, :2]).sum())
+            int(sensor_geometry.covers(detector, places).sum())
+            - int(sensor_geometry.covers(detector, state[:, :2]).sum())
         )
     return float(np.mean(errors)), float(np.median(spent))
 
@@ -110,18 +112,20 @@ def _errors(d: np.ndarray, cov: np.ndarray) -> tuple[float, float, float]:
 
 def update_run(prior_std_m: float, bearing_std_rad: float, runs: int) -> list[tuple[float, float]]:
     """RMS position error and NEES (2 is right) of one update: unscented, and extended (filterpy)."""
-    radar = sensors.polar_sensor("r", 0.9, Polar(0, 0, 5.0, bearing_std_rad, (0, 5e3), (0, math.pi), 1e-3))
+    radar = sensor_geometry.polar_sensor(
+        "r", 0.9, Polar(0, 0, 5.0, bearing_std_rad, (0, 5e3), (0, math.pi), 1e-3)
+    )
     rng, first = np.random.default_rng(100), np.zeros(1, np.int64)
     squares: list[list[tuple[float, float]]] = [[], []]
     for _ in range(runs):
         mean, cov = np.array([0.0, 1000.0, 0.0, 0.0]), np.diag([prior_std_m**2, prior_std_m**2, 25.0, 25.0])
         x = rng.multivariate_normal(mean, cov)
-        z = sensors.sensor_coordinates(radar, x[None, :2]) + rng.normal(0, (5.0, bearing_std_rad))
-        view = measurement.linearise(measurement.sensor_model(radar), mean[None], cov[None])
+        z = sensor_geometry.sensor_coordinates(radar, x[None, :2]) + rng.normal(0, (5.0, bearing_std_rad))
+        view = linearise(sensor_model(radar), mean[None], cov[None])
         ours, ours_cov = kalman.update_tracks(mean[None], cov[None], first, first, z, view)
         peer = ExtendedKalmanFilter(4, 2)
         peer.x, peer.P, peer.R = mean, cov, np.diag([25.0, bearing_std_rad**2])
-        peer.update(z[0], _jacobian, lambda s: sensors.sensor_coordinates(radar, s[None, :2])[0])
+        peer.update(z[0], _jacobian, lambda s: sensor_geometry.sensor_coordinates(radar, s[None, :2])[0])
         for found, (m, P) in zip(squares, [(ours[0], ours_cov[0]), (peer.x, peer.P)], strict=True):
             d = (m - x)[:2]
             found.append((d @ d, d @ np.linalg.solve(P[:2, :2], d)))

@@ -7,8 +7,8 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
+from gcs.tracking.clusters.cluster_product import merge_clusters
 from gcs.tracking.clusters.factorisation import split_clusters
-from gcs.tracking.clusters.merging import merge_clusters
 from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
 from gcs.tracking.glmb.params import GlmbParams
 

@@ -6,7 +6,7 @@ import pytest
 from gcs.model import NS_PER_S, Sensor
 from gcs.tracking.glmb import gating
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
-from gcs.tracking.models import measurement
+from gcs.tracking.models.measurement_model import linearise, sensor_model
 
 SIDE_M = 300.0
 SENSOR = Sensor("s", 0.9, 10 / SIDE_M**2, np.diag([10.0, 10.0]), (-1e4, -1e4, 1e4, 1e4))
@@ -72,7 +72,7 @@ def test_no_gate_misses_a_detection(m):
     n, gate_chi2 = 30, 9.0
     mean = np.hstack([rng.uniform(-20.0, 220.0, (n, 2)), np.zeros((n, 2))])
     cov = np.array([np.diag([*rng.uniform(1.0, 900.0, 2), 1.0, 1.0]) for _ in range(n)])
-    view = measurement.linearise(measurement.sensor_model(SENSOR), mean, cov)
+    view = linearise(sensor_model(SENSOR), mean, cov)
     flat = np.full(n, -0.1)
     start, meas, _ = gating.association_options(cov, flat, flat, z, view, np.full(m, -60.0), gate_chi2)
     for t in range(n):

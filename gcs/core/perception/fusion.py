@@ -43,7 +43,7 @@ from gcs.tracking.models.adaptive_birth import AdaptiveBirth
 from gcs.tracking.models.clutter import intensity_per_m2
 from gcs.tracking.models.constant_velocity import transition
 from gcs.tracking.models.sensor_estimation import SensorEstimation
-from gcs.tracking.models.sensors import clutter_per_m2, covers, noise_m2
+from gcs.tracking.models.sensor_geometry import clutter_per_m2, covers, noise_m2
 
 _NEAR_STD = 5.0
 """Gate, in standard deviations, between a report and a track or birth component."""

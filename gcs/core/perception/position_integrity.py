@@ -29,7 +29,7 @@ from gcs.core.perception.fusion import at_time
 from gcs.core.perception.records import IntegrityTest
 from gcs.core.state import Agent
 from gcs.model import NS_PER_S, Effect, FloatArray, Label, Notice, Scan, Sensor, Track, VehicleState
-from gcs.tracking.models.sensors import MAX_DETECTION_PROBABILITY, clutter_per_m2, covers, noise_m2
+from gcs.tracking.models.sensor_geometry import MAX_DETECTION_PROBABILITY, clutter_per_m2, covers, noise_m2
 
 Indices: TypeAlias = npt.NDArray[np.int64]
 

@@ -11,7 +11,7 @@ from gcs.core.perception.oosm_buffer import OutOfSequenceBuffer
 from gcs.core.perception.scan_timing import ScanTiming
 from gcs.core.perception.sensor_watchdog import SensorWatchdog
 from gcs.model import AgentStatus, Label, VehicleState
-from gcs.tracking.glmb.state import GlmbState
+from gcs.tracking.glmb.filter_state import GlmbState
 from gcs.tracking.models.adaptive_birth import AdaptiveBirthState
 from gcs.tracking.models.persistent_detections import PersistentDetections
 from gcs.tracking.models.sensor_estimation import SensorEstimation

@@ -15,7 +15,7 @@ import numpy as np
 
 from gcs.core.perception.records import ConfirmationState
 from gcs.model import Label, Picture, Sensor, Track
-from gcs.tracking.models.sensors import covers
+from gcs.tracking.models.sensor_geometry import covers
 
 CONFIRMATION_EPOCHS = 3
 

@@ -11,7 +11,7 @@ import numpy as np
 from gcs.errors import ConfigError
 from gcs.io.detections.tables import DETECTION_TITLES, ORIGIN, SENSOR, Table, title_error
 from gcs.model import BoolArray, FloatArray, IntArray, Sensor
-from gcs.tracking.models.sensors import map_coordinates
+from gcs.tracking.models.sensor_geometry import map_coordinates
 
 _BEARING_UNIT_RAD: Final = {"bearing_deg": math.pi / 180.0, "bearing_rad": 1.0}
 _MAX_BEARING_RAD: Final = 7.0

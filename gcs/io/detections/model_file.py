@@ -21,7 +21,7 @@ from gcs.errors import ConfigError
 from gcs.files import read_text
 from gcs.io.detections.tables import read_npz
 from gcs.model import FloatArray, Sensor, read_only
-from gcs.tracking.models.sensors import polar_sensor, sector
+from gcs.tracking.models.sensor_geometry import polar_sensor, sector
 
 MAX_SCANS: Final = 1_000_000
 _MAX_BYTES: Final = 4_000_000

@@ -12,7 +12,7 @@ import numpy as np
 
 from gcs.io.detections.model_file import ModelTable, PositionSensor
 from gcs.model import FloatArray, Sensor
-from gcs.tracking.models.sensors import covers
+from gcs.tracking.models.sensor_geometry import covers
 
 _MIN_DETECTIONS: Final = 20
 """A sensor with fewer detections is not checked."""

@@ -19,7 +19,7 @@ from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.io.records import decode_json
 from gcs.model import Polar, Scan, Sensor, read_only
-from gcs.tracking.models.sensors import map_coordinates, polar_sensor, sensor_coordinates
+from gcs.tracking.models.sensor_geometry import map_coordinates, polar_sensor, sensor_coordinates
 
 MAX_DETECTIONS = 20_000
 MAX_ORIGIN_OFFSET_M = 1.0

@@ -3,7 +3,7 @@
 In a large scene most labels compete with no other label. The hypotheses of such a label hold one of its
 tracks, or none. Its posterior components are all options of all tracks, and no search is needed. Each label
 is weighed, pruned, updated, merged and possibly dropped while its few numbers are in the cache. The result
-is that of `ranked_assignment`, `kalman`, `merging` and `factorisation` one after the other.
+is that of `joint_association`, `kalman`, `merging` and `factorisation` one after the other.
 
 ===================  ===========  =======  ==========================================================
 array                shape        dtype    meaning (m detections, L labels, K components of a label)
@@ -36,7 +36,7 @@ from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_de
 
 if TYPE_CHECKING:
     from gcs.model import BoolArray, FloatArray, IntArray
-    from gcs.tracking.models.measurement import LinearisedMeasurement
+    from gcs.tracking.models.measurement_model import LinearisedMeasurement
 
 _EMPTY = -1
 _PREFETCH_LABELS = 2

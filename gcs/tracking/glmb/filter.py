@@ -22,11 +22,11 @@ from gcs import jit
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
 from gcs.tracking.glmb import extraction, kalman, recursion
 from gcs.tracking.glmb.extraction import Estimates
-from gcs.tracking.glmb.measurements import scan_measurements
+from gcs.tracking.glmb.filter_state import GlmbState, check_state
 from gcs.tracking.glmb.params import SURE, Birth, BirthComponents, GlmbParams
 from gcs.tracking.glmb.recursion import DetectionSummary, Interval
-from gcs.tracking.glmb.state import GlmbState, check_state
-from gcs.tracking.models import clutter, coordinated_turn, measurement
+from gcs.tracking.glmb.scan_detections import scan_measurements
+from gcs.tracking.models import clutter, coordinated_turn, measurement_model
 from gcs.tracking.trajectories.recovery import Histories
 
 __all__ = [
@@ -140,7 +140,7 @@ class Glmb:
             # Constant births are one tuple, the same object at each scan; other sequences might change.
             self._births, self._birth_components = tuple(births), BirthComponents.from_births(births)
         if sensor is not self._sensor:
-            self._sensor, self._sensor_model = sensor, measurement.sensor_model(sensor)
+            self._sensor, self._sensor_model = sensor, measurement_model.sensor_model(sensor)
         interval, rng = self._interval(dt_s), np.array([state.rng], dtype=np.uint64)
         result = recursion.update_step(
             state.posterior,

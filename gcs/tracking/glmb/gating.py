@@ -32,7 +32,7 @@ import numpy as np
 
 from gcs.jit import ZERO, inlined, leaf
 from gcs.tracking.glmb.hypotheses import ABSENT, MISSED
-from gcs.tracking.models.measurement import LinearisedMeasurement, wrap_angle
+from gcs.tracking.models.measurement_model import LinearisedMeasurement, wrap_angle
 from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending
 
 if TYPE_CHECKING:

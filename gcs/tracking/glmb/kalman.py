@@ -25,7 +25,7 @@ import numpy as np
 from gcs.jit import inlined, leaf, spliced
 from gcs.tracking.glmb.gating import innovation_cov
 from gcs.tracking.glmb.hypotheses import Clusters, allocate_clusters
-from gcs.tracking.models.measurement import LinearisedMeasurement, wrap_angle
+from gcs.tracking.models.measurement_model import LinearisedMeasurement, wrap_angle
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray, IntArray

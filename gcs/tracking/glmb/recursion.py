@@ -27,7 +27,7 @@ all other labels (section III-C):
                                                    0         otherwise
 
 Ranked assignment of the same eta, by branch and bound, finds the best components of a small hypothesis
-exactly (`ranked_assignment`). Gating limits j to the detections in the gate of each track (`gating`).
+exactly (`joint_association`). Gating limits j to the detections in the gate of each track (`gating`).
 
 ======================  ==========================================================================
 symbol                  array
@@ -45,8 +45,8 @@ The density is kept as a product over clusters of labels that compete for detect
 B.-N. Vo, "A Solution for Large-Scale Multi-Object Tracking", IEEE Trans. Signal Processing 68, 2020,
 doi:10.1109/TSP.2020.2986136). The recursion runs in each cluster.
 
-Steps of a scan: predict and add births (`kalman`), order detections (`measurements`), linearise the sensor
-(`models.measurement`), list association options (`gating`), and associate (`association`).
+Steps of a scan: predict and add births (`kalman`), order detections (`scan_detections`), linearise the sensor
+(`models.measurement_model`), list association options (`gating`), and associate and update (`scan_update`).
 """
 
 from __future__ import annotations
@@ -57,19 +57,19 @@ import numpy as np
 
 from gcs.jit import Call, kernel, leaf
 from gcs.model import BoolArray, FloatArray, IntArray, KeyArray
+from gcs.tracking.clusters.cluster_product import merge_clusters
 from gcs.tracking.clusters.factorisation import renumber, split_clusters
-from gcs.tracking.clusters.merging import merge_clusters
 from gcs.tracking.clusters.singleton import DetectionMarginals, update_singletons
-from gcs.tracking.glmb.association import PosteriorTracks, joint_update
 from gcs.tracking.glmb.gating import association_options
 from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
+from gcs.tracking.glmb.joint_association import update_clusters
 from gcs.tracking.glmb.kalman import Survival, predict_with_births
 from gcs.tracking.glmb.marginals import track_probabilities
-from gcs.tracking.glmb.measurements import Measurements, order_measurements
 from gcs.tracking.glmb.merging import merge_similar_tracks
 from gcs.tracking.glmb.params import BirthComponents, GlmbParams, Limits
-from gcs.tracking.glmb.ranked_assignment import update_clusters
-from gcs.tracking.models import coordinated_turn, measurement
+from gcs.tracking.glmb.scan_detections import Measurements, order_measurements
+from gcs.tracking.glmb.scan_update import PosteriorTracks, joint_update
+from gcs.tracking.models import coordinated_turn, measurement_model
 from gcs.tracking.models.coordinated_turn import TurnModel
 
 _CERTAIN_EXISTENCE, _CERTAIN_IN_FOV = 0.95, 0.999
@@ -208,7 +208,7 @@ def update_step(
     prior: Posterior,
     interval: Interval,
     scan: Measurements,
-    sensor: measurement.SensorModel,
+    sensor: measurement_model.SensorModel,
     limits: Limits,
     turns: TurnModel,
     is_summarised: bool,
@@ -229,7 +229,7 @@ def update_step(
         interval.births,
     )  # fmt: skip
     measured = order_measurements(scan)
-    meas_model = measurement.linearise(sensor, predicted.mean, predicted.cov)
+    meas_model = measurement_model.linearise(sensor, predicted.mean, predicted.cov)
     start, meas, logw = association_options(
         predicted.cov, predicted.log_survival, predicted.log_death, measured.z, meas_model,
         measured.log_clutter, limits.gate_chi2,
@@ -273,7 +273,7 @@ def warm_up_calls() -> list[Call]:
     births, origin = BirthComponents.from_births(()), np.zeros((1, 2))
     interval = Interval(1.0, np.eye(4), Survival(0.0, 0.0, 0.0, 0.0, 1.0), 0, births)
     scan = Measurements(origin, origin, np.zeros(1))
-    sensor = measurement.SensorModel(
+    sensor = measurement_model.SensorModel(
         False, np.eye(2).reshape(1, 2, 2), np.zeros((2, 2)), np.zeros(2), 0.0, 0.9
     )
     rng, limits, turns = np.zeros(1, np.uint64), GlmbParams(1.0).limits(), TurnModel(0.0, 1.0)
@@ -287,7 +287,7 @@ def warm_up_parts() -> list[Call]:
     """
     ones, zeros, z, limits = np.ones(1), np.zeros(1, np.int64), np.zeros((1, 2)), GlmbParams(1.0).limits()
     mean, cov, matrix = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.eye(2).reshape(1, 2, 2)
-    meas_model = measurement.LinearisedMeasurement(z, matrix, matrix, ones, 0.9, has_bearing=False)
+    meas_model = measurement_model.LinearisedMeasurement(z, matrix, matrix, ones, 0.9, has_bearing=False)
     clusters, options, marginals = (
         Clusters.example(),
         AssociationOptions(np.arange(2), zeros, ones),

@@ -23,7 +23,7 @@ import numpy as np
 
 from gcs.model import NS_PER_S, FloatArray, Sensor, read_only
 from gcs.tracking.glmb.params import Birth
-from gcs.tracking.models import constant_velocity, sensors
+from gcs.tracking.models import constant_velocity, sensor_geometry
 
 _FIRST_INTERVAL_S = 1.0
 """Interval assumed before a sensor's first scan."""
@@ -125,7 +125,7 @@ class AdaptiveBirth:
         rows = np.argsort(-probability, kind="stable")[:_MAX_BIRTHS]
         rows = np.sort(rows[probability[rows] >= _MIN_PROBABILITY])
         self._state.unexplained = Unexplained(
-            t_ns, z_m[rows], sensors.noise_m2(sensor, z_m[rows]), probability[rows]
+            t_ns, z_m[rows], sensor_geometry.noise_m2(sensor, z_m[rows]), probability[rows]
         )
 
     def _elapsed_s(self, t_ns: int, sensor: str) -> float:

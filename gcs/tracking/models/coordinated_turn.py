@@ -24,7 +24,7 @@ import numpy as np
 
 from gcs.jit import Call, inlined, kernel, leaf
 from gcs.model import FloatArray, IntArray
-from gcs.tracking.models.measurement import LinearisedMeasurement, wrap_angle
+from gcs.tracking.models.measurement_model import LinearisedMeasurement, wrap_angle
 
 _SMALL_ANGLE = 1e-4
 _MAX_SQUARED_CORRELATION = 0.98

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from gcs.model import NS_PER_S, BoolArray, FloatArray, IntArray, Sensor
-from gcs.tracking.models import constant_velocity, sensors
+from gcs.tracking.models import constant_velocity, sensor_geometry
 
 _PERSISTENT_SCORE: Final = 25.0
 _MAX_SCORE: Final = 35.0
@@ -78,8 +78,8 @@ class PersistentDetections:
         self._predict(t_ns)
         unexplained = np.flatnonzero(explained < _UNEXPLAINED)
         unexplained = np.sort(unexplained[np.argsort(explained[unexplained], kind="stable")[:_MAX_CHAINS]])
-        z, noise = z_m[unexplained], sensors.noise_m2(sensor, z_m[unexplained])
-        clutter = np.maximum(sensors.clutter_per_m2(sensor, z), _MIN_CLUTTER_PER_M2)
+        z, noise = z_m[unexplained], sensor_geometry.noise_m2(sensor, z_m[unexplained])
+        clutter = np.maximum(sensor_geometry.clutter_per_m2(sensor, z), _MIN_CLUTTER_PER_M2)
         is_assigned = self._associate(z, noise, clutter, sensor)
         self._keep((self.score >= 0.0) & (self.cov[:, [0, 1], [0, 1]].max(axis=1) <= _MAX_STD_M**2))
         self._begin(z[~is_assigned], noise[~is_assigned])
@@ -101,7 +101,7 @@ class PersistentDetections:
         """
         is_assigned = np.zeros(len(z), np.bool_)
         detected = min(sensor.detection_probability, _MAX_DETECTION)
-        missed = sensors.covers(sensor, self.mean[:, :2])
+        missed = sensor_geometry.covers(sensor, self.mean[:, :2])
         chain, detection, innovation, S = self._pairs(z, noise)
         if chain.size and detected > 0.0:
             chi2 = np.einsum("pi,pij,pj->p", innovation, np.linalg.inv(S), innovation)

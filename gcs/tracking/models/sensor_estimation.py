@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gcs.model import Sensor
-from gcs.tracking.models.sensors import expected_clutter
+from gcs.tracking.models.sensor_geometry import expected_clutter
 
 _MEMORY_SCANS = 60.0
 _CERTAIN_STD = 5.0

@@ -33,7 +33,7 @@ from gcs.model import BoolArray, FloatArray, IntArray, Label, Sensor, read_only
 from gcs.tracking.glmb.recursion import Interval, Posterior, UpdateResult
 from gcs.tracking.models import constant_velocity
 from gcs.tracking.models.coordinated_turn import TurnModel
-from gcs.tracking.models.sensors import MAX_DETECTION_PROBABILITY
+from gcs.tracking.models.sensor_geometry import MAX_DETECTION_PROBABILITY
 from gcs.tracking.trajectories import rts
 from gcs.tracking.trajectories.history_tree import NO_NODE, HistoryTree, extend_tree, release_nodes
 from gcs.tracking.trajectories.rts import FilterStep, run_filter, smooth_states

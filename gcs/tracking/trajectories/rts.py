@@ -7,7 +7,7 @@ Joseph form. Smoother (Rauch, Tung & Striebel 1965), with the gain G_k = P_k|k F
 
 With a fixed lag L, n = min(k + L, last). The state is [east, north, v_east, v_north], and the turn rate as a
 fifth element with a turn model. That filter is `coordinated_turn`, and its smoother linearises around the
-filtered states. Sensors are linearised around each state (`models.measurement`).
+filtered states. Sensors are linearised around each state (`models.measurement_model`).
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ import numpy as np
 from gcs.jit import ZERO, Call, kernel, leaf
 from gcs.model import FloatArray, IntArray, Sensor
 from gcs.tracking.glmb.kalman import predict_track, update_track
-from gcs.tracking.models import coordinated_turn, measurement
+from gcs.tracking.models import coordinated_turn, measurement_model
 from gcs.tracking.models.coordinated_turn import TurnModel
-from gcs.tracking.models.measurement import SensorModel, linearise
-from gcs.tracking.models.sensors import sensor_coordinates
+from gcs.tracking.models.measurement_model import SensorModel, linearise
+from gcs.tracking.models.sensor_geometry import sensor_coordinates
 
 
 class FilterStep(NamedTuple):
@@ -118,7 +118,7 @@ def filter_path(
 
 def warm_up_calls() -> list[Call]:
     """Return one call of every kernel, with the types of `run_filter`."""
-    sensor = measurement.sensor_model(Sensor("", 0.9, 1e-6, np.eye(2), (0.0, 0.0, 1.0, 1.0)))
+    sensor = measurement_model.sensor_model(Sensor("", 0.9, 1e-6, np.eye(2), (0.0, 0.0, 1.0, 1.0)))
     sensors = SensorModel._make(np.array([field]) for field in sensor)
     zeros = np.zeros(1, np.int64)
     z, Q = np.zeros((1, 2)), np.eye(4).reshape(1, 4, 4)
@@ -131,7 +131,7 @@ def run_filter(
     """Filter from a prior (4,), (4, 4) at the time of the first scan, whose F and Q do not apply."""
     sensors = {id(step.sensor): step.sensor for step in steps}
     sensor_index = {identity: i for i, identity in enumerate(sensors)}
-    models = [measurement.sensor_model(sensor) for sensor in sensors.values()]
+    models = [measurement_model.sensor_model(sensor) for sensor in sensors.values()]
     dt_s = np.array([step.dt_s for step in steps])
     z = np.full((len(steps), 2), np.nan)
     for k, step in enumerate(steps):

@@ -15,7 +15,7 @@ from gcs.io.records import decode, encode
 from gcs.io.zenoh.key_expressions import scan_key
 from gcs.io.zenoh.scans import decode_scan, encode_scan
 from gcs.model import Polar, Scan, read_only
-from gcs.tracking.models.sensors import map_coordinates, polar_sensor, sensor_coordinates
+from gcs.tracking.models.sensor_geometry import map_coordinates, polar_sensor, sensor_coordinates
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 POLAR = Polar(-300.0, 1000.0, 4.0, 0.005, (50.0, 2600.0), (1.5, 0.8), 1e-3)

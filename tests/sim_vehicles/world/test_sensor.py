@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.model import NS_PER_S, Polar, Sensor, TruthObject, read_only
-from gcs.tracking.models.sensors import polar_sensor, sensor_coordinates
+from gcs.tracking.models.sensor_geometry import polar_sensor, sensor_coordinates
 from sim_vehicles.world.scenario import load
 from sim_vehicles.world.sensor import make_sensors, observe
 from sim_vehicles.world.world import World

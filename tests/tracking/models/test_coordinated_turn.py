@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from gcs.model import NS_PER_S, Sensor
 from gcs.tracking.glmb import kalman, marginals
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
-from gcs.tracking.models import constant_velocity, coordinated_turn, measurement
+from gcs.tracking.models import constant_velocity, coordinated_turn
+from gcs.tracking.models.measurement_model import linearise, sensor_model
 
 SENSOR = Sensor("s", 0.98, 4e-6, np.diag([10.0, 10.0]), (-5000.0, -5000.0, 5000.0, 5000.0))
 
@@ -76,7 +77,7 @@ def test_the_update_is_the_kalman_update_of_five_states():
     x, P = random_track(rng)
     mean, cov, turn = split(x, P)
     place = mean[:, :2] + 4.0
-    view, first = measurement.linearise(measurement.sensor_model(SENSOR), mean, cov), np.zeros(1, np.int64)
+    view, first = linearise(sensor_model(SENSOR), mean, cov), np.zeros(1, np.int64)
     new_mean, new_cov = kalman.update_tracks(mean, cov, first, first, place, view)
     new_turn = coordinated_turn.update(cov, turn, first, first, place, view)
     H = np.eye(2, 5)
@@ -109,7 +110,7 @@ def test_the_joint_covariance_stays_positive_definite_at_any_pace(seed, steps):
         mean, cov, turn = coordinated_turn.predict(
             mean, cov, turn, constant_velocity.process_noise(dt, 1.0), dt, 0.3, 10.0
         )
-        view = measurement.linearise(measurement.sensor_model(SENSOR), mean, cov)
+        view = linearise(sensor_model(SENSOR), mean, cov)
         z = mean[:, :2] + rng.normal(0, 5, (1, 2))
         meas = first if seen else first - 1
         mean_after, cov_after = kalman.update_tracks(mean, cov, first, meas, z, view)

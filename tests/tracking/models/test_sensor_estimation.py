@@ -6,7 +6,7 @@ import pytest
 from gcs.model import NS_PER_S, Polar, Sensor
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
 from gcs.tracking.models.sensor_estimation import SensorEstimation
-from gcs.tracking.models.sensors import polar_sensor
+from gcs.tracking.models.sensor_geometry import polar_sensor
 
 SIDE_M = 1000.0
 

@@ -1,8 +1,8 @@
-"""Joint association of clusters with several labels: the posterior components of each hypothesis.
+"""Joint association of clusters with several labels, by branch and bound or Gibbs sampling.
 
-Each track of a hypothesis takes one of its association options, and no two tracks take the same detection.
-The weight of a component is that of its hypothesis times those of the options (see `recursion`, equation
-*recursion*).
+In a posterior component each track of a hypothesis takes one of its association options, and no two tracks
+take the same detection. The weight of a component is that of its hypothesis times those of the options (see
+`recursion`, equation *recursion*).
 
 A hypothesis with few joint options is enumerated by branch and bound. That finds exactly the components above
 the floor. A larger hypothesis is Gibbs-sampled (`recursion`, equation *Gibbs*): each track in turn draws one

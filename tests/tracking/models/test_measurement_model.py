@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from gcs.model import NS_PER_S, Polar, Sensor
 from gcs.tracking.glmb import kalman
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
-from gcs.tracking.models import measurement, sensors
+from gcs.tracking.models import sensor_geometry
+from gcs.tracking.models.measurement_model import linearise, sensor_model, wrap_angle
 
 FIELD = (-1000.0, -1000.0, 1000.0, 1000.0)
 ALL_ROUND = (0.0, math.pi)
@@ -47,8 +48,8 @@ def residual(a, b):
 
 
 def updated(sensor, mean, cov, place_m):
-    view = measurement.linearise(measurement.sensor_model(sensor), mean[None], cov[None])
-    z = sensors.sensor_coordinates(sensor, np.reshape(place_m, (1, 2)))
+    view = linearise(sensor_model(sensor), mean[None], cov[None])
+    z = sensor_geometry.sensor_coordinates(sensor, np.reshape(place_m, (1, 2)))
     first = np.zeros(1, np.int64)
     new, new_cov = kalman.update_tracks(mean[None], cov[None], first, first, z, view)
     return new[0], new_cov[0]
@@ -110,7 +111,7 @@ def test_any_track_seen_from_anywhere_keeps_a_sound_covariance(seed, reach, std,
     mean = np.array([*(reach * rng.normal(0.0, 1.0, 2)), *rng.normal(0.0, 10.0, 2)])
     cov = spd(rng, 4, np.array([std, std, 5.0, 5.0]))
     sensor = radar(std=noise)
-    view = measurement.linearise(measurement.sensor_model(sensor), mean[None], cov[None])
+    view = linearise(sensor_model(sensor), mean[None], cov[None])
     assert 0.0 <= view.p_in_fov[0] <= 1.0
     assert abs(view.z_hat[0, 1]) <= math.pi
     found, found_cov = updated(sensor, mean, cov, mean[:2] + std * rng.normal(0.0, 1.0, 2))
@@ -122,7 +123,7 @@ def test_any_track_seen_from_anywhere_keeps_a_sound_covariance(seed, reach, std,
 
 @given(angle=st.floats(-1e3, 1e3))
 def test_angles_wrap(angle):
-    wrapped = measurement.wrap_angle.py_func(angle)
+    wrapped = wrap_angle.py_func(angle)
     assert abs(wrapped) <= math.pi + 1e-9
     assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
     assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
@@ -132,10 +133,10 @@ def test_the_clutter_of_a_sector_is_uniform_in_range_and_bearing():
     sensor = radar(place=(100.0, -50.0), sector=(2.0, 0.5), reach=(200.0, 1500.0), clutter=1e-2)
     rng = np.random.default_rng(0)
     places = rng.uniform(-1600.0, 1600.0, (400_000, 2)) + np.array([100.0, -50.0])
-    inside = sensors.covers(sensor, places)
-    total = sensors.clutter_per_m2(sensor, places[inside]).sum() * 3200.0**2 / len(places)
-    assert total == pytest.approx(sensors.expected_clutter(sensor), rel=0.02)
-    assert sensors.expected_clutter(sensor) == pytest.approx(1e-2 * 1300.0 * 1.0)
+    inside = sensor_geometry.covers(sensor, places)
+    total = sensor_geometry.clutter_per_m2(sensor, places[inside]).sum() * 3200.0**2 / len(places)
+    assert total == pytest.approx(sensor_geometry.expected_clutter(sensor), rel=0.02)
+    assert sensor_geometry.expected_clutter(sensor) == pytest.approx(1e-2 * 1300.0 * 1.0)
 
 
 @pytest.mark.parametrize("sensor", [box(), radar(sector=(math.pi, 0.5), reach=(300.0, 900.0))])
@@ -145,16 +146,16 @@ def test_the_probability_in_view_is_the_integral_of_the_gaussian(sensor):
     for centre in [(0.0, -300.0), (30.0, -880.0), (200.0, -500.0), (990.0, 980.0), (-1020.0, 0.0)]:
         mean, cov = np.array([*centre, 0.0, 0.0]), np.diag([20.0**2, 25.0**2, 1.0, 1.0])
         draws = rng.multivariate_normal(mean[:2], cov[:2, :2], 20_000)
-        found = measurement.linearise(measurement.sensor_model(sensor), mean[None], cov[None]).p_in_fov[0]
-        assert found == pytest.approx(sensors.covers(sensor, draws).mean(), abs=0.05)
+        found = linearise(sensor_model(sensor), mean[None], cov[None]).p_in_fov[0]
+        assert found == pytest.approx(sensor_geometry.covers(sensor, draws).mean(), abs=0.05)
 
 
 def test_noise_on_the_map_lies_along_and_across_the_line_of_sight():
     rng, sensor = np.random.default_rng(2), radar(place=(40.0, 10.0), std=(3.0, 0.01))
     place = np.array([640.0, 810.0])
-    z = sensors.sensor_coordinates(sensor, place[None])[0] + rng.normal(0.0, (3.0, 0.01), (50_000, 2))
+    z = sensor_geometry.sensor_coordinates(sensor, place[None])[0] + rng.normal(0.0, (3.0, 0.01), (50_000, 2))
     draws = np.column_stack([40.0 + z[:, 0] * np.sin(z[:, 1]), 10.0 + z[:, 0] * np.cos(z[:, 1])])
-    np.testing.assert_allclose(sensors.noise_m2(sensor, place[None])[0], np.cov(draws.T), rtol=0.05)
+    np.testing.assert_allclose(sensor_geometry.noise_m2(sensor, place[None])[0], np.cov(draws.T), rtol=0.05)
 
 
 def fly(sensors_of, path, scans=20, seed=0, births=None, params=None):
@@ -166,9 +167,9 @@ def fly(sensors_of, path, scans=20, seed=0, births=None, params=None):
     for k in range(scans):
         place = np.array([path(float(k))])
         for i, sensor in enumerate(sensors_of):
-            z = place[sensors.covers(sensor, place)]
+            z = place[sensor_geometry.covers(sensor, place)]
             if sensor.polar is not None and len(z):
-                r, b = sensors.sensor_coordinates(sensor, z)[0] + rng.normal(
+                r, b = sensor_geometry.sensor_coordinates(sensor, z)[0] + rng.normal(
                     0.0, (sensor.polar.range_std_m, sensor.polar.bearing_std_rad)
                 )
                 z = np.array([[math.sin(b), math.cos(b)]]) * r + (sensor.polar.east_m, sensor.polar.north_m)

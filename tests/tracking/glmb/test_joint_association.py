@@ -9,8 +9,8 @@ import pytest
 from reference_glmb import ranked_assignments
 
 from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
+from gcs.tracking.glmb.joint_association import update_clusters
 from gcs.tracking.glmb.params import GlmbParams
-from gcs.tracking.glmb.ranked_assignment import update_clusters
 
 DETECTIONS = 9
 MISSED = -1

@@ -1,4 +1,4 @@
-"""Merging of clusters whose labels compete for the same detections, before a scan's update.
+"""Product of clusters whose labels compete for the same detections: merged before a scan's update.
 
 Labels whose gates share no detection are associated independently, so the density is a product of delta-GLMBs
 over clusters of labels (Reuter et al. 2014; Beard, Vo & Vo 2020). The cost grows with the number of objects,

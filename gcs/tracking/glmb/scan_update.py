@@ -1,7 +1,7 @@
-"""Association of a scan from predicted tracks to the posterior tracks.
+"""Update by a scan: from predicted tracks, by association, to the posterior tracks.
 
 Singleton labels, which compete for no detection, are updated by themselves (`clusters.singleton`). All other
-labels are associated jointly in their clusters (`ranked_assignment`). Results are concatenated, singletons
+labels are associated jointly in their clusters (`joint_association`). Results are concatenated, singletons
 first.
 
 ================  =============  =======  =====================================================
@@ -23,19 +23,19 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, leaf
+from gcs.tracking.clusters.cluster_product import merge_clusters
 from gcs.tracking.clusters.factorisation import renumber, split_clusters
-from gcs.tracking.clusters.merging import merge_clusters
 from gcs.tracking.clusters.singleton import DetectionMarginals, Tracks, update_singletons
 from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters, allocate_clusters
+from gcs.tracking.glmb.joint_association import update_clusters
 from gcs.tracking.glmb.kalman import update_tracks
 from gcs.tracking.glmb.marginals import track_probabilities
 from gcs.tracking.glmb.merging import merge_similar_tracks
 from gcs.tracking.glmb.params import Limits
-from gcs.tracking.glmb.ranked_assignment import update_clusters
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray, IntArray, KeyArray
-    from gcs.tracking.models.measurement import LinearisedMeasurement
+    from gcs.tracking.models.measurement_model import LinearisedMeasurement
 
 
 class JointTracks(NamedTuple):

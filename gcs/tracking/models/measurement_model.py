@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from gcs.jit import called, inlined, kernel, leaf
-from gcs.tracking.models.sensors import MAX_DETECTION_PROBABILITY, field_bounds_m
+from gcs.tracking.models.sensor_geometry import MAX_DETECTION_PROBABILITY, field_bounds_m
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray, Sensor

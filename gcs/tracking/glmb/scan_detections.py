@@ -18,7 +18,7 @@ import numpy as np
 
 from gcs.jit import ZERO, inlined
 from gcs.tracking.glmb.gating import sort_into_strips
-from gcs.tracking.models import sensors
+from gcs.tracking.models import sensor_geometry
 from gcs.tracking.numerics.sorting import head
 
 if TYPE_CHECKING:
@@ -56,16 +56,16 @@ def scan_measurements(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArra
     if position_m.size and (position_m.ndim != 2 or position_m.shape[1] != 2):
         raise ValueError(f"expected detections (m, 2), east and north; got the shape {position_m.shape}")
     position_m = position_m.reshape(-1, 2)
-    z = sensors.sensor_coordinates(sensor, position_m)
+    z = sensor_geometry.sensor_coordinates(sensor, position_m)
     if clutter_per_m2 is None and sensor.polar is None:
         clutter = np.array([sensor.clutter_density_per_m2], dtype=np.float64)
     elif clutter_per_m2 is None:
-        clutter = sensors.clutter_per_m2(sensor, position_m)
+        clutter = sensor_geometry.clutter_per_m2(sensor, position_m)
     else:
         clutter = np.array(clutter_per_m2, dtype=np.float64)
     clutter = np.maximum(clutter, _MIN_CLUTTER_PER_M2)
     if sensor.polar is not None:
-        clutter = clutter * sensors.cell_area_m2(sensor, position_m)
+        clutter = clutter * sensor_geometry.cell_area_m2(sensor, position_m)
     return Measurements(z, position_m, np.log(clutter))
 
 
