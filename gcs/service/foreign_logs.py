@@ -18,7 +18,7 @@ from typing import Final
 from gcs.errors import RecordingError
 from gcs.files import open_regular
 from gcs.io.detections.readers import Detections, load
-from gcs.io.detections.tables import ENDINGS
+from gcs.io.detections.table_files import ENDINGS
 from gcs.io.recording.reader import Record
 from gcs.io.recording.timestamps import FrameTimes
 from gcs.io.recording.tlog import LogFrame, is_stamped, read_log

@@ -35,7 +35,7 @@ from sim_vehicles.autopilots.failsafe import Failsafe, PlaneFailsafe
 from sim_vehicles.autopilots.fence import FenceGuard
 from sim_vehicles.autopilots.missions import MISSION, Item, MissionStore
 from sim_vehicles.autopilots.parameters import Parameters
-from sim_vehicles.autopilots.state import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
+from sim_vehicles.autopilots.records import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
 from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.geodesy import Geodesy
 from sim_vehicles.vehicle.guidance import Circle, Goal, Legs, Straight, ToPoint, Tuning, density_ratio

@@ -19,7 +19,7 @@ from sim_vehicles.autopilots.arduplane import Autopilot
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.autopilots.failsafe import Px4Failsafe
 from sim_vehicles.autopilots.missions import Item
-from sim_vehicles.autopilots.state import MissionState
+from sim_vehicles.autopilots.records import MissionState
 from sim_vehicles.vehicle.guidance import Goal
 
 _TAKE_OFF, _LANDING, _BOTH, _BOTH_OR_NEITHER, _LANDING_IN_AIR = 1, 2, 3, 4, 5

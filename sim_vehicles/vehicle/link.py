@@ -19,7 +19,7 @@ from sim_vehicles.autopilots.base import PX4, Mode
 from sim_vehicles.autopilots.commands import Commands
 from sim_vehicles.autopilots.missions import MISSION, NEVER_NS, MissionServer
 from sim_vehicles.autopilots.px4_missions import Px4MissionServer
-from sim_vehicles.autopilots.state import ItemReached, StatusText
+from sim_vehicles.autopilots.records import ItemReached, StatusText
 from sim_vehicles.vehicle.frames import FrameReader, Outbox, Signing
 from sim_vehicles.vehicle.telemetry import Streams, Telemetry
 

@@ -18,7 +18,7 @@ from gcs.cli import app
 from gcs.cli.analyse.report_material import read_material
 from gcs.cli.analyse.run_file import RunFile
 from gcs.config import load
-from gcs.io.detections import tables
+from gcs.io.detections import table_files
 from gcs.io.detections.readers import load as load_detections
 from gcs.io.recording.reader import read, read_info
 from gcs.io.recording.timestamps import START_NS, FrameTimes
@@ -318,7 +318,7 @@ def test_detections_that_break_off_are_tracked_up_to_there(flight: Path, scans: 
 def test_files_that_would_not_fit_into_memory_are_refused_before_they_are_read(
     scans: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tables, "MAX_NUMBERS", 100)
+    monkeypatch.setattr(table_files, "MAX_NUMBERS", 100)
     code, text, _ = run("track", scans / "radar.csv", "--model", scans / "radar.toml")
     assert code == 2
     assert "holds more than 100 numbers" in text

@@ -20,7 +20,7 @@ from gcs.cli.errors import exit_on_error
 from gcs.errors import RecordingError
 from gcs.files import open_regular
 from gcs.io.console import console_for
-from gcs.io.detections.tables import ENDINGS
+from gcs.io.detections.table_files import ENDINGS
 from gcs.io.recording.mcap_file import mcap_paths, recording_bytes
 from gcs.io.recording.reader import Damage, is_recording, read, read_info
 from gcs.io.recording.timestamps import FrameTimes

@@ -11,7 +11,7 @@ from rich.filesize import decimal
 
 from gcs.errors import ConfigError
 from gcs.io.detections.columns import Columns, find_columns
-from gcs.io.detections.tables import DETECTION_TITLES, TIME_UNIT_NS, array_table, read_csv, read_npz
+from gcs.io.detections.table_files import DETECTION_TITLES, TIME_UNIT_NS, array_table, read_csv, read_npz
 from gcs.model import NS_PER_S, FloatArray
 
 _MIN_GAP_PERIODS: Final = 5.0

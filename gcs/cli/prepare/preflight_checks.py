@@ -23,8 +23,8 @@ from gcs.errors import LinkError, WireError
 from gcs.fence import fence_of
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.mavsdk.uploader import REMEDY, mavsdk_problem
-from gcs.io.vehicles.access import vehicle_access
 from gcs.io.vehicles.session import VehicleSession
+from gcs.io.vehicles.vehicle_access import vehicle_access
 from gcs.io.zenoh.key_expressions import sensor_scan_keys
 from gcs.io.zenoh.scans import decode_scan
 from gcs.io.zenoh.session import ZenohSession

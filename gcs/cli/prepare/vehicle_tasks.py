@@ -52,7 +52,7 @@ def run_tasks(
         True if something on the vehicles is to be changed.
     """
     from gcs.config import load
-    from gcs.io.vehicles.access import vehicle_access
+    from gcs.io.vehicles.vehicle_access import vehicle_access
 
     with exit_on_error():
         config = load(source)

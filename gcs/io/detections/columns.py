@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from gcs.errors import ConfigError
-from gcs.io.detections.tables import DETECTION_TITLES, ORIGIN, SENSOR, Table, title_error
+from gcs.io.detections.table_files import DETECTION_TITLES, ORIGIN, SENSOR, Table, title_error
 from gcs.model import BoolArray, FloatArray, IntArray, Sensor
 from gcs.tracking.models.sensor_geometry import map_coordinates
 

@@ -19,7 +19,7 @@ from gcs.config import Table, convert, decode_toml
 from gcs.config.schema import AnywhereTable, Box, InnerProbability, NotNegative, Positive, Probability
 from gcs.errors import ConfigError
 from gcs.files import read_text
-from gcs.io.detections.tables import read_npz
+from gcs.io.detections.table_files import read_npz
 from gcs.model import FloatArray, Sensor, read_only
 from gcs.tracking.models.sensor_geometry import polar_sensor, sector
 

@@ -1,7 +1,7 @@
 """Input of `gcs track`: detections, the model to track them by, and the ground truth if it is known.
 
 - NPZ: `meas`, and optionally a model and `truth`.
-- CSV: the first column is a scan number or a time (see `tables`). The model is another file, NPZ or TOML.
+- CSV: the first column is a scan number or a time (`table_files`). The model is another file, NPZ or TOML.
 - Recording of this project: its scans with their sensors, births from its mission file.
 
 Scans are numbered; one without detections is a scan too. The region of an NPZ is where its clutter is. The
@@ -35,7 +35,7 @@ from gcs.errors import ConfigError, RecordingError
 from gcs.io.detections.columns import find_columns, sensor_of_rows
 from gcs.io.detections.model_file import MAX_SCANS, ModelTable, npz_model, read_model, sensors_of
 from gcs.io.detections.sanity import sanity_warnings
-from gcs.io.detections.tables import (
+from gcs.io.detections.table_files import (
     DETECTION_TITLES,
     MAX_NUMBERS,
     TIME_UNIT_NS,

@@ -18,7 +18,7 @@ import numpy as np
 
 from gcs.errors import ConfigError
 from gcs.io.detections.model_file import MAX_SCANS
-from gcs.io.detections.tables import (
+from gcs.io.detections.table_files import (
     TIME_UNIT_NS,
     Table,
     array_table,

@@ -1,1 +1,1 @@
-"""Short sessions with vehicles: `access`, `session`, and the tasks of `gcs fence` and `gcs param`."""
+"""Short sessions with vehicles: `vehicle_access`, `session`, and the tasks of `gcs fence` and `gcs param`."""

@@ -13,7 +13,7 @@ from gcs.config import Config
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
 from gcs.io.signing.link_signing import LinkSigning
-from gcs.io.vehicles.access import vehicle_access
+from gcs.io.vehicles.vehicle_access import vehicle_access
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.mavlink.frames.codec import FrameTable, Message
 from gcs.model import NS_PER_S, Datagram, Level, system_of

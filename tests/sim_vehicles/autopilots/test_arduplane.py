@@ -11,7 +11,7 @@ from sim_vehicles.autopilots.arduplane import Autopilot
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.autopilots.missions import Item
 from sim_vehicles.autopilots.parameters import Parameters
-from sim_vehicles.autopilots.state import ItemReached, StatusText
+from sim_vehicles.autopilots.records import ItemReached, StatusText
 from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.banked_airframe import BankedAirframe
 from sim_vehicles.vehicle.geodesy import Geodesy

@@ -5,7 +5,7 @@ import pytest
 from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
 from gcs.errors import LinkError
-from gcs.io.vehicles.access import vehicle_access
+from gcs.io.vehicles.vehicle_access import vehicle_access
 from gcs.io.zenoh.discovery import announced
 
 FORWARDS = """links.forward=[{endpoint="udpin:0.0.0.0:14551", access="read-only"},
