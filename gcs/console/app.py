@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import mimetypes
 import time
 from collections.abc import Callable, Sequence
-from importlib.resources import files
 from typing import Any, Final
 
 import msgspec
@@ -29,6 +27,7 @@ from gcs.console.openapi import description
 from gcs.console.orders import OrderDesk, RefusedOrderError, is_answered
 from gcs.console.playback import PlaybackDesk
 from gcs.console.preflight import PreflightDesk
+from gcs.console.static_files import StaticFiles
 from gcs.console.tiles import Tiles
 from gcs.console.world import World
 from gcs.io.records import encode
@@ -67,6 +66,11 @@ class Board:
         """True if a page is open, or a program has asked just now."""
         return len(self.clients) > 0 or time.monotonic() - self._asked_s < _ASKED_S
 
+    def ask(self) -> None:
+        """Ask for a capture now: a page or a program will read it."""
+        self._asked_s = time.monotonic()
+        self._watch()
+
     def join(self) -> Client:
         """Add a page."""
         self._watch()
@@ -85,8 +89,7 @@ class Board:
     async def capture(self) -> Capture | None:
         """Return a capture that is made now; None if the run makes none."""
         before, until_s = self.world.capture, time.monotonic() + 1.0
-        self._asked_s = time.monotonic()
-        self._watch()
+        self.ask()
         while self.world.capture is before and time.monotonic() < until_s:
             await self.changed(until_s - time.monotonic())
         return self.world.capture
@@ -94,21 +97,31 @@ class Board:
 
 def make_app(boards: Sequence[Board], access: Access) -> ASGIApp:
     """Return the application behind its guard. With two boards its first page compares them."""
-    static = _static_files()
-    page, comparison = static["/index.html"], static.pop("/compare.html")
-    others = [Mount("/b", routes=[Route("/", _Static(*page).serve), *_routes(board)]) for board in boards[1:]]
-    routes = [
-        Route("/", _Static(*(comparison if others else page)).serve),
-        Route("/login", _Login(access, static["/login.html"]).serve, methods=["GET", "POST"]),
-        Route(alarm_guide.PATH, _guide),
-        *_routes(boards[0]),
-        *others,
-        *(Route(path, _Static(*content).serve) for path, content in static.items()),
+    static = StaticFiles()
+    others = [
+        Mount("/b", routes=[Route("/", _Page(board, static).serve), *_data_routes(board)])
+        for board in boards[1:]
     ]
-    return Guard(Starlette(routes=routes), access, access.port or 0)
+    page = "compare.html" if others else "index.html"
+    names = (Route(f"/{name}", static.serve) for name in static.files if name != "compare.html")
+    kept = Route(f"/{static.version}/{{name}}", static.serve_kept)
+    app = Starlette(routes=[*described_routes(boards[0], access, static, page), *others, kept, *names])
+    return Guard(app, access, access.port or 0)
 
 
-def _routes(board: Board) -> list[BaseRoute]:
+def described_routes(
+    board: Board, access: Access, static: StaticFiles, page: str = "index.html"
+) -> list[BaseRoute]:
+    """Return the routes that `gcs.console.openapi` describes: all but the files of the page."""
+    return [
+        Route("/", _Page(board, static, page).serve),
+        Route("/login", _Login(access, static).serve, methods=["GET", "POST"]),
+        Route(alarm_guide.PATH, _guide),
+        *_data_routes(board),
+    ]
+
+
+def _data_routes(board: Board) -> list[BaseRoute]:
     """Return the routes to the data of one run."""
     api = _Api(board)
     return [
@@ -128,24 +141,15 @@ def _routes(board: Board) -> list[BaseRoute]:
     ]
 
 
-def _static_files() -> dict[str, tuple[bytes, str]]:
-    """Return content and media type of each file of the page, by path."""
-    folder = files("gcs.console") / "static"
-    return {
-        f"/{one.name}": (one.read_bytes(), mimetypes.guess_type(one.name)[0] or "application/octet-stream")
-        for one in folder.iterdir()
-        if one.is_file()
-    }
+class _Page:
+    """The page; while a browser loads it, its first picture is made."""
 
-
-class _Static:
-    """A file of the page."""
-
-    def __init__(self, content: bytes, media_type: str) -> None:
-        self._content, self._media_type = content, media_type
+    def __init__(self, board: Board, static: StaticFiles, name: str = "index.html") -> None:
+        self._board, self._static, self._name = board, static, name
 
     async def serve(self, _request: Request) -> Response:
-        return Response(self._content, media_type=self._media_type)
+        self._board.ask()
+        return self._static.response(self._name)
 
 
 async def _guide(request: Request) -> Response:
@@ -290,12 +294,12 @@ class _Api:
 class _Login:
     """Form that keeps a token in a cookie, out of reach of scripts and of other sites."""
 
-    def __init__(self, access: Access, page: tuple[bytes, str]) -> None:
-        self._access, self._page = access, page
+    def __init__(self, access: Access, static: StaticFiles) -> None:
+        self._access, self._static = access, static
 
     async def serve(self, request: Request) -> Response:
         if request.method == "GET":
-            return Response(self._page[0], media_type=self._page[1])
+            return self._static.response("login.html")
         try:
             body: Any = msgspec.json.decode(await _body(request) or b"", type=dict[str, str])
         except msgspec.DecodeError:

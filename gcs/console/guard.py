@@ -20,6 +20,8 @@ from gcs.console.access import Access, Role
 COOKIE: Final = "swarm_gcs_token"
 OPEN_PATHS: Final = frozenset({"/login", "/console.css", "/login.js"})
 """What is served without a token: the form that asks for it."""
+_VIEW_PATHS: Final = frozenset({"/api/replay", "/b/api/replay"})
+"""What a token to view may post as well: nothing flies in a replay."""
 _SAFE: Final = frozenset({"GET", "HEAD"})
 _HEADERS: Final = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
@@ -76,7 +78,7 @@ class Guard:
             return None
         if scope["path"] == "/login":
             return None
-        if role != "operate":
+        if role != "operate" and scope["path"] not in _VIEW_PATHS:
             return 403, "this token may view only"
         if headers.get("content-type", "").partition(";")[0].strip() != "application/json":
             return 415, "expected content-type application/json"
@@ -115,7 +117,7 @@ def _with_headers(send: Send) -> Send:
         if message["type"] == "http.response.start":
             headers: Any = MutableHeaders(scope=message)
             for name, value in _HEADERS.items():
-                headers[name] = value
+                headers.setdefault(name, value)
         await send(message)
 
     return send_with_headers

@@ -1,4 +1,4 @@
-"""Description of the interface for programs (OpenAPI 3.1), made from the records that it carries."""
+"""Description of what the console serves (OpenAPI 3.1), made from the records that it carries."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from gcs.console.history import Mark
+from gcs.console.playback import PlaybackRequest
 from gcs.io.zenoh.order_messages import OrderMessage
 from gcs.model import OrderAnswer, Proposal, SwarmStatus
 
@@ -15,19 +17,21 @@ _REFERENCE = "#/components/schemas/{name}"
 
 def description() -> dict[str, Any]:
     """Return the OpenAPI document."""
-    records = [OrderMessage, OrderAnswer, SwarmStatus, Proposal]
-    (order, answer, status, proposal), components = msgspec.json.schema_components(
+    records = [OrderMessage, OrderAnswer, SwarmStatus, Proposal, Mark, PlaybackRequest]
+    (order, answer, status, proposal, mark, playback), components = msgspec.json.schema_components(
         records, schema_hook=_array, ref_template=_REFERENCE
     )
     answers = _object(
         order_id={"type": "string"}, complete={"type": "boolean"}, answers={"type": "array", "items": answer}
     )
+    marks = _object(complete={"type": "boolean"}, marks={"type": "array", "items": mark})
     plan = _object(routes={"type": "array"}, proposal={"anyOf": [proposal, {"type": "null"}]})
     waits = {"name": "wait_s", "in": "query", "schema": {"type": "number", "maximum": 60}}
+    after = {"name": "after", "in": "query", "schema": {"type": "integer", "minimum": 0}}
     placed = {
         "summary": "Give an order; order_id and origin are filled in",
         "parameters": [waits],
-        "requestBody": {"required": True, "content": {"application/json": {"schema": order}}},
+        "requestBody": _body(order),
         "responses": {
             "200": _response("answers until now", answers),
             "202": _response("passed on, not answered yet", answers),
@@ -35,8 +39,23 @@ def description() -> dict[str, Any]:
             "422": {"description": "the order has a mistake"},
         },
     }
-    name = {"name": "name", "in": "path", "required": True, "schema": {"type": "string"}}
-    order_id = {"name": "order_id", "in": "path", "required": True, "schema": {"type": "string"}}
+    moved = {
+        "summary": "Play, pause or move a replay; a token to view is enough",
+        "requestBody": _body(playback),
+        "responses": {
+            "200": {"description": "done"},
+            "422": {"description": "the run is live, or the request has a mistake"},
+        },
+    }
+    logged_in = {
+        "summary": "Keep a token in a cookie",
+        "requestBody": _body(_object(token={"type": "string"})),
+        "responses": {"200": {"description": "done"}, "401": {"description": "the token is not known"}},
+    }
+    updates = {
+        "summary": "WebSocket: a snapshot of all sections, then updates, as JSON",
+        "responses": {"101": {"description": "WebSocket"}},
+    }
     return {
         "openapi": "3.1.0",
         "info": {"title": "swarm-gcs", "version": "1"},
@@ -44,17 +63,30 @@ def description() -> dict[str, Any]:
             "/api/status": {"get": _get("Agents, targets and sensors", status)},
             "/api/plan": {"get": _get("Routes that are flown, and the plan that waits", plan)},
             "/api/vehicles/{name}": {
-                "get": _get("Record of a vehicle, with its onboard mission", {}) | {"parameters": [name]}
+                "get": _get("Record of a vehicle, with its onboard mission", {}) | _in_path("name")
             },
             "/api/orders": {"post": placed},
-            "/api/orders/{order_id}": {
-                "get": _get("Answers to an order", answers) | {"parameters": [order_id]}
-            },
+            "/api/orders/{order_id}": {"get": _get("Answers to an order", answers) | _in_path("order_id")},
             "/api/preflight": {
                 "get": _get("Last result of gcs preflight", {}),
                 "post": _get("Run gcs preflight beside the service", {}),
             },
-            "/metrics": {"get": {"summary": "Prometheus", "responses": {"200": {"description": "text"}}}},
+            "/api/replay": {"post": moved},
+            "/api/marks": {
+                "get": _get("Losses, arrivals, plans, failed uploads, alarms and orders of the run", marks)
+                | {"parameters": [after]}
+            },
+            "/api/charts": {"get": _get("Series of the charts, in bins of equal width from 0 s", {})},
+            "/api/openapi.json": {"get": _get("This description", {})},
+            "/feed": {"get": updates},
+            "/tiles/{zoom}/{column}/{row}": {
+                "get": _read("Map tile, rows from the north", "image; 204: none there")
+                | _in_path("zoom", "column", "row", kind="integer")
+            },
+            "/metrics": {"get": _read("Prometheus", "text")},
+            "/": {"get": _read("The console", "page")},
+            "/login": {"get": _read("Form that asks for a token", "page"), "post": logged_in},
+            "/alarms": {"get": _read("What alarms mean and what to do", "page")},
         },
         "components": {
             "schemas": components,
@@ -72,6 +104,22 @@ def _array(kind: type) -> dict[str, Any]:
 
 def _object(**properties: Any) -> dict[str, Any]:
     return {"type": "object", "properties": properties}
+
+
+def _body(schema: Any) -> dict[str, Any]:
+    return {"required": True, "content": {"application/json": {"schema": schema}}}
+
+
+def _in_path(*names: str, kind: str = "string") -> dict[str, Any]:
+    return {
+        "parameters": [
+            {"name": name, "in": "path", "required": True, "schema": {"type": kind}} for name in names
+        ]
+    }
+
+
+def _read(summary: str, content: str) -> dict[str, Any]:
+    return {"summary": summary, "responses": {"200": {"description": content}}}
 
 
 def _response(text: str, schema: Any) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """What the console costs the service, and how many frames a second a browser draws.
 
-- ``--pages 0 1 100``: CPU time of `gcs demo swarm-50` with so many pages that read all messages, and the
-  longest time that a tick waited.
+- ``--pages 0 1 100``: CPU time of `gcs demo swarm-50` with so many pages that read all messages, one of them
+  with the details of a vehicle, the longest time that a tick waited, and the longest time between two
+  heartbeats at any vehicle. This needs the right to read all UDP datagrams of the machine (CAP_NET_RAW).
 - ``--frames``: frames a second of Chromium with software rendering while the map is dragged, with 1,000
   tracks and 5,000 detections a second. The server is in a process of its own.
 """
@@ -12,8 +13,10 @@ import argparse
 import asyncio
 import contextlib
 import json
+import re
 import shutil
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -30,6 +33,7 @@ import psutil
 from websockets.sync.client import connect
 
 SECONDS = 20.0
+SO_TIMESTAMPNS = 35
 TRACKS, DETECTIONS_PER_S, SCANS_PER_S = 1000, 5000, 10
 FLAGS = [
     "--no-sandbox",
@@ -56,10 +60,43 @@ def read_all(url: str, ends: threading.Event, lags_s: list[float], counts: list[
                     lags_s.append(json.loads(message)["head"]["lag_s"])
 
 
+def read_details(url: str, ends: threading.Event) -> None:
+    while not ends.wait(1.0):
+        urllib.request.urlopen(f"{url}/api/vehicles/1").close()
+
+
+def heartbeats(payload: bytes) -> bool:
+    """Return True if a datagram has a HEARTBEAT (MAVLink 2)."""
+    at = 0
+    while at + 12 <= len(payload) and payload[at] == 0xFD:
+        if payload[at + 7 : at + 10] == b"\0\0\0":
+            return True
+        at += 12 + payload[at + 1] + (13 if payload[at + 2] & 1 else 0)
+    return False
+
+
+def watch_heartbeats(port: int, ends: threading.Event, heard_s: dict[int, list[float]]) -> None:
+    """Note when the kernel delivered each heartbeat of the service, by the port of the vehicle."""
+    with socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_UDP) as wire:
+        wire.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 24)
+        wire.settimeout(0.5)
+        while not ends.is_set():
+            with contextlib.suppress(TimeoutError):
+                packet, ((_, _, stamp), *_), _, _ = wire.recvmsg(2048, 64)
+                udp = 4 * (packet[0] & 15)
+                sender, receiver = struct.unpack_from("!HH", packet, udp)
+                if sender == port and heartbeats(packet[udp + 8 :]):
+                    seconds, nanoseconds = struct.unpack("qq", stamp)
+                    heard_s.setdefault(receiver, []).append(seconds + 1e-9 * nanoseconds)
+
+
 @contextmanager
-def pages(url: str, count: int, lags_s: list[float], sizes: list[int]) -> Iterator[None]:
-    ends = threading.Event()
+def pages(address: str, count: int, lags_s: list[float], sizes: list[int]) -> Iterator[None]:
+    ends, url = threading.Event(), f"ws://{address}/feed"
     threads = [threading.Thread(target=read_all, args=(url, ends, lags_s, sizes)) for _ in range(count)]
+    if count:
+        threads.append(threading.Thread(target=read_details, args=(f"http://{address}", ends)))
     for thread in threads:
         thread.start()
     yield
@@ -77,21 +114,32 @@ def cpu_of_pages(counts: list[int]) -> None:
         while "plan: first plan" not in (folder / "log").read_text() and time.monotonic() < until_s:
             time.sleep(0.5)
         service = psutil.Process(demo.pid)
+        listens = re.search(r"UDP port (\d+)", (folder / "log").read_text())
+        assert listens is not None
+        ends, heard_s = threading.Event(), dict[int, list[float]]()
+        wire = threading.Thread(target=watch_heartbeats, args=(int(listens[1]), ends, heard_s))
+        wire.start()
         for count in counts:
             lags_s: list[float] = [0.0]
             sizes: list[int] = []
-            with pages(f"ws://127.0.0.1:{port}/feed", count, lags_s, sizes):
+            with pages(f"127.0.0.1:{port}", count, lags_s, sizes):
                 time.sleep(2.0)
                 sizes.clear()
+                heard_s.clear()
                 before, began_s = sum(service.cpu_times()[:2]), time.monotonic()
                 time.sleep(SECONDS)
                 percent = 100.0 * (sum(service.cpu_times()[:2]) - before) / (time.monotonic() - began_s)
+                gap_s = max(float(np.diff(times).max()) for times in heard_s.values())
+                vehicles = len(heard_s)
             each = max(1, count)
             print(
                 f"{count:4d} pages: {percent:5.1f} % of a core, longest wait of a tick {max(lags_s):.2f} s, "
+                f"longest time between heartbeats at {vehicles} vehicles {gap_s:.2f} s, "
                 f"{len(sizes) / each / SECONDS:.1f} messages and {sum(sizes) / each / SECONDS / 1e3:.0f} kB "
                 "a second for each"
             )
+        ends.set()
+        wire.join()
         demo.terminate()
     shutil.rmtree(folder)
 

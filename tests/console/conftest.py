@@ -19,13 +19,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page, sync_playwright
+from field_vehicles import field
+from playwright.sync_api import Page, expect, sync_playwright
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from websockets.sync.client import ClientConnection, connect
 
 from gcs.config import load
 from gcs.console import Access, ConsoleServer, Source
 from gcs.console.capture import capture
+from gcs.console.tiles import Tiles
 from gcs.endpoints import Link, parse_endpoint
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
@@ -34,7 +36,11 @@ from gcs.model import Event, Tick
 from gcs.service.service import Service
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
+__all__ = ["field"]
+
 AXE = Path(__file__).parent / "axe" / "axe.min.js.gz"
+WAIT_MS = 30_000.0
+"""For a state of the page: tests wait for states, however busy the machine is."""
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = [
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
@@ -49,7 +55,8 @@ def page() -> Iterator[Page]:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         opened = browser.new_page(viewport={"width": 1400, "height": 900})
-        opened.set_default_timeout(5000.0)
+        opened.set_default_timeout(WAIT_MS)
+        expect.set_options(timeout=WAIT_MS)
         yield opened
         browser.close()
 
@@ -119,9 +126,9 @@ class Flight:
             return error.code, error.read(), error.headers
 
 
-def console_of(service: Service, access: Access) -> ConsoleServer:
+def console_of(service: Service, access: Access, tiles: Tiles | None = None) -> ConsoleServer:
     take = partial(capture, service.command)
-    return ConsoleServer(Source(service, take, service.give_order), access)
+    return ConsoleServer(Source(service, take, service.give_order), access, tiles)
 
 
 class Vehicles:
@@ -203,7 +210,7 @@ def fly() -> Callable[..., Any]:
 
 
 @contextmanager
-def _fly(access: Access | None = None) -> Iterator[Flight]:
+def _fly(access: Access | None = None, tiles: Tiles | None = None) -> Iterator[Flight]:
     started, flights = threading.Event(), []
     ends: list[Callable[[], object]] = []
 
@@ -212,7 +219,7 @@ def _fly(access: Access | None = None) -> Iterator[Flight]:
         links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1, 2, 3, 4], config.local_frame)
         service, events, stop = Service(config, 1, links, bus), Events(), asyncio.Event()
         service.sinks.append(events)
-        console = console_of(service, access or Access())
+        console = console_of(service, access or Access(), tiles)
         loop = asyncio.get_running_loop()
         ends.append(lambda: loop.call_soon_threadsafe(stop.set))
         flights.append(Flight(service, console, events))

@@ -171,6 +171,7 @@ def test_the_second_recording_is_guarded_as_the_first():
             assert code(path, VIEW) == 200
         order = {"action": "hold", "vehicles": "all"}
         assert code("/b/api/orders", VIEW, order) == 403
+        assert code("/b/api/replay", VIEW, {"paused": True}) == 200
         assert code("/b/api/orders", OPERATE, order) == 422  # a replay takes none
         assert code("/b/api/replay", "wrong", {"paused": True}) == 401
         assert code("/b/api/replay", OPERATE, {"at_s": 5.0}, Origin="https://evil.example") == 403

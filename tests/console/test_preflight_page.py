@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
+import subprocess
 import sys
+import time
 
 import pytest
+from playwright.sync_api import expect
 
 from gcs.console import preflight
 from gcs.console.preflight import PreflightDesk
@@ -41,3 +45,30 @@ def test_nothing_is_started_where_there_is_no_mission_file(fly):
     with fly() as flight:
         code, body, _ = flight.request("/api/preflight", {})
         assert (code, json.loads(body)) == (200, {"possible": False, "running": False, "result": None})
+
+
+@pytest.mark.slow
+def test_the_page_says_which_vehicle_must_not_fly_and_what_to_do(field, page, tmp_path):
+    command = [sys.executable, "-m", "gcs", "run", str(field), "--headless", "--console", "127.0.0.1:0"]
+    command += ["--out", str(tmp_path / "run"), "--journal", str(tmp_path / "journal")]
+    with (tmp_path / "log").open("w") as log, subprocess.Popen(command, stdout=log, stderr=log) as service:
+        try:
+            until_s, found = time.monotonic() + 60.0, None
+            while found is None and time.monotonic() < until_s:
+                time.sleep(0.1)
+                found = re.search(r"console: (\S+)", (tmp_path / "log").read_text())
+            assert found is not None
+            page.goto(found[1])
+            expect(page.locator("#vehicles tbody tr")).to_have_count(2)
+            with page.expect_popup() as opened:
+                page.get_by_role("link", name="Preflight").click()
+            checks = opened.value
+            checks.get_by_role("button", name="Check now").click()
+            expect(checks.locator("#run")).to_have_text("Checking …")
+            expect(checks.locator("#verdict")).to_contain_text("refused: do not fly", timeout=60_000)
+            row = checks.locator("tr", has_text="FS_LONG_ACTN")
+            expect(row).to_contain_text("when the link is lost, 2 glides")
+            expect(checks.locator("h2", has_text="Vehicle 1")).to_have_count(1)
+        finally:
+            service.terminate()
+            service.wait(20)

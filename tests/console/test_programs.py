@@ -2,6 +2,13 @@
 
 import json
 
+from starlette.routing import Route
+
+from gcs.console.access import Access
+from gcs.console.app import described_routes
+from gcs.console.openapi import description
+from gcs.console.static_files import StaticFiles
+
 
 def test_status_plan_metrics_and_their_description(fly):
     with fly() as flight:
@@ -15,3 +22,11 @@ def test_status_plan_metrics_and_their_description(fly):
         assert {"/api/status", "/api/plan", "/api/orders", "/metrics"} <= api["paths"].keys()
         fields = api["components"]["schemas"]["AgentRecord"]["properties"]
         assert fields.keys() == json.loads(body)["agents"][0].keys()
+
+
+def test_every_route_is_described_with_its_methods():
+    served = {}
+    for route in described_routes(None, Access(), StaticFiles()):
+        methods = route.methods - {"HEAD"} if isinstance(route, Route) else {"GET"}
+        served[route.path.replace(":int", "")] = {method.lower() for method in methods}
+    assert {path: set(one) for path, one in description()["paths"].items()} == served

@@ -22,8 +22,8 @@ from gcs.service.replay import Replay, Window
 RECORDING = Path(__file__).parents[1] / "recordings" / "death.mcap"
 
 
-def post(url, path, body):
-    headers = {"content-type": "application/json"}
+def post(url, path, body, token=""):
+    headers = {"content-type": "application/json", "authorization": f"Bearer {token}"}
     request = urllib.request.Request(url + path, json.dumps(body).encode(), headers)
     try:
         with urllib.request.urlopen(request, timeout=5.0) as reply:
@@ -53,7 +53,7 @@ def first_status(found):
 def play():
     """Play the recording as if its plans needed approval, while a function watches the console."""
 
-    def run(watch):
+    def run(watch, access=None):
         info = read_info(RECORDING)
         config = parse(info.config_text.replace('retask = "auto"', 'retask = "confirm"'), "test")
         replay = Replay(config, info.run.seed, read(RECORDING), Window())
@@ -62,7 +62,7 @@ def play():
         async def play_and_watch():
             stop = asyncio.Event()
             source = Source(replay, partial(capture, replay.command), playback=replay.playback)
-            server = ConsoleServer(source, Access())
+            server = ConsoleServer(source, access or Access())
             playing = asyncio.create_task(replay.run(stop, 1.0))
             try:
                 return await asyncio.to_thread(watch, server.url.rstrip("/"))
@@ -92,6 +92,18 @@ def test_a_replay_can_be_moved_paused_and_made_faster_but_not_commanded(play):
         assert (code, "replay" in reply["error"]) == (422, True)
 
     play(watch)
+
+
+def test_a_token_to_view_moves_a_replay_and_gives_no_order(play):
+    view = "view-0123456789abc"
+
+    def watch(url):
+        assert post(url, "/api/replay", {"at_s": 3.0, "paused": True}, view) == (200, {})
+        assert post(url, "/api/replay", {"at_s": 3.0}, "wrong")[0] == 401
+        code, reply = post(url, "/api/orders", {"action": "hold", "vehicles": "all"}, view)
+        assert (code, reply["error"]) == (403, "this token may view only")
+
+    play(watch, Access(operate_token="operate-0123456789", view_token=view))
 
 
 def test_a_proposed_plan_is_shown_with_what_changes(play):

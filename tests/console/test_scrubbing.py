@@ -178,6 +178,16 @@ def test_a_recording_is_scrubbed_with_keys_and_pointer(console, page):
     chart.click(position={"x": 40 + (box["width"] - 66) * 57 / 60.05, "y": 40})
     expect(elapsed).to_contain_text("0:57")
     expect(objects.locator(".values")).to_contain_text("agents, true 3.0")
+
+    whole = page.get_by_role("button", name="Whole run")
+    ends = [{"x": 40 + (box["width"] - 66) * at_s / 60.05, "y": 40} for at_s in (20, 40)]
+    chart.drag_to(chart, source_position=ends[0], target_position=ends[1])
+    expect(whole).to_be_visible()
+    expect(elapsed).to_contain_text("0:57")
+    page.locator("#charts figure", has_text="OSPA").locator("> canvas").click(position={"x": 41, "y": 40})
+    expect(elapsed).to_contain_text(re.compile("0:2[01]"))
+    page.keyboard.press("w")
+    expect(whole).to_be_hidden()
     page.keyboard.press("g")
     expect(page.locator("#vehicles")).to_be_visible()
     assert errors == []

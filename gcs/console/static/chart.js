@@ -14,14 +14,34 @@ const LOW_ROW_PX = 6; // with many rows; then only some have their names beside 
 const MANY_ROWS = 24;
 const FONT = '11px system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
 const GAP_S = 12; // longer gaps between values are shown
-const STEPS_S = [5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400];
+const STEPS_S = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400];
 const MAX_NAMED = 8;
+const DRAG_PX = 5;
+const MIN_SPAN_S = 1;
 
-// What all charts share: the span of time, the time of the replay, and the time under the pointer.
+// What all charts share: the span of time, the time of the replay, the time under the pointer, and the span
+// that the pointer draws.
 export class TimeAxis extends EventTarget {
   constructor() {
     super();
-    Object.assign(this, { to: 10, now: null, pointed: null, width: 0.5 });
+    Object.assign(this, { to: 10, now: null, pointed: null, width: 0.5, zoomed: null, drawn: null });
+  }
+
+  get span() {
+    return this.zoomed ?? [0, this.to];
+  }
+
+  shows(at) {
+    return at !== null && at >= this.span[0] && at <= this.span[1];
+  }
+
+  // Shows a span of time, or the whole run.
+  zoom(span) {
+    this.drawn = null;
+    const from = span && Math.max(0, Math.min(...span, this.to - MIN_SPAN_S));
+    this.zoomed = span && [from, Math.min(this.to, Math.max(...span, from + MIN_SPAN_S))];
+    this.dispatchEvent(new Event("zoom"));
+    this.point(this.pointed);
   }
 
   point(at) {
@@ -38,27 +58,40 @@ class Chart {
     this.canvas = el("canvas", { role: "img", "aria-label": title });
     this.root = el("figure", {}, el("figcaption", {}, title), this.values, this.canvas);
     root.append(this.root);
-    this.canvas.addEventListener("pointermove", (event) => {
-      this.y = event.offsetY;
-      axis.point(this.timeAt(event.offsetX));
+    this.canvas.addEventListener("pointerdown", (event) => {
+      this.isDragged = false;
+      this.pressedX = event.offsetX;
+      this.canvas.setPointerCapture(event.pointerId);
     });
+    this.canvas.addEventListener("pointermove", (event) => {
+      const at = this.timeAt(event.offsetX);
+      this.y = event.offsetY;
+      if (this.pressedX !== null && Math.abs(event.offsetX - this.pressedX) > DRAG_PX) this.isDragged = true;
+      if (this.pressedX !== null && this.isDragged) axis.drawn = [this.timeAt(this.pressedX), at];
+      axis.point(at);
+    });
+    this.canvas.addEventListener("pointerup", () => { this.pressedX = null; if (axis.drawn) axis.zoom(axis.drawn); });
+    this.canvas.addEventListener("pointercancel", () => { this.pressedX = axis.drawn = null; });
     this.canvas.addEventListener("pointerleave", () => { this.y = null; axis.point(null); });
-    this.canvas.addEventListener("click", (event) => seek(Math.min(axis.to, Math.max(0, this.timeAt(event.offsetX)))));
+    this.canvas.addEventListener("click", (event) => { if (!this.isDragged) seek(Math.min(axis.to, Math.max(0, this.timeAt(event.offsetX)))); });
+    this.pressedX = null;
     axis.addEventListener("change", () => this.draw());
   }
 
   x(at) {
-    return LEFT + (this.width - LEFT - RIGHT) * (at / this.axis.to);
+    const [from, to] = this.axis.span;
+    return LEFT + (this.width - LEFT - RIGHT) * ((at - from) / (to - from));
   }
 
   timeAt(x) {
-    return ((x - LEFT) / Math.max(1, this.width - LEFT - RIGHT)) * this.axis.to;
+    const [from, to] = this.axis.span;
+    return from + ((x - LEFT) / Math.max(1, this.width - LEFT - RIGHT)) * (to - from);
   }
 
   // The time whose values are written: under the pointer, else now.
   get shown() {
-    const { pointed, now, to } = this.axis;
-    return pointed !== null && pointed >= 0 && pointed <= to ? pointed : now ?? to;
+    const { pointed, now, span } = this.axis;
+    return this.axis.shows(pointed) ? pointed : now ?? span[1];
   }
 
   index(values) {
@@ -87,7 +120,8 @@ class Chart {
   drawTimes(ctx, height) {
     const step = STEPS_S.find((one) => this.x(one) - this.x(0) > 55) ?? 28800;
     ctx.textAlign = "center";
-    for (let at = 0; at <= this.axis.to; at += step) {
+    const [from, to] = this.axis.span;
+    for (let at = step * Math.ceil(from / step); at <= to; at += step) {
       const x = Math.round(this.x(at)) + 0.5;
       ctx.strokeStyle = this.theme.colour("grid");
       stroke(ctx, [[x, TOP], [x, height - BOTTOM]]);
@@ -98,10 +132,16 @@ class Chart {
 
   // The replay's time, and the pointer's.
   end(ctx, height) {
-    const { now, pointed } = this.axis;
+    const { now, pointed, drawn } = this.axis;
     ctx.lineWidth = 1;
+    if (drawn) {
+      ctx.fillStyle = this.theme.colour("advisory");
+      ctx.globalAlpha = 0.2;
+      ctx.fillRect(this.x(drawn[0]), TOP, this.x(drawn[1]) - this.x(drawn[0]), height - TOP - BOTTOM);
+      ctx.globalAlpha = 1;
+    }
     for (const [at, colour] of [[now, "advisory"], [pointed, "dim"]]) {
-      if (at === null || at < 0 || at > this.axis.to) continue;
+      if (!this.axis.shows(at)) continue;
       ctx.strokeStyle = this.theme.colour(colour);
       stroke(ctx, [[this.x(at), TOP], [this.x(at), height - BOTTOM]]);
     }
@@ -155,7 +195,7 @@ export class LineChart extends Chart {
     const runs = [];
     let last = -Infinity;
     values.forEach((value, index) => {
-      if (value === null) return;
+      if (value === null || !this.axis.shows((index + 0.5) * width)) return;
       if ((index - last) * width > most) runs.push([]);
       runs.at(-1).push(index);
       last = index;
@@ -227,7 +267,8 @@ export class RowChart extends Chart {
         let next = index + 1;
         while (next < row.values.length && row.values[next] === null && (next - index) * width < Math.max(3, 2 * width)) next++;
         ctx.globalAlpha = Math.max(0.06, value);
-        const [from, to] = [Math.round(this.x(index * width)), Math.round(this.x(next * width))];
+        if (!this.axis.shows(index * width) && !this.axis.shows(next * width)) return;
+        const [from, to] = [index, next].map((bin) => Math.round(Math.min(this.width - RIGHT, Math.max(LEFT, this.x(bin * width)))));
         ctx.fillRect(from, y + 1, Math.max(1, to - from), rowPx - (rowPx === ROW_PX ? 3 : 1));
       });
       ctx.globalAlpha = 1;
@@ -250,7 +291,7 @@ export class MarkChart extends Chart {
 
   near() {
     const row = this.kinds[Math.floor(((this.y ?? -1) - TOP) / 16)]?.[0];
-    const within = this.timeAt(LEFT + 8);
+    const within = this.timeAt(8) - this.timeAt(0);
     const apart = (mark) => Math.abs(mark.t_s - this.axis.pointed);
     return this.axis.pointed === null ? null : this.marks.filter((mark) => mark.kind === row && apart(mark) < within).sort((a, b) => apart(a) - apart(b))[0];
   }
@@ -263,7 +304,7 @@ export class MarkChart extends Chart {
     this.kinds.forEach(([kind, { colour, shape }], number) => {
       const y = TOP + number * 16 + 8;
       ctx.fillStyle = ctx.strokeStyle = this.theme.colour(colour);
-      for (const mark of this.marks) if (mark.kind === kind) drawMark(ctx, shape, this.x(mark.t_s), y, 4);
+      for (const mark of this.marks) if (mark.kind === kind && this.axis.shows(mark.t_s)) drawMark(ctx, shape, this.x(mark.t_s), y, 4);
     });
     this.end(ctx, height);
     const mark = this.near();

@@ -5,6 +5,7 @@ import { el } from "./dom.js";
 import { KINDS, markText } from "./marks.js";
 
 const POLL_MS = 2000;
+const AROUND_S = 30;
 const MAX_LINES = 8; // with more vehicles, only the selected ones are named
 const COLOURS = ["series-1", "series-2", "series-3", "series-4", "series-5", "series-6"];
 const DASHES = [null, [6, 3], [2, 2]];
@@ -15,7 +16,10 @@ export class Charts {
     this.axis = new TimeAxis();
     const isReplay = () => feed.data.mission?.kind === "replay";
     const common = [this.axis, theme, (at) => { if (isReplay()) seek(at); }];
-    root.append(el("h2", {}, "Charts", el("button", { "aria-label": "Close the charts", onclick: () => this.toggle() }, "Close", el("kbd", {}, "G"))));
+    const whole = el("button", { hidden: true, onclick: () => this.axis.zoom(null) }, "Whole run", el("kbd", {}, "W"));
+    this.axis.addEventListener("zoom", () => { whole.hidden = !this.axis.zoomed; });
+    root.append(el("h2", {}, "Charts", el("span", { class: "space" }), whole,
+      el("button", { "aria-label": "Close the charts", onclick: () => this.toggle() }, "Close", el("kbd", {}, "G"))));
     this.events = new MarkChart(root, "Events", ...common);
     this.objects = new LineChart(root, "Number of objects (± 1σ)", "", ...common, { digits: 1 });
     this.ospa = new LineChart(root, "OSPA of positions (c = 100 m, p = 1)", "m", ...common, { digits: 1 });
@@ -44,6 +48,13 @@ export class Charts {
     if (!this.isOpen) return;
     this.load();
     this.root.scrollIntoView({ block: "nearest" });
+  }
+
+  // Shows a minute around the time of the replay, or the last one; then the whole run again.
+  zoom() {
+    const { now, to, zoomed } = this.axis;
+    const at = Math.min(now ?? to, to - AROUND_S);
+    if (this.isOpen) this.axis.zoom(zoomed ? null : [at - AROUND_S, at + AROUND_S]);
   }
 
   async load() {

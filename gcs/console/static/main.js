@@ -70,6 +70,7 @@ const actions = {
   f: () => map.follow(),
   l: () => map.toggleLayers(),
   g: () => charts.toggle(),
+  w: () => charts.zoom(),
   m: measure,
   p: inReplay(() => replay.toggle(), () => targetOrders.pin()),
   t: () => targetOrders.selectNext(1),
