@@ -16,6 +16,7 @@ from rich.console import Console
 from gcs.errors import ConsoleError
 
 if TYPE_CHECKING:
+    from gcs.cli.analyse.run_file import RunFile
     from gcs.console import ConsoleServer
     from gcs.console.server import Source
     from gcs.service.replay import Replay
@@ -107,25 +108,23 @@ def service_page(
 
 
 @contextmanager
-def replay_page(
-    replay: Replay, options: PageOptions, console: Console, recording: Path | None
-) -> Iterator[None]:
-    """Serve the console of a replay while the context lasts; without a recording, of a log.
+def replay_page(replay: Replay, options: PageOptions, console: Console, file: RunFile) -> Iterator[None]:
+    """Serve the console of a replay while the context lasts.
 
     Raises
     ------
     ConsoleError
         When it cannot be served as the options say.
     """
-    with _page(lambda: replay_source(replay, recording), options, console):
+    with _page(lambda: replay_source(replay, file), options, console):
         yield
 
 
 @contextmanager
 def comparison_page(
-    runs: Sequence[tuple[Replay, Path | None, str]], options: PageOptions, console: Console
+    runs: Sequence[tuple[Replay, RunFile]], options: PageOptions, console: Console
 ) -> Iterator[None]:
-    """Serve the console of two replays while the context lasts: each with its recording, and its name.
+    """Serve the console of two replays while the context lasts.
 
     Raises
     ------
@@ -137,8 +136,8 @@ def comparison_page(
         yield
 
 
-def replay_source(replay: Replay, recording: Path | None, file: str = "") -> Source:
-    """Return what the console needs of a replay, of its recording, and the name of a compared file."""
+def replay_source(replay: Replay, file: RunFile) -> Source:
+    """Return what the console needs of the replay of a file."""
     from gcs.console.capture import capture
     from gcs.console.server import Source
 
@@ -147,8 +146,9 @@ def replay_source(replay: Replay, recording: Path | None, file: str = "") -> Sou
         lambda t_ns: capture(replay.command, t_ns),
         playback=replay.playback,
         on_restart=replay.on_restart,
-        recording=recording,
-        file=file,
+        recording=file.path if file.is_recording() else None,
+        has_other_settings=file.has_other_settings,
+        title=file.title,
         start_t_ns=replay.start_t_ns,
     )
 

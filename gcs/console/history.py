@@ -7,6 +7,7 @@ so that they are known before the replay comes to them; pages show them as they 
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 import time
 from bisect import bisect_right
@@ -66,13 +67,14 @@ class History:
     Parameters
     ----------
     is_recorded : bool
-        True if they are read from a recording.
+        True if they are read from a recording; else they are added as they come.
     """
 
     def __init__(self, *, is_recorded: bool) -> None:
         self.is_recorded = is_recorded
         self.is_complete = False
         """True if all marks of a recording were read."""
+        self._last_s = self._known_s = -math.inf
         self._marks: list[Mark] = []
         self._proposals = ProposalLog()
         self._tasked = set[int]()
@@ -82,8 +84,15 @@ class History:
         self._lock = threading.Lock()
         self._encoded, self._encoded_s = b"", -_ENCODED_S
 
+    def restart(self) -> None:
+        """Ignore the marks that are known: the replay begins again at its start."""
+        self._known_s = self._last_s
+
     def add(self, t_s: float, record: Effect | Order) -> None:
         """Add the mark of a record, if it has one."""
+        if t_s <= self._known_s:
+            return
+        self._last_s = max(self._last_s, t_s)
         if isinstance(record, Plan):
             if not self._tasked.isdisjoint(record.changed):
                 self._retasks_s.append(t_s)
@@ -140,16 +149,17 @@ class History:
         }
 
     def read(self, path: Path, vehicles: Sequence[int], start_t_ns: int, ends: threading.Event) -> None:
-        """Add what a recording has, in short bursts, until `ends` is set."""
+        """Add what a recording has, in short bursts, until `ends` is set; if not `is_recorded`, the truth."""
         with contextlib.suppress(RecordingError):  # the replay, which reads the same file, reports it
-            for record in _in_bursts(read_indexed(path, MARKED), ends):
-                self.add(_seconds(record, start_t_ns), record.value)  # type: ignore[arg-type]
-            self.is_complete = not ends.is_set()
+            if self.is_recorded:
+                for record in _in_bursts(read_indexed(path, MARKED), ends):
+                    self.add(_seconds(record, start_t_ns), record.value)  # type: ignore[arg-type]
+                self.is_complete = not ends.is_set()
             duration_ns = (read_end_t_ns(path) or start_t_ns) - start_t_ns
-            charted = (Picture, Snapshot, Truth)
+            charted = (Picture, Snapshot, Truth) if self.is_recorded else (Truth,)
             for record in _in_bursts(read_indexed(path, charted, duration_ns // (2 * BINS)), ends):
                 self._add_charted(_seconds(record, start_t_ns), record.value, vehicles)
-        self.is_complete = self._has_charts = True
+        self.is_complete = self._has_charts = self.is_recorded
 
     def _add_charted(self, t_s: float, value: object, vehicles: Sequence[int]) -> None:
         if isinstance(value, Picture):

@@ -26,7 +26,8 @@ MAX_TRACKS: Final = 64
 _MIN_EXISTENCE: Final = 0.3
 """A track is shown once its existence was that large."""
 _MAX_WAITING: Final = 40
-"""Pictures and truths that wait for each other."""
+"""Pictures that wait for the truth."""
+_MAX_TRUTHS: Final = 4 * BINS
 
 
 class _Line:
@@ -196,7 +197,7 @@ class ChartData:
             living = [(one.east_m, one.north_m) for one in truth.objects if one.kind == kind and one.alive]
             self._add("true", kind, t_s, len(living))
             self._add("ospa", kind, t_s, _ospa_m(np.reshape(living, (-1, 2)), places))
-        while len(self._truths) > _MAX_WAITING:
+        while len(self._truths) > _MAX_TRUTHS:
             del self._truths[next(iter(self._truths))]
         while len(self._waiting) > _MAX_WAITING:
             del self._waiting[next(iter(self._waiting))]

@@ -72,8 +72,10 @@ class Source:
     """Where to put what is called when a replay begins again at another time."""
     recording: Path | None = None
     """Recording that is replayed; None: a log, or a live service."""
-    file: str = ""
-    """Name of a file that is compared with another; else empty."""
+    has_other_settings: bool = False
+    """True if the recording is replayed with other settings: only the truth in it is that of the replay."""
+    title: str = ""
+    """File that is replayed."""
     start_t_ns: int | None = None
     """Start of the run; None: its first event."""
     mission_file: str | None = None
@@ -98,7 +100,8 @@ class ConsoleServer:
         self._socket = bind(access)
         self.port: int = self._socket.getsockname()[1]
         self._access = replace(access, port=self.port)
-        self.runs = [ShownRun(one, tiles) for one in (source, other) if one is not None]
+        sources = [one for one in (source, other) if one is not None]
+        self.runs = [ShownRun(one, tiles, is_compared=other is not None) for one in sources]
         for run, peer in zip(self.runs, reversed(self.runs), strict=True):
             run.playback.peer = None if peer is run else peer.playback
         config = uvicorn.Config(
@@ -169,7 +172,7 @@ class ShownRun:
     It is made on the loop of the run: there it takes captures and passes on orders.
     """
 
-    def __init__(self, source: Source, tiles: Tiles | None) -> None:
+    def __init__(self, source: Source, tiles: Tiles | None, *, is_compared: bool) -> None:
         run, submit = source.run, source.submit
         self.feed = Feed(source.take, run.command.fleet.states, source.start_t_ns)
         if source.on_restart is not None:
@@ -178,11 +181,12 @@ class ShownRun:
         kind = "live" if source.playback is None else "replay"
         about: dict[str, Any] = {"kind": kind, "speed": source.speed, "begun": str(time.time_ns())}
         about |= {"preflight": source.mission_file is not None, "tiles": tiles and tiles.about()}
-        about["file"] = source.file
-        self._is_compared = bool(source.file)
+        about["title"] = source.title
+        self._is_compared = is_compared
         self._recording = source.recording
         self._vehicles = sorted(agent.vehicle for agent in run.config.agents)
-        self.history = History(is_recorded=source.recording is not None)
+        is_recorded = source.recording is not None and not source.has_other_settings
+        self.history = History(is_recorded=is_recorded)
         self.ends = threading.Event()
         world = World(run.config, about, self.history)
         self.clients = Clients(world.snapshot)

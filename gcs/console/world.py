@@ -117,6 +117,8 @@ class World:
             return None
         if is_new:
             self._begin()
+            if self._adds_history:
+                self._history.restart()
         self._news = found
         if feed.start_t_ns is not None:
             self._start_t_ns = feed.start_t_ns

@@ -6,6 +6,7 @@ import asyncio
 import json
 import math
 import threading
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -27,29 +28,29 @@ from gcs.cli.analyse.playback import ReplayOptions
 from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.console_page import replay_source
 from gcs.console import Access, ConsoleServer
+from gcs.io.recording.reader import read_info
 from gcs.service.replay import Replay, Window
 
 RECORDINGS = Path(__file__).parents[1] / "recordings"
-DEATH, RADARS = RECORDINGS / "death.mcap", RECORDINGS / "radars.mcap"
+DEATH, RADARS = RunFile(RECORDINGS / "death.mcap"), RunFile(RECORDINGS / "radars.mcap")
 OPERATE, VIEW = "operate-0123456789", "view-0123456789abc"
 
 
-def replays_of(*paths: Path) -> list[Replay]:
-    first, other = (ReplayOptions(RunFile(path), None, Window(), False, False, False) for path in paths)
+def replays_of(*files: RunFile) -> list[Replay]:
+    first, other = (ReplayOptions(file, None, Window(), False, False, False) for file in files)
     return linked_replays((first, other), Console(quiet=True))
 
 
 @contextmanager
-def compared(access: Access) -> Iterator[ConsoleServer]:
-    """Serve two recordings, paused at their starts."""
+def compared(access: Access, *files: RunFile) -> Iterator[ConsoleServer]:
+    """Serve two replays, paused at their starts."""
     started, running = threading.Event(), list[Any]()
 
     async def play() -> None:
-        paths, stop = (DEATH, RADARS), asyncio.Event()
-        replays = replays_of(*paths)
+        replays, stop = replays_of(*files), asyncio.Event()
         for replay in replays:
             replay.playback.is_paused = True
-        first, other = (replay_source(one, path, path.name) for one, path in zip(replays, paths, strict=True))
+        first, other = map(replay_source, replays, files)
         server = ConsoleServer(first, access, None, other)
         running.append((server, partial(asyncio.get_running_loop().call_soon_threadsafe, stop.set)))
         started.set()
@@ -67,7 +68,7 @@ def compared(access: Access) -> Iterator[ConsoleServer]:
 
 @pytest.fixture
 def console() -> Iterator[ConsoleServer]:
-    with compared(Access(port=0)) as server:
+    with compared(Access(port=0), DEATH, RADARS) as server:
         yield server
 
 
@@ -88,7 +89,7 @@ def test_one_time_line_moves_both_and_the_shorter_recording_stays_at_its_end(con
     opened(page, console.url)
     at, frames = page.locator("#replay .at"), [page.frame_locator("iframe").nth(index) for index in (0, 1)]
     titles = page.locator(".pane h2")
-    expect(titles.nth(0)).to_have_text("Adeath.mcap")
+    expect(titles.nth(0)).to_have_text(f"A{DEATH.path}")
     expect(at).to_have_text("0:00 / 0:30")
 
     def elapsed(*shown: str) -> None:
@@ -99,17 +100,17 @@ def test_one_time_line_moves_both_and_the_shorter_recording_stays_at_its_end(con
         page.keyboard.press("ArrowRight")
     expect(at).to_have_text("0:10 / 0:30")
     elapsed("0:10", "0:10")
-    expect(titles.nth(1)).to_have_text("Bradars.mcap")
+    expect(titles.nth(1)).to_have_text(f"B{RADARS.path}")
     page.keyboard.press("End")
     elapsed("0:30", "0:15")
-    expect(titles.nth(1)).to_have_text("Bradars.mcapended at 0:15")
+    expect(titles.nth(1)).to_have_text(f"B{RADARS.path}ended at 0:15")
     lost = page.locator('#figures [role="row"]', has_text="lost").get_by_role("cell")
     expect(lost).to_have_text(["1", "0", "−1"])
     frames[1].locator("#map canvas").click(position={"x": 300, "y": 200})
     page.keyboard.press("Home")
     page.keyboard.press("ArrowRight")
     elapsed("0:05", "0:05")
-    expect(titles.nth(1)).to_have_text("Bradars.mcap")
+    expect(titles.nth(1)).to_have_text(f"B{RADARS.path}")
     expect(lost).to_have_text(["0", "0", "0"])
 
     page.locator("#replay select").select_option("50")
@@ -155,7 +156,7 @@ def test_the_comparison_has_no_violation_that_axe_finds_and_fits_a_phone(console
 
 
 def test_the_second_recording_is_guarded_as_the_first():
-    with compared(Access(port=0, operate_token=OPERATE, view_token=VIEW)) as server:
+    with compared(Access(port=0, operate_token=OPERATE, view_token=VIEW), DEATH, RADARS) as server:
 
         def code(path: str, token: str = "", body: object = None, **headers: str) -> int:
             given = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"} | headers
@@ -184,6 +185,41 @@ def test_the_second_recording_is_guarded_as_the_first():
             assert json.loads(feed.recv(timeout=2.0)) == {"type": "role", "role": "view"}
 
 
+def test_a_flight_is_compared_with_its_replay_under_other_settings(tmp_path):
+    text = read_info(DEATH.path).config_text
+    config = tmp_path / "other.toml"
+    config.write_text(text.replace("accel_psd_m2_s3 = 16.0", "accel_psd_m2_s3 = 0.5"))
+    other = RunFile(DEATH.path, str(config))
+    with compared(Access(port=0), other, DEATH) as server:
+
+        def figures_at(at_s: float) -> list[dict[str, Any]]:
+            server.runs[0].playback.carry_out(json.dumps({"at_s": at_s}).encode())
+            until_s = time.monotonic() + 10.0
+            while time.monotonic() < until_s:
+                time.sleep(0.05)
+                states = [run.playback.state() for run in server.runs]
+                found = [run.history.figures(at_s) for run in server.runs]
+                is_there = (
+                    all(abs(one["at_s"] - at_s) < 0.2 for one in states)
+                    and not server.runs[0].playback.is_moved
+                )
+                if is_there and all(None not in one.values() for one in found):
+                    return found
+            raise AssertionError(found)
+
+        address = server.url.replace("http", "ws")
+        with (
+            connect(address + "feed", compression=None, proxy=None),
+            connect(address + "b/feed", compression=None, proxy=None),
+        ):
+            late = figures_at(28.0)
+            early = figures_at(9.0)
+            assert early[0]["ospa_agents_m"] != early[1]["ospa_agents_m"]
+            assert figures_at(28.0) == late
+        marks = server.runs[0].history.marks()
+        assert len(set(marks)) == len(marks) > 1
+
+
 def test_both_are_played_at_the_same_time_however_fast():
     replays, apart_s = replays_of(DEATH, RADARS), list[float]()
 
@@ -205,12 +241,12 @@ def test_both_are_played_at_the_same_time_however_fast():
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        ([DEATH, "--compare", "missing.mcap"], "missing.mcap"),
-        ([DEATH, "--compare", __file__], "test_comparison.py"),
-        ([DEATH, "--compare", RADARS, "--verify"], "leave out --verify, --headless and --json"),
-        ([DEATH, "--compare", RADARS, "--headless"], "leave out --verify, --headless and --json"),
-        ([DEATH, "--compare", RADARS, "--json"], "leave out --verify, --headless and --json"),
-        ([DEATH, "--compare", RADARS, "--console", "off"], "leave out --console off"),
+        ([DEATH.path, "--compare", "missing.mcap"], "missing.mcap"),
+        ([DEATH.path, "--compare", __file__], "test_comparison.py"),
+        ([DEATH.path, "--compare", RADARS.path, "--verify"], "leave out --verify, --headless and --json"),
+        ([DEATH.path, "--compare", RADARS.path, "--headless"], "leave out --verify, --headless and --json"),
+        ([DEATH.path, "--compare", RADARS.path, "--json"], "leave out --verify, --headless and --json"),
+        ([DEATH.path, "--compare", RADARS.path, "--console", "off"], "leave out --console off"),
     ],
 )
 def test_what_cannot_be_compared_is_explained(arguments, problem):

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from gcs.cli.analyse.playback import ReplayOptions, duration_s, open_source, recording_of
+from gcs.cli.analyse.playback import ReplayOptions, duration_s, open_source
 from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.console_page import comparison_page
 from gcs.cli.run_setup import warm_up
@@ -68,13 +68,10 @@ def _replay_of(options: ReplayOptions, console: Console) -> Replay:
 async def _play(replays: list[Replay], both: tuple[ReplayOptions, ...], console: Console) -> None:
     stop = asyncio.Event()
     undo = wait_for_interrupt(stop)
-    runs = [
-        (replay, recording_of(one.file), str(one.file.path))
-        for replay, one in zip(replays, both, strict=True)
-    ]
+    files = [one.file for one in both]
     speed = both[0].speed or 1.0
     try:
-        with comparison_page(runs, both[0].page, console):
+        with comparison_page(list(zip(replays, files, strict=True)), both[0].page, console):
             await asyncio.gather(*(replay.run(stop, speed) for replay in replays))
     finally:
         undo()

@@ -110,6 +110,7 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
     compares = options.file.config is not None and source.header is not None
     if compares:
         replay.watchers.append(comparison)
+        replay.on_restart.append(comparison.restart)
     started = time.perf_counter()
     interrupted = asyncio.run(_play(replay, options, console))
     wall_s = time.perf_counter() - started
@@ -165,10 +166,12 @@ def open_source(options: ReplayOptions, console: Console) -> _Source:
             f"begins in the middle of a run, with record {number}; to verify it, name its folder",
         )
     seed = _seed(file, header, config)
-    if not first or not is_unchanged:
-        start = first[0].t_ns if first else None
-        return _Source(header, config, seed, itertools.chain(first, records), start)
+    if not first:
+        return _Source(header, config, seed, ())
     start_t_ns = first[0].t_ns
+    if not is_unchanged:
+        records = itertools.chain(first, records)
+        return _Source(header, config, seed, records, start_t_ns, lambda _: read(path, only=only))
     places = cache(lambda: snapshot_places(path))
 
     def records_from(t_ns: int) -> Iterator[Record]:
@@ -258,14 +261,8 @@ async def _display(
             return
         replay.playback.duration_s = duration_s(options, replay.start_t_ns)
         replay.playback.stays_at_end = options.page.is_asked_for
-        with replay_page(replay, options.page, console, recording_of(options.file)):
+        with replay_page(replay, options.page, console, options.file):
             yield
-
-
-def recording_of(file: RunFile) -> Path | None:
-    """Return the recording that has what the replay of a file shows; None for a log or other settings."""
-    is_as_recorded = file.is_recording() and file.config is None and file.seed is None
-    return file.path if is_as_recorded else None
 
 
 def duration_s(options: ReplayOptions, start_t_ns: int | None) -> float | None:

@@ -28,6 +28,17 @@ class RunFile:
     offset_s: float = 0.0
     """Seconds to add to the times of the detections."""
 
+    @property
+    def has_other_settings(self) -> bool:
+        """True if a recording is replayed with another mission file or seed than it was made with."""
+        return self.config is not None or self.seed is not None
+
+    @property
+    def title(self) -> str:
+        """Path, and the settings that differ from the recorded ones."""
+        config = "" if self.config is None else f", {self.config}"
+        return f"{self.path}{config}{'' if self.seed is None else f', seed {self.seed}'}"
+
     def is_recording(self) -> bool:
         """Return True for a recording of this project, False for a log.
 

@@ -70,6 +70,10 @@ class Comparison:
     """Collects the outcomes of the recording and of its replay."""
 
     def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget everything: the replay begins again at its start."""
         self.recorded_outcome, self.replayed_outcome = Outcome(), Outcome()
         self._in_window = False
 

@@ -103,8 +103,8 @@ class Comparison {
 
   show(pane, names) {
     const { mission, replay } = pane.feed.data;
-    setText(pane.file, mission?.file ?? "");
-    pane.file.title = mission?.file ?? "";
+    setText(pane.file, mission?.title ?? "");
+    pane.file.title = mission?.title ?? "";
     setText(pane.state, replay?.ended ? `ended at ${duration(replay.at_s)}` : "");
     if (this.both.data.replay && names.has("replay")) this.both.dispatchEvent(new Event("data"));
     if (!this.hasBegun && this.panes.every((one) => one.feed?.data.mission)) {
