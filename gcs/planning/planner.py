@@ -55,7 +55,8 @@ class PlanResult:
     Attributes
     ----------
     routes : tuple of Route
-        Ordered by vehicle. A route ends at the exact target position, unless that is over an obstacle.
+        Ordered by vehicle. A route ends at the exact target position, unless that is over an obstacle, or
+        outside the map. No waypoint lies outside the map.
     unassigned_vehicles, unassigned_targets : tuple
         In order; all that have no route.
     notes : tuple of str
@@ -117,6 +118,11 @@ def plan_routes(
         f"{_target(label)}: its position is not on Earth" for label in sorted(set(targets) - set(labels))
     ]
     notes += ["no agents"] * (not agents) + ["no targets"] * (not targets)
+    notes += [
+        f"{_target(label)} is outside the map; its route ends at the nearest point inside"
+        for label in labels
+        if not grid.contains(targets[label])
+    ]
     routes: list[Route] = []
     grid_lengths_m: dict[int, float] = {}
     stops_short: set[int] = set()
@@ -124,7 +130,8 @@ def plan_routes(
     if vehicles and labels:
         needs = [demands.get(label, TargetDemand()) for label in labels]
         search = RouteSearch(
-            grid, [agents[v] for v in vehicles], [targets[label] for label in labels], needs, options
+            *(grid, [agents[v] for v in vehicles], [grid.nearest_inside(targets[label]) for label in labels]),
+            *(needs, options),
         )
         notes += _reachability_notes(grid, search.smap, vehicles, labels, search.starts, search.costs)
         on_stage("search")

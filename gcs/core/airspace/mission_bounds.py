@@ -20,6 +20,8 @@ from gcs.model import VehicleState
 from gcs.planning.map.grid import Grid
 
 _ROUNDING_M: Final = 1.0
+_PLACE_ROUNDING_M: Final = 0.02
+"""Items hold 1e-7 degrees, 11 mm."""
 _RELATIVE: Final = (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
 
 
@@ -61,7 +63,7 @@ class MissionBoundsCheck:
         if ceiling_m and item.frame in _RELATIVE and item.z_m > ceiling_m + _ROUNDING_M:
             return f"is {item.z_m:.0f} m high, above the fence's ceiling of {ceiling_m:g} m"
         position_m = self._frame.to_local(item.x * 1e-7, item.y * 1e-7)
-        if not self._grid.contains(position_m):
+        if not self._grid.contains(position_m, _PLACE_ROUNDING_M):
             return "lies outside the map"
         if any(self._contains(area, position_m) != area.stay_in for area in areas):
             return "lies outside the fence"

@@ -125,9 +125,9 @@ def plan_return_route(
     """
     planner = _Planner(grid, start, points_m, home_m, options, landing)
     straight = planner.straight()
-    if not grid.blocked.any() or planner.is_clear(straight):
-        return ReturnRoute(straight, is_straight=True)
-    return planner.planned() or ReturnRoute(straight, is_straight=True, problem=_NO_ROUTE)
+    if straight.is_straight and (not grid.blocked.any() or planner.is_clear(straight.points_m)):
+        return straight
+    return planner.planned() or replace(straight, problem=_NO_ROUTE)
 
 
 class _Planner:
@@ -152,9 +152,12 @@ class _Planner:
         self._course_rad = leaves
         self._begins_rad = start.course_rad if is_whole and start.course_rad is not None else comes
 
-    def straight(self) -> FloatArray:
-        """Return the return route for a map without obstacles."""
-        return read_only([self._at(APPROACH_M, self._from_rad), self._home_m])
+    def straight(self) -> ReturnRoute:
+        """Return the straight route; from the nearest free approach if the direct one is not free."""
+        direct_m, approaches_m = self._at(APPROACH_M, self._from_rad), self._free_approaches_m()
+        is_straight = direct_m in approaches_m or not self._grid.contains(self._home_m)
+        nearest_m = min(approaches_m, key=lambda place_m: math.dist(place_m, self._end_m), default=direct_m)
+        return ReturnRoute(read_only([direct_m if is_straight else nearest_m, self._home_m]), is_straight)
 
     @property
     def _from_rad(self) -> float:
@@ -227,7 +230,7 @@ class _Planner:
 
     def _gates(self) -> Iterator[_Gate]:
         """Yield gates of landings: at the approach, or at a base leg to either side."""
-        grid, base_m = self._grid, _BASE_LEG_RADII * self._options.turn_radius_m
+        base_m = _BASE_LEG_RADII * self._options.turn_radius_m
         found = False
         for k in range(_BEARINGS):
             angle = self._from_rad + 2.0 * math.pi * k / _BEARINGS
@@ -246,9 +249,13 @@ class _Planner:
                 least = min(share, self._share(gate_m, approach_m))
                 if least >= 0.0:
                     yield _Gate((gate_m, approach_m, self._home_m), least)
-        approach_m = self._at(APPROACH_M, self._from_rad)
-        if not found and line_of_sight(grid, approach_m, approach_m):
+        for approach_m in self._free_approaches_m()[: int(not found)]:
             yield _Gate((approach_m, self._home_m), -1.0)
+
+    def _free_approaches_m(self) -> list[Point]:
+        """Return the starts of all approaches that lie in free cells; the direct one first."""
+        angles = (self._from_rad + 2.0 * math.pi * k / _BEARINGS for k in range(_BEARINGS))
+        return list(filter(self._grid.is_free, (self._at(APPROACH_M, angle) for angle in angles)))
 
     def _share(self, from_m: Point, to_m: Point) -> float:
         """Return the share of the clearance that a leg keeps; negative if blocked or from off the map.

@@ -23,7 +23,7 @@ from gcs.jit import Call, kernel, leaf
 from gcs.model import BoolArray, FloatArray
 from gcs.planning.forward_simulation import STEP_S, simulate_states
 from gcs.planning.map.grid import Grid, Point, free_grid
-from gcs.planning.map.line_of_sight import NO_CELL, is_clear_at, leg_clearance, to_cells
+from gcs.planning.map.line_of_sight import NO_CELL, is_clear_at, is_free_at, leg_clearance, to_cells
 from gcs.planning.path.initial_turn import MIN_RADIUS_SHARE, start_clearance
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.route_capture import MIN_CLEARANCE_SHARE
@@ -108,7 +108,7 @@ def plan_terminal_loiter(
     best = circles.best(points_m, TerminalLoiter(points_m, None, _NO_CLEARANCE_M, passes_target=False))
     if best.clearance_m >= 0.0:
         return best
-    for points in _approaches(start, points_m, target_m, options, spec):
+    for points in filter(circles.are_free, _approaches(start, points_m, target_m, options, spec)):
         best = circles.best(points, best)
         if best.clearance_m >= circles.enough_m or circles.flights >= _MAX_FLIGHTS:
             break
@@ -129,7 +129,8 @@ def _stop_short(
         )
         if is_whole:
             break
-        found = circles.best(np.vstack((points_m[:index], path_m[:1])), best, must_pass=False)
+        points = np.vstack((points_m[:index], path_m[:1]))
+        found = circles.best(points, best, must_pass=False) if circles.are_free(points) else best
         if found.clearance_m >= 0.0:
             return found
     return best
@@ -166,6 +167,10 @@ class _CircleSearch:
         clearance = MIN_CLEARANCE_SHARE * options.clearance_m / grid.spacing_m
         margin = start_clearance(grid.blocked, 2.0 * clearance, *to_cells(grid, place))
         self._least_m = margin * grid.spacing_m
+
+    def are_free(self, points_m: FloatArray) -> bool:
+        """Return True if all waypoints lie in free cells of the map."""
+        return all(self._grid.is_free((east_m, north_m)) for east_m, north_m in points_m.tolist())
 
     def best(self, points_m: FloatArray, so_far: TerminalLoiter, *, must_pass: bool = True) -> TerminalLoiter:
         """Return the best end of a route; `so_far` if that is about as good."""
@@ -283,9 +288,12 @@ def _time_within(flight: FloatArray, reach_circle: FloatArray) -> float:
 
 @leaf
 def _is_open(blocked: BoolArray, frame: FloatArray, circle: FloatArray, clearance: float) -> bool:
-    """Return True if a circle and its inside keep `clearance`: some vehicles fly it tighter."""
+    """Return True if a circle and its inside keep `clearance`: some vehicles fly it tighter.
+
+    Its centre is on the map.
+    """
     x, y = (circle[0] - frame[0]) / frame[2], (circle[1] - frame[1]) / frame[2]
-    return is_clear_at(blocked, x, y, circle[2] / frame[2] + clearance)
+    return is_free_at(blocked, x, y) and is_clear_at(blocked, x, y, circle[2] / frame[2] + clearance)
 
 
 @kernel

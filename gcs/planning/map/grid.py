@@ -5,7 +5,7 @@ over 2000 m x 2000 m, with blocked nodes. Here each node has a cell of side ``sp
 blocked node blocks its whole cell, so collision tests are exact for any leg, not for nodes alone.
 
 Node (row, col) counts rows north and columns east. Node (0, 0) lies at ``origin_m``. Outside the map nothing
-is blocked, but the search does not leave it.
+is blocked, but no waypoint lies there.
 """
 
 from __future__ import annotations
@@ -87,12 +87,21 @@ class Grid:
         row, col = node
         return self.origin_m[0] + col * self.spacing_m, self.origin_m[1] + row * self.spacing_m
 
-    def contains(self, point_m: Point) -> bool:
-        """Return True if a point lies in a cell of the map."""
-        rows, cols = self.shape
-        x = (point_m[0] - self.origin_m[0]) / self.spacing_m
-        y = (point_m[1] - self.origin_m[1]) / self.spacing_m
-        return -0.5 <= x <= cols - 0.5 and -0.5 <= y <= rows - 0.5
+    def contains(self, point_m: Point, margin_m: float = 0.0) -> bool:
+        """Return True if a point lies in a cell of the map, or no farther than `margin_m` from one."""
+        return math.dist(point_m, self.nearest_inside(point_m)) <= margin_m
+
+    def is_free(self, point_m: Point) -> bool:
+        """Return True if a point lies in a free cell of the map."""
+        on_map = self.contains(point_m, TOUCH * self.spacing_m)
+        return on_map and not self.blocked[self.node_of(point_m)]
+
+    def nearest_inside(self, point_m: Point) -> Point:
+        """Return the point of the map that is nearest to a point."""
+        (rows, cols), half_m, (west, south) = self.shape, 0.5 * self.spacing_m, self.origin_m
+        east_m = min(max(point_m[0], west - half_m), west + cols * self.spacing_m - half_m)
+        north_m = min(max(point_m[1], south - half_m), south + rows * self.spacing_m - half_m)
+        return east_m, north_m
 
     def with_obstacles(
         self,

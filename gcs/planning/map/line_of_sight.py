@@ -141,6 +141,15 @@ def clear_leg(
     return blocking_cell(blocked, x0, y0, x1, y1, clearance, ignored_cell, NO_CELL) < 0
 
 
+@inlined
+def is_free_at(blocked: BoolArray, x: float, y: float) -> bool:
+    """Return True if a point lies in a free cell of the map: waypoints may lie nowhere else."""
+    rows, cols = blocked.shape
+    if not (-0.5 <= x <= cols - 0.5 and -0.5 <= y <= rows - 0.5):
+        return False
+    return not blocked[min(int(y + 0.5), rows - 1), min(int(x + 0.5), cols - 1)]
+
+
 @leaf
 def is_clear_at(blocked: BoolArray, x: float, y: float, clearance: float) -> bool:
     """Return True if a point keeps `clearance` cells from every blocked cell."""

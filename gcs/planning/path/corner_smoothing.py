@@ -21,7 +21,7 @@ import numpy as np
 
 from gcs.jit import called, inlined, leaf
 from gcs.model import BoolArray, FloatArray
-from gcs.planning.map.line_of_sight import NO_CELL, blocking_cell
+from gcs.planning.map.line_of_sight import NO_CELL, blocking_cell, is_free_at
 
 _SHORT_LEG_WEIGHT = 4.0
 """Cost of a length that turns lack of their leg."""
@@ -168,6 +168,8 @@ def _move_corner(
     for k in range(_DIRECTIONS):
         angle = 2.0 * math.pi * (k + turned) / _DIRECTIONS
         points[i, 0], points[i, 1] = x + step * math.cos(angle), y + step * math.sin(angle)
+        if not is_free_at(blocked, points[i, 0], points[i, 1]):
+            continue
         here = cost(blocked, points, clearances, i - 2, i + 2, radius, own_cell, least)
         if here >= least:
             continue

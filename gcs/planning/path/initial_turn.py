@@ -19,7 +19,7 @@ import numpy as np
 from gcs.jit import called, kernel, leaf
 from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.planning.map.grid import TOUCH
-from gcs.planning.map.line_of_sight import clear_leg, clearance_at
+from gcs.planning.map.line_of_sight import clear_leg, clearance_at, is_free_at
 from gcs.planning.path.dubins import WORD_TURNS, dubins_words
 
 MAX_ARC_RAD = 1.8 * math.pi
@@ -176,7 +176,10 @@ def _trace_word(
                     x + tangent_length * math.cos(angle),
                     y + tangent_length * math.sin(angle),
                 )
-                if not clear_leg(blocked, last_x, last_y, corner_x, corner_y, margin, own_cell):
+                if not (
+                    is_free_at(blocked, corner_x, corner_y)
+                    and clear_leg(blocked, last_x, last_y, corner_x, corner_y, margin, own_cell)
+                ):
                     return -1
                 corners[count, 0], corners[count, 1] = corner_x, corner_y
                 last_x, last_y = corner_x, corner_y

@@ -26,7 +26,7 @@ import numpy as np
 from gcs.jit import called, inlined, kernel, leaf
 from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.planning.map.grid import TOUCH
-from gcs.planning.map.line_of_sight import NO_CELL, blocking_cell, clear_leg, leg_clearance
+from gcs.planning.map.line_of_sight import NO_CELL, blocking_cell, clear_leg, is_free_at, leg_clearance
 from gcs.planning.path.initial_turn import is_turn_clear, start_clearance, turn_to
 from gcs.planning.path.tangent_points import E1X, E1Y, E2X, E2Y, X, Y, tangent_points
 
@@ -172,7 +172,8 @@ def _slide_corner(
     good, bad, step, hit, beyond = 0.0, 1.0, 1.0, NO_CELL, NO_CELL
     for _ in range(_HALVINGS):
         px, py = x + step * (aim_x - x), y + step * (aim_y - y)
-        clear = math.hypot(px - ax, py - ay) >= least and math.hypot(px - bx, py - by) >= least
+        clear = is_free_at(blocked, px, py)
+        clear = clear and math.hypot(px - ax, py - ay) >= least and math.hypot(px - bx, py - by) >= least
         if clear:
             seen = blocking_cell(blocked, ax, ay, px, py, clearance, ignored_cell, hit)
             clear, hit = seen < 0, seen if seen >= 0 else hit

@@ -16,7 +16,7 @@ import numpy as np
 
 from gcs.jit import called, inlined, leaf
 from gcs.model import BoolArray, FloatArray, IntArray
-from gcs.planning.map.line_of_sight import is_clear_at
+from gcs.planning.map.line_of_sight import is_clear_at, is_free_at
 
 _CORRIDOR_CELLS = 2.5
 _CORNER_OFFSET = 1e-6
@@ -41,9 +41,7 @@ def _add(
     y: float, along: float, e1x: float, e1y: float, e2x: float, e2y: float,
 ) -> int:  # fmt: skip
     """Write a candidate if it is on the map and has the clearance; return the new count."""
-    rows, cols = blocked.shape
-    on_map = abs(x - 0.5 * (cols - 1)) <= 0.5 * cols and abs(y - 0.5 * (rows - 1)) <= 0.5 * rows
-    if on_map and count < found.shape[0] and is_clear_at(blocked, x, y, clearance):
+    if count < found.shape[0] and is_free_at(blocked, x, y) and is_clear_at(blocked, x, y, clearance):
         found[count, X], found[count, Y], found[count, ALONG] = x, y, along
         found[count, E1X], found[count, E1Y], found[count, E2X], found[count, E2Y] = e1x, e1y, e2x, e2y
         known[count] = False

@@ -24,7 +24,7 @@ import numpy as np
 
 from gcs.jit import called, inlined, kernel
 from gcs.model import BoolArray, FloatArray
-from gcs.planning.map.line_of_sight import NO_CELL, clear_leg, leg_clearance
+from gcs.planning.map.line_of_sight import NO_CELL, clear_leg, is_free_at, leg_clearance
 from gcs.planning.path.corner_smoothing import cost, half_angle_tan, leg_fits, smooth_corners, turn_fits
 from gcs.planning.path.initial_turn import (
     MAX_TURN_RAD,
@@ -128,6 +128,8 @@ def _join_corners(
         return points, clearances
     fewer, fewer_clearances = _drop_corner(points, clearances, i + 1)
     fewer[i, 0], fewer[i, 1] = points[i, 0] + ahead * ux, points[i, 1] + ahead * uy
+    if not is_free_at(blocked, fewer[i, 0], fewer[i, 1]):
+        return points, clearances
     for k in range(i - 1, i + 1):
         ignored_cell = own_cell if k == 0 else NO_CELL
         if not clear_leg(
@@ -206,7 +208,8 @@ def _split(blocked: BoolArray, points: FloatArray, clearances: FloatArray, radiu
         u, v = back / math.hypot(ux, uy), back / math.hypot(vx, vy)
         ax, ay = points[i, 0] - u * ux, points[i, 1] - u * uy
         bx, by = points[i, 0] + v * vx, points[i, 1] + v * vy
-        if clear_leg(blocked, ax, ay, bx, by, min(clearances[i - 1], clearances[i]), NO_CELL):
+        margin = min(clearances[i - 1], clearances[i])
+        if is_free_at(blocked, ax, ay) and clear_leg(blocked, ax, ay, bx, by, margin, NO_CELL):
             result[count - 1, 0], result[count - 1, 1] = ax, ay
             result[count, 0], result[count, 1] = bx, by
             count += 1

@@ -1,16 +1,25 @@
 """A vehicle would be sent out of the map, or through its fence."""
 
+import numpy as np
 import pytest
 from core.tasking.test_upload_manager import Swarm
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from plane_double import Plane
 from staging import mission, state
 
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.replanning.plan_targets import plan_options
+from gcs.core.replanning.return_routes import landing_of
+from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import Mission, Notice, Waypoint, read_only
+from gcs.planning.manoeuvres.landing import plan_return_route
+from gcs.planning.planner import plan_routes
+from gcs.planning.planner_inputs import AgentState
 
 FENCE = """
 [fence]
@@ -62,6 +71,48 @@ def test_a_vehicle_in_an_area_to_stay_out_of_may_leave_it():
     inside = state(1, (470.0, 500.0))
     assert problem((500.0, 500.0), (470.0, 300.0), seen=inside) == ""
     assert "fence" in problem((500.0, 500.0), (470.0, 300.0), seen=ABOUT)
+
+
+PLANNED = (
+    FENCE
+    + """
+[planning]
+shape = "flyable"
+clearance_m = {clearance_m}
+[map]
+random_threshold = 0.05
+[mission]
+end = "{end}"
+"""
+)
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(["loiter", "land"]),
+    st.sampled_from([0.0, 30.0]),
+    st.booleans(),
+)
+def test_no_planned_mission_is_refused(seed, end, clearance_m, is_fenced):
+    """Start and target are on the map, outside it, or beyond the fence."""
+    tables = PLANNED.format(end=end, clearance_m=clearance_m)
+    config = mission(tables=tables if is_fenced else tables.removeprefix(FENCE))
+    grid, rng, far_m = (
+        mission_grid(config, seed),
+        np.random.default_rng(seed),
+        1040.0 if is_fenced else 2060.0,
+    )
+    start_m, target_m = (tuple(rng.uniform(-60.0, far_m, 2).tolist()) for _ in range(2))
+    start = AgentState(*start_m, float(rng.uniform(-3.0, 3.0)), 20.0)
+    about, options, landing = state(1, start_m), plan_options(config), landing_of(config)
+    builder = MissionBuilder(config.mission, config.airframe, config.local_frame)
+    home_m = config.local_frame.to_local(HOME.lat_deg, HOME.lon_deg)
+    for route in plan_routes(grid, {1: start}, {(0, 0): target_m}, {}, options).routes:
+        back = landing and plan_return_route(grid, start, route.points_m, home_m, options, landing)
+        items = build_items(ARDUPLANE, builder.of(route, 1, about, back), HOME)
+        check = MissionBoundsCheck(config, grid)
+        assert check.problem(items[ARDUPLANE.home_items :], about) == ""
 
 
 def test_a_mission_that_is_refused_leaves_the_vehicle_with_the_one_that_it_flies():

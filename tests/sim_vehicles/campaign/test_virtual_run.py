@@ -102,6 +102,22 @@ def test_the_papers_missions_complete(name: str, seed: int) -> None:
     assert sum(isinstance(effect, MissionEnded) for effect in flown.effects) == 1
 
 
+@pytest.mark.parametrize(
+    ("name", "seed", "until_s"),
+    [("random-targets", 37, 60.0), ("random-targets", 85, 30.0), ("random-obstacles", 52, 140.0)],
+)
+def test_at_the_edges_of_the_map_no_mission_leads_outside(name: str, seed: int, until_s: float) -> None:
+    """Corners and loiter circles beside obstacles at the edge were once moved off the map."""
+    failed = []
+
+    def on_effect(_t_ns: int, effect: Effect) -> None:
+        if isinstance(effect, UploadReport) and not effect.ok:
+            failed.append(effect.detail)
+
+    VirtualRun(load(name), seed, on_effect=on_effect).run(until_s)
+    assert failed == []
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", PAPER)
