@@ -78,7 +78,7 @@ def _detail(engine: Engine, health: Health, agent: Agent, stage: str, t_ns: int)
         t_ns=t_ns,
         health=health,
         autopilot="" if profile is None else profile.name,
-        claims=dict(agent.control.claims),
+        claims=_shown_claims(engine, vehicle, agent),
         onboard=tasking.onboard,
         current_item=agent.link.mission_seq,
         is_selected=tasking.is_selected,
@@ -138,6 +138,13 @@ def detail_row(detail: VehicleDetail, frame: LocalFrame, verified_age_s: float |
             "refused": health.refused,
         },
     }
+
+
+def _shown_claims(engine: Engine, vehicle: int, agent: Agent) -> dict[Authority, Claim]:
+    """Return the claims, but for a mode that an order chose: that is no override."""
+    claims = agent.control.claims
+    is_ordered = engine.orders.has_ordered(vehicle, agent.control.detail(Authority.OVERRIDDEN))
+    return {a: claim for a, claim in claims.items() if not (a is Authority.OVERRIDDEN and is_ordered)}
 
 
 def _claims(detail: VehicleDetail) -> Iterator[dict[str, Any]]:
