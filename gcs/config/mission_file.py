@@ -62,10 +62,10 @@ class Config(Table, frozen=True, kw_only=True):
         """Local frame of all east/north coordinates."""
         return LocalFrame(self.frame.lat_deg, self.frame.lon_deg, self.frame.alt_msl_m)
 
-    def speed_m_s(self, vehicle: int) -> float:
-        """Return the airspeed of a vehicle: its own, or that of the airframe."""
-        own = next((agent.speed_m_s for agent in self.agents if agent.vehicle == vehicle), None)
-        return own or self.airframe.speed_m_s
+    @property
+    def speeds_m_s(self) -> dict[int, float]:
+        """Airspeed of each vehicle: its own, or that of the airframe."""
+        return {agent.vehicle: agent.speed_m_s or self.airframe.speed_m_s for agent in self.agents}
 
     def takeoff_altitude_rel_m(self, layer: int) -> float:
         """Return the altitude above home at the end of the climb, for an altitude layer."""

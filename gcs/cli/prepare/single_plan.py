@@ -109,7 +109,7 @@ def planning_task(
         }
         agents = {
             a.system_id: AgentState(
-                a.east_m, a.north_m, math.radians(a.course_deg), config.speed_m_s(a.vehicle)
+                a.east_m, a.north_m, math.radians(a.course_deg), config.speeds_m_s[a.vehicle]
             )
             for a in config.agents
         }

@@ -28,7 +28,7 @@ class PlanFigures:
     """Lengths, times, separations and clearances of proposed routes."""
 
     def __init__(self, config: Config) -> None:
-        self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
+        self._speeds_m_s = config.speeds_m_s
         self._clearance_m = config.planning.clearance_m
         self._separation_m = config.planning.separation_m
         self._full_turn_m = 2.0 * math.pi * config.airframe.planned_radius_m

@@ -75,7 +75,8 @@ def rehearse(
     if not targets:  # they may appear anywhere: plan to the middle
         area = config.map
         targets = {(0, n): (0.5 * area.width_m, 0.5 * area.height_m) for n in range(len(starts))}
-    agents = {v: AgentState(*place, None, config.speed_m_s(v)) for v, place in starts.items()}
+    speeds_m_s = config.speeds_m_s
+    agents = {v: AgentState(*place, None, speeds_m_s[v]) for v, place in starts.items()}
     for vehicle, climb in climbs.items():
         turns = climb.motion
         agents[vehicle] = AgentState(*turns.place_m, turns.course_rad, turns.speed_m_s, 0.0, turns)
@@ -158,9 +159,9 @@ def _routes(plan: PlanResult) -> Check:
 
 def _separation(config: Config, rehearsal: Rehearsal) -> Check:
     """Check the separation of the rehearsed routes in their altitude layers."""
-    mission, own = config.mission, preferred_layers(config)
+    mission, own, speeds_m_s = config.mission, preferred_layers(config), config.speeds_m_s
     flights = [
-        PlannedFlight(vehicle, route_m, config.speed_m_s(vehicle), own[vehicle])
+        PlannedFlight(vehicle, route_m, speeds_m_s[vehicle], own[vehicle])
         for vehicle, route_m in sorted(rehearsal.routes_m.items())
     ]
     count = layer_count(config)

@@ -34,7 +34,7 @@ class AltitudeLayers:
         self._agents, self._state = agents, state
         self._count = layer_count(config)
         self._min_separation_m = config.planning.separation_m
-        self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
+        self._speeds_m_s = config.speeds_m_s
         self._preferred = preferred_layers(config)
         self._base_m, self._step_m = config.mission.altitude_rel_m, config.mission.layer_step_m
 

@@ -60,7 +60,7 @@ class PlanTargets:
     def __init__(self, config: Config) -> None:
         self._planning: PlanningTable = config.planning
         self._births = config.births
-        self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
+        self._speeds_m_s = config.speeds_m_s
         highest = max((birth.priority for birth in config.births), default=0)
         self._ranks = [highest - birth.priority for birth in config.births]
         self._rank = highest

@@ -48,6 +48,7 @@ class Replanner:
     ) -> None:
         self._zones, self._agents, self._state = zones, agents, state
         self._config, self._planning, self._options = config, config.planning, plan_options(config)
+        self._speeds_m_s = config.speeds_m_s
         self.plan_targets = PlanTargets(config)
         self.layers = AltitudeLayers(config, agents, state)
         self._lag_s = config.airframe.turn_lag_s
@@ -293,7 +294,7 @@ class Replanner:
         late_s = inputs.late_s.get(vehicle, 0.0)
         if vehicle in inputs.climbs:
             late_s += inputs.climbs[vehicle].duration_s
-        speed_m_s = self._config.speed_m_s(vehicle)
+        speed_m_s = self._speeds_m_s[vehicle]
         return AgentState(*turns.place_m, turns.course_rad, speed_m_s, late_s, takes_up)
 
     def _expected(self, vehicle: int, inputs: PlanningInputs, more_s: float) -> Motion:

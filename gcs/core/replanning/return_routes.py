@@ -35,7 +35,7 @@ class ReturnRoutes:
     def __init__(self, config: Config, zones: NoFlyZones, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
         self._config, self._options, self._landing = config, plan_options(config), landing_of(config)
         self._zones, self._fleet, self._agents = zones, fleet, agents
-        self._speeds_m_s = {agent.vehicle: config.speed_m_s(agent.vehicle) for agent in config.agents}
+        self._speeds_m_s = config.speeds_m_s
 
     def plan(self, route: Route, t_ns: int) -> tuple[ReturnRoute | None, list[Effect]]:
         """Return the return route that follows a route, and a warning if it has a new problem.

@@ -33,6 +33,7 @@ class Climbs:
     def __init__(self, config: Config, zones: NoFlyZones, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
         self._zones, self._agents = zones, agents
         self._config, self._options, self._fleet = config, plan_options(config), fleet
+        self._speeds_m_s = config.speeds_m_s
 
     def climb(self, vehicle: int, layer: int, *, in_takeoff: bool = False) -> Climb | None:
         """Return the climb before a vehicle's route; None in flight.
@@ -49,7 +50,7 @@ class Climbs:
             return None
         altitude_rel_m, speed_m_s = (
             self._config.takeoff_altitude_rel_m(layer),
-            self._config.speed_m_s(vehicle),
+            self._speeds_m_s[vehicle],
         )
         place_m, course_rad = (state.east_m, state.north_m), state.course_rad
         if is_on_ground(state, home):

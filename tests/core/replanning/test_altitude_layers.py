@@ -38,9 +38,9 @@ def test_a_new_mission_keeps_clear_of_a_vehicle_that_is_held_at_its_altitude():
 
 
 def test_a_new_mission_keeps_clear_of_a_vehicle_that_returns_across_it():
-    speed_m_s = CONFIG.speed_m_s(3)
+    speed_m_s = CONFIG.speeds_m_s[3]
     across = OtherVehicle(3, (900.0, 200.0 + 800.0), (900.0, 200.0 - 100.0), 90.0)
-    assert CONFIG.speed_m_s(1) == speed_m_s, "they meet after 800 m each"
+    assert CONFIG.speeds_m_s[1] == speed_m_s, "they meet after 800 m each"
     assert given(across) == (1, [])
 
 
