@@ -1,12 +1,19 @@
-"""Before the first test: kernels compiled, or loaded, once. Makes importable what several folders share."""
+"""Before the first test: kernels compiled, or loaded, once. Makes importable what several folders share.
+
+Examples of Hypothesis have no time limit: machines differ.
+"""
 
 import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 from rich.console import Console
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent / "bench")]
+
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -211,7 +211,7 @@ def unharmed(flight: Flight) -> tuple[list[Event], int, list[bytes]]:
     return events, flight.contact(), written(play(flight.config, events), without=(Notice,))
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(attack=st.lists(st.tuples(st.integers(0, 10**6), HOSTILE), min_size=1, max_size=60))
 def test_hostile_datagrams_change_nothing_but_notices(
     flight: Flight, unharmed: tuple[list[Event], int, list[bytes]], attack: list[tuple[int, bytes]]
@@ -272,7 +272,7 @@ BAD_SCANS = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(bad=st.lists(st.tuples(st.integers(0, 10**6), BAD_SCANS), min_size=1, max_size=25))
 def test_no_scan_stops_the_engine(flight: Flight, bad: list) -> None:
     events = flight.until(15.0)

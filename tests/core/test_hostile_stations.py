@@ -38,7 +38,7 @@ FRAMES = st.builds(
 HOSTILE = st.lists(st.binary(max_size=50) | FRAMES, max_size=12).map(b"".join)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.lists(st.tuples(st.booleans(), HOSTILE), max_size=12))
 def test_no_bytes_make_routes_or_the_watch_over_other_stations_fail(reads: list[tuple[bool, bytes]]) -> None:
     state = State.initial((1, 2))

@@ -15,7 +15,7 @@ fuzz_link = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(fuzz_link)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.lists(
         st.one_of(st.binary(max_size=60), st.sampled_from([b"\xfd", b"\xfe", b"\xfd\x09\x01"])), max_size=8

@@ -44,7 +44,7 @@ def flown_assignments(draw, costs):
     return dict(list(zip(rows, cols, strict=False))[: draw(st.integers(0, max(n, m)))])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(cost_matrices(), st.data())
 def test_without_a_threshold_the_assignment_is_the_best_there_is(costs, data):
     current = data.draw(flown_assignments(costs))
@@ -54,7 +54,7 @@ def test_without_a_threshold_the_assignment_is_the_best_there_is(costs, data):
     assert list(found) == sorted(found)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(cost_matrices(), st.data(), st.integers(0, 60))
 def test_a_threshold_costs_no_target_and_no_more_than_itself_for_each_exchange(costs, data, gain):
     found = assign(costs, data.draw(flown_assignments(costs)), gain)
@@ -63,7 +63,7 @@ def test_a_threshold_costs_no_target_and_no_more_than_itself_for_each_exchange(c
     assert sum(costs[p] for p in found.items()) <= total + gain * max(1, min(costs.shape)) + 1e-6
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(cost_matrices(), st.data(), st.integers(1, 60))
 def test_who_changes_target_gains_more_than_the_threshold(costs, data, gain):
     """Given an assignment that serves as many as can be: what is changed pays, by more than the threshold in
@@ -130,7 +130,7 @@ def test_what_is_flown_to_a_target_that_is_gone_counts_for_nothing():
     assert assign(np.empty((0, 4)), {}) == assign(np.empty((4, 0)), {1: 1}) == {}
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(cost_matrices(), st.data())
 def test_what_ranks_first_is_served_first(costs, data):
     ranks = data.draw(st.lists(st.integers(0, 3), min_size=costs.shape[1], max_size=costs.shape[1]))
@@ -145,7 +145,7 @@ def test_what_ranks_first_is_served_first(costs, data):
     assert worth_by_rank(found) == pytest.approx(min(worth_by_rank(p) for p in full))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(cost_matrices(), st.data())
 def test_the_longest_way_is_as_short_as_it_can_be(costs, data):
     def longest_first(pairs):

@@ -55,7 +55,7 @@ def test_who_has_arrived_circles_there():
     assert layers == {1: 0, 2: 1}
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.integers(0, 2**32), st.integers(1, 12), st.integers(1, 6))
 def test_vehicles_of_one_layer_stay_apart_or_a_conflict_is_reported(seed, count, layers):
     rng = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from gcs.geo import wrap_pi
@@ -72,7 +72,6 @@ def test_a_circling_airframe_is_where_it_was_expected():
     assert abs(wrap_pi(there.course_rad - airframe.heading_rad)) < math.radians(5.0)
 
 
-@settings(deadline=None)
 @given(
     st.tuples(st.floats(-1.5, 1.5), st.floats(80.0, 400.0)),
     st.tuples(st.floats(-1.5, 1.5), st.floats(80.0, 300.0)),

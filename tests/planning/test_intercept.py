@@ -35,7 +35,7 @@ def earliest_s(agent, target, velocity, speed_m_s=SPEED_M_S):
     return (-b - math.sqrt(b * b - 4.0 * a * c)) / (2.0 * a)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.integers(0, 2**32))
 def test_on_open_ground_the_meeting_is_the_one_of_the_textbook(seed):
     rng = np.random.default_rng(seed)
@@ -53,7 +53,7 @@ def test_on_open_ground_the_meeting_is_the_one_of_the_textbook(seed):
     assert abs(arrival_s - meeting_s) * SPEED_M_S * (1.0 - share) < 10.0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32))
 def test_around_obstacles_the_target_is_there_when_the_agent_is(seed):
     rng = np.random.default_rng(seed)
@@ -106,7 +106,7 @@ def test_a_fast_agent_far_off_arrives_first_though_its_way_is_longer():
     assert [route.vehicle for route in by_arrival.routes] == [2]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(0.01, 30))
 def test_velocities_are_led_by_as_much_as_they_are_known(v_east, v_north, std):
     track = Track(LABEL, read_only([0, 0, v_east, v_north]), read_only(np.diag([1, 1, std**2, std**2])), 1.0)
@@ -152,7 +152,7 @@ def test_surplus_agents_hold_or_double_up(surplus, busy):
     assert max(counts) - min(counts) <= 1
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.integers(0, 2**32), st.integers(1, 3), st.integers(1, 3))
 def test_the_meeting_is_the_first_place_in_time_or_the_last_that_is_reached(seed, agents, targets):
     rng = np.random.default_rng(seed)

@@ -50,7 +50,7 @@ def missions(draw, max_objects=5):
     return grid, agents, targets, dict(pairs)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(missions(), OPTIONS)
 def test_every_leg_of_every_route_is_clear_of_obstacles(mission, options):
     grid, agents, targets, current = mission
@@ -69,7 +69,7 @@ def test_every_leg_of_every_route_is_clear_of_obstacles(mission, options):
                 assert not (grid.contains(point) and grid.blocked[grid.node_of(point)])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(missions(), OPTIONS)
 def test_a_plan_accounts_for_everybody_and_its_lengths_are_true(mission, options):
     grid, agents, targets, current = mission
@@ -93,7 +93,7 @@ def test_a_plan_accounts_for_everybody_and_its_lengths_are_true(mission, options
             assert tuple(route.points_m[-1]) == grid.nearest_inside(targets[route.target])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(missions(), OPTIONS)
 def test_the_same_mission_has_the_same_plan(mission, options):
     grid, agents, targets, current = mission
@@ -105,7 +105,7 @@ def test_the_same_mission_has_the_same_plan(mission, options):
     assert repr(one) == repr(two)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(missions(max_objects=1))
 def test_a_route_between_nodes_is_as_long_as_the_shortest_grid_path(mission):
     grid, agents, targets, _ = mission
@@ -133,7 +133,7 @@ def test_no_agent_is_sent_back_to_a_node_that_it_has_passed():
         assert route.points_m[0][0] > 400.0 + past_m
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.tuples(st.floats(300.0, 700.0), st.floats(300.0, 1700.0)),
     st.tuples(st.floats(1200.0, 1700.0), st.floats(300.0, 1700.0)),
@@ -146,7 +146,7 @@ def test_no_leg_in_the_open_is_too_short_to_be_flown(start, goal):
     assert math.dist(corners[-2], corners[-1]) >= 40.0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.floats(300.0, 700.0), st.floats(300.0, 1700.0), st.floats(-math.pi, math.pi))
 def test_a_turn_in_the_open_is_not_made_to_a_node_right_behind_the_agent(east_m, north_m, course_rad):
     (route,) = plan(

@@ -138,7 +138,7 @@ def test_a_journal_that_cannot_be_written_is_an_error_and_the_old_one_stays(tmp_
         Journal(tmp_path / "file" / "m.journal", "m", MINE).write(WRITTEN)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
 @given(st.integers(0, 10**6), st.binary(min_size=1, max_size=8))
 def test_any_change_of_bytes_is_an_error_of_ours_or_changes_nothing(
     journal: Journal, place: int, junk: bytes

@@ -39,7 +39,7 @@ def assert_sound(tracker):
     assert [track.label for track in picture.tracks] == sorted(track.label for track in picture.tracks)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(scans=SCANS)
 def test_any_sequence_of_scans_leaves_a_sound_picture(scans):
     tracker = Glmb("targets", GlmbParams(accel_psd_m2_s3=9.0), 0)

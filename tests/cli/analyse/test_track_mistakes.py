@@ -135,7 +135,7 @@ ROWS = st.lists(
 )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(rows=ROWS)
 def test_no_numbers_however_wild_make_it_fail(tmp_path_factory, rows):
     folder = tmp_path_factory.mktemp("wild")

@@ -72,7 +72,7 @@ def test_a_mission_that_could_not_be_delivered_is_planned_again_at_the_next_chec
     assert desk.check(10.0) is None
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     st.lists(
         st.tuples(

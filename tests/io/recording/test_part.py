@@ -41,7 +41,7 @@ RECORDS = st.one_of(
 STEPS = st.lists(st.one_of(st.tuples(RECORDS, TIMES_NS, st.booleans()), st.just("flush")), max_size=60)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(STEPS)
 def test_every_record_comes_back_as_it_was_in_the_order_of_consumption(steps: list[Any]) -> None:
     expected, log = [], b""

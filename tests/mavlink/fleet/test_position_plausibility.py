@@ -41,7 +41,7 @@ def flight(t_s, *, seconds=20.0, east_m=0.0, rate_hz=4.0, **settings):
     st.lists(st.floats(-0.5, 0.5), min_size=30, max_size=30),
     st.floats(0.0, 3.0),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_any_flight_with_noise_and_gaps_is_accepted(rate_hz, speed_m_s, turns, noise_m):
     rng = np.random.default_rng(1)
     place, course, reports = np.zeros(2), 0.0, []

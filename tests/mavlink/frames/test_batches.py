@@ -36,7 +36,7 @@ def counted(parts):
     )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(DATAGRAMS)
 def test_of_each_sender_the_same_is_found_in_the_same_order(datagrams):
     groups = gathered(datagrams)

@@ -74,7 +74,7 @@ def agree(data, scanner):
     return fast
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.lists(BYTES, min_size=1, max_size=3))
 def test_the_kernel_finds_the_frames_of_the_scan_in_any_bytes(datagrams):
     scanner = Scanner()
@@ -88,7 +88,7 @@ def test_hostile_bytes_and_large_datagrams_are_framed_the_same():
         agree(data, Scanner())
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(GOOD)
 def test_a_message_equals_that_of_pymavlink(data):
     for found in scan(data).frames:

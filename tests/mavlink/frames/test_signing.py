@@ -73,7 +73,7 @@ def test_the_signing_time_counts_from_2015():
 
 
 @given(st.sampled_from(sorted(dialect.mavlink_map)), st.binary(max_size=255), st.integers(0, 255))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_any_frame_can_be_signed_and_pymavlink_agrees(message_id, payload, link_id):
     extra = dialect.mavlink_map[message_id].crc_extra
     body = bytes((len(payload), 0, 0, 7, 3, 1)) + message_id.to_bytes(3, "little") + payload
@@ -242,7 +242,7 @@ def test_a_frame_of_mavlink_1_never_goes_out_to_a_signed_vehicle():
 
 
 @given(st.binary(max_size=300))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_no_bytes_raise(data):
     subject = gate()
     for bytes_ in (data, Peer().send()[:20] + data, b"\xfd\x00\x01" + data):

@@ -214,7 +214,7 @@ class Talk:
 
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     seed=st.integers(0, 10_000),
     loss=st.floats(0.0, 0.4),

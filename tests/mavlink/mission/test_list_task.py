@@ -128,7 +128,7 @@ def test_items_mean_the_fence_that_they_were_made_from():
 MESSAGES = st.sampled_from(["REQUEST", "ACK", "COUNT", "ITEM"])
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150, derandomize=True)
 @given(
     st.sampled_from([ITEMS, (), None]),
     st.lists(

@@ -154,7 +154,7 @@ def flown(data, hostile):
     return task, plane
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(data=st.data())
 def test_every_end_names_what_the_vehicle_stores(data):
     """Messages are lost, late and doubled; pilots, reboots and operators interfere."""
@@ -171,14 +171,14 @@ def test_every_end_names_what_the_vehicle_stores(data):
     assert task.is_inconsistent or not plane.mixed()
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(data=st.data())
 def test_forged_messages_of_the_vehicle_cause_no_other_transition(data):
     task, _ = flown(data, hostile=True)
     assert task.result is not None
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150, derandomize=True)
 @given(
     st.sampled_from([ARDUPLANE, PX4]),
     st.booleans(),

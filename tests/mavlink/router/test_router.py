@@ -234,7 +234,7 @@ STEPS = st.lists(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(STEPS)
 def test_routes_hold_whatever_comes(steps):
     """Never an echo, never twice, a target's frame at its known place alone, stations never to stations."""

@@ -118,7 +118,7 @@ def test_other_shapes_have_clear_legs(shape):
     assert all(line_of_sight(grid, a, b) for a, b in legs(route, home))
 
 
-@settings(deadline=None, max_examples=40, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.tuples(st.floats(900.0, 1800.0), st.floats(300.0, 1700.0)))
 def test_among_random_obstacles_no_way_home_leads_into_one(seed, target_m):
     """By its legs, but for an approach that is said not to be clear; as it is flown, unless that is said.

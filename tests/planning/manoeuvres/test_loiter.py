@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.planning.manoeuvres import loiter
@@ -107,7 +107,6 @@ def test_no_agent_passes_a_target_without_a_clear_route():
     assert not any(is_inside(grid, place) for place in flown(route))
 
 
-@settings(deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
     st.tuples(st.floats(1000.0, 1700.0), st.floats(300.0, 1700.0)),

@@ -16,7 +16,7 @@ from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.search.neighbours import cells, places, search_map
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.05, 0.15, 0.3]), st.sampled_from([0.6, 0.75, 1.0, 1.5]))
 def test_a_move_that_is_not_near_keeps_the_clearance_and_one_that_is_cannot(seed, share, reach):
     grid = Grid((0.0, 0.0), 1.0, np.random.default_rng(seed).random((9, 11)) < share)
@@ -33,7 +33,7 @@ def test_a_move_that_is_not_near_keeps_the_clearance_and_one_that_is_cannot(seed
             assert keeps == (not is_near)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.6, 1.0]))
 def test_nodes_shift_within_their_cell_and_only_where_they_must(seed, reach):
     grid = Grid((0.0, 0.0), 1.0, np.random.default_rng(seed).random((9, 11)) < 0.2)

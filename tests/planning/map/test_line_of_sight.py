@@ -30,7 +30,7 @@ def random_map(seed, density):
     return Grid((0.0, 0.0), 1.0, np.random.default_rng(seed).random((9, 9)) < density)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     st.integers(0, 2**32),
     st.sampled_from([0.03, 0.1, 0.3]),
@@ -50,7 +50,7 @@ def test_sight_is_what_dense_sampling_sees(seed, density, a, b, clearance):
         assert gap < clearance + step + 1e-6
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.integers(0, 2**32), POINT, POINT, st.floats(0.0, 2.0))
 def test_sight_is_mutual(seed, a, b, clearance):
     grid = random_map(seed, 0.1)
@@ -99,7 +99,7 @@ def check_leg(blocked, x0, y0, x1, y1, reach, own, guesses):
     return clear_to, is_clear_at(blocked, x0, y0, reach), found
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.3, 0.625, 1.4]), st.booleans())
 def test_sight_is_that_of_every_cell_measured_whatever_is_guessed_to_be_in_the_way(seed, reach, is_point):
     rng = np.random.default_rng(seed)

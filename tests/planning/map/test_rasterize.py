@@ -32,7 +32,7 @@ def cells():
     return shapely.box(east - 5, north - 5, east + 5, north + 5)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(polygons())
 def test_a_cell_is_blocked_just_when_a_keep_out_polygon_overlaps_it_and_free_just_when_a_boundary_holds_it(
     rings,

@@ -71,7 +71,7 @@ def least_clearance(blocked: np.ndarray, places: np.ndarray, reach: float) -> fl
     return min(leg_clearance_of(blocked, *place, *place, reach) for place in places.tolist())
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     st.integers(0, 2**32 - 1),
     st.floats(-2.2, 2.2),
@@ -96,7 +96,7 @@ def test_an_arc_comes_as_near_to_obstacles_as_reported(seed, turn, heading, radi
         assert nearest < 0.01
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.3, 0.5]), st.sampled_from([0.5, 1.0, 2.0]))
 def test_easing_takes_nothing_from_the_legs_and_makes_the_way_no_dearer(seed, reach, radius):
     rng = np.random.default_rng(seed)

@@ -76,7 +76,7 @@ POSE = st.builds(Pose, PLACE, PLACE, st.integers(-700, 700).map(lambda k: k / 10
 RADIUS = st.sampled_from([5.0, 40.0, 90.0])
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(POSE, POSE, RADIUS)
 def test_a_path_ends_at_its_end_on_its_course(start, end, radius):
     path = dubins_path(start, end, radius)
@@ -85,7 +85,7 @@ def test_a_path_ends_at_its_end_on_its_course(start, end, radius):
     assert math.cos(reached.course_rad - end.course_rad) == pytest.approx(1.0, abs=1e-9)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(POSE, POSE, RADIUS)
 def test_every_word_that_reaches_at_all_reaches_the_end(start, end, radius):
     """Also those that are not the shortest: a start turn may have to take another way round."""
@@ -97,7 +97,7 @@ def test_every_word_that_reaches_at_all_reaches_the_end(start, end, radius):
             assert math.dist(path.at(path.length_m)[:2], end[:2]) < 1e-5, word
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(POSE, POSE, RADIUS)
 def test_no_path_is_shorter_than_the_straight_line_nor_turns_tighter_than_the_radius(start, end, radius):
     path = dubins_path(start, end, radius)
@@ -109,7 +109,7 @@ def test_no_path_is_shorter_than_the_straight_line_nor_turns_tighter_than_the_ra
         assert math.dist(a[:2], b[:2]) <= step + 1e-9
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(POSE, POSE, RADIUS)
 def test_the_mirror_image_is_as_long_and_so_is_the_way_back(start, end, radius):
     length = dubins_path(start, end, radius).length_m

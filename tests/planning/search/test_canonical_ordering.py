@@ -67,7 +67,7 @@ def dijkstra_from(smap, near, source):
     return dijkstra(coo_matrix((w, (i, j)), shape=(near.size, near.size)).tocsr(), indices=source)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @given(
     st.integers(0, 2**32 - 1),
     st.tuples(st.integers(1, 14), st.integers(2, 14)),

@@ -51,7 +51,7 @@ def costs_of(smap, way):
     return cost, legal
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @given(cases())
 def test_one_search_to_all_and_a_search_for_each_pair_find_ways_of_the_same_cost(case):
     grid, clearance_m, starts, goals = case
@@ -83,7 +83,7 @@ def test_one_search_to_all_and_a_search_for_each_pair_find_ways_of_the_same_cost
             assert costs == pytest.approx([costs[0]] * 3, abs=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(cases())
 def test_the_way_there_is_as_long_as_the_way_back(case):
     grid, _, starts, goals = case
@@ -94,7 +94,7 @@ def test_the_way_there_is_as_long_as_the_way_back(case):
     np.testing.assert_allclose(there, back.T, rtol=0, atol=1e-8)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(cases(), st.booleans(), st.integers(0, 2**32 - 1))
 def test_costs_with_clearance_are_those_of_dijkstra_over_all_legal_moves(case, shifts_nodes, seed):
     smap = search_map(case[0], case[1], shifts_nodes)

@@ -73,7 +73,7 @@ def node_in(data, blocked):
     return data.draw(st.tuples(st.integers(0, blocked.shape[0] - 1), st.integers(0, blocked.shape[1] - 1)))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(maps(), st.data())
 def test_distances_to_all_nodes_are_those_of_dijkstra(blocked, data):
     source = node_in(data, blocked)
@@ -82,7 +82,7 @@ def test_distances_to_all_nodes_are_those_of_dijkstra(blocked, data):
     np.testing.assert_allclose(found, 40.0 * scipy_distances(blocked, source), rtol=0, atol=1e-6)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(maps(), st.data())
 def test_a_path_is_as_short_as_the_map_allows_and_legal_move_by_move(blocked, data):
     start, goal = node_in(data, blocked), node_in(data, blocked)
@@ -99,7 +99,7 @@ def test_a_path_is_as_short_as_the_map_allows_and_legal_move_by_move(blocked, da
     assert path.length_m == pytest.approx(best, abs=1e-9) == sum(steps)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(maps(), st.data())
 def test_the_papers_cost_finds_a_way_whenever_there_is_one_and_never_a_shorter_one(blocked, data):
     start, goal = node_in(data, blocked), node_in(data, blocked)
@@ -182,7 +182,7 @@ def test_a_map_of_one_node():
     assert path.nodes.tolist() == [[0, 0]]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(hnp.arrays(bool, (12, 12)), st.data())
 def test_the_same_question_has_the_same_answer(blocked, data):
     start, goal = node_in(data, blocked), node_in(data, blocked)

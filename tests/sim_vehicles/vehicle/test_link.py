@@ -287,7 +287,7 @@ def frames():
     return [m.pack(pen) for m in plain]
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.one_of(st.binary(max_size=60), st.sampled_from(frames())), max_size=8), st.data())
 def test_whatever_arrives_the_vehicle_flies_on(ground, pieces, data):
     datagram = bytearray(b"".join(pieces))

@@ -47,7 +47,7 @@ def test_specification_survives_json():
     assert msgspec.json.decode(msgspec.json.encode(original), type=VehicleSpec) == original
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.lists(st.integers(1, 700_000_000), min_size=1, max_size=20))
 def test_what_it_does_depends_on_time_not_on_how_often_it_is_called(pauses_ns):
     end_ns = START_NS + 15 * S

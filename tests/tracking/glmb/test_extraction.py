@@ -36,7 +36,7 @@ def plainly(probability, track_label, t, mean, cov):
     return centre, np.einsum("n,nij->ij", w, cov[same] + d[:, :, None] * d[:, None, :]), len(same)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_an_estimate_is_the_mixture_of_the_tracks_that_agree(seed):
     of = mixture(np.random.default_rng(seed))

@@ -108,7 +108,7 @@ def test_a_damaged_state_is_refused_by_name(field: str, value: Any) -> None:
         Glmb("targets", params(0.0), 7, state=changed(state, field, value))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.data())
 def test_any_change_of_one_number_is_refused_or_harmless(data: st.DataObject) -> None:
     state = deepcopy(tracked().state)

@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 from gcs.tracking.models.clutter import intensity_per_m2
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32), st.integers(0, 6), st.integers(0, 5), st.sampled_from([10.0, 1000.0, 1e5]))
 def test_clutter_intensity_is_the_sum_of_the_gaussians(seed, objects, places, wide_m):
     rng = np.random.default_rng(seed)

@@ -53,7 +53,7 @@ def split(x, P):
     return x[None, :4].copy(), P[None, :4, :4].copy(), np.array([[x[4], P[4, 4], *P[4, :4]]])
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(seed=st.integers(0, 2**32 - 1), dt=st.sampled_from([0.05, 0.5, 1.0, 2.0]))
 def test_prediction_is_the_extended_filters_on_five_states(seed, dt):
     rng = np.random.default_rng(seed)
@@ -86,7 +86,7 @@ def test_the_update_is_the_kalman_update_of_five_states():
     np.testing.assert_allclose(joint(new_cov[0], new_turn[0]), P - K @ H @ P, atol=1e-9)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 2**32 - 1), dt=st.sampled_from([0.0, 0.05, 1.0, 2.0]), straight=st.booleans())
 def test_jacobians_are_the_slopes_of_the_turn(seed, dt, straight):
     x, _ = random_track(np.random.default_rng(seed))
@@ -97,7 +97,7 @@ def test_jacobians_are_the_slopes_of_the_turn(seed, dt, straight):
     np.testing.assert_allclose(found, np.column_stack(slopes), atol=1e-4, rtol=1e-4)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32 - 1),
     steps=st.lists(st.tuples(st.sampled_from([1e-3, 0.2, 1.0, 30.0, 1000.0]), st.booleans()), max_size=8),
@@ -171,7 +171,7 @@ def best_tracks(of):
     return {label: (posterior.mean[t], posterior.cov[t]) for label, t in zip(labels, tracks, strict=True)}
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10_000))
 def test_a_path_with_turns_ends_in_the_state_of_the_filter(seed):
     tracker, _, _ = loitering(seed, merge_chi2=0.0)

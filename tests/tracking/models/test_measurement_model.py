@@ -99,7 +99,7 @@ def test_a_sharp_track_is_updated_as_by_filterpys_extended_filter():
         np.testing.assert_allclose(found_cov, peer.P, rtol=2e-3, atol=2e-3)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     seed=st.integers(0, 2**32 - 1),
     reach=st.sampled_from([0.0, 1e-9, 1.0, 30.0, 3000.0, 1e6]),

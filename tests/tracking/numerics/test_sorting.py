@@ -5,7 +5,7 @@ import math
 
 import numba
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.tracking.numerics.sorting import (
@@ -36,7 +36,6 @@ def joined(keys, weights, first):
     return n, buffers.which, buffers.logw
 
 
-@settings(deadline=None)  # the first one compiles
 @given(st.lists(FINITE, max_size=80) | st.lists(CROWDED, max_size=80) | st.lists(ANY, max_size=40))
 def test_sorting_is_descending_and_stable(values):
     values = np.array([0.0, *values])
@@ -49,7 +48,6 @@ def test_nan_does_no_harm():
     assert sorted(ordered(values, 0).tolist()) == list(range(50))
 
 
-@settings(deadline=None)  # the first one compiles
 @given(st.lists(st.tuples(st.integers(0, 6), st.floats(1e-6, 1.0)), min_size=1, max_size=40))
 def test_weights_of_equal_hypotheses_add(pairs):
     # Keys that share their low bits collide in the table.

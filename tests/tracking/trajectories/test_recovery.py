@@ -47,7 +47,7 @@ def best_tracks(of):
     return {label: (posterior.mean[t], posterior.cov[t]) for label, t in zip(labels, tracks, strict=True)}
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000))
 def test_a_path_ends_in_the_state_of_the_filter(seed):
     of = noisy_run(seed, merge_chi2=0.0)
@@ -59,7 +59,7 @@ def test_a_path_ends_in_the_state_of_the_filter(seed):
         np.testing.assert_allclose(path.cov[-1], shown[label][1], rtol=1e-9, atol=1e-7)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000))
 def test_paths_have_no_gaps_and_no_detection_is_of_two_of_them(seed):
     paths = noisy_run(seed, p_d=0.7, clutter=60).histories.paths()

@@ -48,7 +48,7 @@ def joint_posterior(mean, steps, upto):
     return np.linalg.solve(information, vector).reshape(n, 4)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10_000), n=st.integers(1, 8), lag=st.integers(0, 8))
 def test_each_state_is_the_posterior_of_its_scans(seed, n, lag):
     mean, steps = history(seed, n)
