@@ -140,7 +140,8 @@ class History:
         """
         is_known = self.is_complete or not self.is_recorded
         with self._lock:
-            ospa_m = self._charts.ospa_m(at_s)
+            is_charted = self._has_charts or not self.is_recorded
+            ospa_m = self._charts.ospa_m(at_s) if is_charted else {}
         return {
             "retasks": bisect_right(self._retasks_s, at_s) if is_known else None,
             "failed_uploads": bisect_right(self._failures_s, at_s) if is_known else None,

@@ -10,7 +10,7 @@ import time
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, get_args
 
@@ -172,10 +172,11 @@ def open_source(options: ReplayOptions, console: Console) -> _Source:
     if not is_unchanged:
         records = itertools.chain(first, records)
         return _Source(header, config, seed, records, start_t_ns, lambda _: read(path, only=only))
-    places = cache(lambda: snapshot_places(path))
+    places, end_t_ns = cache(partial(snapshot_places, path)), cache(partial(read_end_t_ns, path))
 
     def records_from(t_ns: int) -> Iterator[Record]:
-        before = [place for place in places() if place.t_ns < t_ns - _SCANNED_NS]
+        scanned_t_ns = min(t_ns, end_t_ns() or t_ns) - _SCANNED_NS
+        before = [place for place in places() if place.t_ns < scanned_t_ns]
         if before:
             return read(path, only=only, start=before[-1])
         return read(path, only=(*only, Snapshot))  # the first one is the state of a resumed run

@@ -13,9 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
 from typer.testing import CliRunner
 
 from gcs.cli import app
+from gcs.cli.analyse.playback import ReplayOptions, open_source
+from gcs.cli.analyse.run_file import RunFile
 from gcs.config import load, parse
 from gcs.core.snapshot import encode_state
 from gcs.io.recording.folder import Run
@@ -25,6 +28,7 @@ from gcs.io.recording.topics import Recordable
 from gcs.io.recording.writer import Recorder
 from gcs.io.records import encode
 from gcs.model import (
+    NS_PER_S,
     BadInput,
     Datagram,
     Notice,
@@ -101,6 +105,18 @@ def test_a_replay_from_the_middle_begins_at_a_snapshot_and_has_the_same_effects(
     assert found["equal"]["/effect/send"] > 30
     assert found["events"] < 0.6 * whole["events"]
     assert 21.0 < found["seconds"] < 22.5
+
+
+def test_a_replay_that_begins_anywhere_has_scans_before_the_time_to_show(flight: Path) -> None:
+    """A paused page would show targets without their tracks."""
+    options = ReplayOptions(RunFile(flight), None, Window(), False, False, False)
+    source = open_source(options, Console(quiet=True))
+    assert source.records_from is not None
+    assert source.start_t_ns is not None
+    for at_s in (10.01, 20.01, 25.0, 1000.0):
+        at_ns = source.start_t_ns + round(at_s * NS_PER_S)
+        records = [record for record in source.records_from(at_ns) if record.t_ns < at_ns]
+        assert any(isinstance(record.value, Scan) for record in records)
 
 
 def test_a_start_behind_the_end_is_said(flight: Path) -> None:
