@@ -111,12 +111,13 @@ def hold(browser: Browser, runs: int) -> None:
         page = browser.new_page(viewport={"width": 1400, "height": 900})
         page.goto(url)
         authority = page.locator('tr[data-id="1"] .c-authority')
+        expect(authority).to_have_text("ours")
         page.keyboard.press("1")
+        expect(page.locator('tr[data-id="1"]')).to_have_attribute("aria-selected", "true")
         page.evaluate(CONFIRMATION)
-        for number in range(1, runs + 1):
+        for _ in range(runs):
             page.keyboard.press("Space")
-            while page.evaluate("waits.length") < number:
-                time.sleep(0.1)
+            expect(page.locator("#commands .result")).to_contain_text("hold: 1 done")
             page.keyboard.press("r")
             expect(page.locator("#commands .result")).to_contain_text(re.compile("resume: 1 done"))
             expect(authority).to_have_text("ours")

@@ -48,6 +48,7 @@ def test_an_operator_watches_holds_and_gets_the_connection_back(fly, launch, pag
 
         expect(page.locator("#detail dd").first).to_contain_text("held by order")
 
+        expect(page.locator("#targets h2")).to_have_text("Targets: 0, no scan yet")
         page.keyboard.press("a")
         expect(page.locator("dialog")).to_contain_text("Propellers may turn")
         page.keyboard.press("Escape")

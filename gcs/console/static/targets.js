@@ -1,7 +1,7 @@
 // Targets, and the no-fly zones with the buttons that change and open each.
 
 import { el, Rows, setClass, setText } from "./dom.js";
-import { number } from "./format.js";
+import { number, seconds } from "./format.js";
 
 const DENSE_ROWS = 12;
 const MAX_ROWS = 100;
@@ -15,14 +15,22 @@ export function ordered({ ignored, priority, pinned }) {
   return parts.filter(Boolean).join(", ");
 }
 
+// How old the targets are, if no sensor tells of them in time.
+function staleness(sensors) {
+  if (sensors.some((one) => !one.state)) return "";
+  const ages = sensors.map((one) => one.age_s).filter((age) => age !== null);
+  return ages.length ? `, no scan for ${seconds(Math.min(...ages))}` : ", no scan yet";
+}
+
 export function showTargets(root, feed, map, selection, editor) {
-  const title = el("h2", {}, "Targets");
+  const title = el("span", {}, "Targets");
+  const stale = el("span", { class: "fair" });
   const body = el("tbody");
   const heads = [["target", "left"], ["existence", ""], ["east", ""], ["north", ""], ["m/s", ""], ["agents", "left"], ["by order", "left"]];
   const head = el("tr", {}, ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text)));
   const table = el("table", {}, el("thead", {}, head), body);
   const zones = el("div");
-  root.append(title, table, zones);
+  root.append(el("h2", {}, title, stale), table, zones);
 
   const rows = new Rows(
     body,
@@ -54,6 +62,7 @@ export function showTargets(root, feed, map, selection, editor) {
     for (const [name, row] of rows.rows) row.element.setAttribute("aria-selected", String(selection.target === name));
   };
   selection.addEventListener("change", mark);
+  feed.on(["head"], ({ head }) => setText(stale, staleness(head.sensors)));
   feed.on(["targets"], ({ targets }) => {
     setText(title, `Targets: ${targets.length}${targets.length > MAX_ROWS ? `, the first ${MAX_ROWS} shown` : ""}`);
     table.hidden = !targets.length;
