@@ -40,9 +40,7 @@ class Both extends EventTarget {
     this.addEventListener("data", callback);
   }
 
-  want() {
-    for (const { marks } of this.panes) marks.want();
-  }
+  want() {} // the marks of both are wanted from the start
 
   near(at, within) {
     return Marks.prototype.near.call(this, at, within);
@@ -97,6 +95,7 @@ class Comparison {
     Object.assign(pane, parts);
     parts.map.onmove = () => this.moveOther(pane);
     parts.marks.addEventListener("change", () => this.both.gather());
+    parts.marks.want();
     parts.feed.addEventListener("data", (event) => this.show(pane, event.detail.names));
     if (pane === this.panes[0]) listenToKeys({ ...parts.actions, "?": () => showKeys(KEYS) }, parts.feed, parts.selection);
   }
