@@ -174,7 +174,8 @@ class ShownRun:
 
     def __init__(self, source: Source, tiles: Tiles | None, *, is_compared: bool) -> None:
         run, submit = source.run, source.submit
-        self.feed = Feed(source.take, run.command.fleet.states, source.start_t_ns)
+        # A replay that begins again has another fleet.
+        self.feed = Feed(source.take, lambda: run.command.fleet.states(), source.start_t_ns)
         if source.on_restart is not None:
             source.on_restart.append(self.feed.restart)
         self._run_loop = asyncio.get_running_loop()

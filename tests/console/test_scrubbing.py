@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import re
 import threading
 import time
@@ -126,6 +127,8 @@ def test_going_back_shows_the_run_as_it_was(console):
         late = go(page, 58.0)
         assert [one["status"] for one in late["vehicles"]].count("lost") == 1
         assert any("agent 2: lost" in entry["text"] for entry in late["log"])
+        for one in late["vehicles"]:
+            assert math.dist(late["trails"][str(one["id"])][-1], one["at"]) < 100.0
         early = go(page, 31.0)
         assert {one["status"] for one in early["vehicles"]} == {"active"}
         assert max(entry["t_s"] for entry in early["log"]) <= 31.0
