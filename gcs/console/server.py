@@ -197,12 +197,15 @@ class ShownRun:
         self.board = Board(
             world, self.clients, desk, self.playback, self.history, preflight, tiles, self._watch
         )
+        self._is_asked = False
+        """True if the service was asked for a capture since the last update."""
         run.sinks.append(self.feed)
 
     async def publish(self) -> None:
         """Send what is new to all pages, ten times a second."""
         while True:
             await asyncio.sleep(_PUBLISH_S)
+            self._is_asked = False
             await self._reach_time()
             self.feed.is_watched = self.board.is_watched
             if self.feed.is_watched and self.feed.is_stale:
@@ -230,7 +233,7 @@ class ShownRun:
             await asyncio.sleep(_SEEK_POLL_S)
         self.playback.is_moved = self.playback.is_seeking
         if self.board.is_watched:
-            before = self.feed.capture
+            before, self._is_asked = self.feed.capture, False
             self._watch()
             while self.feed.capture is before and time.monotonic() < until_s:
                 await asyncio.sleep(_SEEK_POLL_S)
@@ -241,7 +244,10 @@ class ShownRun:
         threading.Thread(target=self.history.read, args=arguments, name="history", daemon=True).start()
 
     def _watch(self) -> None:
-        """Ask the service for a capture now, for a page that has just opened."""
+        """Ask the service for a capture now; once for all pages that open before the next update."""
+        if self._is_asked:
+            return
+        self._is_asked = True
         with contextlib.suppress(RuntimeError):  # the run has ended
             self._run_loop.call_soon_threadsafe(self.feed.refresh)
 

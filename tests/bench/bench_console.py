@@ -57,7 +57,7 @@ def read_all(url: str, ends: threading.Event, lags_s: list[float], counts: list[
                 message = page.recv(timeout=1.0)
                 counts.append(len(message))
                 if b'"head"' in message:
-                    lags_s.append(json.loads(message)["head"]["lag_s"])
+                    lags_s.append(json.loads(message)["head"]["service"]["lag_s"])
 
 
 def read_details(url: str, ends: threading.Event) -> None:
@@ -122,10 +122,10 @@ def cpu_of_pages(counts: list[int]) -> None:
         for count in counts:
             lags_s: list[float] = [0.0]
             sizes: list[int] = []
+            heard_s.clear()
             with pages(f"127.0.0.1:{port}", count, lags_s, sizes):
                 time.sleep(2.0)
                 sizes.clear()
-                heard_s.clear()
                 before, began_s = sum(service.cpu_times()[:2]), time.monotonic()
                 time.sleep(SECONDS)
                 percent = 100.0 * (sum(service.cpu_times()[:2]) - before) / (time.monotonic() - began_s)

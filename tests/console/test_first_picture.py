@@ -56,3 +56,14 @@ def test_a_console_that_is_opened_again_loads_nothing_but_the_page(fly, page):
             expect(page.locator("#vehicles tbody tr")).to_have_count(4)
             loaded = [name for name, size in page.evaluate(sizes) if size and "/api/" not in name]
         assert loaded == []
+
+
+def test_pages_that_open_at_once_cost_the_service_one_look_at_its_state(fly, monkeypatch):
+    with fly() as flight:
+        run, looks = flight.console.runs[0], []
+        monkeypatch.setattr(run.feed, "refresh", lambda: looks.append(time.monotonic()))
+        began_s = time.monotonic()
+        for _ in range(100):
+            run.board.ask()
+        flight.request("/")
+        assert 1 <= len(looks) <= 3 + 10 * (time.monotonic() - began_s)

@@ -27,6 +27,7 @@ const part = (id) => document.getElementById(id);
 const PAN_PX = 60;
 
 const feed = new Feed();
+feed.connect(); // its first data comes after all below is built
 const theme = new Theme();
 const selection = new Selection();
 const orders = new Orders(feed);
@@ -97,4 +98,3 @@ const actions = {
 listenToKeys(actions, feed, selection);
 document.documentElement.classList.toggle("framed", Boolean(comparison));
 comparison?.add(window.frameElement, { feed, map, marks, selection, actions });
-feed.connect();
