@@ -42,6 +42,7 @@ def bridge_gap(state: State, event: Resumed) -> list[Effect]:
     if gap_ns > _MAX_PREDICTION_NS:
         tracker = state.perception.trackers.agents
         state.perception.trackers.agents = TrackerState(tracker.filter.without_tracks())
+        state.perception.oosm_buffer.held.clear()  # agents would be born before the gap
         for agent in state.agents.values():
             agent.perception.association = Association()
             agent.perception.integrity = IntegrityTest()

@@ -418,6 +418,17 @@ def test_agents_that_turned_in_a_long_outage_are_not_called_lost(outage_s: float
     assert set(flight.run.command.association.labels) == {1, 2, 3, 4}
 
 
+def test_after_a_long_outage_agents_are_tracked_where_they_report_though_scans_were_waiting() -> None:
+    def scans_wait(run: VirtualRun) -> None:
+        assert run.command.state.perception.oosm_buffer.held
+
+    flight = flight_with_a_restart(19.82, 20.0, 42.0, scenario=load("radars"), meanwhile=scans_wait)
+    assert set(flight.run.command.association.labels) == {1, 2, 3, 4}
+    tracks = flight.run.command.trackers.agents.confirmation.tracks
+    assert len(tracks) == 4
+    assert all(track.existence > 0.99 for track in tracks.values())
+
+
 @pytest.mark.parametrize("outage_s", [2.0, 20.0])
 def test_a_vehicle_lost_in_the_outage_is_called_lost_before_the_others_get_a_plan(outage_s: float) -> None:
     def shot_down(run: VirtualRun) -> None:
