@@ -75,7 +75,7 @@ def console(recording) -> Iterator[ConsoleServer]:
         server = ConsoleServer(source, Access(port=0))
         running.append((server, partial(asyncio.get_running_loop().call_soon_threadsafe, stop.set)))
         started.set()
-        await replay.run(stop, 1.0)
+        await replay.run(stop, 1.5)
         server.close()
 
     thread = threading.Thread(target=lambda: asyncio.run(play()))
@@ -145,6 +145,7 @@ def test_a_recording_is_scrubbed_with_keys_and_pointer(console, page):
     page.goto(console.url)
     at = page.locator("#replay .at")
     expect(at).to_have_text("0:00 / 1:00")
+    expect(page.get_by_label("Speed")).to_have_value("1.5")
     for key, shown in [
         ("ArrowRight", "0:05"),
         ("Shift+ArrowRight", "0:35"),

@@ -73,6 +73,15 @@ export class Replay {
     return this.state?.duration_s || this.state?.at_s || 1;
   }
 
+  /** Select a speed, which may be one that was chosen on the command line. */
+  showSpeed(speed) {
+    const value = String(speed);
+    if (![...this.speed.options].some((option) => option.value === value)) {
+      this.speed.append(el("option", { value }, speed === null ? "max" : `×${speed}`));
+    }
+    this.speed.value = value;
+  }
+
   show() {
     const { state } = this;
     if (this.root.hidden === this.isShown) {
@@ -81,7 +90,7 @@ export class Replay {
     }
     if (!state) return;
     setText(this.play, state.paused || state.ended ? "Play" : "Pause");
-    if (document.activeElement !== this.speed) this.speed.value = String(state.speed);
+    if (document.activeElement !== this.speed) this.showSpeed(state.speed);
     if (this.slider.max !== String(this.duration)) {
       this.slider.max = String(this.duration);
       this.draw();
