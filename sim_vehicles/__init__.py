@@ -2,12 +2,13 @@
 
 In reading order:
 
-- `vehicle`: one vehicle: `airframe` and `guidance`; `link` and `telemetry` for MAVLink.
+- `vehicle`: one vehicle: `airframe` and `guidance`; `message_handlers` and `telemetry` for
+  MAVLink; `packet_loss`; its `process` in real time.
 - `autopilots`: ArduPlane and PX4 (`base`, `arduplane`, `px4`), their `failsafe`, `fence`, `parameters`,
   `commands` and mission protocols, and real firmware in the loop (`firmware`, `firmware_process`).
 - `world`: `scenario` (the `[simulation]` table), targets, sensors, ground truth, and their process.
 - `campaign`: whole missions on virtual time. `virtual_run` flies one, `campaign` many.
-- `cli`, `supervisor`, `process`: the ``sim-vehicles`` command and its processes in real time.
+- `cli`, `supervisor`, `process_start`: the ``sim-vehicles`` command and its processes in real time.
 
 Vehicles and sensors have no clock and no sockets: time and bytes are arguments. So they behave alike in real
 time and on virtual time.

@@ -112,7 +112,7 @@ class Supervisor:
             for i in range(0, len(specs), plan.pack):
                 pack = specs[i : i + plan.pack]
                 vehicles = VehicleArguments(scenario.frame, pack, plan.gcs, truth, plan.loss)
-                self._spawn("process", vehicles, tuple(spec.system_id for spec in pack))
+                self._spawn("vehicle.process", vehicles, tuple(spec.system_id for spec in pack))
         for child in self.children[1:]:
             self._await_ready(child, _AIRBORNE_TIMEOUT_S if plan.sitl else _READY_TIMEOUT_S)
             for system_id in child.system_ids:

@@ -51,7 +51,7 @@ def field(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         spec = VehicleSpec(system_id, 120.0, north_m, math.pi / 2, 100.0, 15.0, parameters=READY | more)
         specs.append(spec)
     arguments = VehicleArguments(parse(text, "field").local_frame, specs, ("127.0.0.1", port))
-    command = process_command("process", arguments)
+    command = process_command("vehicle.process", arguments)
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdin is not None
     assert process.stdout is not None

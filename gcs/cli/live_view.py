@@ -43,11 +43,11 @@ from gcs.model import (
 from gcs.report.agent_order import attention
 from gcs.report.operator_lines import (
     MAX_ROUTES,
-    ProposalLog,
     effect_line,
     proposal_title,
     route_lines,
 )
+from gcs.report.plan_reminders import ProposalLog
 
 T = TypeVar("T")
 

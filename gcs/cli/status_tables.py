@@ -11,7 +11,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gcs.mavlink.fleet.battery_alarm import LOW_PERCENT
+from gcs.mavlink.fleet.battery_alarm import is_low
 from gcs.model import AgentRecord, SensorRecord, SwarmStatus, TargetRecord, target_name, vehicle_name
 from gcs.report.agent_order import attention, is_late, pinned_vehicles
 
@@ -67,7 +67,7 @@ def agents_table(
 
 
 def _agent_cells(agent: AgentRecord) -> dict[str, str | Text]:
-    is_low = agent.battery_percent is not None and agent.battery_percent < LOW_PERCENT
+    battery_style = "bold red" if is_low(agent.battery_percent) else ""
     heard_style = "bold red" if is_late(agent) else ""
     return {
         "id": vehicle_name(agent.vehicle),
@@ -79,7 +79,7 @@ def _agent_cells(agent: AgentRecord) -> dict[str, str | Text]:
         "armed": "armed" if agent.armed else "",
         "alt m": _number(agent.alt_rel_m, ".0f"),
         "m/s": _number(agent.ground_speed_m_s, ".1f"),
-        "battery": Text(_number(agent.battery_percent, "d", " %"), style="bold red" if is_low else ""),
+        "battery": Text(_number(agent.battery_percent, "d", " %"), style=battery_style),
         "fix": "" if agent.fix_type is None else _FIX_NAMES.get(agent.fix_type, str(agent.fix_type)),
         "heard": Text(_number(agent.heard_age_s, ".1f", " s") or "never", style=heard_style),
         "loss": f"{100.0 * agent.loss:.1f} %",

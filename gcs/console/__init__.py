@@ -11,7 +11,7 @@ Reading order:
 - `preflight`: preflight checks on demand.
 - `orders`: orders from pages and programs, and their answers. `playback`: control of a replay.
 - `alarm_guide`: the page of alarms, and the entry of an alarm.
-- `app`, `openapi`, `metrics`, `static_files`: what is served. `server`: the thread.
+- `app`, `openapi`, `prometheus`, `static_files`: what is served. `server`: the thread.
 - `static`: the page, plain ES modules and CSS. `compare`: the pages of two recordings, in frames.
 """
 

@@ -22,11 +22,11 @@ from gcs.console.capture import Capture
 from gcs.console.clients import Client, Clients
 from gcs.console.guard import COOKIE, Guard
 from gcs.console.history import History
-from gcs.console.metrics import metrics_text
 from gcs.console.openapi import description
 from gcs.console.orders import OrderDesk, RefusedOrderError, is_answered
 from gcs.console.playback import PlaybackDesk
 from gcs.console.preflight import PreflightDesk
+from gcs.console.prometheus import metrics_text
 from gcs.console.static_files import StaticFiles
 from gcs.console.tiles import Tiles
 from gcs.console.world import World

@@ -38,7 +38,8 @@ from gcs.model import (
     UploadReport,
     vehicle_name,
 )
-from gcs.report.operator_lines import ProposalLog, effect_line, proposal_title
+from gcs.report.operator_lines import effect_line, proposal_title
+from gcs.report.plan_reminders import ProposalLog
 
 MarkKind: TypeAlias = Literal["lost", "arrived", "plan", "upload", "alarm", "order", "ended"]
 MARKED: Final = (AgentStatus, MissionEnded, Notice, Order, Plan, Proposal, UploadReport)

@@ -14,6 +14,7 @@ from gcs.config import Config
 from gcs.console.capture import Capture, ServiceState
 from gcs.console.rounding import rounded
 from gcs.fence import drawn_areas, rally_of
+from gcs.mavlink.fleet.battery_alarm import is_low
 from gcs.model import (
     AgentRecord,
     NoFlyZone,
@@ -101,6 +102,7 @@ def _vehicle(
         "layer": agent.layer,
         "speed_m_s": rounded(agent.ground_speed_m_s),
         "battery": agent.battery_percent,
+        "battery_low": is_low(agent.battery_percent),
         "fix": agent.fix_type,
         "heard_s": rounded(agent.heard_age_s),
         "late": is_late(agent),

@@ -35,7 +35,8 @@ from gcs.model import (
     vehicle_name,
 )
 from gcs.planning.map.grid import Grid
-from gcs.report.operator_lines import ProposalLog, effect_line, proposal_title
+from gcs.report.operator_lines import effect_line, proposal_title
+from gcs.report.plan_reminders import ProposalLog
 
 _MAX_LOG: Final = 500
 _MAX_ANSWERS: Final = 200

@@ -19,7 +19,7 @@ from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.operator.status_report import StatusReport
 from gcs.core.operator.target_orders import TargetOrders
 from gcs.core.operator.vehicle_orders import Orders
-from gcs.core.perception.agent_status import AgentStatusMonitor
+from gcs.core.perception.arrival_and_loss import AgentStatusMonitor
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.perception.position_integrity import PositionIntegrityMonitor
 from gcs.core.perception.report_history import ReportHistory

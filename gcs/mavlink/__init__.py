@@ -10,6 +10,7 @@ In reading order:
 `fleet.fleet`                      all vehicles: datagrams in; `Send`, `Notice`, vehicle states out
 `fleet.records`                    the state of one vehicle and of all links, as plain records
 `fleet.vehicle`                    one vehicle: position, mode, home, health (mavutil's `messages`)
+`fleet.link_timeouts`              when a silent vehicle is stale, and when its link is down
 `fleet.stream_requests`            SET_MESSAGE_INTERVAL and REQUEST_MESSAGE, repeated
 `fleet.mode_authority`             control authority: our mode, or an operator's override
 `fleet.position_checks`            which GLOBAL_POSITION_INT reports to believe
@@ -19,12 +20,12 @@ In reading order:
 `services.retry`                   RetryPolicy, RetryTimer: repetition of a request
 `services.retransmission_timeout`  RttEstimator: when to send again, by the round trip
 `mission.items`                    MISSION_ITEM_INT as a record
+`mission.item_builder`             a mission as the items of a firmware
 `mission.item_transfer`            MissionDownload, MissionUpload: the transfers of the mission protocol
 `mission.upload_limits`            timeouts and bounds of an upload
 `mission.upload_task`              a mission uploaded, verified, selected and started
 `mission.list_task`                the same for a fence or rally points
 `autopilots.profile`               profile of each autopilot: modes, formats, limits
-`autopilots.item_builder`          a mission as the items of a firmware
 `autopilots.preflight_parameters`  parameters that the preflight check reads, and their ranges
 `router.router`                    routes between vehicles and other ground stations
 =================================  ======================================================================

@@ -53,7 +53,7 @@ class Route:
     length_m: float
     """Length from the vehicle's position along the points."""
     layer: int = 0
-    """Altitude layer; 0 is the lowest (`gcs.planning.deconfliction`)."""
+    """Altitude layer; 0 is the lowest (`gcs.planning.layer_assignment`)."""
     wait_m: tuple[float, float] | None = None
     """Centre of the loiter circle that follows, east/north; None: the last point."""
 

@@ -13,10 +13,10 @@ Reading order:
 5. `path`: from grid path to flyable route. Shortcuts, string pulling over tangent points, corner smoothing,
    turns, initial turn, Dubins paths.
 6. `route_search`: one agent to one target, all of the above.
-7. `forward_simulation`: future flight of a vehicle. `route_capture`, `route_progress`: joining and following
+7. `forward_simulation`: future flight of a vehicle. `route_joining`, `route_progress`: joining and following
    a route.
 8. `manoeuvres`: climb after take-off, terminal loiter, return route and landing.
-9. `deconfliction`: altitude layers.
+9. `layer_assignment`: altitude layers.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ import numpy as np
 
 from gcs import jit
 from gcs.model import FloatArray, Label, Route, read_only, target_name, vehicle_name
-from gcs.planning import deconfliction, forward_simulation, intercept
+from gcs.planning import forward_simulation, intercept, layer_assignment
 from gcs.planning.assignment import assign
 from gcs.planning.manoeuvres import loiter
 from gcs.planning.manoeuvres.loiter import plan_terminal_loiter
@@ -39,7 +39,7 @@ from gcs.planning.path.shortcut import (
 from gcs.planning.path.string_pulling import pull_string
 from gcs.planning.path.turns import make_flyable
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
-from gcs.planning.route_capture import capture_length_m, has_explicit_turn, turn_around_s
+from gcs.planning.route_joining import capture_length_m, has_explicit_turn, turn_around_s
 from gcs.planning.route_search import RouteSearch
 from gcs.planning.search import canonical_ordering, cost_matrix
 from gcs.planning.search.cost_matrix import Endpoints
@@ -316,7 +316,7 @@ def warm_up_calls() -> list[jit.Call]:
         *intercept.warm_up_calls(),
         *forward_simulation.warm_up_calls(),
         *loiter.warm_up_calls(),
-        *deconfliction.warm_up_calls(),
+        *layer_assignment.warm_up_calls(),
         (make_flyable, blocked, 0.0, vertices, np.zeros(2), 1.0, -1),
         (is_turn_safe, blocked, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1),
         (start_clearance, blocked, 0.0, 0.0, 0.0),

@@ -9,5 +9,6 @@ that is
 - `plots`: figures of runs, plans and tracking.
 - `telemetry`: flights and traffic as recorded from the MAVLink frames.
 - `campaign`: many runs. `paper`: the claims of the paper.
-- `html_page`: one self-contained page. `operator_lines`, `agent_order`: texts and order of displays.
+- `html_page`: one self-contained page. `operator_lines`, `plan_reminders`,
+  `agent_order`: texts and order of displays.
 """

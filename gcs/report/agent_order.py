@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Final
 
+from gcs.mavlink.fleet.link_timeouts import STALE_AFTER_S
 from gcs.model import AgentRecord, Label
-
-_MAX_SILENT_S: Final = 2.5
 
 
 def attention(agent: AgentRecord) -> tuple[int, int]:
@@ -29,7 +27,7 @@ def attention(agent: AgentRecord) -> tuple[int, int]:
 
 def is_late(agent: AgentRecord) -> bool:
     """Return True if an agent was not heard for some time, or never."""
-    return agent.heard_age_s is None or agent.heard_age_s > _MAX_SILENT_S
+    return agent.heard_age_s is None or agent.heard_age_s > STALE_AFTER_S
 
 
 def pinned_vehicles(agents: Iterable[AgentRecord]) -> dict[Label, list[int]]:

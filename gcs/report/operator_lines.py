@@ -23,8 +23,6 @@ from gcs.model import (
 
 MAX_ROUTES: Final = 6
 """Routes of a proposed plan in the live view and the log; `gcs order plan` prints all."""
-REMIND_S: Final = 60.0
-"""Seconds between log lines about the same proposed plan."""
 _MIN_LENGTH_CHANGE_M: Final = 10.0
 
 
@@ -108,19 +106,3 @@ def _route_line(route: Route, figures: RouteFigures | None) -> str:
     if figures.clearance_m is not None:
         text += f", clearance {figures.clearance_m:.0f} m"
     return text + (", ends before the target" if figures.is_short else "")
-
-
-class ProposalLog:
-    """Limits the log lines about proposed plans: each new plan, and a reminder now and then."""
-
-    def __init__(self) -> None:
-        self._last: tuple[int, tuple[int, ...]] | None = None
-        self._last_t_ns = 0
-
-    def add_if_due(self, proposal: Proposal) -> bool:
-        """Return True if the log gets a line for the proposal, and note that it was logged."""
-        content = proposal.plan_id, tuple(route.vehicle for route in proposal.routes)
-        if content == self._last and proposal.t_ns - self._last_t_ns < REMIND_S * NS_PER_S:
-            return False
-        self._last, self._last_t_ns = content, proposal.t_ns
-        return True

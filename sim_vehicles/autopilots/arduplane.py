@@ -33,7 +33,7 @@ from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.base import ARDUPLANE, AutopilotTraits, Mode
 from sim_vehicles.autopilots.failsafe import Failsafe, PlaneFailsafe
 from sim_vehicles.autopilots.fence import FenceGuard
-from sim_vehicles.autopilots.missions import MISSION, Item, MissionStore
+from sim_vehicles.autopilots.mission_protocol import MISSION, Item, MissionStore
 from sim_vehicles.autopilots.parameters import Parameters
 from sim_vehicles.autopilots.records import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
 from sim_vehicles.vehicle.airframe import Airframe

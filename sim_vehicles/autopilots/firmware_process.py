@@ -1,8 +1,8 @@
 """Process around one real firmware: starts and launches it, and forwards its frames.
 
 With `FirmwareArguments` it starts the firmware in a folder and brings the vehicle into LOITER above its
-start. Then it behaves as `sim_vehicles.process`: one UDP socket to the ground station, and the true state to
-the simulated world. The firmware of a lost vehicle is killed.
+start. Then it behaves as `sim_vehicles.vehicle.process`: one UDP socket to the ground station, and the true
+state to the simulated world. The firmware of a lost vehicle is killed.
 
 A firmware that is slower than nine tenths of the run's speed causes a warning on standard error: results of
 such a run are not valid.
@@ -39,9 +39,10 @@ from sim_vehicles.autopilots.firmware import (
     truth_messages,
 )
 from sim_vehicles.error_output import print_message
-from sim_vehicles.process import GROUND_HEARTBEAT
 from sim_vehicles.process_start import Address, FirmwareArguments, await_clock, read_arguments
 from sim_vehicles.vehicle.frames import FrameReader, Outbox
+from sim_vehicles.vehicle.packet_loss import is_lost
+from sim_vehicles.vehicle.process import GROUND_HEARTBEAT
 from sim_vehicles.world.ground import GroundContact
 
 _LAUNCH_WITHIN_S = 150.0
@@ -196,7 +197,7 @@ class FirmwareHost:
             self._send_truth(t_ns, None)  # A time without a state: the vehicle is lost.
             return
         for data in self._ground.receive_all():
-            if not self._is_lost():
+            if not is_lost(self._loss, self._rng):
                 with contextlib.suppress(OSError):  # No receiver, or a full buffer.
                     self._towards_gcs.sendto(data, self._gcs)
             if self._truth_port is self._ground:
@@ -211,7 +212,7 @@ class FirmwareHost:
                 break
             except ConnectionError:
                 continue
-            if sender == self._gcs and not self._is_lost():
+            if sender == self._gcs and not is_lost(self._loss, self._rng):
                 if self._ground_contact.hear(t_ns) and self.spec.waits_for_ground:
                     self._start_losses(t_ns)
                 self._ground.send(data)
@@ -259,9 +260,6 @@ class FirmwareHost:
                 f"vehicle {self.spec.system_id}: the firmware runs at {flown_ns / passed_ns:.2f} of the "
                 "run's speed; lower --speed"
             )
-
-    def _is_lost(self) -> bool:
-        return bool(self._loss > 0.0 and self._rng.random() < self._loss)
 
     def stop(self) -> None:
         """End the firmware and everything that it started."""

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_vehicles.autopilots.arduplane import Autopilot
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.autopilots.failsafe import Px4Failsafe
-from sim_vehicles.autopilots.missions import Item
+from sim_vehicles.autopilots.mission_protocol import Item
 from sim_vehicles.autopilots.records import MissionState
 from sim_vehicles.vehicle.guidance import Goal
 

@@ -33,6 +33,7 @@ from gcs.model import (
     Truth,
     TruthObject,
 )
+from sim_vehicles.vehicle.packet_loss import is_lost
 from sim_vehicles.vehicle.vehicle import SimVehicle
 from sim_vehicles.world.scenario import Scenario, generator
 from sim_vehicles.world.specs import vehicle_specs
@@ -163,7 +164,7 @@ class VirtualRun:
                 continue
             vehicle.advance(self.t_ns)
             for data in vehicle.datagrams_to_send(self.t_ns):
-                if not self._is_lost():
+                if not is_lost(self.loss, self._loss_rng):
                     for sender, arrived in self._arriving(peer, data):
                         self._step(Datagram(self.t_ns, LINK, sender, arrived))
 
@@ -173,9 +174,6 @@ class VirtualRun:
     def _is_killed(self, vehicle: SimVehicle) -> bool:
         at_s = self.kills.get(vehicle.system_id)
         return at_s is not None and self.t_ns >= START_T_NS + at_s * NS_PER_S
-
-    def _is_lost(self) -> bool:
-        return self.loss > 0.0 and self._loss_rng.random() < self.loss
 
     def _scan(self, index: int) -> None:
         truth = self._world.truth(self._world.scan_t_ns(index), self._agents())
@@ -204,7 +202,7 @@ class VirtualRun:
         for effect in effects:
             if isinstance(effect, Plan):
                 self.timings.plan_ms.append(took_ms)
-            elif isinstance(effect, Send) and not self._is_lost():
+            elif isinstance(effect, Send) and not is_lost(self.loss, self._loss_rng):
                 self._to_vehicles.append(effect)
             elif isinstance(effect, MissionEnded):
                 self.ended = True

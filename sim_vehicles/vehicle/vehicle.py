@@ -19,13 +19,13 @@ from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.arduplane import Autopilot
 from sim_vehicles.autopilots.base import TRAITS
-from sim_vehicles.autopilots.missions import NEVER_NS
+from sim_vehicles.autopilots.mission_protocol import NEVER_NS
 from sim_vehicles.autopilots.parameters import Parameters
 from sim_vehicles.autopilots.px4 import Px4Autopilot
 from sim_vehicles.vehicle.airframe import STEP_NS, Airframe
 from sim_vehicles.vehicle.banked_airframe import BankedAirframe
 from sim_vehicles.vehicle.geodesy import Geodesy
-from sim_vehicles.vehicle.link import VehicleLink
+from sim_vehicles.vehicle.message_handlers import VehicleLink
 from sim_vehicles.vehicle.wind import Wind
 from sim_vehicles.world.ground import GroundContact
 

@@ -28,7 +28,7 @@ from gcs.io.zenoh.key_expressions import scan_key, truth_key
 from gcs.io.zenoh.scans import encode_scan
 from gcs.io.zenoh.session import ZenohSession
 from gcs.model import Scan, TruthObject
-from sim_vehicles.autopilots.missions import NEVER_NS
+from sim_vehicles.autopilots.mission_protocol import NEVER_NS
 from sim_vehicles.process_start import WorldArguments, await_clock, read_arguments
 from sim_vehicles.world.scenario import Scenario, load
 from sim_vehicles.world.world import World

@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gcs.planning.deconfliction import PlannedFlight, assign_layers
+from gcs.planning.layer_assignment import PlannedFlight, assign_layers
 from gcs.planning.map.grid import Grid, Point, free_grid, random_obstacles
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner import Stage, plan_routes, warm_up

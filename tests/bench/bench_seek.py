@@ -17,7 +17,7 @@ from unittest.mock import patch
 import numpy as np
 from soak import Soak
 
-from gcs.core.perception import agent_status
+from gcs.core.perception import arrival_and_loss
 from gcs.io.recording.index import read_end_t_ns, snapshot_places
 from gcs.io.recording.mcap_file import recording_bytes
 from gcs.io.recording.reader import read
@@ -46,7 +46,7 @@ def main() -> None:
     options = parser.parse_args()
     warm_up_tracking()
     warm_up_planning()
-    with tempfile.TemporaryDirectory() as parent, patch.object(agent_status, "ARRIVAL_EPOCHS", math.inf):
+    with tempfile.TemporaryDirectory() as parent, patch.object(arrival_and_loss, "ARRIVAL_EPOCHS", math.inf):
         folder = Path(parent)
         soak = Soak(1, 0.05, folder, keeps_recording=True)
         soak.fly(options.hours * 3600.0)

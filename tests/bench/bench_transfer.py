@@ -23,10 +23,10 @@ from plane_double import AUTO, Channel, Joined, OfPlane, Plane, S, upload_task
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
-from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.fleet.records import ModeRecord
 from gcs.mavlink.frames.codec import Encoder, decode
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import Mission, Upload, Waypoint
 

@@ -28,7 +28,7 @@ from rich.table import Table
 from gcs.config import read_text
 from gcs.config.key_overrides import override_keys
 from gcs.core.engine import Engine
-from gcs.core.perception import agent_status
+from gcs.core.perception import arrival_and_loss
 from gcs.io.recording.folder import Run, versions
 from gcs.io.recording.writer import DiskBudget, Recorder
 from gcs.model import NS_PER_S, AgentStatus, NoFlyZone, Order, Plan, UploadReport
@@ -233,7 +233,7 @@ def soak(hours: float, loss: float, seed: int, warm_up_s: float = WARM_UP_S, sam
     warm_up_planning()
     with (
         tempfile.TemporaryDirectory() as folder,
-        patch.object(agent_status, "ARRIVAL_EPOCHS", math.inf),
+        patch.object(arrival_and_loss, "ARRIVAL_EPOCHS", math.inf),
     ):
         run = Soak(seed, loss, Path(folder))
         run.fly(warm_up_s)

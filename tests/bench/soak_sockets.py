@@ -30,7 +30,9 @@ SETTINGS = (
     "recording.rotate_mb=20",
 )
 ORDER_EVERY_S = 60.0
-WITHOUT_ARRIVALS = "from gcs.core.perception import agent_status; agent_status.ARRIVAL_EPOCHS = float('inf')"
+WITHOUT_ARRIVALS = (
+    "from gcs.core.perception import arrival_and_loss; arrival_and_loss.ARRIVAL_EPOCHS = float('inf')"
+)
 GCS = [sys.executable, "-P", "-c", f"{WITHOUT_ARRIVALS}; from gcs.cli import main; main()"]
 
 

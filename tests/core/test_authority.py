@@ -17,9 +17,9 @@ from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMission
 from gcs.mavlink.autopilots import profile_of
-from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.frames.codec import decode as decode_frames
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import (
     Authority,

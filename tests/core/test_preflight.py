@@ -15,7 +15,7 @@ from gcs.config.key_overrides import override_keys
 from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
 from gcs.core.preflight.return_heights import return_of, returns_check
 from gcs.core.preflight.vehicle_checks import VehicleChecks, envelope_of
-from gcs.core.replanning.altitude_layers import AltitudeLayers
+from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.state import State
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.mavlink.fleet.fleet import Fleet

@@ -7,12 +7,11 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE, PROFILES, PX4, mode_name, profile_of
-from gcs.mavlink.autopilots.item_builder import build_items, first_flown_item
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
-from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.frames.codec import Encoder, decode
+from gcs.mavlink.mission.item_builder import build_items, first_flown_item
 from gcs.mavlink.mission.items import Home, item_of
-from gcs.model import Mission, VehicleState, Waypoint
+from gcs.model import Mission, Waypoint
 
 HOME = Home(33.2, -87.6, 70.0)
 ROUTE = (Waypoint(33.21, -87.6, 100.0, 10.7), Waypoint(33.22, -87.59, 120.0, 10.0))
@@ -118,18 +117,6 @@ def test_wishes_for_parameters_are_ranges_with_a_reason(profile):
         assert wish.low <= wish.high
         assert wish.why
         assert all(len(name) <= 16 for name in wish.names)
-
-
-def test_on_the_ground_is_disarmed_or_slow_and_low():
-    def state(armed, alt_m, speed):
-        return VehicleState(1, 0, 0.0, 0.0, alt_m, speed, 0.0, "MANUAL", armed, 0)
-
-    assert is_on_ground(state(False, 170.0, 15.0), HOME)
-    assert is_on_ground(state(True, 71.0, 0.5), HOME)
-    assert not is_on_ground(state(True, 170.0, 0.5), HOME)
-    assert not is_on_ground(state(True, 71.0, 15.0), HOME)
-    assert not is_on_ground(state(True, 71.0, 0.5), None)
-    assert not is_on_ground(None, HOME)
 
 
 @pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)

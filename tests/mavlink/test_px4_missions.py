@@ -6,8 +6,8 @@ from px4_double import AUTO, HOLD, Px4
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import PX4
-from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.frames.codec import Encoder
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import Mission, Waypoint
 

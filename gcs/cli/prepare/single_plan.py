@@ -22,14 +22,14 @@ from rich.table import Table
 from gcs.cli.warm_up_progress import PLANNING, load_kernels
 from gcs.config import load
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.core.replanning.altitude_layers import layer_count
 from gcs.core.replanning.plan_targets import plan_options
+from gcs.core.replanning.planned_flights import layer_count
 from gcs.core.replanning.return_routes import landing_of
 from gcs.errors import ConfigError, RecordingError
 from gcs.files import read_text
 from gcs.model import Label, Route, target_name
-from gcs.planning.deconfliction import PlannedFlight, assign_layers
 from gcs.planning.forward_simulation import LoiterCircle
+from gcs.planning.layer_assignment import PlannedFlight, assign_layers
 from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.movingai import MAX_BYTES, read_map

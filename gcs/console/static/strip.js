@@ -3,8 +3,6 @@
 import { el, Rows, setClass, setText } from "./dom.js";
 import { DENSE_ROWS, FIXES, duration, number, seconds } from "./format.js";
 
-const LOW_BATTERY = 30;
-
 const COLUMNS = [
   ["id", "id", "id", (v) => v.name],
   ["status", "status", "left", (v) => (v.doubted ? ["doubted", "bad"] : [v.status, v.status])],
@@ -14,7 +12,7 @@ const COLUMNS = [
   ["alt", "alt m", "", (v) => number(v.alt_m)],
   ["layer", "layer", "", (v) => [v.target && v.status === "active" ? String(v.layer) : "–", "faint"]],
   ["speed", "m/s", "", (v) => number(v.speed_m_s)],
-  ["battery", "batt", "", (v) => [v.battery === null ? "–" : `${v.battery} %`, v.battery !== null && v.battery < LOW_BATTERY ? "bad" : ""]],
+  ["battery", "batt", "", (v) => [v.battery === null ? "–" : `${v.battery} %`, v.battery_low ? "bad" : ""]],
   ["fix", "fix", "", (v) => [v.fix === null ? "–" : (FIXES[v.fix] ?? String(v.fix)), v.fix !== null && v.fix < 3 ? "bad" : "faint"]],
   ["heard", "heard", "", (v) => [v.heard_s === null ? "never" : seconds(v.heard_s), v.late ? "bad" : "faint"]],
   ["loss", "loss", "", (v) => [`${(100 * v.loss).toFixed(1)} %`, v.loss > 0.2 ? "fair" : "faint"]],

@@ -13,8 +13,6 @@ from gcs.core.airspace.records import AirspaceState
 from gcs.model import BoolArray, NoFlyZone
 from gcs.planning.map.grid import Grid
 
-_MAX_ZONES = 100
-
 
 class NoFlyZones:
     """The map of the mission, `grid`, with the closed zones.
@@ -38,17 +36,6 @@ class NoFlyZones:
         }
         closed = [one.blocked for one in self.closed.values()]
         self.grid = replace(grid, blocked=np.logical_or.reduce([grid.blocked, *closed]))
-
-    def refusal(self, zone: NoFlyZone) -> str:
-        """Return why a zone cannot be closed or opened; empty if it can."""
-        zones = self._state.zones
-        if zone.disc_m is None and not zone.polygon_m:
-            if zone.name in zones:
-                return ""
-            return f"no no-fly zone is called {zone.name}; there are: {', '.join(zones) or 'none'}"
-        if zone.name not in zones and len(zones) >= _MAX_ZONES:
-            return f"there are {_MAX_ZONES} no-fly zones already; open some first"
-        return "" if closed_cells(self._open, zone).any() else "it lies outside the map"
 
     def change(self, zone: NoFlyZone) -> Grid:
         """Close or open a zone; return the cells that are newly blocked."""

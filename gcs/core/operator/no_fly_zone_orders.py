@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from gcs.core.airspace.incursion_warning import IncursionWarnings
-from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.airspace.no_fly_zones import NoFlyZones, closed_cells
 from gcs.core.operator.records import OrderInProgress
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.state import Agent, with_status
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.model import Effect, Notice, Order, named
+from gcs.model import Effect, NoFlyZone, Notice, Order, named
+
+_MAX_ZONES: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +43,7 @@ class NoFlyZoneOrders:
         zone, ongoing = order.no_fly_zone, OrderInProgress(order)
         remedy = "confirm a plan, or hold or return it" if self.needs_approval else "hold or return it"
         assert zone is not None
-        refusal = self.zones.refusal(zone)
+        refusal = self._refusal(zone)
         if refusal:
             return [ongoing.answer(order.t_ns, "refused", refusal)]
         closed = self.zones.change(zone)
@@ -71,3 +74,14 @@ class NoFlyZoneOrders:
         detail = "; ".join([text, *(f"{named([v])} {words}" for v, words in alarms.items())])
         effects.append(ongoing.answer(order.t_ns, "done", detail))
         return effects + [Notice(order.t_ns, "alarm", words, v) for v, words in alarms.items()]
+
+    def _refusal(self, zone: NoFlyZone) -> str:
+        """Return why a zone cannot be closed or opened; empty if it can."""
+        closed = self.zones.closed
+        if zone.disc_m is None and not zone.polygon_m:
+            if zone.name in closed:
+                return ""
+            return f"no no-fly zone is called {zone.name}; there are: {', '.join(closed) or 'none'}"
+        if zone.name not in closed and len(closed) >= _MAX_ZONES:
+            return f"there are {_MAX_ZONES} no-fly zones already; open some first"
+        return "" if closed_cells(self.zones.grid, zone).any() else "it lies outside the map"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gcs.core.operator.records import TargetSettings
 from gcs.core.perception.fusion import MultiSensorTracker
-from gcs.core.replanning.altitude_layers import AltitudeLayers
+from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.state import State, flown_routes
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.vehicle import Health

@@ -23,13 +23,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.operator.records import Command, OrderInProgress
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
-from gcs.core.replanning.altitude_layers import AltitudeLayers
+from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.state import State, flown_routes
 from gcs.core.takeoff.sequence import SELF_LAUNCHING, TakeoffSequence
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
-from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.command_sender import CommandSender, command_long, set_mode
 from gcs.model import (

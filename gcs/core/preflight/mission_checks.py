@@ -15,13 +15,13 @@ from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.result import Check, Level
-from gcs.core.replanning.altitude_layers import layer_count, preferred_layers
 from gcs.core.replanning.plan_targets import plan_options
+from gcs.core.replanning.planned_flights import layer_count, preferred_layers
 from gcs.core.takeoff.climbs import Climbs
 from gcs.fence import fence_of
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
-from gcs.planning.deconfliction import PlannedFlight, assign_layers
+from gcs.planning.layer_assignment import PlannedFlight, assign_layers
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.planner import PlanResult, plan_routes
 from gcs.planning.planner_inputs import AgentState

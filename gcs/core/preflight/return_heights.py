@@ -16,8 +16,8 @@ from gcs.config import Config
 from gcs.core.preflight.result import Check
 from gcs.core.state import Agent
 from gcs.mavlink.autopilots import AutopilotProfile
-from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.parameter_protocol import decode_value
 from gcs.model import vehicle_name

@@ -16,8 +16,8 @@ from gcs.core.tasking.upload_latency import late_s, left_s
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots.modes import RTL
-from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.model import Label, Track
 from gcs.planning.manoeuvres.climb import Climb
 

@@ -19,9 +19,9 @@ from itertools import pairwise
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning import reasons
-from gcs.core.replanning.altitude_layers import AltitudeLayers
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.plan_targets import PlanTargets, plan_options
+from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.reasons import Reason
 from gcs.core.replanning.records import ReplanningState
 from gcs.core.replanning.triggers import Triggers

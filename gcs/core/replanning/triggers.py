@@ -21,7 +21,7 @@ from gcs.core.replanning.reasons import Reason
 from gcs.core.replanning.records import ReplanningState
 from gcs.core.state import Agent
 from gcs.model import NS_PER_S, Label, Route, Track, target_name
-from gcs.planning.route_capture import simulate_until_blocked, turn_around_s
+from gcs.planning.route_joining import simulate_until_blocked, turn_around_s
 
 _URGENT_FACTOR = 3.0
 """Multiple of its tolerance that a target must have moved to trigger a plan between two periods."""

@@ -15,8 +15,8 @@ from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning.plan_targets import plan_options
 from gcs.core.state import Agent
 from gcs.geo import wrap_pi
-from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.model import FloatArray, Notice
 from gcs.planning.manoeuvres.climb import Climb, climb_problem, turn_problem
 

@@ -18,8 +18,8 @@ from gcs.config import Config
 from gcs.core.state import State
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.mavlink.autopilots.modes import AUTO
-from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice, VehicleState, vehicle_name
 

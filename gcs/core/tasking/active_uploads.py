@@ -16,12 +16,12 @@ from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import points_passed
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import ActiveUpload, OnboardMission, TaskingState
-from gcs.core.tasking.upload_retry import UploadRetry
+from gcs.core.tasking.upload_pauses import UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
-from gcs.mavlink.autopilots.item_builder import first_flown_item
-from gcs.mavlink.autopilots.profile import is_on_ground
 from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.mission.item_builder import first_flown_item
 from gcs.mavlink.mission.upload_limits import UploadPolicy
 from gcs.mavlink.mission.upload_stages import OnboardState, TransitionError
 from gcs.mavlink.mission.upload_steps import UploadState

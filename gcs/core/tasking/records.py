@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_UNLIM
 
-from gcs.core.tasking.upload_retry import UploadRetry
+from gcs.core.tasking.upload_pauses import UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.upload_steps import UploadState

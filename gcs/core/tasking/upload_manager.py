@@ -5,7 +5,7 @@ first come, first served,
 
 * until the upload window of their link admits another (`gcs.core.tasking.upload_window`);
 * for an item that their vehicle is about to reach, for `_MAX_ITEM_WAIT_NS` at most;
-* for the end of a pause after repeated failures (`gcs.core.tasking.upload_retry`).
+* for the end of a pause after repeated failures (`gcs.core.tasking.upload_pauses`).
 
 Uploads in progress are in `gcs.core.tasking.active_uploads`.
 """
@@ -26,9 +26,9 @@ from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import OnboardMission, QueuedRoute, TaskingState
-from gcs.core.tasking.upload_retry import UploadRetry
-from gcs.mavlink.autopilots.profile import is_on_ground
+from gcs.core.tasking.upload_pauses import UploadRetry
 from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_steps import UploadState

@@ -1,7 +1,7 @@
 """Autopilot profiles: one table per firmware of how it stores, flies and returns a mission.
 
-`profile` (its fields), `ardupilot`, `px4`, `modes` (mode names), `item_builder` (a mission as items),
-`preflight_parameters` (parameters that the preflight check reads).
+`profile` (its fields), `arduplane_profile`, `px4_profile`, `modes` (mode names), `preflight_parameters`
+(parameters that the preflight check reads).
 `profile_of` chooses by a vehicle's HEARTBEAT. A vehicle with another firmware is tracked and never tasked.
 """
 
@@ -11,9 +11,9 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.autopilots.ardupilot import ARDUPLANE
+from gcs.mavlink.autopilots.arduplane_profile import ARDUPLANE
 from gcs.mavlink.autopilots.profile import AutopilotProfile, FenceLimits
-from gcs.mavlink.autopilots.px4 import PX4
+from gcs.mavlink.autopilots.px4_profile import PX4
 from gcs.mavlink.frames.codec import Message
 
 __all__ = [

@@ -10,8 +10,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.preflight_parameters import Envelope, WantedParameter
-from gcs.mavlink.mission.items import Home, Item, first_item_difference
-from gcs.model import VehicleState
+from gcs.mavlink.mission.items import Item, first_item_difference
 
 _GLOBAL: Final = dialect.MAV_FRAME_GLOBAL
 _RELATIVE: Final = dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT
@@ -19,8 +18,6 @@ _SAME_FRAME: Final = {
     dialect.MAV_FRAME_GLOBAL_INT: _GLOBAL,
     dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: _RELATIVE,
 }
-_GROUND_M: Final = 10.0
-_GROUND_SPEED_M_S: Final = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,13 +114,3 @@ class AutopilotProfile:
     def difference(self, sent: Sequence[Item], held: Sequence[Item]) -> str:
         """Return the first difference between sent and stored items, without home; empty if equal."""
         return first_item_difference(sent, held, self.normalised, self.home_items)
-
-
-def is_on_ground(state: VehicleState | None, home: Home | None) -> bool:
-    """Return True if a vehicle is on the ground as far as known: disarmed, or slow and low."""
-    if state is None or not state.mode:
-        return False
-    if not state.armed:
-        return True
-    low = home is not None and state.alt_msl_m - home.alt_msl_m < _GROUND_M
-    return low and state.ground_speed_m_s < _GROUND_SPEED_M_S

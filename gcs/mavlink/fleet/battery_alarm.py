@@ -19,6 +19,11 @@ _RECOVERED_PERCENT: Final = 5
 """Charge above a limit that ends its notice: a load on the battery lowers its voltage for a while."""
 
 
+def is_low(charge_percent: int | None) -> bool:
+    """Return True if a charge is known and low."""
+    return charge_percent is not None and charge_percent < LOW_PERCENT
+
+
 @dataclass(slots=True)
 class BatteryAlarm:
     """Notices of one vehicle's battery: one for each limit that the charge falls below."""
@@ -34,7 +39,7 @@ class BatteryAlarm:
         elif charge_percent < CRITICAL_PERCENT and limit != CRITICAL_PERCENT:
             self.limit_percent = CRITICAL_PERCENT
             notify("alarm", f"battery critical: {charge_percent} %")
-        elif charge_percent < LOW_PERCENT and limit is None:
+        elif is_low(charge_percent) and limit is None:
             self.limit_percent = LOW_PERCENT
             notify("warning", f"battery low: {charge_percent} %")
         elif limit is not None and charge_percent >= LOW_PERCENT + _RECOVERED_PERCENT:

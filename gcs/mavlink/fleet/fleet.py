@@ -27,6 +27,7 @@ from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.fleet.heartbeat import heartbeat, is_from_autopilot, is_heartbeat
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, total
+from gcs.mavlink.fleet.link_timeouts import LOST_AFTER_NS, STALE_AFTER_NS, check_liveness
 from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.fleet.position_plausibility import Notify
 from gcs.mavlink.fleet.records import FleetState, VehicleLink
@@ -58,7 +59,6 @@ from gcs.mavlink.frames.codec import (
 )
 from gcs.mavlink.frames.signing import MIN_SIGNED_LATER_NS, signed_t_ns
 from gcs.mavlink.mission.items import Home
-from gcs.mavlink.services.retry import ns
 from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState, vehicle_id
 
 if TYPE_CHECKING:
@@ -84,18 +84,13 @@ _NEEDED: Final = frozenset(
         dialect.MAVLINK_MSG_ID_MISSION_ACK,
     }
 )
-_REPEAT_NOTICE_NS: Final = ns(10.0)
 
 
 @dataclass(frozen=True, slots=True)
 class FleetSettings:
-    """Telemetry rate, timeouts and bounds."""
+    """Telemetry rate and bounds."""
 
     position_rate_hz: float = 4.0
-    stale_after_s: float = 2.5
-    """Timeout after which a vehicle is stale: first notice to the operator."""
-    lost_after_s: float = 5.0
-    """Timeout after which the link is down and the vehicle may appear at another address."""
     max_speed_m_s: float = 150.0
     """Ground speed above which a position report is refused."""
     max_distance_m: float = 100_000.0
@@ -163,8 +158,6 @@ class Fleet:
         self._encoder = Encoder(*own)
         self._outgoing = [(link.name, link.endpoint.remote) for link in links if link.endpoint.remote]
         self._frame, self._settings = frame, settings or FleetSettings()
-        self._stale_after_ns = ns(self._settings.stale_after_s)
-        self._lost_after_ns = ns(self._settings.lost_after_s)
         self._scan: Callable[[bytes], FrameTable] = scan
         self._fast_path: VehicleTable | None = None
         if kernel:
@@ -300,7 +293,7 @@ class Fleet:
         link = vehicle.link
         if link.address == address:
             return not is_heartbeat(frame) or is_from_autopilot(message)
-        is_heard = link.address is not None and t_ns - vehicle.heard_t_ns <= self._lost_after_ns
+        is_heard = link.address is not None and t_ns - vehicle.heard_t_ns <= LOST_AFTER_NS
         later = is_heard and is_from_autopilot(message) and self._is_signed_later(vehicle, frame, t_ns)
         if link.address is not None and is_heard and not later:
             link.conflicts += 1
@@ -366,37 +359,20 @@ class Fleet:
     def _is_due(self, t_ns: int) -> npt.NDArray[np.bool_]:
         """Return a mask of the vehicles with something to send, or with a timeout."""
         table = self._state.table
-        is_silent = (table[:, ADDRESS] != NO_ADDRESS) & (t_ns - table[:, HEARD_NS] > self._stale_after_ns)
+        is_silent = (table[:, ADDRESS] != NO_ADDRESS) & (t_ns - table[:, HEARD_NS] > STALE_AFTER_NS)
         return np.asarray(is_silent | (table[:, DUE_NS] <= t_ns))
 
     def _poll_vehicle(self, vehicle: Vehicle, address: Address, t_ns: int) -> list[Message]:
-        self._check_liveness(vehicle, t_ns)
+        check_liveness(vehicle, t_ns, self._notifier(t_ns, vehicle.system_id))
         link = vehicle.link
         messages = vehicle.poll(t_ns) if link.liveness == "alive" else []
         if self._peers.start_heartbeat(address, t_ns, self._used_addresses):
             messages.append(heartbeat())
         next_heartbeat_ns = self._peers.next_heartbeat_ns(address)
-        lost_t_ns = vehicle.heard_t_ns + self._lost_after_ns + 1
+        lost_t_ns = vehicle.heard_t_ns + LOST_AFTER_NS + 1
         due = {"alive": link.requests.idle_until_ns, "stale": lost_t_ns}.get(link.liveness, next_heartbeat_ns)
         vehicle.record[DUE_NS] = min(next_heartbeat_ns, due)
         return messages
-
-    def _check_liveness(self, vehicle: Vehicle, t_ns: int) -> None:
-        """Notify of timeouts, and of the end of an id conflict."""
-        notify, silent_ns = self._notifier(t_ns, vehicle.system_id), t_ns - vehicle.heard_t_ns
-        link = vehicle.link
-        if link.liveness in ("alive", "stale") and silent_ns > self._lost_after_ns:
-            link.liveness, vehicle.record[ADDRESS] = "down", NO_ADDRESS
-            notify("alarm", f"link down: not heard for {silent_ns / NS_PER_S:.1f} s")
-        elif link.liveness == "alive" and silent_ns > self._stale_after_ns:
-            link.liveness, vehicle.record[ADDRESS] = "stale", NO_ADDRESS
-            notify("warning", f"not heard for {silent_ns / NS_PER_S:.1f} s")
-        elif link.liveness == "alive":
-            vehicle.check_position_age(t_ns, notify)
-            vehicle.check_battery(notify)
-        if link.claimed_t_ns is not None and t_ns - link.claimed_t_ns > _REPEAT_NOTICE_NS:
-            link.claimed_t_ns = None
-            notify("info", "no other address uses its system id any more")
 
     def _notifier(self, t_ns: int, system_id: int) -> Notify:
         return lambda level, text: self._notices.add(level, text, t_ns, system_id)

@@ -1,6 +1,6 @@
 """Mission items: record, message, and comparison of two lists.
 
-Source: https://mavlink.io/en/services/mission.html. `gcs.mavlink.autopilots` makes the items of a mission.
+Source: https://mavlink.io/en/services/mission.html. `item_builder` makes the items of a mission.
 """
 
 from __future__ import annotations

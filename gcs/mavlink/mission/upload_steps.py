@@ -12,10 +12,10 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE, AutopilotProfile, profile_of
-from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.item_transfer import MissionUpload
 from gcs.mavlink.mission.items import Home, Item
 from gcs.mavlink.mission.list_upload import ACCEPTED, ListUpload, ListUploadState

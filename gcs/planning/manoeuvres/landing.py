@@ -29,7 +29,7 @@ from gcs.planning.map.line_of_sight import line_of_sight, to_cells
 from gcs.planning.path.initial_turn import MAX_TURN_RAD, MIN_RADIUS_SHARE, is_turn_safe, start_clearance
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
-from gcs.planning.route_capture import MIN_CLEARANCE_SHARE
+from gcs.planning.route_joining import MIN_CLEARANCE_SHARE
 from gcs.planning.route_search import RouteSearch
 
 _BEARINGS = 36

@@ -26,7 +26,7 @@ from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import NO_CELL, is_clear_at, is_free_at, leg_clearance, to_cells
 from gcs.planning.path.initial_turn import MIN_RADIUS_SHARE, start_clearance
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
-from gcs.planning.route_capture import MIN_CLEARANCE_SHARE
+from gcs.planning.route_joining import MIN_CLEARANCE_SHARE
 
 _ENOUGH_SHARE = 0.5
 """Share of the clearance that is sufficient. Circles are flown by the autopilot, not by waypoints."""

@@ -2,7 +2,7 @@
 
 The plain rule is the paper's: an agent is active while the existence probability of its track reaches a
 threshold at each scan. Clutter near a lost agent makes it active again, and a missed detection may make it
-lost. Central command's rule has hysteresis (`gcs.core.perception.agent_status`).
+lost. Central command's rule has hysteresis (`gcs.core.perception.arrival_and_loss`).
 
 The track of an agent follows from the ground truth: the nearest within `NEAR_M`, and after its loss the same
 label. Both rules are evaluated until the agent arrives.

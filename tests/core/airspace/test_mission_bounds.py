@@ -14,7 +14,7 @@ from gcs.core.replanning.plan_targets import plan_options
 from gcs.core.replanning.return_routes import landing_of
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
-from gcs.mavlink.autopilots.item_builder import build_items
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import Mission, Notice, Waypoint, read_only
 from gcs.planning.manoeuvres.landing import plan_return_route

@@ -10,7 +10,7 @@ from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import OnboardMission
 from gcs.mavlink.autopilots import ARDUPLANE
-from gcs.mavlink.autopilots.item_builder import build_items
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import NS_PER_S, AgentStatus, Notice, Route, UploadReport, read_only
 from sim_vehicles.autopilots.base import Mode

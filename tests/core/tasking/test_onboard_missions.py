@@ -10,8 +10,8 @@ from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import OnboardMission
 from gcs.mavlink.autopilots import ARDUPLANE
-from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import Route, read_only
 

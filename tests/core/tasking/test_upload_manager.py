@@ -166,7 +166,7 @@ def holds_in_flight():
 def test_on_a_lossy_link_a_upload_is_let_end_though_ever_newer_routes_come(monkeypatch):
     """A vehicle would circle for minutes over transfers that all give way to the next one."""
     delivered = sum(report.ok for report in re_tasked_on_a_bad_link().reports())
-    monkeypatch.setattr("gcs.core.tasking.upload_retry._SUPERSEDE_NS", 10**12)
+    monkeypatch.setattr("gcs.core.tasking.upload_pauses._SUPERSEDE_NS", 10**12)
     assert delivered >= 3 * max(1, len(re_tasked_on_a_bad_link().reports()))
 
 

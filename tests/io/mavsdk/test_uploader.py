@@ -11,8 +11,8 @@ from gcs.errors import LinkError
 from gcs.geo import LocalFrame
 from gcs.io.mavsdk.uploader import MavsdkUploader, mavsdk_problem
 from gcs.mavlink.autopilots import ARDUPLANE
-from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.frames.codec import Encoder, decode
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import Mission, Upload, Waypoint
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec

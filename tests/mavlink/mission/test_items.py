@@ -7,8 +7,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gcs.mavlink.autopilots import ARDUPLANE
-from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.frames.codec import Encoder, decode
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home, item_of
 from gcs.model import Mission, Waypoint
 

@@ -24,8 +24,8 @@ from plane_double import (
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
-from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.frames.codec import Encoder, decode
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_stages import TRANSITIONS, OnboardState, Stage, TransitionError
 from gcs.mavlink.mission.upload_task import UploadTask

@@ -20,8 +20,8 @@ from plane_double import (
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE
-from gcs.mavlink.autopilots.item_builder import build_items
 from gcs.mavlink.frames.codec import Encoder, decode
+from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_limits import UploadLimits
 from gcs.model import Mission, Waypoint

@@ -9,7 +9,7 @@ import pytest
 from gcs.geo import LocalFrame
 from sim_vehicles.autopilots.arduplane import Autopilot
 from sim_vehicles.autopilots.base import Mode
-from sim_vehicles.autopilots.missions import Item
+from sim_vehicles.autopilots.mission_protocol import Item
 from sim_vehicles.autopilots.parameters import Parameters
 from sim_vehicles.autopilots.records import ItemReached, StatusText
 from sim_vehicles.vehicle.airframe import Airframe

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.model import NS_PER_S, TruthObject
-from sim_vehicles.autopilots.missions import NEVER_NS
+from sim_vehicles.autopilots.mission_protocol import NEVER_NS
 from sim_vehicles.world.scenario import load
 from sim_vehicles.world.world import World
 

@@ -1,4 +1,4 @@
-"""Agent status: active, arrived or lost, from tracks and position reports.
+"""Arrival and loss: the status of an agent (active, arrived, lost), from tracks and position reports.
 
 An agent is lost when its track is lost (`track_lifecycle.TrackConfirmation.is_lost` compares the existence
 probability with `lost_existence`), or after `UNSEEN_S` without track and report. It is active again only when

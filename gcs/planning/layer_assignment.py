@@ -1,4 +1,4 @@
-"""Deconfliction by altitude layers, and separation in time within a layer.
+"""Assignment of altitude layers, and separation in time within a layer.
 
 Vehicles in different layers are separated by altitude. Within a layer they are separated in time, from the
 predicted positions along their routes. A vehicle shares a layer only if no layer is free. A vehicle that
@@ -23,7 +23,7 @@ _MAX_HORIZON_S = 900.0
 
 @dataclass(frozen=True, slots=True)
 class PlannedFlight:
-    """Route of a vehicle for deconfliction."""
+    """Route of a vehicle, to be separated from others."""
 
     vehicle: int
     points_m: FloatArray

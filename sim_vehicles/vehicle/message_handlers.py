@@ -1,6 +1,6 @@
-"""MAVLink link of a vehicle: bytes in, bytes out, time an argument.
+"""Handlers of the MAVLink messages that a vehicle receives: bytes in, bytes out, time an argument.
 
-It processes frames for its system id and component 1, or for all, from any ground station. Parameters are
+They process frames for its system id and component 1, or for all, from any ground station. Parameters are
 listed a few at a time, so that a slow link is not flooded. FTP requests are refused, so that clients continue
 at once.
 """
@@ -17,8 +17,8 @@ from gcs.mavlink.services.parameter_protocol import decode_value, encode_value
 from sim_vehicles.autopilots.arduplane import Autopilot
 from sim_vehicles.autopilots.base import PX4, Mode
 from sim_vehicles.autopilots.commands import Commands
-from sim_vehicles.autopilots.missions import MISSION, NEVER_NS, MissionServer
-from sim_vehicles.autopilots.px4_missions import Px4MissionServer
+from sim_vehicles.autopilots.mission_protocol import MISSION, NEVER_NS, MissionServer
+from sim_vehicles.autopilots.px4_mission_protocol import Px4MissionServer
 from sim_vehicles.autopilots.records import ItemReached, StatusText
 from sim_vehicles.vehicle.frames import FrameReader, Outbox, Signing
 from sim_vehicles.vehicle.telemetry import Streams, Telemetry

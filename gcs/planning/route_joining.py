@@ -1,4 +1,4 @@
-"""Route capture: how a vehicle turns on to a new route without explicit turn waypoints.
+"""Route joining, or capture: how a vehicle turns on to a new route without explicit turn waypoints.
 
 Where a planner cannot prove the direct turn clear for every radius and side, it adds explicit turn waypoints
 (`gcs.planning.path.turns`), a detour of up to a circle. The forward simulation of the vehicle
@@ -71,7 +71,7 @@ def capture_length_m(
     Parameters
     ----------
     motion : Motion
-        At route capture.
+        Where it turns on to the route.
     points_m : ndarray, shape (k, 2)
         Waypoints, without an explicit turn.
     turns : TurnAnticipation

@@ -24,10 +24,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.io.clock import RunClock
 from gcs.io.signing.keystore import read_keys
 from gcs.model import NS_PER_S
-from sim_vehicles.autopilots.missions import NEVER_NS
+from sim_vehicles.autopilots.mission_protocol import NEVER_NS
 from sim_vehicles.error_output import print_message
 from sim_vehicles.process_start import Address, VehicleArguments, await_clock, read_arguments
 from sim_vehicles.vehicle.frames import Outbox
+from sim_vehicles.vehicle.packet_loss import is_lost
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 GROUND_HEARTBEAT = mavlink.MAVLink_heartbeat_message(
@@ -70,7 +71,7 @@ class Host:
                 return
             except ConnectionError:  # An ICMP error for an earlier datagram.
                 continue
-            if sender == self._gcs and not self._is_lost():
+            if sender == self._gcs and not is_lost(self._loss, self._rng):
                 self.vehicle.receive_datagram(data, t_ns)
 
     def advance(self, t_ns: int) -> None:
@@ -87,7 +88,7 @@ class Host:
                 self._send_truth(time_message)
                 self._truth_ns = NEVER_NS
         for data in self.vehicle.datagrams_to_send(t_ns):
-            if not self._is_lost():
+            if not is_lost(self._loss, self._rng):
                 self._send(data, self._gcs)
 
     def _send_truth(self, *messages: Any) -> None:
@@ -101,9 +102,6 @@ class Host:
             # No receiver, or a full buffer: a datagram may be lost.
             with contextlib.suppress(OSError):
                 self.socket.sendto(data, to)
-
-    def _is_lost(self) -> bool:
-        return self._loss > 0.0 and self._rng.random() < self._loss
 
 
 def fly(hosts: list[Host], clock: RunClock) -> None:

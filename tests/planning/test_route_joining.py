@@ -12,7 +12,7 @@ from gcs.planning.map.grid import free_grid
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions
-from gcs.planning.route_capture import capture_length_m, has_explicit_turn, turn_around_s
+from gcs.planning.route_joining import capture_length_m, has_explicit_turn, turn_around_s
 from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.guidance import ToPoint
 

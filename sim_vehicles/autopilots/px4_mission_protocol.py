@@ -22,7 +22,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_vehicles.autopilots.missions import (
+from sim_vehicles.autopilots.mission_protocol import (
     MISSION,
     NEVER_NS,
     Item,

@@ -1,4 +1,4 @@
-"""Altitude layers for the routes of a plan."""
+"""Planned flights of all vehicles, and the altitude layers of their routes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gcs.core.replanning.plan_targets import place_of
 from gcs.core.replanning.records import OtherVehicle, ReplanningState
 from gcs.core.state import Agent
 from gcs.model import FloatArray, Route, Track, vehicle_name
-from gcs.planning.deconfliction import Conflict, PlannedFlight, assign_layers, min_separation_m
+from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers, min_separation_m
 from gcs.planning.map.grid import Point
 from gcs.planning.route_progress import CORRIDOR_M, next_point
 

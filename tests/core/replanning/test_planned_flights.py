@@ -2,7 +2,7 @@
 
 from staging import mission, track
 
-from gcs.core.replanning.altitude_layers import AltitudeLayers
+from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.records import OtherVehicle
 from gcs.core.state import State
 from gcs.model import Route, read_only

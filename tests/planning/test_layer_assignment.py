@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.planning.deconfliction import PlannedFlight, assign_layers
+from gcs.planning.layer_assignment import PlannedFlight, assign_layers
 
 
 def flight(vehicle, *points, speed=15.0, layer=0, fixed=False):

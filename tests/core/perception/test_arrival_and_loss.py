@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from staging import at, confirmation_of, confirmed, picture, track
 
-from gcs.core.perception.agent_status import NEVER_SEEN_S, UNSEEN_S, AgentStatusMonitor
+from gcs.core.perception.arrival_and_loss import NEVER_SEEN_S, UNSEEN_S, AgentStatusMonitor
 from gcs.core.state import State, at_targets, with_status
 from gcs.model import Route, read_only
 

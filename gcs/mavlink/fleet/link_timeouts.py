@@ -1,0 +1,38 @@
+"""Link timeouts: when a silent vehicle is stale, and when its link is down."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from gcs.mavlink.fleet.telemetry_table import ADDRESS, NO_ADDRESS
+from gcs.model import NS_PER_S
+
+if TYPE_CHECKING:
+    from gcs.mavlink.fleet.position_plausibility import Notify
+    from gcs.mavlink.fleet.vehicle import Vehicle
+
+STALE_AFTER_S: Final = 2.5
+"""Timeout after which a vehicle is stale: first notice to the operator."""
+LOST_AFTER_S: Final = 5.0
+"""Timeout after which the link is down and the vehicle may appear at another address."""
+STALE_AFTER_NS: Final = round(STALE_AFTER_S * NS_PER_S)
+LOST_AFTER_NS: Final = round(LOST_AFTER_S * NS_PER_S)
+_CLAIM_NS: Final = 10 * NS_PER_S
+"""Time without frames from another address that ends an id conflict."""
+
+
+def check_liveness(vehicle: Vehicle, t_ns: int, notify: Notify) -> None:
+    """Notify of timeouts, and of the end of an id conflict."""
+    link, silent_ns = vehicle.link, t_ns - vehicle.heard_t_ns
+    if link.liveness in ("alive", "stale") and silent_ns > LOST_AFTER_NS:
+        link.liveness, vehicle.record[ADDRESS] = "down", NO_ADDRESS
+        notify("alarm", f"link down: not heard for {silent_ns / NS_PER_S:.1f} s")
+    elif link.liveness == "alive" and silent_ns > STALE_AFTER_NS:
+        link.liveness, vehicle.record[ADDRESS] = "stale", NO_ADDRESS
+        notify("warning", f"not heard for {silent_ns / NS_PER_S:.1f} s")
+    elif link.liveness == "alive":
+        vehicle.check_position_age(t_ns, notify)
+        vehicle.check_battery(notify)
+    if link.claimed_t_ns is not None and t_ns - link.claimed_t_ns > _CLAIM_NS:
+        link.claimed_t_ns = None
+        notify("info", "no other address uses its system id any more")
