@@ -10,8 +10,8 @@ Reading order:
 3. `search`: eight-neighbour moves, canonical ordering (jump-point pruning), A*, one-to-all Dijkstra, and the
    cost matrix of all agent-target pairs.
 4. `assignment` (Hungarian, with hysteresis) and `intercept` (moving targets).
-5. `path`: from grid path to flyable route. Shortcuts, string pulling over tangent points, corner smoothing,
-   turns, initial turn, Dubins paths.
+5. `path`: from grid path to flyable route. Shortcuts, string pulling over tangent points, corner
+   smoothing and splitting, turns, initial turn, Dubins paths.
 6. `route_search`: one agent to one target, all of the above.
 7. `forward_simulation`: future flight of a vehicle. `route_joining`, `route_progress`: joining and following
    a route.

@@ -26,7 +26,8 @@ from gcs.planning.forward_simulation import Motion, RemainingMission, simulate
 from gcs.planning.manoeuvres.loiter import path_length_m, split_before_end
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight, to_cells
-from gcs.planning.path.initial_turn import MAX_TURN_RAD, MIN_RADIUS_SHARE, is_turn_safe, start_clearance
+from gcs.planning.path.corner_splitting import MAX_TURN_RAD
+from gcs.planning.path.initial_turn import MIN_RADIUS_SHARE, is_turn_safe, start_clearance
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
 from gcs.planning.route_joining import MIN_CLEARANCE_SHARE

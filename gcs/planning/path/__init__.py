@@ -1,1 +1,1 @@
-"""From grid path to flyable route: shortcuts, string pulling, corner smoothing, turns, Dubins paths."""
+"""From grid path to flyable route: shortcuts, string pulling, corners, turns, Dubins paths."""

@@ -39,6 +39,20 @@ _MAX_HALF_ANGLE_TAN = math.tan(0.475 * math.pi)
 """Tangent of half the sharpest angle that is distinguished."""
 
 
+@inlined
+def leg_vector(points: FloatArray, i: int) -> tuple[float, float]:
+    """Return leg i, from its begin to its end."""
+    return points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+
+
+@called
+def turn_angle(points: FloatArray, i: int) -> float:
+    """Return the turn angle at corner i, positive to the left, in (-pi, pi]."""
+    ux, uy = leg_vector(points, i - 1)
+    vx, vy = leg_vector(points, i)
+    return math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
+
+
 @leaf
 def half_angle_tan(points: FloatArray, i: int) -> float:
     """Return the tangent of half the turn angle at corner i, positive to the left; 0 at the ends."""

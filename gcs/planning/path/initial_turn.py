@@ -20,6 +20,7 @@ from gcs.jit import called, kernel, leaf
 from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.planning.map.grid import TOUCH
 from gcs.planning.map.line_of_sight import clear_leg, clearance_at, is_free_at
+from gcs.planning.path.corner_splitting import MAX_TURN_RAD
 from gcs.planning.path.dubins import WORD_TURNS, dubins_words
 
 MAX_ARC_RAD = 1.8 * math.pi
@@ -32,8 +33,6 @@ _EITHER_SIDE = math.radians(120.0)
 _CHORD = math.radians(7.5)
 ARC_HEIGHT = 1.0 - math.cos(0.5 * _CHORD)
 """Height of an arc above its chords, in radii: the accuracy of arc tests (9 cm at 40 m)."""
-MAX_TURN_RAD = math.radians(107.0)
-"""Sharper corners are split in two: autopilots cut them or overshoot."""
 _JOINS = 5
 """Number of places on the first leg where a word may end: 2, 4, 8, 16 radii ahead, or its end."""
 

@@ -7,7 +7,7 @@ A vehicle at speed V and bank phi turns with a radius of R = V^2 / (g tan phi) o
   (`gcs.planning.path.corner_smoothing`). Then corners are joined or dropped where that costs little.
 - *The start* follows the vehicle's course with the initial turn of the autopilot
   (`gcs.planning.path.initial_turn`). If that is blocked, explicit turn waypoints are added.
-- A corner sharper than `MAX_TURN_RAD` is split in two: autopilots cut sharp corners or overshoot.
+- Sharp corners are split in two (`gcs.planning.path.corner_splitting`).
 
 Every leg and arc keeps the clearance that the path had there. A turn that cannot be flown stays as it was
 and is reported: a straight plan is better than none.
@@ -25,14 +25,17 @@ import numpy as np
 from gcs.jit import called, inlined, kernel
 from gcs.model import BoolArray, FloatArray
 from gcs.planning.map.line_of_sight import NO_CELL, clear_leg, is_free_at, leg_clearance
-from gcs.planning.path.corner_smoothing import cost, half_angle_tan, leg_fits, smooth_corners, turn_fits
-from gcs.planning.path.initial_turn import (
-    MAX_TURN_RAD,
-    is_turn_safe,
-    plan_initial_turn,
-    start_clearance,
-    turn_to,
+from gcs.planning.path.corner_smoothing import (
+    cost,
+    half_angle_tan,
+    leg_fits,
+    leg_vector,
+    smooth_corners,
+    turn_angle,
+    turn_fits,
 )
+from gcs.planning.path.corner_splitting import MAX_TURN_RAD, split_corners
+from gcs.planning.path.initial_turn import is_turn_safe, plan_initial_turn, start_clearance, turn_to
 
 FLYABLE, SHARP_CORNER, SHARP_START = 0, 1, 2
 """Turns that cannot be flown: none, a corner, the initial turn; or the sum of both."""
@@ -84,19 +87,6 @@ class TurnAnticipation:
 
 
 @inlined
-def _leg(points: FloatArray, i: int) -> tuple[float, float]:
-    return points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
-
-
-@called
-def _angle(points: FloatArray, i: int) -> float:
-    """Return the turn angle at corner i, positive to the left, in (-pi, pi]."""
-    ux, uy = _leg(points, i - 1)
-    vx, vy = _leg(points, i)
-    return math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
-
-
-@inlined
 def _drop_corner(points: FloatArray, clearances: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
     """Return the points without i. The new leg has the lesser clearance of the two that it replaces."""
     size = points.shape[0]
@@ -117,8 +107,8 @@ def _join_corners(
     """Join corners i and i + 1 where their outer legs meet; unchanged if that is not clear."""
     if i >= points.shape[0] - 2:
         return points, clearances
-    ux, uy = _leg(points, i - 1)
-    vx, vy = _leg(points, i + 1)
+    ux, uy = leg_vector(points, i - 1)
+    vx, vy = leg_vector(points, i + 1)
     across = ux * vy - uy * vx
     if abs(across) < 1e-9:
         return points, clearances
@@ -192,39 +182,14 @@ def _corners_are_clear(
 
 
 @called
-def _split(blocked: BoolArray, points: FloatArray, clearances: FloatArray, radius: float) -> FloatArray:
-    """Split sharp corners in two around the same arc, where that is clear."""
-    size = points.shape[0]
-    result, count = np.empty((2 * size, 2)), 0
-    for i in range(size):
-        result[count, 0], result[count, 1] = points[i, 0], points[i, 1]
-        count += 1
-        turn = abs(_angle(points, i)) if 0 < i < size - 1 else 0.0
-        if turn <= MAX_TURN_RAD or not (leg_fits(points, i - 1, radius) and leg_fits(points, i, radius)):
-            continue
-        ux, uy = _leg(points, i - 1)
-        vx, vy = _leg(points, i)
-        back = radius * abs(half_angle_tan(points, i)) - radius * math.tan(0.25 * turn)
-        u, v = back / math.hypot(ux, uy), back / math.hypot(vx, vy)
-        ax, ay = points[i, 0] - u * ux, points[i, 1] - u * uy
-        bx, by = points[i, 0] + v * vx, points[i, 1] + v * vy
-        margin = min(clearances[i - 1], clearances[i])
-        if is_free_at(blocked, ax, ay) and clear_leg(blocked, ax, ay, bx, by, margin, NO_CELL):
-            result[count - 1, 0], result[count - 1, 1] = ax, ay
-            result[count, 0], result[count, 1] = bx, by
-            count += 1
-    return result[:count].copy()
-
-
-@called
 def _flown_length(points: FloatArray, radius: float) -> float:
     """Return the length along legs and arcs; along the legs alone where an arc does not fit."""
     length = 0.0
     for i in range(points.shape[0] - 1):
-        dx, dy = _leg(points, i)
+        dx, dy = leg_vector(points, i)
         length += math.hypot(dx, dy)
         if i > 0 and leg_fits(points, i - 1, radius) and leg_fits(points, i, radius):
-            length -= 2.0 * radius * abs(half_angle_tan(points, i)) - radius * abs(_angle(points, i))
+            length -= 2.0 * radius * abs(half_angle_tan(points, i)) - radius * abs(turn_angle(points, i))
     return length
 
 
@@ -259,7 +224,7 @@ def make_flyable(
     if not _corners_are_clear(blocked, points, clearances, radius, own_cell):
         problem = SHARP_CORNER
     length = _flown_length(points, radius)
-    points = _split(blocked, points, clearances, radius)
+    points = split_corners(blocked, points, clearances, radius)
     if legs > 0 and (heading[0] != 0.0 or heading[1] != 0.0):
         angle = math.atan2(heading[1], heading[0])
         x, y, to_x, to_y = points[0, 0], points[0, 1], points[1, 0], points[1, 1]
