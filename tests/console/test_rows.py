@@ -8,7 +8,7 @@ from cli.test_status_tables import CALM, TARGET
 
 from gcs.config import load
 from gcs.console.capture import ServiceState, capture
-from gcs.console.rows import sensors, service, targets
+from gcs.console.rows import sensors, service, targets, vehicles
 from gcs.core.engine import Engine
 from gcs.io.recording.writer import DiskSpace
 from gcs.model import NS_PER_S, SwarmStatus
@@ -20,6 +20,13 @@ def test_a_target_tells_that_it_is_ignored_ranked_and_who_is_pinned_to_it() -> N
     ranked, ignored = targets(SwarmStatus(0, "", agents, found, (), None, False))
     assert (ranked["priority"], ranked["pinned"], ranked["ignored"]) == (5, ["1"], False)
     assert (ignored["priority"], ignored["pinned"], ignored["ignored"]) == (None, [], True)
+
+
+def test_a_charge_below_the_limit_of_its_alarm_is_low() -> None:
+    now = capture(Engine(load("prescribed"), 1), 0)
+    agents = tuple(replace(CALM, battery_percent=charge) for charge in (29, 30, None))
+    rows = vehicles(replace(now, status=replace(now.status, agents=agents)))
+    assert [row["battery_low"] for row in rows] == [True, False, False]
 
 
 def test_a_sensor_that_falls_silent_is_late_at_first() -> None:
