@@ -17,9 +17,10 @@ from typing import TypeAlias
 
 import numpy as np
 
+from gcs.area_corners import corner_error
 from gcs.config import Config
 from gcs.errors import ConfigError
-from gcs.geo import LocalFrame, corner_error
+from gcs.geo import LocalFrame
 from gcs.model import FloatArray
 
 Place: TypeAlias = tuple[float, float]

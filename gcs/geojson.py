@@ -19,8 +19,9 @@ from typing import Any, TypeAlias
 
 import msgspec
 
+from gcs.area_corners import corner_error
 from gcs.errors import ConfigError
-from gcs.geo import LocalFrame, corner_error
+from gcs.geo import LocalFrame
 
 Position: TypeAlias = tuple[float, float]
 """Longitude and latitude in degrees, or east and north in metres."""

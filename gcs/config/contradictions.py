@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from gcs.area_corners import corner_error
 from gcs.config.mission_file import Config
 from gcs.config.schema import AgentTable, BirthTable, link_of
 from gcs.endpoints import Link
 from gcs.errors import ConfigError, LinkError
-from gcs.geo import corner_error
 from gcs.geojson import read_zones
 from gcs.model import vehicle_name
 

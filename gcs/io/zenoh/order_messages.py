@@ -13,8 +13,9 @@ from typing import Annotated, Final, Literal
 import msgspec
 from msgspec import Meta
 
+from gcs.area_corners import corner_error
 from gcs.errors import WireError
-from gcs.geo import LocalFrame, corner_error
+from gcs.geo import LocalFrame
 from gcs.io.records import decode_json
 from gcs.model import Action, NoFlyZone, Order, target_of
 

@@ -15,10 +15,10 @@ from xml.etree import ElementTree as ET
 
 import msgspec
 
+from gcs.area_corners import corner_error
 from gcs.cli.prepare.sketch.sketch import MAX_PLACES, FenceArea, Place, Sketch, Start, is_place
 from gcs.errors import ConfigError
 from gcs.files import read_bytes
-from gcs.geo import corner_error
 
 _MAX_BYTES: Final = 4_000_000
 _MAX_DEPTH: Final = 40
