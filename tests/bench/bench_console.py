@@ -173,7 +173,7 @@ async def serve(port: int) -> None:
         cov = np.diag([25.0, 100.0, 1.0, 1.0])
         tracks = tuple(Track((0, n), np.array([*p, 1.0, 0.0]), cov, 0.9, True) for n, p in enumerate(places))
         z = rng.uniform(0.0, 6000.0, (DETECTIONS_PER_S // SCANS_PER_S, 2))
-        feed = server.feed
+        feed = server.runs[0].feed
         feed.event(Scan(t_ns, t_ns, sensor, z))
         feed.effect(t_ns, Picture(t_ns, t_ns, "targets", tracks, np.ones(1)))
         feed.event(Tick(t_ns))
