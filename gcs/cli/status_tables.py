@@ -11,7 +11,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gcs.mavlink.fleet.battery_alarm import is_low
+from gcs.mavlink.fleet.checks.battery_alarm import is_low
 from gcs.model import AgentRecord, SensorRecord, SwarmStatus, TargetRecord, target_name, vehicle_name
 from gcs.report.agent_order import attention, is_late, pinned_vehicles
 

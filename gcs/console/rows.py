@@ -14,7 +14,7 @@ from gcs.config import Config
 from gcs.console.capture import Capture, ServiceState
 from gcs.console.rounding import rounded
 from gcs.fence import drawn_areas, rally_of
-from gcs.mavlink.fleet.battery_alarm import is_low
+from gcs.mavlink.fleet.checks.battery_alarm import is_low
 from gcs.model import (
     AgentRecord,
     NoFlyZone,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from gcs.mavlink.fleet.link_timeouts import STALE_AFTER_S
+from gcs.mavlink.fleet.checks.link_timeouts import STALE_AFTER_S
 from gcs.model import AgentRecord, Label
 
 

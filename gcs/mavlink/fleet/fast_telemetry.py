@@ -20,8 +20,12 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs import jit
 from gcs.geo import LocalFrame
-from gcs.mavlink.fleet.position_checks import EARTH_RADIUS_M, MAX_ALT_M, MIN_ALT_M, NULL_DEG
-from gcs.mavlink.fleet.position_plausibility import MAX_STANDING_M_S, MIN_BOOT_DIFFERENCE_S, POSITION_SLACK_M
+from gcs.mavlink.fleet.checks.position_checks import EARTH_RADIUS_M, MAX_ALT_M, MIN_ALT_M, NULL_DEG
+from gcs.mavlink.fleet.checks.position_plausibility import (
+    MAX_STANDING_M_S,
+    MIN_BOOT_DIFFERENCE_S,
+    POSITION_SLACK_M,
+)
 from gcs.mavlink.fleet.telemetry_table import (
     ADDRESS,
     ALT_MM,

@@ -25,11 +25,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import AutopilotProfile
+from gcs.mavlink.fleet.checks.link_timeouts import LOST_AFTER_NS, STALE_AFTER_NS, check_liveness
+from gcs.mavlink.fleet.checks.position_plausibility import Notify
 from gcs.mavlink.fleet.heartbeat import heartbeat, is_from_autopilot, is_heartbeat
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, total
-from gcs.mavlink.fleet.link_timeouts import LOST_AFTER_NS, STALE_AFTER_NS, check_liveness
 from gcs.mavlink.fleet.peers import Address
-from gcs.mavlink.fleet.position_plausibility import Notify
 from gcs.mavlink.fleet.records import FleetState, VehicleLink
 from gcs.mavlink.fleet.stream_requests import StreamRequests, message_requests
 from gcs.mavlink.fleet.telemetry_table import (

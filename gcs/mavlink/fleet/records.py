@@ -8,12 +8,12 @@ from typing import Literal, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import AutopilotProfile, profile_of
-from gcs.mavlink.fleet.battery_alarm import BatteryAlarm
+from gcs.mavlink.fleet.checks.battery_alarm import BatteryAlarm
+from gcs.mavlink.fleet.checks.position_checks import BootClock
+from gcs.mavlink.fleet.checks.position_plausibility import DuplicateIdDetector, MotionCheck
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystems
 from gcs.mavlink.fleet.notice_queue import NoticeQueue
 from gcs.mavlink.fleet.peers import Address, Peers
-from gcs.mavlink.fleet.position_checks import BootClock
-from gcs.mavlink.fleet.position_plausibility import DuplicateIdDetector, MotionCheck
 from gcs.mavlink.fleet.statustext import TextChunks
 from gcs.mavlink.fleet.stream_requests import StreamRecord
 from gcs.mavlink.fleet.telemetry_table import ADDRESS, DUE_NS, NO_ADDRESS, new_table

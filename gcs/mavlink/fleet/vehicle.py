@@ -16,10 +16,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import mode_name
+from gcs.mavlink.fleet.checks.position_checks import position_problem
+from gcs.mavlink.fleet.checks.position_plausibility import Notify, Report
 from gcs.mavlink.fleet.heartbeat import heartbeat_key
 from gcs.mavlink.fleet.peers import Address
-from gcs.mavlink.fleet.position_checks import position_problem
-from gcs.mavlink.fleet.position_plausibility import Notify, Report
 from gcs.mavlink.fleet.records import Liveness, VehicleLink
 from gcs.mavlink.fleet.stream_requests import StreamRequests
 from gcs.mavlink.fleet.telemetry_table import (

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import profile_of
-from gcs.mavlink.fleet.position_checks import position_problem
+from gcs.mavlink.fleet.checks.position_checks import position_problem
 from gcs.mavlink.frames.codec import Frame, Message
 from gcs.model import NS_PER_S, FloatArray, read_only
 from gcs.report.telemetry.smoothed_path import smooth_path

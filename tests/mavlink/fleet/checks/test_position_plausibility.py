@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.mavlink.fleet.position_plausibility import DuplicateIdDetector, MotionCheck, Report
+from gcs.mavlink.fleet.checks.position_plausibility import DuplicateIdDetector, MotionCheck, Report
 
 S = 1_000_000_000
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from gcs.mavlink.fleet.position_plausibility import Notify
+from gcs.mavlink.fleet.checks.position_plausibility import Notify
 
 LOW_PERCENT: Final = 30
 """Warning below this charge."""

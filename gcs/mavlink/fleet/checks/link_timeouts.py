@@ -8,7 +8,7 @@ from gcs.mavlink.fleet.telemetry_table import ADDRESS, NO_ADDRESS
 from gcs.model import NS_PER_S
 
 if TYPE_CHECKING:
-    from gcs.mavlink.fleet.position_plausibility import Notify
+    from gcs.mavlink.fleet.checks.position_plausibility import Notify
     from gcs.mavlink.fleet.vehicle import Vehicle
 
 STALE_AFTER_S: Final = 2.5
