@@ -10,10 +10,10 @@ In reading order:
 `fleet.fleet`                      all vehicles: datagrams in; `Send`, `Notice`, vehicle states out
 `fleet.records`                    the state of one vehicle and of all links, as plain records
 `fleet.vehicle`                    one vehicle: position, mode, home, health (mavutil's `messages`)
-`fleet.link_timeouts`              when a silent vehicle is stale, and when its link is down
+`fleet.checks.link_timeouts`       when a silent vehicle is stale, and when its link is down
 `fleet.stream_requests`            SET_MESSAGE_INTERVAL and REQUEST_MESSAGE, repeated
 `fleet.mode_authority`             control authority: our mode, or an operator's override
-`fleet.position_checks`            which GLOBAL_POSITION_INT reports to believe
+`fleet.checks.position_checks`     which GLOBAL_POSITION_INT reports to believe
 `fleet.fast_telemetry`             routine telemetry, compiled, on the table in `fleet.telemetry_table`
 `services.command_sender`          COMMAND_LONG, set_mode, and their repetition
 `services.parameter_protocol`      PARAM_REQUEST_READ and PARAM_SET (ParameterReader, ParameterSetter)

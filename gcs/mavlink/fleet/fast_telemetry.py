@@ -117,7 +117,7 @@ def _signed(data: Bytes, begin: int, offset: int, size: int, width: int) -> int:
 
 @jit.leaf
 def _is_near(lat: int, lon: int, origin: FloatArray) -> bool:
-    """Return True if a position (1e-7 degrees) is well within reach (`position_checks.distance_m`).
+    """Return True if a position (1e-7 degrees) is well within reach (`checks.position_checks.distance_m`).
 
     The sum of the distances along the meridian and along the equator is an upper bound that mostly suffices.
     """
@@ -134,7 +134,7 @@ def _is_near(lat: int, lon: int, origin: FloatArray) -> bool:
 def _is_plausible(
     record: IntArray, boot_ms: int, t_ns: int, lat: int, lon: int, speed2: int, max_speed_m_s: float
 ) -> bool:
-    """Return True if a position surely continues the one before (`position_plausibility`).
+    """Return True if a position surely continues the one before (`checks.position_plausibility`).
 
     `speed2` is the square of the speed in cm/s. The distance east on the equator is an upper bound that
     mostly suffices and saves the cosine.
