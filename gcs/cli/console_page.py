@@ -54,11 +54,11 @@ class PageOptions:
         if self.compares and self.address == "off":
             raise ConsoleError("--compare shows two recordings in the console; leave out --console off")
         if self.address not in (None, "off") or self.access is not None:
-            from gcs.console.access import parse_access
+            from gcs.console.web.access import parse_access
 
             parse_access(self.address, self.access)
         if self.map_file is not None:
-            from gcs.console.tiles import Tiles
+            from gcs.console.web.tiles import Tiles
 
             Tiles(self.map_file)
 
@@ -84,8 +84,8 @@ def service_page(
     """
 
     def source() -> Source:
-        from gcs.console.capture import Capture, ServiceState, capture
         from gcs.console.server import Source
+        from gcs.console.view.capture import Capture, ServiceState, capture
         from gcs.model import NS_PER_S
 
         def take(t_ns: int) -> Capture:
@@ -138,8 +138,8 @@ def comparison_page(
 
 def replay_source(replay: Replay, file: RunFile) -> Source:
     """Return what the console needs of the replay of a file."""
-    from gcs.console.capture import capture
     from gcs.console.server import Source
+    from gcs.console.view.capture import capture
 
     return Source(
         replay,
@@ -187,8 +187,8 @@ def _started(
         return None
     try:
         from gcs.console import ConsoleServer
-        from gcs.console.access import parse_access
-        from gcs.console.tiles import Tiles
+        from gcs.console.web.access import parse_access
+        from gcs.console.web.tiles import Tiles
 
         access = parse_access(options.address, options.access)
         tiles = None if options.map_file is None else Tiles(options.map_file)

@@ -1,6 +1,6 @@
 """The console's thread: its own event loop with an HTTP server.
 
-The service hands it references (`gcs.console.feed`). Encoding, sockets and browsers are here, so a slow
+The service hands it references (`gcs.console.view.feed`). Encoding, sockets and browsers are here, so a slow
 browser delays this thread only.
 """
 
@@ -19,17 +19,17 @@ from typing import Any, Final, Protocol, TypeVar
 import uvicorn
 
 from gcs.config import Config
-from gcs.console.access import DEFAULT_PORT, Access, tls_context
-from gcs.console.app import Board, make_app
-from gcs.console.capture import Capture
-from gcs.console.clients import Clients
-from gcs.console.feed import Feed
-from gcs.console.history import History
-from gcs.console.orders import OrderDesk
-from gcs.console.playback import Playback, PlaybackDesk
-from gcs.console.preflight import PreflightDesk
-from gcs.console.tiles import Tiles
-from gcs.console.world import World
+from gcs.console.view.capture import Capture
+from gcs.console.view.feed import Feed
+from gcs.console.view.history import History
+from gcs.console.view.world import World
+from gcs.console.web.access import DEFAULT_PORT, Access, tls_context
+from gcs.console.web.app import Board, make_app
+from gcs.console.web.clients import Clients
+from gcs.console.web.orders import OrderDesk
+from gcs.console.web.playback import Playback, PlaybackDesk
+from gcs.console.web.preflight import PreflightDesk
+from gcs.console.web.tiles import Tiles
 from gcs.core.engine import Engine
 from gcs.errors import ConsoleError
 from gcs.model import Level

@@ -147,7 +147,7 @@ def cpu_of_pages(counts: list[int]) -> None:
 async def serve(port: int) -> None:
     from gcs.config import load
     from gcs.console import Access, ConsoleServer, Source
-    from gcs.console.capture import Capture
+    from gcs.console.view.capture import Capture
     from gcs.core.airspace.obstacle_map import mission_grid
     from gcs.mavlink.fleet.telemetry_table import new_table
     from gcs.model import NS_PER_S, Picture, Scan, Sensor, SwarmStatus, TargetRecord, Tick, Track

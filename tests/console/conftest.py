@@ -26,8 +26,8 @@ from websockets.sync.client import ClientConnection, connect
 
 from gcs.config import load
 from gcs.console import Access, ConsoleServer, Source
-from gcs.console.capture import capture
-from gcs.console.tiles import Tiles
+from gcs.console.view.capture import capture
+from gcs.console.web.tiles import Tiles
 from gcs.endpoints import Link, parse_endpoint
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links

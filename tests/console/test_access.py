@@ -7,8 +7,8 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 from gcs.console import Access
-from gcs.console.access import DEFAULT_PORT, parse_access
 from gcs.console.server import bind
+from gcs.console.web.access import DEFAULT_PORT, parse_access
 from gcs.errors import ConsoleError
 from gcs.model import Order
 
@@ -38,7 +38,7 @@ def test_a_page_runs_scripts_and_styles_of_the_console_only(fly):
         assert "unsafe" not in policy
         assert b"style=" not in body
         assert body.count(b"<script") == body.count(b'<script type="module" src=')
-        assert flight.request("/../console/app.py")[0] == 404
+        assert flight.request("/../console/web/app.py")[0] == 404
         assert flight.request("/%2e%2e/app.py")[0] == 404
 
 

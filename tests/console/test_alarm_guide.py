@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from gcs.console.alarm_guide import link_of, page
+from gcs.console.web.alarm_guide import link_of, page
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 
-from gcs.console.capture import capture
-from gcs.console.details import detail_row
+from gcs.console.view.capture import capture
+from gcs.console.view.details import detail_row
 from gcs.model import NS_PER_S, Order
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load

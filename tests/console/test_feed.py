@@ -6,7 +6,7 @@ import socket
 import time
 from itertools import pairwise
 
-from gcs.console.clients import Clients
+from gcs.console.web.clients import Clients
 from gcs.model import LinkNews, Order
 
 
@@ -121,7 +121,7 @@ def test_a_failing_console_is_an_alarm_and_the_flight_goes_on(fly, monkeypatch):
 
     with fly() as flight:
         flight.service.outputs.append(flight.console)
-        monkeypatch.setattr("gcs.console.world.World.update", fail)
+        monkeypatch.setattr("gcs.console.view.world.World.update", fail)
         until_s, news = time.monotonic() + 5.0, []
         while not news and time.monotonic() < until_s:
             time.sleep(0.05)

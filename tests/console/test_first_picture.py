@@ -7,7 +7,7 @@ import time
 
 from playwright.sync_api import expect
 
-from gcs.console.static_files import script
+from gcs.console.web.static_files import script
 
 
 def test_a_browser_needs_two_more_requests_whose_answers_it_keeps(fly):

@@ -4,10 +4,10 @@ import json
 
 from starlette.routing import Route
 
-from gcs.console.access import Access
-from gcs.console.app import described_routes
-from gcs.console.openapi import description
-from gcs.console.static_files import StaticFiles
+from gcs.console.web.access import Access
+from gcs.console.web.app import described_routes
+from gcs.console.web.openapi import description
+from gcs.console.web.static_files import StaticFiles
 
 
 def test_status_plan_metrics_and_their_description(fly):

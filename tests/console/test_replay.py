@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 
 from gcs.config import parse
 from gcs.console import Access, ConsoleServer, Source
-from gcs.console.capture import capture
+from gcs.console.view.capture import capture
 from gcs.io.recording.index import read_end_t_ns
 from gcs.io.recording.reader import read, read_info
 from gcs.service.replay import Replay, Window

@@ -7,8 +7,8 @@ from dataclasses import replace
 from cli.test_status_tables import CALM, TARGET
 
 from gcs.config import load
-from gcs.console.capture import ServiceState, capture
-from gcs.console.rows import sensors, service, targets, vehicles
+from gcs.console.view.capture import ServiceState, capture
+from gcs.console.view.rows import sensors, service, targets, vehicles
 from gcs.core.engine import Engine
 from gcs.io.recording.writer import DiskSpace
 from gcs.model import NS_PER_S, SwarmStatus

@@ -19,8 +19,8 @@ from websockets.sync.client import connect
 
 from gcs.config import parse
 from gcs.console import Access, ConsoleServer, Source
-from gcs.console.capture import capture
-from gcs.console.history import MARKED, Mark, mark_of
+from gcs.console.view.capture import capture
+from gcs.console.view.history import MARKED, Mark, mark_of
 from gcs.io.recording.index import read_end_t_ns, read_indexed, snapshot_places
 from gcs.io.recording.reader import read, read_info
 from gcs.model import NS_PER_S, Event, Snapshot

@@ -14,7 +14,7 @@ import pytest
 from playwright.sync_api import expect
 
 from gcs.config import load
-from gcs.console.tiles import Tiles
+from gcs.console.web.tiles import Tiles
 from gcs.errors import ConsoleError
 
 

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-from gcs.console.capture import Capture
-from gcs.console.series import Work
+from gcs.console.view.capture import Capture
+from gcs.console.view.series import Work
 from gcs.model import (
     NS_PER_S,
     Effect,

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.console.rounding import rounded
+from gcs.console.view.rounding import rounded
 from gcs.core.engine import Engine
 from gcs.core.perception.position_integrity import ALARM_CUSUM
 from gcs.core.state import Agent

@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from gcs.config import Config
-from gcs.console.capture import Capture, ServiceState
-from gcs.console.rounding import rounded
+from gcs.console.view.capture import Capture, ServiceState
+from gcs.console.view.rounding import rounded
 from gcs.fence import drawn_areas, rally_of
 from gcs.mavlink.fleet.checks.battery_alarm import is_low
 from gcs.model import (

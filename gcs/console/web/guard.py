@@ -15,7 +15,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from gcs.console.access import Access, Role
+from gcs.console.web.access import Access, Role
 
 COOKIE: Final = "swarm_gcs_token"
 OPEN_PATHS: Final = frozenset({"/login", "/console.css", "/login.js"})

@@ -17,7 +17,7 @@ from typing import Final, Literal, TypeAlias
 
 import msgspec
 
-from gcs.console.series import BINS, ChartData, Work
+from gcs.console.view.series import BINS, ChartData, Work
 from gcs.core.snapshot import decode_state
 from gcs.errors import RecordingError, WireError
 from gcs.io.recording.index import read_end_t_ns, read_indexed

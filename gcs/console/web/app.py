@@ -16,20 +16,20 @@ from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from gcs.console import alarm_guide
-from gcs.console.access import Access
-from gcs.console.capture import Capture
-from gcs.console.clients import Client, Clients
-from gcs.console.guard import COOKIE, Guard
-from gcs.console.history import History
-from gcs.console.openapi import description
-from gcs.console.orders import OrderDesk, RefusedOrderError, is_answered
-from gcs.console.playback import PlaybackDesk
-from gcs.console.preflight import PreflightDesk
-from gcs.console.prometheus import metrics_text
-from gcs.console.static_files import StaticFiles
-from gcs.console.tiles import Tiles
-from gcs.console.world import World
+from gcs.console.view.capture import Capture
+from gcs.console.view.history import History
+from gcs.console.view.world import World
+from gcs.console.web import alarm_guide
+from gcs.console.web.access import Access
+from gcs.console.web.clients import Client, Clients
+from gcs.console.web.guard import COOKIE, Guard
+from gcs.console.web.openapi import description
+from gcs.console.web.orders import OrderDesk, RefusedOrderError, is_answered
+from gcs.console.web.playback import PlaybackDesk
+from gcs.console.web.preflight import PreflightDesk
+from gcs.console.web.prometheus import metrics_text
+from gcs.console.web.static_files import StaticFiles
+from gcs.console.web.tiles import Tiles
 from gcs.io.records import encode
 from gcs.model import OrderAnswer, vehicle_of
 
@@ -112,7 +112,7 @@ def make_app(boards: Sequence[Board], access: Access) -> ASGIApp:
 def described_routes(
     board: Board, access: Access, static: StaticFiles, page: str = "index.html"
 ) -> list[BaseRoute]:
-    """Return the routes that `gcs.console.openapi` describes: all but the files of the page."""
+    """Return the routes that `gcs.console.web.openapi` describes: all but the files of the page."""
     return [
         Route("/", _Page(board, static, page).serve),
         Route("/login", _Login(access, static).serve, methods=["GET", "POST"]),

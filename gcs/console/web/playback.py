@@ -8,7 +8,7 @@ from typing import Annotated, Any, Protocol
 import msgspec
 from msgspec import Meta
 
-from gcs.console.rounding import rounded
+from gcs.console.view.rounding import rounded
 
 
 class Playback(Protocol):

@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from gcs.console.history import Mark
-from gcs.console.playback import PlaybackRequest
+from gcs.console.view.history import Mark
+from gcs.console.web.playback import PlaybackRequest
 from gcs.io.zenoh.order_messages import OrderMessage
 from gcs.model import OrderAnswer, Proposal, SwarmStatus
 

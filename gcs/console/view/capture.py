@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from gcs.console.details import VehicleDetail, collect_details
+from gcs.console.view.details import VehicleDetail, collect_details
 from gcs.core.engine import Engine
 from gcs.core.perception.sensor_watchdog import WatchedSensor
 from gcs.core.state import flown_routes

@@ -13,11 +13,11 @@ from typing import Any, Final
 import msgspec
 
 from gcs.config import Config
-from gcs.console import rows
-from gcs.console.capture import Capture
-from gcs.console.details import detail_row
-from gcs.console.feed import Feed, News
-from gcs.console.history import SEVERE, History
+from gcs.console.view import rows
+from gcs.console.view.capture import Capture
+from gcs.console.view.details import detail_row
+from gcs.console.view.feed import Feed, News
+from gcs.console.view.history import SEVERE, History
 from gcs.model import (
     NS_PER_S,
     Effect,
