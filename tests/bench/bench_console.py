@@ -107,7 +107,7 @@ def pages(address: str, count: int, lags_s: list[float], sizes: list[int]) -> It
 
 def cpu_of_pages(counts: list[int]) -> None:
     port, folder = free_port(), Path(tempfile.mkdtemp())
-    command = [sys.executable, "-m", "gcs", "demo", "swarm-50", "--headless", "--pack", "25"]
+    command = [sys.executable, "-P", "-m", "gcs", "demo", "swarm-50", "--headless", "--pack", "25"]
     command += ["--out", str(folder / "run"), "--console", f"127.0.0.1:{port}"]
     with (folder / "log").open("w") as log, subprocess.Popen(command, stdout=log, stderr=log) as demo:
         until_s = time.monotonic() + 200.0

@@ -58,7 +58,18 @@ CONFIRMATION = """
 def demo(scenario: str, *options: str) -> Iterator[str]:
     """Fly a demo; yield the address of its console after the first plan."""
     address, folder = f"127.0.0.1:{free_port()}", Path(tempfile.mkdtemp())
-    command = [sys.executable, "-m", "gcs", "demo", scenario, "--headless", "--console", address, *options]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "gcs",
+        "demo",
+        scenario,
+        "--headless",
+        "--console",
+        address,
+        *options,
+    ]
     log = folder / "log"
     with log.open("w") as out, subprocess.Popen([*command, "--out", str(folder / "run")], stdout=out) as run:
         until_s = time.monotonic() + 200.0

@@ -242,7 +242,18 @@ def test_both_are_played_at_the_same_time_however_fast():
 
 
 def test_the_command_serves_both_until_it_is_interrupted():
-    command = [sys.executable, "-m", "gcs", "replay", DEATH.path, "--compare", RADARS.path, "--from", "5"]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "gcs",
+        "replay",
+        DEATH.path,
+        "--compare",
+        RADARS.path,
+        "--from",
+        "5",
+    ]
     process = subprocess.Popen([*command, "--console", "127.0.0.1:0"], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import msgspec
 
-_COMMAND: Final = ("nice", "-n", "10", sys.executable, "-m", "gcs", "preflight")
+_COMMAND: Final = ("nice", "-n", "10", sys.executable, "-P", "-m", "gcs", "preflight")
 _WAIT_S: Final = 15
 """Time in which vehicles may answer."""
 _TIMEOUT_S: Final = 90.0
