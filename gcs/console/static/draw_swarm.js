@@ -1,6 +1,7 @@
 // What moves: trails, routes, tracks, targets, vehicles.
 
 const SIGMAS = 3;
+const MIN_INNER_PX = 5; // of the ellipse of one standard deviation
 const IGNORED = 0.45; // opacity
 const SIZE = 6; // of a target's diamond, which hides smaller ellipses
 
@@ -66,13 +67,20 @@ function meeting(ctx, view, route, radius) {
   ctx.setLineDash([]);
 }
 
-function ellipse(ctx, view, mean, [xx, xy, yy]) {
+// Of one and of three standard deviations.
+function ellipses(ctx, view, mean, [xx, xy, yy]) {
   const middle = (xx + yy) / 2;
   const spread = Math.hypot((xx - yy) / 2, xy);
-  const radius = (variance) => Math.min(4000, Math.max(1.5, SIGMAS * Math.sqrt(Math.max(variance, 0)) * view.scale));
   const turn = -0.5 * Math.atan2(2 * xy, xx - yy); // the canvas' y axis points south
+  const [x, y] = [view.x(mean[0]), view.y(mean[1])];
   ctx.beginPath();
-  ctx.ellipse(view.x(mean[0]), view.y(mean[1]), radius(middle + spread), radius(middle - spread), turn, 0, 2 * Math.PI);
+  for (const sigmas of [SIGMAS, 1]) {
+    const radius = (variance) => Math.min(4000, Math.max(1.5, sigmas * Math.sqrt(Math.max(variance, 0)) * view.scale));
+    const [a, b] = [radius(middle + spread), radius(middle - spread)];
+    if (sigmas === 1 && a < MIN_INNER_PX) return;
+    ctx.moveTo(x + a * Math.cos(turn), y + a * Math.sin(turn));
+    ctx.ellipse(x, y, a, b, turn, 0, 2 * Math.PI);
+  }
 }
 
 const largest = ([xx, , yy], view) => SIGMAS * Math.sqrt(Math.max(xx, yy)) * view.scale;
@@ -85,7 +93,7 @@ export function agentTracks(ctx, view, tracks, colour) {
   tracks.names.forEach((_, index) => {
     if (!tracks.estimated[index]) return;
     ctx.globalAlpha = 0.8 * opacity(tracks.existence[index]);
-    ellipse(ctx, view, tracks.means[index], tracks.covs[index]);
+    ellipses(ctx, view, tracks.means[index], tracks.covs[index]);
     ctx.stroke();
   });
   ctx.globalAlpha = 1;
@@ -105,7 +113,7 @@ export function targetTracks(ctx, view, tracks, confirmed, labels, colour, optio
     ctx.strokeStyle = ctx.fillStyle = colour(target?.reached_by.length ? "done" : "target");
     if (options.ellipses && !target?.ignored && largest(tracks.covs[index], view) > SIZE) {
       ctx.lineWidth = 1;
-      ellipse(ctx, view, tracks.means[index], tracks.covs[index]);
+      ellipses(ctx, view, tracks.means[index], tracks.covs[index]);
       ctx.stroke();
     }
     ctx.lineWidth = 1.6;

@@ -18,7 +18,7 @@ const MAX_TRAIL = 1500;
 const TRAIL_STEP_M = 5;
 const LAYERS = {
   tiles: "Map tiles",
-  trails: "Trails", routes: "Routes", ellipses: "Tracked ellipses (3σ)", detections: "Detections", altitudes: "Altitudes",
+  trails: "Trails", routes: "Routes", ellipses: "Tracked ellipses (1σ, 3σ)", detections: "Detections", altitudes: "Altitudes",
   labels: "Target labels", tentative: "Unconfirmed targets", views: "Fields of view", fence: "Fence and homes",
 };
 
