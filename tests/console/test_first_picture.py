@@ -65,5 +65,8 @@ def test_pages_that_open_at_once_cost_the_service_one_look_at_its_state(fly, mon
         began_s = time.monotonic()
         for _ in range(100):
             run.board.ask()
-        flight.request("/")
-        assert 1 <= len(looks) <= 3 + 10 * (time.monotonic() - began_s)
+        while not looks and time.monotonic() < began_s + 10.0:  # one from before may be under way
+            time.sleep(0.05)
+            flight.request("/")
+        time.sleep(0.1)
+        assert 1 <= len(looks) < 25, "and a few for each update since then"
