@@ -53,3 +53,7 @@ class VehicleState:
     armed: bool
     mission_seq: int
     """Current mission item; -1 when unknown."""
+    climb_m_s: float = 0.0
+    """Vertical speed, up."""
+    grounded: bool | None = None
+    """Whether its autopilot says that it stands on the ground; None if it says nothing."""

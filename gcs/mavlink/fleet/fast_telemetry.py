@@ -34,6 +34,7 @@ from gcs.mavlink.fleet.telemetry_table import (
     BOOT_MS,
     BOOT_OFFSET_NS,
     CHECK_NEXT,
+    ESTIMATOR_FLAGS,
     FIX_TYPE,
     FRAMES,
     HEADING_CDEG,
@@ -41,6 +42,7 @@ from gcs.mavlink.fleet.telemetry_table import (
     HEARTBEAT_KEY,
     IN_LATE_RUN,
     IS_SIGNED,
+    LANDED_STATE,
     LAST_SEQUENCE,
     LAT_1E7DEG,
     LEG_WATCHED,
@@ -50,6 +52,9 @@ from gcs.mavlink.fleet.telemetry_table import (
     NONE,
     POSITION_NS,
     POSITIONS,
+    SENSORS_FAILED,
+    THROTTLE_PERCENT,
+    V_DOWN_CM_S,
     V_EAST_CM_S,
     V_NORTH_CM_S,
     WIDTH,
@@ -74,6 +79,10 @@ _POSITION: Final[int] = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 _SYS_STATUS: Final[int] = dialect.MAVLINK_MSG_ID_SYS_STATUS
 _HEARTBEAT: Final[int] = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _GPS: Final[int] = dialect.MAVLINK_MSG_ID_GPS_RAW_INT
+_HUD: Final[int] = dialect.MAVLINK_MSG_ID_VFR_HUD
+_EKF: Final[int] = dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT
+_ESTIMATOR: Final[int] = dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS
+_EXTENDED: Final[int] = dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
 _NAVIGATION: Final[int] = dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT
 _FIX_3D: Final[int] = dialect.GPS_FIX_TYPE_3D_FIX
 _AUTOPILOT: Final = AUTOPILOT_COMPONENT_ID
@@ -182,6 +191,7 @@ def _apply_position(
     record[BOOT_MS], record[BOOT_OFFSET_NS], record[IN_LATE_RUN] = boot_ms, t_ns - boot_ms * _NS_PER_MS, 0
     record[POSITION_NS], record[LAT_1E7DEG], record[LON_1E7DEG], record[ALT_MM] = t_ns, lat, lon, alt
     record[V_NORTH_CM_S], record[V_EAST_CM_S] = v_north, v_east
+    record[V_DOWN_CM_S] = _signed(data, begin, 24, size, 2)
     record[HEADING_CDEG] = _number(data, begin, 26, size, 2)
     record[POSITIONS] += 1
     return True
@@ -244,6 +254,16 @@ def _apply_frames(
             elif message_id == _SYS_STATUS:
                 percent = _signed(data, begin, 30, size, 1)
                 record[BATTERY_PERCENT] = percent if 0 <= percent <= 100 else NONE
+                enabled = _number(data, begin, 4, size, 4)
+                record[SENSORS_FAILED] = enabled & ~_number(data, begin, 8, size, 4)
+            elif message_id == _HUD:
+                record[THROTTLE_PERCENT] = _number(data, begin, 18, size, 2)
+            elif message_id == _EKF:
+                record[ESTIMATOR_FLAGS] = _number(data, begin, 20, size, 2)
+            elif message_id == _ESTIMATOR:
+                record[ESTIMATOR_FLAGS] = _number(data, begin, 40, size, 2)
+            elif message_id == _EXTENDED:
+                record[LANDED_STATE] = _byte(data, begin, 1, size)
             elif message_id == _HEARTBEAT:
                 key = _number(data, begin, 0, size, 8)
                 if key == NONE or key != record[HEARTBEAT_KEY]:

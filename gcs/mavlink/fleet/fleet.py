@@ -82,6 +82,12 @@ _NEEDED: Final = frozenset(
         dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT,
         dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT,
         dialect.MAVLINK_MSG_ID_MISSION_ACK,
+        dialect.MAVLINK_MSG_ID_VFR_HUD,
+        dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+        dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+        dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+        dialect.MAVLINK_MSG_ID_WIND,
+        dialect.MAVLINK_MSG_ID_WIND_COV,
     }
 )
 

@@ -1,4 +1,4 @@
-"""Vehicles on the ground."""
+"""Vehicles on the ground: the one definition of it."""
 
 from __future__ import annotations
 
@@ -7,15 +7,26 @@ from typing import Final
 from gcs.mavlink.mission.items import Home
 from gcs.model import VehicleState
 
-_GROUND_M: Final = 10.0
-_GROUND_SPEED_M_S: Final = 3.0
+LOW_M: Final = 10.0
+"""A slow armed vehicle is on the ground below this height above its home."""
+_MAX_GROUND_SPEED_M_S: Final = 3.0
+_MAX_CLIMB_M_S: Final = 1.0
+_MIN_FALL_M: Final = 20.0
+"""A disarmed vehicle that moves at this height above its home is in the air."""
 
 
 def is_on_ground(state: VehicleState | None, home: Home | None) -> bool:
-    """Return True if a vehicle is on the ground as far as known: disarmed, or slow and low."""
+    """Return True if a vehicle is on the ground as far as known.
+
+    Its autopilot says so and it does not move; or it is slow and low; or it is disarmed, unless it moves high
+    above its home.
+    """
     if state is None or not state.mode:
         return False
+    height_m = 0.0 if home is None else state.alt_msl_m - home.alt_msl_m
+    moves = state.ground_speed_m_s >= _MAX_GROUND_SPEED_M_S or abs(state.climb_m_s) >= _MAX_CLIMB_M_S
     if not state.armed:
-        return True
-    low = home is not None and state.alt_msl_m - home.alt_msl_m < _GROUND_M
-    return low and state.ground_speed_m_s < _GROUND_SPEED_M_S
+        return not moves or height_m < _MIN_FALL_M
+    if moves:
+        return False
+    return state.grounded is True or (home is not None and height_m < LOW_M)

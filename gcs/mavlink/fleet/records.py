@@ -79,6 +79,10 @@ class VehicleLink:
     mode: str = ""
     """Empty before its first heartbeat."""
     armed: bool = False
+    system_status: int = dialect.MAV_STATE_UNINIT
+    """MAV_STATE of its last heartbeat."""
+    wind_m_s: float | None = None
+    """Wind speed that it estimates; None before it reports one."""
     mission_seq: int = -1
     """Current mission item; -1 if unknown."""
     home: Home | None = None

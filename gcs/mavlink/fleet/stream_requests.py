@@ -42,6 +42,8 @@ class MessageRequest:
     """For a stream: without the message for so long, it is requested again."""
     give_up: bool = True
     """True if refusals end it. Home is refused until the vehicle has one."""
+    is_optional: bool = False
+    """True if nobody is told of a refusal."""
 
 
 def message_requests(position_rate_hz: float) -> tuple[MessageRequest, ...]:
@@ -49,6 +51,10 @@ def message_requests(position_rate_hz: float) -> tuple[MessageRequest, ...]:
     return (
         _rate("GLOBAL_POSITION_INT", dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, position_rate_hz),
         _rate("MISSION_CURRENT", dialect.MAVLINK_MSG_ID_MISSION_CURRENT, 1.0),
+        _health("SYS_STATUS", dialect.MAVLINK_MSG_ID_SYS_STATUS),
+        _health("GPS_RAW_INT", dialect.MAVLINK_MSG_ID_GPS_RAW_INT),
+        _health("VFR_HUD", dialect.MAVLINK_MSG_ID_VFR_HUD),
+        _health("EXTENDED_SYS_STATE", dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE),
         MessageRequest("AUTOPILOT_VERSION", REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
         MessageRequest(
             "HOME_POSITION",
@@ -192,7 +198,7 @@ class StreamRequests:
             return ""
         self._set_done(request)
         comes_by_itself = progress.seen_t_ns > 0 and t_ns - progress.seen_t_ns <= request.stall_ns
-        return "" if comes_by_itself else name
+        return "" if comes_by_itself or request.is_optional else name
 
     def _set_done(self, request: MessageRequest) -> None:
         self.state.progress[request.message_type].is_done = True
@@ -209,6 +215,11 @@ class StreamRequests:
 
     def _message(self, request: MessageRequest) -> Message:
         return command_long(self._system_id, request.command, request.param1, request.param2)
+
+
+def _health(name: str, message_id: int) -> MessageRequest:
+    """Return the request for a stream that many autopilots send by themselves, once a second."""
+    return MessageRequest(name, MESSAGE_INTERVAL, message_id, 1e6, is_optional=True)
 
 
 def _rate(name: str, message_id: int, rate_hz: float) -> MessageRequest:

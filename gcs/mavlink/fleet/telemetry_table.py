@@ -28,12 +28,17 @@ VehicleRecord = IntArray
     FIX_TYPE,
     BEST_FIX,
     BATTERY_PERCENT,
+    SENSORS_FAILED,  # MAV_SYS_STATUS_SENSOR bits that are enabled and not healthy; NONE before SYS_STATUS
+    THROTTLE_PERCENT,
+    ESTIMATOR_FLAGS,  # EKF_STATUS_FLAGS or ESTIMATOR_STATUS_FLAGS
+    LANDED_STATE,  # MAV_LANDED_STATE
     POSITION_NS,  # arrival of the last accepted position; its fields follow
     LAT_1E7DEG,
     LON_1E7DEG,
     ALT_MM,
     V_NORTH_CM_S,
     V_EAST_CM_S,
+    V_DOWN_CM_S,
     HEADING_CDEG,
     POSITIONS,  # number of accepted positions
     CHECK_NEXT,  # 1 if the next position needs the checks in Python
@@ -41,7 +46,7 @@ VehicleRecord = IntArray
     LEG_WATCHED,  # 1 if NAV_CONTROLLER_OUTPUT is not routine
     HEARTBEAT_KEY,  # first eight bytes of its last heartbeat; NONE to forward the next one
     WIDTH,
-) = range(25)
+) = range(30)
 
 NONE: Final = -1
 NO_ADDRESS: Final = -1
@@ -50,5 +55,7 @@ NO_ADDRESS: Final = -1
 def new_table(vehicles: int) -> IntArray:
     """Return the records of vehicles that were never heard."""
     table = np.zeros((vehicles, WIDTH), np.int64)
-    table[:, [ADDRESS, LAST_SEQUENCE, BOOT_MS, FIX_TYPE, BEST_FIX, BATTERY_PERCENT, HEARTBEAT_KEY]] = NONE
+    unknown = [ADDRESS, LAST_SEQUENCE, BOOT_MS, HEARTBEAT_KEY, LANDED_STATE]
+    unknown += [FIX_TYPE, BEST_FIX, BATTERY_PERCENT, SENSORS_FAILED, THROTTLE_PERCENT, ESTIMATOR_FLAGS]
+    table[:, unknown] = NONE
     return table

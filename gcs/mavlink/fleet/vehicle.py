@@ -29,16 +29,20 @@ from gcs.mavlink.fleet.telemetry_table import (
     BOOT_MS,
     CHECK_NEXT,
     DUE_NS,
+    ESTIMATOR_FLAGS,
     FIX_TYPE,
     FRAMES,
     HEARD_NS,
     HEARTBEAT_KEY,
     IS_SIGNED,
+    LANDED_STATE,
     LAST_SEQUENCE,
     LOST,
     NONE,
     POSITION_NS,
     POSITIONS,
+    SENSORS_FAILED,
+    THROTTLE_PERCENT,
     VehicleRecord,
 )
 from gcs.mavlink.frames.codec import Encoder, Message, next_sequence
@@ -116,6 +120,12 @@ class Vehicle:
             "HOME_POSITION": self._on_home,
             "SYS_STATUS": self._on_sys_status,
             "GPS_RAW_INT": self._on_gps,
+            "VFR_HUD": self._on_hud,
+            "EKF_STATUS_REPORT": self._on_estimator,
+            "ESTIMATOR_STATUS": self._on_estimator,
+            "EXTENDED_SYS_STATE": self._on_extended_state,
+            "WIND": self._on_wind,
+            "WIND_COV": self._on_wind,
             "COMMAND_ACK": self._on_command_ack,
         }
 
@@ -187,14 +197,29 @@ class Vehicle:
         positions = self.record.item(POSITIONS)
         if positions and (self._state is None or positions != self._state_positions):
             self._state_positions, link = positions, self.link
+            t_ns, east_m, north_m, alt_msl_m, speed_m_s, course_rad, climb_m_s = self._last_position()
             self._state = VehicleState(
-                self.system_id, *self._last_position(), link.mode, link.armed, link.mission_seq
-            )
+                self.system_id, t_ns, east_m, north_m, alt_msl_m, speed_m_s, course_rad,
+                link.mode, link.armed, link.mission_seq, climb_m_s, self._grounded_by_autopilot(),
+            )  # fmt: skip
         return self._state
 
-    def _last_position(self) -> tuple[int, float, float, float, float, float]:
-        """Return time, east, north, height above sea level, ground speed and course of the last position."""
-        t_ns, lat, lon, alt_mm, v_north_cm_s, v_east_cm_s, heading_cdeg = self.record[
+    def _grounded_by_autopilot(self) -> bool | None:
+        """Return whether the autopilot itself says that it stands on the ground; None if it says nothing.
+
+        PX4 reports MAV_LANDED_STATE; so does ArduPilot on request. Its heartbeat is STANDBY while it does not
+        fly, also armed (`GCS_MAVLINK_Plane::vehicle_system_status`).
+        """
+        landed, status = self.record.item(LANDED_STATE), self.link.system_status
+        if landed > dialect.MAV_LANDED_STATE_UNDEFINED:
+            return landed == dialect.MAV_LANDED_STATE_ON_GROUND
+        if self.link.autopilot != dialect.MAV_AUTOPILOT_ARDUPILOTMEGA or status == dialect.MAV_STATE_CRITICAL:
+            return None
+        return status == dialect.MAV_STATE_STANDBY
+
+    def _last_position(self) -> tuple[int, float, float, float, float, float, float]:
+        """Return time, east, north, height above sea level, ground speed, course and climb rate."""
+        t_ns, lat, lon, alt_mm, v_north_cm_s, v_east_cm_s, v_down_cm_s, heading_cdeg = self.record[
             POSITION_NS:POSITIONS
         ].tolist()
         east_m, north_m = self._frame.to_local(lat * 1e-7, lon * 1e-7)
@@ -205,7 +230,7 @@ class Vehicle:
             course_rad = math.atan2(math.sin(course_rad), math.cos(course_rad))
         else:
             course_rad = math.atan2(v_east_m_s, v_north_m_s)
-        return t_ns, east_m, north_m, alt_mm * 1e-3, speed_m_s, course_rad
+        return t_ns, east_m, north_m, alt_mm * 1e-3, speed_m_s, course_rad, v_down_cm_s * -0.01
 
     def health(self) -> Health:
         """Return its link and equipment."""
@@ -243,8 +268,9 @@ class Vehicle:
             notify("info", f"mode {link.mode} -> {mode}")
         if link.mode and armed != link.armed:
             notify("info", "armed" if armed else "disarmed")
-        if (mode, armed) != (link.mode, link.armed):
-            link.mode, link.armed, self._state = mode, armed, None
+        if (mode, armed, message.system_status) != (link.mode, link.armed, link.system_status):
+            link.mode, link.armed, link.system_status = mode, armed, message.system_status
+            self._state = None
         self.record[HEARTBEAT_KEY] = heartbeat_key(message)
 
     def _set_autopilot(self, heartbeat: Message, notify: Notify) -> None:
@@ -274,7 +300,7 @@ class Vehicle:
             checks.refused[problem] = checks.refused.get(problem, 0) + 1
             return
         self.record[POSITION_NS:POSITIONS] = (
-            t_ns, message.lat, message.lon, message.alt, message.vx, message.vy, message.hdg
+            t_ns, message.lat, message.lon, message.alt, message.vx, message.vy, message.vz, message.hdg
         )  # fmt: skip
         self.record[POSITIONS] += 1
         checks.positions = self.record.item(POSITIONS)
@@ -291,7 +317,7 @@ class Vehicle:
         if self.record.item(POSITIONS) == checks.positions:
             return
         checks.positions = self.record.item(POSITIONS)
-        t_ns, lat, lon, _, v_north_cm_s, v_east_cm_s, _ = self.record[POSITION_NS:POSITIONS].tolist()
+        t_ns, lat, lon, _, v_north_cm_s, v_east_cm_s, _, _ = self.record[POSITION_NS:POSITIONS].tolist()
         last = self._report(t_ns, self.record.item(BOOT_MS), lat, lon, v_north_cm_s, v_east_cm_s)
         checks.motion.resume(last)
         checks.duplicates.resume(last)
@@ -335,6 +361,7 @@ class Vehicle:
         self.link.boots += 1
         self.link.mission_seq, self.link.home = -1, None
         self.record[BEST_FIX] = self.record[LAST_SEQUENCE] = self.record[HEARTBEAT_KEY] = NONE
+        self.record[LANDED_STATE] = self.record[SENSORS_FAILED] = self.record[ESTIMATOR_FLAGS] = NONE
         self.link.checks.motion.begin()
         self.stream_requests.begin()
         notify("alarm", "rebooted")
@@ -352,10 +379,25 @@ class Vehicle:
     def _on_sys_status(self, message: Message, _t_ns: int, _notify: Notify) -> None:
         percent = message.battery_remaining
         self.record[BATTERY_PERCENT] = percent if 0 <= percent <= 100 else NONE
+        enabled, healthy = message.onboard_control_sensors_enabled, message.onboard_control_sensors_health
+        self.record[SENSORS_FAILED] = enabled & ~healthy
 
     def _on_gps(self, message: Message, _t_ns: int, _notify: Notify) -> None:
         self.record[FIX_TYPE] = message.fix_type
         self.record[BEST_FIX] = max(message.fix_type, self.record.item(BEST_FIX))
+
+    def _on_hud(self, message: Message, _t_ns: int, _notify: Notify) -> None:
+        self.record[THROTTLE_PERCENT] = message.throttle
+
+    def _on_estimator(self, message: Message, _t_ns: int, _notify: Notify) -> None:
+        self.record[ESTIMATOR_FLAGS] = message.flags
+
+    def _on_extended_state(self, message: Message, _t_ns: int, _notify: Notify) -> None:
+        self.record[LANDED_STATE] = message.landed_state
+
+    def _on_wind(self, message: Message, _t_ns: int, _notify: Notify) -> None:
+        is_vector = message.get_type() == "WIND_COV"  # PX4; ArduPilot gives the speed
+        self.link.wind_m_s = math.hypot(message.wind_x, message.wind_y) if is_vector else message.speed
 
     def _on_command_ack(self, message: Message, t_ns: int, notify: Notify) -> None:
         refused = self.stream_requests.acknowledged(message, t_ns)
