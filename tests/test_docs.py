@@ -209,6 +209,8 @@ TABLES = {**tables(Config, ""), **tables(Simulation, "simulation")}
 PLACES = {"agents", "births", "simulation.targets"}
 TABLES |= {path: TABLES[path] | {"lat_deg", "lon_deg"} for path in PLACES}
 PATHS = {f"{path}.{key}".lstrip(".") for path, keys in TABLES.items() for key in keys}
+BY_NAME = {"airframes"}
+"""Tables of tables with names of the user's own."""
 OTHER_TOML = {"tracking.md": "the trackers' model", "signing.md": "the key file"}
 
 
@@ -217,6 +219,8 @@ def keys_of(value: Any, path: str) -> Iterator[str]:
     for key, inner in value.items():
         name = f"{path}.{key}".lstrip(".")
         yield name
+        if name in BY_NAME:
+            inner = list(inner.values())
         for part in inner if isinstance(inner, list) else [inner]:
             if isinstance(part, dict) and name in TABLES:
                 yield from keys_of(part, name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 import msgspec
 import pytest
@@ -24,7 +24,8 @@ def tables(struct: type[Table], path: str) -> dict[str, type[Table]]:
         outer = [field.type, *get_args(field.type)]
         for part in [*outer, *(inner for kind in outer for inner in get_args(kind))]:
             if isinstance(part, type) and issubclass(part, Table):
-                found |= tables(part, f"{path}.{field.encode_name}".lstrip("."))
+                name = f"{field.encode_name}.NAME" if get_origin(field.type) is dict else field.encode_name
+                found |= tables(part, f"{path}.{name}".lstrip("."))
     return found
 
 
@@ -54,7 +55,7 @@ def test_every_key_is_in_the_reference_with_its_default(path: str) -> None:
     keys = shown()[path]
     for field in msgspec.structs.fields(ALL[path]):
         name = field.encode_name
-        if f"{path}.{name}".lstrip(".") in shown():
+        if {f"{path}.{name}".lstrip("."), f"{path}.{name}.NAME".lstrip(".")} & shown().keys():
             continue
         if f"{path}.{name}" in INLINE and name not in keys:
             continue

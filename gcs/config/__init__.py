@@ -6,7 +6,7 @@ One file describes a mission: frame, map, agents, birth components, tracking, pl
 Each mistake raises `ConfigError` with the file, the dotted key and the expected value. Shipped scenarios are
 in `gcs/scenarios`. `config/reference.toml` lists every key with its unit, range and default.
 
-- `schema`: the tables with their keys, ranges and defaults; `airframe`: turn radius and lag of the vehicles.
+- `schema`: the tables with their keys, ranges and defaults; `airframe`: how vehicles fly.
 - `mission_file`: the whole file. `text`, `validation`: TOML and error messages.
 - `places`: positions in degrees; `contradictions`: checks across keys; `key_overrides`: changed keys.
 """

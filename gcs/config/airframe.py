@@ -1,14 +1,30 @@
-"""Airframe of the vehicles: the keys of `[airframe]`, and the turn radius that routes are made for."""
+"""Airframes: the keys of `[airframe]` and `[airframes.NAME]`, and what one agent flies with.
+
+`[airframe]` holds for every agent. An agent that names an airframe of `[airframes]` takes the keys of that
+table instead, each one that is there.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Annotated
 
 from msgspec import Meta
 
-from gcs.config.schema import Positive
+from gcs.config.schema import (
+    AcceptRadius,
+    ClimbAngle,
+    LoiterRadius,
+    MissionEnd,
+    NotNegative,
+    Positive,
+)
 from gcs.config.validation import Table
+
+BankAngle = Annotated[float, Meta(ge=5.0, le=70.0)]
+TurnLag = Annotated[float, Meta(ge=0.0, le=10.0)]
+WindSpeed = Annotated[float, Meta(ge=0.0, le=30.0)]
 
 _G_M_S2 = 9.80665
 _STRONG_WIND_M_S = 30.0
@@ -18,9 +34,39 @@ class AirframeTable(Table, frozen=True, kw_only=True):
     """Turning flight of vehicles, for routes and acceptance radii."""
 
     speed_m_s: Positive = 15.0
-    bank_deg: Annotated[float, Meta(ge=5.0, le=70.0)] = 30.0
-    turn_lag_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 1.0
-    wind_m_s: Annotated[float, Meta(ge=0.0, le=30.0)] = 0.0
+    bank_deg: BankAngle = 30.0
+    turn_lag_s: TurnLag = 1.0
+    wind_m_s: WindSpeed = 0.0
+
+
+class NamedAirframeTable(Table, frozen=True, kw_only=True):
+    """Airframe of the agents that name it. None: as in `[airframe]`, `[takeoff]` or `[mission]`."""
+
+    speed_m_s: Positive | None = None
+    bank_deg: BankAngle | None = None
+    turn_lag_s: TurnLag | None = None
+    wind_m_s: WindSpeed | None = None
+    climb_deg: ClimbAngle | None = None
+    ground_run_m: NotNegative | None = None
+    accept_radius_m: AcceptRadius | None = None
+    loiter_radius_m: LoiterRadius | None = None
+    end: MissionEnd | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AgentAirframe:
+    """Flight of one agent: cruise, turns, climb after take-off and end of its missions."""
+
+    speed_m_s: float
+    bank_deg: float
+    turn_lag_s: float
+    wind_m_s: float
+    climb_deg: float
+    ground_run_m: float
+    accept_radius_m: float
+    loiter_radius_m: float
+    """0: the autopilot's own."""
+    end: MissionEnd
 
     @property
     def turn_radius_m(self) -> float:
@@ -41,3 +87,7 @@ class AirframeTable(Table, frozen=True, kw_only=True):
     def planned_radius_m(self) -> float:
         """Turn radius of planned routes: with the lag."""
         return math.hypot(self.turn_radius_m, self.turn_lag_m)
+
+    def climb_length_m(self, altitude_rel_m: float) -> float:
+        """Return the distance over ground of a take-off, from the start to an altitude above home."""
+        return self.ground_run_m + altitude_rel_m / math.tan(math.radians(self.climb_deg))

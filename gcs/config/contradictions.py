@@ -34,6 +34,14 @@ def _contradictions(config: Config, source: str) -> Iterator[ConfigError]:
                 f"agents[{index}].system_id",
                 f"{vehicle_name(vehicle)} is used twice; each agent needs its own",
             )
+    for index, agent in enumerate(config.agents):
+        if agent.airframe and agent.airframe not in config.airframes:
+            known = ", ".join(f'"{name}"' for name in sorted(config.airframes)) or "none"
+            yield ConfigError(
+                source,
+                f"agents[{index}].airframe",
+                f"there is no table [airframes.{agent.airframe}]; there is {known}",
+            )
     area = config.map
     for index, corners in enumerate(area.polygons_m):
         if error := corner_error({tuple(corner) for corner in corners}):

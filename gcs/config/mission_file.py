@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
+import msgspec
 from msgspec import Meta
 
-from gcs.config.airframe import AirframeTable
+from gcs.config.airframe import AgentAirframe, AirframeTable, NamedAirframeTable
 from gcs.config.schema import (
     AgentTable,
     BirthTable,
@@ -28,6 +29,7 @@ from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.geojson import Zones, read_zones
 
+AirframeName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
 ZONES = "the GeoJSON of the map"
 
 
@@ -43,6 +45,7 @@ class Config(Table, frozen=True, kw_only=True):
     tracking: TrackingTable = TrackingTable()
     telemetry: TelemetryTable = TelemetryTable()
     airframe: AirframeTable = AirframeTable()
+    airframes: dict[AirframeName, NamedAirframeTable] = {}
     planning: PlanningTable = PlanningTable()
     mission: MissionTable = MissionTable()
     takeoff: TakeoffTable = TakeoffTable()
@@ -63,9 +66,38 @@ class Config(Table, frozen=True, kw_only=True):
         return LocalFrame(self.frame.lat_deg, self.frame.lon_deg, self.frame.alt_msl_m)
 
     @property
+    def airframes_of_agents(self) -> dict[int, AgentAirframe]:
+        """Airframe of each vehicle."""
+        return {agent.vehicle: self._airframe(agent) for agent in self.agents}
+
+    def airframe_of(self, vehicle: int) -> AgentAirframe:
+        """Return the airframe of a vehicle; that of `[airframe]` for one that is no agent."""
+        return self._airframe(next((agent for agent in self.agents if agent.vehicle == vehicle), None))
+
+    def airframe_name(self, vehicle: int) -> str:
+        """Return the name of a vehicle's airframe; empty for that of `[airframe]`."""
+        return next((agent.airframe for agent in self.agents if agent.vehicle == vehicle), "")
+
+    @property
+    def default_airframe(self) -> AgentAirframe:
+        """Airframe of agents that name none."""
+        return self._airframe(None)
+
+    def _airframe(self, agent: AgentTable | None) -> AgentAirframe:
+        keys: dict[str, Any] = msgspec.structs.asdict(self.airframe)
+        keys |= {name: getattr(self.takeoff, name) for name in ("climb_deg", "ground_run_m")}
+        keys |= {name: getattr(self.mission, name) for name in ("accept_radius_m", "loiter_radius_m", "end")}
+        if agent is not None and agent.airframe in self.airframes:
+            own = msgspec.structs.asdict(self.airframes[agent.airframe])
+            keys |= {name: value for name, value in own.items() if value is not None}
+        if agent is not None and agent.speed_m_s is not None:
+            keys["speed_m_s"] = agent.speed_m_s
+        return AgentAirframe(**keys)
+
+    @property
     def speeds_m_s(self) -> dict[int, float]:
-        """Airspeed of each vehicle: its own, or that of the airframe."""
-        return {agent.vehicle: agent.speed_m_s or self.airframe.speed_m_s for agent in self.agents}
+        """Airspeed of each vehicle."""
+        return {vehicle: airframe.speed_m_s for vehicle, airframe in self.airframes_of_agents.items()}
 
     def takeoff_altitude_rel_m(self, layer: int) -> float:
         """Return the altitude above home at the end of the climb, for an altitude layer."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -21,6 +20,10 @@ Network = Annotated[int, Meta(ge=0, le=255)]
 Point2 = Annotated[list[float], Meta(min_length=2, max_length=2)]
 Point3 = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Box = Annotated[list[float], Meta(min_length=4, max_length=4)]
+AcceptRadius = Annotated[float, Meta(gt=0.0, le=255.0)]
+LoiterRadius = Annotated[float, Meta(ge=0.0, le=255.0)]
+ClimbAngle = Annotated[float, Meta(ge=2.0, le=60.0)]
+MissionEnd = Literal["loiter", "land"]
 Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]
 Longitude = Annotated[float, Meta(ge=-180.0, le=180.0)]
 LatLon = tuple[Latitude, Longitude]
@@ -57,6 +60,7 @@ class AgentTable(Table, frozen=True, kw_only=True):
     north_m: float
     course_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 90.0
     speed_m_s: Positive | None = None
+    airframe: str = ""
 
     @property
     def vehicle(self) -> int:
@@ -141,9 +145,9 @@ class MissionTable(Table, frozen=True, kw_only=True):
     altitude_rel_m: Positive = 100.0
     layer_step_m: Annotated[float, Meta(ge=0.0, le=200.0)] = 20.0
     layers: Annotated[int, Meta(ge=1, le=50)] = 5
-    accept_radius_m: Annotated[float, Meta(gt=0.0, le=255.0)] = 10.0
-    loiter_radius_m: Annotated[float, Meta(ge=0.0, le=255.0)] = 30.0
-    end: Literal["loiter", "land"] = "loiter"
+    accept_radius_m: AcceptRadius = 10.0
+    loiter_radius_m: LoiterRadius = 30.0
+    end: MissionEnd = "loiter"
     uploader: Literal["own", "mavsdk"] = "own"
     max_duration_s: Positive = 600.0
 
@@ -159,11 +163,7 @@ class TakeoffTable(Table, frozen=True, kw_only=True):
     altitude_rel_m: NotNegative = 0.0
     heading_deg: Annotated[float, Meta(ge=0.0, lt=360.0)] | None = None
     ground_run_m: NotNegative = 30.0
-    climb_deg: Annotated[float, Meta(ge=2.0, le=60.0)] = 20.0
-
-    def length_m(self, altitude_rel_m: float) -> float:
-        """Return the distance over ground from the start to an altitude."""
-        return self.ground_run_m + altitude_rel_m / math.tan(math.radians(self.climb_deg))
+    climb_deg: ClimbAngle = 20.0
 
 
 class FenceAreaTable(Table, frozen=True, kw_only=True):

@@ -79,6 +79,12 @@ def _mistakes(raw: Any, to: Any, key: str) -> Iterator[tuple[str, str]]:
             for index, row in enumerate(raw)
             for mistake in _mistakes(row, get_args(rows)[0], f"{key}[{index}]")
         ]
+    elif isinstance(raw, dict) and get_origin(named := _bare(to)) is dict:
+        found = [
+            mistake
+            for name, row in raw.items()
+            for mistake in _mistakes(row, get_args(named)[1], f"{key}.{name}")
+        ]
     else:
         found = []
     yield from found

@@ -73,7 +73,7 @@ class Stages:
             config.local_frame,
             FleetSettings(
                 position_rate_hz=telemetry.rate_hz,
-                max_speed_m_s=config.airframe.max_ground_speed_m_s,
+                max_speed_m_s=max(one.max_ground_speed_m_s for one in config.airframes_of_agents.values()),
                 checks_signatures=bool(config.links.keys),
             ),
             links=[link for link in links if link.role == "vehicles"],

@@ -140,11 +140,12 @@ def plan_routes(
         on_stage("assignment")
         for i, j in pairs.items():
             vehicle, label = vehicles[i], labels[j]
+            own = agents[vehicle].options or options
             aimed = search.route(i, j)
             grid_lengths_m[vehicle] = aimed.grid_length_m
             notes += [f"{_agent(vehicle)}: {note.format(target_name(label))}" for note in aimed.notes]
             route = Route(vehicle, label, aimed.points_m, aimed.length_m)
-            route, problem = _with_terminal_loiter(grid, route, agents[vehicle], aimed.target_m, options)
+            route, problem = _with_terminal_loiter(grid, route, agents[vehicle], aimed.target_m, own)
             routes.append(route)
             if problem:
                 notes.append(f"{_agent(vehicle)}: {problem.format(target_name(label))}")
@@ -153,8 +154,8 @@ def plan_routes(
                 aimed = search.route(i, j, turns=False)
                 plain = Route(vehicle, label, aimed.points_m, aimed.length_m)
                 start = replace(agents[vehicle], course_rad=None)
-                plain, problem = _with_terminal_loiter(grid, plain, start, aimed.target_m, options)
-                length_m = math.inf if problem else _captured_m(grid, plain, start, options)
+                plain, problem = _with_terminal_loiter(grid, plain, start, aimed.target_m, own)
+                length_m = math.inf if problem else _captured_m(grid, plain, start, own)
                 if length_m < route.length_m:
                     captured[vehicle] = replace(plain, length_m=length_m)
         on_stage("shaping")

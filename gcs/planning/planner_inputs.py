@@ -25,6 +25,8 @@ class AgentState:
     """Time from the epoch of the target positions to the start of the route."""
     motion: Motion | None = None
     """Predicted motion at route capture, if known. The explicit first turn begins a little later."""
+    options: PlanOptions | None = None
+    """Options of its own airframe: turns and terminal loiter; None: those of the plan."""
 
 
 @dataclass(frozen=True, slots=True)

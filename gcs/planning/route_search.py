@@ -147,6 +147,7 @@ class RouteSearch:
     def _shape(self, i: int, goals: Endpoints, j: int, nodes: IntArray, turns: bool) -> ShapedPath:
         """Return a shaped route, in cells."""
         grid, options, course = self._grid, self._options, self._agents[i].course_rad
+        turn_radius_m = (self._agents[i].options or options).turn_radius_m
         ends_at_target = not goals.inside[j]
         start_xy, goal_xy = self.starts.xy[i], goals.xy[j]
         parts = [start_xy[None], self._waypoints(nodes, start_xy, goal_xy)] + [goal_xy[None]] * ends_at_target
@@ -161,7 +162,7 @@ class RouteSearch:
             bool(self.starts.inside[i]),
             bool(ends_at_target),
             options.shape,
-            options.turn_radius_m / grid.spacing_m,
+            turn_radius_m / grid.spacing_m,
         )
 
     def _waypoints(self, nodes: IntArray, start_xy: FloatArray, goal_xy: FloatArray) -> FloatArray:

@@ -51,6 +51,8 @@ TURN_TIME_S = 2.8347
 ALT_TIME_S = 2.0
 """Time constant of the altitude hold."""
 CLIMB_LIMIT_M_S = 5.0
+CLIMB_GRADIENT = 0.355
+MAX_BANK_RAD = math.radians(65.0)
 ACCELERATION_M_S2 = 5.0
 """Rate at which the forward speed follows its command."""
 
@@ -130,10 +132,13 @@ class Airframe:
     __slots__ = (
         "_coefficients",
         "alt_rel_m",
+        "climb_gradient",
         "climb_m_s",
         "east_m",
         "heading_rad",
         "is_climbing_out",
+        "max_bank_rad",
+        "max_climb_m_s",
         "north_m",
         "roll_rad",
         "roll_rate_rad_s",
@@ -159,6 +164,11 @@ class Airframe:
         self.wind_east_m_s = self.wind_north_m_s = 0.0
         """Velocity of the air."""
         self.climb_m_s = 0.0
+        self.max_climb_m_s = CLIMB_LIMIT_M_S
+        self.climb_gradient = CLIMB_GRADIENT
+        """Climb rate per airspeed at full power."""
+        self.max_bank_rad = MAX_BANK_RAD
+        """Ignored by the paper's model, as is the climb at full power."""
         self.is_climbing_out = False
         """True during a take-off; ignored by the paper's model."""
         self.sideslip_m_s = 0.0
@@ -189,8 +199,8 @@ class Airframe:
         self.heading_rad = psi + hv * v + hp * p + hr * r + hf * f + gh * e
 
         climb = (alt_command_m - self.alt_rel_m) / ALT_TIME_S
-        if climb > CLIMB_LIMIT_M_S:
-            climb = CLIMB_LIMIT_M_S
+        if climb > self.max_climb_m_s:
+            climb = self.max_climb_m_s
         elif climb < -CLIMB_LIMIT_M_S:
             climb = -CLIMB_LIMIT_M_S
         self.climb_m_s = climb
@@ -198,6 +208,11 @@ class Airframe:
         if u != speed_command_m_s:
             change = ACCELERATION_M_S2 * STEP_S
             self.speed_m_s = min(max(speed_command_m_s, u - change), u + change)
+
+    def limit_climb(self, angle_rad: float, speed_m_s: float) -> None:
+        """Climb no steeper than an angle, at full power and at a cruising speed."""
+        self.climb_gradient = math.sin(angle_rad)
+        self.max_climb_m_s = min(CLIMB_LIMIT_M_S, self.climb_gradient * speed_m_s)
 
     def command_for(self, goal: Goal, tuning: Tuning) -> float:
         """Return the next command of `step`: here a heading error."""

@@ -26,7 +26,6 @@ STEEP_LOSS_PER_RAD = 0.12
 """Decrease of the efficiency beyond a bank of STEEP_RAD."""
 BANK_TIME_S = 0.35
 MAX_BANK_RATE_RAD_S = math.radians(90.0)
-MAX_BANK_RAD = math.radians(65.0)
 
 FULL_POWER_SPEED = 1.25
 """Airspeed at full power in the climb."""
@@ -34,8 +33,6 @@ FULL_POWER_TIME_S = 2.3
 ROTATION_SPEED = 0.8
 STARTING_S = 0.75
 """Time from full power to the first movement."""
-CLIMB_GRADIENT = 0.355
-"""Climb rate at full power per airspeed."""
 ROTATION_TIME_S = 0.4
 CLIMB_TIME_S = 0.7
 CLIMB_ACCELERATION_M_S2 = 4.0
@@ -58,7 +55,7 @@ class BankedAirframe(Airframe):
     def command_for(self, goal: Goal, tuning: Tuning) -> float:
         """Return the bank angle of a balanced turn with the lateral acceleration, within the limit."""
         bank = math.atan(goal.lateral_m_s2(self, tuning) / G_M_S2)
-        return min(max(bank, -MAX_BANK_RAD), MAX_BANK_RAD)
+        return min(max(bank, -self.max_bank_rad), self.max_bank_rad)
 
     def step(self, command: float, alt_command_m: float, speed_command_m_s: float) -> None:
         """Advance by 10 ms."""
@@ -85,7 +82,7 @@ class BankedAirframe(Airframe):
 
     def _hold(self, alt_command_m: float, speed_command_m_s: float) -> None:
         climb = (alt_command_m - self.alt_rel_m) / ALT_TIME_S
-        climb = min(max(climb, -CLIMB_LIMIT_M_S), CLIMB_LIMIT_M_S)
+        climb = min(max(climb, -CLIMB_LIMIT_M_S), self.max_climb_m_s)
         pull = (climb - self.climb_m_s) / CLIMB_TIME_S
         pull = min(max(pull, -CLIMB_ACCELERATION_M_S2), CLIMB_ACCELERATION_M_S2)
         self.climb_m_s += STEP_S * pull
@@ -104,7 +101,7 @@ class BankedAirframe(Airframe):
         self.speed_m_s += STEP_S * (FULL_POWER_SPEED * speed_command_m_s - u) / FULL_POWER_TIME_S
         if u < ROTATION_SPEED * speed_command_m_s:
             return False
-        self.climb_m_s += (CLIMB_GRADIENT * u - self.climb_m_s) * STEP_S / ROTATION_TIME_S
+        self.climb_m_s += (self.climb_gradient * u - self.climb_m_s) * STEP_S / ROTATION_TIME_S
         self.alt_rel_m += STEP_S * self.climb_m_s
         return True
 

@@ -8,6 +8,7 @@ survival probability: it sends no telemetry and no answers, and its position sta
 
 from __future__ import annotations
 
+import math
 import zlib
 from dataclasses import dataclass, field
 from typing import Any
@@ -59,6 +60,10 @@ class VehicleSpec:
     gps_noise_std_m: float = 1.0
     airframe: str = "paper"
     """Airframe: "paper" (`sim_vehicles.vehicle.airframe`) or "banked" (`banked_airframe`)."""
+    max_bank_deg: float | None = None
+    """Greatest bank; None: that of the airframe. The paper's model has no limit."""
+    climb_deg: float | None = None
+    """Angle of the steepest climb; None: that of the airframe."""
     autopilot: str = "ardupilot"
     """Simulated autopilot: "ardupilot" or "px4"."""
     wind_east_m_s: float = 0.0
@@ -104,6 +109,10 @@ class SimVehicle:
             spec.course_rad,
             spec.forward_speed_m_s if spec.airborne else 0.0,
         )
+        if spec.max_bank_deg is not None:
+            self.airframe.max_bank_rad = math.radians(spec.max_bank_deg)
+        if spec.climb_deg is not None:
+            self.airframe.limit_climb(math.radians(spec.climb_deg), spec.forward_speed_m_s)
         parameters = Parameters(
             px4=spec.autopilot == "px4",
             SYSID_THISMAV=spec.system_id,

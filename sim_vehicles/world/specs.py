@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from gcs.config.airframe import NamedAirframeTable
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 from sim_vehicles.world.scenario import Scenario
 
@@ -19,7 +20,9 @@ def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
             north_m=agent.north_m,
             course_rad=math.radians(agent.course_deg),
             alt_rel_m=mission.altitude_rel_m,
-            forward_speed_m_s=agent.speed_m_s or simulation.forward_speed_m_s,
+            forward_speed_m_s=agent.speed_m_s or own.speed_m_s or simulation.forward_speed_m_s,
+            max_bank_deg=own.bank_deg,
+            climb_deg=own.climb_deg,
             airborne=True,
             airframe=simulation.airframe,
             autopilot="px4" if agent.system_id in simulation.px4 else "ardupilot",
@@ -36,4 +39,5 @@ def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
             gust_time_s=simulation.wind.gust_time_s,
         )
         for agent in scenario.config.agents
+        for own in (scenario.config.airframes.get(agent.airframe, NamedAirframeTable()),)
     ]

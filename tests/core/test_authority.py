@@ -295,7 +295,7 @@ def test_a_vehicle_on_its_final_approach_is_not_tasked(autopilot: int) -> None:
     config, profile = mission(tables='[mission]\nend = "land"\n'), profile_of(autopilot)
     assert profile is not None
     route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0)
-    planned = MissionBuilder(config.mission, config.airframe, config.local_frame).of(route, 1, None)
+    planned = MissionBuilder(config).of(route, 1, None)
     items = build_items(profile, planned, Home(33.0, -87.0, 70.0))
     stage.command.tasking.onboard_missions.note(OnboardMission(route, items, profile.home_items))
     stage.hear(dialect.MAVLink_mission_current_message(len(items) - 2))

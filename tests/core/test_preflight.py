@@ -49,7 +49,7 @@ def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, mod
     if mode is not None:
         plane.autopilot.mode = Mode(mode)
     fleet = Fleet([1], config.local_frame, extra_ids=PREFLIGHT_MESSAGE_IDS)
-    talk = PreflightQuery(1, envelope_of(config), fleet.encoder(1))
+    talk = PreflightQuery(1, envelope_of(config, 1), fleet.encoder(1))
     t_ns, to_plane = START_NS, deque()
     while (not talk.is_done or t_ns < START_NS + until_s * S) and t_ns < START_NS + end_s * S:
         for data in [to_plane.popleft() for _ in range(len(to_plane))]:
@@ -188,7 +188,7 @@ def test_clocks_that_differ_and_batteries_that_are_low_are_reported():
 def test_a_missing_vehicle_is_refused_with_one_row():
     config = mission()
     fleet = Fleet([a.vehicle for a in config.agents], config.local_frame)
-    talk = PreflightQuery(1, envelope_of(config), Encoder())
+    talk = PreflightQuery(1, envelope_of(config, 1), Encoder())
     assert talk.poll(START_NS) == []
     (row,) = VehicleChecks(talk, fleet, config, (), START_NS).checks()
     assert (row.level, row.value) == ("refused", "not heard")
@@ -264,7 +264,7 @@ def test_an_inspection_changes_nothing_on_the_vehicle():
     plane = SimVehicle(
         VehicleSpec(1, 120.0, 200.0, 0.0, 100.0, 15.0, parameters=GOOD), config.local_frame, START_NS
     )
-    talk = Ear(1, envelope_of(config), lambda message: asked.append(message) or b"")
+    talk = Ear(1, envelope_of(config, 1), lambda message: asked.append(message) or b"")
     for data in plane.datagrams_to_send(START_NS):
         for _, message in fleet.receive(Datagram(START_NS, "udp", "plane", data)):
             talk.receive(message, START_NS)

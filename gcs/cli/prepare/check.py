@@ -76,7 +76,11 @@ def describe(scenario: str, seed: int, console: Console) -> None:
         )
     table.add_row(
         "agents",
-        "\n".join(f"{vehicle_name(a.vehicle)} at {_position_text(config, a)}" for a in config.agents),
+        "\n".join(
+            f"{vehicle_name(a.vehicle)} at {_position_text(config, a)}"
+            + (f", airframe {a.airframe}" if a.airframe else "")
+            for a in config.agents
+        ),
     )
     table.add_row(
         "target births",

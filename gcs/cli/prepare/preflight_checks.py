@@ -129,10 +129,10 @@ async def _run_checks(
     seed: int,
     console: Console,
 ) -> list[Check]:
-    envelope, own = envelope_of(config), session.access.own
+    own = session.access.own
     queries = [
-        PreflightQuery(agent.vehicle, envelope, session.fleet.encoder(agent.vehicle), own)
-        for agent in config.agents
+        PreflightQuery(vehicle, envelope_of(config, vehicle), session.fleet.encoder(vehicle), own)
+        for vehicle in config.speeds_m_s
     ]
     began_s, watch = time.monotonic(), ClockWatch()
 

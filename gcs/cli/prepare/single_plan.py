@@ -11,7 +11,7 @@ import json
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from rich.table import Table
 from gcs.cli.warm_up_progress import PLANNING, load_kernels
 from gcs.config import load
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.core.replanning.plan_targets import plan_options
+from gcs.core.replanning.plan_targets import plan_options, vehicle_options
 from gcs.core.replanning.planned_flights import layer_count
 from gcs.core.replanning.return_routes import landing_of
 from gcs.errors import ConfigError, RecordingError
@@ -51,8 +51,8 @@ class Task:
     """True for a Moving AI map, which is drawn with y downwards."""
     layers: int = 1
     separation_m: float = 0.0
-    landing: LandingSpec | None = None
-    """Landing at the starts; None when agents loiter at the ends of their routes."""
+    landings: Mapping[int, LandingSpec] = field(default_factory=dict)
+    """Landings of agents at their starts; none for agents that loiter at the ends of their routes."""
 
 
 def run_plan(task: Task, plot: Path | None, console: Console, *, as_json: bool) -> int:
@@ -101,15 +101,23 @@ def planning_task(
     if scenario is not None:
         config = load(scenario)
         options, name, grid = plan_options(config), config.name, mission_grid(config, seed)
-        speed_m_s = config.airframe.speed_m_s
+        speed_m_s, own = config.airframe.speed_m_s, vehicle_options(config)
         separation = {
             "layers": layer_count(config),
             "separation_m": config.planning.separation_m,
-            "landing": landing_of(config),
+            "landings": {
+                a.system_id: landing
+                for a in config.agents
+                if (landing := landing_of(config.airframe_of(a.vehicle))) is not None
+            },
         }
         agents = {
             a.system_id: AgentState(
-                a.east_m, a.north_m, math.radians(a.course_deg), config.speeds_m_s[a.vehicle]
+                a.east_m,
+                a.north_m,
+                math.radians(a.course_deg),
+                config.airframe_of(a.vehicle).speed_m_s,
+                options=own[a.vehicle],
             )
             for a in config.agents
         }
@@ -186,16 +194,19 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
 
 
 def _return_routes(task: Task, result: PlanResult) -> dict[int, ReturnRoute]:
-    """Plan the return routes of agents to their starts, when the mission ends with a landing."""
-    landing = task.landing
-    if landing is None:
-        return {}
+    """Plan the return routes of agents to their starts, for missions that end with a landing."""
     return {
         route.vehicle: plan_return_route(
-            task.grid, start, route.points_m, (start.east_m, start.north_m), task.options, landing
+            task.grid,
+            start,
+            route.points_m,
+            (start.east_m, start.north_m),
+            start.options or task.options,
+            task.landings[route.vehicle],
         )
         for route in result.routes
         for start in (task.agents[route.vehicle],)
+        if route.vehicle in task.landings
     }
 
 

@@ -31,7 +31,7 @@ export function routes(ctx, view, planned, style) {
     const from = style.from.get(route.id);
     line(ctx, view, from ? [from, ...ahead(from, route.points)] : route.points);
     ctx.stroke();
-    meeting(ctx, view, route, style.loiter);
+    meeting(ctx, view, route, style.loiter[route.id]);
   }
   ctx.setLineDash([]);
   ctx.globalAlpha = 1;

@@ -46,7 +46,7 @@ def mission(config: Config) -> dict[str, Any]:
         "origin_deg": [frame.lat_deg, frame.lon_deg],
         "origin_alt_m": frame.alt_msl_m,
         "approval": config.planning.retask == "confirm",
-        "loiter_radius_m": config.mission.loiter_radius_m,
+        "loiter_radii_m": {v: one.loiter_radius_m for v, one in config.airframes_of_agents.items()},
         "homes": [
             {"id": one.vehicle, "name": vehicle_name(one.vehicle), "at": [one.east_m, one.north_m]}
             for one in config.agents

@@ -31,7 +31,7 @@ class PlanFigures:
         self._speeds_m_s = config.speeds_m_s
         self._clearance_m = config.planning.clearance_m
         self._separation_m = config.planning.separation_m
-        self._full_turn_m = 2.0 * math.pi * config.airframe.planned_radius_m
+        self._radii_m = {v: one.planned_radius_m for v, one in config.airframes_of_agents.items()}
 
     def of(
         self,
@@ -96,7 +96,7 @@ class PlanFigures:
         if now.is_short and not shown.is_short:
             return f"no clear path leads {agent} past target {target_name(route.target)} any more"
         longer_m = now.length_m - shown.length_m
-        if longer_m > max(LONGER_FRACTION * shown.length_m, self._full_turn_m):
+        if longer_m > max(LONGER_FRACTION * shown.length_m, 2.0 * math.pi * self._radii_m[now.vehicle]):
             return f"the route of {agent} is {longer_m:.0f} m longer than shown ({shown.length_m:.0f} m)"
         if _is_nearer(now.separation_m, shown.separation_m, self._separation_m):
             return f"{agent} would come within {now.separation_m:.0f} m of another at its altitude"

@@ -15,7 +15,7 @@ from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.result import Check, Level
-from gcs.core.replanning.plan_targets import plan_options
+from gcs.core.replanning.plan_targets import plan_options, vehicle_options
 from gcs.core.replanning.planned_flights import layer_count, preferred_layers
 from gcs.core.takeoff.climbs import Climbs
 from gcs.fence import fence_of
@@ -75,11 +75,13 @@ def rehearse(
     if not targets:  # they may appear anywhere: plan to the middle
         area = config.map
         targets = {(0, n): (0.5 * area.width_m, 0.5 * area.height_m) for n in range(len(starts))}
-    speeds_m_s = config.speeds_m_s
-    agents = {v: AgentState(*place, None, speeds_m_s[v]) for v, place in starts.items()}
+    speeds_m_s, options = config.speeds_m_s, vehicle_options(config)
+    agents = {v: AgentState(*place, None, speeds_m_s[v], options=options[v]) for v, place in starts.items()}
     for vehicle, climb in climbs.items():
         turns = climb.motion
-        agents[vehicle] = AgentState(*turns.place_m, turns.course_rad, turns.speed_m_s, 0.0, turns)
+        agents[vehicle] = AgentState(
+            *turns.place_m, turns.course_rad, turns.speed_m_s, 0.0, turns, options[vehicle]
+        )
     plan = plan_routes(grid, agents, targets, {}, plan_options(config))
     routes_m, refused = {}, {}
     for route in plan.routes:

@@ -63,10 +63,11 @@ _POSITION_OF: Final = {
 }
 
 
-def envelope_of(config: Config) -> Envelope:
-    """Return the flight envelope that the mission needs."""
-    lands = config.mission.end == "land"
-    return Envelope(config.airframe.speed_m_s, config.airframe.bank_deg, lands)
+def envelope_of(config: Config, vehicle: int) -> Envelope:
+    """Return the flight envelope that the mission needs of a vehicle."""
+    airframe, name = config.airframe_of(vehicle), config.airframe_name(vehicle)
+    table = f"airframes.{name}" if name else "airframe"
+    return Envelope(airframe.speed_m_s, airframe.bank_deg, airframe.end == "land", table)
 
 
 class VehicleChecks:
@@ -255,7 +256,7 @@ class VehicleChecks:
         if not values:
             yield self._row("parameters", "refused", "no answer", "", "is the link good enough both ways?")
             return
-        for wish in (*profile.parameters, *profile.fits(envelope_of(self._config))):
+        for wish in (*profile.parameters, *profile.fits(envelope_of(self._config, self._vehicle))):
             yield self._parameter(wish, values)
 
     def _parameter(self, wish: WantedParameter, values: Mapping[str, float]) -> Check:

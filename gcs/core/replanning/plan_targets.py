@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from gcs.config import Config
+from gcs.config.airframe import AgentAirframe
 from gcs.config.schema import PlanningTable
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.model import Label, Route, Track
@@ -22,35 +23,41 @@ _FAR_FRACTION = 0.1
 """Tolerated error of an intercept, as a fraction of the distance: correcting it later costs little."""
 
 
-def plan_options(config: Config) -> PlanOptions:
-    """Return the planner options of a mission."""
-    planning = config.planning
+def plan_options(config: Config, airframe: AgentAirframe | None = None) -> PlanOptions:
+    """Return the planner options of a mission, for vehicles of an airframe; by default of `[airframe]`."""
+    planning, airframe = config.planning, airframe or config.default_airframe
     return PlanOptions(
         clearance_m=planning.clearance_m,
         shape=planning.shape,
         search_cost=planning.search_cost,
         switch_gain_m=planning.switch_gain_m,
-        turn_radius_m=config.airframe.planned_radius_m,
+        turn_radius_m=airframe.planned_radius_m,
         horizon_s=planning.horizon_s if planning.aim == "intercept" else 0.0,
         cost=planning.cost,
         objective=planning.objective,
         surplus=planning.surplus,
-        loiter=_loiter(config),
-        turns=corners_of(config.mission, config.airframe),
-        turn_lag_s=config.airframe.turn_lag_s,
+        loiter=_loiter(airframe, planning.capture_radius_m),
+        turns=corners_of(airframe),
+        turn_lag_s=airframe.turn_lag_s,
     )
 
 
-def _loiter(config: Config) -> LoiterSpec | None:
+def vehicle_options(config: Config) -> dict[int, PlanOptions]:
+    """Return the planner options of each vehicle, by its airframe."""
+    airframes = config.airframes_of_agents
+    options = {airframe: plan_options(config, airframe) for airframe in airframes.values()}
+    return {vehicle: options[airframe] for vehicle, airframe in airframes.items()}
+
+
+def _loiter(airframe: AgentAirframe, capture_radius_m: float) -> LoiterSpec | None:
     """Return the loiter circle at the ends of routes; None if missions end with a landing."""
-    mission, airframe = config.mission, config.airframe
-    if mission.end != "loiter":
+    if airframe.end != "loiter":
         return None
     return LoiterSpec(
-        max(mission.loiter_radius_m or _UNKNOWN_RADIUS_M, airframe.turn_radius_m),
-        config.planning.capture_radius_m,
+        max(airframe.loiter_radius_m or _UNKNOWN_RADIUS_M, airframe.turn_radius_m),
+        capture_radius_m,
         airframe.turn_lag_s,
-        corners_of(mission, airframe),
+        corners_of(airframe),
     )
 
 

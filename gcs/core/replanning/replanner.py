@@ -20,7 +20,7 @@ from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
-from gcs.core.replanning.plan_targets import PlanTargets, plan_options
+from gcs.core.replanning.plan_targets import PlanTargets, plan_options, vehicle_options
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.reasons import Reason
 from gcs.core.replanning.records import ReplanningState
@@ -48,10 +48,10 @@ class Replanner:
     ) -> None:
         self._zones, self._agents, self._state = zones, agents, state
         self._config, self._planning, self._options = config, config.planning, plan_options(config)
-        self._speeds_m_s = config.speeds_m_s
+        self._speeds_m_s, self._vehicle_options = config.speeds_m_s, vehicle_options(config)
         self.plan_targets = PlanTargets(config)
         self.layers = AltitudeLayers(config, agents, state)
-        self._lag_s = config.airframe.turn_lag_s
+        self._lag_s = min(options.turn_lag_s for options in self._vehicle_options.values())
         self._ahead_s = DELIVERY_S + 0.5 * self._lag_s
         self._period_ns = int(config.planning.period_s * NS_PER_S)
         self._triggers = Triggers(config, self.plan_targets, zones, agents, state)
@@ -289,22 +289,24 @@ class Replanner:
 
     def _start(self, vehicle: int, inputs: PlanningInputs) -> AgentState:
         """Return where and how an agent begins a route that is planned now."""
-        turns = self._expected(vehicle, inputs, 0.5 * self._lag_s)
+        options = self._vehicle_options[vehicle]
+        turns = self._expected(vehicle, inputs, 0.5 * options.turn_lag_s)
         takes_up = self._expected(vehicle, inputs, 0.0)
-        late_s = inputs.late_s.get(vehicle, 0.0)
+        late_s = inputs.late_s.get(vehicle, 0.0) + 0.5 * (options.turn_lag_s - self._lag_s)
         if vehicle in inputs.climbs:
             late_s += inputs.climbs[vehicle].duration_s
         speed_m_s = self._speeds_m_s[vehicle]
-        return AgentState(*turns.place_m, turns.course_rad, speed_m_s, late_s, takes_up)
+        return AgentState(*turns.place_m, turns.course_rad, speed_m_s, late_s, takes_up, options)
 
     def _expected(self, vehicle: int, inputs: PlanningInputs, more_s: float) -> Motion:
         """Return an agent's motion `more_s` after it got a route that is planned now, or after its climb."""
+        lag_s = self._vehicle_options[vehicle].turn_lag_s
         if vehicle in inputs.climbs:
-            return predict_motion(self._zones.grid, inputs.motion(vehicle), more_s, self._lag_s)
+            return predict_motion(self._zones.grid, inputs.motion(vehicle), more_s, lag_s)
         motion, late_s = inputs.motion(vehicle), inputs.late_s.get(vehicle, 0.0)
         until_hold_s = max(0.0, motion.ahead.next_s - UploadLimits().guard_s)
         ahead_s = DELIVERY_S + motion.ahead.wait_s + min(late_s, until_hold_s) + more_s
-        return predict_motion(self._zones.grid, motion, ahead_s, self._lag_s)
+        return predict_motion(self._zones.grid, motion, ahead_s, lag_s)
 
     def _decide(self, kept: list[Route], inputs: PlanningInputs) -> None:
         """Make the routes of a plan the flown ones, or propose those that differ."""

@@ -10,8 +10,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from gcs.config import Config
+from gcs.config.airframe import AgentAirframe
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.replanning.plan_targets import plan_options
+from gcs.core.replanning.plan_targets import vehicle_options
 from gcs.core.replanning.replanner import is_crossed
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import corners_of
@@ -22,20 +23,17 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.planner_inputs import AgentState
 
 
-def landing_of(config: Config) -> LandingSpec | None:
-    """Return how vehicles return and land; None if missions end with a loiter circle."""
-    if config.mission.end != "land":
-        return None
-    return LandingSpec(corners_of(config.mission, config.airframe), config.airframe.turn_lag_s)
+def landing_of(airframe: AgentAirframe) -> LandingSpec | None:
+    """Return how vehicles return and land; None if their missions end with a loiter circle."""
+    return LandingSpec(corners_of(airframe), airframe.turn_lag_s) if airframe.end == "land" else None
 
 
 class ReturnRoutes:
     """Plans return routes."""
 
     def __init__(self, config: Config, zones: NoFlyZones, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
-        self._config, self._options, self._landing = config, plan_options(config), landing_of(config)
+        self._config, self._options = config, vehicle_options(config)
         self._zones, self._fleet, self._agents = zones, fleet, agents
-        self._speeds_m_s = config.speeds_m_s
 
     def plan(self, route: Route, t_ns: int) -> tuple[ReturnRoute | None, list[Effect]]:
         """Return the return route that follows a route, and a warning if it has a new problem.
@@ -43,16 +41,17 @@ class ReturnRoutes:
         None if the mission does not land. A vehicle that was not heard begins at the first point of its
         route, and lands at the origin of the local frame.
         """
-        if self._landing is None:
+        vehicle, points_m, airframe = route.vehicle, route.points_m, self._config.airframe_of(route.vehicle)
+        landing = landing_of(airframe)
+        if landing is None:
             return None, []
-        vehicle, points_m = route.vehicle, route.points_m
         routes = self._agents[vehicle].routes
         home, state = self._fleet.home(vehicle), self._fleet.state(vehicle)
         home_m = (0.0, 0.0) if home is None else self._config.local_frame.to_local(*home[:2])
-        speed_m_s = self._speeds_m_s.get(vehicle, self._config.airframe.speed_m_s)
         east_m, north_m = points_m[0].tolist() if state is None else (state.east_m, state.north_m)
-        start = AgentState(east_m, north_m, None if state is None else state.course_rad, speed_m_s)
-        planned = plan_return_route(self._zones.grid, start, points_m, home_m, self._options, self._landing)
+        start = AgentState(east_m, north_m, None if state is None else state.course_rad, airframe.speed_m_s)
+        options = self._options[vehicle]
+        planned = plan_return_route(self._zones.grid, start, points_m, home_m, options, landing)
         routes.return_m = np.vstack((points_m[-1:], planned.points_m))
         before, routes.return_problem = routes.return_problem, planned.problem
         is_news = planned.problem not in ("", before)

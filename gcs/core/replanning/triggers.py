@@ -16,7 +16,7 @@ from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
-from gcs.core.replanning.plan_targets import PlanTargets, is_arriving, plan_options
+from gcs.core.replanning.plan_targets import PlanTargets, is_arriving, vehicle_options
 from gcs.core.replanning.reasons import Reason
 from gcs.core.replanning.records import ReplanningState
 from gcs.core.state import Agent
@@ -39,8 +39,8 @@ class Triggers:
         state: ReplanningState,
     ) -> None:
         self._plan_targets, self._zones, self._agents, self._state = plan_targets, zones, agents, state
-        self._surplus, self._options = config.planning.surplus, plan_options(config)
-        self._lag_s, self._period_ns = config.airframe.turn_lag_s, int(config.planning.period_s * NS_PER_S)
+        self._surplus, self._options = config.planning.surplus, vehicle_options(config)
+        self._period_ns = int(config.planning.period_s * NS_PER_S)
 
     @property
     def newest(self) -> dict[int, Route]:
@@ -159,12 +159,12 @@ class Triggers:
 
     def is_endangered(self, vehicle: int, inputs: PlanningInputs) -> bool:
         """Return True if an agent will hit an obstacle on its onboard mission, and no other is on its way."""
-        options, motion = self._options, inputs.motion(vehicle)
+        options, motion = self._options[vehicle], inputs.motion(vehicle)
         if options.shape != "flyable" or self._has_newer(vehicle, inputs) or not motion.ahead.points_m:
             return False
-        horizon_s = turn_around_s(motion, options.turn_radius_m, self._lag_s)
+        horizon_s = turn_around_s(motion, options.turn_radius_m, options.turn_lag_s)
         is_clear, last = simulate_until_blocked(
-            self._zones.grid, motion, horizon_s, self._lag_s, options.clearance_m
+            self._zones.grid, motion, horizon_s, options.turn_lag_s, options.clearance_m
         )
         return not is_clear and bool(last.ahead.points_m)
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.replanning.plan_targets import plan_options
+from gcs.core.replanning.plan_targets import vehicle_options
 from gcs.core.state import Agent
 from gcs.geo import wrap_pi
 from gcs.mavlink.fleet.fleet import Fleet
@@ -32,8 +32,8 @@ class Climbs:
 
     def __init__(self, config: Config, zones: NoFlyZones, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
         self._zones, self._agents = zones, agents
-        self._config, self._options, self._fleet = config, plan_options(config), fleet
-        self._speeds_m_s = config.speeds_m_s
+        self._config, self._options, self._fleet = config, vehicle_options(config), fleet
+        self._airframes = config.airframes_of_agents
 
     def climb(self, vehicle: int, layer: int, *, in_takeoff: bool = False) -> Climb | None:
         """Return the climb before a vehicle's route; None in flight.
@@ -48,21 +48,18 @@ class Climbs:
         state, home, table = self._fleet.state(vehicle), self._fleet.home(vehicle), self._config.takeoff
         if state is None:
             return None
-        altitude_rel_m, speed_m_s = (
-            self._config.takeoff_altitude_rel_m(layer),
-            self._speeds_m_s[vehicle],
-        )
+        altitude_rel_m, airframe = self._config.takeoff_altitude_rel_m(layer), self._airframes[vehicle]
         place_m, course_rad = (state.east_m, state.north_m), state.course_rad
         if is_on_ground(state, home):
             heading_rad = course_rad if table.heading_deg is None else math.radians(table.heading_deg)
-            run_m, length_m = table.ground_run_m, table.length_m(altitude_rel_m)
-            wind_m_s = self._config.airframe.wind_m_s
+            run_m, length_m = airframe.ground_run_m, airframe.climb_length_m(altitude_rel_m)
+            speed_m_s, wind_m_s = airframe.speed_m_s, airframe.wind_m_s
             return Climb(place_m, heading_rad, run_m, length_m, altitude_rel_m, speed_m_s, wind_m_s)
         if not in_takeoff or home is None:
             return None
         left_m = max(altitude_rel_m - (state.alt_msl_m - home.alt_msl_m), 0.0)
-        length_m = table.length_m(left_m) - table.ground_run_m
-        return Climb(place_m, course_rad, 0.0, length_m, altitude_rel_m, speed_m_s)
+        length_m = airframe.climb_length_m(left_m) - airframe.ground_run_m
+        return Climb(place_m, course_rad, 0.0, length_m, altitude_rel_m, airframe.speed_m_s)
 
     def check(self, climbs: Mapping[int, Climb], t_ns: int) -> list[Notice]:
         """Check the climbs of all vehicles that may get a mission; return alarms and all-clears."""
@@ -91,7 +88,7 @@ class Climbs:
         extra_m : float
             Distance beyond the clearance.
         """
-        options, state = self._options, self._fleet.state(vehicle)
+        options, state = self._options[vehicle], self._fleet.state(vehicle)
         course_rad = climb.heading_rad if state is None else state.course_rad
         if abs(wrap_pi(course_rad - climb.heading_rad)) > _MAX_HEADING_ERROR_RAD:
             return (

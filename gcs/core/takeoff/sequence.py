@@ -45,7 +45,9 @@ class TakeoffSequence:
         self._config, self._fleet, self._missions = config, fleet, onboard_missions
         self._agents, self._state, self._uploads = state.agents, state.takeoff, state.tasking
         self._low_m = config.mission.altitude_rel_m - _ALTITUDE_TOLERANCE_M
-        climb_m = config.takeoff.length_m(config.mission.altitude_rel_m)
+        climb_m = max(
+            one.climb_length_m(config.mission.altitude_rel_m) for one in config.airframes_of_agents.values()
+        )
         self.distance_m = climb_m + config.planning.separation_m
         """Distance within which two vehicles must not take off together."""
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gcs.config.airframe import AirframeTable
-from gcs.config.schema import MissionTable
-from gcs.geo import LocalFrame
+from gcs.config import Config
+from gcs.config.airframe import AgentAirframe
 from gcs.model import NS_PER_S, FloatArray, Mission, Route, VehicleState, Waypoint
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.landing import ReturnRoute
@@ -20,8 +19,9 @@ MAX_RADIUS_M = 255.0
 class MissionBuilder:
     """Makes missions from routes."""
 
-    def __init__(self, table: MissionTable, airframe: AirframeTable, frame: LocalFrame) -> None:
-        self._table, self._frame, self._corners = table, frame, corners_of(table, airframe)
+    def __init__(self, config: Config) -> None:
+        self._table, self._frame = config.mission, config.local_frame
+        self._airframes, self._default = config.airframes_of_agents, config.default_airframe
 
     def of(
         self,
@@ -36,26 +36,28 @@ class MissionBuilder:
         It begins with the climb and ends with the return route, if given.
         """
         positions = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)
-        table = self._table
+        table, airframe = self._table, self._airframes.get(route.vehicle, self._default)
         altitude_rel_m = table.altitude_rel_m + route.layer * table.layer_step_m
         waypoints = tuple(
             Waypoint(*place, altitude_rel_m, float(radius_m))
-            for place, radius_m in zip(positions, self._acceptance_m(route, state, climb), strict=True)
+            for place, radius_m in zip(positions, _acceptance_m(airframe, route, state, climb), strict=True)
         )
         wait_deg = None if route.wait_m is None else self._frame.to_geodetic(*route.wait_m)
         return_waypoints = (
-            () if return_route is None else self._return_waypoints(route, return_route, altitude_rel_m)
+            ()
+            if return_route is None
+            else self._return_waypoints(airframe, route, return_route, altitude_rel_m)
         )
         takeoff = None
         if climb is not None:
             end_deg = self._frame.to_geodetic(*climb.latest_end_m)
-            takeoff = Waypoint(*end_deg, climb.altitude_rel_m, table.accept_radius_m)
+            takeoff = Waypoint(*end_deg, climb.altitude_rel_m, airframe.accept_radius_m)
         return Mission(
             mission_id,
             route.vehicle,
             waypoints,
-            table.loiter_radius_m,
-            table.end,
+            airframe.loiter_radius_m,
+            airframe.end,
             wait_deg,
             takeoff,
             return_waypoints,
@@ -68,30 +70,34 @@ class MissionBuilder:
         return Mission(0, vehicle, (origin,))
 
     def _return_waypoints(
-        self, route: Route, return_route: ReturnRoute, altitude_rel_m: float
+        self, airframe: AgentAirframe, route: Route, return_route: ReturnRoute, altitude_rel_m: float
     ) -> tuple[Waypoint, ...]:
         """Return the corners of a return route; none for a straight one, which profiles add themselves."""
         if return_route.is_straight:
             return ()
-        wanted = self._corners.accept_radii_m(np.concatenate((route.points_m[-1:], return_route.points_m)))
+        points_m = np.concatenate((route.points_m[-1:], return_route.points_m))
+        wanted = corners_of(airframe).accept_radii_m(points_m)
         radii_m = np.minimum(np.round(wanted, 0), MAX_RADIUS_M)
         return tuple(
             Waypoint(*self._frame.to_geodetic(float(east), float(north)), altitude_rel_m, float(radius_m))
             for (east, north), radius_m in zip(return_route.points_m[:-1], radii_m[:-1], strict=True)
         )
 
-    def _acceptance_m(self, route: Route, state: VehicleState | None, climb: Climb | None) -> FloatArray:
-        """Return the acceptance radius of each waypoint: wide enough to turn to the next one in time."""
-        start = route.points_m[:1] if state is None else [(state.east_m, state.north_m)]
-        if climb is not None:
-            start = [climb.latest_end_m]
-        wanted = self._corners.accept_radii_m(np.concatenate((start, route.points_m)))
-        return np.minimum(np.round(wanted, 0), MAX_RADIUS_M)
+
+def _acceptance_m(
+    airframe: AgentAirframe, route: Route, state: VehicleState | None, climb: Climb | None
+) -> FloatArray:
+    """Return the acceptance radius of each waypoint: wide enough to turn to the next one in time."""
+    start = route.points_m[:1] if state is None else [(state.east_m, state.north_m)]
+    if climb is not None:
+        start = [climb.latest_end_m]
+    wanted = corners_of(airframe).accept_radii_m(np.concatenate((start, route.points_m)))
+    return np.minimum(np.round(wanted, 0), MAX_RADIUS_M)
 
 
-def corners_of(table: MissionTable, airframe: AirframeTable) -> TurnAnticipation:
+def corners_of(airframe: AgentAirframe) -> TurnAnticipation:
     """Return the turn anticipation of vehicles."""
-    return TurnAnticipation(airframe.turn_radius_m, airframe.turn_lag_m, table.accept_radius_m)
+    return TurnAnticipation(airframe.turn_radius_m, airframe.turn_lag_m, airframe.accept_radius_m)
 
 
 def points_passed(route: Route, planned_t_ns: int, state: VehicleState | None) -> int:

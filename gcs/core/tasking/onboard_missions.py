@@ -36,16 +36,10 @@ _REPORT_DELAY_S: Final = 0.3
 
 
 class OnboardMissions:
-    """Onboard missions of all vehicles.
+    """Onboard missions of all vehicles."""
 
-    Parameters
-    ----------
-    stays : bool
-        True if missions end with a loiter circle without a time limit.
-    """
-
-    def __init__(self, fleet: Fleet, agents: Mapping[int, Agent], *, stays: bool) -> None:
-        self._fleet, self._agents, self._stays = fleet, agents, stays
+    def __init__(self, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
+        self._fleet, self._agents = fleet, agents
 
     def note(self, mission: OnboardMission) -> None:
         """Note a verified mission."""
@@ -135,7 +129,7 @@ class OnboardMissions:
         mission, state = selected
         place, index = (state.east_m, state.north_m), state.mission_seq - mission.first_point
         if index >= len(mission.route.points_m):
-            return math.inf if self._stays else 0.0
+            return math.inf if mission.items[-1].command == MAV_CMD_NAV_LOITER_UNLIM else 0.0
         points_m, speed_m_s = mission.route.points_m, state.ground_speed_m_s
         radius_m = mission.items[state.mission_seq].param2 if state.mission_seq < len(mission.items) else 0.0
         to_go_s = time_to_point_s(points_m, index, place, speed_m_s, radius_m)

@@ -75,9 +75,9 @@ class UploadManager:
         self.state = state
         self._table, self._frame, self._climbs = config.mission, config.local_frame, climbs
         self._bounds, self._holds_back, self._fleet, self._agents = bounds, holds_back, fleet, agents
-        self._missions = MissionBuilder(config.mission, config.airframe, config.local_frame)
+        self._missions = MissionBuilder(config)
         self._default_home = Home(config.frame.lat_deg, config.frame.lon_deg, config.frame.alt_msl_m)
-        self.onboard_missions = OnboardMissions(fleet, agents, stays=config.mission.end == "loiter")
+        self.onboard_missions = OnboardMissions(fleet, agents)
         self.overrides = Overrides(self.onboard_missions, agents)
         self._first_legs = FirstLegs(fleet, state.first_legs)
         self._active = ActiveUploads(

@@ -68,6 +68,8 @@ class Envelope:
     bank_deg: float
     lands: bool = False
     """True if missions end in a landing."""
+    table: str = "airframe"
+    """Table of the mission file with these keys."""
 
 
 ARDUPLANE_PARAMETERS: Final = (
@@ -129,8 +131,8 @@ ARDUPLANE_PARAMETERS: Final = (
 def arduplane_parameters_for(envelope: Envelope) -> tuple[WantedParameter, ...]:
     """Return the parameters of ArduPlane that must fit a mission."""
     bank, slow, fast = envelope.bank_deg, 0.75 * envelope.speed_m_s, 1.25 * envelope.speed_m_s
-    wide = "it turns wider than routes are planned for (airframe.bank_deg)"
-    speed = "it flies faster or slower than routes are planned for (airframe.speed_m_s)"
+    wide = f"it turns wider than routes are planned for ({envelope.table}.bank_deg)"
+    speed = f"it flies faster or slower than routes are planned for ({envelope.table}.speed_m_s)"
     return (
         WantedParameter(
             ("ROLL_LIMIT_DEG",),
@@ -184,8 +186,8 @@ def _px4_mission_requirement(envelope: Envelope) -> WantedParameter:
 def px4_parameters_for(envelope: Envelope) -> tuple[WantedParameter, ...]:
     """Return the parameters of PX4 that must fit a mission."""
     slow, fast = 0.75 * envelope.speed_m_s, 1.25 * envelope.speed_m_s
-    wide = "it turns wider than routes are planned for (airframe.bank_deg)"
-    speed = "it flies faster or slower than routes are planned for (airframe.speed_m_s)"
+    wide = f"it turns wider than routes are planned for ({envelope.table}.bank_deg)"
+    speed = f"it flies faster or slower than routes are planned for ({envelope.table}.speed_m_s)"
     return (
         _px4_mission_requirement(envelope),
         WantedParameter(("FW_R_LIM",), envelope.bank_deg, 90, wide),

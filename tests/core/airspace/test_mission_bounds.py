@@ -105,8 +105,8 @@ def test_no_planned_mission_is_refused(seed, end, clearance_m, is_fenced):
     )
     start_m, target_m = (tuple(rng.uniform(-60.0, far_m, 2).tolist()) for _ in range(2))
     start = AgentState(*start_m, float(rng.uniform(-3.0, 3.0)), 20.0)
-    about, options, landing = state(1, start_m), plan_options(config), landing_of(config)
-    builder = MissionBuilder(config.mission, config.airframe, config.local_frame)
+    about, options, landing = state(1, start_m), plan_options(config), landing_of(config.airframe_of(1))
+    builder = MissionBuilder(config)
     home_m = config.local_frame.to_local(HOME.lat_deg, HOME.lon_deg)
     for route in plan_routes(grid, {1: start}, {(0, 0): target_m}, {}, options).routes:
         back = landing and plan_return_route(grid, start, route.points_m, home_m, options, landing)

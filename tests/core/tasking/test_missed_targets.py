@@ -1,7 +1,8 @@
 """A vehicle would return, or circle for ever, without having reached its target, unnoticed."""
 
+import msgspec
 import pytest
-from core.tasking.test_onboard_missions import CONFIG, FRAME, Fleet
+from core.tasking.test_onboard_missions import CONFIG, Fleet
 from staging import at, mission
 
 from gcs.core.state import State
@@ -24,11 +25,11 @@ class UploadManager:
     def __init__(self, end, loiter_radius_m=30.0, wait_m=None):
         route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0, wait_m=wait_m)
         table = mission(tables=f'[mission]\nend = "{end}"\nloiter_radius_m = {loiter_radius_m}').mission
-        planned = MissionBuilder(table, CONFIG.airframe, FRAME).of(route, 1, None)
+        planned = MissionBuilder(msgspec.structs.replace(CONFIG, mission=table)).of(route, 1, None)
         self.fleet = Fleet(1)
         self.fleet.one.armed = True
         self.agents = State.initial([1]).agents
-        self.onboard_missions = OnboardMissions(self.fleet, self.agents, stays=end == "loiter")
+        self.onboard_missions = OnboardMissions(self.fleet, self.agents)
         self.onboard_missions.note(
             OnboardMission(route, build_items(ARDUPLANE, planned, Home(33.2, -87.6, 70.0)), first_point=1)
         )

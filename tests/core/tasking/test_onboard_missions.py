@@ -32,9 +32,9 @@ class Fleet:
 
 def stored(wait_m, seq, mode=AUTO):
     route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0, wait_m=wait_m)
-    planned = MissionBuilder(CONFIG.mission, CONFIG.airframe, FRAME).of(route, 1, None)
+    planned = MissionBuilder(CONFIG).of(route, 1, None)
     items = build_items(ARDUPLANE, planned, Home(33.2, -87.6, 70.0))
-    held = OnboardMissions(Fleet(seq, mode), State.initial([1, 2]).agents, stays=True)
+    held = OnboardMissions(Fleet(seq, mode), State.initial([1, 2]).agents)
     held.note(OnboardMission(route, items, first_point=1))
     return held
 
