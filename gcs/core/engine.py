@@ -65,6 +65,11 @@ class Engine(Stages):
 
         `frames` are those of a datagram, if they are known already. The effects are the same without.
         """
+        effects = self._step(event, frames)
+        self.second_commander.note_sent(effects, event.t_ns)
+        return effects
+
+    def _step(self, event: Event, frames: FrameTable | None) -> list[Effect]:
         match event:
             case Datagram():
                 return self._datagram(event, frames)
@@ -99,6 +104,7 @@ class Engine(Stages):
         """Continue after an outage of the service: read the onboard missions of active agents back."""
         effects = bridge_gap(self.state, event)
         self.restore(self.state)
+        self.second_commander.begin_again()
         for vehicle in with_status(self.state.agents, "active"):
             agent, audit = self.state.agents[vehicle], self.state.agents[vehicle].authority.audit
             mission = agent.tasking.onboard if audit is None else audit.mission
@@ -126,6 +132,7 @@ class Engine(Stages):
             effects += self.disarmed_in_auto.receive(vehicle, message, event.t_ns)
             effects += self.onboard_audit.receive(vehicle, message, event.t_ns)
             effects += self.external_uploads.receive_reply(vehicle, message, event.t_ns)
+            effects += self.second_commander.receive(vehicle, message, event.t_ns)
         return effects
 
     def _order(self, event: Order) -> list[Effect]:
@@ -167,6 +174,7 @@ class Engine(Stages):
         """Take control of a vehicle back on an operator's order, whatever mission it stores."""
         self.external_uploads.release(vehicle, ControlEvent.RESUME, t_ns)
         self.onboard_audit.release(vehicle, t_ns)
+        self.second_commander.release(vehicle, t_ns)
 
     # ------------------------------------------------------------ ticks and scans
 
@@ -182,7 +190,7 @@ class Engine(Stages):
         effects += self._process_reports(t_ns)
         effects += self.dispatch.withdraw(t_ns)
         effects += self.dispatch.settle(self.tasking.poll(t_ns))
-        effects += self.external_uploads.poll(t_ns)
+        effects += self.external_uploads.poll(t_ns) + self.second_commander.poll(t_ns)
         effects += self.orders.poll(t_ns) + self.onboard_audit.poll(t_ns)
         effects += self.takeoff_sequence.check(t_ns, self.orders.launching())
         # For displays and the journal; decisions update it themselves.

@@ -14,6 +14,7 @@ from gcs.core.authority.disarmed_in_auto import DisarmedInAuto
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.authority.onboard_audit import OnboardAudit
 from gcs.core.authority.override_notices import OverrideNotices
+from gcs.core.authority.second_commander import SecondCommander
 from gcs.core.operator.no_fly_zone_orders import NoFlyZoneOrders
 from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.operator.status_report import StatusReport
@@ -140,6 +141,7 @@ class Stages:
         )
         self.onboard_audit = OnboardAudit(agents, self.fleet, self.tasking)
         authority = self.state.authority
+        self.second_commander = SecondCommander(agents, self.fleet, self.tasking, authority)
         self.override_notices = OverrideNotices(agents, authority, self.tasking.overrides, self.orders)
         self.control = ControlAuthority(agents, self.fleet, self.tasking, self.orders)
         self.planning_inputs = PlanningInputBuilder(

@@ -47,6 +47,8 @@ class Authority(IntEnum):
     RESUMING = "ours", "is commanded to wait in LOITER"
     OTHER_MISSION = "other station", "flies another mission"
     """By an audit: it stores another mission than the last verified one."""
+    SECOND_COMMANDER = "other station", "is commanded by another service with our ids"
+    """It answers requests that this service did not send."""
     RETURNING = "returning", "returns by order"
     HELD = "held", "is held by order"
 
@@ -88,6 +90,7 @@ class ControlEvent(Enum):
     AUDIT_LATE = "audit unanswered"
     AUDIT_EQUAL = "audit equal"
     AUDIT_DIFFERENT = "audit different"
+    COMMANDED_ELSEWHERE = "second commander"
     MISSION_LOST = "empty after reboot"
     LANDING_BEGUN = "final approach"
     LANDING_ENDED = "approach ended"
@@ -113,6 +116,7 @@ TRANSITIONS: Final[dict[Authority, tuple[ControlEvent, tuple[ControlEvent, ...]]
     _A.UNVERIFIED: (_E.AUDIT_LATE, (_E.RESUME, _E.AUDIT_EQUAL, _E.AUDIT_DIFFERENT, _E.MISSION_LOST)),
     _A.RESUMING: (_E.WAIT_COMMANDED, (_E.WAIT_ENDED,)),
     _A.OTHER_MISSION: (_E.AUDIT_DIFFERENT, (_E.HOLD, _E.RETURN, _E.RESUME)),
+    _A.SECOND_COMMANDER: (_E.COMMANDED_ELSEWHERE, (_E.RESUME,)),
     _A.RETURNING: (_E.RETURN, (_E.HOLD, _E.RESUME, _E.AUDIT_DIFFERENT)),
     _A.HELD: (_E.HOLD, (_E.RETURN, _E.RESUME, _E.AUDIT_DIFFERENT)),
 }

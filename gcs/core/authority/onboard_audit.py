@@ -8,8 +8,9 @@ go on.
 A vehicle that rebooted is audited, too. If it has lost its mission by the reboot, it stays ours and is
 planned for again. If the mission is gone without a reboot, it was cleared: the vehicle is suspended.
 
-Not detected: an upload over another link while the vehicle was heard here all the time. The read-back of our
-next upload then replaces that mission.
+An upload over another link, while the vehicle was heard here all the time, shows in MISSION_CURRENT: its
+number of items, or its mission id, is no longer that of the verified mission. Then the vehicle is audited,
+too.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.authority.records import Audit
+from gcs.core.authority.records import Audit, StoredMission
 from gcs.core.state import Agent
 from gcs.core.tasking.records import OnboardMission
 from gcs.core.tasking.upload_manager import UploadManager
@@ -33,6 +34,11 @@ from gcs.model import Authority, ControlEvent, Effect, Notice, system_of
 _TIMEOUT_NS: Final = ns(25.0)
 _BOOT_SLACK_NS: Final = ns(5.0)
 """Time until a reboot is recognised; the vehicle is heard meanwhile."""
+_DIFFERS_NS: Final = ns(6.0)
+"""Time for which MISSION_CURRENT must differ from the verified mission; single messages may be late."""
+_MIN_REPORTS: Final = 3
+_MISSION_ID: Final = slice(6, 10)
+"""Payload of MISSION_CURRENT that pymavlink does not unpack: identity of the stored mission, 0 if unknown."""
 _MISSION: Final[int] = dialect.MAV_MISSION_TYPE_MISSION
 
 
@@ -74,9 +80,12 @@ class OnboardAudit:
         known_t_ns = t_ns if authority.heard_t_ns is None else authority.heard_t_ns
         authority.heard_t_ns = t_ns
         is_free = authority.audit is None and vehicle not in self._tasking.state.uploads
-        if mission is not None and is_free and not self._tasking.may_be_inconsistent(vehicle):
+        is_free &= not self._tasking.may_be_inconsistent(vehicle)
+        if mission is not None and is_free:
             self.begin(mission, t_ns, known_t_ns=known_t_ns)
         audit = authority.audit
+        if message.get_type() == "MISSION_CURRENT" and audit is None and is_free:
+            return self._check_stored(vehicle, message, t_ns)
         if audit is None or getattr(message, "mission_type", None) != _MISSION:
             return []
         match message.get_type():
@@ -90,6 +99,32 @@ class OnboardAudit:
             return self._send(vehicle, audit, t_ns)
         frames = [self._fleet.encoder(vehicle)(audit.download.ack_message())]
         return [*self._fleet.address_frames(vehicle, frames), *self._compare(vehicle, audit, t_ns)]
+
+    def _check_stored(self, vehicle: int, current: Message, t_ns: int) -> list[Effect]:
+        """Audit a vehicle whose MISSION_CURRENT agreed with its verified mission, and no longer does."""
+        agent, profile = self._agents[vehicle], self._fleet.profile(vehicle)
+        onboard = agent.tasking.onboard
+        if onboard is None or profile is None:
+            return []
+        if agent.authority.stored.mission_id != onboard.mission_id:
+            agent.authority.stored = StoredMission(onboard.mission_id)
+        stored = agent.authority.stored
+        total = len(onboard.items) - profile.home_items
+        opaque_id = int.from_bytes(current.get_payload()[_MISSION_ID], "little")
+        if current.total == total and (not stored.opaque_id or opaque_id == stored.opaque_id):
+            stored.is_matched, stored.opaque_id = True, opaque_id
+            stored.differs_t_ns, stored.reports = None, 0
+        elif stored.is_matched:
+            stored.differs_t_ns = t_ns if stored.differs_t_ns is None else stored.differs_t_ns
+            stored.reports += 1
+            if t_ns - stored.differs_t_ns >= _DIFFERS_NS and stored.reports >= _MIN_REPORTS:
+                known_t_ns = stored.differs_t_ns
+                agent.authority.stored = StoredMission()
+                self.begin(onboard, t_ns, known_t_ns=known_t_ns)
+                text = f"reports {current.total} mission items, it was given {total}"
+                text = text if current.total != total else "reports another mission of the same length"
+                return [Notice(t_ns, "warning", f"{text}: its onboard mission is read back", vehicle)]
+        return []
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Run the timers."""

@@ -39,6 +39,42 @@ class Audit:
 
 
 @dataclass(slots=True)
+class CommanderWatch:
+    """Answers of one vehicle to requests that another service with our ids sent."""
+
+    asked_t_ns: dict[int, int] = field(default_factory=dict)
+    """Time of our last request, by command; 0 for the mission protocol."""
+    heard_since_t_ns: int | None = None
+    """Time since which the vehicle is heard without a link loss; None before its first answer."""
+    returns: int = 0
+    """Ends of link losses until then."""
+    unasked: int = 0
+    """Answers to requests that were not ours, without a long gap."""
+    unasked_t_ns: int = 0
+    """Time of the last one."""
+    sequence: int = -1
+    """Its sequence number."""
+    is_tolerated: bool = False
+    """True if an operator resumed the vehicle, and the other service has not ended since."""
+
+
+@dataclass(slots=True)
+class StoredMission:
+    """Number of items that a vehicle reports to store, compared with its verified mission."""
+
+    mission_id: int = -1
+    """Number of the verified mission; -1 before the first."""
+    is_matched: bool = False
+    """True if a report has agreed with it."""
+    opaque_id: int = 0
+    """Identity of the stored mission that the vehicle reported then; 0 if it reports none."""
+    differs_t_ns: int | None = None
+    """Time since which the reports differ; None if they agree."""
+    reports: int = 0
+    """Reports since then."""
+
+
+@dataclass(slots=True)
 class AgentAuthority:
     """Control authority over one vehicle, besides its `gcs.model.Control`."""
 
@@ -59,6 +95,8 @@ class AgentAuthority:
     """Command that sets the disarmed vehicle from AUTO to LOITER."""
     stays_in_auto: bool = False
     """True if that command failed."""
+    commander: CommanderWatch = field(default_factory=CommanderWatch)
+    stored: StoredMission = field(default_factory=StoredMission)
 
 
 @dataclass(slots=True)
@@ -71,5 +109,7 @@ class AuthorityState:
     """Time of the next check for disarmed vehicles in AUTO."""
     override_check_t_ns: int = 0
     """Time of the next check for overridden vehicles."""
+    watched_from_t_ns: int | None = None
+    """Time from which answers are ours or another service's; None before the first event."""
     known_targets: tuple[Label, ...] = ()
     """Open targets at the end of the mission, and those that were reported since."""

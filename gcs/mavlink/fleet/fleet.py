@@ -161,6 +161,7 @@ class Fleet:
         extra = frozenset(extra_ids)
         self._needed = _NEEDED | extra
         self._networks = {link.name: link.network for link in links}
+        self._own = own
         self._encoder = Encoder(*own)
         self._outgoing = [(link.name, link.endpoint.remote) for link in links if link.endpoint.remote]
         self._frame, self._settings = frame, settings or FleetSettings()
@@ -339,6 +340,10 @@ class Fleet:
         return heard.union(self._outgoing)
 
     def _count_unknown(self, frame: Frame, address: Address, t_ns: int) -> None:
+        if (frame.system_id, frame.component_id) == self._own and is_heartbeat(frame):
+            message = frame.message()
+            instance = 0 if message is None else message.custom_mode
+            self._state.own_ids.add_heartbeat(instance, address, t_ns)
         unknown, limit = self._state.unknown_systems, self._settings.max_unknown_systems
         if unknown.add_frame(frame.system_id, frame.component_id, address, t_ns, limit):
             text = f"unknown system {frame.system_id}, component {frame.component_id}, from {address[1]}"
@@ -348,11 +353,12 @@ class Fleet:
 
     def poll(self, t_ns: int) -> list[Send]:
         """Advance the timers; return what to send."""
+        self._state.own_ids.begin(t_ns)
         out = []
         for address in self._outgoing:
             if self._peers.start_heartbeat(address, t_ns, self._used_addresses):
                 sequence = self._state.sequences.get(address, 0)
-                out.append(Send(*address, self._encoder.pack(heartbeat(), sequence)))
+                out.append(Send(*address, self._encoder.pack(self._heartbeat(), sequence)))
                 self._state.sequences[address] = next_sequence(sequence)
         for index in np.flatnonzero(self._is_due(t_ns)).tolist():
             vehicle = self._in_order[index]
@@ -373,12 +379,15 @@ class Fleet:
         link = vehicle.link
         messages = vehicle.poll(t_ns) if link.liveness == "alive" else []
         if self._peers.start_heartbeat(address, t_ns, self._used_addresses):
-            messages.append(heartbeat())
+            messages.append(self._heartbeat())
         next_heartbeat_ns = self._peers.next_heartbeat_ns(address)
         lost_t_ns = vehicle.heard_t_ns + LOST_AFTER_NS + 1
         due = {"alive": link.requests.idle_until_ns, "stale": lost_t_ns}.get(link.liveness, next_heartbeat_ns)
         vehicle.record[DUE_NS] = min(next_heartbeat_ns, due)
         return messages
+
+    def _heartbeat(self) -> Message:
+        return heartbeat(self._state.own_ids.instance)
 
     def _notifier(self, t_ns: int, system_id: int) -> Notify:
         return lambda level, text: self._notices.add(level, text, t_ns, system_id)
@@ -434,6 +443,14 @@ class Fleet:
         """Return the vehicle's link; empty before it is heard."""
         address = self._vehicles[system_id].link.address
         return "" if address is None else address[0]
+
+    def network(self, link: str) -> int:
+        """Return the network of a link."""
+        return self._networks.get(link, 0)
+
+    def other_instance(self, t_ns: int) -> Address | None:
+        """Return where another service with our ids is heard now; None if there is none."""
+        return self._state.own_ids.other(t_ns)
 
     def is_signed(self, system_id: int) -> bool:
         """Return True if the vehicle's last frame was signed."""

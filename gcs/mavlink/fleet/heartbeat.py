@@ -45,8 +45,11 @@ def heartbeat_key(heartbeat: Message) -> int:
     return int.from_bytes(raw, "little", signed=True)
 
 
-def heartbeat() -> Message:
-    """Return our heartbeat, as a ground station."""
+def heartbeat(instance: int = 0) -> Message:
+    """Return our heartbeat, as a ground station.
+
+    `instance` is the number of a running service (`gcs.mavlink.fleet.own_ids`); autopilots ignore it.
+    """
     return dialect.MAVLink_heartbeat_message(
-        dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+        dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, instance, dialect.MAV_STATE_ACTIVE, 3
     )

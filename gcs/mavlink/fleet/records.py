@@ -13,6 +13,7 @@ from gcs.mavlink.fleet.checks.position_checks import BootClock
 from gcs.mavlink.fleet.checks.position_plausibility import DuplicateIdDetector, MotionCheck
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystems
 from gcs.mavlink.fleet.notice_queue import NoticeQueue
+from gcs.mavlink.fleet.own_ids import OwnIds
 from gcs.mavlink.fleet.peers import Address, Peers
 from gcs.mavlink.fleet.statustext import TextChunks
 from gcs.mavlink.fleet.stream_requests import StreamRecord
@@ -127,8 +128,10 @@ class FleetState:
     """Sequence number of our next heartbeat to each outgoing endpoint."""
     unknown_systems: UnknownSystems = field(default_factory=UnknownSystems)
     notices: NoticeQueue = field(default_factory=NoticeQueue)
+    own_ids: OwnIds = field(default_factory=OwnIds)
 
     def begin_again(self) -> None:
-        """Forget which addresses are heard now."""
+        """Forget which addresses are heard now; become another instance."""
+        self.own_ids = OwnIds()
         self.table[:, ADDRESS] = NO_ADDRESS
         self.table[:, DUE_NS] = 0
