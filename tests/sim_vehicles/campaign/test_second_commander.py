@@ -185,7 +185,7 @@ def test_late_and_repeated_answers_to_our_own_requests_never_stop_the_tasking(na
 
 
 def test_answers_to_other_ground_stations_never_stop_the_tasking() -> None:
-    """QGroundControl and Mission Planner (190), MAVProxy (230), `gcs param` beside a service (254), all (0)."""
+    """QGroundControl (190), MAVProxy (230), `gcs param` beside a service (254), all (0)."""
     stations = [(255, 190), (255, 230), (254, 195), (254, 190), (255, 0), (0, 0)]
     flown, encode = Flown(), Encoder(1, 1)
 
