@@ -161,7 +161,8 @@ class Engine(Stages):
                 targets = self.trackers.targets.confirmation.tracks
                 effects = self.dispatch.settle(self.orders.carry_out(event, targets, self._release))
         self.control.update(event.t_ns)
-        return effects + self.approval.refresh(event.t_ns, without_missions(self.state.agents))
+        effects += self.approval.refresh(event.t_ns, without_missions(self.state.agents))
+        return effects + (self._replan(event.t_ns, ()) if self.approval.changed_control() else [])
 
     def _replan(self, t_ns: int, urgent: Container[int]) -> list[Effect]:
         """Plan by an order, or on a changed map."""
@@ -308,7 +309,7 @@ class Engine(Stages):
         if state.resumed_t_ns is not None:
             state.resumed_t_ns = None
             effects += self.replanner.taken_up(t_ns, picture_t_ns)
-        if not self.replanner.is_due(t_ns):
+        if not (self.replanner.is_due(t_ns) or self.approval.changed_control()):
             return effects
         self.control.update(t_ns)
         inputs = self.planning_inputs.build(t_ns, picture_t_ns)

@@ -16,7 +16,7 @@ from gcs.core.operator.plan_approval import MIN_READING_S, PlanApproval
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import State, flown_routes
-from gcs.model import Effect, Label, MissionEnded, Order, OrderAnswer, Plan, Proposal, Route
+from gcs.model import Action, Effect, Label, MissionEnded, Order, OrderAnswer, Plan, Proposal, Route
 from sim_vehicles.campaign.virtual_run import START_T_NS
 
 A, B = (0, 0), (0, 1)
@@ -119,6 +119,61 @@ def test_the_targets_confirmed_are_kept_though_others_would_be_nearer_by_now() -
     answer, routes = stage.confirm(13.0, 1)
     assert answer.state == "accepted"
     assert {r.vehicle: r.target for r in routes} == {1: A, 2: B}
+
+
+# ---------------------------------------------------------------- control changes while a plan waits
+
+
+def held_and_resumed() -> Flight:
+    """Return a flight in which 3 is held, and is resumed while a plan without it waits."""
+    orders = {"first": 0, "held": 0, "resumed": 0}
+
+    def order(t_ns: int, action: Action, plan_id: int | None = None) -> Order:
+        vehicles = (3,) if plan_id is None else None
+        return Order(t_ns, f"{action}-{t_ns}", action, vehicles, plan_id)
+
+    def operator(t_ns: int, effect: Effect) -> Order | None:
+        if isinstance(effect, Proposal) and effect.routes and not orders["first"]:
+            orders["first"] = t_ns
+            return order(t_ns + S, "confirm", effect.plan_id)
+        if orders["first"] and not orders["held"] and t_ns > orders["first"] + 10 * S:
+            orders["held"] = t_ns
+            return order(t_ns, "hold")
+        if orders["held"] and not orders["resumed"] and isinstance(effect, Proposal):
+            vehicles = {route.vehicle for route in effect.routes}
+            if effect.t_ns > orders["held"] and vehicles and 3 not in vehicles:
+                orders["resumed"] = t_ns
+                flight.run.order(order(t_ns + 2 * S, "resume"))
+                return order(t_ns + 2 * S + round(0.05 * S), "confirm", effect.plan_id)
+        return None
+
+    flight = Flight(operator)
+    return flight.fly(45.0)
+
+
+def test_a_plan_made_without_a_vehicle_cannot_be_confirmed_once_it_is_resumed() -> None:
+    flight = held_and_resumed()
+    stale = [a for a in flight.all(OrderAnswer) if a.action == "confirm"][-1]
+    assert stale.state == "refused"
+    (resumed,) = [a for a in flight.all(OrderAnswer) if (a.action, a.state) == ("resume", "accepted")]
+    after_resume = [p for p in flight.all(Proposal) if p.t_ns >= resumed.t_ns]
+    assert after_resume[0].t_ns == resumed.t_ns  # at once, not at the next check
+    targets = [route.target for route in flown_routes(flight.run.command.state.agents).values()]
+    assert len(targets) == len(set(targets))
+    assert 3 in flown_routes(flight.run.command.state.agents)  # it does not fly to nothing
+
+
+def test_a_vehicle_held_while_a_plan_waits_leaves_it_and_the_others_are_planned_again_at_once() -> None:
+    def operator(_t_ns: int, effect: Effect) -> Order | None:
+        is_first = isinstance(effect, Proposal) and effect.plan_id == 1 and effect.t_ns == effect.shown_t_ns
+        return Order(effect.t_ns + S, "hold", "hold", (3,)) if is_first else None
+
+    flight = Flight(operator).fly(4.0)
+    (held,) = [a for a in flight.all(OrderAnswer) if a.state == "accepted"]
+    renewed = next(p for p in flight.all(Proposal) if p.plan_id == 2)
+    assert renewed.t_ns == held.t_ns
+    assert 3 not in {route.vehicle for route in renewed.routes}
+    assert "agent 3 is held by order" in renewed.reason
 
 
 # ---------------------------------------------------------------- refused when it became another plan

@@ -5,9 +5,9 @@ then every vehicle flies its present mission.
 
 A number stays while the assignment stays. Its routes are planned again from the current positions every
 `RENEWAL_S`, and at the confirmation. A changed plan (`gcs.core.operator.plan_figures`) gets a new number, but
-not before an operator could read the last one, unless it is urgent: a vehicle was lost or suspended, a zone
-was closed, a vehicle would hit an obstacle. A confirmation of a plan that has changed meanwhile is refused,
-and the new plan is proposed.
+not before an operator could read the last one, unless it is urgent: a vehicle was lost, suspended or resumed,
+a zone was closed, a vehicle would hit an obstacle. A confirmation of a plan that has changed meanwhile is
+refused, and the new plan is proposed.
 
 A rejected plan is not proposed again before something changes (`AgentRoutes.declined` keeps it).
 """
@@ -28,6 +28,7 @@ from gcs.core.state import Agent, flown_routes
 from gcs.model import (
     NS_PER_S,
     AnswerState,
+    Authority,
     Effect,
     Order,
     OrderAnswer,
@@ -92,6 +93,12 @@ class PlanApproval:
             if route.is_same(self._agents[route.vehicle].routes.proposed) and route.vehicle not in untaskable
         )
         return [] if len(left) == len(pending.routes) else self._keep(t_ns, left)
+
+    def changed_control(self) -> list[int]:
+        """Return the active vehicles that came under control, or left it, since the waiting plan was made."""
+        if self._state.pending is None:
+            return []
+        return [vehicle for vehicle, agent in sorted(self._agents.items()) if _has_changed_control(agent)]
 
     def _withdraw(self, inputs: PlanningInputs) -> list[Effect]:
         """Remove vehicles that are about to reach a target on their flown routes."""
@@ -213,7 +220,11 @@ class PlanApproval:
         self, routes: Sequence[Route], renewed: Container[int], inputs: PlanningInputs
     ) -> list[str]:
         """Return why confirmed routes differ from those that were shown, in words."""
-        found = []
+        found = [
+            f"agent {vehicle_name(vehicle)} is ours to task again"
+            for vehicle in self.changed_control()
+            if vehicle in inputs.agents
+        ]
         for route in routes:
             if route.vehicle not in inputs.agents:
                 why = inputs.untaskable.get(route.vehicle, "is not seen by any sensor now")
@@ -266,8 +277,10 @@ class PlanApproval:
         for route in chosen:
             self._agents[route.vehicle].routes.adopt(route)
         if whole and all(agent.routes.declined is None for agent in self._agents.values()):
-            for vehicle in self._agents.keys() - {route.vehicle for route in plan.routes}:
-                self._agents[vehicle].routes.drop_flown()
+            routed = {route.vehicle for route in plan.routes}
+            for vehicle, agent in self._agents.items():
+                if agent.routes.is_planned and vehicle not in routed:
+                    agent.routes.drop_flown()
         return replace(
             plan,
             t_ns=order.t_ns,
@@ -294,3 +307,14 @@ class PlanApproval:
 
 def _assignment(routes: Iterable[Route]) -> frozenset[tuple[int, object]]:
     return frozenset((route.vehicle, route.target) for route in routes)
+
+
+def _has_changed_control(agent: Agent) -> bool:
+    """Return True if an active, tracked vehicle is ours and the last plan was not made for it, or vice versa."""
+    perception, is_ours = agent.perception, agent.control.authority is Authority.OURS
+    is_seen = perception.association.label is not None
+    return (
+        perception.status.status == "active"
+        and agent.routes.is_planned is not is_ours
+        and (is_seen or not is_ours)
+    )
