@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Container
 
 from gcs.core.authority.override_notices import overridden_text, unattended_targets
+from gcs.core.operator.arrived_agents import continue_mission
 from gcs.core.operator.records import OrderInProgress
 from gcs.core.perception.never_heard import check_never_heard
 from gcs.core.restart import bridge_gap, is_settled
@@ -157,6 +158,10 @@ class Engine(Stages):
                 )
             case "ignore" | "attend" | "priority" | "pin" | "unpin":
                 effects = self.target_orders.carry_out(event, lambda: self._replan(event.t_ns, ()))
+            case "continue":
+                open_targets = self.planning_inputs.open_targets()
+                effects = continue_mission(event, self.state, self.replanner, open_targets)
+                effects += self._replan(event.t_ns, ())
             case _:
                 targets = self.trackers.targets.confirmation.tracks
                 effects = self.dispatch.settle(self.orders.carry_out(event, targets, self._release))

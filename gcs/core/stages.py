@@ -94,7 +94,7 @@ class Stages:
         )
         self.position_integrity = PositionIntegrityMonitor(agents, telemetry)
         self.kinematics = VehicleKinematics(agents, telemetry.max_age_s)
-        self.agent_status = AgentStatusMonitor(agents, config.planning.capture_radius_m)
+        self.agent_status = AgentStatusMonitor(agents, self.no_fly_zones, config.planning.capture_radius_m)
         # Planning and tasking
         self.replanner = Replanner(config, self.no_fly_zones, agents, self.state.replanning)
         self.return_routes = ReturnRoutes(config, self.no_fly_zones, self.fleet, agents)
@@ -126,7 +126,7 @@ class Stages:
         self.incursions = IncursionWarnings(self.state.airspace, self.tasking.onboard_missions)
         self.no_fly_zone_orders = NoFlyZoneOrders(
             self.no_fly_zones,
-            agents,
+            self.state,
             self.fleet,
             self.replanner,
             self.return_routes,

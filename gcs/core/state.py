@@ -52,9 +52,14 @@ def with_status(agents: Mapping[int, Agent], status: str) -> list[int]:
 
 
 def at_targets(agents: Mapping[int, Agent]) -> Counter[Label]:
-    """Return the number of arrived agents by target."""
-    statuses = [agent.perception.status for agent in agents.values()]
-    return Counter(s.target for s in statuses if s.status == "arrived" and s.target is not None)
+    """Return the number of agents that reached each target."""
+    return Counter(label for agent in agents.values() for label in reached(agent))
+
+
+def reached(agent: Agent) -> tuple[Label, ...]:
+    """Return the targets that an agent has reached."""
+    before, status = agent.perception.reached, agent.perception.status
+    return before if status.status != "arrived" or status.target is None else (*before, status.target)
 
 
 def flown_routes(agents: Mapping[int, Agent]) -> dict[int, Route]:

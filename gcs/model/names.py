@@ -39,6 +39,12 @@ def target_name(label: Label) -> str:
     return f"T{label[0]}.{label[1]}"
 
 
+def targets_text(labels: Iterable[Label]) -> str:
+    """Return targets in words: ``targets T0.1, T12.3``."""
+    names = [target_name(label) for label in sorted(labels)]
+    return f"target{'s' if len(names) != 1 else ''} {', '.join(names)}"
+
+
 def target_of(text: str) -> Label:
     """Parse a name that `target_name` returned.
 

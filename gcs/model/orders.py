@@ -24,6 +24,7 @@ Action: TypeAlias = Literal[
     "priority",
     "pin",
     "unpin",
+    "continue",
     "status",
 ]
 

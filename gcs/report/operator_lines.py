@@ -55,6 +55,9 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
             return text, "info"
         case AgentStatus(status="lost"):
             return f"agent {vehicle_name(effect.vehicle)}: lost", "alarm"
+        case AgentStatus(target=(_, _)):
+            text = f"agent {vehicle_name(effect.vehicle)}: leaves target {target_text(effect.target)}"
+            return text, "info"
         case AgentStatus():
             return f"agent {vehicle_name(effect.vehicle)}: is back", "warning"
         case OrderAnswer():

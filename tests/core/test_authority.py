@@ -342,5 +342,5 @@ def test_targets_that_appear_after_the_missions_end_are_reported_once_with_the_r
         scan = Scan(at(t_s), at(t_s), RADAR, read_only(np.reshape(place, (-1, 2))))
         effects += command.step(scan) + command.step(Tick(at(t_s)))
     assert any(isinstance(effect, MissionEnded) for effect in effects)
-    (text,) = [e.text for e in effects if isinstance(e, Notice) and "after the mission ended" in e.text]
-    assert text.endswith("no agent is sent there; start the service with --no-resume to fly on")
+    (text,) = [e.text for e in effects if isinstance(e, Notice) and "the mission has ended" in e.text]
+    assert text.endswith("order `gcs order continue` to send agents there")

@@ -264,6 +264,23 @@ def unpin(
     _send("unpin", vehicles or "all", _Service(mission, zenoh, timeout, as_json))
 
 
+@app.command(name="continue")
+def continue_mission(
+    vehicles: VehiclesArgument = None,
+    vehicle: VehicleOption = None,
+    mission: MissionOption = None,
+    zenoh: ZenohOption = None,
+    timeout: TimeoutOption = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Continue a mission that has ended: send agents to targets that need one.
+
+    Agents that have reached their targets are free for others; with ids only these.
+    """
+    named = [*(vehicles or ()), *(vehicle or ())]
+    _send("continue", named or "all", _Service(mission, zenoh, timeout, as_json))
+
+
 def _zone(
     name: str, circle: str | None, polygon: str | None, frame: Literal["local", "wgs84"]
 ) -> AreaMessage:

@@ -30,11 +30,13 @@ export class Commands {
       this.add(root, el("button", { class: style, "data-action": action, onclick: () => this.give(action) }, label, el("kbd", {}, key)));
     }
     this.add(root, el("button", { "data-action": "zone", onclick: drawZone }, "No-fly zone", el("kbd", {}, "N")));
+    this.goOn = el("button", { "data-action": "continue", title: "Send free agents to targets that need one", onclick: () => this.continueMission() }, "Continue mission");
+    this.add(root, this.goOn);
     const result = el("span", { class: "result", role: "status" });
     root.append(result);
     orders.showIn(result);
     this.add(root, el("button", { class: "stop", "data-action": "hold-all", onclick: () => this.holdAll() }, "Hold all", el("kbd", {}, "shift+space")));
-    feed.on(["mission", "vehicles"], () => this.show());
+    feed.on(["mission", "vehicles", "head"], () => this.show());
     feed.addEventListener("lost", () => this.show());
     selection.addEventListener("change", () => this.show());
     this.root = root;
@@ -63,6 +65,7 @@ export class Commands {
       const needsVehicles = button.dataset.action in this.labels;
       button.disabled = !this.mayOperate || (needsVehicles && !chosen.length);
     }
+    this.goOn.hidden = !this.feed.data.head?.ended;
     this.root.hidden = this.feed.data.mission?.kind === "replay";
   }
 
@@ -82,6 +85,10 @@ export class Commands {
 
   holdAll() {
     if (!this.isRefused("hold all")) this.orders.give("hold", { vehicles: "all" });
+  }
+
+  continueMission() {
+    if (!this.isRefused("continue")) this.orders.give("continue", { vehicles: "all" });
   }
 
   // Says why an order is not sent: a key pressed in vain must not pass unnoticed.

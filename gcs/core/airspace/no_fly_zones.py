@@ -11,7 +11,8 @@ import numpy as np
 
 from gcs.core.airspace.records import AirspaceState
 from gcs.model import BoolArray, NoFlyZone
-from gcs.planning.map.grid import Grid
+from gcs.planning.map.grid import Grid, Point
+from gcs.planning.map.line_of_sight import line_of_sight
 
 
 class NoFlyZones:
@@ -36,6 +37,10 @@ class NoFlyZones:
         }
         closed = [one.blocked for one in self.closed.values()]
         self.grid = replace(grid, blocked=np.logical_or.reduce([grid.blocked, *closed]))
+
+    def contain(self, place: Point) -> bool:
+        """Return True if a position is in a closed zone."""
+        return not all(line_of_sight(closed, place, place) for closed in self.closed.values())
 
     def change(self, zone: NoFlyZone) -> Grid:
         """Close or open a zone; return the cells that are newly blocked."""

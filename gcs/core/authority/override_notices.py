@@ -15,7 +15,7 @@ from gcs.core.operator.vehicle_orders import PILOTED, Orders
 from gcs.core.state import Agent
 from gcs.mavlink.autopilots.modes import LOITER, RTL
 from gcs.mavlink.services.retry import ns
-from gcs.model import Effect, Label, Notice, target_name, vehicle_name
+from gcs.model import Effect, Label, Notice, targets_text, vehicle_name
 
 _PERIOD_NS: Final = ns(1.0)
 _MAX_NAMED: Final = 8
@@ -53,17 +53,16 @@ class OverrideNotices:
 def unattended_targets(
     state: AuthorityState, targets: Collection[Label], t_ns: int, *, has_ended: bool
 ) -> list[Effect]:
-    """Process the open targets; return a notice about new ones after the end of the mission."""
+    """Process the open targets; return a notice about those that are left after the end of the mission."""
     if not has_ended:
-        state.known_targets = tuple(sorted(targets))
+        state.known_targets = ()
         return []
     new = sorted(set(targets) - set(state.known_targets))
     state.known_targets += tuple(new)
     if not new:
         return []
-    subject = f"target{'s' if len(new) > 1 else ''} {', '.join(map(target_name, new))}"
-    text = f"{subject} appeared after the mission ended: no agent is sent there; "
-    return [Notice(t_ns, "warning", text + "start the service with --no-resume to fly on")]
+    text = f"the mission has ended, and no agent is sent to {targets_text(new)}: order `gcs order continue`"
+    return [Notice(t_ns, "warning", f"{text} to send agents there")]
 
 
 def overridden_text(modes: Mapping[int, str]) -> str:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Final
 
 from gcs.core.airspace.incursion_warning import IncursionWarnings
 from gcs.core.airspace.no_fly_zones import NoFlyZones, closed_cells
+from gcs.core.operator.arrived_agents import leave_zones
 from gcs.core.operator.records import OrderInProgress
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
-from gcs.core.state import Agent, with_status
+from gcs.core.state import State, with_status
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Effect, NoFlyZone, Notice, Order, named
 
@@ -23,7 +24,7 @@ class NoFlyZoneOrders:
     """Carries out orders that close or open a no-fly zone."""
 
     zones: NoFlyZones
-    agents: Mapping[int, Agent]
+    state: State
     fleet: Fleet
     replanner: Replanner
     return_routes: ReturnRoutes
@@ -40,7 +41,7 @@ class NoFlyZoneOrders:
         replan : callable
             Plans on the new map; vehicles given to it, whose routes lead through the zone, are urgent.
         """
-        zone, ongoing = order.no_fly_zone, OrderInProgress(order)
+        zone, ongoing, agents = order.no_fly_zone, OrderInProgress(order), self.state.agents
         remedy = "confirm a plan, or hold or return it" if self.needs_approval else "hold or return it"
         assert zone is not None
         refusal = self._refusal(zone)
@@ -49,19 +50,22 @@ class NoFlyZoneOrders:
         closed = self.zones.change(zone)
         verb = "closed" if zone.name in self.zones.closed else "opened"
         states = self.fleet.states()
+        had_ended = self.state.has_ended
+        left = leave_zones(self.state, closed, states, order.t_ns)
         positions = {state.system_id: (state.east_m, state.north_m) for state in states}
-        returning = {v: position for v, position in positions.items() if self.agents[v].routes.flown is None}
+        returning = {v: position for v, position in positions.items() if agents[v].routes.flown is None}
         without_return = self.return_routes.crossed(closed, returning)
         affected = self.replanner.change_map(
             order.t_ns, closed, positions, f"no-fly zone {zone.name} {verb}", without_return
         )
-        arrived = without_return.intersection(with_status(self.agents, "arrived"))
-        effects = replan(affected)
-        routes = {vehicle: agent.routes for vehicle, agent in self.agents.items()}
+        arrived = without_return.intersection(with_status(agents, "arrived"))
+        effects = [*left, *replan(affected)]
+        routes = {vehicle: agent.routes for vehicle, agent in agents.items()}
         remaining = {v for v in affected if routes[v].flown is None}
         remaining |= {v for v, route in routes.items() if route.is_blocked}
         rerouted = set(affected) - remaining
         text = f"{zone.name} {verb}" + (f"; {named(rerouted)} led around it" if rerouted else "")
+        text += "; the mission continues" if had_ended and not self.state.has_ended else ""
         remaining_states = [state for state in self.fleet.states() if state.system_id in remaining]
         entries = self.incursions.entries(remaining_states, self.zones.closed)
         alarms = {entry.vehicle: f"{entry.text}: {remedy}" for entry in entries}

@@ -310,7 +310,7 @@ def _assignment(routes: Iterable[Route]) -> frozenset[tuple[int, object]]:
 
 
 def _has_changed_control(agent: Agent) -> bool:
-    """Return True if an active, tracked vehicle is ours and the last plan was not made for it, or vice versa."""
+    """Return True if an active vehicle came under control, or left it, since the last plan."""
     perception, is_ours = agent.perception, agent.control.authority is Authority.OURS
     is_seen = perception.association.label is not None
     return (

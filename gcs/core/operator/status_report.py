@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from gcs.core.operator.records import TargetSettings
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.replanning.planned_flights import AltitudeLayers
-from gcs.core.state import State, flown_routes
+from gcs.core.state import State, flown_routes, reached
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.vehicle import Health
 from gcs.model import NS_PER_S, AgentRecord, Label, SwarmStatus, TargetRecord
@@ -79,7 +79,6 @@ class StatusReport:
         )
 
     def _targets(self) -> tuple[TargetRecord, ...]:
-        statuses = [agent.perception.status for agent in self.state.agents.values()]
         routes, settings, default = (
             flown_routes(self.state.agents),
             self.state.operator.targets,
@@ -87,7 +86,7 @@ class StatusReport:
         )
 
         def reached_by(label: Label) -> tuple[int, ...]:
-            return tuple(s.vehicle for s in statuses if s.status == "arrived" and s.target == label)
+            return tuple(v for v, agent in self.state.agents.items() if label in reached(agent))
 
         return tuple(
             TargetRecord(

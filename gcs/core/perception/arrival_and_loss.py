@@ -6,7 +6,8 @@ it reports and is associated with a track above `REVIVE_EXISTENCE`: clutter near
 it.
 
 An agent has arrived after `ARRIVAL_EPOCHS` consecutive epochs in which its confirmed track and that of its
-target are within the capture radius. Arrival is final.
+target are within the capture radius, outside no-fly zones. Arrival is final until an operator continues the
+mission, or closes a zone there (`gcs.core.operator.arrived_agents`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.perception.records import AgentSighting
 from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.core.state import Agent
@@ -31,8 +33,8 @@ NEVER_SEEN_S = 20.0
 class AgentStatusMonitor:
     """Statuses of all agents; within `capture_radius_m` an agent has reached its target."""
 
-    def __init__(self, agents: Mapping[int, Agent], capture_radius_m: float) -> None:
-        self._agents, self._capture_radius_m = agents, capture_radius_m
+    def __init__(self, agents: Mapping[int, Agent], zones: NoFlyZones, capture_radius_m: float) -> None:
+        self._agents, self._zones, self._capture_radius_m = agents, zones, capture_radius_m
 
     def update(
         self,
@@ -81,7 +83,9 @@ class AgentStatusMonitor:
 
     def _is_at(self, track: Track, target: Track) -> bool:
         distance_m = math.hypot(track.mean[0] - target.mean[0], track.mean[1] - target.mean[1])
-        return track.estimated and distance_m <= self._capture_radius_m
+        if not track.estimated or distance_m > self._capture_radius_m:
+            return False
+        return not self._zones.contain((float(track.mean[0]), float(track.mean[1])))
 
 
 def _is_unseen(t_ns: int, sighting: AgentSighting) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -109,12 +109,25 @@ class AgentPerception:
 
     status: AgentStatus = field(default_factory=partial(AgentStatus, 0, 0, "active"))
     """Active, arrived or lost; `State.initial` sets the vehicle."""
+    reached: tuple[Label, ...] = ()
+    """Targets that it had reached when an operator continued the mission."""
     sighting: AgentSighting = field(default_factory=AgentSighting)
     association: Association = field(default_factory=Association)
     integrity: IntegrityTest = field(default_factory=IntegrityTest)
     motion: ReportedMotion = field(default_factory=ReportedMotion)
     reports: list[PositionReport] = field(default_factory=list)
     """Position reports of the last seconds, the oldest first."""
+
+    def leave_target(self, t_ns: int, *, has_served: bool) -> AgentStatus:
+        """Make an arrived agent active; return the change, with the target that it leaves.
+
+        With `has_served` the target needs no other agent in its place.
+        """
+        before = self.status
+        if has_served and before.target is not None:
+            self.reached = (*self.reached, before.target)
+        self.status = AgentStatus(t_ns, before.vehicle, "active", None, self.sighting.position_m)
+        return replace(self.status, target=before.target)
 
 
 @dataclass(slots=True)

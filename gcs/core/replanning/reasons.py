@@ -15,8 +15,14 @@ class Reason(NamedTuple):
 
 
 URGENT: Final[frozenset[Cause]] = frozenset(
-    {"map changed", "operator order", "agent set aside", "agent joined", "agent in danger"}
-    | {"approved plan changed"}
+    (
+        "map changed",
+        "operator order",
+        "agent set aside",
+        "agent joined",
+        "agent in danger",
+        "approved plan changed",
+    )
 )
 """Kinds that replace a proposal before an operator had the time to read it."""
 

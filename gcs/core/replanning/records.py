@@ -67,6 +67,10 @@ class AgentRoutes:
         self.drop()
         self.flown = route
 
+    def resume_latest(self) -> None:
+        """Make the last route the flown one again, as one that leads through a closed area."""
+        self.flown, self.is_blocked = self.latest, True
+
     def suspend(self, *, is_uploaded: bool) -> None:
         """Drop the routes; keep one that the vehicle has on board for `pop_suspended`."""
         if self.flown is not None and is_uploaded:

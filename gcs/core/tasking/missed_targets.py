@@ -39,7 +39,8 @@ def check_missed_targets(
     for vehicle in with_status(agents, "active"):
         mission, end = agents[vehicle].tasking.onboard, agents[vehicle].tasking.route_end
         phase = missions.terminal_phase(vehicle)
-        if not phase or (mission is None and phase != "return"):
+        is_old = mission is not None and mission.route.target in agents[vehicle].perception.reached
+        if is_old or not phase or (mission is None and phase != "return"):
             end.since_t_ns = None
             continue
         mission_id = NO_MISSION if mission is None else mission.mission_id

@@ -2,7 +2,7 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-from staging import at, confirmation_of, confirmed, picture, track
+from staging import at, confirmation_of, confirmed, mission, picture, track, zones
 
 from gcs.core.perception.arrival_and_loss import NEVER_SEEN_S, UNSEEN_S, AgentStatusMonitor
 from gcs.core.state import State, at_targets, with_status
@@ -20,7 +20,7 @@ class Scene:
 
     def __init__(self, vehicles=(1,)):
         self.agents = State.initial(vehicles).agents
-        self.monitor = AgentStatusMonitor(self.agents, RADIUS_M)
+        self.monitor = AgentStatusMonitor(self.agents, zones(mission()), RADIUS_M)
         self.t_s = 0
 
     def scan(self, agent=None, target=None, *, associated=True, reporting=True, tasked=True, again=False):

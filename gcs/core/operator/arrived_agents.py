@@ -1,0 +1,78 @@
+"""Arrived agents that are tasked again: after the end of the mission, or out of a new no-fly zone.
+
+Arrival is final for the mission that it belongs to. When targets appear after the end, an operator may
+continue the mission: its agents are free again, and the targets that they reached need no others.
+
+An agent that circles in a zone that was closed since is active again, and its target needs an agent again. It
+keeps its last route, which is blocked: the next plan leads it to the nearest clear place, at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable
+from typing import Final
+
+from gcs.core.operator.records import OrderInProgress
+from gcs.core.replanning.replanner import Replanner, is_crossed
+from gcs.core.state import Agent, State, with_status
+from gcs.model import Effect, Label, Order, VehicleState, named, read_only, targets_text
+from gcs.planning.map.grid import Grid
+
+_CIRCLE_POINTS: Final = 24
+
+
+def continue_mission(
+    order: Order, state: State, replanner: Replanner, targets: Collection[Label]
+) -> list[Effect]:
+    """Carry out an order to continue a mission that has ended; `targets` need agents.
+
+    The named agents are free for another target, or all that arrived. The caller plans.
+    """
+    ongoing, agents = OrderInProgress(order), state.agents
+    free = with_status(agents, "arrived")
+    if order.vehicles is not None:
+        free = [vehicle for vehicle in free if vehicle in order.vehicles]
+    refusal = ""
+    if not state.has_ended:
+        refusal = "the mission has not ended"
+    elif not targets:
+        refusal = "no target needs an agent"
+    elif not free and not with_status(agents, "active"):
+        refusal = "no agent is free: name agents that have reached their targets, or none for all of them"
+    if refusal:
+        return [ongoing.answer(order.t_ns, "refused", refusal)]
+    state.has_ended = False
+    effects: list[Effect] = [
+        agents[vehicle].perception.leave_target(order.t_ns, has_served=True) for vehicle in free
+    ]
+    text = f"the mission continues with {targets_text(targets)}"
+    replanner.order_plan(order.t_ns, f"order: {text}")
+    detail = f"{text}; {named(free)} free for them" if free else text
+    return [*effects, ongoing.answer(order.t_ns, "done", detail)]
+
+
+def leave_zones(state: State, closed: Grid, vehicles: Iterable[VehicleState], t_ns: int) -> list[Effect]:
+    """Make arrived agents that circle in closed cells active again; return their statuses."""
+    effects: list[Effect] = []
+    for vehicle in vehicles:
+        agent = state.agents[vehicle.system_id]
+        latest, status = agent.routes.latest, agent.perception.status
+        is_at_target = latest is not None and (status.status, status.target) == ("arrived", latest.target)
+        if is_at_target and agent.control.is_ours and _circles_in(closed, agent, vehicle):
+            effects.append(agent.perception.leave_target(t_ns, has_served=False))
+            agent.routes.resume_latest()
+            state.has_ended = False
+    return effects
+
+
+def _circles_in(closed: Grid, agent: Agent, vehicle: VehicleState) -> bool:
+    """Return True if a vehicle, or the loiter circle at the end of its mission, is in closed cells."""
+    mission = agent.tasking.onboard
+    circle = None if mission is None else mission.circle
+    points = [(vehicle.east_m, vehicle.north_m)]
+    if circle is not None:
+        (east_m, north_m), radius_m = circle.centre_m, circle.radius_m
+        angles = [2.0 * math.pi * k / _CIRCLE_POINTS for k in range(_CIRCLE_POINTS + 1)]
+        points += [(east_m + radius_m * math.sin(a), north_m + radius_m * math.cos(a)) for a in angles]
+    return is_crossed(closed, read_only(points[:1]), None) or is_crossed(closed, read_only(points[1:]), None)

@@ -1,0 +1,82 @@
+"""After the end of a mission an operator could not fly on without a restart of the service."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from core.operator.test_vehicle_orders import Flight, fly, order
+from staging import S
+
+from gcs.core.state import at_targets
+from gcs.model import AgentStatus, MissionEnded, NoFlyZone, Notice, OrderAnswer, Plan
+from gcs.report.operator_lines import effect_line
+from sim_vehicles.campaign.virtual_run import START_T_NS
+
+
+@pytest.fixture
+def ended() -> Flight:
+    """A mission that has ended: 1, 3 and 4 arrived, 2 is lost, and two targets have no agent."""
+    flight = fly([], 400.0)
+    assert flight.run.ended
+    flight.effects.clear()
+    flight.run.ended = False
+    return flight
+
+
+def now_s(flight: Flight) -> float:
+    return (flight.run.t_ns - START_T_NS) / S
+
+
+def test_targets_without_an_agent_at_the_end_are_named_with_the_order_that_sends_one(ended: Flight) -> None:
+    ended.run.run(now_s(ended) + 3.0)
+    texts = [notice.text for notice in ended.all(Notice) if "has ended" in notice.text]
+    assert texts == [
+        "the mission has ended, and no agent is sent to targets T0.0, T0.3: order `gcs order continue` "
+        "to send agents there"
+    ]
+
+
+def test_a_mission_that_has_ended_goes_on_by_order_until_the_other_targets_are_reached(
+    ended: Flight,
+) -> None:
+    before = set(at_targets(ended.run.command.state.agents))
+    ended.run.order(order(now_s(ended) + 2.0, "continue"))
+    ended.run.run(now_s(ended) + 60.0)
+    (answer,) = ended.all(OrderAnswer)
+    assert answer.state == "done"
+    assert answer.detail == "the mission continues with targets T0.0, T0.3; agents 1, 3, 4 free for them"
+    reached = {status.target for status in ended.all(AgentStatus) if status.status == "arrived"}
+    assert reached == {(0, 0), (0, 3)}
+    assert set(at_targets(ended.run.command.state.agents)) == before | reached
+    (second,) = ended.all(MissionEnded)
+    assert len(second.arrived) == 2
+    assert not [n for n in ended.all(Notice) if "without having reached" in n.text], (
+        "it had reached its target"
+    )
+    lines = [line[0] for effect in ended.all(AgentStatus) if (line := effect_line(effect))]
+    assert "agent 1: leaves target T0.2" in lines
+
+
+def test_only_the_agents_that_the_order_names_leave_their_targets(ended: Flight) -> None:
+    ended.run.order(order(now_s(ended) + 2.0, "continue", 4))
+    ended.run.run(now_s(ended) + 4.0)
+    assert {vehicle for plan in ended.all(Plan) for vehicle in plan.changed} == {4}
+
+
+def test_a_mission_that_goes_on_is_not_continued() -> None:
+    (answer,) = fly([order(20.0, "continue")], 21.0).all(OrderAnswer)
+    assert (answer.state, answer.detail) == ("refused", "the mission has not ended")
+
+
+def test_an_agent_that_circles_at_its_target_is_led_out_of_a_new_zone(ended: Flight) -> None:
+    vehicle = ended.run.vehicles["vehicle:3"]
+    centre_m, radius_m = (vehicle.east_m, vehicle.north_m), 150.0
+    zone = NoFlyZone("fire", (*centre_m, radius_m))
+    ended.run.order(order(now_s(ended) + 2.0, "no-fly-zone", no_fly_zone=zone))
+    ended.run.run(now_s(ended) + 15.0)
+    (answer,) = ended.all(OrderAnswer)
+    assert answer.detail == "fire closed; agent 3 led around it; the mission continues"
+    for _ in range(20):
+        assert math.dist((vehicle.east_m, vehicle.north_m), centre_m) > radius_m
+        ended.run.run(now_s(ended) + 1.0)
