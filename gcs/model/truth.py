@@ -17,6 +17,8 @@ class TruthObject:
     east_m: float
     north_m: float
     alive: bool
+    down: bool = False
+    """True of an agent that came down elsewhere than by a landing of its mission."""
 
 
 @dataclass(frozen=True, slots=True)

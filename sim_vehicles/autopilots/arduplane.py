@@ -2,12 +2,12 @@
 
 Behaviour of ArduPlane that ground stations must handle:
 
-- The active item is cached. A replaced item is flown as it was, until the next item, a new entry into AUTO,
-  or ``DO_SET_MISSION_CURRENT``.
+- The active item is cached. A replaced item is flown as it was, until the next item, a new entry into
+  AUTO, or ``DO_SET_MISSION_CURRENT``.
 - ``set_current(0)`` means item 1; an index outside the mission is refused.
 - A mission that ends goes to RTL, and so does AUTO without a mission.
-- Entering AUTO resumes at the current item (from the first, when the mission had been completed or shortened
-  below it).
+- Entering AUTO resumes at the current item (from the first, when the mission had been completed or
+  shortened below it).
 - A leg begins at the waypoint before, and its line is followed (`sim_vehicles.vehicle.guidance.Legs`). An
   item that ``DO_SET_MISSION_CURRENT`` selects in flight begins at the OLD waypoint; after the second such
   command, or after ``MISSION_SET_CURRENT``, it begins at the vehicle.
@@ -17,8 +17,12 @@ Behaviour of ArduPlane that ground stations must handle:
 
 Guidance and checks run at 10 Hz, as ArduPlane's do; the airframe runs at 100 Hz.
 
-Not simulated: stick input (MANUAL, FBWA and similar modes hold heading and altitude), glide slopes between
-items, and items other than waypoint, unlimited loiter, take-off, landing and return.
+Emergencies: without thrust it glides down and stays in its mode, armed. Without a GPS fix it flies on, 10
+s later by dead reckoning. A jump of the GPS position reaches the guidance after 4 s. A wreck stays armed
+for 48 s, as one that was recorded; 10 s after the impact the state is no longer "active".
+
+Not simulated: stick input (MANUAL, FBWA and similar modes hold heading and altitude), glide slopes
+between items, and items other than waypoint, unlimited loiter, take-off, landing and return.
 
 Positions are local east/north metres; altitudes are metres above the local frame's origin.
 """
@@ -30,6 +34,7 @@ from collections import deque
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
+from sim_vehicles.autopilots.announcements import Announcer
 from sim_vehicles.autopilots.base import ARDUPLANE, AutopilotTraits, Mode
 from sim_vehicles.autopilots.failsafe import Failsafe, PlaneFailsafe
 from sim_vehicles.autopilots.fence import FenceGuard
@@ -37,6 +42,8 @@ from sim_vehicles.autopilots.mission_protocol import MISSION, Item, MissionStore
 from sim_vehicles.autopilots.parameters import Parameters
 from sim_vehicles.autopilots.records import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
 from sim_vehicles.vehicle.airframe import Airframe
+from sim_vehicles.vehicle.battery import Battery
+from sim_vehicles.vehicle.faults import FaultKind, Faults
 from sim_vehicles.vehicle.geodesy import Geodesy
 from sim_vehicles.vehicle.guidance import Circle, Goal, Legs, Straight, ToPoint, Tuning, density_ratio
 
@@ -44,7 +51,14 @@ _CHECK_NS = NS_PER_S // 10
 _GLIDE_SLOPE = 0.1
 _TOUCHDOWN_M = 0.5
 _ALT_REACHED_M = 1.0
-
+_GLIDE_SPEED = 0.5
+"""Of the cruising speed, without thrust."""
+_DIVE_M_S = 18.0
+"""Sink rate of a crash."""
+_GLITCH_M = 200.0
+_GLITCH_TRUSTED_S = 3.9
+_STILL_ACTIVE_S = 10.0
+_WRECK_DISARMED_NS = 48 * NS_PER_S
 
 _NOT_ARMABLE = frozenset({Mode.RTL})
 _MANUAL_LIKE = frozenset(
@@ -65,6 +79,8 @@ class Autopilot:
 
     _widens_circles = True
     _failsafe: type[Failsafe] = PlaneFailsafe
+    _disarmed_text = "Throttle disarmed"
+    _armed_text = "Throttle armed"
 
     def __init__(
         self,
@@ -95,6 +111,15 @@ class Autopilot:
         self.alt_command_m = airframe.alt_rel_m
         self._command = 0.0
         self.legs = Legs(airframe)
+        self.faults = Faults()
+        self.battery = Battery(self.faults, boot_t_ns)
+        self._announcer = Announcer(self.faults, px4=traits.atomic)
+        self.is_down = False
+        """True after it came down elsewhere than by a landing of its mission, until it flies again."""
+        self.is_wreck = False
+        self._touched_ns: int | None = None
+        """Time when it came down; None in the air and after a landing of its mission."""
+        self._disarms_ns: int | None = None
         self.failsafe = self._failsafe(self)
         self._mission_running = False
         self._mission_complete = False
@@ -161,17 +186,19 @@ class Autopilot:
         if not force and self.report_prearm_failure(t_ns):
             return False
         self.armed = True
+        self._touched_ns = None
         self.home = Home(self.airframe.east_m, self.airframe.north_m, self.airframe.alt_rel_m)
-        self.notify(mavlink.MAV_SEVERITY_INFO, "Throttle armed")
+        self.notify(mavlink.MAV_SEVERITY_INFO, self._armed_text)
         return True
 
-    def disarm(self) -> bool:
+    def disarm(self, text: str = "") -> bool:
         """Disarm; refused in the air."""
         if self.flying:
             return False
+        self._disarms_ns = None
         if self.armed:
             self.armed = False
-            self.notify(mavlink.MAV_SEVERITY_INFO, "Throttle disarmed")
+            self.notify(mavlink.MAV_SEVERITY_INFO, text or self._disarmed_text)
         return True
 
     def set_current(self, seq: int, by_message: bool = False) -> bool:
@@ -227,6 +254,39 @@ class Autopilot:
         item = self._item
         return self._mission_running and item is not None and item.command == mavlink.MAV_CMD_NAV_LAND
 
+    def is_active(self, t_ns: int) -> bool:
+        """Return True if HEARTBEAT shows MAV_STATE_ACTIVE: while it believes that it flies."""
+        touched_ns = self._touched_ns
+        return self.flying or (touched_ns is not None and t_ns - touched_ns < _STILL_ACTIVE_S * NS_PER_S)
+
+    def landed_state(self, t_ns: int) -> int:
+        """Return MAV_LANDED_STATE."""
+        if self.is_active(t_ns):
+            return int(mavlink.MAV_LANDED_STATE_IN_AIR)
+        return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
+
+    def position_error_m(self, t_ns: int) -> tuple[float, float]:
+        """Return east and north from the true position to the estimated one."""
+        if self.faults.has_lasted(FaultKind.GLITCH, _GLITCH_TRUSTED_S, t_ns):
+            return 0.0, _GLITCH_M
+        return 0.0, 0.0
+
+    def receiver_error_m(self) -> tuple[float, float]:
+        """Return east and north from the true position to that of the GPS receiver."""
+        return (0.0, _GLITCH_M) if FaultKind.GLITCH in self.faults else (0.0, 0.0)
+
+    def fly_landing(self) -> bool:
+        """Fly to the landing of the mission, in AUTO; return False without one."""
+        seq = self._landing_seq()
+        if seq is None:
+            return False
+        self.set_mode(Mode.AUTO)
+        return self.set_current(seq, by_message=True)
+
+    def _landing_seq(self) -> int | None:
+        commands = [item.command for item in self.mission]
+        return commands.index(mavlink.MAV_CMD_NAV_LAND) if mavlink.MAV_CMD_NAV_LAND in commands else None
+
     @property
     def mission_state(self) -> MissionState:
         """Return the mission state for MISSION_CURRENT."""
@@ -247,7 +307,16 @@ class Autopilot:
             return
         airframe = self.airframe
         speed = self.forward_speed_m_s
-        if self.is_landing:
+        if self._touched_ns is not None:
+            self._slide()
+            return
+        sinking_m_s = self._sink()
+        if sinking_m_s is not None:
+            speed = sinking_m_s
+            if airframe.alt_rel_m <= self.home.alt_m:
+                self._come_down(t_ns)
+                return
+        elif self.is_landing:
             speed *= self._approach_fraction()
             if self._landing and airframe.alt_rel_m <= self.home.alt_m + _TOUCHDOWN_M:
                 speed = 0.0
@@ -256,14 +325,65 @@ class Autopilot:
                     return
         airframe.step(self._command, self.alt_command_m, speed)
 
+    def _sink(self) -> float | None:
+        """Set the rate of sinking without thrust or of a dive; return the speed to fly, or None."""
+        airframe = self.airframe
+        if FaultKind.CRASH in self.faults:
+            self._command = 0.0
+            airframe.descent_m_s = _DIVE_M_S
+            return self.forward_speed_m_s
+        if FaultKind.ENGINE in self.faults:
+            airframe.descent_m_s = airframe.speed_m_s / self.traits.glide_ratio
+            return _GLIDE_SPEED * self.forward_speed_m_s
+        airframe.descent_m_s = 0.0
+        return None
+
+    def _come_down(self, t_ns: int) -> None:
+        """Touch the ground where no landing was meant."""
+        airframe = self.airframe
+        self._touched_ns, self.is_down = t_ns, True
+        airframe.descent_m_s, airframe.alt_rel_m = 0.0, self.home.alt_m
+        if FaultKind.CRASH in self.faults:
+            self.is_wreck = True
+            self._disarms_ns = self._wreck_disarms_ns(t_ns)
+            airframe.rest()
+            self.flying = False
+
+    def _wreck_disarms_ns(self, t_ns: int) -> int | None:
+        return t_ns + _WRECK_DISARMED_NS
+
+    def _slide(self) -> None:
+        """Slow down on the ground to a standstill."""
+        airframe = self.airframe
+        airframe.is_climbing_out = False
+        airframe.step(0.0, self.home.alt_m, 0.0)
+        airframe.alt_rel_m = self.home.alt_m
+        if airframe.speed_m_s == 0.0:
+            airframe.rest()
+            self.flying = False
+
     def _check(self, t_ns: int) -> None:
         """Run the 10 Hz tasks: failsafes, fence, mission, guidance."""
         self.failsafe.check(t_ns)
+        self.notices += self._announcer.due(t_ns)
+        if self._disarms_ns is not None and t_ns >= self._disarms_ns:
+            self.disarm()
         if not self.flying:
-            if not (self.armed and self._is_launching()):
+            if not (self.armed and self._may_launch() and self._is_launching()):
                 return
-            self.flying = True
-        self._check_fence()
+            self.flying, self.is_down = True, False
+        if self._touched_ns is not None:
+            return
+        self._check_fence(t_ns)
+        # It guides by the estimated position.
+        airframe, (east_m, north_m) = self.airframe, self.position_error_m(t_ns)
+        airframe.east_m += east_m
+        airframe.north_m += north_m
+        self._guide()
+        airframe.east_m -= east_m
+        airframe.north_m -= north_m
+
+    def _guide(self) -> None:
         if self._mission_running:
             self._watch_item()
         elif self.mode is Mode.TAKEOFF and isinstance(self.goal, Straight) and self._is_alt_reached():
@@ -271,6 +391,10 @@ class Autopilot:
         parameters = self.parameters
         tuning = Tuning(parameters["NAVL1_PERIOD"], parameters["NAVL1_DAMPING"])
         self._command = self.airframe.command_for(self.goal, tuning)
+
+    def _may_launch(self) -> bool:
+        """Return True if it can fly: a vehicle that came down has to be armed again first."""
+        return self._touched_ns is None and not self.is_wreck and FaultKind.ENGINE not in self.faults
 
     def _is_launching(self) -> bool:
         """Return True if an armed vehicle takes off by itself."""
@@ -419,7 +543,7 @@ class Autopilot:
     def _fly(self, goal: Goal, alt_m: float) -> None:
         self.goal, self.alt_command_m = goal, alt_m
 
-    def _check_fence(self) -> None:
+    def _check_fence(self, t_ns: int) -> None:
         airframe, home = self.airframe, self.home
         place, home_m = (airframe.east_m, airframe.north_m), (home.east_m, home.north_m)
         fence = self.fence
@@ -427,7 +551,7 @@ class Autopilot:
         if text:
             self.notify(mavlink.MAV_SEVERITY_WARNING, text)
             if fence.is_breached and reaction is not None:
-                self.set_mode(reaction)
+                self.failsafe.breach(reaction, t_ns)
 
     def notify(self, severity: int, text: str) -> None:
         """Queue a status text."""

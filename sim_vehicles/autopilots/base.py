@@ -30,6 +30,8 @@ class Mode(IntEnum):
     LOITER = 12
     TAKEOFF = 13
     GUIDED = 15
+    LAND = 100
+    """PX4 only: circles down where it is."""
 
 
 _PX4_MODES: Final = {
@@ -43,6 +45,7 @@ _PX4_MODES: Final = {
     Mode.LOITER: (4, 3),
     Mode.AUTO: (4, 4),
     Mode.RTL: (4, 5),
+    Mode.LAND: (4, 6),
 }
 _PX4_MODE_OF: Final = {numbers: mode for mode, numbers in _PX4_MODES.items()}
 _POSITION_CONTROL: Final = (3, 0)
@@ -62,6 +65,8 @@ class AutopilotTraits:
     """Mode after the last item."""
     has_set_current_command: bool
     """True if it accepts DO_SET_MISSION_CURRENT."""
+    glide_ratio: float
+    """Of its simulated aeroplane without thrust, at half the cruising speed."""
 
     def custom_mode(self, mode: Mode) -> int:
         """Return the `custom_mode` of a HEARTBEAT."""
@@ -74,7 +79,7 @@ class AutopilotTraits:
         """Return the mode of DO_SET_MODE's parameters 2 and 3; None if there is none."""
         if self is PX4:
             return _PX4_MODE_OF.get((main, sub))
-        return Mode(main) if main in Mode._value2member_map_ else None
+        return Mode(main) if main in Mode._value2member_map_ and main != Mode.LAND else None
 
     def mode_of_custom(self, custom_mode: int) -> Mode | None:
         """Return the mode of SET_MODE's `custom_mode`; None if there is none."""
@@ -83,6 +88,8 @@ class AutopilotTraits:
         return self.mode_of_numbers(custom_mode, 0)
 
 
-ARDUPLANE: Final = AutopilotTraits("ardupilot", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, False, Mode.RTL, True)
-PX4: Final = AutopilotTraits("px4", mavlink.MAV_AUTOPILOT_PX4, 0, True, Mode.LOITER, False)
+ARDUPLANE: Final = AutopilotTraits(
+    "ardupilot", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, False, Mode.RTL, True, 4.3
+)
+PX4: Final = AutopilotTraits("px4", mavlink.MAV_AUTOPILOT_PX4, 0, True, Mode.LOITER, False, 1.75)
 TRAITS: Final = {traits.name: traits for traits in (ARDUPLANE, PX4)}

@@ -36,11 +36,13 @@ class FenceGuard:
         self._items: tuple[Item, ...] = ()
         self._areas: tuple[Area, ...] = ()
         self._breached = ""
+        self.ceiling_m: float | None = None
+        """Above home, of a ceiling that was lowered; None for the fence as it is set."""
 
     @property
     def is_enabled(self) -> bool:
         """True if the fence is watched."""
-        return self._px4 or bool(self._parameters["FENCE_ENABLE"])
+        return self._px4 or self.ceiling_m is not None or bool(self._parameters["FENCE_ENABLE"])
 
     @property
     def is_breached(self) -> bool:
@@ -68,6 +70,8 @@ class FenceGuard:
         `alt_m` is above home.
         """
         parameters = self._parameters
+        if self.ceiling_m is not None and alt_m > self.ceiling_m:
+            return "Max Alt"
         if self._px4:
             return self._px4_breach(place_m, home_m, alt_m)
         if not self.is_enabled:

@@ -45,12 +45,12 @@ _TABLE: tuple[tuple[str, Kind, float], ...] = (
     ("RTL_RADIUS", Kind.INT16, 0),  # used: metres, 0 takes WP_LOITER_RAD
     ("RTL_AUTOLAND", Kind.INT8, 0),
     ("TKOFF_ALT", Kind.REAL32, 50),  # used: mode TAKEOFF climbs to this, metres above home
-    ("FS_SHORT_ACTN", Kind.INT8, 0),
+    ("FS_SHORT_ACTN", Kind.INT8, 0),  # used: 0 no change in AUTO, 1 circles
     ("FS_SHORT_TIMEOUT", Kind.REAL32, 1.5),
     ("FS_LONG_ACTN", Kind.INT8, 0),  # used: 0 continues the mission, 1 returns
     ("FS_LONG_TIMEOUT", Kind.REAL32, 5),  # used: seconds
     ("FS_GCS_ENABL", Kind.INT8, 0),  # used: 1 watches the ground station's heartbeat
-    ("THR_FAILSAFE", Kind.INT8, 1),
+    ("THR_FAILSAFE", Kind.INT8, 1),  # used: 1 watches the radio control
     ("FENCE_ENABLE", Kind.INT8, 0),
     ("FENCE_TYPE", Kind.INT8, 4),
     ("FENCE_ACTION", Kind.INT8, 1),
@@ -88,7 +88,11 @@ _TABLE: tuple[tuple[str, Kind, float], ...] = (
     ("FLTMODE6", Kind.INT8, 0),
     ("INITIAL_MODE", Kind.INT8, 0),
     ("BATT_MONITOR", Kind.INT8, 4),
-    ("BATT_FS_LOW_ACT", Kind.INT8, 0),
+    ("BATT_LOW_VOLT", Kind.REAL32, 10.5),  # used
+    ("BATT_LOW_TIMER", Kind.INT16, 10),  # used: seconds below a voltage until the failsafe
+    ("BATT_CRT_VOLT", Kind.REAL32, 0),  # used: 0 for none
+    ("BATT_FS_LOW_ACT", Kind.INT8, 0),  # used: 1 returns; 2 flies to the mission's landing, or returns
+    ("BATT_FS_CRT_ACT", Kind.INT8, 0),  # used
     ("BATT_CAPACITY", Kind.INT32, 3300),
     ("COMPASS_USE", Kind.INT8, 1),
     ("COMPASS_OFS_X", Kind.REAL32, 5),
@@ -112,6 +116,8 @@ _PX4_TABLE: tuple[tuple[str, Kind, float], ...] = (
     ("NAV_RCL_ACT", Kind.INT32, 2),
     ("COM_DL_LOSS_T", Kind.INT32, 10),
     ("COM_LOW_BAT_ACT", Kind.INT32, 0),
+    ("COM_RCL_EXCEPT", Kind.INT32, 0),
+    ("RTL_TYPE", Kind.INT32, 1),
     ("RTL_RETURN_ALT", Kind.REAL32, 60),
     ("GF_ACTION", Kind.INT32, 2),
     ("GF_MAX_HOR_DIST", Kind.REAL32, 0),

@@ -2,26 +2,41 @@
 
 Observed on PX4 1.17-dev (SIH airplane), and read in its navigator:
 
-- A mission is checked when it is stored, by MIS_TKO_LAND_REQ, also in the air; the MISSION_ACK does not show
-  it. A mission rejected in flight leads to "No valid mission available, loitering", Hold, and
+- A mission is checked when it is stored, by MIS_TKO_LAND_REQ, also in the air; the MISSION_ACK does not
+  show it. A mission rejected in flight leads to "No valid mission available, loitering", Hold, and
   ``mission_state`` NO_MISSION. AUTO is TEMPORARILY_REJECTED then, and arming in AUTO is refused.
 - Armed on the ground in AUTO, it takes off with its stored mission from item 0, even after a landing.
 - A mission that is stored in AUTO is flown at once, from the present position.
 - A take-off flies towards its place while it climbs.
-- It returns at RTL_RETURN_ALT above its rally point or home, and no lower than it is.
+- It returns at RTL_RETURN_ALT above its rally point or home, and no lower than it is. With RTL_TYPE 1 and
+  a landing in its mission it climbs to that height where it is, and flies the mission from its landing
+  on. A mission that is stored meanwhile, or an item that is selected, is flown at once, in RTL.
+- In LAND it circles down where it is. It detects the landing 2.5 s after it came to rest, disarms 2 s
+  after that, and shows the mode again that it had before the failsafe. Without thrust it comes down in
+  its mode and stays armed.
 """
 
 from __future__ import annotations
 
+import math
+
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.arduplane import Autopilot
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.autopilots.failsafe import Px4Failsafe
 from sim_vehicles.autopilots.mission_protocol import Item
-from sim_vehicles.autopilots.records import MissionState
+from sim_vehicles.autopilots.records import ItemReached, MissionState
 from sim_vehicles.vehicle.guidance import Goal
 
+_LAND_SINK_M_S = 0.9
+_LAND_SPEED = 0.82
+"""Of the cruising speed, in LAND."""
+_DETECTED_NS = 2_500_000_000
+_DISARMED_NS = 2 * NS_PER_S
+_MISSION_LANDING = 1
+_ALT_REACHED_M = 1.0
 _TAKE_OFF, _LANDING, _BOTH, _BOTH_OR_NEITHER, _LANDING_IN_AIR = 1, 2, 3, 4, 5
 
 
@@ -30,6 +45,9 @@ class Px4Autopilot(Autopilot):
 
     _widens_circles = False
     _failsafe = Px4Failsafe
+    _armed_text = "Armed by external command"
+    _disarmed_text = "Disarmed by external command"
+    _is_landing_detected = False
 
     @property
     def mission_problem(self) -> str:
@@ -55,7 +73,81 @@ class Px4Autopilot(Autopilot):
     @property
     def mission_state(self) -> MissionState:
         """Return the mission state for MISSION_CURRENT."""
-        return MissionState.NO_MISSION if self.mission_problem else super().mission_state
+        if self.mission_problem:
+            return MissionState.NO_MISSION
+        state = super().mission_state
+        if state is MissionState.ACTIVE and self.mode is Mode.RTL:
+            state = MissionState.NOT_STARTED
+        return MissionState.PAUSED if state is MissionState.NOT_STARTED and self.seq else state
+
+    def set_mode(self, mode: Mode) -> None:
+        """Change the mode, if it is another one."""
+        was = self.mode
+        super().set_mode(mode)
+        if mode is Mode.AUTO is not was and self.flying:
+            self.notify(mavlink.MAV_SEVERITY_INFO, "Executing Mission")
+
+    def is_active(self, t_ns: int) -> bool:
+        """Return True if HEARTBEAT shows MAV_STATE_ACTIVE: while it is armed."""
+        del t_ns
+        return self.armed
+
+    def landed_state(self, t_ns: int) -> int:
+        """Return MAV_LANDED_STATE."""
+        del t_ns
+        item = self._item
+        if not self.flying and (self._touched_ns is None or self._is_landing_detected):
+            return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
+        if self.is_landing or self.mode is Mode.LAND:
+            return int(mavlink.MAV_LANDED_STATE_LANDING)
+        is_takeoff = (
+            self._mission_running and item is not None and item.command == mavlink.MAV_CMD_NAV_TAKEOFF
+        )
+        return int(mavlink.MAV_LANDED_STATE_TAKEOFF if is_takeoff else mavlink.MAV_LANDED_STATE_IN_AIR)
+
+    def step(self, t_ns: int) -> None:
+        """Guide and move the airframe by one step of 10 ms."""
+        super().step(t_ns)
+        touched_ns = self._touched_ns
+        if touched_ns is None or self.flying or self._is_landing_detected:
+            return
+        if t_ns - touched_ns >= _DETECTED_NS:
+            self._is_landing_detected = True
+            self.notify(mavlink.MAV_SEVERITY_INFO, "Landing detected")
+            if self.mode is Mode.LAND:
+                self._disarms_ns = t_ns + _DISARMED_NS
+
+    def _sink(self) -> float | None:
+        speed = super()._sink()
+        if speed is None and self.mode is Mode.LAND:
+            self.airframe.descent_m_s = _LAND_SINK_M_S
+            speed = _LAND_SPEED * self.forward_speed_m_s
+        return speed
+
+    def _wreck_disarms_ns(self, t_ns: int) -> int | None:
+        del t_ns
+        return None  # It stays armed.
+
+    def _landed(self) -> None:
+        self.airframe.rest()
+        self.flying = self._landing = False
+        self.notify(mavlink.MAV_SEVERITY_INFO, "Landing detected")
+        self.notices.append(ItemReached(self.seq))
+        self.notify(mavlink.MAV_SEVERITY_INFO, "Mission finished, landed")
+        self._mission_running, self._mission_complete = False, True
+        self._disarms_ns = self._check_ns + _DISARMED_NS
+
+    def disarm(self, text: str = "") -> bool:
+        """Disarm; after a failsafe it shows the mode that it had before."""
+        if self._disarms_ns is not None:
+            text = "Disarmed by landing"
+        was_armed = self.armed
+        if not super().disarm(text):
+            return False
+        if was_armed and self.mode is Mode.LAND:
+            assert isinstance(self.failsafe, Px4Failsafe)
+            self.mode, self._mission_complete = self.failsafe.intended, True
+        return True
 
     def mission_replaced(self, first: int | None) -> None:
         """Check a stored mission as a whole; in AUTO, fly it at once, or hold."""
@@ -85,9 +177,11 @@ class Px4Autopilot(Autopilot):
         was_armed = self.armed
         if not super().arm(t_ns, force):
             return False
+        self._is_landing_detected = False
         if not was_armed and not self.flying and self.mode is Mode.AUTO:
             self.notify(mavlink.MAV_SEVERITY_INFO, "Executing Mission")
-            self._mission_complete = True
+            # Where a landing interrupted the mission, it goes on there.
+            self._mission_complete = not self.is_down
             self._resume_mission()
         return True
 
@@ -98,7 +192,30 @@ class Px4Autopilot(Autopilot):
         return self.mode is Mode.TAKEOFF or (self.mode is Mode.AUTO and self._mission_running)
 
     def _return(self) -> None:
+        landing = self._landing_seq()
+        if landing is not None and int(self.parameters["RTL_TYPE"]) == _MISSION_LANDING:
+            self._return_to_landing(landing)
+            return
         rally = self.fence.return_point((self.airframe.east_m, self.airframe.north_m))
         east_m, north_m, height_m = rally or (self.home.east_m, self.home.north_m, 0.0)
         alt_m = self.home.alt_m + height_m + self.parameters["RTL_RETURN_ALT"]
         self._fly(self._circle(east_m, north_m), max(self.airframe.alt_rel_m, alt_m))
+
+    def _return_to_landing(self, seq: int) -> None:
+        """Climb where it is, then fly the mission from its landing on."""
+        self._mission_running, self._mission_complete = True, False
+        self.notify(mavlink.MAV_SEVERITY_INFO, "Executing Mission")
+        alt_m = self.home.alt_m + self.parameters["RTL_RETURN_ALT"]
+        if self.airframe.alt_rel_m >= alt_m - _ALT_REACHED_M:
+            self._start_item(seq)
+            return
+        alt_msl_m = math.ceil(self.geodesy.frame.alt_msl_m + alt_m)
+        self.notify(mavlink.MAV_SEVERITY_INFO, f"RTL Mission land: climb to {alt_msl_m} m")
+        self.seq, self._item = seq, None
+        self._circle_here()
+        self.alt_command_m = alt_m
+
+    def _watch_item(self) -> None:
+        if self._item is None and self._is_alt_reached():  # The climb of a return.
+            self._start_item(self.seq)
+        super()._watch_item()

@@ -186,7 +186,8 @@ class VirtualRun:
     def _agents(self) -> Iterable[TruthObject]:
         for vehicle in self.vehicles.values():
             alive = vehicle.alive and not self._is_killed(vehicle)
-            yield TruthObject("agents", vehicle.system_id, vehicle.east_m, vehicle.north_m, alive)
+            place = vehicle.east_m, vehicle.north_m
+            yield TruthObject("agents", vehicle.system_id, *place, alive, alive and vehicle.is_down)
 
     def _step(self, event: Event) -> None:
         snapshot = None if self.on_snapshot is None else self._snapshots.before(event, self.command.state)

@@ -134,6 +134,7 @@ class Airframe:
         "alt_rel_m",
         "climb_gradient",
         "climb_m_s",
+        "descent_m_s",
         "east_m",
         "heading_rad",
         "is_climbing_out",
@@ -169,6 +170,8 @@ class Airframe:
         """Climb rate per airspeed at full power."""
         self.max_bank_rad = MAX_BANK_RAD
         """Ignored by the paper's model, as is the climb at full power."""
+        self.descent_m_s = 0.0
+        """Above 0 it sinks at this rate, whatever altitude is commanded: no thrust, or no control."""
         self.is_climbing_out = False
         """True during a take-off; ignored by the paper's model."""
         self.sideslip_m_s = 0.0
@@ -203,6 +206,8 @@ class Airframe:
             climb = self.max_climb_m_s
         elif climb < -CLIMB_LIMIT_M_S:
             climb = -CLIMB_LIMIT_M_S
+        if self.descent_m_s:
+            climb = -self.descent_m_s
         self.climb_m_s = climb
         self.alt_rel_m += STEP_S * climb
         if u != speed_command_m_s:
@@ -222,7 +227,7 @@ class Airframe:
     def rest(self) -> None:
         """Stand still on the ground."""
         self.wind_east_m_s = self.wind_north_m_s = 0.0
-        self.speed_m_s = self.climb_m_s = 0.0
+        self.speed_m_s = self.climb_m_s = self.descent_m_s = 0.0
         self.sideslip_m_s = self.roll_rate_rad_s = self.yaw_rate_rad_s = self.roll_rad = 0.0
 
     @property

@@ -60,7 +60,7 @@ class BankedAirframe(Airframe):
     def step(self, command: float, alt_command_m: float, speed_command_m_s: float) -> None:
         """Advance by 10 ms."""
         u, heading, climb = self.speed_m_s, self.heading_rad, self.climb_m_s
-        if self.is_climbing_out:
+        if self.is_climbing_out and not self.descent_m_s:
             is_off = self._climb_out(speed_command_m_s)
         else:
             is_off = True
@@ -83,6 +83,8 @@ class BankedAirframe(Airframe):
     def _hold(self, alt_command_m: float, speed_command_m_s: float) -> None:
         climb = (alt_command_m - self.alt_rel_m) / ALT_TIME_S
         climb = min(max(climb, -CLIMB_LIMIT_M_S), self.max_climb_m_s)
+        if self.descent_m_s:
+            climb = -self.descent_m_s
         pull = (climb - self.climb_m_s) / CLIMB_TIME_S
         pull = min(max(pull, -CLIMB_ACCELERATION_M_S2), CLIMB_ACCELERATION_M_S2)
         self.climb_m_s += STEP_S * pull

@@ -71,7 +71,7 @@ class VehicleLink:
         self._reader = FrameReader(self.signing.state)
         self._autopilot = autopilot
         self._telemetry = Telemetry(autopilot, gps_noise_std_m, rng)
-        self._streams = Streams(start_t_ns)
+        self._streams = Streams(start_t_ns, px4=autopilot.traits is PX4)
         self._commands = Commands(autopilot, self._telemetry, self._streams, self.outbox.send)
         self._missions = _mission_server(autopilot, self.outbox.send)
         self._text_id = 0

@@ -2,8 +2,8 @@
 
 Each vehicle has its own UDP socket and exchanges datagrams with the ground station's address only. It sends
 its true state to the simulated world ten times a second of run time: SYSTEM_TIME and SIM_STATE in one
-datagram, and a HEARTBEAT after ground contact. Datagrams of the ground station are dropped at random, each
-way. The process also ends on SIGTERM or SIGINT.
+datagram, a HEARTBEAT after ground contact, and EXTENDED_SYS_STATE when it is down. Datagrams of the ground
+station are dropped at random, each way. The process also ends on SIGTERM or SIGINT.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ GROUND_HEARTBEAT = mavlink.MAVLink_heartbeat_message(
     mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
 )
 """Sent to the simulated world after ground contact."""
+DOWN = mavlink.MAVLink_extended_sys_state_message(0, mavlink.MAV_LANDED_STATE_ON_GROUND)
+"""Sent to the simulated world by a vehicle that came down elsewhere than by a landing of its mission."""
 _TRUTH_PERIOD_NS = NS_PER_S // 10
 _MIN_SLEEP_S = 0.001
 _MAX_SLEEP_S = 0.05
@@ -80,8 +82,10 @@ class Host:
             self.vehicle.advance(self._truth_ns)
             time_message, state_message = self.vehicle.truth_messages(self._truth_ns)
             if self.vehicle.alive:
-                heartbeats = [GROUND_HEARTBEAT] if self.vehicle.ground.began_t_ns is not None else []
-                self._send_truth(time_message, state_message, *heartbeats)
+                extra = [GROUND_HEARTBEAT] if self.vehicle.ground.began_t_ns is not None else []
+                if self.vehicle.is_down:
+                    extra.append(DOWN)
+                self._send_truth(time_message, state_message, *extra)
                 self._truth_ns += _TRUTH_PERIOD_NS
             else:
                 # A time without a state: the vehicle is lost.

@@ -20,6 +20,7 @@ from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.arduplane import Autopilot
 from sim_vehicles.autopilots.base import PX4, Mode
 from sim_vehicles.autopilots.mission_protocol import NEVER_NS
+from sim_vehicles.vehicle.faults import FaultKind
 from sim_vehicles.vehicle.guidance import REFERENCE_S, Straight
 
 _MIN_PERIOD_NS = NS_PER_S // 50
@@ -36,8 +37,12 @@ _SENSORS = (
     | mavlink.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
     | mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
     | mavlink.MAV_SYS_STATUS_AHRS
-    | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
+    | mavlink.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE
 )
+_BATTERY = mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
+_RC = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+_ESTIMATE = mavlink.MAV_SYS_STATUS_AHRS
+_XY_CONTROL = mavlink.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
 _GPS = mavlink.MAV_SYS_STATUS_SENSOR_GPS
 _GEOFENCE = mavlink.MAV_SYS_STATUS_GEOFENCE
 _PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
@@ -59,7 +64,21 @@ _MODE_BITS = {
     Mode.TAKEOFF: mavlink.MAV_MODE_FLAG_GUIDED_ENABLED,
     Mode.CIRCLE: mavlink.MAV_MODE_FLAG_GUIDED_ENABLED,
 }
-_ENDURANCE_S = 3600.0
+_GLITCHING = 0x8000
+"""EKF_GPS_GLITCHING of ArduPilot, which this dialect does not name."""
+_NO_ABSOLUTE = mavlink.EKF_POS_HORIZ_ABS | mavlink.EKF_PRED_POS_HORIZ_ABS
+_CHARGE_STATES = (
+    mavlink.MAV_BATTERY_CHARGE_STATE_OK,
+    mavlink.MAV_BATTERY_CHARGE_STATE_LOW,
+    mavlink.MAV_BATTERY_CHARGE_STATE_CRITICAL,
+    mavlink.MAV_BATTERY_CHARGE_STATE_EMERGENCY,
+)
+_DEAD_RECKONING_S = 10.0
+"""From the loss of the fix until ArduPilot's estimate says that it has no absolute position."""
+_GLITCH_SEEN_S = 2.0
+_PX4_GPS_DROPPED_S = 7.5
+_PX4_POSITION_LOST_S = 33.0
+_PX4_AIRSPEED_SEEN_S = 2.0
 
 
 def _signed_deg(angle_deg: float) -> int:
@@ -103,19 +122,20 @@ class Telemetry:
     def _boot_ms(self, t_ns: int) -> int:
         return (t_ns - self._autopilot.boot_t_ns) // 1_000_000 & 0xFFFFFFFF
 
-    def _lat_lon_alt(self, t_ns: int) -> tuple[int, int, int]:
+    def _lat_lon_alt(self, t_ns: int, error_m: tuple[float, float]) -> tuple[int, int, int]:
         """Return 1e-7 degrees, 1e-7 degrees and millimetres above sea level, with noise."""
         airframe = self._airframe
         alt_mm = round((self._geodesy.frame.alt_msl_m + airframe.alt_rel_m) * 1e3)
         if not self._autopilot.is_position_known(t_ns):
             return (*_NO_ORIGIN_E7, alt_mm)
         std, normal = self._noise_std_m, self._rng.standard_normal
+        east_m, north_m = error_m
         lat, lon = self._geodesy.to_geodetic(
-            airframe.east_m + std * normal(), airframe.north_m + std * normal()
+            airframe.east_m + east_m + std * normal(), airframe.north_m + north_m + std * normal()
         )
         return round(lat * 1e7), round(lon * 1e7), alt_mm
 
-    def heartbeat(self, _t_ns: int) -> Any:
+    def heartbeat(self, t_ns: int) -> Any:
         """Return type, mode and arming."""
         autopilot = self._autopilot
         base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | _MODE_BITS.get(autopilot.mode, 0)
@@ -125,8 +145,8 @@ class Telemetry:
             base |= mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
         if autopilot.armed:
             base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        status = mavlink.MAV_STATE_ACTIVE if autopilot.flying else mavlink.MAV_STATE_STANDBY
-        if autopilot.failsafe.is_on:
+        status = mavlink.MAV_STATE_ACTIVE if autopilot.is_active(t_ns) else mavlink.MAV_STATE_STANDBY
+        if autopilot.failsafe.is_critical:
             status = mavlink.MAV_STATE_CRITICAL
         traits = autopilot.traits
         custom_mode = traits.custom_mode(autopilot.mode)
@@ -135,26 +155,42 @@ class Telemetry:
         )
 
     def _battery_percent(self, t_ns: int) -> int:
-        flown_s = (t_ns - self._autopilot.boot_t_ns) / NS_PER_S
-        return max(0, round(100.0 * (1.0 - flown_s / _ENDURANCE_S)))
+        return round(self._autopilot.battery.percent(t_ns))
 
     def _battery_mv(self, t_ns: int) -> int:
-        return 10_500 + 21 * self._battery_percent(t_ns)
+        return self._autopilot.battery.voltage_mv(t_ns)
 
     def sys_status(self, t_ns: int) -> Any:
         """Return the sensors present, enabled and healthy, and the battery."""
-        known = self._autopilot.is_position_known(t_ns)
-        ready = self._autopilot.prearm_failure(t_ns) is None
-        present = _SENSORS | _GPS | _PREARM
-        fence = self._autopilot.fence
+        autopilot, faults = self._autopilot, self._autopilot.faults
+        known = autopilot.is_position_known(t_ns)
+        ready = autopilot.prearm_failure(t_ns) is None
+        is_px4 = autopilot.traits is PX4
+        present = _SENSORS | _BATTERY | _GPS | _PREARM | (0 if is_px4 else _RC)
+        fence = autopilot.fence
         enabled = present | (_GEOFENCE if fence.is_enabled else 0)
         present |= _GEOFENCE
         health = (
             (0 if fence.is_breached else _GEOFENCE)
             | _SENSORS
+            | (0 if autopilot.failsafe.battery_level else _BATTERY)
+            | (0 if is_px4 or autopilot.failsafe.is_rc_lost else _RC)
             | (_GPS if known else 0)
             | (_PREARM if ready else 0)
         )
+        if FaultKind.AIRSPEED in faults:
+            health &= ~mavlink.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE
+        if not is_px4:
+            if FaultKind.GPS in faults:
+                health &= ~_GPS
+            if autopilot.position_error_m(t_ns) != (0.0, 0.0):
+                health &= ~_ESTIMATE
+        else:  # It drops the receiver from what is there, not from what is healthy.
+            if faults.has_lasted(FaultKind.GPS, _PX4_GPS_DROPPED_S, t_ns):
+                present &= ~_GPS
+                enabled &= ~_GPS
+            if faults.has_lasted(FaultKind.GPS, _PX4_POSITION_LOST_S, t_ns):
+                health &= ~_XY_CONTROL
         battery = self._battery_mv(t_ns), 1200, self._battery_percent(t_ns)
         return mavlink.MAVLink_sys_status_message(present, enabled, health, 180, *battery, *[0] * 6)
 
@@ -164,12 +200,18 @@ class Telemetry:
 
     def gps_raw_int(self, t_ns: int) -> Any:
         """Return the receiver's fix."""
-        if not self._autopilot.is_position_known(t_ns):
+        has_fault = FaultKind.GPS in self._autopilot.faults
+        if has_fault or not self._autopilot.is_position_known(t_ns):
+            fix, satellites = mavlink.GPS_FIX_TYPE_NO_FIX, 0
+            if has_fault and self._autopilot.traits is PX4:
+                fix = mavlink.GPS_FIX_TYPE_NO_GPS
+            elif has_fault:
+                satellites = 3
             return mavlink.MAVLink_gps_raw_int_message(
-                t_ns // 1000, mavlink.GPS_FIX_TYPE_NO_FIX, 0, 0, 0, 9999, 9999, 0, 0, 0
+                t_ns // 1000, fix, 0, 0, 0, 9999, 9999, 0, 0, satellites
             )
         airframe = self._airframe
-        lat, lon, alt = self._lat_lon_alt(t_ns)
+        lat, lon, alt = self._lat_lon_alt(t_ns, self._autopilot.receiver_error_m())
         speed = math.hypot(airframe.speed_m_s, airframe.sideslip_m_s)
         course_cdeg = int(math.degrees(airframe.course_rad) * 100.0) % 36000
         accuracy_mm = round(self._noise_std_m * 1e3)
@@ -189,7 +231,7 @@ class Telemetry:
     def global_position_int(self, t_ns: int) -> Any:
         """Return position and velocity over ground."""
         a = self._airframe
-        lat, lon, alt_mm = self._lat_lon_alt(t_ns)
+        lat, lon, alt_mm = self._lat_lon_alt(t_ns, self._autopilot.position_error_m(t_ns))
         east, north = a.velocity_m_s
         return mavlink.MAVLink_global_position_int_message(
             self._boot_ms(t_ns), lat, lon, alt_mm, round((a.alt_rel_m - self._autopilot.home.alt_m) * 1e3),
@@ -200,10 +242,11 @@ class Telemetry:
     def mission_current(self, _t_ns: int) -> Any:
         """Return the current item; `total` excludes home."""
         autopilot = self._autopilot
+        not_in_mission = 2 if autopilot.traits is PX4 else 0
         return mavlink.MAVLink_mission_current_message(
             autopilot.seq, max(len(autopilot.mission) - autopilot.traits.home_items, 0),
             int(autopilot.mission_state),
-            1 if autopilot.mode is Mode.AUTO else 2,
+            1 if autopilot.mode in (Mode.AUTO, Mode.LAND) else not_in_mission,
         )  # fmt: skip
 
     def nav_controller_output(self, _t_ns: int) -> Any:
@@ -223,37 +266,52 @@ class Telemetry:
 
     def vfr_hud(self, _t_ns: int) -> Any:
         """Return speeds, heading, altitude and climb."""
-        a = self._airframe
+        a, autopilot = self._airframe, self._autopilot
         speed = math.hypot(a.speed_m_s, a.sideslip_m_s)
+        airspeed = 0.0 if FaultKind.AIRSPEED in autopilot.faults else a.speed_m_s
+        throttle = 50 if autopilot.flying else 0
+        if autopilot.armed and FaultKind.ENGINE in autopilot.faults:
+            throttle = 100  # It asks for thrust.
         return mavlink.MAVLink_vfr_hud_message(
-            a.speed_m_s, speed, int(math.degrees(a.heading_rad) % 360.0), 50 if self._autopilot.flying else 0,
+            airspeed, speed, int(math.degrees(a.heading_rad) % 360.0), throttle,
             self._geodesy.frame.alt_msl_m + a.alt_rel_m, a.climb_m_s,
         )  # fmt: skip
 
     def battery_status(self, t_ns: int) -> Any:
-        """Return a battery that lasts an hour."""
+        """Return the battery; PX4 names its state."""
         percent = self._battery_percent(t_ns)
+        level = self._autopilot.failsafe.battery_level if self._autopilot.traits is PX4 else 0
         return mavlink.MAVLink_battery_status_message(
             0, mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO, 2500,
-            [self._battery_mv(t_ns)] + [65535] * 9, 1200, 33 * (100 - percent), -1, percent,
+            [self._battery_mv(t_ns)] + [65535] * 9, 1200, 33 * (100 - percent), -1, percent, 0,
+            _CHARGE_STATES[level],
         )  # fmt: skip
 
     def ekf_status_report(self, t_ns: int) -> Any:
         """Return the state of the position estimate (ArduPilot)."""
         flags = _EKF_READY if self._autopilot.is_position_known(t_ns) else mavlink.EKF_ATTITUDE
+        faults = self._autopilot.faults
+        if faults.has_lasted(FaultKind.GPS, _DEAD_RECKONING_S, t_ns):
+            flags &= ~_NO_ABSOLUTE
+        if faults.has_lasted(FaultKind.GLITCH, _GLITCH_SEEN_S, t_ns):
+            flags |= _GLITCHING
         return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, 0.05, 0.05, 0.05, 0.0)
 
     def estimator_status(self, t_ns: int) -> Any:
         """Return the state of the position estimate (PX4)."""
         ready = self._autopilot.is_position_known(t_ns)
         flags = (_EKF_READY if ready else 0) | mavlink.ESTIMATOR_ATTITUDE
+        faults = self._autopilot.faults
+        if faults.has_lasted(FaultKind.GPS, _PX4_POSITION_LOST_S, t_ns):
+            flags &= ~_NO_ABSOLUTE
+        if FaultKind.GLITCH in faults:
+            flags |= mavlink.ESTIMATOR_GPS_GLITCH
         ratios = [0.05] * 6
         return mavlink.MAVLink_estimator_status_message(t_ns // 1000, flags, *ratios, 1.0, 1.0)
 
-    def extended_sys_state(self, _t_ns: int) -> Any:
+    def extended_sys_state(self, t_ns: int) -> Any:
         """Return the landed state."""
-        in_air = self._autopilot.flying
-        state = mavlink.MAV_LANDED_STATE_IN_AIR if in_air else mavlink.MAV_LANDED_STATE_ON_GROUND
+        state = self._autopilot.landed_state(t_ns)
         return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, state)
 
     def autopilot_version(self, _t_ns: int) -> Any:
@@ -312,13 +370,21 @@ _GROUPS[mavlink.MAV_DATA_STREAM_ALL] = tuple(message_id for group in _GROUPS.val
 _DEFAULT_PERIOD_NS = dict.fromkeys(
     (mavlink.MAVLINK_MSG_ID_HEARTBEAT, *_GROUPS[mavlink.MAV_DATA_STREAM_ALL]), NS_PER_S
 )
+_PX4_PERIOD_NS = {
+    number: period_ns
+    for number, period_ns in _DEFAULT_PERIOD_NS.items()
+    if number != mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT
+} | dict.fromkeys(
+    (mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE), NS_PER_S
+)
 
 
 class Streams:
     """Schedule of the messages; the first of each is due at the start."""
 
-    def __init__(self, start_t_ns: int) -> None:
-        self._period_ns = dict(_DEFAULT_PERIOD_NS)
+    def __init__(self, start_t_ns: int, px4: bool = False) -> None:
+        self._default_ns = _PX4_PERIOD_NS if px4 else _DEFAULT_PERIOD_NS
+        self._period_ns = dict(self._default_ns)
         self._due_ns = dict.fromkeys(self._period_ns, start_t_ns)
         self.due_ns = start_t_ns
 
@@ -335,7 +401,7 @@ class Streams:
 
     def set_interval(self, message_id: int, interval_us: int, t_ns: int) -> None:
         """Apply SET_MESSAGE_INTERVAL: microseconds, 0 for the default, negative to stop."""
-        period_ns = interval_us * 1000 if interval_us else _DEFAULT_PERIOD_NS.get(message_id, -1)
+        period_ns = interval_us * 1000 if interval_us else self._default_ns.get(message_id, -1)
         if period_ns < 0:
             self._period_ns.pop(message_id, None)
             self._due_ns.pop(message_id, None)

@@ -4,6 +4,8 @@ It flies in virtual time and in a process of its own alike: time and bytes are a
 
 Loss: at each check (`death_check_period_s`) a uniform number is drawn. The vehicle is lost if it exceeds the
 survival probability: it sends no telemetry and no answers, and its position stays.
+
+Faults begin and end at their times (`sim_vehicles.vehicle.faults`), or by `begin_fault` and `end_fault`.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from sim_vehicles.autopilots.parameters import Parameters
 from sim_vehicles.autopilots.px4 import Px4Autopilot
 from sim_vehicles.vehicle.airframe import STEP_NS, Airframe
 from sim_vehicles.vehicle.banked_airframe import BankedAirframe
+from sim_vehicles.vehicle.faults import Fault, FaultKind
 from sim_vehicles.vehicle.geodesy import Geodesy
 from sim_vehicles.vehicle.message_handlers import VehicleLink
 from sim_vehicles.vehicle.wind import Wind
@@ -52,8 +55,9 @@ class VehicleSpec:
     death_check_period_s: float = 1.0
     dies_at_s: float | None = None
     """Seconds from the start, or from ground contact; None for a random loss."""
+    faults: tuple[Fault, ...] = ()
     waits_for_ground: bool = False
-    """True if losses start with ground contact (`GroundContact`), not at the start."""
+    """True if losses and faults start with ground contact (`GroundContact`), not at the start."""
     seed: int = 0
     accept_radius_m: float = 10.0
     """Of waypoints without an own radius."""
@@ -77,6 +81,10 @@ class VehicleSpec:
     """File of signing keys; empty for none."""
     parameters: dict[str, float] = field(default_factory=dict)
     """Values other than the defaults."""
+
+
+_LOW_CEILING_M = 5.0
+"""Above home, of a vehicle that a fault puts beyond its fence."""
 
 
 def _generator(spec: VehicleSpec, purpose: str) -> np.random.Generator:
@@ -151,6 +159,8 @@ class SimVehicle:
         self.ground = GroundContact()
         self._check_period_ns = max(int(spec.death_check_period_s * NS_PER_S), STEP_NS)
         self._death_check_ns = self._dies_ns = NEVER_NS
+        self._fault_changes: list[tuple[int, FaultKind, bool]] = []
+        """(time, kind, True to begin and False to end), the next one last."""
         if not spec.waits_for_ground:
             self._start_losses(start_t_ns)
         self._stepped_ns = start_t_ns
@@ -160,6 +170,36 @@ class SimVehicle:
             self._death_check_ns = t_ns + self._check_period_ns
         if self.spec.dies_at_s is not None:
             self._dies_ns = t_ns + int(self.spec.dies_at_s * NS_PER_S)
+        for fault in self.spec.faults:
+            begins_ns = t_ns + int(fault.at_s * NS_PER_S)
+            self._fault_changes.append((begins_ns, fault.kind, True))
+            if fault.lasts_s > 0.0:
+                ends_ns = begins_ns + int(fault.lasts_s * NS_PER_S)
+                self._fault_changes.append((ends_ns, fault.kind, False))
+        self._fault_changes.sort(reverse=True)
+
+    def begin_fault(self, kind: FaultKind) -> None:
+        """Break something now."""
+        self.autopilot.faults.begin(kind, self._stepped_ns)
+        if kind is FaultKind.FENCE:
+            self.autopilot.fence.ceiling_m = _LOW_CEILING_M
+
+    def end_fault(self, kind: FaultKind) -> None:
+        """Repair it; a wreck stays one."""
+        if kind is FaultKind.CRASH:
+            return
+        self.autopilot.faults.end(kind)
+        if kind is FaultKind.FENCE:
+            self.autopilot.fence.ceiling_m = None
+
+    @property
+    def is_down(self) -> bool:
+        """True after it came down elsewhere than by a landing of its mission, until it flies again."""
+        return self.autopilot.is_down
+
+    @property
+    def _is_silent(self) -> bool:
+        return FaultKind.RADIO in self.autopilot.faults
 
     @property
     def east_m(self) -> float:
@@ -189,7 +229,10 @@ class SimVehicle:
     @property
     def due_ns(self) -> int:
         """Time of the next action apart from flight; far in the future for a dead vehicle."""
-        return min(self._link.due_ns, self._death_check_ns, self._dies_ns) if self.alive else NEVER_NS
+        if not self.alive:
+            return NEVER_NS
+        fault_ns = self._fault_changes[-1][0] if self._fault_changes else NEVER_NS
+        return min(self._link.due_ns, self._death_check_ns, self._dies_ns, fault_ns)
 
     def advance(self, t_ns: int) -> None:
         """Fly every 10 ms step that ends by `t_ns`, and send the messages due until then."""
@@ -224,12 +267,15 @@ class SimVehicle:
             if self._death_rng.random() > self.spec.survival_probability:
                 self.alive = False
                 return
+        while self._fault_changes and self._fault_changes[-1][0] <= t_ns:
+            _, kind, begins = self._fault_changes.pop()
+            (self.begin_fault if begins else self.end_fault)(kind)
         self._link.handle_timer(t_ns)
 
     def receive_datagram(self, data: bytes, t_ns: int) -> None:
         """Process one datagram from the ground, after flying up to `t_ns`; invalid bytes are skipped."""
         self.advance(t_ns)
-        if self.alive and t_ns >= self._start_t_ns:
+        if self.alive and t_ns >= self._start_t_ns and not self._is_silent:
             if self.ground.hear(t_ns) and self.spec.waits_for_ground:
                 self._start_losses(t_ns)
             self._link.receive_datagram(data, t_ns)
@@ -238,7 +284,8 @@ class SimVehicle:
     def datagrams_to_send(self, t_ns: int) -> list[bytes]:
         """Return the datagrams queued up to `t_ns`: whole frames, at most 1400 bytes each."""
         self.advance(t_ns)
-        return self._link.outbox.pop_datagrams()
+        datagrams = self._link.outbox.pop_datagrams()
+        return [] if self._is_silent else datagrams
 
     def truth_messages(self, t_ns: int) -> tuple[Any, Any]:
         """Return SYSTEM_TIME and SIM_STATE: the true state, for the simulated world only."""

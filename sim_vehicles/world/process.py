@@ -45,6 +45,8 @@ class AgentTruth:
     """(t_ns, east_m, north_m), oldest first; at first the scenario's start."""
     silent: bool = False
     """True after a wait without a newer state: scans do not wait for it."""
+    down: bool = False
+    """True if it came down elsewhere than by a landing of its mission."""
 
     def add(self, t_ns: int, east_m: float, north_m: float) -> None:
         """Add a state; ignore it if it is older than the newest."""
@@ -110,6 +112,7 @@ class TruthReceiver:
         else:
             place = self._frame.to_local(state.lat_int * 1e-7, state.lon_int * 1e-7)
             agent.add(time_message.time_unix_usec * 1000, *place)
+            agent.down = "EXTENDED_SYS_STATE" in by_type
         if self.ground_t_ns is None and "HEARTBEAT" in by_type:
             self.ground_t_ns = time_message.time_unix_usec * 1000
 
@@ -118,7 +121,7 @@ class TruthReceiver:
         if any(a.states[-1][0] < t_ns and not a.silent for a in self.agents.values()):
             return None
         return [
-            TruthObject("agents", system_id, *agent.at(t_ns), alive=agent.states[-1][0] >= t_ns)
+            TruthObject("agents", system_id, *agent.at(t_ns), agent.states[-1][0] >= t_ns, agent.down)
             for system_id, agent in self.agents.items()
         ]
 

@@ -60,6 +60,15 @@ class DeathTable(Table, frozen=True, kw_only=True):
     prescribed: list[PrescribedDeath] = []
 
 
+class FaultTable(Table, frozen=True, kw_only=True):
+    """One fault of an agent's vehicle."""
+
+    system_id: SystemId
+    at_s: NotNegative
+    kind: Literal["crash", "engine", "gps", "glitch", "battery", "rc", "airspeed", "fence", "radio"]
+    lasts_s: NotNegative = 0.0
+
+
 class TargetTable(Table, frozen=True, kw_only=True):
     """One target with prescribed motion."""
 
@@ -102,6 +111,7 @@ class Simulation(Table, frozen=True, kw_only=True):
     sensor: SensorTable = SensorTable()
     more_sensors: list[SensorTable] = []
     death: DeathTable = DeathTable()
+    faults: list[FaultTable] = []
     wind: WindTable = WindTable()
     targets: list[TargetTable] = []
     gaussian_targets: GaussianTargets | None = None
@@ -161,13 +171,11 @@ def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
         if agent.network:
             raise ConfigError(source, f"agents[{index}].network", "simulated vehicles are on network 0")
     known = {agent.system_id for agent in config.agents}
-    for index, death in enumerate(simulation.death.prescribed):
-        if death.system_id not in known:
-            raise ConfigError(
-                source,
-                f"simulation.death.prescribed[{index}].system_id",
-                f"{death.system_id} is none of the agents",
-            )
+    named = {f"death.prescribed[{i}]": death.system_id for i, death in enumerate(simulation.death.prescribed)}
+    named |= {f"faults[{i}]": fault.system_id for i, fault in enumerate(simulation.faults)}
+    for key, system_id in named.items():
+        if system_id not in known:
+            raise ConfigError(source, f"simulation.{key}.system_id", f"{system_id} is none of the agents")
     known_names = Parameters(px4=True)
     for name in simulation.parameters:
         if name not in known_names:

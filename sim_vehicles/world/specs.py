@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from gcs.config.airframe import NamedAirframeTable
+from sim_vehicles.vehicle.faults import Fault, FaultKind
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 from sim_vehicles.world.scenario import Scenario
 
@@ -29,6 +30,11 @@ def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
             survival_probability=simulation.death.survival_probability,
             death_check_period_s=simulation.death.check_period_s,
             dies_at_s=dies_at_s.get(agent.system_id),
+            faults=tuple(
+                Fault(FaultKind(fault.kind), fault.at_s, fault.lasts_s)
+                for fault in simulation.faults
+                if fault.system_id == agent.system_id
+            ),
             seed=seed,
             parameters=simulation.parameters,
             gps_noise_std_m=simulation.gps_noise_std_m,

@@ -14,7 +14,7 @@ a run and returns a `Summary`:
      time for an arrival that needs two scans in a row;
   3. arrivals are at distinct targets: agents and targets are paired within that distance for the least sum
      of distances;
-  4. agents with the status "lost" are lost.
+  4. agents with the status "lost" are lost, or came down.
 
 Times are those of the records. Ground truth is interpolated between scans.
 """
@@ -280,7 +280,8 @@ class Evaluator:
         for vehicle, change in statuses.items():
             if change.status == "arrived" and vehicle not in reached:
                 problems.append(self._why_not_arrived(vehicle, change, reached))
-        alive = {thing.id for thing in self._last_truth() if thing.kind == "agents" and thing.alive}
+        agents = [thing for thing in self._last_truth() if thing.kind == "agents"]
+        alive = {thing.id for thing in agents if thing.alive and not thing.down}
         lost = [v for v, change in statuses.items() if change.status == "lost" and v in alive]
         if lost:
             problems.append(f"{_names(lost)} called lost but alive")
@@ -346,7 +347,8 @@ class Evaluator:
     def _false_losses(self) -> int:
         count = 0
         for change in self._statuses:
-            alive = {t.id for t in self._ground_truth.at(change.t_ns) if t.kind == "agents" and t.alive}
+            agents = (t for t in self._ground_truth.at(change.t_ns) if t.kind == "agents")
+            alive = {agent.id for agent in agents if agent.alive and not agent.down}
             count += change.status == "lost" and change.vehicle in alive
         return count
 

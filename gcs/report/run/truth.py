@@ -73,4 +73,4 @@ class GroundTruth:
 def _between(before: TruthObject, after: TruthObject, part: float) -> TruthObject:
     east_m = before.east_m + part * (after.east_m - before.east_m)
     north_m = before.north_m + part * (after.north_m - before.north_m)
-    return TruthObject(before.kind, before.id, east_m, north_m, before.alive)
+    return TruthObject(before.kind, before.id, east_m, north_m, before.alive, before.down)

@@ -369,3 +369,14 @@ def test_targets_that_left_their_birth_components_are_found_or_reported(has_adap
     alarms = [one.text for one in effects if isinstance(one, Notice) and "detections persist" in one.text]
     assert len(targets) == (5 if has_adaptive_birth else 0)
     assert len(alarms) in ([0] if has_adaptive_birth else [1, 2])
+
+
+def test_the_ground_truth_knows_which_vehicle_came_down():
+    scenario = load("deterministic")
+    text = scenario.text + '\n[[simulation.faults]]\nsystem_id = 2\nat_s = 10.0\nkind = "crash"\n'
+    truths: list[Truth] = []
+    VirtualRun(parse_scenario(text, "crash.toml"), 1, on_truth=truths.append).run(30.0)
+    agents = {thing.id: thing for thing in truths[-1].objects if thing.kind == "agents"}
+    assert {number for number, thing in agents.items() if thing.down} == {2}
+    assert agents[2].alive, "sensors still see it, and its radio lives on"
+    assert not any(thing.down for thing in truths[9].objects)

@@ -129,3 +129,9 @@ def test_seeds_purposes_and_indices_are_independent_of_each_other() -> None:
     draws = np.array([generator(seed, purpose, index).standard_normal(2000) for seed, purpose, index in keys])
     correlation = np.corrcoef(draws) - np.eye(len(draws))
     assert np.abs(correlation).max() < 5.0 / np.sqrt(2000)
+
+
+def test_a_fault_of_an_unknown_vehicle_or_kind_is_named(mistake):
+    fault = '[[simulation.faults]]\nsystem_id = {}\nat_s = 5.0\nkind = "{}"\n'
+    assert "simulation.faults[0].system_id" in str(mistake(GOOD + TARGET + fault.format(9, "engine")))
+    assert "simulation.faults[0].kind" in str(mistake(GOOD + TARGET + fault.format(1, "wing")))
