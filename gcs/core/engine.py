@@ -122,6 +122,7 @@ class Engine(Stages):
         if self.external_uploads.hosts(event.link):
             frames = scan(event.data) if frames is None else frames
             effects, overridden = self.external_uploads.receive(event, frames)
+            self.parameter_changes.receive_forwarded(event, frames)
             for vehicle in overridden:
                 self.state.agents[vehicle].routes.drop()
                 self.tasking.forget_onboard(vehicle)
@@ -134,6 +135,7 @@ class Engine(Stages):
             effects += self.onboard_audit.receive(vehicle, message, event.t_ns)
             effects += self.external_uploads.receive_reply(vehicle, message, event.t_ns)
             effects += self.second_commander.receive(vehicle, message, event.t_ns)
+            effects += self.parameter_changes.receive(vehicle, message, event.t_ns)
         return effects
 
     def _order(self, event: Order) -> list[Effect]:
@@ -197,6 +199,7 @@ class Engine(Stages):
         effects += self.dispatch.withdraw(t_ns)
         effects += self.dispatch.settle(self.tasking.poll(t_ns))
         effects += self.external_uploads.poll(t_ns) + self.second_commander.poll(t_ns)
+        effects += self.parameter_changes.poll(t_ns)
         effects += self.orders.poll(t_ns) + self.onboard_audit.poll(t_ns)
         effects += self.takeoff_sequence.check(t_ns, self.orders.launching())
         # For displays and the journal; decisions update it themselves.

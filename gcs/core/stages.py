@@ -14,6 +14,7 @@ from gcs.core.authority.disarmed_in_auto import DisarmedInAuto
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.authority.onboard_audit import OnboardAudit
 from gcs.core.authority.override_notices import OverrideNotices
+from gcs.core.authority.parameter_changes import ParameterChanges
 from gcs.core.authority.second_commander import SecondCommander
 from gcs.core.operator.no_fly_zone_orders import NoFlyZoneOrders
 from gcs.core.operator.plan_approval import PlanApproval
@@ -83,6 +84,7 @@ class Stages:
             vehicle_links={vehicle: agent.link for vehicle, agent in agents.items()},
         )
         self.external_uploads = ExternalUploads(links, agents, self.state.authority)
+        self.parameter_changes = ParameterChanges(config, agents, links)
         # Perception
         perception = self.state.perception
         self.scan_timing, self.oosm_buffer = perception.scan_timing, perception.oosm_buffer

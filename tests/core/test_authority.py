@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from core.authority.test_external_uploads import AIR, MISSION, S
+from core.other_station import AIR, MISSION, S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import RADAR, at, mission
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
-from core.authority.test_external_uploads import MISSION as STATIONS
 from core.operator.test_vehicle_orders import SEED, Flight, order
+from core.other_station import MISSION as STATIONS
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S, suspensions
 

@@ -46,7 +46,8 @@ _FORCE: Final = 21196.0
 _MANUAL: Final[frozenset[int]] = frozenset(
     {dialect.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, dialect.MAVLINK_MSG_ID_MANUAL_CONTROL}
 )
-_ORDERS_TO_ALL: Final = _MANUAL | {dialect.MAVLINK_MSG_ID_SET_MODE, dialect.MAVLINK_MSG_ID_PARAM_SET}
+_PARAM_SET: Final[int] = dialect.MAVLINK_MSG_ID_PARAM_SET
+_ORDERS_TO_ALL: Final = _MANUAL | {dialect.MAVLINK_MSG_ID_SET_MODE, _PARAM_SET}
 """Messages to system 0 that act on all vehicles, besides commands."""
 
 
@@ -145,6 +146,8 @@ class ExternalUploads:
         number = command_of(frame)
         if frame.message_id in READ_ONLY_MESSAGES or number in READ_ONLY_COMMANDS:
             return
+        if vehicle is not None and frame.message_id == _PARAM_SET:
+            return  # gcs.core.authority.parameter_changes reports it
         orders = MISSION_PROTOCOL | _ORDERS_TO_ALL
         if vehicle is None and frame.message_id not in orders and number is None:
             return  # broadcasts such as time, corrections and terrain

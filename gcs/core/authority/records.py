@@ -39,6 +39,31 @@ class Audit:
 
 
 @dataclass(slots=True)
+class ParameterSet:
+    """PARAM_SET of another ground station that has not been reported yet."""
+
+    station: str
+    """Name for operators."""
+    value: float
+    t_ns: int
+    before: float | None = None
+    """Value before; None if it was never heard."""
+    answer: float | None = None
+    """Value in the vehicle's answer; None before it."""
+
+
+@dataclass(slots=True)
+class ParameterRecord:
+    """Parameters of one vehicle, as far as they were heard."""
+
+    values: dict[str, float] = field(default_factory=dict)
+    sets: dict[str, ParameterSet] = field(default_factory=dict)
+    """PARAM_SET to report, by name."""
+    reported_t_ns: dict[str, int] = field(default_factory=dict)
+    """Time of the last notice about a parameter, by name."""
+
+
+@dataclass(slots=True)
 class CommanderWatch:
     """Answers of one vehicle to requests that another service with our ids sent."""
 
@@ -97,6 +122,7 @@ class AgentAuthority:
     """True if that command failed."""
     commander: CommanderWatch = field(default_factory=CommanderWatch)
     stored: StoredMission = field(default_factory=StoredMission)
+    parameters: ParameterRecord = field(default_factory=ParameterRecord)
 
 
 @dataclass(slots=True)
