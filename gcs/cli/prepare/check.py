@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -15,6 +16,7 @@ from gcs.io.console import console_for
 if TYPE_CHECKING:
     from gcs.config import Config
     from gcs.config.schema import AgentTable, BirthTable
+    from gcs.planning.map.grid import Grid
 
 app = command_app()
 
@@ -113,6 +115,41 @@ def describe(scenario: str, seed: int, console: Console) -> None:
         "yes: `gcs demo` can fly it (`sim-vehicles` checks its keys)" if config.simulation else "no",
     )
     console.print(table)
+    for warning in position_warnings(config, grid, scenario):
+        console.print(f"warning: {warning}", style="yellow", highlight=False, markup=False, soft_wrap=True)
+
+
+def position_warnings(config: Config, grid: Grid, source: str) -> list[str]:
+    """Return the agents and births in an obstacle or outside the fence, in words."""
+    from gcs.fence import areas_of
+    from gcs.model import vehicle_name
+    from gcs.planning.map.line_of_sight import line_of_sight
+
+    areas = areas_of(config, source)
+    rows: list[tuple[str, AgentTable | BirthTable]] = [
+        *((f"agent {vehicle_name(agent.vehicle)} starts", agent) for agent in config.agents),
+        *((f"births[{index}] lies", birth) for index, birth in enumerate(config.births)),
+    ]
+    found = []
+    for subject, row in rows:
+        place = (row.east_m, row.north_m)
+        wrong = [
+            area
+            for area in areas
+            if bool(area.contains(np.array([place]), config.local_frame)[0]) != area.stay_in
+        ]
+        if wrong:
+            where = (
+                "outside the fence's inclusion area"
+                if wrong[0].stay_in
+                else "in an exclusion area of the fence"
+            )
+        elif grid.contains(place) and not line_of_sight(grid, place, place):
+            where = "in an obstacle"
+        else:
+            continue
+        found.append(f"{subject} {where}, at {_position_text(config, row)}")
+    return found
 
 
 def _position_text(config: Config, row: AgentTable | BirthTable) -> str:

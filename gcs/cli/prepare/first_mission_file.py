@@ -270,7 +270,8 @@ def _birth(place: Place, label: str) -> list[str]:
 
 def _area(area: FenceArea) -> list[str]:
     kind = "inclusion" if area.stay_in else "exclusion"
-    rows = [f"[[fence.areas]]  # {'stay in' if area.stay_in else 'stay out'}", f'kind = "{kind}"']
+    comment = f"stay {'in' if area.stay_in else 'out'}{': ' if area.name else ''}{area.name}"
+    rows = [f"[[fence.areas]]{_comment(comment)}", f'kind = "{kind}"']
     if area.circle is not None:
         lat, lon, radius_m = area.circle
         return [*rows, f"circle = [{lat:.7f}, {lon:.7f}, {radius_m:.1f}]  # degrees, radius in metres"]

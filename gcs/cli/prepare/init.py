@@ -39,7 +39,9 @@ def init(
     """Write a first mission file from a plan, a map, a log, or a link.
 
     Waypoints of a plan and points of a KML become target births. Points named "agent" or "vehicle" become
-    starts; polygons become a fence. Logs and links give the vehicles. Nothing on a vehicle is changed.
+    starts. Polygons become a fence: the one named "fence", "boundary" or "border", or the one around the
+    starts, is to stay in, the others are to stay out of. Logs and links give the vehicles. Nothing on a
+    vehicle is changed.
     """
     from gcs.cli.prepare.first_mission_file import write_mission_file
 

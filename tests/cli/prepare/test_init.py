@@ -105,6 +105,69 @@ def test_a_kml_becomes_a_mission(tmp_path):
     assert "1 paths" in output
 
 
+POND = "8.540,47.400 8.541,47.400 8.541,47.401"
+
+
+def polygon(name, corners):
+    ring = f"<outerBoundaryIs><LinearRing><coordinates>{corners}</coordinates></LinearRing></outerBoundaryIs>"
+    return f"<Placemark><name>{name}</name><Polygon>{ring}</Polygon></Placemark>"
+
+
+def kml(*parts):
+    points = KML.split("<Placemark><name>Fence")[0]
+    return f"{points}{''.join(parts)}</Folder></Document></kml>"
+
+
+FIELD = "8.53,47.39 8.56,47.39 8.56,47.41 8.53,47.41"
+
+
+@pytest.mark.parametrize("name", ["border", "field 7", ""])
+def test_a_polygon_around_the_starts_is_to_stay_in_whatever_its_name(tmp_path, name):
+    config, output = made(tmp_path, "map.kml", kml(polygon("pond", POND), polygon(name, FIELD)))
+    assert [area.kind for area in config.fence.areas] == ["exclusion", "inclusion"]
+    assert "is the boundary (inclusion area)" in output
+    assert "polygon 'pond' is an exclusion area" in output
+
+
+def test_without_starts_the_polygon_around_everything_else_is_to_stay_in(tmp_path):
+    text = kml(polygon("pond", POND), polygon("area", FIELD)).replace("Agent 7", "a").replace("vehicle", "b")
+    config, _ = made(tmp_path, "map.kml", text)
+    assert [area.kind for area in config.fence.areas] == ["exclusion", "inclusion"]
+
+
+def test_a_polygon_around_a_start_inside_the_boundary_is_left_out(tmp_path):
+    pad = "8.5450,47.3970 8.5470,47.3970 8.5470,47.3990 8.5450,47.3990"
+    config, output = made(tmp_path, "map.kml", kml(polygon("pad", pad), polygon("border", FIELD)))
+    assert [area.kind for area in config.fence.areas] == ["inclusion"]
+    assert "polygon 'pad' is left out: a vehicle starts in it" in output
+
+
+def test_agents_and_births_in_an_obstacle_or_outside_the_fence_are_named(tmp_path):
+    made(tmp_path, "map.kml", kml(polygon("border", FIELD)))
+    file = tmp_path / "map.toml"
+    text = file.read_text().replace('kind = "inclusion"', 'kind = "exclusion"')
+    file.write_text(text)
+    output = CliRunner().invoke(app, ["check", str(file)]).output
+    assert "agent 7 starts in an exclusion area of the fence" in output
+    assert "births[0] lies in an exclusion area of the fence" in output
+    file.write_text(
+        text.replace('kind = "exclusion"', 'kind = "inclusion"').replace("8.5600000", "8.5450000")
+    )
+    assert (
+        "agent 7 starts outside the fence's inclusion area"
+        in CliRunner().invoke(app, ["check", str(file)]).output
+    )
+    east_m, north_m = load(str(file)).agents[0].east_m, load(str(file)).agents[0].north_m
+    disc = f"[map]\ndiscs_m = [[{east_m}, {north_m}, 60.0]]"
+    file.write_text(text.replace('kind = "exclusion"', 'kind = "inclusion"').replace("[map]", disc))
+    assert "agent 7 starts in an obstacle" in CliRunner().invoke(app, ["check", str(file)]).output
+
+
+@pytest.mark.parametrize("scenario", ["deterministic", "prescribed", "radars", "random-targets", "swarm-50"])
+def test_a_shipped_scenario_has_no_warning(scenario):
+    assert "warning" not in CliRunner().invoke(app, ["check", scenario]).output
+
+
 @pytest.mark.parametrize("keep", ["agents", "targets", "areas"])
 def test_missing_parts_of_a_map_are_named_in_the_file(tmp_path, keep):
     marks = {"agents": "Agent 7", "targets": "barn", "areas": "mast"}

@@ -8,17 +8,21 @@ are limited, and XML with a document type is refused, since its entities can exp
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree as ET
 
 import msgspec
+import numpy as np
 
 from gcs.area_corners import corner_error
 from gcs.cli.prepare.sketch.sketch import MAX_PLACES, FenceArea, Place, Sketch, Start, is_place
 from gcs.errors import ConfigError
+from gcs.fence import Area
 from gcs.files import read_bytes
+from gcs.geo import LocalFrame
 
 _MAX_BYTES: Final = 4_000_000
 _MAX_DEPTH: Final = 40
@@ -26,6 +30,7 @@ _TARGET_COMMANDS: Final = (16, 17, 18, 19, 31, 82)
 """NAV_WAYPOINT, the three loiters, LOITER_TO_ALT and SPLINE_WAYPOINT."""
 _MAX_SPEED_M_S: Final = 100.0
 _MAX_NUMBER: Final = 1e9
+_BOUNDARY_WORDS: Final = ("fence", "boundary", "border", "perimeter")
 
 
 def _text(path: Path) -> str:
@@ -151,7 +156,7 @@ def _place(lat_deg: float, lon_deg: float, source: str, key: str) -> Place:
 def read_kml(path: Path) -> Sketch:
     """Read KML: points become targets, or starts when their name begins with "agent" or "vehicle".
 
-    A polygon becomes an exclusion area, or an inclusion area when its name has "fence" or "boundary".
+    One polygon becomes the inclusion area (`_choose_boundary`), the others become exclusion areas.
 
     Raises
     ------
@@ -179,6 +184,7 @@ def read_kml(path: Path) -> Sketch:
                     _add_polygon(name, shape, sketch, source)
                 case "LineString" | "Track":
                     paths += 1
+    _choose_boundary(sketch)
     if paths:
         sketch.notes.append(f"{paths} paths of the KML are left out: routes are planned")
     return sketch
@@ -231,8 +237,58 @@ def _add_polygon(name: str, shape: ET.Element, sketch: Sketch, source: str) -> N
         corners.pop()
     if error := corner_error(set(corners)):
         raise ConfigError(source, f"Placemark {name!r}", f"{error} in a Polygon")
-    stay_in = any(word in name.lower() for word in ("fence", "boundary"))
-    sketch.areas.append(FenceArea(stay_in, tuple(corners)))
+    sketch.areas.append(FenceArea(stay_in=False, corners=tuple(corners), name=name))
+
+
+def _choose_boundary(sketch: Sketch) -> None:
+    """Make one polygon the inclusion area, and note what each polygon becomes.
+
+    It is the one with a name such as "fence"; without such a name the largest around a start, or, in a file
+    without starts, the one around everything else. A vehicle cannot start in an exclusion area: another
+    polygon around a start is left out.
+    """
+    areas, starts = sketch.areas, [start.place for start in sketch.starts]
+    marked = [area for area in areas if any(word in area.name.lower() for word in _BOUNDARY_WORDS)]
+    around = [area for area in areas if any(_contains(area, place) for place in starts)]
+    why = 'by its name: it may have "fence", "boundary", "border" or "perimeter"'
+    chosen = marked
+    if not marked and starts:
+        chosen, why = sorted(around, key=_extent_deg2)[-1:], "since a vehicle starts in it"
+    elif not marked:
+        places = [place for place, _ in sketch.targets]
+        chosen = [area for area in areas if _contains_all(area, [*places, *_corners_except(area, areas)])][:1]
+        why = "since everything else lies in it"
+    sketch.areas = []
+    for area in areas:
+        name = f"polygon {area.name!r}" if area.name else "a polygon without a name"
+        if area in chosen:
+            sketch.areas.append(replace(area, stay_in=True))
+            sketch.notes.append(f"{name} is the boundary (inclusion area), {why}")
+        elif area in around:
+            sketch.notes.append(f"{name} is left out: a vehicle starts in it, and it is not the boundary")
+        else:
+            sketch.areas.append(area)
+            sketch.notes.append(f"{name} is an exclusion area")
+
+
+def _contains(area: FenceArea, place: Place) -> bool:
+    frame = LocalFrame(*area.corners[0], 0.0)
+    point_m = np.array([frame.to_local(*place)])
+    return bool(Area(stay_in=True, corners_deg=area.corners).contains(point_m, frame)[0])
+
+
+def _contains_all(area: FenceArea, places: Iterable[Place]) -> bool:
+    return all(_contains(area, place) for place in places)
+
+
+def _corners_except(area: FenceArea, areas: list[FenceArea]) -> list[Place]:
+    return [corner for one in areas if one is not area for corner in one.corners]
+
+
+def _extent_deg2(area: FenceArea) -> float:
+    """Return the size of the rectangle around an area, for comparisons."""
+    lats, lons = zip(*area.corners, strict=True)
+    return float((max(lats) - min(lats)) * (max(lons) - min(lons)))
 
 
 def _coordinates(shape: ET.Element, name: str, source: str) -> list[Place]:

@@ -31,6 +31,7 @@ class FenceArea:
     corners: tuple[Place, ...] = ()
     circle: tuple[float, float, float] | None = None
     """Latitude and longitude in degrees, radius in metres."""
+    name: str = ""
 
     @property
     def outline(self) -> tuple[Place, ...]:
@@ -53,7 +54,7 @@ class Sketch:
     extent: list[Place] = field(default_factory=list)
     """Other positions that the map must contain."""
     notes: list[str] = field(default_factory=list)
-    """Parts of the source that are left out, with reasons."""
+    """What was left out or decided, with reasons."""
 
 
 def is_place(lat_deg: float, lon_deg: float) -> bool:
