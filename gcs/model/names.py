@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from gcs.model.basics import Label
+from gcs.model.basics import Kind, Label
 
 
 def vehicle_id(network: int, system_id: int) -> int:
@@ -36,7 +36,15 @@ def named(vehicles: Iterable[int]) -> str:
 
 def target_name(label: Label) -> str:
     """Return the name of a target track: "T12.3", born in scan 12 with index 3."""
-    return f"T{label[0]}.{label[1]}"
+    return track_name("targets", label)
+
+
+def track_name(kind: Kind, label: Label) -> str:
+    """Return the name of a track: "T12.3" of a target, "A12.3" of an agent.
+
+    The letter keeps it a word for programs: as numbers, 0.1 and 0.10 would be one track.
+    """
+    return f"{'T' if kind == 'targets' else 'A'}{label[0]}.{label[1]}"
 
 
 def targets_text(labels: Iterable[Label]) -> str:

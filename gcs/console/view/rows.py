@@ -26,6 +26,7 @@ from gcs.model import (
     SwarmStatus,
     VehicleState,
     target_name,
+    track_name,
     vehicle_name,
 )
 from gcs.planning.map.grid import Grid
@@ -108,7 +109,7 @@ def _vehicle(
         "late": is_late(agent),
         "loss": rounded(agent.loss, 3),
         "doubted": agent.is_position_doubted,
-        "track": None if agent.track is None else _label(agent.track),
+        "track": None if agent.track is None else track_name("agents", agent.track),
         "existence": rounded(agent.existence, 2),
         "target": None if agent.target is None else target_name(agent.target),
         "proposed": None if agent.proposed_target is None else target_name(agent.proposed_target),
@@ -173,21 +174,16 @@ def service(state: ServiceState | None) -> dict[str, Any] | None:
 def tracks(picture: Picture) -> dict[str, Any]:
     """Return the tracks of one kind, column by column."""
     found = picture.tracks
-    names = _label if picture.kind == "agents" else target_name
     means = np.array([track.mean for track in found]).reshape(-1, 4)
     covs = np.array([track.cov for track in found]).reshape(-1, 4, 4)
     return {
-        "names": [names(track.label) for track in found],
+        "names": [track_name(picture.kind, track.label) for track in found],
         "means": means.round(1).tolist(),
         "covs": covs[:, [0, 0, 1], [0, 1, 1]].round(1).tolist(),
         "existence": [round(track.existence, 3) for track in found],
         "estimated": [track.estimated for track in found],
         "cardinality": picture.cardinality.round(4).tolist(),
     }
-
-
-def _label(label: tuple[int, int]) -> str:
-    return f"{label[0]}.{label[1]}"
 
 
 def route(one: Route) -> dict[str, Any]:

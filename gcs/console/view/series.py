@@ -12,7 +12,7 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 
 from gcs.mavlink.fleet.telemetry_table import BATTERY_PERCENT, FRAMES, LOST, NONE
-from gcs.model import FloatArray, IntArray, Kind, Picture, Truth, target_name, vehicle_name
+from gcs.model import FloatArray, IntArray, Kind, Picture, Truth, track_name, vehicle_name
 
 Work: TypeAlias = Literal["scan", "plan"]
 
@@ -85,7 +85,7 @@ class ChartData:
         self._add("spread", kind, t_s, float(np.sqrt(picture.cardinality @ (numbers - mean) ** 2)))
         added = 0
         for track in picture.tracks:
-            name = target_name(track.label) if kind == "targets" else f"{track.label[0]}.{track.label[1]}"
+            name = track_name(kind, track.label)
             is_new = (kind, name) not in self._lines
             if is_new and (track.existence < _MIN_EXISTENCE or added == MAX_TRACKS):
                 continue

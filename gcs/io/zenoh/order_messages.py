@@ -26,6 +26,7 @@ _FOR_TARGETS: Final = frozenset({"ignore", "attend", "priority", "pin"})
 _MAX_EXTENT_M = 1e6
 _MAX_BYTES: Final = 32 * 1024
 
+_Part = Annotated[int, Meta(ge=0, lt=10**9)]
 _Number = Annotated[float, Meta(ge=-1e7, le=1e7)]
 
 
@@ -52,8 +53,8 @@ class OrderMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     ) = None
     plan_id: Annotated[int, Meta(ge=1)] | None = None
     no_fly_zone: AreaMessage | None = None
-    target: Annotated[str, Meta(pattern=r"^T\d{1,9}\.\d{1,9}$")] | None = None
-    """Name of a target, such as T12.3."""
+    target: Annotated[str, Meta(pattern=r"^T?\d{1,9}\.\d{1,9}$")] | tuple[_Part, _Part] | None = None
+    """Target as it is shown, T12.3, or as in records, [12, 3]."""
     priority: Annotated[int, Meta(ge=0, le=9)] | None = None
     origin: Annotated[str, Meta(max_length=200)] = ""
 
@@ -97,7 +98,7 @@ def decode_order(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Orde
         plan_id=message.plan_id if action in _FOR_PLANS else None,
         no_fly_zone=_area(key, message.no_fly_zone, frame) if message.no_fly_zone is not None else None,
         origin=message.origin,
-        target=None if message.target is None else target_of(message.target),
+        target=target_of(message.target) if isinstance(message.target, str) else message.target,
         priority=message.priority,
     )
 

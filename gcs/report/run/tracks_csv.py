@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from gcs.errors import RecordingError
-from gcs.model import NS_PER_S, Picture
+from gcs.model import NS_PER_S, Picture, track_name
 
 HEADER = ("k", "t", "kind", "label", "x", "y", "vx", "vy", "existence", "estimated")
 """Scan number of its kind; seconds since the start; metres east and north; m/s."""
@@ -51,10 +51,9 @@ class TracksCsv:
         t_s = f"{(picture.scan_t_ns - start_t_ns) / NS_PER_S:.3f}"
         try:
             for track in picture.tracks:
-                birth, index = track.label
                 self._rows.writerow((
-                    k, t_s, picture.kind, f"{birth}.{index}", *(f"{value:.4f}" for value in track.mean),
-                    f"{track.existence:.6f}", int(track.estimated),
+                    k, t_s, picture.kind, track_name(picture.kind, track.label),
+                    *(f"{value:.4f}" for value in track.mean), f"{track.existence:.6f}", int(track.estimated),
                 ))  # fmt: skip
         except OSError as error:
             raise RecordingError(str(self._path), f"cannot be written: {error.strerror}") from None

@@ -132,7 +132,7 @@ def test_the_csv_holds_every_track_of_every_picture(
         int(one["k"]) for one in rows if one["kind"] == last.kind
     )]  # fmt: skip
     for row, track in zip(mine, last.tracks, strict=True):
-        assert row["label"] == f"{track.label[0]}.{track.label[1]}"
+        assert row["label"] == f"{'T' if last.kind == 'targets' else 'A'}{track.label[0]}.{track.label[1]}"
         state = [float(row[name]) for name in ("x", "y", "vx", "vy")]
         assert state == pytest.approx(track.mean, abs=1e-4)
         assert float(row["existence"]) == pytest.approx(track.existence, abs=1e-6)

@@ -27,6 +27,11 @@ def test_an_order_names_its_vehicles_once_each_and_in_order() -> None:
     assert read(action="return", vehicles="all") == Order(5, "a-1", "return", None)
 
 
+@pytest.mark.parametrize("target", ["T0.10", "0.10", [0, 10]])
+def test_a_target_is_named_as_it_is_shown_or_as_records_have_it(target) -> None:
+    assert read(action="ignore", target=target).target == (0, 10)
+
+
 def test_places_in_degrees_become_local_metres() -> None:
     lat, lon = FRAME.to_geodetic(500.0, 900.0)
     area = read(
