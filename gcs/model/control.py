@@ -36,6 +36,8 @@ class Authority(IntEnum):
 
     OURS = "ours", ""
     GROUNDED = "grounded", "stands where its take-off is not clear"
+    COMMANDED = "overridden", "is commanded by {} and left alone"
+    """By another ground station, to another mode; until its heartbeat shows the mode."""
     OTHER_MODE = "overridden", "is in {} and left alone"
     """In a mode other than AUTO and LOITER."""
     OVERRIDDEN = "overridden", "is in {} and left alone"
@@ -80,6 +82,8 @@ class ControlEvent(Enum):
     AUTO_SEEN = "AUTO"
     WAITING_SEEN = "our LOITER"
     """LOITER that was commanded, before the first mission, or at the end of one."""
+    STATION_COMMANDS = "foreign mode command"
+    COMMAND_SETTLED = "mode shown"
     MISSION_COMPLETE = "mission complete"
     MISSION_REJECTED = "mission rejected"
     OTHER_MODE_SEEN = "neither AUTO nor LOITER"
@@ -105,6 +109,7 @@ class ControlEvent(Enum):
 _A, _E = Authority, ControlEvent
 TRANSITIONS: Final[dict[Authority, tuple[ControlEvent, tuple[ControlEvent, ...]]]] = {
     _A.GROUNDED: (_E.TAKEOFF_BLOCKED, (_E.TAKEOFF_CLEAR,)),
+    _A.COMMANDED: (_E.STATION_COMMANDS, (_E.RESUME, _E.COMMAND_SETTLED)),
     _A.OTHER_MODE: (_E.OTHER_MODE_SEEN, (_E.MISSION_MODE_SEEN,)),
     _A.OVERRIDDEN: (
         _E.MODE_CHOSEN,

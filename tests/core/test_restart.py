@@ -248,23 +248,21 @@ def test_a_loiter_that_an_operator_chose_before_or_meanwhile_is_still_his_after_
         assert "left alone" in run.command.untaskable()[vehicle]
 
 
-def test_an_inconsistent_mission_is_cleared_after_a_restart_though_no_route_waits() -> None:
-    effects: list[tuple[int, Effect]] = []
-    run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
+def test_an_inconsistent_mission_of_an_overridden_vehicle_is_repaired_once_it_is_resumed() -> None:
+    run = VirtualRun(standing(), SEED)
     run.run(30.0)
-    run.vehicles["vehicle:4"].autopilot.set_mode(Mode.LOITER)  # an override: it gets no mission of ours
+    run.vehicles["vehicle:4"].autopilot.set_mode(Mode.LOITER)  # an override
     run.run(33.0)
     run.command.state.agents[4].routes.drop()
+    run.command.tasking.forget_onboard(4)
     run.command.tasking.mark_inconsistent(4)
-    snapshot = run.snapshot()
-    assert run.command.state.agents[4].routes.flown is None
-    run.restart(3.0, snapshot)
-    assert len(run.vehicles["vehicle:4"].autopilot.mission) > 1
-    run.run(50.0)
-    assert len(run.vehicles["vehicle:4"].autopilot.mission) <= 1
-    reported = [(e.level, e.text) for _, e in effects if isinstance(e, Notice) and e.vehicle == 4]
-    assert any("may be inconsistent" in text for _, text in reported)
-    assert any(level == "alarm" and "has no onboard mission now" in text for level, text in reported)
+    run.restart(3.0, run.snapshot())
+    run.run(45.0)
+    tasking = run.command.state.agents[4].tasking
+    assert tasking.is_inconsistent  # nothing is sent against an override
+    run.order(order(45.0, "resume", 4))
+    run.run(60.0)
+    assert (tasking.is_inconsistent, tasking.onboard is not None) == (False, True)
 
 
 def test_a_mission_of_another_station_counts_after_a_restart_until_the_vehicle_is_resumed() -> None:

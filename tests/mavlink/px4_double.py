@@ -19,6 +19,7 @@ class Px4:
     def __init__(self, system_id=1, *, mode=HOLD, rejects=False, tamper=lambda item: item):
         self.system_id, self.mode, self.rejects, self.tamper = system_id, mode, rejects, tamper
         self.store, self.valid, self.current, self.armed = [], False, 0, True
+        self.status = dialect.MAV_STATE_ACTIVE
         self.commands, self.modes_sent, self.uploads = [], [], 0
         self._encode = Encoder(system_id, 1)
         self._incoming, self._count, self._beat_t_ns = [], 0, -(10**18)
@@ -45,7 +46,7 @@ class Px4:
         self.mode = mode
 
     def _heartbeat(self):
-        return dialect.MAVLink_heartbeat_message(1, 12, 1 | (128 if self.armed else 0), self.mode, 4, 3)
+        return dialect.MAVLink_heartbeat_message(1, 12, 1 | (128 if self.armed else 0), self.mode, self.status, 3)
 
     def mission_current(self):
         if not (self.store and self.valid):
@@ -59,7 +60,7 @@ class Px4:
         return [dialect.MAVLink_mission_request_int_message(*sender, 0, 0)]
 
     def _on_mission_item_int(self, message, sender):
-        if message.seq != len(self._incoming):
+        if message.seq != len(self._incoming) or not self._count:
             return []
         self._incoming.append(message)
         if len(self._incoming) < self._count:
@@ -69,6 +70,11 @@ class Px4:
         if not self.valid:
             self.mode = HOLD
         return [dialect.MAVLink_mission_ack_message(*sender, 0, 0)]
+
+    def _on_mission_ack(self, message, _sender):
+        if message.type == dialect.MAV_MISSION_OPERATION_CANCELLED:
+            self._count = 0
+        return []
 
     def _on_mission_request_list(self, _message, sender):
         return [dialect.MAVLink_mission_count_message(*sender, len(self.store), 0)]

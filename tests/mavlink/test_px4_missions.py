@@ -72,16 +72,13 @@ def test_a_mission_that_the_navigator_rejects_is_no_operators_doing(mode, loss):
 def test_a_hold_that_another_station_chooses_is_still_an_override():
     px4, authority = Px4(mode=AUTO), authority_in("AUTO")
     link = joined(px4, authority=authority)
-    obey = px4._on_command_long
+    select = px4._on_mission_set_current
 
     def taken(message, sender):
-        answers = obey(message, sender)
-        if message.command == 176:
-            px4.choose(HOLD)
-            answers = [px4._heartbeat()]
-        return answers
+        px4.choose(HOLD)
+        return [*select(message, sender), px4._heartbeat()]
 
-    px4._on_command_long = taken
+    px4._on_mission_set_current = taken
     result = link.run()
     assert (result.ok, authority.override, result.onboard) == (False, "LOITER", "equal")
     assert px4.store

@@ -6,7 +6,8 @@ until an operator orders `resume`. During an upload of ours no frames of theirs 
 overlap, our read-back decides. An upload that breaks off raises an alarm: ArduPilot stores items in place, so
 its mission may be inconsistent.
 
-Other commands are reported at intervals. Commands that may end a flight, and manual control, raise an alarm.
+From a command to another mode on, nothing that steers is sent until a heartbeat shows the mode
+(`gcs.core.authority.foreign_modes`). Other commands are reported at intervals. Commands that may end a flight, and manual control, raise an alarm.
 """
 
 from __future__ import annotations
@@ -16,9 +17,11 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.core.authority.foreign_modes import chooses_mode
 from gcs.core.authority.records import AuthorityState, ExternalUpload
 from gcs.core.state import Agent
 from gcs.endpoints import Link
+from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Frame, FrameTable, Message, target_of
 from gcs.mavlink.router.access_policy import (
     MISSION_PROTOCOL,
@@ -28,7 +31,7 @@ from gcs.mavlink.router.access_policy import (
     command_of,
 )
 from gcs.mavlink.services.retry import ns
-from gcs.model import ControlEvent, Datagram, Effect, Level, Notice, vehicle_id
+from gcs.model import ControlEvent, Datagram, Effect, Level, Notice, network_of, vehicle_id
 
 _TIMEOUT_NS: Final = ns(10.0)
 _REPEAT_NS: Final = ns(10.0)
@@ -76,6 +79,7 @@ class ExternalUploads:
         network = self._networks[datagram.link]
         for frame in frames.frames:
             system, _ = target_of(frame) or (0, 0)
+            self._note_mode_command(datagram, frame, network, system)
             if system == 0:
                 self._report(effects, datagram, frame, None)
                 continue
@@ -87,6 +91,18 @@ class ExternalUploads:
             else:
                 self._report(effects, datagram, frame, vehicle)
         return effects, overridden
+
+    def _note_mode_command(self, datagram: Datagram, frame: Frame, network: int, system: int) -> None:
+        """Leave the vehicles alone that a frame may put into another mode; `system` 0 is all of them."""
+        for vehicle in [vehicle_id(network, system)] if system else list(self._agents):
+            agent = self._agents.get(vehicle)
+            if agent is None or network_of(vehicle) != network:
+                continue
+            if chooses_mode(frame, agent.link.profile):
+                station = f"system {frame.system_id}/{frame.component_id} at {datagram.peer}"
+                ModeAuthority(agent.authority.mode, agent.control).note_foreign_command(
+                    station, datagram.t_ns
+                )
 
     def receive_reply(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle: its MISSION_ACK ends an external upload."""

@@ -45,8 +45,8 @@ class Overrides:
 
     def observe_mode(self, vehicle: int, profile: AutopilotProfile, heartbeat: Message, t_ns: int) -> None:
         """Process the mode of a heartbeat."""
-        mode = profile.mode_name(heartbeat.custom_mode)
-        self.of(vehicle).observe_mode(mode, t_ns, at_end=self._onboard.is_at_end(vehicle, profile))
+        at_end = self._onboard.is_at_end(vehicle, profile)
+        self.of(vehicle).observe_heartbeat(heartbeat, profile, t_ns, at_end=at_end)
 
     def observe_rejection(
         self, vehicle: int, profile: AutopilotProfile, current: Message, t_ns: int, *, is_uploading: bool

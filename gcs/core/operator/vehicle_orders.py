@@ -280,12 +280,14 @@ class Orders:
             event = ControlEvent.HOLD if order.action == "hold" else ControlEvent.RETURN
             self._agents[vehicle].control.apply(event, order.t_ns)
             effects += self._suspend(vehicle, order.action, order.t_ns)
-        sender = CommandSender.begin(set_mode(vehicle, autopilot, mode), order.t_ns, mode=mode)
+        before = self._tasking.overrides.of(vehicle).mode
+        command = set_mode(vehicle, autopilot, mode)
+        sender = CommandSender.begin(command, order.t_ns, mode=mode, before=before)
         return effects + self._send(number, vehicle, sender, order.t_ns)
 
     def _suspend(self, vehicle: int, action: str, t_ns: int) -> list[Effect]:
         self._agents[vehicle].routes.suspend(is_uploaded=vehicle not in self._state.tasking.stages)
-        return self._tasking.abandon(vehicle, f"given up for an order to {action}", t_ns)
+        return self._tasking.abandon(vehicle, f"given up for an order to {action}", t_ns, _MODES[action])
 
     def _resume(self, vehicle: int, targets: Container[Label], t_ns: int) -> str:
         """End a suspension; return the mode to command."""

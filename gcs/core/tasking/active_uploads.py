@@ -148,9 +148,9 @@ class ActiveUploads(UploadPolicy):
             effects += self._run(vehicle, lambda task: task.resume(t_ns), t_ns)
         return effects
 
-    def abandon(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
-        """End an upload safely: the vehicle keeps a whole mission, or is held and cleared."""
-        return self._run(vehicle, lambda task: task.abandon(reason, t_ns), t_ns)
+    def abandon(self, vehicle: int, reason: str, t_ns: int, mode: str) -> list[Effect]:
+        """End an upload for an order to a mode (`UploadTask.abandon`)."""
+        return self._run(vehicle, lambda task: task.abandon(reason, t_ns, mode=mode), t_ns)
 
     def supersede(self, vehicle: int, t_ns: int) -> list[Effect]:
         """End an upload without a report, for a newer one."""
@@ -173,7 +173,8 @@ class ActiveUploads(UploadPolicy):
         assert result is not None
         if upload.state.uploads:
             tasking.is_selected = result.selected
-        if task.is_inconsistent:
+        if task.is_inconsistent or task.is_unselected:
+            tasking.onboard = None
             self.mark_inconsistent(vehicle)
         elif result.onboard is OnboardState.EQUAL and upload.onboard is not None:
             tasking.onboard = upload.onboard
@@ -213,8 +214,8 @@ class ActiveUploads(UploadPolicy):
                 self._agents[vehicle].tasking.retry = UploadRetry()
             else:
                 effects += self._agents[vehicle].tasking.retry.note_failure(vehicle, result.t_ns)
-        is_cleared, override = result.onboard is OnboardState.CLEARED, self._overrides.of(vehicle).override
-        if result.ok or not (result.was_held or override or upload.onboard is None or is_cleared):
+        is_cleared, taken_by = result.onboard is OnboardState.CLEARED, self._overrides.of(vehicle).taken_by
+        if result.ok or not (result.was_held or taken_by or upload.onboard is None or is_cleared):
             return effects
         state = "was set to LOITER" if result.was_held else "is overridden"
         state = "has no onboard mission now" if is_cleared else state

@@ -18,6 +18,7 @@ from typing import Final
 
 from gcs.config import Config
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
+from gcs.core.authority.foreign_modes import obeys_other_station
 from gcs.core.authority.overrides import Overrides
 from gcs.core.state import Agent
 from gcs.core.takeoff.climbs import Climbs
@@ -32,7 +33,7 @@ from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_steps import UploadState
-from gcs.model import NS_PER_S, Effect, Notice, Route, UploadAnswer, UploadReport
+from gcs.model import NS_PER_S, Authority, Effect, Notice, Route, UploadAnswer, UploadReport
 from gcs.planning.forward_simulation import RemainingMission
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.landing import ReturnRoute
@@ -166,11 +167,16 @@ class UploadManager:
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""
         effects = self._observe(vehicle, message, t_ns)
+        if self.overrides.of(vehicle).taken_by:
+            self._first_legs.end(vehicle)
         effects += self._first_legs.receive(vehicle, message, t_ns)
         return effects + self._active.receive(vehicle, message, t_ns)
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Run the timers."""
+        for vehicle, agent in self._agents.items():
+            if Authority.COMMANDED in agent.control.claims:
+                self._fleet.forward_next_heartbeat(vehicle)  # it shows whether it obeyed
         return self._active.poll(t_ns) + self._first_legs.poll(t_ns) + self._start_due(t_ns)
 
     def resume(self, t_ns: int) -> list[Effect]:
@@ -187,11 +193,11 @@ class UploadManager:
         self._active.supersede(vehicle, t_ns)
         self._agents[vehicle].tasking.retry = UploadRetry()
 
-    def abandon(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
-        """End an upload safely: the vehicle keeps a whole mission, or is held and cleared."""
+    def abandon(self, vehicle: int, reason: str, t_ns: int, mode: str) -> list[Effect]:
+        """End an upload for an order to a mode; an inconsistent mission is cleared when that is safe."""
         queued = self.state.queue.pop(vehicle, None)
         if vehicle in self.state.uploads:
-            return self._active.abandon(vehicle, reason, t_ns)
+            return self._active.abandon(vehicle, reason, t_ns, mode)
         return [] if queued is None else self._not_begun(vehicle, reason, t_ns)
 
     def _observe(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
@@ -209,6 +215,9 @@ class UploadManager:
                 tasking.onboard = None
                 text = "its navigator rejects its onboard mission (no valid mission): it waits in Hold"
                 return [Notice(t_ns, "alarm", text, vehicle), *self._not_begun(vehicle, text, t_ns)]
+        if obeys_other_station(message):
+            station = f"system {message.target_system}/{message.target_component}"
+            self.overrides.of(vehicle).note_foreign_command(station, t_ns)
         if message.get_type() != "HEARTBEAT":
             return []
         self.overrides.observe_mode(vehicle, profile, message, t_ns)
@@ -216,10 +225,19 @@ class UploadManager:
             tasking.is_inconsistent = False
         if not tasking.is_inconsistent or is_uploading:
             return []
+        if not self._may_clear(vehicle):
+            self._fleet.forward_next_heartbeat(vehicle)
+            return []
         empty = self._missions.empty(vehicle)
         return self._active.clear(
             UploadState.initial(empty, self._default_home, profile, inconsistent=True), t_ns
         )
+
+    def _may_clear(self, vehicle: int) -> bool:
+        """Return True if an inconsistent mission may be cleared: nobody else commands the vehicle."""
+        agent = self._agents[vehicle]
+        is_taken = bool(self.overrides.of(vehicle).taken_by) or agent.control.suspension == "return"
+        return not is_taken and agent.orders.command is None
 
     def _rebooted(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Forget the onboard mission, and restart an upload in progress."""
@@ -270,8 +288,8 @@ class UploadManager:
         profile, state, authority = fleet.profile(vehicle), fleet.state(vehicle), self.overrides.of(vehicle)
         if profile is None:
             return self._not_begun(vehicle, "its firmware is not known here, or it was never heard", t_ns)
-        if authority.override:
-            return self._not_begun(vehicle, f"not begun: {authority.override} was chosen meanwhile", t_ns)
+        if authority.taken_by:
+            return self._not_begun(vehicle, f"not begun: {authority.takeover}", t_ns)
         climb = self.climb(vehicle, route.layer)
         if climb is not None and self._climbs is not None:
             problem = self._climbs.problem(vehicle, climb, route.points_m)

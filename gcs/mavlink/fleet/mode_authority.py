@@ -8,20 +8,31 @@ LOITER that we commanded, and no other mode since      ours
 LOITER before the first AUTO or task                   ours: the vehicle waits for its first mission
 LOITER at the mission's end, where that is the mode    ours
 LOITER because the navigator rejected its mission      ours (MISSION_CURRENT shows it soon)
+LOITER by a failsafe (PX4: MAV_STATE_CRITICAL)         override, whatever else it could be
 RTL out of AUTO because the mission is complete        ours (MISSION_CURRENT shows it soon)
 any other change                                       override, until AUTO or a resume order
 =====================================================  ==============================================
 
-A LOITER that an operator chooses while we hold the vehicle in LOITER counts as ours.
+A LOITER that an operator chooses while we hold the vehicle in LOITER counts as ours, unless the command was
+heard. From the command of another ground station on, the vehicle is overridden until a heartbeat well after
+it shows which mode it is in.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Final
 
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.records import ModeRecord
-from gcs.model import Authority, Control, ControlEvent
+from gcs.mavlink.frames.codec import Message
+from gcs.model import NS_PER_S, Authority, Control, ControlEvent
+
+_COMMAND_SHOWS_NS: Final = 2 * NS_PER_S
+"""Time after which a heartbeat shows whether a vehicle has obeyed another station's command."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +58,50 @@ class ModeAuthority:
         claim = self.control.claims.get(Authority.OVERRIDDEN)
         return 0 if claim is None else claim.since_t_ns
 
+    @property
+    def taken_by(self) -> str:
+        """Mode that was chosen, or the station that commands one; empty if the vehicle is ours."""
+        return self.override or self.control.detail(Authority.COMMANDED)
+
+    @property
+    def takeover(self) -> str:
+        """How the vehicle was taken, in words."""
+        station = self.control.detail(Authority.COMMANDED)
+        return f"{self.override} was chosen meanwhile" if self.override else f"{station} commands a mode"
+
     def note_command(self, mode: str) -> None:
         """Note that we command this mode."""
         self.record.commanded = mode
         self.record.tasked |= mode == AUTO
+
+    def note_foreign_command(self, station: str, t_ns: int) -> None:
+        """Note that another ground station commands a mode; LOITER is not ours from then on."""
+        self.record.commanded = ""
+        self.control.claims.pop(Authority.COMMANDED, None)  # each command begins anew
+        self.control.apply(ControlEvent.STATION_COMMANDS, t_ns, station)
+
+    def observe_heartbeat(
+        self, heartbeat: Message, profile: AutopilotProfile, t_ns: int, *, at_end: bool
+    ) -> None:
+        """Process a heartbeat; `at_end` is True if the mission's end would show as LOITER."""
+        record, mode = self.record, profile.mode_name(heartbeat.custom_mode)
+        was_in_failsafe = record.in_failsafe
+        record.in_failsafe = heartbeat.system_status >= dialect.MAV_STATE_CRITICAL
+        if profile.atomic and mode == LOITER and record.in_failsafe and not was_in_failsafe:
+            record.mode = record.commanded = ""  # PX4 holds before each failsafe
+            record.tasked, at_end = True, False
+            self.control.apply(ControlEvent.MODE_CHOSEN, t_ns, mode)
+        self._settle_foreign_command(mode, t_ns)
+        self.observe_mode(mode, t_ns, at_end=at_end)
+
+    def _settle_foreign_command(self, mode: str, t_ns: int) -> None:
+        """End the wait for the effect of another station's command, once a heartbeat shows it."""
+        claim = self.control.claims.get(Authority.COMMANDED)
+        if claim is None or t_ns - claim.since_t_ns < _COMMAND_SHOWS_NS:
+            return
+        self.control.apply(ControlEvent.COMMAND_SETTLED, t_ns)
+        if mode == self.mode == LOITER:  # as it was before, but not for us any more
+            self.control.apply(ControlEvent.MODE_CHOSEN, t_ns, mode)
 
     def observe_mode(self, mode: str, t_ns: int, *, at_end: bool = False) -> None:
         """Process the mode of a heartbeat; `at_end` is True if the mission's end would show as this mode."""
@@ -68,8 +119,8 @@ class ModeAuthority:
             self.control.apply(ControlEvent.MODE_CHOSEN, t_ns, mode)
 
     def note_rejection(self, t_ns: int) -> None:
-        """Note that the vehicle is in LOITER because it has no valid mission."""
-        if self.override == LOITER:
+        """Note that the vehicle is in LOITER because it has no valid mission, and not by a failsafe."""
+        if self.override == LOITER and not self.record.in_failsafe:
             self.control.apply(ControlEvent.MISSION_REJECTED, t_ns)
 
     @property

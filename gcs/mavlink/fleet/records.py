@@ -39,6 +39,8 @@ class ModeRecord:
     """True if the vehicle was in AUTO, or was commanded to it."""
     has_ended: bool = False
     """True if the vehicle is in RTL because its mission is complete."""
+    in_failsafe: bool = False
+    """True if the last heartbeat showed a failsafe (MAV_STATE_CRITICAL or worse)."""
 
 
 @dataclass(slots=True)

@@ -135,16 +135,23 @@ class ListUpload(ABC):
         """Return True if the stage's request has not been sent: messages still belong to the stage before."""
         return self.state.timer is not None and not self.state.timer.sent
 
+    def _may_send(self, _t_ns: int) -> bool:
+        """Return True if the stage's request, or an item again, may be sent now."""
+        return True
+
+    def _is_unanswered(self, t_ns: int) -> bool:
+        """Return True if the tries of a request are used up."""
+        requests = self.state.timer, self.state.download
+        return any(one is not None and one.is_exhausted(t_ns) for one in requests)
+
     def _run_timers(self, t_ns: int) -> None:
         if self.state.pending_failure is not None and t_ns >= self.state.pending_failure[0]:
             self._retry_upload(self.state.pending_failure[1], t_ns)
         elif self.state.deadline_t_ns is not None and t_ns >= self.state.deadline_t_ns:
             self._on_upload_timeout(t_ns)
-        elif any(
-            one is not None and one.is_exhausted(t_ns) for one in (self.state.timer, self.state.download)
-        ):
+        elif self._is_unanswered(t_ns):
             self._on_tries_exhausted(t_ns)
-        elif self.stage is Stage.UPLOAD and self.state.pending_failure is None:
+        elif self.stage is Stage.UPLOAD and self.state.pending_failure is None and self._may_send(t_ns):
             self._outbox += self.state.sending.poll(
                 t_ns, self.state.rtt, self.state.start_seq, self._window()
             )
@@ -258,11 +265,12 @@ class ListUpload(ABC):
         return [request] * copies
 
     def _due_messages(self, t_ns: int) -> list[Message]:
-        if self.state.timer is not None and self.state.timer.start_try(t_ns):
-            is_repeat = self.state.timer.sent > 1
+        timer = self.state.timer
+        if timer is not None and self._may_send(t_ns) and timer.start_try(t_ns):
+            is_repeat = timer.sent > 1
             self.state.rtt.retransmissions += is_repeat
             copies = self.state.rtt.copies if is_repeat else 1
-            self._outbox += self._request_messages(self.state.timer.request, copies)
+            self._outbox += self._request_messages(timer.request, copies)
         if self.state.download is not None:
             self._outbox += self.state.download.poll(t_ns, self.state.rtt, self._window())
         out, self._outbox = self._outbox, []

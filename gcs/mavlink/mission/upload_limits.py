@@ -35,6 +35,14 @@ class UploadLimits:
     """Uploads before the task fails."""
     max_refusals: int = 4
     """Refusals of a command before the task fails."""
+    max_mode_age_s: float = 0.3
+    """Nothing that steers is sent unless a heartbeat has shown the mode so recently."""
+    max_hold_age_s: float = 1.5
+    """The same for LOITER over an inconsistent mission: as heartbeats come without a request."""
+    mode_period_s: float = 0.4
+    """Interval of the requests for heartbeats during transfers."""
+    rejection_s: float = 2.5
+    """Wait for the MISSION_CURRENT (1 Hz) that tells a rejected mission from an operator's Hold."""
     guard_s: float = 3.0
     """In AUTO over an inconsistent mission: LOITER when the next item is nearer than this."""
     loiter_repeat_s: float = 0.25

@@ -80,6 +80,14 @@ class UploadState(ListUploadState):
     """Time of a mode change that is either an operator's override or follows from a rejected mission."""
     loiter_t_ns: int | None = None
     """Time of the last LOITER command; None before the first."""
+    mode_t_ns: int | None = None
+    """Time of the last heartbeat; None before the first."""
+    mode_asked_t_ns: int | None = None
+    """Time of the last request for a heartbeat; None before the first."""
+    waits_for_mode: bool = False
+    """True if the vehicle has requested the last item of an atomic upload, which waits for a heartbeat."""
+    may_be_stored: bool = False
+    """True if an atomic upload may have replaced the mission: its last item was sent."""
     is_selected: bool = True
     """False while the vehicle counts items of the mission before."""
 
@@ -165,11 +173,89 @@ class UploadSteps(ListUpload):
         """True if the onboard mission may be inconsistent now."""
         return self.state.onboard is OnboardState.UNKNOWN and not self._profile.atomic
 
+    @property
+    def is_unselected(self) -> bool:
+        """True if the new mission is stored, and AUTO would continue it at the old item's number."""
+        return self.state.onboard is OnboardState.EQUAL and not self.state.is_selected
+
     # ------------------------------------------------------------ stages
 
     def _set_stage(self, stage: Stage) -> None:
         super()._set_stage(stage)
         self.state.unexplained_mode_t_ns, self.state.refusals = None, 0
+
+    # ------------------------------------------------------------ the vehicle's mode
+
+    def _has_heard_mode(self, max_age_s: float, t_ns: int) -> bool:
+        heard_t_ns = self.state.mode_t_ns
+        return heard_t_ns is not None and t_ns - heard_t_ns <= ns(max_age_s)
+
+    def _may_send(self, t_ns: int) -> bool:
+        """Return True unless the request of the stage, or the last item of an atomic upload, has to wait.
+
+        What steers is sent only right after a heartbeat: the mode may have changed since the one before.
+        """
+        limits, timer = self._limits, self.state.timer
+        is_recent = self._has_heard_mode(limits.max_mode_age_s, t_ns)
+        match self.stage:
+            case Stage.VERIFY:
+                return True
+            case Stage.HOLD:
+                return self._has_heard_mode(limits.max_hold_age_s, t_ns)
+            case Stage.UPLOAD:
+                return is_recent or (timer is None and not self._is_last_requested())
+            case Stage.CLEAR:
+                return is_recent
+        last_t_ns = self.state.stage_t_ns - 1 if timer is None or not timer.sent else timer.sent_t_ns
+        return is_recent and (self.state.mode_t_ns or 0) > last_t_ns
+
+    def _is_last_requested(self) -> bool:
+        """Return True if the next item would replace the onboard mission."""
+        last = len(self.items) - 1
+        return self._profile.atomic and (self.state.waits_for_mode or self.state.sending.requested_seq == last)
+
+    def _is_unanswered(self, t_ns: int) -> bool:
+        since_t_ns = max(self.state.stage_t_ns, self.state.mode_t_ns or 0)
+        is_unheard = self.state.timer is not None and t_ns - since_t_ns > ns(self._limits.min_answer_s)
+        return is_unheard or super()._is_unanswered(t_ns)
+
+    def _mode_requests(self, t_ns: int) -> list[Message]:
+        """Return the requests for a heartbeat that are due."""
+        asked_t_ns, rtt = self.state.mode_asked_t_ns, self.state.rtt
+        if self._may_send(t_ns):
+            asked_t_ns = max(asked_t_ns or 0, self.state.mode_t_ns or 0)
+            wait_s, copies = self._limits.mode_period_s, 1
+        else:
+            wait_s, copies = rtt.wait_s, rtt.copies
+        if self.stage is Stage.DONE or (asked_t_ns is not None and t_ns - asked_t_ns < ns(wait_s)):
+            return []
+        return [self._request_mode(t_ns)] * copies
+
+    def _request_mode(self, t_ns: int) -> Message:
+        """Request a heartbeat: it shows the mode, otherwise once a second."""
+        self.state.mode_asked_t_ns = t_ns
+        return command_long(self.state.vehicle, REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HEARTBEAT)
+
+    def _on_override(self, t_ns: int) -> None:
+        """Stop: nothing that steers may be sent any more.
+
+        A PX4 is in Hold also when its navigator rejects the mission, which MISSION_CURRENT shows soon.
+        """
+        if not self._may_be_rejection():
+            self._end_overridden(t_ns)
+        elif self.state.unexplained_mode_t_ns is None:
+            self.state.unexplained_mode_t_ns = t_ns
+            self.state.timer = self.state.download = None
+            self.state.deadline_t_ns = self.state.pending_failure = None
+            self._outbox.append(self._request_mission_current())
+        elif t_ns - self.state.unexplained_mode_t_ns > ns(self._limits.rejection_s):
+            self._end_overridden(t_ns)
+
+    def _may_be_rejection(self) -> bool:
+        is_stored = self._profile.atomic and self.state.may_be_stored and self.stage is not Stage.PARK
+        return is_stored and self._authority.taken_by == LOITER and not self._authority.record.in_failsafe
+
+    # ------------------------------------------------------------ steps
 
     def _enter_park(self, t_ns: int) -> None:
         """Command LOITER and wait for the heartbeat that shows it."""
@@ -219,21 +305,27 @@ class UploadSteps(ListUpload):
         if self._authority.mode != AUTO:
             self.state.leg_t_ns = t_ns
         self.state.is_selected = True
-        if self._authority.override == LOITER and self.state.has_no_mission and self._profile.atomic:
+        if self.state.has_no_mission and self._profile.atomic:
             self._reject(t_ns)
-        elif self._authority.override:
-            self._end_overridden(t_ns)
         else:
             self._enter_stage(Stage.MODE, t_ns, self._mode_command(AUTO))
 
     def _end_overridden(self, t_ns: int) -> None:
-        """End without a mode command: an operator has chosen a mode."""
-        stored = (
-            "read back equal, not started"
-            if self.state.onboard is OnboardState.EQUAL
-            else self.state.reason or "not begun"
-        )
-        self.state.reason = f"{stored}: {self._authority.override} was chosen meanwhile"
+        """End at once: a mode was chosen or commanded. Only a PX4 is told, so that its old mission stays."""
+        self._outbox = self._cancel_messages()
+        if self._profile.atomic and self.state.onboard is OnboardState.UNKNOWN:
+            self.state.onboard = OnboardState.WHOLE if self.state.may_be_stored else OnboardState.OLD
+        if self.is_inconsistent:
+            stored = "its onboard mission may be inconsistent; do not choose AUTO before it is repaired"
+        elif self.state.onboard is not OnboardState.EQUAL:
+            stored = "its upload is stopped, and it keeps its mission"
+            if self.state.onboard is not OnboardState.OLD:
+                stored = "its upload is stopped; the old or the new mission is stored"
+        elif self.state.is_selected:
+            stored = "read back equal, not started"
+        else:
+            stored = "read back equal, its first item not selected; do not choose AUTO before it is repaired"
+        self.state.reason = f"{self._authority.takeover}: {stored}"
         self._finish(ok=False, t_ns=t_ns)
 
     def _reject(self, t_ns: int) -> None:
@@ -325,8 +417,10 @@ class UploadSteps(ListUpload):
         return messages
 
     def _due_messages(self, t_ns: int) -> list[Message]:
+        if self.state.unexplained_mode_t_ns is not None:
+            out, self._outbox = self._outbox, []
+            return out
         out = super()._due_messages(t_ns)
         if any(message.get_type() == "COMMAND_LONG" and message.command == SET_MODE for message in out):
-            heartbeat = dialect.MAVLINK_MSG_ID_HEARTBEAT  # Shows the mode; otherwise once a second.
-            out.append(command_long(self.state.vehicle, REQUEST_MESSAGE, heartbeat))
-        return out
+            out.append(self._request_mode(t_ns))
+        return out + self._mode_requests(t_ns)

@@ -12,8 +12,10 @@ Sources: https://mavlink.io/en/services/mission.html, ArduPilot's `MissionItemPr
   upload, or during it), and AUTO after verification. The same holds between verification and selection: the
   old item number may be beyond the end of the new mission, and the vehicle would return to launch.
 * After the last retry: LOITER, then MISSION_CLEAR_ALL (refused in AUTO), then a check.
-* An operator may override the mode (`gcs.mavlink.fleet.mode_authority`). The upload is completed all the
-  same, without further mode commands.
+* What steers waits for a heartbeat, which is requested: items, a selection or a mode sent after a pilot or a
+  failsafe has chosen a mode would undo it. On an override (`gcs.mavlink.fleet.mode_authority`) the upload ends
+  at once. A PX4 is told by MISSION_ACK 15 and keeps its old mission. An ArduPlane's mission may then be
+  inconsistent: `gcs.core.tasking` repairs it when the vehicle is ours again.
 * ACK 13 answers a duplicate and is never final.
 * Messages are filtered by vehicle, by our ids and by mission type: other ground stations share the link.
 
@@ -64,12 +66,9 @@ class UploadTask(UploadSteps):
         """Advance the timers; return the frames to send."""
         if self.stage in (Stage.NEW, Stage.DONE):
             return []
-        self._guard_next_item(t_ns)
-        if self.state.unexplained_mode_t_ns is not None and t_ns - self.state.unexplained_mode_t_ns > ns(
-            self._limits.settle_s
-        ):
-            self._end_overridden(t_ns)
+        if self._is_stopped(t_ns):
             return self._take_due_frames(t_ns)
+        self._guard_next_item(t_ns)
         transferring = self.stage in (Stage.UPLOAD, Stage.VERIFY)
         if transferring and t_ns - self.state.began_t_ns > ns(self._limits.transfer_timeout_s):
             before = self.state.reason or self.stage
@@ -79,11 +78,20 @@ class UploadTask(UploadSteps):
             self._run_timers(t_ns)
         return self._take_due_frames(t_ns)
 
+    def _is_stopped(self, t_ns: int) -> bool:
+        """Stop, or wait for the cause of an unexplained mode; return True if nothing else is to be done."""
+        if self._authority.taken_by:
+            self._on_override(t_ns)
+            return True
+        if self.state.unexplained_mode_t_ns is not None:
+            self._start_verify(t_ns)  # it is ours again
+        return False
+
     def restart(self, t_ns: int) -> list[bytes]:
         """Start again after a reboot of the vehicle: its onboard mission and mode are unknown."""
         if self.stage in (Stage.NEW, Stage.DONE):
             return []
-        self.state.current = None
+        self.state.current = self.state.mode_t_ns = None
         if self.stage in (Stage.HOLD, Stage.CLEAR):
             self._hold_and_clear(t_ns)
         elif self.stage is Stage.PARK:
@@ -97,19 +105,26 @@ class UploadTask(UploadSteps):
         """Continue after an outage of the service, which counts for no timeout.
 
         The onboard mission is read back first: the upload may have gone on after the state was saved, and the
-        vehicle may have flown on since its first item was selected.
+        vehicle may have flown on since its first item was selected. Its mode is waited for.
         """
-        self.state.began_t_ns = t_ns
+        self.state.began_t_ns, self.state.mode_t_ns = t_ns, None
         if self.stage in (Stage.UPLOAD, Stage.VERIFY, Stage.SELECT, Stage.MODE):
             self._start_verify(t_ns)
         return self._take_due_frames(t_ns)
 
-    def abandon(self, reason: str, t_ns: int) -> list[bytes]:
-        """Stop the upload safely: the vehicle keeps a whole mission, or holds and is cleared.
+    def abandon(self, reason: str, t_ns: int, *, mode: str = LOITER) -> list[bytes]:
+        """Stop the upload for an order to another mode.
 
-        Nothing is started here.
+        For LOITER the vehicle keeps a whole mission, or holds and is cleared. For any other mode nothing is
+        sent that could undo it. Nothing is started here.
         """
         self.state.may_resume = False
+        if mode != LOITER:
+            self._outbox += self._cancel_messages()
+            self.state.reason = reason
+            if self.stage is not Stage.DONE:
+                self._finish(ok=False, t_ns=t_ns)
+            return self._take_due_frames(t_ns)
         if self.stage in (Stage.UPLOAD, Stage.VERIFY):
             self.state.reason = reason
             self._hold_and_clear(t_ns)
@@ -173,7 +188,7 @@ class UploadTask(UploadSteps):
         If it failed before it changed anything, the vehicle keeps its mission. If it left an inconsistent
         mission, this task uploads.
         """
-        if self.stage is Stage.UPLOAD and self.state.is_delegated:
+        if self.stage is Stage.UPLOAD and self.state.is_delegated and not self._is_stopped(t_ns):
             if ok:
                 self._start_verify(t_ns)
             elif begun or self.state.was_inconsistent:
@@ -199,7 +214,8 @@ class UploadTask(UploadSteps):
                 self.state.reason = f"LOITER was not confirmed{unchanged}"
                 self._finish(ok=False, t_ns=t_ns)
             case Stage.UPLOAD:
-                self.state.reason = "no answer to MISSION_COUNT"
+                heard = self._has_heard_mode(self._limits.min_answer_s, t_ns)
+                self.state.reason = "no answer to MISSION_COUNT" if heard else "no heartbeat of the vehicle"
                 self._hold_and_clear(t_ns)
             case Stage.VERIFY:
                 self._retry_upload("no answer to the read-back", t_ns)
@@ -235,6 +251,7 @@ class UploadTask(UploadSteps):
         again = self.state.loiter_t_ns is None or t_ns - self.state.loiter_t_ns >= ns(
             self._limits.loiter_repeat_s
         )
+        again = again and self._has_heard_mode(self._limits.max_hold_age_s, t_ns)
         if (near or moved_on or self.state.loiter_t_ns is not None) and again:
             self.state.loiter_t_ns = t_ns
             self._outbox.append(self._mode_command(LOITER))
@@ -242,13 +259,21 @@ class UploadTask(UploadSteps):
     # ------------------------------------------------------------ messages of the vehicle
 
     def _handle(self, message: Message, t_ns: int) -> bool:
-        match message.get_type():
+        kind = message.get_type()
+        if kind == "HEARTBEAT":
+            self.state.mode_t_ns = t_ns
+            at_end = self._is_at_mission_end()
+            self._authority.observe_heartbeat(message, self._profile, t_ns, at_end=at_end)
+        is_explained = kind == "MISSION_CURRENT" and self.state.unexplained_mode_t_ns is not None
+        if not is_explained and self._is_stopped(t_ns):
+            return True
+        match kind:
             case "MISSION_CURRENT":
                 self._on_current(message, t_ns)
             case "COMMAND_ACK":
                 self._on_command_ack(message, t_ns)
             case "HEARTBEAT":
-                self._on_heartbeat(message, t_ns)
+                self._on_mode(t_ns)
             case _:
                 return super()._handle(message, t_ns)
         return True
@@ -256,7 +281,14 @@ class UploadTask(UploadSteps):
     def _on_request(self, message: Message, t_ns: int) -> None:
         if self.state.is_delegated:
             return
+        is_last = self._profile.atomic and message.seq == len(self.items) - 1
+        self.state.waits_for_mode = is_last and self.stage is Stage.UPLOAD
+        if is_last and not self._may_send(t_ns):
+            self.state.deadline_t_ns = t_ns + ns(self._limits.request_timeout_s)
+            return
         super()._on_request(message, t_ns)
+        self.state.waits_for_mode = False
+        self.state.may_be_stored |= self.state.sending.is_all_sent
         asks_late = t_ns - self.state.stage_t_ns > ns(self._limits.settle_s)
         if asks_late and self.stage in (Stage.VERIFY, Stage.SELECT, Stage.MODE):
             self._retry_upload("the vehicle requests items again", t_ns)
@@ -305,14 +337,11 @@ class UploadTask(UploadSteps):
         is_echo = self.stage is Stage.SELECT and self.state.first_seq == self._profile.home_items
         is_echo = is_echo and message.seq == 0 != self.state.current_before
         self.state.current = self.state.first_seq if is_echo else message.seq
-        if (
-            self.stage is Stage.MODE
-            and self.state.has_no_mission
-            and self.state.unexplained_mode_t_ns is not None
-        ):
-            self._reject(t_ns)
-        elif self.stage is Stage.MODE and self.state.unexplained_mode_t_ns is not None:
-            self._end_overridden(t_ns)
+        if self.state.unexplained_mode_t_ns is not None:
+            if self.state.has_no_mission:
+                self._reject(t_ns)
+            elif t_ns - self.state.unexplained_mode_t_ns > ns(self._limits.settle_s):
+                self._end_overridden(t_ns)
         elif (
             self.stage is Stage.SELECT
             and self.state.current == self.state.first_seq
@@ -343,33 +372,25 @@ class UploadTask(UploadSteps):
             else:
                 self._finish(ok=False, t_ns=t_ns)
 
-    def _on_heartbeat(self, message: Message, t_ns: int) -> None:
-        self._authority.observe_mode(
-            self._profile.mode_name(message.custom_mode), t_ns, at_end=self._is_at_mission_end()
-        )
-        mode, is_overridden = self._authority.mode, bool(self._authority.override)
-        if self.stage is Stage.PARK and mode != AUTO:
+    def _on_mode(self, t_ns: int) -> None:
+        """Continue by the mode of a heartbeat, which is ours."""
+        mode = self._authority.mode
+        if self.state.waits_for_mode and self.stage is Stage.UPLOAD:
+            last = len(self.items) - 1
+            self._on_request(dialect.MAVLink_mission_request_int_message(*self._own, last, 0), t_ns)
+        elif self.stage is Stage.PARK and mode != AUTO:
             if self.state.onboard is OnboardState.EQUAL:
                 self._start_select(t_ns)
-            elif is_overridden:
-                self._end_overridden(t_ns)
             else:
                 self._start_upload(t_ns)
-        elif self.stage is Stage.MODE and is_overridden and self._profile.atomic and mode == LOITER:
-            if self.state.unexplained_mode_t_ns is None:  # Maybe the mission was rejected.
-                self.state.unexplained_mode_t_ns = t_ns
-                self._outbox.append(self._request_mission_current())
-        elif self.stage is Stage.MODE and is_overridden:
-            self._end_overridden(t_ns)
-        elif (
-            self.stage is Stage.MODE
-            and mode == AUTO
-            and self.state.timer is not None
-            and self.state.timer.sent
-        ):
+        elif self.stage is Stage.MODE and mode == AUTO and (self._is_sent() or self.state.loiter_t_ns is None):
             self._finish(ok=self.state.onboard is OnboardState.EQUAL, t_ns=t_ns)
         elif self.stage is Stage.HOLD and mode != AUTO:
             self._start_clear(t_ns)
+
+    def _is_sent(self) -> bool:
+        """Return True if the request of the stage was sent."""
+        return self.state.timer is not None and self.state.timer.sent > 0
 
     def _is_at_mission_end(self) -> bool:
         """Return True if the vehicle would be at its mission's end."""

@@ -124,7 +124,8 @@ def test_a_firmware_that_is_not_known_gets_no_mission():
     assert swarm.planes[1].store == []
 
 
-def test_a_reboot_in_mid_upload_starts_the_upload_again():
+@pytest.mark.parametrize("mode", [LOITER, MANUAL])
+def test_a_reboot_in_mid_upload_starts_it_again_unless_a_pilot_flies(mode):
     swarm = Swarm(1)
     plane = swarm.planes[1]
     plane.ignores.add("MISSION_ITEM_INT")
@@ -132,11 +133,15 @@ def test_a_reboot_in_mid_upload_starts_the_upload_again():
     swarm.run(2.0)
     plane.reboot(swarm.t_ns)
     plane.ignores.clear()
+    plane.mode = mode
     swarm.fleet._vehicles[1].link.boots += 1
     swarm.run(15.0)
-    assert len(plane.store) == 5
-    assert plane.mode == MANUAL
-    assert "MANUAL was chosen" in swarm.reports()[0].detail
+    (report,) = swarm.reports()
+    if mode == LOITER:
+        assert (len(plane.store), plane.mode, report.ok) == (5, AUTO, True)
+    else:
+        assert (plane.store, plane.mode) == ([], MANUAL)
+        assert "MANUAL was chosen" in report.detail
 
 
 def test_a_vehicle_about_to_take_its_next_item_is_not_made_to_hold_for_a_new_mission(monkeypatch):
