@@ -46,7 +46,8 @@ class Px4:
         self.mode = mode
 
     def _heartbeat(self):
-        return dialect.MAVLink_heartbeat_message(1, 12, 1 | (128 if self.armed else 0), self.mode, self.status, 3)
+        base_mode = 1 | (128 if self.armed else 0)
+        return dialect.MAVLink_heartbeat_message(1, 12, base_mode, self.mode, self.status, 3)
 
     def mission_current(self):
         if not (self.store and self.valid):

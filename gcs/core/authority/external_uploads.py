@@ -7,7 +7,8 @@ overlap, our read-back decides. An upload that breaks off raises an alarm: ArduP
 its mission may be inconsistent.
 
 From a command to another mode on, nothing that steers is sent until a heartbeat shows the mode
-(`gcs.core.authority.foreign_modes`). Other commands are reported at intervals. Commands that may end a flight, and manual control, raise an alarm.
+(`gcs.core.authority.foreign_modes`). Other commands are reported at intervals. Commands that may end a
+flight, and manual control, raise an alarm.
 """
 
 from __future__ import annotations

@@ -211,8 +211,8 @@ class UploadSteps(ListUpload):
 
     def _is_last_requested(self) -> bool:
         """Return True if the next item would replace the onboard mission."""
-        last = len(self.items) - 1
-        return self._profile.atomic and (self.state.waits_for_mode or self.state.sending.requested_seq == last)
+        is_last = self.state.sending.requested_seq == len(self.items) - 1
+        return self._profile.atomic and (self.state.waits_for_mode or is_last)
 
     def _is_unanswered(self, t_ns: int) -> bool:
         since_t_ns = max(self.state.stage_t_ns, self.state.mode_t_ns or 0)

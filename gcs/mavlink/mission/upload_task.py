@@ -12,9 +12,9 @@ Sources: https://mavlink.io/en/services/mission.html, ArduPilot's `MissionItemPr
   upload, or during it), and AUTO after verification. The same holds between verification and selection: the
   old item number may be beyond the end of the new mission, and the vehicle would return to launch.
 * After the last retry: LOITER, then MISSION_CLEAR_ALL (refused in AUTO), then a check.
-* What steers waits for a heartbeat, which is requested: items, a selection or a mode sent after a pilot or a
-  failsafe has chosen a mode would undo it. On an override (`gcs.mavlink.fleet.mode_authority`) the upload ends
-  at once. A PX4 is told by MISSION_ACK 15 and keeps its old mission. An ArduPlane's mission may then be
+* What steers waits for a heartbeat, which is requested: a selection or a mode sent after a pilot or a
+  failsafe has chosen a mode would undo it. On an override (`gcs.mavlink.fleet.mode_authority`) the upload
+  ends at once. A PX4 is told by MISSION_ACK 15 and keeps its old mission. An ArduPlane's mission may then be
   inconsistent: `gcs.core.tasking` repairs it when the vehicle is ours again.
 * ACK 13 answers a duplicate and is never final.
 * Messages are filtered by vehicle, by our ids and by mission type: other ground stations share the link.
@@ -383,14 +383,15 @@ class UploadTask(UploadSteps):
                 self._start_select(t_ns)
             else:
                 self._start_upload(t_ns)
-        elif self.stage is Stage.MODE and mode == AUTO and (self._is_sent() or self.state.loiter_t_ns is None):
+        elif self.stage is Stage.MODE and mode == AUTO and self._is_auto_new():
             self._finish(ok=self.state.onboard is OnboardState.EQUAL, t_ns=t_ns)
         elif self.stage is Stage.HOLD and mode != AUTO:
             self._start_clear(t_ns)
 
-    def _is_sent(self) -> bool:
-        """Return True if the request of the stage was sent."""
-        return self.state.timer is not None and self.state.timer.sent > 0
+    def _is_auto_new(self) -> bool:
+        """Return True unless a heartbeat in AUTO may be older than a LOITER that was commanded."""
+        is_sent = self.state.timer is not None and self.state.timer.sent > 0
+        return is_sent or self.state.loiter_t_ns is None
 
     def _is_at_mission_end(self) -> bool:
         """Return True if the vehicle would be at its mission's end."""

@@ -6,19 +6,19 @@ A COMMAND_ACK says that a command was understood, not that it is done. A command
 heartbeat after its ACK shows it; that heartbeat is requested. Without an ACK, two heartbeats in a row are
 needed (one may cross with an earlier command on a slow link), and also in AUTO, which PX4 leaves again if it
 rejects its mission. A command has failed after several refusals, or when its tries are used up. The
-vehicle's STATUSTEXT gives the reason. A mode is not commanded against another one that was chosen meanwhile.
+vehicle's STATUSTEXT gives the reason. A command to fly on ends when a pilot or a failsafe chooses a mode.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import AutopilotProfile, mode_name, profile_of
-from gcs.mavlink.autopilots.modes import AUTO
+from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message, is_for
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer
 from gcs.model import system_of
@@ -81,8 +81,8 @@ class CommandSender:
     """Mode that shows it as done; empty for any."""
     armed: bool | None = None
     """Arming state that shows it as done; None for any."""
-    modes_before: list[str] = field(default_factory=list)
-    """Mode of the first heartbeat after the begin, and at the begin: any other was chosen meanwhile."""
+    before: str = ""
+    """Mode at the begin of a command that ends when another one is chosen meanwhile; empty: it does not."""
     outcome: tuple[bool, str] | None = None
     """(True if done, detail or reason), once it has ended."""
     confirmations: int = 0
@@ -101,12 +101,8 @@ class CommandSender:
     def begin(
         cls, request: Message, t_ns: int, *, mode: str = "", armed: bool | None = None, before: str = ""
     ) -> CommandSender:
-        """Return the sender of a command that is done in a mode, or in an arming state.
-
-        `before` is the mode at the begin; empty if it is unknown.
-        """
-        timer = RetryTimer(request, COMMAND_RETRY_POLICY, t_ns)
-        return cls(timer, mode, armed, [before] if before else [])
+        """Return the sender of a command that is done in a mode, or in an arming state."""
+        return cls(RetryTimer(request, COMMAND_RETRY_POLICY, t_ns), mode, armed, before)
 
     def poll(self, t_ns: int, encode: Callable[[Message], bytes]) -> list[bytes]:
         """Advance the timers; return the frames to send, framed by an encoder of the vehicle."""
@@ -138,9 +134,7 @@ class CommandSender:
         mode, armed = mode_name(message), bool(message.base_mode & _ARMED)
         is_done = self.mode in ("", mode) and self.armed in (None, armed)
         self.confirmations = self.confirmations + 1 if self.timer.sent and is_done else 0
-        if not self.modes_before:
-            self.modes_before.append(mode)
-        elif self.mode not in ("", mode) and mode not in self.modes_before:
+        if self.before and mode not in (self.before, self.mode, LOITER):
             self.outcome = (False, f"{mode} was chosen meanwhile")
             return
         if self.confirmations >= (1 if self.is_accepted and self.mode != AUTO else _MIN_CONFIRMATIONS):

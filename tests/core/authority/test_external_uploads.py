@@ -6,8 +6,20 @@ import pytest
 from other_station import AIR, PEER, SEAT, S, Stage
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.frames.codec import Encoder
-from gcs.model import Datagram, LinkNews, Notice, Order, OrderAnswer, Send, vehicle_name, vehicle_of
+from gcs.mavlink.frames.codec import Encoder, decode
+from gcs.model import (
+    Datagram,
+    LinkNews,
+    Notice,
+    Order,
+    OrderAnswer,
+    Route,
+    Send,
+    UploadReport,
+    read_only,
+    vehicle_name,
+    vehicle_of,
+)
 
 
 @pytest.fixture
@@ -108,3 +120,54 @@ def test_counters_of_each_link_count_received_and_lost_frames(stage):
     counted = stage.command.fleet.links[AIR]
     assert (counted.datagrams, counted.frames, counted.crc_errors) == (6, 5, 1)
     assert (counted.lost, counted.unknown_systems, counted.conflicts) == (1, 1, 1)
+
+
+STEERING = ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_SET_CURRENT", "MISSION_CLEAR_ALL")
+RTL_COMMANDS = {
+    "return": dialect.MAVLink_command_long_message(1, 1, 20, 0, *[0.0] * 7),
+    "mode": dialect.MAVLink_command_long_message(1, 1, 176, 0, 1.0, 11.0, *[0.0] * 5),
+    "integer": dialect.MAVLink_command_int_message(1, 1, 0, 20, 0, 0, *[0.0] * 4, 0, 0, 0.0),
+    "to all": dialect.MAVLink_command_long_message(0, 0, 20, 0, *[0.0] * 7),
+    "old message": dialect.MAVLink_set_mode_message(1, 1, 11),
+    "guided": dialect.MAVLink_set_position_target_global_int_message(0, 1, 1, 6, 0, 1, 1, 90.0, *[0.0] * 8),
+}
+
+
+@pytest.mark.parametrize("command", RTL_COMMANDS.values(), ids=RTL_COMMANDS)
+def test_nothing_is_uploaded_after_another_station_commanded_a_mode(stage, command):
+    """The vehicle's heartbeat shows it up to a second later."""
+    route = Route(1, (0, 0), read_only([[0.0, 500.0], [500.0, 500.0]]), 1.0)
+    stage.effects += stage.command.tasking.enqueue_upload(route, stage.t_ns)
+    stage.command.state.agents[1].routes.flown = route
+    stage.wait(0.1)
+    stage.say(AIR, dialect.MAVLink_heartbeat_message(1, 3, 217, 12, 4, 3), 1, 1)  # the LOITER commanded
+    kinds = [m.get_type() for e in stage.effects if isinstance(e, Send) for m in decode(e.data)[0]]
+    assert "MISSION_COUNT" in kinds
+    stage.say(SEAT, command)
+    assert "left alone" in stage.command.untaskable()[1]
+    stage.effects.clear()
+    for seq in (0, 1):
+        stage.say(AIR, dialect.MAVLink_mission_request_message(255, 195, seq, 0), 1, 1)
+        stage.wait(0.1)
+    sent = [m.get_type() for e in stage.effects if isinstance(e, Send) for m in decode(e.data)[0]]
+    assert not set(sent) & set(STEERING)
+    (report,) = [e for e in stage.effects if isinstance(e, UploadReport)]
+    assert "system 254/190 at 10.0.0.5:50 commands a mode" in report.detail
+
+
+def test_a_command_that_is_not_obeyed_overrides_no_vehicle_for_long(stage):
+    stage.say(SEAT, RTL_COMMANDS["return"])
+    for _ in range(4):
+        stage.wait(1.0)
+        stage.say(AIR, dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3), 1, 1)
+    assert 1 not in stage.command.untaskable()
+
+
+def test_a_command_to_fly_the_mission_takes_no_vehicle_away(stage):
+    stage.say(SEAT, dialect.MAVLink_command_long_message(1, 1, 176, 0, 1.0, 10.0, *[0.0] * 5))
+    assert 1 not in stage.command.untaskable()
+
+
+def test_the_answer_to_a_command_that_went_another_way_counts_too(stage):
+    stage.say(AIR, dialect.MAVLink_command_ack_message(176, 0, 0, 0, 254, 190), 1, 1)
+    assert "system 254/190" in stage.command.untaskable()[1]

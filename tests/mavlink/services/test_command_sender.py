@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.mavlink.autopilots.modes import AUTO, LOITER
+from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
 from gcs.mavlink.services.command_sender import REQUEST_MESSAGE, SET_MODE, CommandSender, set_mode
 
 S = 1_000_000_000
-PLANE_MODES = {LOITER: 12, AUTO: 10}
+PLANE_MODES = {LOITER: 12, AUTO: 10, RTL: 11}
 
 
 class Stage:
-    def __init__(self, mode: str) -> None:
+    def __init__(self, mode: str, before: str = "") -> None:
         command = set_mode(1, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, mode)
-        self.sender = CommandSender.begin(command, 0, mode=mode)
+        self.sender = CommandSender.begin(command, 0, mode=mode, before=before)
         self._vehicle, self._gcs = Encoder(1, 1), Encoder(GCS_SYSTEM_ID, GCS_COMPONENT_ID)
 
     def sent(self, t_s: float) -> list[int]:
@@ -77,3 +77,13 @@ def test_a_refused_command_asks_for_no_heartbeat() -> None:
     stage.sent(0.0)
     stage.ack(dialect.MAV_RESULT_DENIED)
     assert stage.sent(0.1) == []
+
+
+def test_an_order_to_resume_is_not_repeated_against_a_failsafe_that_returns() -> None:
+    stage = Stage(AUTO, before=LOITER)
+    stage.sent(0.0)
+    stage.show(LOITER)
+    assert stage.sent(1.0) == [SET_MODE]
+    stage.show(RTL)
+    assert stage.sender.outcome == (False, "RTL was chosen meanwhile")
+    assert stage.sent(5.0) == []
