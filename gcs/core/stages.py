@@ -31,6 +31,8 @@ from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.replanning.input_builder import PlanningInputBuilder
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
+from gcs.core.separation.intents import Intents
+from gcs.core.separation.monitor import SeparationMonitor
 from gcs.core.state import State
 from gcs.core.takeoff.climbs import Climbs
 from gcs.core.takeoff.sequence import TakeoffSequence
@@ -117,6 +119,8 @@ class Stages:
         )
         # Orders and control authority
         self.return_heights = ReturnHeightMonitor(config, self.fleet, agents)
+        self.intents = Intents(config, self.fleet, agents, self.return_heights)
+        self.separation = SeparationMonitor(config, self.intents, self.state)
         self.orders = Orders(
             self.state,
             self.fleet,

@@ -18,6 +18,7 @@ from gcs.core.authority.records import AgentAuthority, AuthorityState
 from gcs.core.operator.records import AgentOrders, OperatorState
 from gcs.core.perception.records import AgentPerception, PerceptionState
 from gcs.core.replanning.records import AgentRoutes, ReplanningState
+from gcs.core.separation.records import AgentTurn, SeparationState
 from gcs.core.takeoff.records import AgentTakeoff, TakeoffState
 from gcs.core.tasking.records import AgentTasking, TaskingState
 from gcs.mavlink.fleet.records import FleetState, VehicleLink
@@ -37,6 +38,7 @@ class Agent:
     tasking: AgentTasking = field(default_factory=AgentTasking)
     takeoff: AgentTakeoff = field(default_factory=AgentTakeoff)
     orders: AgentOrders = field(default_factory=AgentOrders)
+    separation: AgentTurn = field(default_factory=AgentTurn)
     return_parameters: dict[str, float] = field(default_factory=dict)
     """Parameters heard that set its return height, by name."""
 
@@ -88,6 +90,7 @@ class State:
     authority: AuthorityState = field(default_factory=AuthorityState)
     airspace: AirspaceState = field(default_factory=AirspaceState)
     operator: OperatorState = field(default_factory=OperatorState)
+    separation: SeparationState = field(default_factory=SeparationState)
     has_ended: bool = False
     """True after the end of the mission."""
     measured_t_ns: int = 0

@@ -1,0 +1,1 @@
+"""Separation of vehicles in the air: a look-ahead over all pairs, with alarms."""

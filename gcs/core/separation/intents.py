@@ -1,0 +1,145 @@
+"""What each vehicle in the air will fly, as far as telemetry and its onboard mission tell.
+
+* AUTO with a verified mission: its items, from the current one on.
+* RTL: straight to the nearest rally point, or home, at its return height, and round a circle there.
+* LOITER: the circle that it flies. A vehicle that has just begun it turns right.
+* Other modes, or an unknown mission: turn rate and vertical speed are kept.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.config import Config
+from gcs.core.preflight.return_heights import ReturnHeightMonitor
+from gcs.core.separation.forward_flight import Flight, Goal, GoalKind
+from gcs.core.state import Agent
+from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.on_ground import is_on_ground
+from gcs.mavlink.mission.items import Item
+from gcs.model import NS_PER_S, VehicleState
+
+_G_M_S2: Final = 9.80665
+_MAX_AGE_S: Final = 10.0
+"""Age of a position beyond which a vehicle is not predicted; its link is down by then."""
+_MAX_ITEMS: Final = 8
+_CIRCLE_RADIUS_M: Final = 60.0
+"""Default WP_LOITER_RAD of ArduPlane."""
+_RETURN_HEIGHT_M: Final = 100.0
+"""Default RTL_ALTITUDE of ArduPlane, for a vehicle that did not tell its own."""
+_STRAIGHT_RAD_S: Final = 0.03
+_KINDS: Final = {
+    dialect.MAV_CMD_NAV_WAYPOINT: GoalKind.WAYPOINT,
+    dialect.MAV_CMD_NAV_TAKEOFF: GoalKind.CLIMB,
+    dialect.MAV_CMD_NAV_LAND: GoalKind.LAND,
+    dialect.MAV_CMD_NAV_LOITER_UNLIM: GoalKind.CIRCLE,
+    dialect.MAV_CMD_NAV_LOITER_TIME: GoalKind.CIRCLE,
+}
+
+
+class Intents:
+    """Predicted flights of all vehicles in the air."""
+
+    def __init__(
+        self,
+        config: Config,
+        fleet: Fleet,
+        agents: Mapping[int, Agent],
+        return_heights: ReturnHeightMonitor,
+    ) -> None:
+        self._fleet, self._agents, self._return_heights = fleet, agents, return_heights
+        self._frame, self._gradient = config.local_frame, math.tan(math.radians(config.takeoff.climb_deg))
+        self._tan_bank = math.tan(math.radians(config.airframe.bank_deg))
+        self._rally = [
+            (*config.local_frame.to_local(point.lat_deg, point.lon_deg), float(point.alt_rel_m))
+            for point in config.rally
+        ]
+
+    def in_air(self, t_ns: int) -> list[VehicleState]:
+        """Return the vehicles in the air whose positions are fresh enough."""
+        return [
+            state
+            for state in self._fleet.states()
+            if t_ns - state.t_ns <= _MAX_AGE_S * NS_PER_S
+            and state.mode
+            and not is_on_ground(state, self._fleet.home(state.system_id))
+        ]
+
+    def flight(self, state: VehicleState, t_ns: int, mode: str | None = None) -> Flight:
+        """Return what a vehicle flies, or would fly in another mode."""
+        speed_m_s = max(state.ground_speed_m_s, 1.0)
+        rate = self._agents[state.system_id].separation.rate_rad_s
+        if (mode or state.mode) == LOITER and (mode is not None or abs(rate) < _STRAIGHT_RAD_S):
+            rate = speed_m_s / _CIRCLE_RADIUS_M
+        return Flight(
+            vehicle=state.system_id,
+            east_m=state.east_m,
+            north_m=state.north_m,
+            height_m=state.alt_msl_m,
+            speed_m_s=speed_m_s,
+            course_rad=state.course_rad,
+            climb_m_s=state.climb_m_s,
+            turn_rate_rad_s=rate,
+            max_turn_rate_rad_s=max(_G_M_S2 * self._tan_bank / speed_m_s, abs(rate)),
+            goals=self._goals(state, mode or state.mode),
+            age_s=max(t_ns - state.t_ns, 0) / NS_PER_S,
+            climb_gradient=self._gradient,
+        )
+
+    def _goals(self, state: VehicleState, mode: str) -> tuple[Goal, ...]:
+        if mode == RTL:
+            return (self._return(state),)
+        if mode == LOITER:
+            return (Goal(GoalKind.KEEP),)
+        return (tuple(self._mission(state)) if mode == AUTO else ()) or (Goal(GoalKind.DRIFT),)
+
+    def _home(self, vehicle: int) -> tuple[float, float, float]:
+        """Return east, north and height above sea level of a vehicle's home."""
+        home = self._fleet.home(vehicle)
+        if home is None:
+            return 0.0, 0.0, self._frame.alt_msl_m
+        return (*self._frame.to_local(home.lat_deg, home.lon_deg), home.alt_msl_m)
+
+    def _return(self, state: VehicleState) -> Goal:
+        east_m, north_m, ground_m = self._home(state.system_id)
+        known, profile = self._return_heights.height(state.system_id), self._fleet.profile(state.system_id)
+        height_m = ground_m + (_RETURN_HEIGHT_M if known is None else known.height_m)
+        if self._rally:
+            east_m, north_m, above_m = min(
+                self._rally, key=lambda point: math.dist(point[:2], (state.east_m, state.north_m))
+            )
+            height_m = max(height_m, ground_m + above_m) if known is None else height_m
+        if profile is not None and profile.atomic:  # PX4 returns no lower than it is
+            height_m = max(height_m, state.alt_msl_m)
+        return Goal(GoalKind.CIRCLE, east_m, north_m, _CIRCLE_RADIUS_M, height_m)
+
+    def _mission(self, state: VehicleState) -> Iterator[Goal]:
+        tasking, profile = self._agents[state.system_id].tasking, self._fleet.profile(state.system_id)
+        if tasking.onboard is None or not tasking.is_selected or profile is None or state.mission_seq < 0:
+            return
+        first = max(state.mission_seq, profile.home_items)
+        items = tasking.onboard.items[first : first + _MAX_ITEMS]
+        ground_m = self._home(state.system_id)[2]
+        for item in items:
+            if item.command in _KINDS:
+                yield self._goal(item, ground_m)
+
+    def _goal(self, item: Item, ground_m: float) -> Goal:
+        kind = _KINDS[item.command]
+        is_global = item.frame in (dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_INT)
+        radius_m = item.param2 if kind is GoalKind.WAYPOINT else 0.0
+        if kind is GoalKind.CIRCLE:
+            radius_m = item.param3 or _CIRCLE_RADIUS_M
+        is_timed = item.command == dialect.MAV_CMD_NAV_LOITER_TIME
+        return Goal(
+            kind,
+            *self._frame.to_local(item.x * 1e-7, item.y * 1e-7),
+            radius_m,
+            item.z_m + (0.0 if is_global else ground_m),
+            item.param1 if is_timed else math.inf,
+        )

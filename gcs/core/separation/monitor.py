@@ -1,0 +1,125 @@
+"""Separation monitor: alarms of vehicles that come, or are, too near to each other in the air.
+
+Once a second the flights of all vehicles in the air are simulated for `LOOK_AHEAD_S`
+(`gcs.core.separation.forward_flight`). A pair that comes too near is told at once, again shortly before, and
+when separation is lost: nearer than `planning.separation_m` horizontally and half a layer in height. The
+all-clear comes when the pair was apart for a while.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Final
+
+from gcs.config import Config
+from gcs.core.separation.forward_flight import simulate_flights
+from gcs.core.separation.intents import Intents
+from gcs.core.separation.look_ahead import Encounter, encounters
+from gcs.core.separation.records import Approach
+from gcs.core.state import State
+from gcs.geo import wrap_pi
+from gcs.mavlink.services.retry import ns
+from gcs.model import NS_PER_S, Effect, Notice, VehicleState, vehicle_name
+
+LOOK_AHEAD_S: Final = 25.0
+WARNING_TIMES_S: Final = (LOOK_AHEAD_S, 10.0)
+"""Times before a loss of separation at which it is told."""
+MIN_DISTANCE_M: Final = 30.0
+"""Least horizontal distance, whatever `planning.separation_m` says."""
+_ONE_LAYER_M: Final = 20.0
+"""Height between layers that counts where there is one layer."""
+_PREDICTED_SHARE, _LOST_SHARE = 0.75, 0.5
+"""Shares of a layer step: least difference in height, predicted and measured."""
+_PERIOD_NS: Final = ns(1.0)
+_APART_NS: Final = ns(5.0)
+_MIN_TURN_NS, _MAX_TURN_NS = ns(0.75), ns(3.0)
+"""Time between two courses that give a turn rate."""
+_REMEDY = "hold or return one, or let a pilot take it over"
+
+
+class SeparationMonitor:
+    """Look-ahead over all pairs of vehicles in the air."""
+
+    def __init__(self, config: Config, intents: Intents, state: State) -> None:
+        self._intents, self._agents, self._state = intents, state.agents, state.separation
+        self._base_msl_m = config.frame.alt_msl_m
+        self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
+        self._step_m = config.mission.layer_step_m or _ONE_LAYER_M
+        self._lost = len(WARNING_TIMES_S) + 1
+
+    def check(self, t_ns: int) -> list[Effect]:
+        """Check once a second; return alarms and all-clears."""
+        state = self._state
+        if t_ns < state.next_check_t_ns:
+            return []
+        state.next_check_t_ns = t_ns + _PERIOD_NS
+        in_air = self._intents.in_air(t_ns)
+        for one in in_air:
+            self._note_turn(one)
+        effects: list[Effect] = []
+        if len(in_air) > 1:
+            flights = [self._intents.flight(one, t_ns) for one in in_air]
+            paths = simulate_flights(flights, LOOK_AHEAD_S)
+            for encounter in encounters(paths, self._min_m, _PREDICTED_SHARE * self._step_m):
+                effects += self._tell(encounter, {one.system_id: one for one in in_air}, t_ns)
+        return effects + self._end(t_ns)
+
+    def _note_turn(self, state: VehicleState) -> None:
+        turn = self._agents[state.system_id].separation
+        passed_ns = state.t_ns - turn.t_ns
+        if passed_ns < _MIN_TURN_NS:
+            return
+        turned_rad = wrap_pi(state.course_rad - turn.course_rad)
+        turn.rate_rad_s = turned_rad * NS_PER_S / passed_ns if passed_ns <= _MAX_TURN_NS else 0.0
+        turn.t_ns, turn.course_rad = state.t_ns, state.course_rad
+
+    def _tell(self, encounter: Encounter, states: dict[int, VehicleState], t_ns: int) -> list[Effect]:
+        first, second = (states[vehicle] for vehicle in encounter.vehicles)
+        distance_m = math.hypot(first.east_m - second.east_m, first.north_m - second.north_m)
+        height_m = abs(first.alt_msl_m - second.alt_msl_m)
+        is_lost = distance_m < self._min_m and height_m < _LOST_SHARE * self._step_m
+        stage = self._lost if is_lost else sum(encounter.after_s <= at_s for at_s in WARNING_TIMES_S)
+        approach = self._state.approaches.get(encounter.vehicles)
+        if approach is None:
+            # An early warning needs a second look: courses in a turn mislead.
+            approach = self._state.approaches[encounter.vehicles] = Approach(0, t_ns)
+            if stage == 1:
+                return []
+        approach.seen_t_ns = t_ns
+        if is_lost and distance_m < approach.nearest_m:
+            approach.nearest_m, approach.nearest_height_m = distance_m, height_m
+        if stage <= approach.stage:
+            return []
+        approach.stage = stage
+        other = vehicle_name(encounter.vehicles[1])
+        east_m, north_m, msl_m = encounter.place_m
+        where = f"at ({east_m:.0f}, {north_m:.0f}) m, {msl_m - self._base_msl_m:.0f} m high"
+        if is_lost:
+            text = f"has lost separation from agent {other}: {distance_m:.0f} m and {height_m:.0f} m in height"
+        else:
+            text = (
+                f"comes within {encounter.distance_m:.0f} m and {encounter.height_m:.0f} m in height of "
+                f"agent {other} in {encounter.after_s:.0f} s"
+            )
+        return [Notice(t_ns, "alarm", f"{text}, {where}: {_REMEDY}", encounter.vehicles[0])]
+
+    def _end(self, t_ns: int) -> list[Effect]:
+        effects: list[Effect] = []
+        approaches = self._state.approaches
+        for vehicles in sorted(v for v, one in approaches.items() if t_ns - one.seen_t_ns >= _APART_NS):
+            approach = approaches.pop(vehicles)
+            if approach.stage == 0:
+                continue
+            nearest = ""
+            if approach.stage == self._lost:
+                nearest = f"; the nearest was {approach.nearest_m:.0f} m and {approach.nearest_height_m:.0f} m"
+                nearest += " in height"
+            text = f"is apart from agent {vehicle_name(vehicles[1])} again{nearest}"
+            effects.append(Notice(t_ns, "info", text, vehicles[0]))
+        return effects
+
+    @property
+    def near(self) -> Iterable[tuple[int, int]]:
+        """Pairs that were told and are not apart again."""
+        return [pair for pair, approach in sorted(self._state.approaches.items()) if approach.stage]

@@ -1,0 +1,42 @@
+"""State of separation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+
+@dataclass(slots=True)
+class AgentTurn:
+    """Turn of one vehicle, from its reported courses."""
+
+    t_ns: int = 0
+    """Time of the newest course."""
+    course_rad: float = 0.0
+    rate_rad_s: float = 0.0
+    """Positive to the right; 0 if unknown."""
+
+
+@dataclass(slots=True)
+class Approach:
+    """Two vehicles that come, or are, too near to each other."""
+
+    stage: int
+    """Number of warning times that are past; one more after the loss of separation."""
+    seen_t_ns: int
+    """Last check that found it."""
+    nearest_m: float = math.inf
+    """Least horizontal distance in a loss of separation."""
+    nearest_height_m: float = math.inf
+    """Difference in height there."""
+
+
+@dataclass(slots=True)
+class SeparationState:
+    """What belongs to no single vehicle."""
+
+    next_check_t_ns: int = 0
+    approaches: dict[tuple[int, int], Approach] = field(default_factory=dict)
+    """By pair of vehicles, the lower one first."""
+    told_heights: list[int] = field(default_factory=list)
+    """Vehicles in the air whose return heights were told to be too near to each other."""
