@@ -31,6 +31,7 @@ from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.replanning.input_builder import PlanningInputBuilder
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
+from gcs.core.separation.climb_traffic import ClimbTraffic
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.monitor import SeparationMonitor
 from gcs.core.state import State
@@ -99,6 +100,10 @@ class Stages:
         self.position_integrity = PositionIntegrityMonitor(agents, telemetry)
         self.kinematics = VehicleKinematics(agents, telemetry.max_age_s)
         self.agent_status = AgentStatusMonitor(agents, self.no_fly_zones, config.planning.capture_radius_m)
+        # Separation
+        self.return_heights = ReturnHeightMonitor(config, self.fleet, agents)
+        self.intents = Intents(config, self.fleet, agents, self.return_heights)
+        self.separation = SeparationMonitor(config, self.intents, self.state)
         # Planning and tasking
         self.replanner = Replanner(config, self.no_fly_zones, agents, self.state.replanning)
         self.return_routes = ReturnRoutes(config, self.no_fly_zones, self.fleet, agents)
@@ -110,17 +115,21 @@ class Stages:
             self.state.tasking,
             self.climbs,
             MissionBoundsCheck(config, grid),
-            lambda vehicle: self.takeoff_sequence.holds_back(vehicle, self.orders.launching()),
+            lambda vehicle, t_ns: self.takeoff_sequence.holds_back(vehicle, self.orders.launching(), t_ns),
         )
-        self.takeoff_sequence = TakeoffSequence(config, self.fleet, self.tasking.onboard_missions, self.state)
+        self.takeoff_sequence = TakeoffSequence(
+            config,
+            self.fleet,
+            self.tasking.onboard_missions,
+            self.state,
+            ClimbTraffic(config, self.intents, self.climbs, agents),
+            self.replanner.layers,
+        )
         self.approval = PlanApproval(config, self.no_fly_zones, self.replanner, agents, self.state.operator)
         self.dispatch = Dispatch(
             self.return_routes, self.approval, self.tasking, agents, self.external_uploads
         )
         # Orders and control authority
-        self.return_heights = ReturnHeightMonitor(config, self.fleet, agents)
-        self.intents = Intents(config, self.fleet, agents, self.return_heights)
-        self.separation = SeparationMonitor(config, self.intents, self.state)
         self.orders = Orders(
             self.state,
             self.fleet,

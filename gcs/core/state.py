@@ -18,7 +18,7 @@ from gcs.core.authority.records import AgentAuthority, AuthorityState
 from gcs.core.operator.records import AgentOrders, OperatorState
 from gcs.core.perception.records import AgentPerception, PerceptionState
 from gcs.core.replanning.records import AgentRoutes, ReplanningState
-from gcs.core.separation.records import AgentTurn, SeparationState
+from gcs.core.separation.records import AgentSeparation, SeparationState
 from gcs.core.takeoff.records import AgentTakeoff, TakeoffState
 from gcs.core.tasking.records import AgentTasking, TaskingState
 from gcs.mavlink.fleet.records import FleetState, VehicleLink
@@ -38,7 +38,7 @@ class Agent:
     tasking: AgentTasking = field(default_factory=AgentTasking)
     takeoff: AgentTakeoff = field(default_factory=AgentTakeoff)
     orders: AgentOrders = field(default_factory=AgentOrders)
-    separation: AgentTurn = field(default_factory=AgentTurn)
+    separation: AgentSeparation = field(default_factory=AgentSeparation)
     return_parameters: dict[str, float] = field(default_factory=dict)
     """Parameters heard that set its return height, by name."""
 

@@ -58,13 +58,19 @@ def show_cost() -> None:
             side_m = 300.0 * np.sqrt(n)
             flights = [
                 Flight(
-                    i + 1, *rng.uniform(0.0, side_m, 2), 100.0 + 20.0 * (i % 5), 15.0,
-                    rng.uniform(0.0, 6.0), 0.0, 0.0, 0.4,
+                    i + 1,
+                    *rng.uniform(0.0, side_m, 2),
+                    100.0 + 20.0 * (i % 5),
+                    15.0,
+                    rng.uniform(0.0, 6.0),
+                    0.0,
+                    0.0,
+                    0.4,
                     tuple(
                         Goal(GoalKind.WAYPOINT, *rng.uniform(0.0, side_m, 2), 20.0, 100.0 + 20.0 * (i % 5))
                         for _ in range(4)
                     ),
-                )  # fmt: skip
+                )
                 for i in range(n)
             ]
             took = np.empty((30, 2))

@@ -106,7 +106,7 @@ class Flown:
     alarms: int = 0
     """Approaches that were told."""
     false_alarms: int = 0
-    """Approaches that were told, and whose pair stayed apart."""
+    """Approaches that were told, and whose pair stayed apart: by `separation_m`, or by 15 m in height."""
     nearest: dict[tuple[int, int], float] = field(default_factory=dict)
     takeoffs: int = 0
     landings: int = 0
@@ -186,9 +186,10 @@ class FlownMission:
     def __init__(self, drawn: Drawn, *, near_m: float = NEAR_M, near_height_m: float = NEAR_HEIGHT_M) -> None:
         self.drawn, self.flown = drawn, Flown(drawn.seed)
         self._near_m, self._near_height_m = near_m, near_height_m
+        self._separation_m = drawn.scenario.config.planning.separation_m
         self._open: dict[tuple[int, int], Pair] = {}
         self._told: dict[tuple[int, int], float] = {}
-        self._was_near: set[tuple[int, int]] = set()
+        self._was_near: dict[tuple[int, int], float] = {}
         self.run = VirtualRun(drawn.scenario, drawn.seed, on_effect=self._on_effect, orders=drawn.orders)
         vehicles = [
             SimVehicle(
@@ -245,8 +246,9 @@ class FlownMission:
                 nearest = self.flown.nearest
                 nearest[vehicles] = min(nearest.get(vehicles, math.inf), distance_m)
             pair = self._open.get(vehicles)
+            if distance_m < self._separation_m and height_m < self._near_height_m:
+                self._was_near[vehicles] = t_s
             if is_near:
-                self._was_near.add(vehicles)
                 if pair is None:
                     what = ", ".join(
                         f"{v.autopilot.mode.name} {v.autopilot.seq} {v.alt_rel_m:.0f} m" for v in (one, other)
@@ -261,10 +263,9 @@ class FlownMission:
                 self.flown.pairs.append(self._open.pop(vehicles))
 
     def _end_alarm(self, vehicles: tuple[int, int]) -> None:
-        del self._told[vehicles]
+        begin_s = self._told.pop(vehicles)
         self.flown.alarms += 1
-        self.flown.false_alarms += vehicles not in self._was_near
-        self._was_near.discard(vehicles)
+        self.flown.false_alarms += self._was_near.get(vehicles, -math.inf) < begin_s
 
     def _on_effect(self, t_ns: int, effect: Effect) -> None:
         if isinstance(effect, OrderAnswer) and effect.state == "refused":
@@ -278,8 +279,6 @@ class FlownMission:
         if effect.text.startswith(("comes within ", "has lost separation from ")):
             other = int("".join(itertools.takewhile(str.isdigit, words[1])))
             self._told.setdefault((effect.vehicle, other), t_s)
-            if effect.text.startswith("has lost"):
-                self._was_near.add((effect.vehicle, other))
         elif effect.text.startswith("is apart from agent "):
             vehicles = (effect.vehicle, int("".join(itertools.takewhile(str.isdigit, words[1]))))
             if vehicles in self._told:

@@ -243,7 +243,7 @@ class Orders:
         if not self._launches(vehicle, order.action):
             return ""
         starting = self.launching() | {other for other in begun if self._launches(other, order.action)}
-        reason = self._takeoff_sequence.blocked_by(vehicle, starting)
+        reason = self._takeoff_sequence.blocked_by(vehicle, starting, order.t_ns)
         return f"would take off at once, and {reason}, then order it again" if reason else ""
 
     def may_fly(self, vehicle: int) -> bool:

@@ -21,13 +21,13 @@ import numpy as np
 
 from gcs.model import FloatArray, IntArray
 
-STEP_S: Final = 0.5
+STEP_S: Final = 1.0
 CONVERGENCE_S: Final = 2.0
 """Time constant tau of the approach to a circle."""
 CLIMB_M_S: Final = 5.0
 """Vertical speed of a change of height."""
 _LOW_SPEED_M_S: Final = 1.0
-_CLIMB_SPREAD: Final = 0.35
+_CLIMB_SPREAD: Final = 0.4
 """Relative uncertainty of the vertical speed after a take-off."""
 _BEHIND_RAD: Final = 1.8
 """A near waypoint at this angle from the course has been passed."""
@@ -48,6 +48,9 @@ class GoalKind(IntEnum):
     """Fly to a place; there the flight ends."""
     DRIFT = 5
     """Keep turn rate and vertical speed."""
+
+
+_KEEP, _WAYPOINT, _CIRCLE, _CLIMB, _LAND, _DRIFT = (float(kind) for kind in GoalKind)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,54 +144,57 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
     rows, goal = np.arange(len(last)), np.zeros_like(last)
     east, north, height, speed, course, climb, turn_rate, max_rate, age, gradient = state.T.copy()
     low, high, in_air = height.copy(), height.copy(), np.ones(len(last), dtype=bool)
-    circled_s = np.zeros(len(last))
+    circled_s, rising = np.zeros(len(last)), np.maximum(climb, gradient * speed)
     dt = step_s + age  # the first step makes up for the age of the state
     paths[:, 0] = east + speed * age * np.sin(course), north + speed * age * np.cos(course), low, high
+    is_new, is_any_done = True, False
     for k in range(1, paths.shape[1]):
-        kind, to_east, to_north, radius, to_height, for_s = table[rows, goal].T
-        is_leg = (kind == GoalKind.WAYPOINT) | (kind == GoalKind.LAND)
-        is_circle, is_climb = kind == GoalKind.CIRCLE, kind == GoalKind.CLIMB
-        keeps = (kind == GoalKind.KEEP) | (kind == GoalKind.DRIFT)
+        if is_new or is_any_done:
+            kind, to_east, to_north, radius, to_height, for_s = table[rows, goal].T
+            is_leg = (kind == _WAYPOINT) | (kind == _LAND)
+            is_circle, is_climb = kind == _CIRCLE, kind == _CLIMB
+            keeps = (kind == _KEEP) | (kind == _DRIFT)
+            circle, side = np.maximum(np.abs(radius), 1.0), np.where(radius < 0.0, -1.0, 1.0)
+            accept, is_new = np.maximum(radius, 0.0), False
         ahead_east, ahead_north = to_east - east, to_north - north
         away = np.hypot(ahead_east, ahead_north)
         bearing = np.arctan2(ahead_east, ahead_north)
-        circle, side = np.maximum(np.abs(radius), 1.0), np.where(radius < 0.0, -1.0, 1.0)
+        # Round a circle: the tangent, half a step ahead.
         inwards = np.arctan((away - circle) / (speed * CONVERGENCE_S))
-        # On the circle, the tangent half a step ahead.
         lead = 0.5 * speed * dt / np.maximum(away, 0.5 * circle)
-        tangent = bearing + np.pi + side * (0.5 * np.pi + inwards + lead)
-        error = (np.where(is_circle, tangent, bearing) - course + np.pi) % (2.0 * np.pi) - np.pi
-        turned = np.clip(error, -max_rate * dt, max_rate * dt)
-        turned = np.where(keeps, turn_rate * dt, np.where(is_climb, 0.0, turned))
-        middle = course + 0.5 * turned
+        bearing += is_circle * (np.pi + side * (0.5 * np.pi + inwards + lead))
+        error = (bearing - course + np.pi) % (2.0 * np.pi) - np.pi
+        turned = np.minimum(np.maximum(error, -max_rate * dt), max_rate * dt)
+        turned = np.where(keeps, turn_rate * dt, turned * ~is_climb)
+        course += 0.5 * turned
         moved = speed * dt * in_air
-        east += moved * np.sin(middle)
-        north += moved * np.cos(middle)
-        course += turned
-        change = CLIMB_M_S * dt
-        share = np.minimum(moved / np.maximum(away, 1e-3), 1.0)
-        by_leg = is_leg | is_circle
-        one = np.clip(to_height - low, -change, change)
-        other = np.clip(to_height - high, -change, change)
-        even_low, even_high = (to_height - low) * share, (to_height - high) * share
-        # Below its goal the slow change is the lower bound, above it the upper one.
-        low_step = np.where(to_height >= low, np.minimum(even_low, one), np.minimum(one, even_low))
-        high_step = np.where(to_height >= high, np.maximum(other, even_high), np.maximum(even_high, other))
-        rising = np.maximum(climb, gradient * speed) * dt
-        drift = np.where(kind == GoalKind.DRIFT, climb, climb * (k * step_s <= _LEVEL_S)) * dt
-        low += np.select([is_climb, by_leg], [(1.0 - _CLIMB_SPREAD) * rising, low_step], np.minimum(drift, 0.0))
-        high += np.select(
-            [is_climb, by_leg], [(1.0 + _CLIMB_SPREAD) * rising, high_step], np.maximum(drift, 0.0)
+        east += moved * np.sin(course)
+        north += moved * np.cos(course)
+        course += 0.5 * turned
+        # Heights change at once, or evenly up to the goal.
+        change, share = CLIMB_M_S * dt, np.minimum(moved / np.maximum(away, 1e-3), 1.0)
+        up, up_high = to_height - low, to_height - high
+        at_once = np.minimum(np.maximum(up, -change), change)
+        at_once_high = np.minimum(np.maximum(up_high, -change), change)
+        drift = climb * dt * ((k * step_s <= _LEVEL_S) | (kind == _DRIFT))
+        by_goal = is_leg | is_circle
+        low += np.where(by_goal, np.minimum(at_once, up * share), np.minimum(drift, 0.0) * ~is_climb)
+        high += np.where(
+            by_goal, np.maximum(at_once_high, up_high * share), np.maximum(drift, 0.0) * ~is_climb
         )
-        has_climbed = is_climb & (0.5 * (low + high) >= to_height)
+        low += is_climb * (1.0 - _CLIMB_SPREAD) * rising * dt
+        high += is_climb * (1.0 + _CLIMB_SPREAD) * rising * dt
         high = np.where(is_climb, np.minimum(high, np.maximum(to_height, height)), high)
-        on_circle = is_circle & (away <= 1.3 * circle)
-        circled_s += on_circle * dt
+        is_done = is_climb & (0.5 * (low + high) >= to_height)
         is_behind = (np.abs(error) > _BEHIND_RAD) & (away < 2.0 * speed / max_rate)
-        has_passed = is_leg & ((away <= np.maximum(radius, 0.0) + moved) | is_behind)
-        is_done = has_passed | has_climbed | (is_circle & (circled_s >= for_s))
-        in_air &= ~(is_done & (kind == GoalKind.LAND))
-        circled_s[is_done] = 0.0
-        goal = np.where(is_done, np.minimum(goal + 1, last), goal)
-        paths[:, k] = east, north, np.where(in_air, low, np.nan), np.where(in_air, high, np.nan)
-        dt = np.full_like(dt, step_s)
+        is_done |= is_leg & ((away <= accept + moved) | is_behind)
+        circled_s = (circled_s + dt) * (is_circle & (away <= 1.3 * circle))
+        is_done |= is_circle & (circled_s >= for_s)
+        is_any_done = bool(is_done.any())
+        if is_any_done:
+            in_air &= ~(is_done & (kind == _LAND))
+            circled_s[is_done] = 0.0
+            goal = np.where(is_done, np.minimum(goal + 1, last), goal)
+        paths[0, k], paths[1, k], paths[2, k], paths[3, k] = east, north, low, high
+        paths[2:, k, ~in_air] = np.nan
+        dt = step_s

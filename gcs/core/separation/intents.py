@@ -88,7 +88,7 @@ class Intents:
             max_turn_rate_rad_s=max(_G_M_S2 * self._tan_bank / speed_m_s, abs(rate)),
             goals=self._goals(state, mode or state.mode),
             age_s=max(t_ns - state.t_ns, 0) / NS_PER_S,
-            climb_gradient=self._gradient,
+            climb_gradient=self.climb_gradient(state.system_id),
         )
 
     def _goals(self, state: VehicleState, mode: str) -> tuple[Goal, ...]:
@@ -97,6 +97,19 @@ class Intents:
         if mode == LOITER:
             return (Goal(GoalKind.KEEP),)
         return (tuple(self._mission(state)) if mode == AUTO else ()) or (Goal(GoalKind.DRIFT),)
+
+    def is_climbing_out(self, state: VehicleState) -> bool:
+        """Return True if a vehicle in the air flies the take-off of its mission."""
+        first = next(self._mission(state), None) if state.mode == AUTO else None
+        return first is not None and first.kind is GoalKind.CLIMB
+
+    def ground_m(self, vehicle: int) -> float:
+        """Return the height above sea level of a vehicle's home."""
+        return self._home(vehicle)[2]
+
+    def climb_gradient(self, vehicle: int) -> float:
+        """Return the vertical speed of a vehicle's take-off climb, by ground speed: as it climbed before."""
+        return self._agents[vehicle].separation.climb_gradient or self._gradient
 
     def _home(self, vehicle: int) -> tuple[float, float, float]:
         """Return east, north and height above sea level of a vehicle's home."""
@@ -124,7 +137,7 @@ class Intents:
             return
         first = max(state.mission_seq, profile.home_items)
         items = tasking.onboard.items[first : first + _MAX_ITEMS]
-        ground_m = self._home(state.system_id)[2]
+        ground_m = self.ground_m(state.system_id)
         for item in items:
             if item.command in _KINDS:
                 yield self._goal(item, ground_m)

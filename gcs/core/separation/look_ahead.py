@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from gcs.core.separation.forward_flight import STEP_S, FlightPaths
-from gcs.model import FloatArray
+from gcs.model import IntArray
 
 GROWTH_M_S: Final = 1.0
 """Growth of the minimum distance with the time ahead: predictions get worse."""
@@ -79,9 +79,7 @@ def encounters(
     return sorted(found, key=lambda encounter: encounter.vehicles)
 
 
-def _candidates(
-    paths: FlightPaths, min_distance_m: float, min_height_m: float
-) -> tuple[FloatArray, FloatArray]:
+def _candidates(paths: FlightPaths, min_distance_m: float, min_height_m: float) -> tuple[IntArray, IntArray]:
     """Return the pairs whose bounding boxes come too near, as two arrays of indices."""
     upper = np.triu_indices(len(paths.vehicles), 1)
     is_near = np.ones(len(upper[0]), dtype=bool)

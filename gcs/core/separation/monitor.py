@@ -29,13 +29,19 @@ MIN_DISTANCE_M: Final = 30.0
 """Least horizontal distance, whatever `planning.separation_m` says."""
 _ONE_LAYER_M: Final = 20.0
 """Height between layers that counts where there is one layer."""
-_PREDICTED_SHARE, _LOST_SHARE = 0.75, 0.5
+PREDICTED_SHARE, LOST_SHARE = 0.75, 0.5
 """Shares of a layer step: least difference in height, predicted and measured."""
 _PERIOD_NS: Final = ns(1.0)
 _APART_NS: Final = ns(5.0)
 _MIN_TURN_NS, _MAX_TURN_NS = ns(0.75), ns(3.0)
 """Time between two courses that give a turn rate."""
+_MIN_CLIMB_M_S, _GRADIENT_GAIN = 1.0, 0.3
 _REMEDY = "hold or return one, or let a pilot take it over"
+
+
+def layer_step_m(config: Config) -> float:
+    """Return the height between layers, or what counts where there is one layer."""
+    return config.mission.layer_step_m or _ONE_LAYER_M
 
 
 class SeparationMonitor:
@@ -45,7 +51,7 @@ class SeparationMonitor:
         self._intents, self._agents, self._state = intents, state.agents, state.separation
         self._base_msl_m = config.frame.alt_msl_m
         self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
-        self._step_m = config.mission.layer_step_m or _ONE_LAYER_M
+        self._step_m = layer_step_m(config)
         self._lost = len(WARNING_TIMES_S) + 1
 
     def check(self, t_ns: int) -> list[Effect]:
@@ -56,29 +62,34 @@ class SeparationMonitor:
         state.next_check_t_ns = t_ns + _PERIOD_NS
         in_air = self._intents.in_air(t_ns)
         for one in in_air:
-            self._note_turn(one)
+            self._note(one)
         effects: list[Effect] = []
         if len(in_air) > 1:
             flights = [self._intents.flight(one, t_ns) for one in in_air]
             paths = simulate_flights(flights, LOOK_AHEAD_S)
-            for encounter in encounters(paths, self._min_m, _PREDICTED_SHARE * self._step_m):
+            for encounter in encounters(paths, self._min_m, PREDICTED_SHARE * self._step_m):
                 effects += self._tell(encounter, {one.system_id: one for one in in_air}, t_ns)
         return effects + self._end(t_ns)
 
-    def _note_turn(self, state: VehicleState) -> None:
-        turn = self._agents[state.system_id].separation
-        passed_ns = state.t_ns - turn.t_ns
+    def _note(self, state: VehicleState) -> None:
+        """Note the turn rate of a vehicle, and its climb in a take-off."""
+        seen = self._agents[state.system_id].separation
+        passed_ns = state.t_ns - seen.t_ns
         if passed_ns < _MIN_TURN_NS:
             return
-        turned_rad = wrap_pi(state.course_rad - turn.course_rad)
-        turn.rate_rad_s = turned_rad * NS_PER_S / passed_ns if passed_ns <= _MAX_TURN_NS else 0.0
-        turn.t_ns, turn.course_rad = state.t_ns, state.course_rad
+        turned_rad = wrap_pi(state.course_rad - seen.course_rad)
+        seen.rate_rad_s = turned_rad * NS_PER_S / passed_ns if passed_ns <= _MAX_TURN_NS else 0.0
+        seen.t_ns, seen.course_rad = state.t_ns, state.course_rad
+        if self._intents.is_climbing_out(state) and state.climb_m_s > _MIN_CLIMB_M_S:
+            gradient = state.climb_m_s / max(state.ground_speed_m_s, 1.0)
+            gain = _GRADIENT_GAIN if seen.climb_gradient else 1.0
+            seen.climb_gradient += gain * (gradient - seen.climb_gradient)
 
     def _tell(self, encounter: Encounter, states: dict[int, VehicleState], t_ns: int) -> list[Effect]:
         first, second = (states[vehicle] for vehicle in encounter.vehicles)
         distance_m = math.hypot(first.east_m - second.east_m, first.north_m - second.north_m)
         height_m = abs(first.alt_msl_m - second.alt_msl_m)
-        is_lost = distance_m < self._min_m and height_m < _LOST_SHARE * self._step_m
+        is_lost = distance_m < self._min_m and height_m < LOST_SHARE * self._step_m
         stage = self._lost if is_lost else sum(encounter.after_s <= at_s for at_s in WARNING_TIMES_S)
         approach = self._state.approaches.get(encounter.vehicles)
         if approach is None:
@@ -96,7 +107,9 @@ class SeparationMonitor:
         east_m, north_m, msl_m = encounter.place_m
         where = f"at ({east_m:.0f}, {north_m:.0f}) m, {msl_m - self._base_msl_m:.0f} m high"
         if is_lost:
-            text = f"has lost separation from agent {other}: {distance_m:.0f} m and {height_m:.0f} m in height"
+            text = (
+                f"has lost separation from agent {other}: {distance_m:.0f} m and {height_m:.0f} m in height"
+            )
         else:
             text = (
                 f"comes within {encounter.distance_m:.0f} m and {encounter.height_m:.0f} m in height of "
@@ -113,7 +126,9 @@ class SeparationMonitor:
                 continue
             nearest = ""
             if approach.stage == self._lost:
-                nearest = f"; the nearest was {approach.nearest_m:.0f} m and {approach.nearest_height_m:.0f} m"
+                nearest = (
+                    f"; the nearest was {approach.nearest_m:.0f} m and {approach.nearest_height_m:.0f} m"
+                )
                 nearest += " in height"
             text = f"is apart from agent {vehicle_name(vehicles[1])} again{nearest}"
             effects.append(Notice(t_ns, "info", text, vehicles[0]))

@@ -7,14 +7,16 @@ from dataclasses import dataclass, field
 
 
 @dataclass(slots=True)
-class AgentTurn:
-    """Turn of one vehicle, from its reported courses."""
+class AgentSeparation:
+    """Turn and climb of one vehicle, from its reports."""
 
     t_ns: int = 0
     """Time of the newest course."""
     course_rad: float = 0.0
     rate_rad_s: float = 0.0
     """Positive to the right; 0 if unknown."""
+    climb_gradient: float = 0.0
+    """Vertical speed by ground speed in its last take-off; 0 before that."""
 
 
 @dataclass(slots=True)

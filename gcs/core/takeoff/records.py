@@ -15,6 +15,10 @@ class AgentTakeoff:
     """True if the vehicle was on the ground when it was last checked."""
     is_climbing: bool = False
     """True from the ground to the lowest altitude layer."""
+    traffic: str = ""
+    """Vehicle in the air that its climb would meet, in words; empty if there is none."""
+    traffic_t_ns: int = 0
+    """Time of that check."""
     is_waiting: bool = False
     """True while its take-off waits for that of another vehicle."""
 

@@ -2,7 +2,9 @@
 
 Below the altitude layers nothing separates vehicles. A take-off waits while another vehicle nearby is about
 to take off, is below the lowest layer, or lands. Nearby means: within the climb to the lowest layer plus the
-separation of routes. Meanwhile orders to arm are refused, and missions for armed vehicles on the ground wait.
+separation of routes. It also waits while a vehicle in a layer that the climb crosses is, or will be, near the
+climb (`gcs.core.separation.climb_traffic`). Meanwhile orders to arm are refused, and missions for armed
+vehicles on the ground wait.
 
 A vehicle whose link is down blocks no take-off. Vehicles that were armed elsewhere are not stopped: an alarm
 names two that climb near each other.
@@ -15,6 +17,8 @@ from collections.abc import Container
 from typing import Final
 
 from gcs.config import Config
+from gcs.core.replanning.planned_flights import AltitudeLayers
+from gcs.core.separation.climb_traffic import ClimbTraffic
 from gcs.core.state import State
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.mavlink.autopilots.modes import AUTO
@@ -41,7 +45,10 @@ class TakeoffSequence:
         fleet: Fleet,
         onboard_missions: OnboardMissions,
         state: State,
+        traffic: ClimbTraffic,
+        layers: AltitudeLayers,
     ) -> None:
+        self._traffic, self._layers = traffic, layers
         self._config, self._fleet, self._missions = config, fleet, onboard_missions
         self._agents, self._state, self._uploads = state.agents, state.takeoff, state.tasking
         self._low_m = config.mission.altitude_rel_m - _ALTITUDE_TOLERANCE_M
@@ -51,7 +58,7 @@ class TakeoffSequence:
         self.distance_m = climb_m + config.planning.separation_m
         """Distance within which two vehicles must not take off together."""
 
-    def blocked_by(self, vehicle: int, starting: Container[int]) -> str:
+    def blocked_by(self, vehicle: int, starting: Container[int], t_ns: int) -> str:
         """Return which vehicle blocks a take-off, and how long to wait; empty if none does.
 
         Parameters
@@ -79,17 +86,31 @@ class TakeoffSequence:
                     (away_m, f"agent {vehicle_name(health.system_id)} {activity}, {away_m:.0f} m away", until)
                 )
         if not found:
-            return ""
+            return self._crossing(vehicle, t_ns)
         _, nearest, until = min(found)
         more = f", and {len(found) - 1} more" if len(found) > 1 else ""
         return f"{nearest}{more}: wait until it {until}"
 
-    def holds_back(self, vehicle: int, starting: Container[int]) -> str:
+    def _crossing(self, vehicle: int, t_ns: int) -> str:
+        """Return which vehicle the climb would meet, at most a second ago."""
+        takeoff = self._agents[vehicle].takeoff
+        if t_ns - takeoff.traffic_t_ns >= _PERIOD_NS:
+            takeoff.traffic, takeoff.traffic_t_ns = "", t_ns
+            crossing = self._traffic.crossing(vehicle, self._layers.of(vehicle), t_ns)
+            if crossing is not None:
+                other, height_m, away_m = crossing
+                takeoff.traffic = (
+                    f"its climb meets agent {vehicle_name(other)}, {height_m:.0f} m above home and "
+                    f"{away_m:.0f} m away: wait until it has passed, or move it"
+                )
+        return takeoff.traffic
+
+    def holds_back(self, vehicle: int, starting: Container[int], t_ns: int) -> str:
         """Return why an armed vehicle on the ground must not start yet; empty if it may."""
         state = self._fleet.state(vehicle)
         if state is None or not state.armed or not is_on_ground(state, self._fleet.home(vehicle)):
             return ""
-        return self.blocked_by(vehicle, starting)
+        return self.blocked_by(vehicle, starting, t_ns)
 
     def _obstructs(self, state: VehicleState, *, is_starting: bool) -> tuple[str, str]:
         """Return why a vehicle blocks take-offs, and what ends that; both empty if it does not."""
@@ -124,7 +145,7 @@ class TakeoffSequence:
         stages = self._uploads.stages
         for vehicle, agent in sorted(self._agents.items()):
             is_queued, was_waiting = stages.get(vehicle) == "waiting", agent.takeoff.is_waiting
-            reason = self.holds_back(vehicle, starting) if is_queued else ""
+            reason = self.holds_back(vehicle, starting, t_ns) if is_queued else ""
             agent.takeoff.is_waiting = bool(reason)
             if reason and not was_waiting:
                 effects.append(Notice(t_ns, "warning", f"its take-off waits: {reason}", vehicle))

@@ -71,7 +71,7 @@ class UploadManager:
         state: TaskingState,
         climbs: Climbs | None = None,
         bounds: MissionBoundsCheck | None = None,
-        holds_back: Callable[[int], str] = lambda _vehicle: "",
+        holds_back: Callable[[int, int], str] = lambda _vehicle, _t_ns: "",
     ) -> None:
         self.state = state
         self._table, self._frame, self._climbs = config.mission, config.local_frame, climbs
@@ -146,7 +146,7 @@ class UploadManager:
         if (
             self.state.is_uploading(vehicle)
             and not self._is_climbing(vehicle)
-            and not self._holds_back(vehicle)
+            and not self._holds_back(vehicle, t_ns)
             and (at_once or self._agents[vehicle].tasking.retry.may_supersede(t_ns))
         ):
             self.state.queue.pop(vehicle, None)
@@ -274,7 +274,7 @@ class UploadManager:
         for vehicle in list(self.state.queue):
             may_start = self._active.has_capacity(vehicle) and self._agents[vehicle].authority.audit is None
             is_due = may_start and not self._is_climbing(vehicle) and self._is_due(vehicle, t_ns)
-            if is_due and not self._holds_back(vehicle):
+            if is_due and not self._holds_back(vehicle, t_ns):
                 queued = self.state.queue.pop(vehicle)
                 effects += self._active.supersede(vehicle, t_ns)
                 effects += self._start(queued.route, queued.planned_t_ns, queued.return_route, t_ns)
