@@ -34,6 +34,7 @@ from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.separation.climb_traffic import ClimbTraffic
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.monitor import SeparationMonitor
+from gcs.core.separation.resume_check import ResumeCheck
 from gcs.core.state import State
 from gcs.core.takeoff.climbs import Climbs
 from gcs.core.takeoff.sequence import TakeoffSequence
@@ -103,7 +104,7 @@ class Stages:
         # Separation
         self.return_heights = ReturnHeightMonitor(config, self.fleet, agents)
         self.intents = Intents(config, self.fleet, agents, self.return_heights)
-        self.separation = SeparationMonitor(config, self.intents, self.state)
+        self.separation = SeparationMonitor(config, self.intents, self.return_heights, self.state)
         # Planning and tasking
         self.replanner = Replanner(config, self.no_fly_zones, agents, self.state.replanning)
         self.return_routes = ReturnRoutes(config, self.no_fly_zones, self.fleet, agents)
@@ -122,8 +123,7 @@ class Stages:
             self.fleet,
             self.tasking.onboard_missions,
             self.state,
-            ClimbTraffic(config, self.intents, self.climbs, agents),
-            self.replanner.layers,
+            ClimbTraffic(config, self.intents, self.climbs, self.replanner.layers, agents),
         )
         self.approval = PlanApproval(config, self.no_fly_zones, self.replanner, agents, self.state.operator)
         self.dispatch = Dispatch(
@@ -137,6 +137,7 @@ class Stages:
             self.replanner.layers,
             self.takeoff_sequence,
             self.return_heights,
+            ResumeCheck(config, self.intents),
         )
         self.incursions = IncursionWarnings(self.state.airspace, self.tasking.onboard_missions)
         self.no_fly_zone_orders = NoFlyZoneOrders(

@@ -17,6 +17,7 @@ from gcs.core.airspace.records import AirspaceState
 from gcs.core.authority.records import AgentAuthority, AuthorityState
 from gcs.core.operator.records import AgentOrders, OperatorState
 from gcs.core.perception.records import AgentPerception, PerceptionState
+from gcs.core.preflight.records import AgentReturn
 from gcs.core.replanning.records import AgentRoutes, ReplanningState
 from gcs.core.separation.records import AgentSeparation, SeparationState
 from gcs.core.takeoff.records import AgentTakeoff, TakeoffState
@@ -39,8 +40,7 @@ class Agent:
     takeoff: AgentTakeoff = field(default_factory=AgentTakeoff)
     orders: AgentOrders = field(default_factory=AgentOrders)
     separation: AgentSeparation = field(default_factory=AgentSeparation)
-    return_parameters: dict[str, float] = field(default_factory=dict)
-    """Parameters heard that set its return height, by name."""
+    returns: AgentReturn = field(default_factory=AgentReturn)
 
     @classmethod
     def initial(cls, vehicle: int) -> Agent:

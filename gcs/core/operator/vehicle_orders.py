@@ -6,7 +6,8 @@ progress is ended safely first. An order is done when the vehicle's heartbeat sh
 
 A resumed vehicle continues its verified mission if its target is still free; otherwise it waits in LOITER for
 the next plan. It gets no upload until it is in LOITER, which would undo the start of the mission. A vehicle
-that returns or lands is not turned back near the ground.
+that returns or lands is not turned back near the ground. A vehicle whose mission would lead it near another
+one stays where it is (`gcs.core.separation.resume_check`).
 
 Vehicles are armed by an order only. Arming is refused in a mode in which the vehicle would take off at once,
 except with a verified mission that is to be flown now: PX4 and ArduPlane start the stored mission when they
@@ -24,6 +25,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.core.operator.records import Command, OrderInProgress
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.replanning.planned_flights import AltitudeLayers
+from gcs.core.separation.resume_check import ResumeCheck
 from gcs.core.state import State, flown_routes
 from gcs.core.takeoff.sequence import SELF_LAUNCHING, TakeoffSequence
 from gcs.core.tasking.upload_manager import UploadManager
@@ -70,7 +72,9 @@ class Orders:
         layers: AltitudeLayers,
         takeoff_sequence: TakeoffSequence,
         return_heights: ReturnHeightMonitor,
+        resume_check: ResumeCheck,
     ) -> None:
+        self._resume_check = resume_check
         self._state, self._agents, self._operator = state, state.agents, state.operator
         self._fleet, self._tasking, self._layers = fleet, tasking, layers
         self._takeoff_sequence, self._return_heights = takeoff_sequence, return_heights
@@ -189,7 +193,8 @@ class Orders:
             case "hold" | "return" | "resume" if self._fleet.profile(vehicle) is None:
                 return Authority.UNSUPPORTED.reason  # its modes are not known
             case "resume":
-                return self._cannot_resume(state) or self._blocked(order, vehicle, begun)
+                refusal = self._cannot_resume(state) or self._blocked(order, vehicle, begun)
+                return refusal or self._leads_near(vehicle, begun, order.t_ns)
             case "arm" if not is_heard:
                 return "is not heard: its mode is not known"
             case "arm":
@@ -223,6 +228,15 @@ class Orders:
             f"is in {state.mode}: armed, it would take off at once, and not with a mission that was read "
             "back from it and is wanted now; order it to hold first, then arm it"
         )
+
+    def _leads_near(self, vehicle: int, resumed: Collection[int], t_ns: int) -> str:
+        """Return which vehicle the mission of a held one would lead it near to; empty if none."""
+        agent, state = self._agents[vehicle], self._fleet.state(vehicle)
+        onboard, suspended = agent.tasking.onboard, agent.routes.suspended
+        is_held = state is not None and not is_on_ground(state, self._fleet.home(vehicle))
+        if not is_held or onboard is None or not onboard.route.is_same(suspended or agent.routes.flown):
+            return ""  # it waits in LOITER for another mission
+        return self._resume_check.problem(vehicle, resumed, t_ns)
 
     def launching(self) -> Set[int]:
         """Return the vehicles on the ground whose orders make them take off."""

@@ -7,10 +7,12 @@ are set to.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.core.preflight.result import Check
@@ -18,9 +20,10 @@ from gcs.core.state import Agent
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
-from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
 from gcs.mavlink.services.parameter_protocol import decode_value
-from gcs.model import vehicle_name
+from gcs.mavlink.services.retry import ns
+from gcs.model import Effect, Notice, system_of, vehicle_name
 
 MARGIN_M: Final = 15.0
 """Minimum height between planned flight and a ceiling; an ArduPlane overshoots its take-off altitude by up to
@@ -29,6 +32,9 @@ _UNITS_PER_M: Final = {"RTL_ALTITUDE": 1.0, "ALT_HOLD_RTL": 100.0, "RTL_RETURN_A
 """Parameters that set a return height, with their units per metre."""
 _TOLERANCE_M: Final = 0.5
 _MAX_NAMED: Final = 8
+_REQUEST_S, _QUICK_REQUESTS, _SLOW_REQUEST_S = 2.0, 5, 30.0
+"""Time between requests for a parameter; after some of them it is longer."""
+_SET_APART: Final = "Set them a layer apart before the next flight (gcs preflight), and return one at a time"
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +89,8 @@ def _too_close(heights: Sequence[ReturnHeight], step_m: float) -> list[ReturnHei
 class ReturnHeightMonitor:
     """Return heights of vehicles in flight, from the parameters that were heard.
 
-    Nothing is requested from a vehicle in flight. Parameters are heard when `gcs preflight`, `gcs param` or
-    another ground station requests them through the service.
+    They are requested when a vehicle is heard first, and again until it answers. They are also heard when
+    `gcs preflight`, `gcs param` or another ground station requests them through the service.
     """
 
     def __init__(self, config: Config, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
@@ -95,25 +101,57 @@ class ReturnHeightMonitor:
         """Process a message of a vehicle: keep the parameters that set its return height."""
         if message.get_type() == "PARAM_VALUE" and message.param_id in _UNITS_PER_M:
             agent = self._agents[vehicle]
-            agent.return_parameters[message.param_id] = decode_value(message, agent.link.is_atomic)
+            agent.returns.parameters[message.param_id] = decode_value(message, agent.link.is_atomic)
+
+    def check(self, t_ns: int) -> list[Effect]:
+        """Request the parameters that are not known, and tell which vehicles in the air return together."""
+        requests = [effect for vehicle in self._agents for effect in self._request(vehicle, t_ns)]
+        near = {one.vehicle for one in self._near(self._agents)}
+        is_new = False
+        for vehicle, agent in self._agents.items():
+            is_new |= vehicle in near and not agent.returns.is_told
+            agent.returns.is_told = vehicle in near
+        if not is_new:
+            return requests
+        text = f"{self._words(self._near(near))}: a failsafe would bring them together. {_SET_APART}"
+        return [*requests, Notice(t_ns, "warning", text)]
+
+    def _request(self, vehicle: int, t_ns: int) -> list[Effect]:
+        """Request the parameters of a vehicle that has not told them."""
+        agent, profile = self._agents[vehicle], self._fleet.profile(vehicle)
+        returns, is_heard = agent.returns, agent.link.liveness == "alive"
+        if profile is None or returns.parameters or not is_heard or t_ns < returns.next_request_t_ns:
+            return []
+        wait_s = _REQUEST_S if returns.requests < _QUICK_REQUESTS else _SLOW_REQUEST_S
+        returns.requests, returns.next_request_t_ns = returns.requests + 1, t_ns + ns(wait_s)
+        messages = [
+            dialect.MAVLink_param_request_read_message(
+                system_of(vehicle), AUTOPILOT_COMPONENT_ID, name.encode(), -1
+            )
+            for name in profile.return_parameters
+        ]
+        return [*self._fleet.address_frames(vehicle, map(self._fleet.encoder(vehicle), messages))]
+
+    def _near(self, vehicles: Iterable[int]) -> list[ReturnHeight]:
+        """Return the heights in flight that are nearer to another one than a layer step."""
+        return _too_close([one for v in sorted(vehicles) if (one := self._of(v)) is not None], self._step_m)
+
+    def _words(self, near: Sequence[ReturnHeight]) -> str:
+        named = ", ".join(one.words for one in near[:_MAX_NAMED])
+        more = f" and {len(near) - _MAX_NAMED} more" if len(near) > _MAX_NAMED else ""
+        return f"agents {named}{more} return less than {self._step_m:g} m apart in height"
 
     def warning(self, vehicles: Collection[int]) -> str:
         """Return a warning of vehicles that would return nearer in height than a layer step; else empty."""
-        near = _too_close([one for v in sorted(vehicles) if (one := self._of(v)) is not None], self._step_m)
-        if not near:
-            return ""
-        named = ", ".join(one.words for one in near)
-        return (
-            f"agents {named} return less than {self._step_m:g} m apart in height: hold one until the other "
-            "is down, or watch them"
-        )
+        near = self._near(vehicles)
+        return f"{self._words(near)}: hold one until the other is down, or watch them" if near else ""
 
     def height(self, vehicle: int) -> ReturnHeight | None:
         """Return the return height of a vehicle; None if its parameters were not heard."""
         profile = self._fleet.profile(vehicle)
         if profile is None:
             return None
-        return return_of(vehicle, profile, self._agents[vehicle].return_parameters, self._rally_m)
+        return return_of(vehicle, profile, self._agents[vehicle].returns.parameters, self._rally_m)
 
     def _of(self, vehicle: int) -> ReturnHeight | None:
         """Return the return height of a vehicle in flight."""

@@ -9,11 +9,13 @@ expected.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from gcs.config import Config
+from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.separation.forward_flight import Flight, FlightPaths, Goal, GoalKind, simulate_flights
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.monitor import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
@@ -35,16 +37,25 @@ _MAX_POINTS: Final = 4
 class ClimbTraffic:
     """Finds the vehicles in the air that a take-off would meet."""
 
-    def __init__(self, config: Config, intents: Intents, climbs: Climbs, agents: dict[int, Agent]) -> None:
-        self._config, self._intents, self._climbs, self._agents = config, intents, climbs, agents
+    def __init__(
+        self,
+        config: Config,
+        intents: Intents,
+        climbs: Climbs,
+        layers: AltitudeLayers,
+        agents: Mapping[int, Agent],
+    ) -> None:
+        self._config, self._intents, self._climbs = config, intents, climbs
+        self._layers, self._agents = layers, agents
         self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
 
-    def crossing(self, vehicle: int, layer: int, t_ns: int) -> tuple[int, float, float] | None:
-        """Return the first vehicle that a take-off now would meet, its height and its distance from the start.
+    def crossing(self, vehicle: int, t_ns: int) -> tuple[int, float, float] | None:
+        """Return a vehicle that a take-off now would meet, its height and its distance from the start.
 
         None if the climb is free, or the vehicle is not on the ground.
         """
+        layer = self._layers.of(vehicle)
         climb = self._climbs.climb(vehicle, layer)
         others = [one for one in self._intents.in_air(t_ns) if one.system_id != vehicle]
         if climb is None or not others:
@@ -64,7 +75,7 @@ class ClimbTraffic:
             climb.heading_rad,
             0.0,
             0.0,
-            climb.speed_m_s / self._config.airframe.turn_radius_m,
+            self._intents.turn_rate_rad_s(vehicle, climb.speed_m_s),
             (first, *legs, Goal(GoalKind.KEEP)),
             climb_gradient=self._intents.climb_gradient(vehicle),
         )

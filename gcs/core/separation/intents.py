@@ -33,6 +33,7 @@ _CIRCLE_RADIUS_M: Final = 60.0
 _RETURN_HEIGHT_M: Final = 100.0
 """Default RTL_ALTITUDE of ArduPlane, for a vehicle that did not tell its own."""
 _STRAIGHT_RAD_S: Final = 0.03
+_LEVEL_M_S: Final = 0.7
 _KINDS: Final = {
     dialect.MAV_CMD_NAV_WAYPOINT: GoalKind.WAYPOINT,
     dialect.MAV_CMD_NAV_TAKEOFF: GoalKind.CLIMB,
@@ -53,8 +54,7 @@ class Intents:
         return_heights: ReturnHeightMonitor,
     ) -> None:
         self._fleet, self._agents, self._return_heights = fleet, agents, return_heights
-        self._frame, self._gradient = config.local_frame, math.tan(math.radians(config.takeoff.climb_deg))
-        self._tan_bank = math.tan(math.radians(config.airframe.bank_deg))
+        self._frame, self._airframes = config.local_frame, config.airframes_of_agents
         self._rally = [
             (*config.local_frame.to_local(point.lat_deg, point.lon_deg), float(point.alt_rel_m))
             for point in config.rally
@@ -85,7 +85,7 @@ class Intents:
             course_rad=state.course_rad,
             climb_m_s=state.climb_m_s,
             turn_rate_rad_s=rate,
-            max_turn_rate_rad_s=max(_G_M_S2 * self._tan_bank / speed_m_s, abs(rate)),
+            max_turn_rate_rad_s=max(self.turn_rate_rad_s(state.system_id, speed_m_s), abs(rate)),
             goals=self._goals(state, mode or state.mode),
             age_s=max(t_ns - state.t_ns, 0) / NS_PER_S,
             climb_gradient=self.climb_gradient(state.system_id),
@@ -109,7 +109,12 @@ class Intents:
 
     def climb_gradient(self, vehicle: int) -> float:
         """Return the vertical speed of a vehicle's take-off climb, by ground speed: as it climbed before."""
-        return self._agents[vehicle].separation.climb_gradient or self._gradient
+        measured = self._agents[vehicle].separation.climb_gradient
+        return measured or math.tan(math.radians(self._airframes[vehicle].climb_deg))
+
+    def turn_rate_rad_s(self, vehicle: int, speed_m_s: float) -> float:
+        """Return the planned turn rate of a vehicle at a speed."""
+        return _G_M_S2 * math.tan(math.radians(self._airframes[vehicle].bank_deg)) / speed_m_s
 
     def _home(self, vehicle: int) -> tuple[float, float, float]:
         """Return east, north and height above sea level of a vehicle's home."""
@@ -121,12 +126,15 @@ class Intents:
     def _return(self, state: VehicleState) -> Goal:
         east_m, north_m, ground_m = self._home(state.system_id)
         known, profile = self._return_heights.height(state.system_id), self._fleet.profile(state.system_id)
-        height_m = ground_m + (_RETURN_HEIGHT_M if known is None else known.height_m)
+        above_m = _RETURN_HEIGHT_M if known is None else known.height_m
+        if known is None and state.mode == RTL and abs(state.climb_m_s) < _LEVEL_M_S:
+            above_m = state.alt_msl_m - ground_m  # it has reached it
+        height_m = ground_m + above_m
         if self._rally:
-            east_m, north_m, above_m = min(
+            east_m, north_m, rally_m = min(
                 self._rally, key=lambda point: math.dist(point[:2], (state.east_m, state.north_m))
             )
-            height_m = max(height_m, ground_m + above_m) if known is None else height_m
+            height_m = max(height_m, ground_m + rally_m) if known is None else height_m
         if profile is not None and profile.atomic:  # PX4 returns no lower than it is
             height_m = max(height_m, state.alt_msl_m)
         return Goal(GoalKind.CIRCLE, east_m, north_m, _CIRCLE_RADIUS_M, height_m)

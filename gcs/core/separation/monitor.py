@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from gcs.config import Config
+from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.separation.forward_flight import simulate_flights
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import Encounter, encounters
@@ -47,7 +48,10 @@ def layer_step_m(config: Config) -> float:
 class SeparationMonitor:
     """Look-ahead over all pairs of vehicles in the air."""
 
-    def __init__(self, config: Config, intents: Intents, state: State) -> None:
+    def __init__(
+        self, config: Config, intents: Intents, return_heights: ReturnHeightMonitor, state: State
+    ) -> None:
+        self._return_heights = return_heights
         self._intents, self._agents, self._state = intents, state.agents, state.separation
         self._base_msl_m = config.frame.alt_msl_m
         self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
@@ -63,7 +67,7 @@ class SeparationMonitor:
         in_air = self._intents.in_air(t_ns)
         for one in in_air:
             self._note(one)
-        effects: list[Effect] = []
+        effects: list[Effect] = [*self._return_heights.check(t_ns)]
         if len(in_air) > 1:
             flights = [self._intents.flight(one, t_ns) for one in in_air]
             paths = simulate_flights(flights, LOOK_AHEAD_S)

@@ -40,5 +40,3 @@ class SeparationState:
     next_check_t_ns: int = 0
     approaches: dict[tuple[int, int], Approach] = field(default_factory=dict)
     """By pair of vehicles, the lower one first."""
-    told_heights: list[int] = field(default_factory=list)
-    """Vehicles in the air whose return heights were told to be too near to each other."""

@@ -17,7 +17,6 @@ from collections.abc import Container
 from typing import Final
 
 from gcs.config import Config
-from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.separation.climb_traffic import ClimbTraffic
 from gcs.core.state import State
 from gcs.core.tasking.onboard_missions import OnboardMissions
@@ -45,10 +44,9 @@ class TakeoffSequence:
         fleet: Fleet,
         onboard_missions: OnboardMissions,
         state: State,
-        traffic: ClimbTraffic,
-        layers: AltitudeLayers,
+        traffic: ClimbTraffic | None = None,
     ) -> None:
-        self._traffic, self._layers = traffic, layers
+        self._traffic = traffic
         self._config, self._fleet, self._missions = config, fleet, onboard_missions
         self._agents, self._state, self._uploads = state.agents, state.takeoff, state.tasking
         self._low_m = config.mission.altitude_rel_m - _ALTITUDE_TOLERANCE_M
@@ -94,9 +92,9 @@ class TakeoffSequence:
     def _crossing(self, vehicle: int, t_ns: int) -> str:
         """Return which vehicle the climb would meet, at most a second ago."""
         takeoff = self._agents[vehicle].takeoff
-        if t_ns - takeoff.traffic_t_ns >= _PERIOD_NS:
+        if self._traffic is not None and t_ns - takeoff.traffic_t_ns >= _PERIOD_NS:
             takeoff.traffic, takeoff.traffic_t_ns = "", t_ns
-            crossing = self._traffic.crossing(vehicle, self._layers.of(vehicle), t_ns)
+            crossing = self._traffic.crossing(vehicle, t_ns)
             if crossing is not None:
                 other, height_m, away_m = crossing
                 takeoff.traffic = (

@@ -124,5 +124,6 @@ ARDUPLANE: Final = AutopilotProfile(
     fence_parameters=("FENCE_ENABLE", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_RADIUS"),
     fence_limits=_fence_limits,
     ceiling_parameter="FENCE_ALT_MAX",
+    return_parameters=("RTL_ALTITUDE", "ALT_HOLD_RTL"),
     return_heights=_return_heights,
 )

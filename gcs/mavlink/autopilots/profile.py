@@ -72,6 +72,8 @@ class AutopilotProfile:
     fence_limits: Callable[[Mapping[str, float]], FenceLimits]
     ceiling_parameter: str
     """Parameter of a fence's greatest height, in metres above home."""
+    return_parameters: tuple[str, ...]
+    """Parameters that `return_heights` reads, the newest name first."""
     return_heights: Callable[[Mapping[str, float], Sequence[float]], Mapping[str, float]]
     """Returns the possible return heights above home in metres, by what sets them, from parameters and the
     heights of rally points."""

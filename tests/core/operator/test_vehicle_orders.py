@@ -188,7 +188,10 @@ def test_an_order_for_the_plan_names_vehicles_without_a_plan_and_the_remedy() ->
 
 
 def returned(step_m: float = 20.0, **altitudes_m: float) -> tuple[str, list[str]]:
-    """Return agents 1 and 3, with what was heard of their parameters; give the answer and the warnings."""
+    """Return agents 1 and 3, with these return heights; give the answer and the warnings.
+
+    Those of the others are a layer apart from all.
+    """
     scenario = load("prescribed")
     table = changed(scenario.config.mission, layer_step_m=step_m)
     scenario = replace(scenario, config=changed(scenario.config, mission=table))
@@ -196,10 +199,9 @@ def returned(step_m: float = 20.0, **altitudes_m: float) -> tuple[str, list[str]
     run = VirtualRun(
         scenario, SEED, None, lambda t, e: effects.append((t, e)), orders=[order(20.0, "return", 1, 3)]
     )
-    run.run(18.0)
-    for name, height_m in altitudes_m.items():
-        reply = dialect.MAVLink_param_value_message(b"RTL_ALTITUDE", height_m, 9, 1, 0)
-        run.command.return_heights.receive(int(name.removeprefix("of_")), reply)
+    for vehicle in run.vehicles.values():
+        height_m = altitudes_m.get(f"of_{vehicle.system_id}", 200.0 + 30.0 * vehicle.system_id)
+        vehicle.autopilot.parameters.store("RTL_ALTITUDE", height_m)
     run.run(21.0)
     flight = Flight(run, [], effects)
     accepted = next(a.detail for a in flight.all(OrderAnswer) if a.state == "accepted")
@@ -213,14 +215,20 @@ def test_vehicles_that_are_sent_home_together_at_one_height_are_named() -> None:
         "hold one until the other is down, or watch them"
     )
     assert detail == f"agents 1, 3; {remark}"
-    assert warnings == [remark]
+    assert remark in warnings
+
+
+def test_vehicles_that_a_failsafe_would_bring_to_one_height_are_named_without_a_preflight() -> None:
+    _, (in_flight, *_) = returned(of_1=100.0, of_3=110.0)
+    assert in_flight.startswith("agents 1 at 100 m (RTL_ALTITUDE), 3 at 110 m (RTL_ALTITUDE) return less than")
+    assert "a failsafe would bring them together" in in_flight
 
 
 @pytest.mark.parametrize(
     "known",
     [{}, {"of_1": 100.0}, {"of_1": 100.0, "of_3": 120.0}, {"step_m": 0.0, "of_1": 100.0, "of_3": 100.0}],
 )
-def test_return_heights_that_are_apart_or_unknown_get_no_notice(known: dict[str, float]) -> None:
+def test_return_heights_that_are_apart_get_no_notice(known: dict[str, float]) -> None:
     assert returned(**known) == ("agents 1, 3", [])
 
 
@@ -232,7 +240,7 @@ def test_a_parameter_that_passes_the_service_is_heard() -> None:
     asked = dialect.MAVLink_param_request_read_message(1, 1, b"RTL_ALTITUDE", -1)
     plane.receive_datagram(Encoder(254, 190)(asked), run.t_ns)
     run.run(6.0)
-    assert run.command.state.agents[1].return_parameters == {"RTL_ALTITUDE": 100.0}
+    assert run.command.state.agents[1].returns.parameters == {"RTL_ALTITUDE": 100.0}
 
 
 def test_a_vehicle_that_is_resumed_from_its_return_gets_the_layer_of_its_new_plan() -> None:

@@ -1,0 +1,116 @@
+"""An encounter would be told too late, or of the wrong pair, if flights were predicted wrongly."""
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
+from gcs.core.separation.look_ahead import encounters
+
+SPEED_M_S = 15.0
+
+
+def flight(vehicle=1, place=(0.0, 0.0), height_m=100.0, course_deg=0.0, goals=(), **more):
+    values = {"climb_m_s": 0.0, "turn_rate_rad_s": 0.0, "max_turn_rate_rad_s": 0.4} | more
+    return Flight(
+        vehicle, *place, height_m, SPEED_M_S, math.radians(course_deg),
+        goals=tuple(goals) or (Goal(GoalKind.KEEP),), **values,
+    )  # fmt: skip
+
+
+def waypoint(east_m, north_m, height_m=100.0):
+    return Goal(GoalKind.WAYPOINT, east_m, north_m, 15.0, height_m)
+
+
+def at(paths, t_s, i=0):
+    return float(paths.east_m[round(t_s), i]), float(paths.north_m[round(t_s), i])
+
+
+def test_a_vehicle_flies_from_waypoint_to_waypoint():
+    paths = simulate_flights([flight(goals=[waypoint(0.0, 150.0), waypoint(300.0, 150.0)])], 25.0)
+    assert at(paths, 5.0) == pytest.approx((0.0, 75.0), abs=1.0)
+    assert at(paths, 20.0) == pytest.approx((150.0, 150.0), abs=20.0)
+
+
+def test_a_vehicle_on_a_circle_stays_on_it():
+    circle = Goal(GoalKind.CIRCLE, 0.0, 0.0, 60.0, 100.0)
+    paths = simulate_flights([flight(place=(0.0, 60.0), course_deg=90.0, goals=[circle])], 40.0)
+    radius_m = np.hypot(paths.east_m, paths.north_m)
+    assert np.abs(radius_m - 60.0).max() < 6.0
+
+
+def test_a_vehicle_that_joins_a_circle_from_afar_is_on_it_half_a_minute_later():
+    circle = Goal(GoalKind.CIRCLE, 0.0, 0.0, 60.0, 100.0)
+    paths = simulate_flights([flight(place=(0.0, -400.0), goals=[circle])], 60.0)
+    radius_m = np.hypot(paths.east_m, paths.north_m)
+    assert np.abs(radius_m[30:] - 60.0).max() < 15.0
+
+
+def test_a_turn_rate_that_is_seen_is_kept():
+    paths = simulate_flights([flight(turn_rate_rad_s=SPEED_M_S / 80.0)], 25.0)
+    away_m = np.hypot(paths.east_m - 80.0, paths.north_m)
+    assert np.abs(away_m - 80.0).max() < 4.0
+
+
+def test_a_change_of_height_is_a_band_of_both_ways_to_fly_it():
+    paths = simulate_flights([flight(goals=[waypoint(0.0, 1500.0, 160.0)])], 20.0)
+    assert paths.low_m[10, 0] == pytest.approx(106.0, abs=2.0)  # evenly along the leg
+    assert paths.high_m[10, 0] == pytest.approx(150.0, abs=1.0)  # at once, 5 m/s
+
+
+def test_a_vehicle_that_has_landed_is_in_nobodys_way():
+    touch_down = Goal(GoalKind.LAND, 0.0, 75.0, 0.0, 70.0)
+    lander = flight(height_m=75.0, goals=[touch_down])
+    paths = simulate_flights([lander, flight(2, (0.0, -150.0), 72.0, goals=[waypoint(0.0, 900.0, 72.0)])], 25.0)
+    assert np.isnan(paths.low_m[12:, 0]).all()
+    assert encounters(paths, 60.0, 15.0) == []
+
+
+def test_an_old_position_is_taken_further():
+    paths = simulate_flights([flight(age_s=2.0)], 5.0)
+    assert at(paths, 0.0) == pytest.approx((0.0, 30.0))
+    assert at(paths, 1.0) == pytest.approx((0.0, 75.0 - 30.0))
+
+
+def test_a_climb_from_the_ground_through_the_layer_of_another_is_found():
+    """A PX4 climbed through the layer of an ArduPlane: they passed at 11 m, 16 m in height."""
+    climb = [Goal(GoalKind.CLIMB, height_m=160.0), waypoint(0.0, 2000.0, 160.0)]
+    low = flight(1, (0.0, 0.0), 70.0, goals=climb, climb_gradient=math.tan(math.radians(12.0)))
+    cruising = flight(2, (-240.0, 180.0), 110.0, 90.0, goals=[waypoint(900.0, 180.0, 110.0)])
+    (found,) = encounters(simulate_flights([low, cruising], 25.0), 60.0, 15.0)
+    assert found.vehicles == (1, 2)
+    assert 8.0 < found.after_s < 16.0
+    assert found.place_m == pytest.approx((0.0, 180.0, 105.0), abs=60.0)
+
+
+def test_vehicles_in_neighbouring_layers_are_apart():
+    paths = simulate_flights(
+        [
+            flight(1, (-200.0, 0.0), 100.0, 90.0, goals=[waypoint(600.0, 0.0, 100.0)]),
+            flight(2, (200.0, 0.0), 120.0, 270.0, goals=[waypoint(-600.0, 0.0, 120.0)]),
+        ],
+        25.0,
+    )
+    assert encounters(paths, 60.0, 15.0) == []
+
+
+def test_each_pair_is_found_wherever_it_is_in_a_swarm():
+    rng = np.random.default_rng(3)
+    flights = [
+        flight(v, rng.uniform(0.0, 600.0, 2), 100.0 + 20.0 * (v % 3), float(rng.uniform(0.0, 360.0)))
+        for v in range(1, 41)
+    ]
+    paths = simulate_flights(flights, 25.0)
+    expected = {
+        (a + 1, b + 1)
+        for a in range(40)
+        for b in range(a + 1, 40)
+        if (a - b) % 3 == 0
+        and (
+            np.hypot(paths.east_m[:, a] - paths.east_m[:, b], paths.north_m[:, a] - paths.north_m[:, b])
+            < 60.0 + np.arange(26)
+        ).any()
+    }
+    assert {one.vehicles for one in encounters(paths, 60.0, 15.0)} == expected
+    assert len(expected) > 20
