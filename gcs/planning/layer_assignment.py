@@ -33,6 +33,8 @@ class PlannedFlight:
     """Current or preferred layer."""
     keeps_layer: bool = False
     """True if the layer must not change."""
+    radius_m: float = 0.0
+    """Radius of its circle, if it stays where it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +70,9 @@ def assign_layers(
     order = sorted(flights, key=lambda flight: (not flight.keeps_layer, flight.vehicle))
     if not order:
         return {}, ()
-    distance_m, after_s = _nearest(_positions(order), min_distance_m)
+    distance_m, after_s = _nearest(_positions(order), min_distance_m + 2.0 * max(f.radius_m for f in order))
+    radii_m = np.array([flight.radius_m for flight in order])
+    distance_m -= radii_m[:, None] + radii_m
     found: list[int] = []
     conflicts: list[Conflict] = []
     for i, flight in enumerate(order):

@@ -120,6 +120,18 @@ def test_wishes_for_parameters_are_ranges_with_a_reason(profile):
 
 
 @pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
+def test_a_vehicle_on_its_way_home_stays_in_its_layer_until_its_descent(profile):
+    """Both autopilots lost height from the target on, through the layers of the others."""
+    *_, target, descent, approach, _ = build_items(profile, mission("land"), HOME)
+    assert (target.z_m, descent.z_m, approach.z_m) == (120.0, 120.0, 30.0)
+    north_m = (descent.x - approach.x) * 0.0111195
+    east_m = (descent.y - approach.y) * 0.0111195 * math.cos(math.radians(33.2))
+    assert math.hypot(north_m, east_m) == pytest.approx((120.0 - 30.0) / 0.15, rel=0.01)
+    on_leg = (descent.x - approach.x) * (target.y - approach.y)
+    assert (descent.y - approach.y) * (target.x - approach.x) == pytest.approx(on_leg, rel=0.01)
+
+
+@pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
 def test_a_circle_elsewhere_comes_after_the_last_waypoint(profile):
     *_, last, circle = build_items(profile, Mission(1, 1, ROUTE, 30.0, wait_deg=(33.225, -87.585)), HOME)
     assert (last.command, last.x, last.y) == (WP, 332200000, -875900000)
@@ -131,8 +143,9 @@ def test_a_circle_elsewhere_comes_after_the_last_waypoint(profile):
 def test_a_way_home_stands_between_the_route_and_the_landing_and_reads_back_equal(profile):
     return_waypoints = (Waypoint(33.215, -87.61, 120.0, 58.6), Waypoint(33.2, -87.605, 120.0, 40.0))
     sent = build_items(profile, replace(mission("land"), return_waypoints=return_waypoints), HOME)
-    *flown, corner, approach, touch_down = sent
-    assert tuple(flown) == build_items(profile, mission("land"), HOME)[:-2]
+    *flown, corner, descent, approach, touch_down = sent
+    assert tuple(flown) == build_items(profile, mission("land"), HOME)[:-3]
+    assert (descent.command, descent.z_m) == (WP, 120.0)
     assert (corner.command, corner.x, corner.y, corner.z_m) == (WP, 332150000, -876100000, 120.0)
     assert (approach.command, approach.x, approach.y) == (WP, 332000000, -876050000)
     assert (approach.z_m, approach.param2) == (30.0, 40.0)

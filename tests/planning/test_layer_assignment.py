@@ -89,3 +89,15 @@ def nearest_m(one, other):
         return np.column_stack([np.interp(f.speed_m_s * t_s, way, f.points_m[:, axis]) for axis in (0, 1)])
 
     return np.hypot(*(at(one) - at(other)).T).min()
+
+
+def test_a_route_does_not_share_the_layer_of_a_circle_that_it_touches():
+    """A vehicle was led through the circle of one that was held: its position was elsewhere on it."""
+    route_m = np.array([(0.0, 0.0), (1000.0, 0.0)])
+    centre_m = np.array([(500.0, 110.0), (500.0, 110.0)])
+    route = PlannedFlight(1, route_m, 15.0, 2)
+    for radius_m, expected in ((0.0, 2), (70.0, 0)):
+        held = PlannedFlight(2, centre_m, 15.0, 2, keeps_layer=True, radius_m=radius_m)
+        layers, conflicts = assign_layers([route, held], 4, 60.0)
+        assert layers == {1: expected, 2: 2}
+        assert conflicts == ()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from gcs.core.operator.records import OperatorState
 from gcs.core.perception.fusion import MultiSensorTracker
@@ -15,11 +17,16 @@ from gcs.core.state import Agent, at_targets, with_status, without_missions
 from gcs.core.tasking.upload_latency import late_s, left_s
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
-from gcs.mavlink.autopilots.modes import RTL
+from gcs.mavlink.autopilots.modes import LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
-from gcs.model import Label, Track
+from gcs.model import Label, Track, VehicleState
 from gcs.planning.manoeuvres.climb import Climb
+from gcs.planning.map.grid import Point
+
+_CIRCLE_M: Final = 60.0
+"""Radius of a loiter circle that is not seen yet; default WP_LOITER_RAD of ArduPlane."""
+_MAX_CIRCLE_M: Final = 150.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,10 +106,27 @@ class PlanningInputBuilder:
             position_m = to_m = (state.east_m, state.north_m)
             if state.mode == RTL and home is not None:
                 to_m = self.frame.to_local(home.lat_deg, home.lon_deg)
-            found.append(OtherVehicle(vehicle, position_m, to_m, self.fleet.height_m(state)))
+            radius_m = _CIRCLE_M
+            if state.mode == LOITER:
+                position_m, radius_m = _circle(state, self.agents[vehicle].separation.rate_rad_s)
+                to_m = position_m
+            found.append(OtherVehicle(vehicle, position_m, to_m, self.fleet.height_m(state), radius_m))
         return tuple(found)
 
     def _left_s(self, vehicles: Iterable[int], t_ns: int) -> dict[int, float]:
         """Return the remaining time of each upload in progress."""
         elapsed = {vehicle: self.tasking.state.elapsed_s(vehicle, t_ns) for vehicle in vehicles}
         return {v: left_s(self.agents[v].tasking, for_s) for v, for_s in elapsed.items() if for_s is not None}
+
+
+def _circle(state: VehicleState, rate_rad_s: float) -> tuple[Point, float]:
+    """Return centre and radius of the circle that a vehicle flies; wide round one that has just begun it."""
+    place_m, radius_m = (state.east_m, state.north_m), state.ground_speed_m_s / max(abs(rate_rad_s), 1e-3)
+    if radius_m > _MAX_CIRCLE_M:
+        return place_m, 2.0 * _CIRCLE_M
+    side_m = math.copysign(radius_m, rate_rad_s)
+    east_m, north_m = place_m
+    return (
+        (east_m + side_m * math.cos(state.course_rad), north_m - side_m * math.sin(state.course_rad)),
+        radius_m,
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
@@ -15,6 +16,9 @@ from gcs.model import FloatArray, Route, Track, vehicle_name
 from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers, min_separation_m
 from gcs.planning.map.grid import Point
 from gcs.planning.route_progress import CORRIDOR_M, next_point
+
+_NEAR_LAYER = 0.25
+"""A vehicle less than this share of a layer step from a layer is in that layer alone."""
 
 
 def layer_count(config: Config) -> int:
@@ -35,6 +39,8 @@ class AltitudeLayers:
         self._count = layer_count(config)
         self._min_separation_m = config.planning.separation_m
         self._speeds_m_s = config.speeds_m_s
+        airframes = config.airframes_of_agents.items()
+        self._radii_m = {vehicle: one.loiter_radius_m for vehicle, one in airframes}
         self._preferred = preferred_layers(config)
         self._base_m, self._step_m = config.mission.altitude_rel_m, config.mission.layer_step_m
 
@@ -86,7 +92,7 @@ class AltitudeLayers:
         others = {one.vehicle for one in self._state.other_vehicles}
         latest = [self._agents[vehicle].routes.latest for vehicle in arrived if vehicle not in others]
         circling = [
-            self._planned(route, route.flown_m[[-1, -1]], route.layer)
+            self._planned(route, route.flown_m[[-1, -1]], route.layer, radius_m=self._radii_m[route.vehicle])
             for route in latest
             if route is not None
         ]
@@ -104,9 +110,14 @@ class AltitudeLayers:
         """Return the flights of the other vehicles within a layer."""
         flights = []
         for one in self._state.other_vehicles:
-            layer = round((one.height_m - self._base_m) / self._step_m) if self._count > 1 else 0
-            if 0 <= layer < self._count:
-                flights.append(self._planned(one, np.array((one.position_m, one.to_m)), layer))
+            level = (one.height_m - self._base_m) / self._step_m if self._count > 1 else 0.0
+            near = {math.floor(level + _NEAR_LAYER), math.ceil(level - _NEAR_LAYER)}  # between two: both
+            places_m = np.array((one.position_m, one.to_m))
+            flights += [
+                self._planned(one, places_m, layer, radius_m=one.radius_m)
+                for layer in sorted(near)
+                if 0 <= layer < self._count
+            ]
         return flights
 
     def _flight(self, route: Route, agent: Track, is_flown: bool) -> PlannedFlight:
@@ -122,9 +133,16 @@ class AltitudeLayers:
         return self._planned(route, points_m, route.layer)
 
     def _planned(
-        self, one: Route | OtherVehicle, points_m: FloatArray, layer: int, *, is_fixed: bool = True
+        self,
+        one: Route | OtherVehicle,
+        points_m: FloatArray,
+        layer: int,
+        *,
+        is_fixed: bool = True,
+        radius_m: float = 0.0,
     ) -> PlannedFlight:
-        return PlannedFlight(one.vehicle, points_m, self._speeds_m_s[one.vehicle], layer, is_fixed)
+        speed_m_s = self._speeds_m_s[one.vehicle]
+        return PlannedFlight(one.vehicle, points_m, speed_m_s, layer, is_fixed, radius_m)
 
 
 def _words(conflict: Conflict) -> str:

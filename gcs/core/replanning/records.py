@@ -19,6 +19,8 @@ class OtherVehicle:
     """Destination: home if it returns, else its position."""
     height_m: float
     """Above home."""
+    radius_m: float = 0.0
+    """Radius of the circle that it flies at its destination."""
 
 
 @dataclass(slots=True)

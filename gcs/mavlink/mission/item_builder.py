@@ -29,6 +29,9 @@ _WAYPOINT: Final = dialect.MAV_CMD_NAV_WAYPOINT
 _APPROACH_ALT_M: Final = 30.0
 """Glide slope of 3.4 degrees: below PX4's limit of 5 (FW_LND_ANG)."""
 _EARTH_M_PER_DEG: Final = 111_195.0
+_DESCENT_SLOPE: Final = 0.15
+"""Slope from the layer to the approach: half of what both autopilots fly."""
+_MIN_LEVEL_SHARE: Final = 0.05
 
 
 def build_items(
@@ -88,10 +91,28 @@ def _landing(last: Item, return_items: list[Item], home: Home) -> list[Item]:
     """Return the return route, approach and landing; a straight line if there is no return route."""
     *corners, approach = return_items or [_straight_approach(last, home)]
     approach = approach._replace(z_m=min(last.z_m, _APPROACH_ALT_M))
+    corners += _top_of_descent(corners[-1] if corners else last, approach, home)
     touch_down = approach._replace(
         command=dialect.MAV_CMD_NAV_LAND, x=_e7(home.lat_deg), y=_e7(home.lon_deg), z_m=0.0, param2=0.0
     )
     return [*corners, approach, touch_down]
+
+
+def _top_of_descent(before: Item, approach: Item, home: Home) -> list[Item]:
+    """Return the point up to which the vehicle stays in its layer; none if the last leg is too short.
+
+    Both autopilots would lose height from the target on, through the layers of others.
+    """
+    metres_east = _EARTH_M_PER_DEG * math.cos(math.radians(home.lat_deg))
+    north_m = (before.x - approach.x) * 1e-7 * _EARTH_M_PER_DEG
+    east_m = (before.y - approach.y) * 1e-7 * metres_east
+    share = (before.z_m - approach.z_m) / _DESCENT_SLOPE / max(math.hypot(north_m, east_m), 1.0)
+    if not 0.0 < share < 1.0 - _MIN_LEVEL_SHARE:
+        return []
+    x, y = (
+        round(low + share * (high - low)) for low, high in ((approach.x, before.x), (approach.y, before.y))
+    )
+    return [approach._replace(x=x, y=y, z_m=before.z_m)]
 
 
 def _straight_approach(last: Item, home: Home) -> Item:

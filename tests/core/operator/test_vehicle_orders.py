@@ -220,7 +220,7 @@ def test_vehicles_that_are_sent_home_together_at_one_height_are_named() -> None:
 
 def test_vehicles_that_a_failsafe_would_bring_to_one_height_are_named_without_a_preflight() -> None:
     _, (in_flight, *_) = returned(of_1=100.0, of_3=110.0)
-    assert in_flight.startswith("agents 1 at 100 m (RTL_ALTITUDE), 3 at 110 m (RTL_ALTITUDE) return less than")
+    assert in_flight.startswith("agents 1 at 100 m (RTL_ALTITUDE), 3 at 110 m (RTL_ALTITUDE) return less")
     assert "a failsafe would bring them together" in in_flight
 
 

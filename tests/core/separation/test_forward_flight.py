@@ -62,7 +62,9 @@ def test_a_change_of_height_is_a_band_of_both_ways_to_fly_it():
 def test_a_vehicle_that_has_landed_is_in_nobodys_way():
     touch_down = Goal(GoalKind.LAND, 0.0, 75.0, 0.0, 70.0)
     lander = flight(height_m=75.0, goals=[touch_down])
-    paths = simulate_flights([lander, flight(2, (0.0, -150.0), 72.0, goals=[waypoint(0.0, 900.0, 72.0)])], 25.0)
+    paths = simulate_flights(
+        [lander, flight(2, (0.0, -150.0), 72.0, goals=[waypoint(0.0, 900.0, 72.0)])], 25.0
+    )
     assert np.isnan(paths.low_m[12:, 0]).all()
     assert encounters(paths, 60.0, 15.0) == []
 

@@ -113,7 +113,9 @@ def test_eight_that_a_failsafe_brings_to_one_height_are_told_five_seconds_before
     assert len(sky.near_s) >= 3
     for (one, other), near_s in sky.near_s.items():
         told = [
-            t_s for t_s, vehicle, text in sky.told("comes within") if vehicle == one and f"agent {other} " in text
+            t_s
+            for t_s, vehicle, text in sky.told("comes within")
+            if vehicle == one and f"agent {other} " in text
         ]
         assert told, (one, other)
         assert near_s - told[0] >= 5.0, (one, other)
@@ -162,7 +164,10 @@ def test_one_order_does_not_resume_a_vehicle_into_another():
     sky.fly(26.0)
     second = sky.planes[2].airframe
     ahead = np.arctan2(2900.0 - first.east_m, 2900.0 - first.north_m)
-    second.east_m, second.north_m = first.east_m + 160.0 * np.sin(ahead), first.north_m + 160.0 * np.cos(ahead)
+    second.east_m, second.north_m = (
+        first.east_m + 160.0 * np.sin(ahead),
+        first.north_m + 160.0 * np.cos(ahead),
+    )
     second.alt_rel_m = first.alt_rel_m
     sky.planes[2].autopilot.set_mode(Mode.FBWA)
     sky.planes[2].autopilot.set_mode(Mode.LOITER)
