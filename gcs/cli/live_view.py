@@ -52,7 +52,7 @@ from gcs.report.plan_reminders import ProposalLog
 T = TypeVar("T")
 
 _STYLE: Final = {"info": "", "warning": "yellow", "alarm": "bold red"}
-_STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red"}
+_STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red", "down": "red"}
 _LOG_LINES: Final = 200
 _EVENT_ROWS: Final = 9
 _MIN_MAP_ROWS: Final = 12
@@ -276,7 +276,7 @@ class LiveView:
         for vehicle, agent in self._command.state.agents.items():
             status = agent.perception.status
             seen = tracks.get(agent.perception.association.label or (-1, -1))
-            if status.status == "lost" and status.position_m is not None:
+            if status.status in ("lost", "down") and status.position_m is not None:
                 put(*status.position_m, "✗", "red")
             elif seen is not None:
                 put(

@@ -15,13 +15,13 @@ from gcs.mavlink.fleet.checks.battery_alarm import is_low
 from gcs.model import AgentRecord, SensorRecord, SwarmStatus, TargetRecord, target_name, vehicle_name
 from gcs.report.agent_order import attention, is_late, pinned_vehicles
 
-_STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red"}
+_STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red", "down": "red"}
 _FIX_NAMES: Final = {0: "none", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK", 7: "static"}
 AGENT_COLUMNS: Final = (
-    "id", "status", "authority", "mode", "armed", "alt m", "m/s", "battery", "fix", "heard", "loss", "target",
-    "to go m", "ETA s", "mission",
+    "id", "status", "phase", "authority", "mode", "armed", "alt m", "m/s", "battery", "fix", "heard", "loss",
+    "target", "to go m", "ETA s", "mission",
 )  # fmt: skip
-_LEFT_COLUMNS: Final = ("status", "authority", "mode", "armed", "mission")
+_LEFT_COLUMNS: Final = ("status", "phase", "authority", "mode", "armed", "mission")
 
 
 def status_tables(status: SwarmStatus, mission: str) -> Iterator[RenderableType]:
@@ -39,6 +39,8 @@ def _head(status: SwarmStatus, mission: str) -> Text:
         f"{sum(agent.status == name for agent in status.agents)} {name}"
         for name in ("active", "arrived", "lost")
     ]
+    down = sum(agent.status == "down" for agent in status.agents)
+    counts += [f"{down} down"] if down else []
     head = Text.assemble((mission, "bold"), f": agents {', '.join(counts)}; {len(status.targets)} targets")
     if status.has_ended:
         head.append("; the mission has ended", style="green")
@@ -74,6 +76,7 @@ def _agent_cells(agent: AgentRecord) -> dict[str, str | Text]:
         "status": Text("position doubted", style="bold red")
         if agent.is_position_doubted
         else Text(agent.status, style=_STATUS_STYLE[agent.status]),
+        "phase": Text(agent.phase, style="bold red" if agent.problems else ""),
         "authority": Text(agent.authority, style="" if agent.authority == "ours" else "bold yellow"),
         "mode": agent.mode,
         "armed": "armed" if agent.armed else "",

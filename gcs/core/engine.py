@@ -26,12 +26,14 @@ from gcs.mavlink.frames.codec import FrameTable, scan
 from gcs.model import (
     NS_PER_S,
     AgentStatus,
+    Authority,
     BadInput,
     ClockStep,
     ControlEvent,
     Datagram,
     Effect,
     Event,
+    FlightPhase,
     LinkNews,
     MissionEnded,
     Notice,
@@ -43,6 +45,8 @@ from gcs.model import (
 )
 
 _CONTROL_PERIOD_NS = NS_PER_S // 2
+_STANDING = {Authority.GROUNDED, Authority.UNFIT, Authority.LANDED, Authority.DOWN}
+"""Claims of vehicles on the ground that nobody else controls."""
 
 
 class Engine(Stages):
@@ -130,6 +134,7 @@ class Engine(Stages):
         for vehicle, message in self.fleet.receive(event, frames):
             self.return_heights.receive(vehicle, message)
             effects += self.dispatch.settle(self.tasking.receive(vehicle, message, event.t_ns))
+            self.failsafes.receive(vehicle, message, event.t_ns)
             effects += self.orders.receive(vehicle, message, event.t_ns)
             effects += self.disarmed_in_auto.receive(vehicle, message, event.t_ns)
             effects += self.onboard_audit.receive(vehicle, message, event.t_ns)
@@ -158,6 +163,8 @@ class Engine(Stages):
                 effects = self.no_fly_zone_orders.carry_out(
                     event, lambda urgent: self._replan(event.t_ns, urgent)
                 )
+            case "ready":
+                effects = self._take_over(self.ready_orders.carry_out(event))
             case "ignore" | "attend" | "priority" | "pin" | "unpin":
                 effects = self.target_orders.carry_out(event, lambda: self._replan(event.t_ns, ()))
             case "continue":
@@ -189,6 +196,7 @@ class Engine(Stages):
     def _tick(self, event: Tick) -> list[Effect]:
         t_ns = event.t_ns
         effects: list[Effect] = [*self.fleet.poll(t_ns), *self.fleet.notices()]
+        effects += self._check_flight(t_ns)
         effects += self.sensor_watchdog.poll(t_ns)
         effects += check_never_heard(self.state.agents, self.state.perception, t_ns)
         effects += self.input_errors.poll(t_ns)
@@ -210,7 +218,7 @@ class Engine(Stages):
         effects += self.override_notices.poll(t_ns)
         if not self.onboard_audit.awaited:
             effects += self.disarmed_in_auto.poll(
-                t_ns, lambda vehicle: self.control.updated(vehicle, t_ns).is_ours
+                t_ns, lambda vehicle: self.control.updated(vehicle, t_ns).claims.keys() <= _STANDING
             )
         return effects
 
@@ -288,15 +296,37 @@ class Engine(Stages):
         )
         return effects + self._end(t_ns) + self.trackers.notices(event)
 
+    def _check_flight(self, t_ns: int) -> list[Effect]:
+        """Check flight phases and health."""
+        effects = self._take_over(self.flight_phases.poll(t_ns))
+        for vehicle, agent in self.state.agents.items():
+            if agent.flight.phase.has_flown and agent.tasking.onboard is not None:
+                agent.routes.drop()
+                self.tasking.cancel(vehicle, t_ns)
+                self.tasking.forget_onboard(vehicle)  # it is not for a take-off from here
+        return effects + self.health.poll(t_ns)
+
+    def _take_over(self, effects: list[Effect]) -> list[Effect]:
+        """Apply the statuses that follow from flight phases, and plan at the next scan."""
+        applied: list[Effect] = []
+        for effect in effects:
+            applied.append(effect)
+            if isinstance(effect, AgentStatus):
+                self.agent_status.apply(effect)
+                self.replanner.hurry(effect.t_ns)
+                applied += self._status_changed(effect)
+        return applied
+
     def _status_changed(self, status: AgentStatus) -> list[Effect]:
         if status.status != "active":
             self.state.agents[status.vehicle].routes.drop()
         if status.status == "lost":
             self.state.agents[status.vehicle].control.apply(ControlEvent.AGENT_LOST, status.t_ns)
             self.association.forget(status.vehicle)
+        if status.status in ("lost", "down"):
             self.tasking.cancel(status.vehicle, status.t_ns)
             self.approval.hurry()
-            return [*self.approval.end(status.vehicle, status.t_ns, "the agent is lost")]
+            return [*self.approval.end(status.vehicle, status.t_ns, f"the agent is {status.status}")]
         return []
 
     def _check_climbs(self, t_ns: int) -> list[Notice]:
@@ -336,12 +366,14 @@ class Engine(Stages):
         return [Notice(t_ns, "warning", note) for note in self.state.replanning.new_notes]
 
     def _end(self, t_ns: int) -> list[Effect]:
-        """End the mission when no agent is active, or every expected target has its agents."""
-        active = with_status(self.state.agents, "active")
+        """End the mission when no active agent can fly, or every expected target has its agents."""
+        agents = self.state.agents
+        active = with_status(agents, "active")
+        flyable = [v for v in active if agents[v].flight.phase is not FlightPhase.LANDED]
         reached = len(at_targets(self.state.agents))
         is_done = reached >= max(1, self._expected_targets) and not self.planning_inputs.open_targets()
-        if self.state.has_ended or (active and not is_done):
+        if self.state.has_ended or (flyable and not is_done):
             return []
         self.state.has_ended = True
-        arrived, lost = with_status(self.state.agents, "arrived"), with_status(self.state.agents, "lost")
-        return [MissionEnded(t_ns, tuple(arrived), tuple(lost), tuple(active))]
+        arrived, lost, down = (tuple(with_status(agents, word)) for word in ("arrived", "lost", "down"))
+        return [MissionEnded(t_ns, arrived, lost, tuple(active), down)]

@@ -106,6 +106,7 @@ def _contents(state: State) -> str:
     groups = {
         "missions of {}": [v for v in active if agents[v].routes.flown is not None],
         "{} at their targets": with_status(agents, "arrived"),
+        "{} down": with_status(agents, "down"),
         "{} lost, until they report and are tracked again": with_status(agents, "lost"),
         "{} suspended": suspended,
         "{} under other control": [v for v in not_ours if v not in suspended],

@@ -16,8 +16,12 @@ from gcs.core.authority.onboard_audit import OnboardAudit
 from gcs.core.authority.override_notices import OverrideNotices
 from gcs.core.authority.parameter_changes import ParameterChanges
 from gcs.core.authority.second_commander import SecondCommander
+from gcs.core.flight.failsafes import Failsafes
+from gcs.core.flight.health import HealthMonitor
+from gcs.core.flight.phases import FlightPhases
 from gcs.core.operator.no_fly_zone_orders import NoFlyZoneOrders
 from gcs.core.operator.plan_approval import PlanApproval
+from gcs.core.operator.ready_orders import ReadyOrders
 from gcs.core.operator.status_report import StatusReport
 from gcs.core.operator.target_orders import TargetOrders
 from gcs.core.operator.vehicle_orders import Orders
@@ -125,6 +129,11 @@ class Stages:
             self.state,
             ClimbTraffic(config, self.intents, self.climbs, self.replanner.layers, agents),
         )
+        self.flight_phases = FlightPhases(
+            config, self.fleet, agents, self.tasking.onboard_missions, self.state.flight
+        )
+        self.health = HealthMonitor(config, self.fleet, agents, self.state.flight)
+        self.failsafes = Failsafes(agents)
         self.approval = PlanApproval(config, self.no_fly_zones, self.replanner, agents, self.state.operator)
         self.dispatch = Dispatch(
             self.return_routes, self.approval, self.tasking, agents, self.external_uploads
@@ -152,13 +161,16 @@ class Stages:
         self.target_orders = TargetOrders(
             agents, self.state.operator, self.trackers.targets.confirmation, self.replanner
         )
+        self.ready_orders = ReadyOrders(agents, self.fleet, self.flight_phases)
         self.disarmed_in_auto = DisarmedInAuto(
             agents, self.state.authority, self.fleet, self.tasking, self.orders
         )
         self.onboard_audit = OnboardAudit(agents, self.fleet, self.tasking)
         authority = self.state.authority
         self.second_commander = SecondCommander(agents, self.fleet, self.tasking, authority)
-        self.override_notices = OverrideNotices(agents, authority, self.tasking.overrides, self.orders)
+        self.override_notices = OverrideNotices(
+            agents, authority, self.tasking.overrides, self.orders, self.failsafes
+        )
         self.control = ControlAuthority(agents, self.fleet, self.tasking, self.orders)
         self.planning_inputs = PlanningInputBuilder(
             agents,

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.authority.records import AgentAuthority, AuthorityState
+from gcs.core.flight.records import AgentFlight, FlightState
 from gcs.core.operator.records import AgentOrders, OperatorState
 from gcs.core.perception.records import AgentPerception, PerceptionState
 from gcs.core.preflight.records import AgentReturn
@@ -35,6 +36,7 @@ class Agent:
     authority: AgentAuthority = field(default_factory=AgentAuthority)
     link: VehicleLink = field(default_factory=VehicleLink)
     perception: AgentPerception = field(default_factory=AgentPerception)
+    flight: AgentFlight = field(default_factory=AgentFlight)
     routes: AgentRoutes = field(default_factory=AgentRoutes)
     tasking: AgentTasking = field(default_factory=AgentTasking)
     takeoff: AgentTakeoff = field(default_factory=AgentTakeoff)
@@ -54,14 +56,18 @@ def with_status(agents: Mapping[int, Agent], status: str) -> list[int]:
 
 
 def at_targets(agents: Mapping[int, Agent]) -> Counter[Label]:
-    """Return the number of agents that reached each target."""
+    """Return the number of agents that have reached each target, also of those that are down since."""
     return Counter(label for agent in agents.values() for label in reached(agent))
 
 
 def reached(agent: Agent) -> tuple[Label, ...]:
     """Return the targets that an agent has reached."""
     before, status = agent.perception.reached, agent.perception.status
-    return before if status.status != "arrived" or status.target is None else (*before, status.target)
+    return (
+        before
+        if status.status not in ("arrived", "down") or status.target is None
+        else (*before, status.target)
+    )
 
 
 def flown_routes(agents: Mapping[int, Agent]) -> dict[int, Route]:
@@ -87,6 +93,7 @@ class State:
     replanning: ReplanningState = field(default_factory=ReplanningState)
     tasking: TaskingState = field(default_factory=TaskingState)
     takeoff: TakeoffState = field(default_factory=TakeoffState)
+    flight: FlightState = field(default_factory=FlightState)
     authority: AuthorityState = field(default_factory=AuthorityState)
     airspace: AirspaceState = field(default_factory=AirspaceState)
     operator: OperatorState = field(default_factory=OperatorState)

@@ -6,8 +6,8 @@ State order everywhere: ``[east_m, north_m, v_east_m_s, v_north_m_s]``.
 
 Events go into `gcs.core`, effects come out. Both are plain data, so a recording is a list of them. In reading
 order: `basics` (labels, time), `sensors` (and their scans), `picture` (tracks, vehicle states), `plans`,
-`orders`, `control` (authority over a vehicle), `status` (of the swarm), `events`, `effects`, `truth`
-(simulations), `names`.
+`orders`, `control` (authority over a vehicle), `flight` (its phase and health), `status` (of the swarm),
+`events`, `effects`, `truth` (simulations), `names`.
 """
 
 from gcs.model.basics import (
@@ -39,6 +39,7 @@ from gcs.model.events import (
     Tick,
     UploadAnswer,
 )
+from gcs.model.flight import PHASE_TRANSITIONS, FlightEvent, FlightPhase, FlightPhaseWord, HealthItem
 from gcs.model.names import (
     named,
     network_of,
@@ -61,6 +62,7 @@ from gcs.model.truth import Truth, TruthObject
 __all__ = [
     "APPROACH_M",
     "NS_PER_S",
+    "PHASE_TRANSITIONS",
     "Action",
     "AgentRecord",
     "AgentStatus",
@@ -77,7 +79,11 @@ __all__ = [
     "Datagram",
     "Effect",
     "Event",
+    "FlightEvent",
+    "FlightPhase",
+    "FlightPhaseWord",
     "FloatArray",
+    "HealthItem",
     "Int16Array",
     "Int32Array",
     "IntArray",

@@ -21,6 +21,9 @@ AuthorityWord: TypeAlias = Literal[
     "unverified",
     "grounded",
     "unsupported",
+    "unfit",
+    "landed",
+    "down",
 ]
 """Authority over a vehicle, for operators; see `Authority`."""
 Suspension: TypeAlias = Literal["hold", "return", "found"]
@@ -38,6 +41,8 @@ class Authority(IntEnum):
     GROUNDED = "grounded", "stands where its take-off is not clear"
     COMMANDED = "overridden", "is commanded by {} and left alone"
     """By another ground station, to another mode; until its heartbeat shows the mode."""
+    UNFIT = "unfit", "is not fit to be tasked: {}"
+    """Its health does not allow another target (`gcs.core.flight.health`)."""
     OTHER_MODE = "overridden", "is in {} and left alone"
     """In a mode other than AUTO and LOITER."""
     OVERRIDDEN = "overridden", "is in {} and left alone"
@@ -53,6 +58,8 @@ class Authority(IntEnum):
     """It answers requests that this service did not send."""
     RETURNING = "returning", "returns by order"
     HELD = "held", "is held by order"
+    LANDED = "landed", "has landed; `gcs order ready` makes it available again"
+    DOWN = "down", "is down; `gcs order ready` makes it available again"
 
     def __new__(cls, word: AuthorityWord, reason: str) -> Self:
         """Number the members in their order."""
@@ -104,12 +111,19 @@ class ControlEvent(Enum):
     TAKEOFF_CLEAR = "take-off clear"
     REBOOT = "reboot"
     AGENT_LOST = "agent lost"
+    HEALTH_FAILED = "health failed"
+    HEALTH_RESTORED = "health restored"
+    TOUCHED_DOWN = "planned touchdown"
+    CAME_DOWN = "touchdown elsewhere"
+    AIRBORNE_AGAIN = "in the air again"
+    READY = "ready"
 
 
 _A, _E = Authority, ControlEvent
 TRANSITIONS: Final[dict[Authority, tuple[ControlEvent, tuple[ControlEvent, ...]]]] = {
     _A.GROUNDED: (_E.TAKEOFF_BLOCKED, (_E.TAKEOFF_CLEAR,)),
     _A.COMMANDED: (_E.STATION_COMMANDS, (_E.RESUME, _E.COMMAND_SETTLED)),
+    _A.UNFIT: (_E.HEALTH_FAILED, (_E.HEALTH_RESTORED, _E.TOUCHED_DOWN, _E.CAME_DOWN)),
     _A.OTHER_MODE: (_E.OTHER_MODE_SEEN, (_E.MISSION_MODE_SEEN,)),
     _A.OVERRIDDEN: (
         _E.MODE_CHOSEN,
@@ -124,6 +138,8 @@ TRANSITIONS: Final[dict[Authority, tuple[ControlEvent, tuple[ControlEvent, ...]]
     _A.SECOND_COMMANDER: (_E.COMMANDED_ELSEWHERE, (_E.RESUME,)),
     _A.RETURNING: (_E.RETURN, (_E.HOLD, _E.RESUME, _E.AUDIT_DIFFERENT)),
     _A.HELD: (_E.HOLD, (_E.RETURN, _E.RESUME, _E.AUDIT_DIFFERENT)),
+    _A.LANDED: (_E.TOUCHED_DOWN, (_E.READY, _E.RESUME, _E.AIRBORNE_AGAIN)),
+    _A.DOWN: (_E.CAME_DOWN, (_E.READY, _E.AIRBORNE_AGAIN)),
 }
 """The event that begins each claim, and those that end it; `docs/orders.md` shows them."""
 _BEGUN: Final = {

@@ -66,25 +66,31 @@ class Notice:
         object.__setattr__(self, "text", printable(self.text))
 
 
+AgentStatusWord: TypeAlias = Literal["active", "arrived", "lost", "down"]
+"""Status of an agent; down: its vehicle came to the ground elsewhere than by a planned landing."""
+
+
 @dataclass(frozen=True, slots=True)
 class AgentStatus:
     """Status of an agent, estimated from tracks and reports."""
 
     t_ns: int
     vehicle: int
-    status: Literal["active", "arrived", "lost"]
+    status: AgentStatusWord
     target: Label | None = None
+    """Target that it has reached."""
     position_m: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class MissionEnded:
-    """Every agent has arrived, is lost, or is surplus: every target has the agents that it needs."""
+    """Every target has the agents that it needs, or no agent is left that could fly to one."""
 
     t_ns: int
     arrived: tuple[int, ...]
     lost: tuple[int, ...]
     surplus: tuple[int, ...] = ()
+    down: tuple[int, ...] = ()
 
 
 Effect: TypeAlias = (

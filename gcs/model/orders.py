@@ -15,6 +15,7 @@ Action: TypeAlias = Literal[
     "return",
     "arm",
     "disarm",
+    "ready",
     "plan",
     "confirm",
     "reject",

@@ -57,3 +57,5 @@ class VehicleState:
     """Vertical speed, up."""
     grounded: bool | None = None
     """Whether its autopilot says that it stands on the ground; None if it says nothing."""
+    is_landing: bool = False
+    """True if its autopilot says that it lands."""

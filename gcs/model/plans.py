@@ -82,6 +82,7 @@ Cause: TypeAlias = Literal[
     "map changed",
     "operator order",
     "agent lost",
+    "agent down",
     "agent not tracked",
     "agent set aside",
     "agent joined",

@@ -7,6 +7,7 @@ from typing import Literal
 
 from gcs.model.basics import Label
 from gcs.model.control import AuthorityWord
+from gcs.model.flight import FlightPhaseWord
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,7 +15,7 @@ class AgentRecord:
     """One agent."""
 
     vehicle: int
-    status: Literal["active", "arrived", "lost"]
+    status: Literal["active", "arrived", "lost", "down"]
     authority: AuthorityWord
     reason: str
     """Why it is not ours, in words; empty if it is."""
@@ -52,6 +53,9 @@ class AgentRecord:
     """True if its last upload failed."""
     is_verified: bool
     """True if its onboard mission is known, and read back equal."""
+    phase: FlightPhaseWord = "unknown"
+    problems: tuple[str, ...] = ()
+    """Health problems that the operator was notified of, in words."""
     proposed_target: Label | None = None
     """Target of the route that waits for approval."""
     pinned: Label | None = None

@@ -45,6 +45,8 @@ from gcs.planning.search import canonical_ordering, cost_matrix
 from gcs.planning.search.cost_matrix import Endpoints
 from gcs.planning.search.neighbours import SearchMap, cells, search_map
 
+_GROUNDED_COST = 1e6
+"""Added cost of an agent on the ground: one in the air serves its target, however far it is."""
 Stage: TypeAlias = Literal["search", "assignment", "shaping"]
 
 
@@ -135,7 +137,8 @@ def plan_routes(
         )
         notes += _reachability_notes(grid, search.smap, vehicles, labels, search.starts, search.costs)
         on_stage("search")
-        costs = _pinned_costs(search.costs, vehicles, labels, needs, pinned)
+        costs = _fit_costs(search.costs, [agents[v] for v in vehicles], [targets[label] for label in labels])
+        costs = _pinned_costs(costs, vehicles, labels, needs, pinned)
         pairs = _assign(costs, vehicles, labels, needs, current, options)
         on_stage("assignment")
         for i, j in pairs.items():
@@ -170,6 +173,23 @@ def plan_routes(
         frozenset(stops_short),
         captured,
     )
+
+
+def _fit_costs(costs: FloatArray, agents: Sequence[AgentState], targets: Sequence[Point]) -> FloatArray:
+    """Return the costs without targets beyond the range of an agent; agents in the air go first."""
+    grounded = np.array([agent.is_grounded for agent in agents])
+    if grounded.any() and not grounded.all():
+        costs = costs + _GROUNDED_COST * grounded[:, None]
+    limited = [i for i, agent in enumerate(agents) if agent.range_m < math.inf]
+    if limited:
+        costs = costs.copy()
+    for i in limited:
+        agent = agents[i]
+        for j, target in enumerate(targets):
+            length_m = math.dist((agent.east_m, agent.north_m), target) + math.dist(target, agent.home_m)
+            if length_m > agent.range_m:
+                costs[i, j] = math.inf
+    return costs
 
 
 def _pinned_costs(

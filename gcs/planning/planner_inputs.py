@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,6 +28,11 @@ class AgentState:
     """Predicted motion at route capture, if known. The explicit first turn begins a little later."""
     options: PlanOptions | None = None
     """Options of its own airframe: turns and terminal loiter; None: those of the plan."""
+    is_grounded: bool = False
+    """True on the ground: agents in the air get targets first."""
+    home_m: Point = (0.0, 0.0)
+    range_m: float = math.inf
+    """Distance that its battery lets it fly; its home must be within reach from its target."""
 
 
 @dataclass(frozen=True, slots=True)

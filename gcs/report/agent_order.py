@@ -12,11 +12,11 @@ def attention(agent: AgentRecord) -> tuple[int, int]:
     """Return a sort key: agents that need attention first, the others by number."""
     if agent.is_position_doubted:
         rank = 0
-    elif agent.status == "lost":
+    elif agent.status in ("lost", "down"):
         rank = 1
     elif agent.status == "arrived":
         rank = 5
-    elif agent.authority != "ours":
+    elif agent.authority != "ours" or agent.problems:
         rank = 2
     elif agent.has_failed or agent.track is None or is_late(agent):
         rank = 3

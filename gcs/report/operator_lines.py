@@ -58,6 +58,8 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
         case AgentStatus(target=(_, _)):
             text = f"agent {vehicle_name(effect.vehicle)}: leaves target {target_text(effect.target)}"
             return text, "info"
+        case AgentStatus(status="down"):
+            return f"agent {vehicle_name(effect.vehicle)}: down", "alarm"
         case AgentStatus():
             return f"agent {vehicle_name(effect.vehicle)}: is back", "warning"
         case OrderAnswer():
@@ -69,7 +71,9 @@ def effect_line(effect: Effect) -> tuple[str, str] | None:
             return f"{proposal_title(effect)}: {routes}", "warning"
         case MissionEnded():
             surplus = f", {len(effect.surplus)} surplus" if effect.surplus else ""
-            return f"mission ended: {len(effect.arrived)} arrived, {len(effect.lost)} lost{surplus}", "info"
+            down = f", {len(effect.down)} down" if effect.down else ""
+            counts = f"{len(effect.arrived)} arrived, {len(effect.lost)} lost{down}{surplus}"
+            return f"mission ended: {counts}", "info"
     return None
 
 

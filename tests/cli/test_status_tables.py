@@ -32,6 +32,7 @@ CALM = AgentRecord(
     upload="",
     has_failed=False,
     is_verified=True,
+    phase="landing",
 )
 TARGET = TargetRecord((3, 1), 0.98, (700.0, 300.0), 2.0, agents=(1,), reached_by=(4,))
 
@@ -51,7 +52,23 @@ def test_an_agent_is_one_row_with_units_in_the_head() -> None:
     lines = printed(CALM, plan_id=7)
     assert lines[0] == "site: agents 1 active, 0 arrived, 0 lost; 1 targets; plan 7 waits: gcs order plan"
     assert row(lines, "1").split() == [
-        *("1", "active", "ours", "AUTO", "armed", "90", "15.1", "88", "%", "3D", "0.1", "s", "1.2", "%"),
+        *(
+            "1",
+            "active",
+            "landing",
+            "ours",
+            "AUTO",
+            "armed",
+            "90",
+            "15.1",
+            "88",
+            "%",
+            "3D",
+            "0.1",
+            "s",
+            "1.2",
+            "%",
+        ),
         *("T3.1", "640", "42", "verified"),
     ]
     assert row(lines, "T3.1").split() == ["T3.1", "0.98", "700", "300", "2.0", "1", "4"]

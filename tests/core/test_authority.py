@@ -45,6 +45,9 @@ PEER = "10.0.0.1:5"
 class Stage:
     """A service and one vehicle, which shows what a test says that it shows."""
 
+    away_m, climb_m_s = 0.0, 0.0
+    """Distance north of its first place, and vertical speed."""
+
     def __init__(self, autopilot: int, mode: str, *, armed: bool, height_m: float, speed_m_s: float) -> None:
         self.command, self.t_ns = Engine(parse(MISSION, "x"), 1), S
         self.encode, self.autopilot = Encoder(1, 1), autopilot
@@ -75,7 +78,15 @@ class Stage:
         ms, speed_cm_s = self.t_ns // 1_000_000, round(self.speed_m_s * 100)
         self.hear(
             dialect.MAVLink_global_position_int_message(
-                ms, 330001000, -869998000, alt_mm, alt_mm - 70_000, speed_cm_s, 0, 0, 0
+                ms,
+                330001000 + round(self.away_m * 89.8),
+                -869998000,
+                alt_mm,
+                alt_mm - 70_000,
+                speed_cm_s,
+                0,
+                round(-self.climb_m_s * 100),
+                0,
             )
         )
 

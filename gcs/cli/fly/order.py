@@ -75,7 +75,7 @@ class _Service(NamedTuple):
     as_json: bool
 
 
-VehicleAction: TypeAlias = Literal["hold", "resume", "return", "arm", "disarm"]
+VehicleAction: TypeAlias = Literal["hold", "resume", "return", "arm", "disarm", "ready"]
 
 _SUMMARIES: Final[dict[VehicleAction, str]] = {
     "hold": "Loiter here, and take no tasks until resumed.",
@@ -83,8 +83,10 @@ _SUMMARIES: Final[dict[VehicleAction, str]] = {
     "return": "Return to launch (RTL), and take no tasks until resumed.",
     "arm": "Arm. Propellers may turn. Asks for confirmation; nothing else in this project arms a vehicle.",
     "disarm": "Disarm. Asks for confirmation; refused for a vehicle that may be in the air.",
+    "ready": "Say that a vehicle that landed or came down can fly again. Asks for confirmation.",
 }
-_CONFIRMED: Final = ("arm", "disarm")
+_QUESTIONS: Final[dict[VehicleAction, str]] = {"ready": "declare ready to fly"}
+_CONFIRMED: Final = ("arm", "disarm", "ready")
 
 
 def _add_vehicle_order(action: VehicleAction, summary: str) -> None:
@@ -105,7 +107,8 @@ def _add_vehicle_order(action: VehicleAction, summary: str) -> None:
         if bool(named) == all_vehicles:
             raise typer.BadParameter(f"name the vehicles, such as: gcs order {action} 2 3 (or --all)")
         if is_confirmed and not yes:
-            confirm_or_abort(f"{action} {'all vehicles' if all_vehicles else vehicles_text(named)}")
+            whom = "all vehicles" if all_vehicles else vehicles_text(named)
+            confirm_or_abort(f"{_QUESTIONS.get(action, action)} {whom}")
         _send(action, named or "all", _Service(mission, zenoh, timeout, as_json))
 
 

@@ -6,6 +6,7 @@ import { el, setText } from "./dom.js";
 const RISKS = {
   arm: "Propellers may turn.",
   disarm: "A vehicle that may be in the air is refused.",
+  ready: "Somebody has looked at them: they can fly again.",
   return: "They fly to their launch points and take no tasks until resumed.",
 };
 const BUTTONS = [
@@ -14,6 +15,7 @@ const BUTTONS = [
   ["return", "Return", "B", ""],
   ["arm", "Arm", "A", "danger"],
   ["disarm", "Disarm", "D", "danger"],
+  ["ready", "Ready", "", "danger"],
 ];
 const MAX_NAMED = 5;
 

@@ -164,7 +164,7 @@ export function vehicles(ctx, view, list, selection, labels, colour, options) {
   ctx.textAlign = "left";
   ctx.font = `600 ${options.font}`;
   for (const vehicle of list) {
-    if (vehicle.status === "lost") {
+    if (["lost", "down"].includes(vehicle.status)) {
       if (vehicle.lost_at) cross(ctx, view, vehicle, labels, colour("warning"));
       continue;
     }

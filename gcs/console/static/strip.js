@@ -29,6 +29,7 @@ function target(vehicle) {
 
 function mission(vehicle) {
   if (vehicle.status === "lost") return ["–", "faint"];
+  if (vehicle.problems?.length) return [vehicle.problems.join("; "), "bad"];
   if (vehicle.reason) return [vehicle.reason, "fair"];
   if (vehicle.upload) return [vehicle.upload === "upload" ? "uploading" : `upload: ${vehicle.upload}`, "active"];
   if (vehicle.failed) return ["upload failed", "bad"];
@@ -57,7 +58,7 @@ export function showStrip(root, feed, selection) {
       return { element, cells };
     },
     (row, vehicle) => {
-      setClass(row.element, vehicle.status === "lost" ? "gone" : "");
+      setClass(row.element, ["lost", "down"].includes(vehicle.status) ? "gone" : "");
       COLUMNS.forEach(([name, , align, value], index) => {
         const shown = value(vehicle);
         const [text, style] = Array.isArray(shown) ? shown : [shown, ""];
@@ -72,7 +73,7 @@ export function showStrip(root, feed, selection) {
     for (const [id, row] of rows.rows) row.element.setAttribute("aria-selected", String(selection.has(id)));
   };
   feed.on(["vehicles"], ({ vehicles }) => {
-    const counts = ["active", "arrived", "lost"].map((name) => [name, vehicles.filter((one) => one.status === name).length]);
+    const counts = ["active", "arrived", "lost", "down"].map((name) => [name, vehicles.filter((one) => one.status === name).length]);
     setText(count, `Vehicles: ${counts.filter(([, n]) => n).map(([name, n]) => `${n} ${name}`).join(", ")}`);
     table.classList.toggle("dense", vehicles.length > DENSE_ROWS);
     rows.show(vehicles, (vehicle) => vehicle.id);

@@ -75,7 +75,7 @@ def capture(engine: Engine, t_ns: int, service: ServiceState | None = None) -> C
         lost_at_m={
             one.vehicle: one.position_m
             for one in statuses
-            if one.status == "lost" and one.position_m is not None
+            if one.status in ("lost", "down") and one.position_m is not None
         },
         telemetry=engine.state.fleet.table.copy(),
         sensors={

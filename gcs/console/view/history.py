@@ -41,10 +41,10 @@ from gcs.model import (
 from gcs.report.operator_lines import effect_line, proposal_title
 from gcs.report.plan_reminders import ProposalLog
 
-MarkKind: TypeAlias = Literal["lost", "arrived", "plan", "upload", "alarm", "order", "ended"]
+MarkKind: TypeAlias = Literal["lost", "down", "arrived", "plan", "upload", "alarm", "order", "ended"]
 MARKED: Final = (AgentStatus, MissionEnded, Notice, Order, Plan, Proposal, UploadReport)
 """Types of records with marks."""
-SEVERE: Final = frozenset({"lost", "upload", "alarm"})
+SEVERE: Final = frozenset({"lost", "down", "upload", "alarm"})
 """Kinds of marks that are alarms."""
 _MAX_MARKS: Final = 5000
 _MAX_NAMED: Final = 6
@@ -197,6 +197,8 @@ def mark_of(t_s: float, record: Effect | Order) -> Mark | None:
             return Mark(round(t_s, 2), "order", _order_text(record))
         case AgentStatus(status="lost"):
             kind = "lost"
+        case AgentStatus(status="down"):
+            kind = "down"
         case AgentStatus(status="arrived"):
             kind = "arrived"
         case Plan() if record.changed:

@@ -94,6 +94,8 @@ def _vehicle(
         "rank": attention(agent)[0],
         "status": agent.status,
         "authority": agent.authority,
+        "phase": agent.phase,
+        "problems": list(agent.problems),
         "reason": agent.reason,
         "mode": agent.mode,
         "armed": agent.armed,

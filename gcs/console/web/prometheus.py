@@ -17,6 +17,7 @@ _AGENT_GAUGES: Final[tuple[tuple[str, str, Callable[[AgentRecord], float | None]
     ("armed", "1 if armed.", lambda a: float(a.armed)),
     ("ours", "1 if the service may task it.", lambda a: float(a.authority == "ours")),
     ("lost", "1 if the agent is lost.", lambda a: float(a.status == "lost")),
+    ("down", "1 if the vehicle came down.", lambda a: float(a.status == "down")),
     ("track_existence", "Existence probability of its track.", lambda a: a.existence),
 )
 

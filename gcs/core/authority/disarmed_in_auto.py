@@ -16,13 +16,13 @@ from gcs.core.state import Agent
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.command_sender import CommandSender, set_mode
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice, VehicleState
 
 _PERIOD_NS: Final = ns(1.0)
-_MAX_SPEED_M_S: Final = 2.0
 
 
 class DisarmedInAuto:
@@ -47,8 +47,8 @@ class DisarmedInAuto:
         sender.receive(message)
         return self._progress(vehicle, sender, t_ns)
 
-    def poll(self, t_ns: int, is_ours: Callable[[int], bool]) -> list[Effect]:
-        """Check the vehicles that are ours once a second."""
+    def poll(self, t_ns: int, is_free: Callable[[int], bool]) -> list[Effect]:
+        """Check the vehicles that nobody else controls once a second."""
         effects: list[Effect] = []
         for vehicle, agent in self._agents.items():
             if agent.authority.loiter is not None:
@@ -58,7 +58,7 @@ class DisarmedInAuto:
         self._state.disarmed_check_t_ns = t_ns + _PERIOD_NS
         for state in self._fleet.states():
             vehicle, authority = state.system_id, self._agents[state.system_id].authority
-            if not self._would_take_off(state) or not is_ours(vehicle):
+            if not self._would_take_off(state) or not is_free(vehicle):
                 authority.stays_in_auto = False
             elif authority.loiter is None and not authority.stays_in_auto:
                 effects += self._begin(vehicle, t_ns)
@@ -67,9 +67,10 @@ class DisarmedInAuto:
     def _would_take_off(self, state: VehicleState) -> bool:
         """Return True if arming would start a mission that the vehicle is not to fly."""
         vehicle = state.system_id
-        stands = not state.armed and state.mode == AUTO and state.ground_speed_m_s <= _MAX_SPEED_M_S
+        on_ground = is_on_ground(state, self._fleet.home(vehicle))
+        stands = not state.armed and state.mode == AUTO and on_ground
         is_busy = vehicle in self._tasking.state.stages or self._agents[vehicle].orders.command is not None
-        return stands and not is_busy and not self._orders.may_fly(vehicle)
+        return stands and not is_busy and not self._orders.may_take_off(vehicle)
 
     def _begin(self, vehicle: int, t_ns: int) -> list[Effect]:
         profile = self._fleet.profile(vehicle)

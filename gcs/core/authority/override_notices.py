@@ -11,6 +11,7 @@ from typing import Final
 
 from gcs.core.authority.overrides import Overrides
 from gcs.core.authority.records import AuthorityState
+from gcs.core.flight.failsafes import Failsafes
 from gcs.core.operator.vehicle_orders import PILOTED, Orders
 from gcs.core.state import Agent
 from gcs.mavlink.autopilots.modes import LOITER, RTL
@@ -26,9 +27,15 @@ class OverrideNotices:
     """Notices about overridden vehicles."""
 
     def __init__(
-        self, agents: Mapping[int, Agent], state: AuthorityState, overrides: Overrides, orders: Orders
+        self,
+        agents: Mapping[int, Agent],
+        state: AuthorityState,
+        overrides: Overrides,
+        orders: Orders,
+        failsafes: Failsafes,
     ) -> None:
         self._agents, self._state, self._overrides, self._orders = agents, state, overrides, orders
+        self._failsafes = failsafes
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Check once a second."""
@@ -40,14 +47,30 @@ class OverrideNotices:
         free: list[Effect] = []
         for vehicle, agent in sorted(self._agents.items()):
             before, mode = agent.authority.reported_mode, modes.get(vehicle, "")
-            if before and not mode:
+            if before and not mode and agent.control.is_ours:
                 free.append(Notice(t_ns, "info", "is ours to task again", vehicle))
-            if vehicle in unknown or self._orders.has_ordered(vehicle, mode):
+            is_unknown = vehicle in unknown and not self._failsafes.cause(vehicle, t_ns)
+            if is_unknown or self._orders.has_ordered(vehicle, mode):
                 mode = ""
             elif mode not in ("", before):
-                effects.append(Notice(t_ns, "warning", _text(vehicle, mode), vehicle))
+                effects.append(self._notice(vehicle, mode, t_ns))
             agent.authority.reported_mode = mode
         return effects + free
+
+    def _notice(self, vehicle: int, mode: str, t_ns: int) -> Notice:
+        """Return the notice of a mode that was not commanded, with its cause."""
+        cause = self._failsafes.cause(vehicle, t_ns)
+        back = f"`gcs order resume --vehicle {vehicle_name(vehicle)}`"
+        remedy = f"It is left alone until {back}, or until it is in AUTO"
+        if cause:
+            return Notice(t_ns, "alarm", f"is in {mode} by a failsafe: {cause}. {remedy}", vehicle)
+        why = {
+            LOITER: "an operator or another station chose that mode",
+            RTL: "a failsafe, its mission's end, or another station's order",
+        }.get(mode, "a pilot or another station chose that mode")
+        if mode == LOITER and self._agents[vehicle].link.boots:
+            why = "it rebooted, or an operator or another station chose that mode"
+        return Notice(t_ns, "warning", f"is in {mode}, not by this service: {why}. {remedy}", vehicle)
 
 
 def unattended_targets(
@@ -78,12 +101,3 @@ def overridden_text(modes: Mapping[int, str]) -> str:
         remedy = "the pilot gives it back" if mode in PILOTED else remedy
         parts.append(f"{listed} in {mode}: {remedy}")
     return f"not ours: {'; '.join(parts)}" if parts else ""
-
-
-def _text(vehicle: int, mode: str) -> str:
-    back = f"`gcs order resume --vehicle {vehicle_name(vehicle)}`"
-    why = {
-        LOITER: "an operator or another station chose that mode",
-        RTL: "a failsafe, its mission's end, or another station's order",
-    }.get(mode, "a pilot or another station chose that mode")
-    return f"is in {mode}, not by this service: {why}. It is left alone until {back}, or until it is in AUTO"

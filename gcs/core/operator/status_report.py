@@ -76,6 +76,10 @@ class StatusReport:
             is_verified=agent.tasking.onboard is not None,
             proposed_target=None if proposed is None else proposed.target,
             pinned=agent.orders.pinned,
+            phase=agent.flight.phase.value,
+            problems=tuple(
+                f"{item.value}: {one.cause}" for item, one in agent.flight.problems.items() if one.is_told
+            ),
         )
 
     def _targets(self) -> tuple[TargetRecord, ...]:

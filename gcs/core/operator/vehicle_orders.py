@@ -17,6 +17,7 @@ Disarming is refused unless the vehicle reports that it is on the ground, and ne
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Container, Set
 from typing import Final
 
@@ -56,6 +57,8 @@ PILOTED: Final = frozenset(
 """Modes of manual flight: the pilot keeps control."""
 _MAX_GROUND_SPEED_M_S = 2.0
 _MAX_GROUND_HEIGHT_M = 5.0
+_MAX_TAKEOFF_SHIFT_M: Final = 30.0
+"""Distance from the place of a verified take-off within which it still holds."""
 MIN_RESUME_HEIGHT_M: Final = 40.0
 """Minimum height above home at which a vehicle that returns or lands is turned back; landing approaches begin
 at 30 m."""
@@ -188,8 +191,12 @@ class Orders:
         return ""
 
     def _refusal(self, order: Order, vehicle: int, begun: Collection[int], *, is_heard: bool) -> str:
-        state = self._fleet.state(vehicle)
+        state, claims = self._fleet.state(vehicle), self._agents[vehicle].control.claims
         match order.action:
+            case "hold" | "return" | "resume" | "arm" if Authority.DOWN in claims:
+                return Authority.DOWN.reason
+            case "arm" if Authority.LANDED in claims:
+                return Authority.LANDED.reason
             case "hold" | "return" | "resume" if self._fleet.profile(vehicle) is None:
                 return Authority.UNSUPPORTED.reason  # its modes are not known
             case "resume":
@@ -222,7 +229,7 @@ class Orders:
         """Return why arming would start an unwanted mission; empty if it would not."""
         if state is None or not state.mode:
             return "has not reported its mode and position yet"
-        if state.mode not in SELF_LAUNCHING or (state.mode == AUTO and self.may_fly(vehicle)):
+        if state.mode not in SELF_LAUNCHING or (state.mode == AUTO and self.may_take_off(vehicle)):
             return ""
         return (
             f"is in {state.mode}: armed, it would take off at once, and not with a mission that was read "
@@ -267,13 +274,21 @@ class Orders:
         is_suspended = agent.control.suspension is not None
         return is_stored and not is_suspended and vehicle not in self._state.tasking.stages
 
+    def may_take_off(self, vehicle: int) -> bool:
+        """Return True if that mission was also verified for a take-off from where the vehicle stands."""
+        state, onboard = self._fleet.state(vehicle), self._agents[vehicle].tasking.onboard
+        if state is None or onboard is None or onboard.takeoff_m is None or not self.may_fly(vehicle):
+            return False
+        return math.dist(onboard.takeoff_m, (state.east_m, state.north_m)) <= _MAX_TAKEOFF_SHIFT_M
+
     def _cannot_disarm(self, vehicle: int, state: VehicleState | None) -> str:
         """Return why a vehicle may be in the air; empty if it reports that it is on the ground."""
         home = self._fleet.home(vehicle)
         if state is None or home is None:
             return "its position and home are not known: it may be in the air"
         height_m = state.alt_msl_m - home.alt_msl_m
-        if state.ground_speed_m_s > _MAX_GROUND_SPEED_M_S or abs(height_m) > _MAX_GROUND_HEIGHT_M:
+        is_low = abs(height_m) <= _MAX_GROUND_HEIGHT_M or state.grounded is True
+        if state.ground_speed_m_s > _MAX_GROUND_SPEED_M_S or not is_low:
             return f"is in the air: {height_m:.0f} m above home, {state.ground_speed_m_s:.0f} m/s"
         return ""
 
@@ -350,6 +365,8 @@ class Orders:
         match self._state.agents[vehicle].perception.status.status:
             case "arrived":
                 return "has reached its target and gets no other"
+            case "down":
+                return "is down"
             case "lost":
                 return "is lost; it gets a mission when it is tracked again"
         if self._state.has_ended:

@@ -1,5 +1,7 @@
 """Arrival and loss: the status of an agent (active, arrived, lost), from tracks and position reports.
 
+The fourth status, down, comes from the vehicle's own telemetry (`gcs.core.flight.phases`).
+
 An agent is lost when its track is lost (`track_lifecycle.TrackConfirmation.is_lost` compares the existence
 probability with `lost_existence`), or after `UNSEEN_S` without track and report. It is active again only when
 it reports and is associated with a track above `REVIVE_EXISTENCE`: clutter near a lost agent does not revive
@@ -80,6 +82,10 @@ class AgentStatusMonitor:
                 perception.status = after
                 changed.append(after)
         return changed
+
+    def apply(self, status: AgentStatus) -> None:
+        """Apply a status that follows from the flight phase of a vehicle."""
+        self._agents[status.vehicle].perception.status = status
 
     def _is_at(self, track: Track, target: Track) -> bool:
         distance_m = math.hypot(track.mean[0] - target.mean[0], track.mean[1] - target.mean[1])

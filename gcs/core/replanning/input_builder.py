@@ -67,8 +67,26 @@ class PlanningInputBuilder:
             priorities={t: s.priority for t, s in self.operator.targets.items() if s.priority is not None},
             arrived=frozenset(with_status(self.agents, "arrived")),
             lost=lost,
+            down=frozenset(with_status(self.agents, "down")),
+            grounded=frozenset(v for v in agents if self.is_on_ground(v)),
+            ranges=self._ranges(agents),
             untaskable=untaskable,
         )
+
+    def _ranges(self, vehicles: Iterable[int]) -> dict[int, tuple[Point, float]]:
+        """Return home and range of the vehicles whose battery limits them."""
+        found = {}
+        for vehicle in vehicles:
+            home, state = self.fleet.home(vehicle), self.fleet.state(vehicle)
+            endurance_s = self.agents[vehicle].flight.endurance_s
+            if home is not None and state is not None and endurance_s is not None:
+                home_m = self.frame.to_local(home.lat_deg, home.lon_deg)
+                found[vehicle] = (home_m, endurance_s * state.ground_speed_m_s)
+        return found
+
+    def is_on_ground(self, vehicle: int) -> bool:
+        """Return True if a vehicle is on the ground."""
+        return is_on_ground(self.fleet.state(vehicle), self.fleet.home(vehicle))
 
     def _tracks(self) -> dict[int, Track]:
         """Return the confirmed track of each vehicle; after a break, the one near a planned vehicle."""

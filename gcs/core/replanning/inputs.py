@@ -10,6 +10,7 @@ from gcs.core.replanning.records import OtherVehicle
 from gcs.model import Label, Track
 from gcs.planning.forward_simulation import Motion
 from gcs.planning.manoeuvres.climb import Climb
+from gcs.planning.map.grid import Point
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +33,12 @@ class PlanningInputs:
     """Targets that are ignored by order."""
     lost: frozenset[int] = frozenset()
     """Lost agents."""
+    down: frozenset[int] = frozenset()
+    """Agents that came down."""
+    grounded: frozenset[int] = frozenset()
+    """Agents on the ground: those in the air go first."""
+    ranges: Mapping[int, tuple[Point, float]] = field(default_factory=dict)
+    """Home of each agent whose use of the battery is known, and the distance in metres that it can fly."""
     untaskable: Mapping[int, str] = field(default_factory=dict)
     """Vehicles that must not be tasked, with the reason in words."""
     motions: Mapping[int, Motion] = field(default_factory=dict)

@@ -37,10 +37,12 @@ def of_target(cause: Cause, target: Label, what: str) -> Reason:
     return Reason(cause, f"target {target_name(target)} {what}")
 
 
-def agent_gone(vehicle: int, untaskable: str | None, *, is_lost: bool) -> Reason:
+def agent_gone(vehicle: int, untaskable: str | None, *, is_lost: bool, is_down: bool = False) -> Reason:
     """Return why an agent is not planned for any more; `untaskable` is why it must not be tasked."""
     if is_lost:
         return of_agent("agent lost", vehicle, "lost")
+    if is_down:
+        return of_agent("agent down", vehicle, "down")
     if untaskable is None:
         return of_agent("agent not tracked", vehicle, "is not tracked")
     return of_agent("agent set aside", vehicle, untaskable)

@@ -78,11 +78,16 @@ class Replanner:
             )
         ]
 
+    def hurry(self, t_ns: int) -> None:
+        """Check at once; before the first plan there is nothing to change."""
+        if self._state.next_check_t_ns is not None:
+            self._state.next_check_t_ns = t_ns
+
     def order_plan(self, t_ns: int, text: str) -> None:
         """Check at once, by an operator's order; before the first plan there is nothing to change."""
         if self._state.next_check_t_ns is not None:
             self._state.news.append(Reason("operator order", text))
-            self._state.next_check_t_ns = t_ns
+            self.hurry(t_ns)
 
     def change_map(
         self,
@@ -118,8 +123,7 @@ class Replanner:
             if proposed is not None and is_crossed(closed, proposed.flown_m, places.get(vehicle)):
                 agent.routes.proposed = None
         self._state.news.append(Reason("map changed", news))
-        if self._state.next_check_t_ns is not None:
-            self._state.next_check_t_ns = t_ns
+        self.hurry(t_ns)
         return [vehicle for vehicle, agent in sorted(self._agents.items()) if agent.routes.is_blocked]
 
     def is_due(self, t_ns: int) -> bool:
@@ -296,7 +300,11 @@ class Replanner:
         if vehicle in inputs.climbs:
             late_s += inputs.climbs[vehicle].duration_s
         speed_m_s = self._speeds_m_s[vehicle]
-        return AgentState(*turns.place_m, turns.course_rad, speed_m_s, late_s, takes_up, options)
+        home_m, range_m = inputs.ranges.get(vehicle, ((0.0, 0.0), math.inf))
+        return AgentState(
+            *turns.place_m, turns.course_rad, speed_m_s, late_s, takes_up, options,
+            is_grounded=vehicle in inputs.grounded, home_m=home_m, range_m=range_m,
+        )  # fmt: skip
 
     def _expected(self, vehicle: int, inputs: PlanningInputs, more_s: float) -> Motion:
         """Return an agent's motion `more_s` after it got a route that is planned now, or after its climb."""

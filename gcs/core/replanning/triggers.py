@@ -66,7 +66,9 @@ class Triggers:
         return [
             *news,
             *(
-                reasons.agent_gone(v, inputs.untaskable.get(v), is_lost=v in inputs.lost)
+                reasons.agent_gone(
+                    v, inputs.untaskable.get(v), is_lost=v in inputs.lost, is_down=v in inputs.down
+                )
                 for v in sorted(gone)
             ),
             *(reasons.of_agent("agent joined", v, "joined") for v in sorted(came)),

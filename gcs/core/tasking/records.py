@@ -28,6 +28,8 @@ class OnboardMission:
     """Number of the item that is the route's first point."""
     mission_id: int = 0
     """Number of the mission; 0 if it was uploaded before a restart."""
+    takeoff_m: tuple[float, float] | None = None
+    """East and north of the place from which it takes off; None if it begins in flight."""
 
     @property
     def circle(self) -> LoiterCircle | None:

@@ -322,7 +322,8 @@ class UploadManager:
                 return self._refused(vehicle, f"{problem}; the vehicle keeps its onboard mission", t_ns)
         tasking.refusal = ""
         first_point = profile.home_items + int(from_ground)
-        onboard = OnboardMission(route, items, first_point, mission.mission_id)
+        takeoff_m = (state.east_m, state.north_m) if from_ground and state is not None else None
+        onboard = OnboardMission(route, items, first_point, mission.mission_id, takeoff_m)
         return self._active.start(upload, onboard, planned_t_ns, t_ns)
 
     def _has_moved(self, home: Home, return_route: ReturnRoute) -> bool:

@@ -20,7 +20,7 @@ from gcs.io.records import decode_json
 from gcs.model import Action, NoFlyZone, Order, target_of
 
 _NAME = r"^[A-Za-z0-9_.-]{1,64}$"
-_FOR_VEHICLES: Final = frozenset({"hold", "resume", "return", "arm", "disarm", "pin", "unpin"})
+_FOR_VEHICLES: Final = frozenset({"hold", "resume", "return", "arm", "disarm", "ready", "pin", "unpin"})
 _FOR_PLANS: Final = frozenset({"confirm", "reject"})
 _FOR_TARGETS: Final = frozenset({"ignore", "attend", "priority", "pin"})
 _MAX_EXTENT_M = 1e6

@@ -45,7 +45,7 @@ from gcs.mavlink.fleet.telemetry_table import (
     WIDTH,
     new_table,
 )
-from gcs.mavlink.fleet.vehicle import Health, Vehicle
+from gcs.mavlink.fleet.vehicle import Health, Readings, Vehicle
 from gcs.mavlink.frames.codec import (
     AUTOPILOT_COMPONENT_ID,
     GCS_COMPONENT_ID,
@@ -428,6 +428,10 @@ class Fleet:
     def states(self) -> tuple[VehicleState, ...]:
         """Return the states of all vehicles that have reported a position, by system id."""
         return tuple(s for v in self._vehicles.values() if (s := v.state()) is not None)
+
+    def readings(self, system_id: int) -> Readings:
+        """Return the newest telemetry that shows a vehicle's health."""
+        return self._vehicles[system_id].readings()
 
     def profile(self, system_id: int) -> AutopilotProfile | None:
         """Return the profile of the vehicle's firmware; None if unknown."""

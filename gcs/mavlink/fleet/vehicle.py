@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -81,6 +81,19 @@ class Health:
     signed: bool
     """True if its last frame was signed. Where there is a key, signatures are checked before frames come
     here."""
+
+
+class Readings(NamedTuple):
+    """Newest telemetry that shows the health of a vehicle; None for what it has not sent."""
+
+    fix_type: int | None
+    """GPS_FIX_TYPE."""
+    battery_percent: int | None
+    sensors_failed: int | None
+    """MAV_SYS_STATUS_SENSOR bits that are enabled and not healthy."""
+    throttle_percent: int | None
+    estimator_flags: int | None
+    """EKF_STATUS_FLAGS or ESTIMATOR_STATUS_FLAGS; the lowest five bits have the same meaning in both."""
 
 
 class Vehicle:
@@ -201,6 +214,7 @@ class Vehicle:
             self._state = VehicleState(
                 self.system_id, t_ns, east_m, north_m, alt_msl_m, speed_m_s, course_rad,
                 link.mode, link.armed, link.mission_seq, climb_m_s, self._grounded_by_autopilot(),
+                self.record.item(LANDED_STATE) == dialect.MAV_LANDED_STATE_LANDING,
             )  # fmt: skip
         return self._state
 
@@ -251,6 +265,11 @@ class Vehicle:
             refused=dict(link.checks.refused),
             signed=self.signed,
         )
+
+    def readings(self) -> Readings:
+        """Return the newest telemetry that shows its health."""
+        columns = (FIX_TYPE, BATTERY_PERCENT, SENSORS_FAILED, THROTTLE_PERCENT, ESTIMATOR_FLAGS)
+        return Readings(*map(self._value_or_none, columns))
 
     def _value_or_none(self, column: int) -> int | None:
         value = self.record.item(column)

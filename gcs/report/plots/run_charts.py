@@ -138,7 +138,7 @@ def draw_agent_rows(axes: Axes, timeline: Timeline, agents: Sequence[int]) -> No
     for vehicle, t_s, status in timeline.statuses:
         if vehicle in row_of and status != "active":
             style: dict[str, Any] = {"marker": "*", "ms": 15 * size, "color": colour[vehicle], "mec": INK}
-            if status == "lost":
+            if status in ("lost", "down"):
                 style = {"marker": "o", "ms": 11 * size, "mfc": "none", "mec": RED, "mew": 1.8}
             axes.plot(t_s, row_of[vehicle], zorder=7, **style)
     axes.set_ylim(max(len(agents), 1) - 0.4, -0.6)

@@ -61,7 +61,7 @@ class AgentOutcome:
     """Outcome of one agent."""
 
     system_id: int
-    status: Literal["active", "arrived", "lost"]
+    status: Literal["active", "arrived", "lost", "down"]
     target: int | None
     """True target that the agent reached; None without one."""
 
@@ -285,7 +285,8 @@ class Evaluator:
         lost = [v for v, change in statuses.items() if change.status == "lost" and v in alive]
         if lost:
             problems.append(f"{_names(lost)} called lost but alive")
-        if statuses and not problems and all(change.status == "lost" for change in statuses.values()):
+        gone = [change for change in statuses.values() if change.status in ("lost", "down")]
+        if statuses and not problems and len(gone) == len(statuses):
             problems.append("failed: all agents were lost")
         return problems
 

@@ -1,0 +1,1 @@
+"""Flight phase and health of each vehicle, from its own telemetry."""

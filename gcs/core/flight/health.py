@@ -1,0 +1,204 @@
+"""Health of vehicles in flight: what begins, with its cause, and what ends.
+
+Sources (https://mavlink.io/en/messages/common.html): GPS_RAW_INT.fix_type, SYS_STATUS sensor bits, the flags
+of EKF_STATUS_REPORT (ArduPilot) or ESTIMATOR_STATUS (PX4), VFR_HUD.throttle with the vertical speed,
+WIND or WIND_COV. The charge of the battery has alarms of its own (`gcs.mavlink.fleet.checks.battery_alarm`).
+
+A problem is told after `_TELL_NS`, and ends after `_END_NS` without it. Some make a vehicle unfit
+(`Authority.UNFIT`): its target goes to another vehicle, and it gets no new one. Its onboard mission stays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.config import Config
+from gcs.core.flight.records import AgentFlight, FlightState, HealthProblem
+from gcs.core.state import Agent
+from gcs.mavlink.fleet.checks.battery_alarm import CRITICAL_PERCENT
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.vehicle import Readings
+from gcs.mavlink.services.retry import ns
+from gcs.model import NS_PER_S, ControlEvent, Effect, HealthItem, Level, Notice, VehicleState
+
+_PERIOD_NS: Final = ns(0.5)
+_TELL_NS: Final = {item: ns(1.0) for item in HealthItem} | {
+    HealthItem.PROPULSION: ns(3.0),
+    HealthItem.WIND: ns(10.0),
+}
+_END_NS: Final = ns(3.0)
+_UNFIT_NS: Final = {
+    HealthItem.GPS: ns(5.0),
+    HealthItem.ESTIMATE: ns(2.0),
+    HealthItem.PROPULSION: ns(3.0),
+    HealthItem.BATTERY: ns(1.0),
+}
+"""Time after which a problem makes a vehicle unfit; the other problems do not."""
+_LEVELS: Final[dict[HealthItem, Level]] = {
+    HealthItem.AIRSPEED: "warning",
+    HealthItem.RC: "warning",
+    HealthItem.WIND: "warning",
+}
+_SENSOR_BITS: Final = {
+    HealthItem.AIRSPEED: dialect.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE,
+    HealthItem.RC: dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
+    HealthItem.FENCE: dialect.MAV_SYS_STATUS_GEOFENCE,
+}
+_SENSOR_TEXTS: Final = {
+    HealthItem.AIRSPEED: "its airspeed sensor is unhealthy",
+    HealthItem.RC: "its RC receiver hears no transmitter",
+    HealthItem.FENCE: "it has breached its fence",
+}
+_PROPULSION_BIT: Final[int] = dialect.MAV_SYS_STATUS_SENSOR_PROPULSION
+_BATTERY_BIT: Final[int] = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
+_ESTIMATE_BITS: Final[int] = dialect.MAV_SYS_STATUS_AHRS | dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+_FULL_THROTTLE_PERCENT: Final = 90
+_FALL_M_S: Final = 1.5
+"""Sink rate at full throttle that means a failed engine or propeller."""
+_WIND_FRACTION: Final = 0.3
+"""Wind speed, as a fraction of the airspeed, that every plan allows."""
+_MIN_USE_S: Final = 60.0
+_MIN_USE_PERCENT: Final = 3
+"""The use of the battery is known after this time and charge."""
+
+
+class HealthMonitor:
+    """Health of all vehicles in flight."""
+
+    def __init__(self, config: Config, fleet: Fleet, agents: Mapping[int, Agent], state: FlightState) -> None:
+        self._config, self._fleet, self._agents, self._state = config, fleet, agents, state
+        self._max_wind_m_s = {
+            agent.vehicle: max(airframe.wind_m_s, _WIND_FRACTION * airframe.speed_m_s)
+            for agent in config.agents
+            for airframe in [config.airframe_of(agent.vehicle)]
+        }
+
+    def poll(self, t_ns: int) -> list[Effect]:
+        """Check all vehicles twice a second."""
+        if t_ns < self._state.next_health_t_ns:
+            return []
+        self._state.next_health_t_ns = t_ns + _PERIOD_NS
+        effects: list[Effect] = []
+        for state in self._fleet.states():
+            agent = self._agents[state.system_id]
+            if not agent.flight.phase.is_in_air:
+                agent.flight.problems.clear()
+                agent.flight.had_rc = False
+                agent.flight.battery_begin = agent.flight.endurance_s = None
+                agent.control.apply(ControlEvent.HEALTH_RESTORED, t_ns)
+            elif agent.link.liveness == "alive" and agent.flight.grounded_since_t_ns is None:
+                effects += self._check(state, agent, t_ns)
+        return effects
+
+    def _check(self, state: VehicleState, agent: Agent, t_ns: int) -> list[Effect]:
+        flight, effects = agent.flight, list[Effect]()
+        found = dict(self._problems(state, agent, t_ns))
+        for item, cause in found.items():
+            problem = flight.problems.setdefault(item, HealthProblem(cause, t_ns))
+            problem.good_since_t_ns = None
+            if not problem.is_told:
+                problem.cause = cause
+            if not problem.is_told and t_ns - problem.since_t_ns >= _TELL_NS[item]:
+                problem.is_told = True
+                text = f"{item.value}: {cause}"
+                effects.append(Notice(t_ns, _LEVELS.get(item, "alarm"), text, state.system_id))
+        for item in [item for item in flight.problems if item not in found]:
+            problem = flight.problems[item]
+            if problem.good_since_t_ns is None:
+                problem.good_since_t_ns = t_ns
+            if not problem.is_told or t_ns - problem.good_since_t_ns >= _END_NS:
+                del flight.problems[item]
+                if problem.is_told:
+                    effects.append(Notice(t_ns, "info", f"{item.value}: good again", state.system_id))
+        self._judge(agent, t_ns)
+        return effects
+
+    def _judge(self, agent: Agent, t_ns: int) -> None:
+        """Begin or end the claim that the vehicle is not fit to be tasked."""
+        causes = [
+            problem.cause
+            for item, problem in agent.flight.problems.items()
+            if problem.is_told and item in _UNFIT_NS and t_ns - problem.since_t_ns >= _UNFIT_NS[item]
+        ]
+        if causes:
+            agent.control.apply(ControlEvent.HEALTH_FAILED, t_ns, "; ".join(causes))
+        else:
+            agent.control.apply(ControlEvent.HEALTH_RESTORED, t_ns)
+
+    # ------------------------------------------------------------ problems
+
+    def _problems(self, state: VehicleState, agent: Agent, t_ns: int) -> Iterator[tuple[HealthItem, str]]:
+        """Yield the problems that the newest telemetry shows, each with its cause."""
+        flight, now = agent.flight, self._fleet.readings(state.system_id)
+        if now.fix_type is not None and now.fix_type < dialect.GPS_FIX_TYPE_3D_FIX:
+            yield HealthItem.GPS, "no 3D fix; it flies by its inertial estimate, and its position drifts"
+        if problem := _estimate_problem(now):
+            yield HealthItem.ESTIMATE, problem
+        failed = now.sensors_failed or 0
+        flight.had_rc |= now.sensors_failed is not None and not failed & _SENSOR_BITS[HealthItem.RC]
+        for item, bit in _SENSOR_BITS.items():
+            if failed & bit and (item is not HealthItem.RC or flight.had_rc):
+                yield item, _SENSOR_TEXTS[item]
+        if failed & _PROPULSION_BIT:
+            yield HealthItem.PROPULSION, "the autopilot reports a failed engine"
+        elif (now.throttle_percent or 0) >= _FULL_THROTTLE_PERCENT and state.climb_m_s < -_FALL_M_S:
+            yield HealthItem.PROPULSION, "it sinks at full throttle: engine or propeller has failed"
+        if problem := self._battery_problem(state, agent, now, t_ns):
+            yield HealthItem.BATTERY, problem
+        wind_m_s, max_m_s = agent.link.wind_m_s, self._max_wind_m_s[state.system_id]
+        if wind_m_s is not None and wind_m_s > max_m_s:
+            allowed = f"{max_m_s:.0f} m/s that the plan allows (airframe.wind_m_s)"
+            yield HealthItem.WIND, f"{wind_m_s:.0f} m/s, above the {allowed}"
+
+    def _battery_problem(self, state: VehicleState, agent: Agent, now: Readings, t_ns: int) -> str:
+        if now.sensors_failed is not None and now.sensors_failed & _BATTERY_BIT:
+            return "the autopilot reports that it is empty or faulty"
+        if now.battery_percent is None:
+            return ""
+        if now.battery_percent < CRITICAL_PERCENT:
+            return f"{CRITICAL_PERCENT} % is not enough for another target"
+        agent.flight.endurance_s = _endurance_s(agent.flight, now.battery_percent, t_ns)
+        endurance_s, needed_s = agent.flight.endurance_s, self._needed_s(state, agent)
+        if endurance_s is None or endurance_s >= needed_s:
+            return ""
+        text = f"enough for {endurance_s:.0f} s of flight, but its route and the way back to its home take"
+        return f"{text} {needed_s:.0f} s"
+
+    def _needed_s(self, state: VehicleState, agent: Agent) -> float:
+        """Return the flight time of the straight way to the end of its route and from there to its home."""
+        home = self._fleet.home(state.system_id)
+        if home is None or agent.routes.flown is None:
+            return 0.0
+        home_m = self._config.local_frame.to_local(home.lat_deg, home.lon_deg)
+        end_m = agent.routes.flown.flown_m[-1]
+        place_m = (state.east_m, state.north_m)
+        length_m = math.dist(place_m, end_m) + math.dist(end_m, home_m)
+        return length_m / self._config.speeds_m_s[state.system_id]
+
+
+def _endurance_s(flight: AgentFlight, percent: int, t_ns: int) -> float | None:
+    """Return how long a vehicle can fly until its battery is critical, as it was used in this flight."""
+    if flight.battery_begin is None:
+        flight.battery_begin = (t_ns, percent)
+    since_t_ns, begin_percent = flight.battery_begin
+    flown_s = (t_ns - since_t_ns) / NS_PER_S
+    used_percent = begin_percent - percent
+    if flown_s < _MIN_USE_S or used_percent < _MIN_USE_PERCENT:
+        return None
+    return max(percent - CRITICAL_PERCENT, 0) * flown_s / used_percent
+
+
+def _estimate_problem(now: Readings) -> str:
+    """Return what is wrong with the estimate of attitude and position; empty if nothing is."""
+    if now.estimator_flags is not None:
+        if not now.estimator_flags & dialect.EKF_ATTITUDE:
+            return "the attitude estimate is bad"
+        if not now.estimator_flags & dialect.EKF_POS_HORIZ_ABS:
+            return "it has no absolute position and flies by dead reckoning"
+    if now.sensors_failed is not None and now.sensors_failed & _ESTIMATE_BITS:
+        return "the autopilot reports it as unhealthy"
+    return ""

@@ -1,0 +1,253 @@
+"""Flight phases: what each vehicle does, and whether it came down.
+
+Each observation of the telemetry gives one event of `gcs.model.flight`. The evidence, in this order:
+
+* On the ground (`gcs.mavlink.fleet.on_ground`) for `_SETTLE_NS`: it stands, if it has not been higher than
+  `LOW_M` since it last stood; else it has landed, or came down.
+* A touchdown is planned in RTL or on the mission's landing, and under a pilot, within `_HOME_RADIUS_M` of
+  home; in RTL also elsewhere if it is gentle (a rally point).
+* In the air: its mode and the item of its verified mission.
+
+A vehicle that came down, or has landed, gets no mission and is not armed until an operator orders that it is
+ready (`Authority.DOWN`, `Authority.LANDED`). Its onboard mission counts as unknown: it was not made for a
+take-off from there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.config import Config
+from gcs.core.flight.records import AgentFlight, FlightState
+from gcs.core.state import Agent
+from gcs.core.tasking.onboard_missions import OnboardMissions
+from gcs.geo import LocalFrame
+from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.on_ground import LOW_M, is_on_ground
+from gcs.mavlink.services.retry import ns
+from gcs.model import (
+    PHASE_TRANSITIONS,
+    AgentStatus,
+    ControlEvent,
+    Effect,
+    FlightEvent,
+    FlightPhase,
+    HealthItem,
+    Notice,
+    VehicleState,
+    target_name,
+    vehicle_name,
+)
+from gcs.planning.map.grid import Point
+
+_PERIOD_NS: Final = ns(0.25)
+_MAX_AGE_NS: Final = ns(2.0)
+"""An older position gives no event."""
+_SETTLE_NS: Final = ns(1.0)
+"""Time on the ground, or in the air after a landing, before it counts."""
+_HOME_RADIUS_M: Final = 200.0
+"""A landing at home touches down within this distance of it."""
+_GENTLE_M_S: Final = 2.0
+"""Sink rate of a controlled landing away from home."""
+_OUR_MODES: Final = frozenset({"", AUTO, LOITER, "TAKEOFF"})
+_LANDING_MODES: Final = frozenset({"LAND", "PRECLAND", "QLAND", "AUTOLAND"})
+_CAUSES: Final = frozenset(HealthItem) - {HealthItem.WIND, HealthItem.RC, HealthItem.FENCE}
+"""Problems that make a vehicle come down."""
+_SINK_M: Final = 15.0
+"""Height below the planned one at which a sinking vehicle is reported."""
+_SINK_M_S: Final = 1.0
+_SINK_NS: Final = ns(1.5)
+
+
+class FlightPhases:
+    """Flight phases of all vehicles."""
+
+    def __init__(
+        self,
+        config: Config,
+        fleet: Fleet,
+        agents: Mapping[int, Agent],
+        missions: OnboardMissions,
+        state: FlightState,
+    ) -> None:
+        self._fleet, self._agents, self._missions, self._state = fleet, agents, missions, state
+        self._frame: LocalFrame = config.local_frame
+        self._lowest_m = config.mission.altitude_rel_m
+
+    def poll(self, t_ns: int) -> list[Effect]:
+        """Check all vehicles; return notices, and the new statuses of vehicles that came down."""
+        if t_ns < self._state.next_check_t_ns:
+            return []
+        self._state.next_check_t_ns = t_ns + _PERIOD_NS
+        effects: list[Effect] = []
+        for state in self._fleet.states():
+            if t_ns - state.t_ns <= _MAX_AGE_NS:
+                effects += self._observe(state, t_ns)
+        return effects
+
+    def declare_ready(self, vehicle: int, t_ns: int) -> list[Effect]:
+        """Carry out the order that a vehicle on the ground is ready to fly again."""
+        agent = self._agents[vehicle]
+        self._enter(vehicle, FlightEvent.READY, t_ns)
+        agent.control.apply(ControlEvent.READY, t_ns)
+        agent.flight.came_down_m = None
+        agent.flight.highest_m = 0.0
+        status = agent.perception.status
+        if status.status != "down":
+            return []
+        return [AgentStatus(t_ns, vehicle, "active", None, status.position_m)]
+
+    # ------------------------------------------------------------ events
+
+    def _observe(self, state: VehicleState, t_ns: int) -> list[Effect]:
+        vehicle, flight = state.system_id, self._agents[state.system_id].flight
+        if is_on_ground(state, self._fleet.home(vehicle)):
+            flight.airborne_since_t_ns = None
+            if flight.grounded_since_t_ns is None:
+                flight.grounded_since_t_ns = t_ns
+            if t_ns - flight.grounded_since_t_ns < _SETTLE_NS and flight.phase is not FlightPhase.UNKNOWN:
+                return []
+            return self._ground(state, t_ns)
+        if not state.mode:
+            return []
+        flight.grounded_since_t_ns = None
+        if flight.airborne_since_t_ns is None:
+            flight.airborne_since_t_ns = t_ns
+        if flight.phase.has_flown and not self._flies_again(state, flight, t_ns):
+            return []
+        height_m = self._fleet.height_m(state)
+        flight.highest_m = max(flight.highest_m, height_m)
+        flight.is_landing_planned = self._is_landing_planned(state)
+        had_flown = flight.phase.has_flown
+        self._enter(vehicle, self._event_in_air(state, height_m), t_ns)
+        effects = self._fly_again(vehicle, t_ns) if had_flown else []
+        return effects + self._check_sinking(state, height_m, t_ns)
+
+    def _enter(self, vehicle: int, event: FlightEvent, t_ns: int) -> bool:
+        """Enter the phase after an event; return True if it is a new one."""
+        flight = self._agents[vehicle].flight
+        after = PHASE_TRANSITIONS[flight.phase].get(event, flight.phase)
+        if after is flight.phase:
+            return False
+        flight.phase, flight.since_t_ns = after, t_ns
+        return True
+
+    def _flies_again(self, state: VehicleState, flight: AgentFlight, t_ns: int) -> bool:
+        """Return True if a vehicle that has landed, or is down, is in the air: not carried, not bumped."""
+        since_ns = t_ns - (flight.airborne_since_t_ns or t_ns)
+        return state.armed and since_ns >= _SETTLE_NS and self._fleet.height_m(state) >= LOW_M
+
+    def _event_in_air(self, state: VehicleState, height_m: float) -> FlightEvent:
+        vehicle, phase = state.system_id, self._agents[state.system_id].flight.phase
+        ending = self._missions.terminal_phase(vehicle)
+        if state.mode in _LANDING_MODES or state.is_landing or ending == "landing":
+            return FlightEvent.LANDS
+        if state.mode == RTL or ending in ("return route", "return"):
+            return FlightEvent.RETURNS
+        is_new = phase in (FlightPhase.ON_GROUND, FlightPhase.TAKING_OFF)
+        if self._missions.is_in_takeoff(vehicle) or state.mode == "TAKEOFF" or (is_new and height_m < LOW_M):
+            return FlightEvent.CLIMBS
+        return FlightEvent.CIRCLES if ending == "circle" else FlightEvent.FLIES
+
+    def _is_landing_planned(self, state: VehicleState) -> bool:
+        home = self._fleet.home(state.system_id)
+        ending = self._missions.terminal_phase(state.system_id)
+        lands = state.mode == RTL or ending in ("return route", "landing", "return")
+        if state.mode == AUTO and state.is_landing:
+            return True
+        if home is None:
+            return lands
+        east_m, north_m = self._frame.to_local(home.lat_deg, home.lon_deg)
+        if math.hypot(state.east_m - east_m, state.north_m - north_m) > _HOME_RADIUS_M:
+            return state.mode == RTL and state.climb_m_s > -_GENTLE_M_S
+        return lands or state.mode not in _OUR_MODES
+
+    # ------------------------------------------------------------ on the ground
+
+    def _ground(self, state: VehicleState, t_ns: int) -> list[Effect]:
+        vehicle, flight = state.system_id, self._agents[state.system_id].flight
+        was_in_air, before = flight.phase.is_in_air, flight.phase
+        if not was_in_air or flight.highest_m < LOW_M:
+            event = FlightEvent.STANDS
+        else:
+            event = FlightEvent.TOUCHED_DOWN if flight.is_landing_planned else FlightEvent.CAME_DOWN
+        self._enter(vehicle, event, t_ns)
+        flight.highest_m = 0.0
+        flight.is_sinking, flight.sinks_since_t_ns = False, None
+        if not (was_in_air and flight.phase.has_flown):
+            return []
+        agent = self._agents[vehicle]
+        place_m = (state.east_m, state.north_m)
+        if flight.phase is FlightPhase.LANDED:
+            agent.control.apply(ControlEvent.TOUCHED_DOWN, t_ns)
+            text = f"has landed: it gets no mission until `gcs order ready --vehicle {vehicle_name(vehicle)}`"
+            return [Notice(t_ns, "info", text, vehicle)]
+        agent.control.apply(ControlEvent.CAME_DOWN, t_ns)
+        flight.came_down_m = place_m
+        reached = agent.perception.status.target if agent.perception.status.status == "arrived" else None
+        status = AgentStatus(t_ns, vehicle, "down", reached, place_m)
+        return [Notice(t_ns, "alarm", self._text(vehicle, before, place_m), vehicle), status]
+
+    def _text(self, vehicle: int, before: FlightPhase, place_m: Point) -> str:
+        agent = self._agents[vehicle]
+        lat_deg, lon_deg = self._frame.to_geodetic(*place_m)
+        told = [one.cause for item, one in agent.flight.problems.items() if one.is_told and item in _CAUSES]
+        cause = f" ({'; '.join(told)})" if told else ""
+        text = f"came down while {before.value}{cause}, at {lat_deg:.6f}, {lon_deg:.6f}"
+        if agent.routes.flown is not None:
+            text += f"; its target {target_name(agent.routes.flown.target)} needs another vehicle"
+        ready = f"`gcs order ready --vehicle {vehicle_name(vehicle)}`"
+        return f"{text}. Recover it; once it can fly again: {ready}"
+
+    def _fly_again(self, vehicle: int, t_ns: int) -> list[Effect]:
+        """End the claims on a vehicle that landed, or came down, and is in the air again."""
+        agent = self._agents[vehicle]
+        agent.control.apply(ControlEvent.AIRBORNE_AGAIN, t_ns)
+        agent.flight.came_down_m = None
+        status = agent.perception.status
+        if status.status != "down":
+            return []
+        text = "is in the air after all: it is tracked and tasked again"
+        return [Notice(t_ns, "warning", text, vehicle), AgentStatus(t_ns, vehicle, "active")]
+
+    # ------------------------------------------------------------ sinking
+
+    def _check_sinking(self, state: VehicleState, height_m: float, t_ns: int) -> list[Effect]:
+        """Notify when a vehicle sinks below its planned height without having been told to."""
+        vehicle, flight = state.system_id, self._agents[state.system_id].flight
+        planned_m = self._planned_height_m(state)
+        is_low = planned_m is not None and height_m < planned_m - _SINK_M
+        if flight.is_sinking and (not is_low or state.climb_m_s > _SINK_M_S):
+            flight.is_sinking = False
+            return [Notice(t_ns, "info", f"no longer sinks: {height_m:.0f} m above home", vehicle)]
+        if not is_low or state.climb_m_s > -_SINK_M_S:
+            flight.sinks_since_t_ns = None
+            return []
+        if flight.sinks_since_t_ns is None:
+            flight.sinks_since_t_ns = t_ns
+        if flight.is_sinking or t_ns - flight.sinks_since_t_ns < _SINK_NS:
+            return []
+        flight.is_sinking = True
+        down_s = max(height_m, 0.0) / -state.climb_m_s
+        text = f"sinks at {-state.climb_m_s:.0f} m/s: {height_m:.0f} m above home, {planned_m:.0f} m planned"
+        text += f"; on the ground in {down_s:.0f} s. Let a pilot take it over, or prepare to recover it"
+        return [Notice(t_ns, "alarm", text, vehicle)]
+
+    def _planned_height_m(self, state: VehicleState) -> float | None:
+        """Return the height above home that a vehicle should keep; None where none is known."""
+        phase, mode = self._agents[state.system_id].flight.phase, state.mode
+        if phase not in (FlightPhase.EN_ROUTE, FlightPhase.AT_TARGET) or mode not in (AUTO, LOITER):
+            return None
+        if mode == LOITER:
+            return self._lowest_m
+        onboard = self._agents[state.system_id].tasking.onboard
+        if onboard is None or not 0 <= state.mission_seq < len(onboard.items):
+            return None
+        item = onboard.items[state.mission_seq]
+        relative = dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+        return item.z_m if item.frame in relative else None

@@ -1,0 +1,304 @@
+"""An operator would lose the mission to a wreck that counts as a vehicle, or see a wreck launched.
+
+One vehicle is played message by message, as ArduPlane or as PX4.
+"""
+
+from __future__ import annotations
+
+import pytest
+from core.test_authority import ARDUPLANE, ARM, BOTH, PX4, SET_MODE, Stage
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.model import (
+    PHASE_TRANSITIONS,
+    AgentStatus,
+    FlightEvent,
+    FlightPhase,
+    HealthItem,
+    Notice,
+)
+
+P, E = FlightPhase, FlightEvent
+ENABLED = dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+AWAY_M = 900.0
+"""A vehicle of these tests is far from its home unless a test brings it there."""
+
+
+class Aeroplane(Stage):
+    """A vehicle with the telemetry of its flight."""
+
+    def __init__(self, autopilot: int, mode: str = "AUTO", *, armed=True, height_m=100.0, failed=0) -> None:
+        self.throttle, self.fix, self.away_m, self.failed = 50, 3, AWAY_M, failed
+        self.percent, self.landed_state = 80, None
+        speed_m_s = 15.0 if height_m > 1.0 else 0.0
+        super().__init__(autopilot, mode, armed=armed, height_m=height_m, speed_m_s=speed_m_s)
+
+    def show(self) -> None:
+        self.height_m += 0.5 * self.climb_m_s
+        self.away_m += 0.5 * self.speed_m_s
+        super().show()
+        healthy = ENABLED & ~self.failed
+        self.hear(
+            dialect.MAVLink_sys_status_message(
+                ENABLED, ENABLED | self.failed, healthy, 0, 12000, 0, self.percent, *[0] * 6
+            )
+        )
+        self.hear(dialect.MAVLink_gps_raw_int_message(0, self.fix, 0, 0, 0, 99, 99, 0, 0, 9))
+        self.hear(dialect.MAVLink_vfr_hud_message(15.0, 15.0, 0, self.throttle, 0.0, 0.0))
+        if self.landed_state is not None:
+            self.hear(dialect.MAVLink_extended_sys_state_message(0, self.landed_state))
+
+    def say(self, text: str, severity: int = 2) -> None:
+        self.hear(dialect.MAVLink_statustext_message(severity, text.encode()))
+
+    def crash(self) -> None:
+        """Hit the ground and stay there, armed."""
+        self.climb_m_s, self.speed_m_s, self.height_m = 0.0, 0.0, 0.0
+
+    @property
+    def phase(self) -> FlightPhase:
+        return self.command.state.agents[1].flight.phase
+
+    @property
+    def status_of_agent(self) -> str:
+        return self.command.state.agents[1].perception.status.status
+
+    def alarms(self) -> list[str]:
+        return [e.text for e in self.effects if isinstance(e, Notice) and e.level == "alarm"]
+
+
+# ---------------------------------------------------------------- phases
+
+
+def test_the_table_of_phases_has_no_way_from_the_ground_after_a_flight_but_an_order_or_the_air() -> None:
+    for phase in (P.LANDED, P.DOWN):
+        for event, after in PHASE_TRANSITIONS[phase].items():
+            assert after.is_in_air or (event is E.READY and after is P.ON_GROUND)
+    for phase in P:
+        reached = {after for events in PHASE_TRANSITIONS.values() for after in events.values()}
+        assert phase in reached or phase is P.UNKNOWN
+
+
+@BOTH
+def test_a_crashed_vehicle_with_a_living_radio_is_down_within_three_seconds(autopilot: int) -> None:
+    plane = Aeroplane(autopilot)
+    plane.wait(5.0)
+    assert plane.phase is P.EN_ROUTE
+    plane.crash()
+    plane.wait(3.0)
+    assert plane.phase is P.DOWN
+    assert plane.status_of_agent == "down"
+    told = [text for text in plane.alarms() if text.startswith("came down while en route")]
+    assert len(told) == 1
+    assert "33.0" in told[0]  # where to look
+    assert "gcs order ready --vehicle 1" in told[0]
+    assert [e.status for e in plane.effects if isinstance(e, AgentStatus)] == ["down"]
+    plane.armed = False
+    plane.wait(10.0)
+    assert plane.status_of_agent == "down"
+
+
+@BOTH
+def test_a_wreck_obeys_no_order_and_is_only_kept_from_taking_off(autopilot: int) -> None:
+    plane = Aeroplane(autopilot)
+    plane.wait(5.0)
+    plane.crash()
+    plane.wait(3.0)
+    plane.effects.clear()
+    plane.armed = False
+    plane.wait(1.0)
+    plane.effects.clear()
+    for action in ("resume", "hold", "return", "arm"):
+        answers = plane.order(action)
+        assert [answer.state for answer in answers] == ["refused"], action
+        assert "is down" in answers[0].detail
+    plane.wait(5.0)
+    assert not plane.commands(ARM)
+    loiter = (12.0, 0.0) if autopilot == ARDUPLANE else (4.0, 3.0)
+    assert {(sent.param2, sent.param3) for sent in plane.commands(SET_MODE)} == {loiter}
+
+
+@BOTH
+def test_only_the_order_that_it_is_ready_takes_a_wreck_back(autopilot: int) -> None:
+    plane = Aeroplane(autopilot)
+    plane.wait(5.0)
+    plane.crash()
+    plane.wait(3.0)
+    assert "disarm it first" in plane.order("ready")[0].detail
+    plane.armed = False
+    plane.wait(2.0)
+    assert [answer.state for answer in plane.order("ready")] == ["accepted", "done"]
+    assert plane.phase is P.ON_GROUND
+    assert plane.status_of_agent == "active"
+    assert "nothing was changed" in plane.order("ready")[0].detail
+
+
+@BOTH
+def test_a_landed_vehicle_in_auto_is_set_to_loiter_and_not_armed_before_it_is_ready(autopilot: int) -> None:
+    """PX4 disarms after a failsafe landing and shows AUTO: armed, it would fly its old mission at once."""
+    plane = Aeroplane(autopilot, "RTL")
+    plane.away_m = 10.0
+    plane.wait(5.0)
+    assert plane.phase is P.RETURNING
+    plane.crash()  # as gently as one can
+    plane.wait(2.0)
+    plane.armed, plane.mode = False, "AUTO"
+    plane.wait(1.5)
+    assert plane.phase is P.LANDED
+    assert plane.status_of_agent == "active"
+    assert "is ours to task again" not in plane.notices()
+    assert plane.commands(SET_MODE)
+    plane.mode = "LOITER"
+    plane.wait(2.0)
+    assert "has landed" in plane.order("arm")[0].detail
+    plane.order("ready")
+    assert [answer.state for answer in plane.order("arm")] == ["accepted"]
+
+
+def test_a_landing_by_px4s_own_mission_is_no_crash() -> None:
+    plane = Aeroplane(PX4)
+    plane.away_m, plane.landed_state = 400.0, dialect.MAV_LANDED_STATE_LANDING
+    plane.wait(4.0)
+    assert plane.phase is P.LANDING
+    plane.crash()
+    plane.landed_state = dialect.MAV_LANDED_STATE_ON_GROUND
+    plane.wait(3.0)
+    assert plane.phase is P.LANDED
+    assert not [text for text in plane.alarms() if "came down" in text]
+
+
+def test_a_battery_landing_in_a_field_is_down() -> None:
+    plane = Aeroplane(PX4)
+    plane.wait(3.0)
+    plane.mode, plane.landed_state = "LAND", dialect.MAV_LANDED_STATE_LANDING
+    plane.wait(3.0)
+    plane.crash()
+    plane.wait(3.0)
+    assert plane.phase is P.DOWN
+
+
+def test_a_crash_on_a_hill_is_seen_by_the_autopilots_own_word() -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.landed_state = dialect.MAV_LANDED_STATE_IN_AIR
+    plane.wait(4.0)
+    plane.climb_m_s, plane.speed_m_s, plane.height_m = 0.0, 0.0, 60.0
+    plane.wait(4.0)
+    assert plane.phase is P.EN_ROUTE  # it may stand still over the ground, in a strong wind
+    plane.landed_state = dialect.MAV_LANDED_STATE_ON_GROUND
+    plane.wait(3.0)
+    assert plane.phase is P.DOWN
+
+
+def test_a_vehicle_that_rolls_and_stops_before_it_flew_is_not_down() -> None:
+    plane = Aeroplane(ARDUPLANE, armed=False, height_m=0.0)
+    plane.away_m = 0.0
+    plane.wait(2.0)
+    assert plane.phase is P.ON_GROUND
+    plane.armed, plane.speed_m_s = True, 9.0
+    plane.wait(2.0)
+    assert plane.phase is P.TAKING_OFF
+    plane.speed_m_s = 0.0
+    plane.wait(3.0)
+    assert plane.phase is P.ON_GROUND
+    assert plane.status_of_agent == "active"
+
+
+def test_a_vehicle_that_bounced_and_flies_on_is_tasked_again() -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.crash()
+    plane.wait(3.0)
+    assert plane.status_of_agent == "down"
+    plane.climb_m_s, plane.speed_m_s = 5.0, 15.0
+    plane.wait(8.0)
+    assert plane.phase is P.EN_ROUTE
+    assert plane.status_of_agent == "active"
+
+
+# ---------------------------------------------------------------- health
+
+
+def test_lost_gps_begins_makes_unfit_and_ends() -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.fix = 1
+    plane.wait(3.0)
+    assert [text for text in plane.alarms() if text.startswith("GPS: no 3D fix")]
+    plane.wait(4.0)
+    assert not plane.command.state.agents[1].control.is_ours
+    plane.fix = 3
+    plane.wait(5.0)
+    assert "GPS: good again" in plane.notices()
+    assert plane.command.state.agents[1].control.is_ours
+    assert not plane.command.state.agents[1].flight.problems
+
+
+def test_sinking_at_full_throttle_is_a_failed_engine_and_its_cause_is_told_when_it_is_down() -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.climb_m_s, plane.throttle = -4.0, 100
+    plane.wait(4.5)
+    assert [text for text in plane.alarms() if text.startswith("propulsion: it sinks at full throttle")]
+    assert not plane.command.state.agents[1].control.is_ours
+    plane.crash()
+    plane.wait(3.0)
+    assert [text for text in plane.alarms() if text.startswith("came down") and "engine or propeller" in text]
+
+
+def test_a_short_sink_at_full_throttle_is_no_news() -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.climb_m_s, plane.throttle = -4.0, 100
+    plane.wait(1.5)
+    plane.climb_m_s = 2.0
+    plane.wait(4.0)
+    assert not plane.command.state.agents[1].flight.problems
+
+
+def test_a_receiver_that_never_heard_a_transmitter_is_no_news_and_one_that_lost_it_is() -> None:
+    plane = Aeroplane(PX4, failed=dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER)
+    plane.wait(4.0)
+    assert HealthItem.RC not in plane.command.state.agents[1].flight.problems
+    plane.failed = 0
+    plane.wait(2.0)
+    plane.failed = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    plane.wait(4.0)
+    assert "RC receiver: its RC receiver hears no transmitter" in plane.notices()
+
+
+def test_a_battery_that_does_not_last_for_the_route_and_back_is_told_and_limits_the_range() -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    for percent in range(80, 60, -1):
+        plane.percent = percent
+        plane.wait(4.0)
+    flight = plane.command.state.agents[1].flight
+    assert flight.endurance_s == pytest.approx(46 * 85.0 / 19, abs=5.0)
+
+
+# ---------------------------------------------------------------- failsafes
+
+
+def test_a_failsafe_is_told_with_the_autopilots_cause_and_never_as_a_persons_choice() -> None:
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    plane.say("Low battery\t")
+    plane.say("Failsafe activated: entering Hold for 5 seconds\t")
+    plane.mode = "LOITER"
+    plane.wait(2.0)
+    told = [text for text in plane.notices() if text.startswith("is in LOITER")]
+    assert len(told) == 1
+    assert "by a failsafe: Low battery; Failsafe activated: entering Hold for 5 seconds" in told[0]
+    plane.mode = "LAND"
+    plane.wait(2.0)
+    assert [text for text in plane.notices() if text.startswith("is in LAND by a failsafe")]
+    assert not [text for text in plane.notices() if "operator" in text]
+
+
+def test_a_persons_choice_is_not_told_as_a_failsafe() -> None:
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    plane.say("Takeoff detected", 6)
+    plane.mode = "LOITER"
+    plane.wait(2.0)
+    assert [text for text in plane.notices() if "an operator or another station chose that mode" in text]
