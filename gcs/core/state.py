@@ -63,11 +63,9 @@ def at_targets(agents: Mapping[int, Agent]) -> Counter[Label]:
 def reached(agent: Agent) -> tuple[Label, ...]:
     """Return the targets that an agent has reached."""
     before, status = agent.perception.reached, agent.perception.status
-    return (
-        before
-        if status.status not in ("arrived", "down") or status.target is None
-        else (*before, status.target)
-    )
+    if status.status not in ("arrived", "down") or status.target is None:
+        return before
+    return (*before, status.target)
 
 
 def flown_routes(agents: Mapping[int, Agent]) -> dict[int, Route]:

@@ -85,7 +85,10 @@ class AgentStatusMonitor:
 
     def apply(self, status: AgentStatus) -> None:
         """Apply a status that follows from the flight phase of a vehicle."""
-        self._agents[status.vehicle].perception.status = status
+        perception = self._agents[status.vehicle].perception
+        if status.status == "active" and perception.status.target is not None:
+            perception.reached = (*perception.reached, perception.status.target)
+        perception.status = status
 
     def _is_at(self, track: Track, target: Track) -> bool:
         distance_m = math.hypot(track.mean[0] - target.mean[0], track.mean[1] - target.mean[1])
