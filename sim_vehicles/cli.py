@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from gcs.cli.arguments import LossOption, PackOption, ScenarioArgument, SeedOption, SitlOption, SpeedOption
+from gcs.cli.arguments import (
+    FaultsOption,
+    LossOption,
+    PackOption,
+    ScenarioArgument,
+    SeedOption,
+    SitlOption,
+    SpeedOption,
+)
 from gcs.cli.errors import exit_on_error
 from gcs.errors import GcsError
 from gcs.io.console import console_for
@@ -66,6 +74,7 @@ def run(
         Path | None,
         typer.Option(help="Folder for files and logs of the firmware.  [default: a temporary folder]"),
     ] = None,
+    faults: FaultsOption = None,
     as_json: JsonLinesOption = False,
     until_stdin_closes: Annotated[bool, typer.Option(hidden=True)] = False,
 ) -> None:
@@ -77,11 +86,11 @@ def run(
     """
     from sim_vehicles.autopilots.firmware import parse_sitl
     from sim_vehicles.supervisor import SimulationPlan
-    from sim_vehicles.world.scenario import load
+    from sim_vehicles.world.scenario import load, with_faults
 
     with exit_on_error():
         firmware = dict(parse_sitl(text) for text in sitl or [])
-        loaded = load(scenario)
+        loaded = with_faults(load(scenario), faults or [])
     waits = not start_at_once
     connections = _address(gcs), zenoh, zenoh_role
     plan = SimulationPlan(loaded, seed, speed, *connections, pack, loss, waits, firmware, sitl_folder)

@@ -143,6 +143,14 @@ SitlOption = Annotated[
         "`simulation.px4` fly PX4.",
     ),
 ]
+FaultsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KIND:VEHICLE@SECONDS[+DURATION]",
+        help="Break a vehicle in flight, simulated or real firmware, in addition to the faults of the "
+        "scenario: crash, engine, gps, glitch, battery, rc, airspeed, fence or radio. Can be repeated.",
+    ),
+]
 YES_HELP = "Do not ask for confirmation."
 YesOption = Annotated[bool, typer.Option("--yes", help=YES_HELP)]
 WaitOption = Annotated[float, typer.Option("--wait", min=1.0, help="Timeout in seconds.")]

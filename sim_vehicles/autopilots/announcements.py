@@ -21,10 +21,12 @@ class Announcement(NamedTuple):
 
 
 _CRITICAL: Final = mavlink.MAV_SEVERITY_CRITICAL
+_ERROR: Final = mavlink.MAV_SEVERITY_ERROR
 _INFO: Final = mavlink.MAV_SEVERITY_INFO
 PLANE_TEXTS: Final = (
     Announcement(FaultKind.GLITCH, 0.9, StatusText(_CRITICAL, "EKF3 lane switch 1")),
     Announcement(FaultKind.GLITCH, 3.9, StatusText(_INFO, "AHRS: DCM active")),
+    Announcement(FaultKind.AIRSPEED, 4.0, StatusText(_ERROR, "Airspeed sensor 1 failure. Disabling")),
 )
 PLANE_END_TEXTS: Final = {FaultKind.GLITCH: StatusText(_INFO, "AHRS: EKF3 active")}
 _AIRSPEED_TEXT: Final = "Airspeed sensor failure detected. Return to launch (RTL) is advised."

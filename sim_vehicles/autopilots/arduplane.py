@@ -549,7 +549,7 @@ class Autopilot:
         fence = self.fence
         text, reaction = fence.check(place, home_m, airframe.alt_rel_m - home.alt_m), fence.reaction
         if text:
-            self.notify(mavlink.MAV_SEVERITY_WARNING, text)
+            self.notify(mavlink.MAV_SEVERITY_NOTICE, text)
             if fence.is_breached and reaction is not None:
                 self.failsafe.breach(reaction, t_ns)
 

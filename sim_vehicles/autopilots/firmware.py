@@ -24,6 +24,7 @@ from gcs.errors import SimulationError
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.base import TRAITS, Mode
+from sim_vehicles.vehicle.faults import FaultKind
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 if TYPE_CHECKING:
@@ -121,6 +122,8 @@ def px4_command(
         "RTL_RETURN_ALT": spec.alt_rel_m,
         "NAV_LOITER_RAD": 40.0,
         "RTL_LOITER_RAD": 40.0,
+        **({"SYS_FAILURE_EN": 1.0} if spec.faults else {}),
+        **({"COM_RC_IN_MODE": 1.0} if any(fault.kind is FaultKind.RC for fault in spec.faults) else {}),
         **spec.parameters,
     }
     environment = {

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import os
 import select
 import selectors
@@ -22,6 +23,7 @@ import sys
 import time
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -38,11 +40,13 @@ from sim_vehicles.autopilots.firmware import (
     true_place,
     truth_messages,
 )
+from sim_vehicles.autopilots.firmware_faults import injection_messages, stick_message
 from sim_vehicles.error_output import print_message
 from sim_vehicles.process_start import Address, FirmwareArguments, await_clock, read_arguments
+from sim_vehicles.vehicle.faults import FaultChange, FaultKind, Faults, fault_changes
 from sim_vehicles.vehicle.frames import FrameReader, Outbox
 from sim_vehicles.vehicle.packet_loss import is_lost
-from sim_vehicles.vehicle.process import GROUND_HEARTBEAT
+from sim_vehicles.vehicle.process import DOWN, GROUND_HEARTBEAT
 from sim_vehicles.world.ground import GroundContact
 
 _LAUNCH_WITHIN_S = 150.0
@@ -51,6 +55,11 @@ _NAP_S = 0.05
 _PR_SET_PDEATHSIG = 1
 _LAUNCH_SYSTEM_ID = 250
 """System id of the launch commands; no failsafe waits for its heartbeat."""
+_SENT_TIMES = 3
+"""Each message that begins or ends a fault, since datagrams may be lost."""
+_STICK_PERIOD_NS = NS_PER_S // 20
+_DOWN_M = 3.0
+_HOME_M = 100.0
 _LAG_PART = 0.1
 _LAG_CHECK_NS = 20 * NS_PER_S
 
@@ -94,7 +103,7 @@ class FirmwareHost:
     def __init__(self, arguments: FirmwareArguments) -> None:
         vehicle, folder, binary = arguments.vehicle, Path(arguments.folder), Path(arguments.binary)
         (self.spec,), frame = vehicle.specs, vehicle.frame
-        spec = self.spec
+        spec, self._frame = self.spec, frame
         self.launch = Launch(spec, frame)
         folder.mkdir(parents=True, exist_ok=True)
         environment: dict[str, str] = {}
@@ -125,6 +134,11 @@ class FirmwareHost:
         self._death_check_ns = self._start_ns = 0
         self._deaths_from_ns: int | None = None
         self._lag_from: tuple[int, int] | None = None
+        self._faults = Faults()
+        self._fault_changes: list[FaultChange] = []
+        self._is_down = False
+        self._has_sticks = arguments.firmware == "px4" and any(f.kind is FaultKind.RC for f in spec.faults)
+        self._stick_ns = 0
 
     # ------------------------------------------------------------ before the clock starts
 
@@ -179,6 +193,7 @@ class FirmwareHost:
     def _start_losses(self, t_ns: int) -> None:
         self._deaths_from_ns = t_ns
         self._death_check_ns = t_ns + int(self.spec.death_check_period_s * NS_PER_S)
+        self._fault_changes = fault_changes(self.spec.faults, t_ns)
 
     # ------------------------------------------------------------ while the mission is flown
 
@@ -196,8 +211,13 @@ class FirmwareHost:
             self.stop()
             self._send_truth(t_ns, None)  # A time without a state: the vehicle is lost.
             return
+        self._change_faults(t_ns)
+        self._send_sticks(time.monotonic_ns())
+        for data in self._commands.pop_datagrams():
+            self._truth_port.send(data)
+        is_silent = FaultKind.RADIO in self._faults
         for data in self._ground.receive_all():
-            if not is_lost(self._loss, self._rng):
+            if not is_silent and not is_lost(self._loss, self._rng):
                 with contextlib.suppress(OSError):  # No receiver, or a full buffer.
                     self._towards_gcs.sendto(data, self._gcs)
             if self._truth_port is self._ground:
@@ -212,10 +232,37 @@ class FirmwareHost:
                 break
             except ConnectionError:
                 continue
-            if sender == self._gcs and not is_lost(self._loss, self._rng):
+            if sender == self._gcs and not is_silent and not is_lost(self._loss, self._rng):
                 if self._ground_contact.hear(t_ns) and self.spec.waits_for_ground:
                     self._start_losses(t_ns)
                 self._ground.send(data)
+
+    def _change_faults(self, t_ns: int) -> None:
+        """Begin and end the faults that are due."""
+        spec = self.spec
+        while self._fault_changes and self._fault_changes[-1].t_ns <= t_ns:
+            change = self._fault_changes.pop()
+            if change.begins:
+                self._faults.begin(change.kind, t_ns)
+            else:
+                self._faults.end(change.kind)
+            for _ in range(_SENT_TIMES):
+                for message in injection_messages(
+                    spec.system_id, spec.autopilot == "px4", change.kind, change.begins
+                ):
+                    self._commands.send(message)
+
+    def _send_sticks(self, now_ns: int) -> None:
+        """Be the radio control of a PX4 that is to lose it."""
+        if self._has_sticks and now_ns >= self._stick_ns and FaultKind.RC not in self._faults:
+            self._stick_ns = now_ns + _STICK_PERIOD_NS
+            self._commands.send(stick_message(self.spec.system_id))
+
+    def _watch_height(self, message: Any) -> None:
+        """Note that the vehicle came down elsewhere than at its home."""
+        east_m, north_m = self._frame.to_local(message.lat * 1e-7, message.lon * 1e-7)
+        is_home = math.dist((east_m, north_m), (self.spec.east_m, self.spec.north_m)) < _HOME_M
+        self._is_down = message.relative_alt * 1e-3 < _DOWN_M and not is_home
 
     def _dies(self, t_ns: int) -> bool:
         spec, from_ns = self.spec, self._deaths_from_ns
@@ -236,12 +283,16 @@ class FirmwareHost:
                 self._send_truth(t_ns, place)
             elif message.get_type() == "SYSTEM_TIME":
                 self._watch_lag(message.time_boot_ms, t_ns)
+            elif message.get_type() == "GLOBAL_POSITION_INT":
+                self._watch_height(message)
 
     def _send_truth(self, t_ns: int, place: tuple[float, float] | None) -> None:
         for message in truth_messages(t_ns, place):
             self._truths.send(message)
         if place is not None and self._ground_contact.began_t_ns is not None:
             self._truths.send(GROUND_HEARTBEAT)
+        if place is not None and self._is_down:
+            self._truths.send(DOWN)
         for data in self._truths.pop_datagrams():
             with contextlib.suppress(OSError):
                 self._towards_gcs.sendto(data, self._world)

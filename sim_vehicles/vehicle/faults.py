@@ -6,10 +6,15 @@ are those of recorded flights where there is one (`tests/sim_vehicles/test_recor
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
+from gcs.errors import SimulationError
 from gcs.model import NS_PER_S
+
+_FAULT_TEXT = re.compile(r"(?P<kind>\w+):(?P<vehicle>\d{1,3})@(?P<at>\d+(\.\d+)?)(\+(?P<lasts>\d+(\.\d+)?))?")
 
 
 class FaultKind(StrEnum):
@@ -44,6 +49,45 @@ class Fault:
     """Seconds from the start, or from ground contact."""
     lasts_s: float = 0.0
     """0: for good. A crash is always for good."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultChange:
+    """Begin or end of a fault."""
+
+    t_ns: int
+    kind: FaultKind
+    begins: bool
+
+
+def fault_changes(faults: Iterable[Fault], start_t_ns: int) -> list[FaultChange]:
+    """Return when faults begin and end, the next change last."""
+    changes = []
+    for fault in faults:
+        begins_ns = start_t_ns + int(fault.at_s * NS_PER_S)
+        changes.append(FaultChange(begins_ns, fault.kind, True))
+        if fault.lasts_s > 0.0 and fault.kind is not FaultKind.CRASH:
+            changes.append(FaultChange(begins_ns + int(fault.lasts_s * NS_PER_S), fault.kind, False))
+    return sorted(changes, key=lambda change: (change.t_ns, change.kind), reverse=True)
+
+
+def parse_fault(text: str) -> tuple[int, Fault]:
+    """Read ``KIND:VEHICLE@SECONDS``, or ``KIND:VEHICLE@SECONDS+DURATION``; return vehicle and fault.
+
+    Raises
+    ------
+    SimulationError
+        The text has another form.
+    """
+    found = _FAULT_TEXT.fullmatch(text)
+    kinds = [kind.value for kind in FaultKind]
+    if found is None or found["kind"] not in kinds:
+        raise SimulationError(
+            f"--faults: expected KIND:VEHICLE@SECONDS or KIND:VEHICLE@SECONDS+DURATION, got {text!r}; "
+            f"kinds are {', '.join(kinds)}"
+        )
+    lasts_s = float(found["lasts"] or 0.0)
+    return int(found["vehicle"]), Fault(FaultKind(found["kind"]), float(found["at"]), lasts_s)
 
 
 class Faults:

@@ -40,6 +40,7 @@ _SENSORS = (
     | mavlink.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE
 )
 _BATTERY = mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
+_AIRSPEED = mavlink.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE
 _RC = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 _ESTIMATE = mavlink.MAV_SYS_STATUS_AHRS
 _XY_CONTROL = mavlink.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
@@ -64,6 +65,8 @@ _MODE_BITS = {
     Mode.TAKEOFF: mavlink.MAV_MODE_FLAG_GUIDED_ENABLED,
     Mode.CIRCLE: mavlink.MAV_MODE_FLAG_GUIDED_ENABLED,
 }
+_BLOCKED_M_S = 1.0
+"""Airspeed that a blocked sensor measures."""
 _GLITCHING = 0x8000
 """EKF_GPS_GLITCHING of ArduPilot, which this dialect does not name."""
 _NO_ABSOLUTE = mavlink.EKF_POS_HORIZ_ABS | mavlink.EKF_PRED_POS_HORIZ_ABS
@@ -78,7 +81,7 @@ _DEAD_RECKONING_S = 10.0
 _GLITCH_SEEN_S = 2.0
 _PX4_GPS_DROPPED_S = 7.5
 _PX4_POSITION_LOST_S = 33.0
-_PX4_AIRSPEED_SEEN_S = 2.0
+_AIRSPEED_DISABLED_S = 4.0
 
 
 def _signed_deg(angle_deg: float) -> int:
@@ -178,8 +181,10 @@ class Telemetry:
             | (_GPS if known else 0)
             | (_PREARM if ready else 0)
         )
-        if FaultKind.AIRSPEED in faults:
-            health &= ~mavlink.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE
+        if is_px4 and FaultKind.AIRSPEED in faults:
+            health &= ~_AIRSPEED
+        elif faults.has_lasted(FaultKind.AIRSPEED, _AIRSPEED_DISABLED_S, t_ns):
+            enabled &= ~_AIRSPEED  # It is disabled, not unhealthy.
         if not is_px4:
             if FaultKind.GPS in faults:
                 health &= ~_GPS
@@ -268,7 +273,7 @@ class Telemetry:
         """Return speeds, heading, altitude and climb."""
         a, autopilot = self._airframe, self._autopilot
         speed = math.hypot(a.speed_m_s, a.sideslip_m_s)
-        airspeed = 0.0 if FaultKind.AIRSPEED in autopilot.faults else a.speed_m_s
+        airspeed = _BLOCKED_M_S if FaultKind.AIRSPEED in autopilot.faults else a.speed_m_s
         throttle = 50 if autopilot.flying else 0
         if autopilot.armed and FaultKind.ENGINE in autopilot.faults:
             throttle = 100  # It asks for thrust.
@@ -278,9 +283,9 @@ class Telemetry:
         )  # fmt: skip
 
     def battery_status(self, t_ns: int) -> Any:
-        """Return the battery; PX4 names its state."""
+        """Return the battery."""
         percent = self._battery_percent(t_ns)
-        level = self._autopilot.failsafe.battery_level if self._autopilot.traits is PX4 else 0
+        level = self._autopilot.failsafe.battery_level
         return mavlink.MAVLink_battery_status_message(
             0, mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO, 2500,
             [self._battery_mv(t_ns)] + [65535] * 9, 1200, 33 * (100 - percent), -1, percent, 0,
@@ -302,8 +307,8 @@ class Telemetry:
         ready = self._autopilot.is_position_known(t_ns)
         flags = (_EKF_READY if ready else 0) | mavlink.ESTIMATOR_ATTITUDE
         faults = self._autopilot.faults
-        if faults.has_lasted(FaultKind.GPS, _PX4_POSITION_LOST_S, t_ns):
-            flags &= ~_NO_ABSOLUTE
+        if faults.has_lasted(FaultKind.GPS, _PX4_GPS_DROPPED_S, t_ns):
+            flags &= ~mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
         if FaultKind.GLITCH in faults:
             flags |= mavlink.ESTIMATOR_GPS_GLITCH
         ratios = [0.05] * 6

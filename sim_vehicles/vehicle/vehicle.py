@@ -27,7 +27,7 @@ from sim_vehicles.autopilots.parameters import Parameters
 from sim_vehicles.autopilots.px4 import Px4Autopilot
 from sim_vehicles.vehicle.airframe import STEP_NS, Airframe
 from sim_vehicles.vehicle.banked_airframe import BankedAirframe
-from sim_vehicles.vehicle.faults import Fault, FaultKind
+from sim_vehicles.vehicle.faults import Fault, FaultChange, FaultKind, fault_changes
 from sim_vehicles.vehicle.geodesy import Geodesy
 from sim_vehicles.vehicle.message_handlers import VehicleLink
 from sim_vehicles.vehicle.wind import Wind
@@ -159,8 +159,7 @@ class SimVehicle:
         self.ground = GroundContact()
         self._check_period_ns = max(int(spec.death_check_period_s * NS_PER_S), STEP_NS)
         self._death_check_ns = self._dies_ns = NEVER_NS
-        self._fault_changes: list[tuple[int, FaultKind, bool]] = []
-        """(time, kind, True to begin and False to end), the next one last."""
+        self._fault_changes: list[FaultChange] = []
         if not spec.waits_for_ground:
             self._start_losses(start_t_ns)
         self._stepped_ns = start_t_ns
@@ -170,13 +169,7 @@ class SimVehicle:
             self._death_check_ns = t_ns + self._check_period_ns
         if self.spec.dies_at_s is not None:
             self._dies_ns = t_ns + int(self.spec.dies_at_s * NS_PER_S)
-        for fault in self.spec.faults:
-            begins_ns = t_ns + int(fault.at_s * NS_PER_S)
-            self._fault_changes.append((begins_ns, fault.kind, True))
-            if fault.lasts_s > 0.0:
-                ends_ns = begins_ns + int(fault.lasts_s * NS_PER_S)
-                self._fault_changes.append((ends_ns, fault.kind, False))
-        self._fault_changes.sort(reverse=True)
+        self._fault_changes = fault_changes(self.spec.faults, t_ns)
 
     def begin_fault(self, kind: FaultKind) -> None:
         """Break something now."""
@@ -231,7 +224,7 @@ class SimVehicle:
         """Time of the next action apart from flight; far in the future for a dead vehicle."""
         if not self.alive:
             return NEVER_NS
-        fault_ns = self._fault_changes[-1][0] if self._fault_changes else NEVER_NS
+        fault_ns = self._fault_changes[-1].t_ns if self._fault_changes else NEVER_NS
         return min(self._link.due_ns, self._death_check_ns, self._dies_ns, fault_ns)
 
     def advance(self, t_ns: int) -> None:
@@ -267,9 +260,9 @@ class SimVehicle:
             if self._death_rng.random() > self.spec.survival_probability:
                 self.alive = False
                 return
-        while self._fault_changes and self._fault_changes[-1][0] <= t_ns:
-            _, kind, begins = self._fault_changes.pop()
-            (self.begin_fault if begins else self.end_fault)(kind)
+        while self._fault_changes and self._fault_changes[-1].t_ns <= t_ns:
+            change = self._fault_changes.pop()
+            (self.begin_fault if change.begins else self.end_fault)(change.kind)
         self._link.handle_timer(t_ns)
 
     def receive_datagram(self, data: bytes, t_ns: int) -> None:

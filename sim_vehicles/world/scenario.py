@@ -7,9 +7,11 @@ so that a seed gives the same world in every process and at every speed.
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
+import msgspec
 import numpy as np
 from msgspec import Meta
 
@@ -18,6 +20,7 @@ from gcs.config.schema import Box, NotNegative, Positive, Probability, SystemId
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
 from sim_vehicles.autopilots.parameters import Parameters
+from sim_vehicles.vehicle.faults import parse_fault
 
 
 class SensorTable(Table, frozen=True, kw_only=True):
@@ -164,6 +167,23 @@ def parse_scenario(text: str, source: str) -> Scenario:
     simulation = convert(raw, Simulation, source, "simulation")
     _cross_check(config, simulation, source)
     return Scenario(config, simulation, source, text)
+
+
+def with_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
+    """Return a scenario with further faults, each as ``KIND:VEHICLE@SECONDS`` or with ``+DURATION``.
+
+    Raises
+    ------
+    GcsError
+        When a text is wrong, or names a vehicle that the scenario does not have.
+    """
+    faults = [
+        FaultTable(system_id=vehicle, at_s=fault.at_s, kind=fault.kind.value, lasts_s=fault.lasts_s)
+        for vehicle, fault in map(parse_fault, texts)
+    ]
+    simulation = msgspec.structs.replace(scenario.simulation, faults=[*scenario.simulation.faults, *faults])
+    _cross_check(scenario.config, simulation, "--faults")
+    return replace(scenario, simulation=simulation)
 
 
 def _cross_check(config: Config, simulation: Simulation, source: str) -> None:

@@ -257,11 +257,18 @@ def test_beyond_its_fence_a_vehicle_returns_with_the_firmware_s_words(fly, autop
     assert flight.lost_bit(mavlink.MAV_SYS_STATUS_GEOFENCE) <= 1.1
 
 
-@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
-def test_a_blocked_airspeed_sensor_shows_in_the_health(fly, autopilot):
-    flight = fly(autopilot, "airspeed", 5.0)
+def test_an_arduplane_disables_a_blocked_airspeed_sensor_and_calls_it_healthy(fly):
+    """Recorded: the text after 4 s; then the sensor is not enabled, which no health bit shows."""
+    flight = fly("ardupilot", "airspeed", 8.0)
+    assert flight.text("Airspeed sensor 1 failure. Disabling") == pytest.approx(4.0, abs=0.2)
+    assert flight.lost_bit(AIRSPEED, "onboard_control_sensors_enabled") == pytest.approx(4.6, abs=0.7)
+    assert flight.lost_bit(AIRSPEED) is None
+    assert flight.last("VFR_HUD").airspeed == 1.0
+
+
+def test_a_blocked_airspeed_sensor_of_a_px4_shows_in_the_health(fly):
+    flight = fly("px4", "airspeed", 5.0)
     assert flight.lost_bit(AIRSPEED) <= 1.1
-    assert flight.last("VFR_HUD").airspeed == 0.0
 
 
 def test_a_silent_radio_sends_and_hears_nothing_and_comes_back(fly):

@@ -11,6 +11,7 @@ from gcs.cli.arguments import (
     ConsoleAccessOption,
     ConsoleMapOption,
     ConsoleOption,
+    FaultsOption,
     HeadlessOption,
     JsonOption,
     LossOption,
@@ -48,6 +49,7 @@ def demo(
     loss: LossOption = 0.0,
     pack: PackOption = 1,
     sitl: SitlOption = None,
+    faults: FaultsOption = None,
     forward: Annotated[
         list[str] | None,
         typer.Option(
@@ -82,6 +84,7 @@ def demo(
         tuple(forward or ()),
         tuple(sitl or ()),
         PageOptions(page, page_access, open_page, page_map),
+        tuple(faults or ()),
     )
     with exit_on_error():
         code = run_demo(options, console_for(stderr=as_json))

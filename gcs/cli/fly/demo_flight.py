@@ -69,6 +69,8 @@ class DemoOptions:
     sitl: tuple[str, ...] = ()
     """Real firmware, each as NAME=PATH."""
     page: PageOptions = DEFAULT_PAGE
+    faults: tuple[str, ...] = ()
+    """Faults of vehicles, each as KIND:VEHICLE@SECONDS or KIND:VEHICLE@SECONDS+DURATION."""
 
 
 def run_demo(options: DemoOptions, console: Console) -> int:
@@ -237,6 +239,7 @@ async def _simulation(
 ) -> AsyncIterator[RunClock]:
     """Run the simulated vehicles as a process; yield the clock that they fly by."""
     firmware = [word for text in options.sitl for word in ("--sitl", text)]
+    faults = [word for text in options.faults for word in ("--faults", text)]
     starts_within_s = _START_TIMEOUT_S + (_FIRMWARE_TIMEOUT_S if options.sitl else 0.0)
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-P", "-m", "sim_vehicles", "run", options.scenario,
@@ -245,6 +248,7 @@ async def _simulation(
         "--loss", str(options.loss), "--pack", str(options.pack), "--json", "--until-stdin-closes",
         "--start-at-once",
         *firmware,
+        *faults,
         stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, start_new_session=True,
     )  # fmt: skip
     watcher: asyncio.Task[None] | None = None

@@ -1,0 +1,68 @@
+"""Real firmware breaks where the scenario says so; else an untested failsafe passes for a tested one."""
+
+from __future__ import annotations
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs.errors import ConfigError, SimulationError
+from gcs.geo import LocalFrame
+from sim_vehicles.autopilots.firmware import px4_command
+from sim_vehicles.autopilots.firmware_faults import PLANE, PX4, injection_messages
+from sim_vehicles.vehicle.faults import Fault, FaultKind, fault_changes, parse_fault
+from sim_vehicles.vehicle.vehicle import VehicleSpec
+from sim_vehicles.world.scenario import load, with_faults
+
+FRAME = LocalFrame(33.2, -87.6, 70.0)
+
+
+def test_every_kind_of_fault_can_be_injected_into_both_firmwares():
+    assert set(PLANE) == set(PX4) == set(FaultKind)
+
+
+def test_an_engine_stops_by_the_parameters_of_arduplane_s_simulation_and_runs_again():
+    begins, ends = (injection_messages(3, False, FaultKind.ENGINE, begins) for begins in (True, False))
+    assert {m.param_id: m.param_value for m in begins} == {"SIM_ENGINE_MUL": 0.0, "SIM_ENGINE_FAIL": 4.0}
+    assert {m.param_id: m.param_value for m in ends} == {"SIM_ENGINE_FAIL": 0.0}
+    assert {m.target_system for m in begins} == {3}
+
+
+def test_a_px4_loses_its_gps_by_failure_injection():
+    (begins,) = injection_messages(3, True, FaultKind.GPS, True)
+    (ends,) = injection_messages(3, True, FaultKind.GPS, False)
+    assert (begins.command, begins.param1, begins.param2) == (mavlink.MAV_CMD_INJECT_FAILURE, 4, 1)
+    assert (ends.param1, ends.param2) == (4, mavlink.FAILURE_TYPE_OK)
+
+
+def test_a_px4_with_faults_is_started_with_failure_injection(tmp_path):
+    faults = (Fault(FaultKind.GPS, 5.0),)
+    for spec, wanted in (
+        (VehicleSpec(3, 0, 0, 0, 90.0, 15.0, faults=faults), "1"),
+        (VehicleSpec(3, 0, 0, 0, 90.0, 15.0), None),
+    ):
+        _, environment = px4_command(tmp_path / "bin" / "px4", spec, FRAME, 0, 1.0)
+        assert environment.get("PX4_PARAM_SYS_FAILURE_EN") == wanted
+
+
+def test_faults_begin_and_end_at_their_times_and_a_crash_never_ends():
+    faults = (Fault(FaultKind.GPS, 5.0, 3.0), Fault(FaultKind.CRASH, 6.0, 1.0))
+    changes = [(c.t_ns / 1e9, c.kind.value, c.begins) for c in reversed(fault_changes(faults, 0))]
+    assert changes == [(5.0, "gps", True), (6.0, "crash", True), (8.0, "gps", False)]
+
+
+def test_a_fault_is_named_on_the_command_line():
+    assert parse_fault("engine:2@40") == (2, Fault(FaultKind.ENGINE, 40.0))
+    assert parse_fault("gps:3@40.5+12") == (3, Fault(FaultKind.GPS, 40.5, 12.0))
+
+
+@pytest.mark.parametrize("text", ["engine", "engine:2", "wing:2@40", "engine:2@x", "engine:2@4+"])
+def test_a_mistyped_fault_is_refused_with_the_right_form(text):
+    with pytest.raises(SimulationError, match="KIND:VEHICLE@SECONDS"):
+        parse_fault(text)
+
+
+def test_faults_of_the_command_line_add_to_those_of_the_scenario():
+    scenario = with_faults(load("deterministic"), ["engine:2@40", "gps:3@50+10"])
+    assert [(f.system_id, f.kind) for f in scenario.simulation.faults] == [(2, "engine"), (3, "gps")]
+    with pytest.raises(ConfigError, match="none of the agents"):
+        with_faults(scenario, ["engine:99@40"])
