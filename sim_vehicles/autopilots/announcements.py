@@ -30,7 +30,11 @@ PLANE_TEXTS: Final = (
 )
 PLANE_END_TEXTS: Final = {FaultKind.GLITCH: StatusText(_INFO, "AHRS: EKF3 active")}
 _AIRSPEED_TEXT: Final = "Airspeed sensor failure detected. Return to launch (RTL) is advised."
-PX4_TEXTS: Final = (Announcement(FaultKind.AIRSPEED, 2.0, StatusText(_CRITICAL, _AIRSPEED_TEXT)),)
+PX4_TEXTS: Final = (
+    Announcement(FaultKind.AIRSPEED, 1.1, StatusText(_CRITICAL, _AIRSPEED_TEXT)),
+    Announcement(FaultKind.AIRSPEED, 1.1, StatusText(_CRITICAL, "Preflight Fail: Airspeed invalid")),
+    Announcement(FaultKind.CRASH, 3.2, StatusText(_CRITICAL, "Preflight Fail: Attitude failure (pitch)")),
+)
 
 
 class Announcer:

@@ -81,6 +81,7 @@ class Autopilot:
     _failsafe: type[Failsafe] = PlaneFailsafe
     _disarmed_text = "Throttle disarmed"
     _armed_text = "Throttle armed"
+    _fence_severity = mavlink.MAV_SEVERITY_NOTICE
 
     def __init__(
         self,
@@ -549,7 +550,7 @@ class Autopilot:
         fence = self.fence
         text, reaction = fence.check(place, home_m, airframe.alt_rel_m - home.alt_m), fence.reaction
         if text:
-            self.notify(mavlink.MAV_SEVERITY_NOTICE, text)
+            self.notify(self._fence_severity, text)
             if fence.is_breached and reaction is not None:
                 self.failsafe.breach(reaction, t_ns)
 

@@ -273,14 +273,11 @@ class Px4Failsafe(Failsafe):
     def _check_rc(self, t_ns: int) -> None:
         autopilot, faults = self._autopilot, self._autopilot.faults
         if FaultKind.RC not in faults:
-            if self.is_rc_lost:
-                self.is_rc_lost = False
-                autopilot.notify(_INFO, "Manual control regained")
+            self.is_rc_lost = False
             return
         if self.is_rc_lost or not faults.has_lasted(FaultKind.RC, _RC_LOST_S, t_ns):
             return
-        self.is_rc_lost = True
-        autopilot.notify(_CRITICAL, "Manual control lost")
+        self.is_rc_lost = True  # Without a text: only the failsafe that follows is announced.
         excepted = {Mode.AUTO: 1, Mode.LOITER: 2, Mode.RTL: 2, Mode.TAKEOFF: 2}.get(autopilot.mode, 0)
         if not int(autopilot.parameters["COM_RCL_EXCEPT"]) & excepted:
             self._begin(_PX4_ACTIONS.get(int(autopilot.parameters["NAV_RCL_ACT"])), t_ns)

@@ -22,6 +22,11 @@ from sim_vehicles.autopilots.parameters import Parameters
 from sim_vehicles.vehicle.geodesy import Geodesy
 
 _PX4_REACTIONS = {2: Mode.LOITER, 3: Mode.RTL}
+_PX4_TEXTS = {
+    "Max Alt": "Geofence: exceeding maximum altitude above Home",
+    "Circle": "Geofence: exceeding maximum distance from Home",
+    "Polygon": "Geofence: approaching or outside geofence",
+}
 _RTL = 1
 _HEIGHT, _CIRCLE, _AREAS = 1, 2, 4
 
@@ -54,8 +59,8 @@ class FenceGuard:
         kind, was = self.breach(place_m, home_m, alt_m), self._breached
         self._breached = kind
         if kind and not was:
-            return f"{kind} fence breached"
-        return "Fence breach cleared" if was and not kind else ""
+            return _PX4_TEXTS[kind] if self._px4 else f"{kind} fence breached"
+        return "Fence breach cleared" if was and not kind and not self._px4 else ""
 
     @property
     def reaction(self) -> Mode | None:

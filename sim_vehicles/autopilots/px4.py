@@ -47,6 +47,7 @@ class Px4Autopilot(Autopilot):
     _failsafe = Px4Failsafe
     _armed_text = "Armed by external command"
     _disarmed_text = "Disarmed by external command"
+    _fence_severity = mavlink.MAV_SEVERITY_CRITICAL
     _is_landing_detected = False
 
     @property

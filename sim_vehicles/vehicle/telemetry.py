@@ -169,15 +169,15 @@ class Telemetry:
         known = autopilot.is_position_known(t_ns)
         ready = autopilot.prearm_failure(t_ns) is None
         is_px4 = autopilot.traits is PX4
-        present = _SENSORS | _BATTERY | _GPS | _PREARM | (0 if is_px4 else _RC)
+        present = _SENSORS | _BATTERY | _GPS | _PREARM | _RC
         fence = autopilot.fence
         enabled = present | (_GEOFENCE if fence.is_enabled else 0)
         present |= _GEOFENCE
         health = (
-            (0 if fence.is_breached else _GEOFENCE)
+            (0 if fence.is_breached and not is_px4 else _GEOFENCE)
             | _SENSORS
             | (0 if autopilot.failsafe.battery_level else _BATTERY)
-            | (0 if is_px4 or autopilot.failsafe.is_rc_lost else _RC)
+            | (0 if autopilot.failsafe.is_rc_lost else _RC)
             | (_GPS if known else 0)
             | (_PREARM if ready else 0)
         )
@@ -190,7 +190,11 @@ class Telemetry:
                 health &= ~_GPS
             if autopilot.position_error_m(t_ns) != (0.0, 0.0):
                 health &= ~_ESTIMATE
-        else:  # It drops the receiver from what is there, not from what is healthy.
+        else:  # It drops a receiver from what is there; that of the GPS stays healthy, a fence has no bit.
+            if fence.is_breached or FaultKind.AIRSPEED in faults:
+                health &= ~_PREARM
+            if autopilot.failsafe.is_rc_lost:
+                present &= ~_RC
             if faults.has_lasted(FaultKind.GPS, _PX4_GPS_DROPPED_S, t_ns):
                 present &= ~_GPS
                 enabled &= ~_GPS
@@ -273,7 +277,9 @@ class Telemetry:
         """Return speeds, heading, altitude and climb."""
         a, autopilot = self._airframe, self._autopilot
         speed = math.hypot(a.speed_m_s, a.sideslip_m_s)
-        airspeed = _BLOCKED_M_S if FaultKind.AIRSPEED in autopilot.faults else a.speed_m_s
+        airspeed = a.speed_m_s
+        if FaultKind.AIRSPEED in autopilot.faults:
+            airspeed = math.nan if autopilot.traits is PX4 else _BLOCKED_M_S
         throttle = 50 if autopilot.flying else 0
         if autopilot.armed and FaultKind.ENGINE in autopilot.faults:
             throttle = 100  # It asks for thrust.

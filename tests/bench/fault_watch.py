@@ -36,7 +36,7 @@ _SENSOR_BITS = {
 }
 _SAID = {
     "battery": re.compile(r"^(low battery|critical battery|emergency battery|battery 1 is)", re.IGNORECASE),
-    "rc": re.compile(r"rc (short|long) failsafe|manual control lost", re.IGNORECASE),
+    "rc": re.compile(r"rc (short|long) failsafe", re.IGNORECASE),
     "fence": re.compile(r"fence breached|geofence", re.IGNORECASE),
     "airspeed": re.compile(r"airspeed .*(fail|invalid|warning)", re.IGNORECASE),
     "glitch": re.compile(r"dcm active", re.IGNORECASE),
@@ -45,7 +45,7 @@ _SAID = {
 TOLD = {
     "crash": re.compile(r"came down|sinks|propulsion", re.IGNORECASE),
     "engine": re.compile(r"came down|sinks|propulsion", re.IGNORECASE),
-    "gps": re.compile(r"gps|position estimate", re.IGNORECASE),
+    "gps": re.compile(r"gps|position", re.IGNORECASE),
     "glitch": re.compile(r"gps|position|integrity|estimate", re.IGNORECASE),
     "battery": re.compile(r"battery|came down", re.IGNORECASE),
     "rc": re.compile(r"\brc\b|radio control|manual control", re.IGNORECASE),

@@ -8,6 +8,7 @@ PX4 1.17-dev (r2 and r5).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -212,7 +213,10 @@ def test_a_px4_returns_before_it_lands_when_it_is_told_to(fly):
 def test_a_px4_without_radio_control_holds_then_returns(fly):
     flight = fly("px4", "rc", 20.0)
     assert [mode for _, mode in flight.modes()] == [PX4_AUTO, PX4_HOLD, PX4_RTL]
-    assert flight.text("Manual control lost") < 1.0
+    assert flight.texts()[0] == "Failsafe activated: entering Hold for 5 seconds", "no text names the cause"
+    assert flight.lost_bit(RC) <= 1.6
+    assert flight.lost_bit(RC, "onboard_control_sensors_present") <= 1.6
+    assert flight.lost_bit(RC, "onboard_control_sensors_enabled") is None
 
 
 def test_a_px4_in_rtl_over_a_mission_landing_flies_a_mission_that_arrives(fly, item):
@@ -250,11 +254,14 @@ def test_a_px4_in_rtl_over_a_mission_landing_lands_there(fly):
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 def test_beyond_its_fence_a_vehicle_returns_with_the_firmware_s_words(fly, autopilot):
+    """Recorded: ArduPlane clears a health bit, with a text of severity NOTICE; PX4 has the text alone."""
     flight = fly(autopilot, "fence", 10.0, GF_ACTION=3)
-    assert flight.text("Max Alt fence breached") <= 0.2
+    px4_text = "Geofence: exceeding maximum altitude above Home"
+    assert flight.text(px4_text if autopilot == "px4" else "Max Alt fence breached") <= 0.2
     expected = [PX4_AUTO, PX4_HOLD, PX4_RTL] if autopilot == "px4" else [PLANE_AUTO, PLANE_RTL]
     assert [mode for _, mode in flight.modes()][-len(expected) :] == expected
-    assert flight.lost_bit(mavlink.MAV_SYS_STATUS_GEOFENCE) <= 1.1
+    lost_s = flight.lost_bit(mavlink.MAV_SYS_STATUS_GEOFENCE)
+    assert (lost_s is None) if autopilot == "px4" else lost_s <= 1.1
 
 
 def test_an_arduplane_disables_a_blocked_airspeed_sensor_and_calls_it_healthy(fly):
@@ -267,8 +274,11 @@ def test_an_arduplane_disables_a_blocked_airspeed_sensor_and_calls_it_healthy(fl
 
 
 def test_a_blocked_airspeed_sensor_of_a_px4_shows_in_the_health(fly):
+    """Recorded: the health bit, an airspeed that is no number, and a text after 1 s."""
     flight = fly("px4", "airspeed", 5.0)
     assert flight.lost_bit(AIRSPEED) <= 1.1
+    assert flight.first("VFR_HUD", lambda m: math.isnan(m.airspeed)) <= 1.1
+    assert flight.text("Preflight Fail: Airspeed invalid") == pytest.approx(1.1, abs=0.2)
 
 
 def test_a_silent_radio_sends_and_hears_nothing_and_comes_back(fly):
