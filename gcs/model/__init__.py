@@ -54,7 +54,7 @@ from gcs.model.names import (
 )
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
 from gcs.model.picture import Picture, Track, VehicleState
-from gcs.model.plans import APPROACH_M, Cause, Mission, Plan, Route, Waypoint
+from gcs.model.plans import APPROACH_M, Cause, LandingWait, Mission, Plan, Route, Waypoint
 from gcs.model.sensors import Polar, Scan, Sensor
 from gcs.model.status import AgentRecord, SensorRecord, SwarmStatus, TargetRecord
 from gcs.model.truth import Truth, TruthObject
@@ -90,6 +90,7 @@ __all__ = [
     "KeyArray",
     "Kind",
     "Label",
+    "LandingWait",
     "Level",
     "LinkNews",
     "Mission",

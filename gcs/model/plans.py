@@ -24,6 +24,15 @@ class Waypoint:
 
 
 @dataclass(frozen=True, slots=True)
+class LandingWait:
+    """Wait of a vehicle on a circle before its landing, in its layer."""
+
+    corner: int
+    """Corner of the return route after which it waits; -1: the last point of its route."""
+    seconds: int
+
+
+@dataclass(frozen=True, slots=True)
 class Mission:
     """Waypoints for one vehicle, home excluded."""
 
@@ -40,6 +49,7 @@ class Mission:
     """End of the climb, for a mission from the ground; None: the first waypoint."""
     return_waypoints: tuple[Waypoint, ...] = ()
     """Corners of the return route up to the approach; empty: straight."""
+    landing_wait: LandingWait | None = None
 
 
 @dataclass(frozen=True, slots=True)

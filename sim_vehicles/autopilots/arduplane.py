@@ -22,7 +22,7 @@ s later by dead reckoning. A jump of the GPS position reaches the guidance after
 for 48 s, as one that was recorded; 10 s after the impact the state is no longer "active".
 
 Not simulated: stick input (MANUAL, FBWA and similar modes hold heading and altitude), glide slopes
-between items, and items other than waypoint, unlimited loiter, take-off, landing and return.
+between items, and items other than waypoint, unlimited and timed loiter, take-off, landing and return.
 
 Positions are local east/north metres; altitudes are metres above the local frame's origin.
 """
@@ -51,6 +51,8 @@ _CHECK_NS = NS_PER_S // 10
 _GLIDE_SLOPE = 0.1
 _TOUCHDOWN_M = 0.5
 _ALT_REACHED_M = 1.0
+_ON_CIRCLE = 1.3
+"""A timed loiter begins within this many radii of its centre."""
 _GLIDE_SPEED = 0.5
 """Of the cruising speed, without thrust."""
 _DIVE_M_S = 18.0
@@ -123,6 +125,7 @@ class Autopilot:
         self._disarms_ns: int | None = None
         self.failsafe = self._failsafe(self)
         self._mission_running = False
+        self._circled_checks = 0
         self._mission_complete = False
         self._item: Item | None = None
         self._landing = False
@@ -422,6 +425,11 @@ class Autopilot:
                 airframe.is_climbing_out = False
                 self.legs.leave()
                 self._next_item()
+        elif item.command == mavlink.MAV_CMD_NAV_LOITER_TIME and isinstance(goal, Circle):
+            is_there = goal.distance_m(airframe) <= _ON_CIRCLE * abs(goal.radius_m)
+            self._circled_checks += is_there or self._circled_checks > 0
+            if self._circled_checks * _CHECK_NS >= item.param1 * NS_PER_S:
+                self._next_item()
         elif isinstance(goal, ToPoint):
             if item.command == mavlink.MAV_CMD_NAV_LAND:
                 glide_m = self.home.alt_m + _GLIDE_SLOPE * goal.distance_m(airframe)
@@ -477,6 +485,11 @@ class Autopilot:
         if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
             leg = self.legs.begin(east_m, north_m, 0.0)
             self._fly(self._circle(east_m, north_m, item.param3, leg), alt_m)
+        elif item.command == mavlink.MAV_CMD_NAV_LOITER_TIME:
+            self._circled_checks = 0
+            leg = self.legs.begin(east_m, north_m, 0.0)
+            radius_m = 0.0 if self._widens_circles else item.param3  # ArduPlane keeps its sign only
+            self._fly(self._circle(east_m, north_m, radius_m, leg), alt_m)
         elif item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
             airframe.is_climbing_out = True
             self._fly(self._climb_goal(item), alt_m)

@@ -34,6 +34,7 @@ _COMMANDS = {
         {
             mavlink.MAV_CMD_NAV_WAYPOINT,
             mavlink.MAV_CMD_NAV_LOITER_UNLIM,
+            mavlink.MAV_CMD_NAV_LOITER_TIME,
             mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH,
             mavlink.MAV_CMD_NAV_LAND,
             mavlink.MAV_CMD_NAV_TAKEOFF,
@@ -129,6 +130,9 @@ def _as_ardupilot_packs(item: Item) -> Item:
     if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
         radius = math.copysign(min(abs(round(item.param3)), 255), item.param3)
         return replace(item, param1=0.0, param2=0.0, param3=radius, param4=0.0)
+    if item.command == mavlink.MAV_CMD_NAV_LOITER_TIME:  # no room for the radius
+        side, tangent = math.copysign(1.0, item.param3), float(item.param4 > 0.0)
+        return replace(item, param1=float(int(item.param1)), param2=0.0, param3=side, param4=tangent)
     if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
         return replace(item, param1=float(int(item.param1)), param2=0.0, param3=0.0, param4=0.0)
     return item

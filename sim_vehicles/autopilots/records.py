@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 ITEM_NAMES = {
     mavlink.MAV_CMD_NAV_WAYPOINT: "WP",
     mavlink.MAV_CMD_NAV_LOITER_UNLIM: "LoitUnlim",
+    mavlink.MAV_CMD_NAV_LOITER_TIME: "LoitTime",
     mavlink.MAV_CMD_NAV_TAKEOFF: "Takeoff",
     mavlink.MAV_CMD_NAV_LAND: "Land",
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: "RTL",

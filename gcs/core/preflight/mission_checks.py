@@ -27,6 +27,8 @@ from gcs.planning.planner import PlanResult, plan_routes
 from gcs.planning.planner_inputs import AgentState
 
 _MAX_CLOCK_ERROR_S = 1.0
+MIN_LANDING_M = 30.0
+"""Least distance between landing points: vehicles came to rest up to 15 m from theirs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +40,8 @@ class Rehearsal:
     """(n, 2) east/north of each vehicle's route, from its position."""
     climbs: Mapping[int, Climb] = field(default_factory=dict)
     """Climbs of vehicles on the ground."""
+    starts_m: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    """Position of each vehicle."""
     refused: Mapping[int, str] = field(default_factory=dict)
     """Vehicles whose take-offs are not clear, with the reason."""
 
@@ -94,7 +98,7 @@ def rehearse(
         problem = "" if takeoffs is None else takeoffs.problem(vehicle, climb, points.get(vehicle))
         if problem:
             refused[vehicle] = problem
-    return Rehearsal(plan, routes_m, climbs, refused)
+    return Rehearsal(plan, routes_m, climbs, starts, refused)
 
 
 def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
@@ -106,7 +110,13 @@ def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
         When the fence is invalid.
     """
     takeoffs = [_takeoff(vehicle, rehearsal) for vehicle in sorted(rehearsal.climbs)]
-    rows = [*takeoffs, *_standing(config, rehearsal), _routes(rehearsal.plan), _separation(config, rehearsal)]
+    rows = [
+        *takeoffs,
+        *_standing(config, rehearsal),
+        *_landing(config, rehearsal),
+        _routes(rehearsal.plan),
+        _separation(config, rehearsal),
+    ]
     return [*rows, _fence(config, rehearsal)]
 
 
@@ -144,6 +154,26 @@ def _standing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
         f"altitude, then gcs order arm {vehicle_name(second)}"
     )
     yield Check(None, "standing", "warning", value, f"{min_m:g} m apart", remedy)
+
+
+def _landing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
+    """Warn of vehicles that land, and stay, near each other: each lands where it starts."""
+    places_m = {
+        vehicle: rehearsal.starts_m[vehicle]
+        for vehicle, airframe in config.airframes_of_agents.items()
+        if airframe.end == "land" and vehicle in rehearsal.starts_m
+    }
+    near_m = {
+        pair: math.dist(places_m[pair[0]], places_m[pair[1]])
+        for pair in itertools.combinations(sorted(places_m), 2)
+    }
+    near_m = {pair: away_m for pair, away_m in near_m.items() if away_m < MIN_LANDING_M}
+    if not near_m:
+        return
+    names = ", ".join(map(vehicle_name, sorted({vehicle for pair in near_m for vehicle in pair})))
+    value = f"agents {names} land near each other: {min(near_m.values()):.0f} m"
+    remedy = "they land one after another: clear the strip in between, or let them start farther apart"
+    yield Check(None, "landing", "warning", value, f"{MIN_LANDING_M:g} m apart", remedy)
 
 
 def _routes(plan: PlanResult) -> Check:

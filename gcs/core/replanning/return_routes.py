@@ -6,6 +6,7 @@ A return route is planned once for each route, to the home that the vehicle repo
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from gcs.config.airframe import AgentAirframe
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning.plan_targets import vehicle_options
 from gcs.core.replanning.replanner import is_crossed
+from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.mavlink.fleet.fleet import Fleet
@@ -33,6 +35,7 @@ class ReturnRoutes:
 
     def __init__(self, config: Config, zones: NoFlyZones, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
         self._config, self._options = config, vehicle_options(config)
+        self._landing_order = LandingOrder(config, fleet, agents)
         self._zones, self._fleet, self._agents = zones, fleet, agents
 
     def plan(self, route: Route, t_ns: int) -> tuple[ReturnRoute | None, list[Effect]]:
@@ -53,9 +56,11 @@ class ReturnRoutes:
         options = self._options[vehicle]
         planned = plan_return_route(self._zones.grid, start, points_m, home_m, options, landing)
         routes.return_m = np.vstack((points_m[-1:], planned.points_m))
-        before, routes.return_problem = routes.return_problem, planned.problem
-        is_news = planned.problem not in ("", before)
-        return planned, [Notice(t_ns, "warning", planned.problem, vehicle)] if is_news else []
+        wait, too_soon = self._landing_order.wait(route, routes.return_m, self._zones.grid, t_ns)
+        before, routes.return_problem = routes.return_problem, planned.problem or too_soon
+        is_news = routes.return_problem not in ("", before)
+        notices = [Notice(t_ns, "warning", routes.return_problem, vehicle)] if is_news else []
+        return replace(planned, wait=wait), [*notices]
 
     def crossed(self, closed: Grid, returning: Mapping[int, Point]) -> set[int]:
         """Return the vehicles whose return routes lead through closed cells.

@@ -17,6 +17,8 @@ class AgentSeparation:
     """Positive to the right; 0 if unknown."""
     climb_gradient: float = 0.0
     """Vertical speed by ground speed in its last take-off; 0 before that."""
+    landing_t_ns: int = 0
+    """Time of its landing as planned; 0 before that."""
 
 
 @dataclass(slots=True)

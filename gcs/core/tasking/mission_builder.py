@@ -61,6 +61,7 @@ class MissionBuilder:
             wait_deg,
             takeoff,
             return_waypoints,
+            None if return_route is None else return_route.wait,
         )
 
     def empty(self, vehicle: int) -> Mission:

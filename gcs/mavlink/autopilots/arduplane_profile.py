@@ -9,7 +9,8 @@ Sources: ArduPilot's `AP_Mission` (stored fields of an item, and their precision
   request; any other gets ACK 13. A download may request items in any order, and is denied during an upload.
 * Latitude and longitude are exact. Height is kept in centimetres; frame 6 returns as 3, NaN as 0.
   NAV_WAYPOINT keeps its acceptance radius in whole metres up to 255 and loses hold time and yaw.
-  NAV_LOITER_UNLIM keeps its radius, NAV_TAKEOFF its pitch in whole degrees, NAV_LAND its abort height.
+  NAV_LOITER_UNLIM keeps its radius, NAV_LOITER_TIME the side of its turns only, NAV_TAKEOFF its pitch in
+  whole degrees, NAV_LAND its abort height.
 * The current waypoint is cached: MISSION_SET_CURRENT makes the vehicle take the new one, on a leg from its
   position. DO_SET_MISSION_CURRENT does so on a leg from the waypoint before, unless sent twice.
 * At a mission's end, and in AUTO without a mission, it returns to launch.
@@ -68,6 +69,9 @@ def _stored(item: Item) -> Item:
             return item._replace(param1=0.0, param2=radius_m, param4=0.0)
         case dialect.MAV_CMD_NAV_LOITER_UNLIM:
             return item._replace(param1=0.0, param2=0.0, param4=0.0)
+        case dialect.MAV_CMD_NAV_LOITER_TIME:
+            side, tangent = math.copysign(1.0, item.param3), float(item.param4 > 0.0)
+            return item._replace(param1=_whole(item.param1, 0.0), param2=0.0, param3=side, param4=tangent)
         case dialect.MAV_CMD_NAV_TAKEOFF | dialect.MAV_CMD_NAV_LAND:
             return item._replace(param1=_whole(item.param1, 0.0), param2=0.0, param3=0.0, param4=0.0)
     return item

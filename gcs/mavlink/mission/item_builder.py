@@ -8,7 +8,8 @@ Items in order::
 * take-off: if the vehicle is on the ground. Its position is the end of the climb along the runway: ArduPlane
   ignores it and holds the runway's heading, PX4 flies towards it.
 * end: an unlimited loiter at the last waypoint ("loiter"), since a fixed wing without items would return or
-  circle off the planned route; or the waypoints of the return route, an approach and a landing ("land").
+  circle off the planned route; or the waypoints of the return route, an approach and a landing ("land"),
+  maybe with a timed loiter before.
 
 Source: https://mavlink.io/en/services/mission.html and MAV_CMD in
 https://mavlink.io/en/messages/common.html.
@@ -29,7 +30,7 @@ _WAYPOINT: Final = dialect.MAV_CMD_NAV_WAYPOINT
 _APPROACH_ALT_M: Final = 30.0
 """Glide slope of 3.4 degrees: below PX4's limit of 5 (FW_LND_ANG)."""
 _EARTH_M_PER_DEG: Final = 111_195.0
-_DESCENT_SLOPE: Final = 0.15
+DESCENT_SLOPE: Final = 0.15
 """Slope from the layer to the approach: half of what both autopilots fly."""
 _MIN_LEVEL_SHARE: Final = 0.05
 
@@ -56,7 +57,14 @@ def build_items(
         items.append(climbed._replace(command=takeoff, param1=pitch, param2=0.0))
     items += flown
     if mission.end == "land":
-        items += _landing(flown[-1], [_waypoint(profile, point) for point in mission.return_waypoints], home)
+        landing = _landing(flown[-1], [_waypoint(profile, point) for point in mission.return_waypoints], home)
+        wait = mission.landing_wait
+        if wait is not None:
+            at = (flown[-1], *landing)[wait.corner + 1]
+            timed, radius_m = dialect.MAV_CMD_NAV_LOITER_TIME, float(round(mission.loiter_radius_m))
+            circle = at._replace(command=timed, param1=float(wait.seconds), param2=0.0, param3=radius_m)
+            landing.insert(wait.corner + 1, circle)
+        items += landing
     else:
         unlimited, radius_m = dialect.MAV_CMD_NAV_LOITER_UNLIM, round(mission.loiter_radius_m)
         circle = flown[-1]._replace(command=unlimited, param2=0.0, param3=float(radius_m))
@@ -106,7 +114,7 @@ def _top_of_descent(before: Item, approach: Item, home: Home) -> list[Item]:
     metres_east = _EARTH_M_PER_DEG * math.cos(math.radians(home.lat_deg))
     north_m = (before.x - approach.x) * 1e-7 * _EARTH_M_PER_DEG
     east_m = (before.y - approach.y) * 1e-7 * metres_east
-    share = (before.z_m - approach.z_m) / _DESCENT_SLOPE / max(math.hypot(north_m, east_m), 1.0)
+    share = (before.z_m - approach.z_m) / DESCENT_SLOPE / max(math.hypot(north_m, east_m), 1.0)
     if not 0.0 < share < 1.0 - _MIN_LEVEL_SHARE:
         return []
     x, y = (

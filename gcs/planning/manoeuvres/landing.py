@@ -21,7 +21,7 @@ from typing import TypeAlias
 import numpy as np
 
 from gcs.geo import bearing_rad, wrap_pi
-from gcs.model import APPROACH_M, FloatArray, read_only
+from gcs.model import APPROACH_M, FloatArray, LandingWait, read_only
 from gcs.planning.forward_simulation import Motion, RemainingMission, simulate
 from gcs.planning.manoeuvres.loiter import path_length_m, split_before_end
 from gcs.planning.map.grid import Grid, Point
@@ -80,11 +80,14 @@ class ReturnRoute:
         True if it leads straight to the approach.
     problem : str
         Warning for the operator; empty if the route is clear.
+    wait : LandingWait or None
+        Wait until other vehicles have landed.
     """
 
     points_m: FloatArray
     is_straight: bool
     problem: str = ""
+    wait: LandingWait | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,8 +58,8 @@ NEAR_M, NEAR_HEIGHT_M = 30.0, 15.0
 class Sky:
     """A virtual flight of vehicles at the places and heights given; height 0 is on the ground."""
 
-    def __init__(self, *places, orders=(), px4=(), courses_deg=None, fixed=()):
-        text = FIELD.replace("[simulation]\n", f"[simulation]\npx4 = {list(px4)}\n", 1)
+    def __init__(self, *places, orders=(), px4=(), courses_deg=None, field=FIELD):
+        text = field.replace("[simulation]\n", f"[simulation]\npx4 = {list(px4)}\n", 1)
         courses_deg = courses_deg or [0.0] * len(places)
         for number, ((east_m, north_m, _), course_deg) in enumerate(zip(places, courses_deg, strict=True), 1):
             text += f"[[agents]]\nsystem_id = {number}\neast_m = {east_m}\nnorth_m = {north_m}\n"

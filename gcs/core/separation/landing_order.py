@@ -1,0 +1,153 @@
+"""Landing order: landings of missions follow one another.
+
+A mission that lands goes on by itself, whether or not its vehicle is heard. So the order is part of the
+mission: a vehicle that would land at the time of another one waits before, on a circle in its layer, for a
+time that is computed when the mission is made (NAV_LOITER_TIME). Each landing has a slot: as long as the
+descent and the approach take, and a margin for a turn more on the circle and for wind. The slots of others
+follow from what is left of their onboard missions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.config import Config
+from gcs.core.state import Agent
+from gcs.mavlink.autopilots.modes import AUTO
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.on_ground import is_on_ground
+from gcs.mavlink.mission.item_builder import DESCENT_SLOPE
+from gcs.mavlink.services.retry import ns
+from gcs.model import APPROACH_M, NS_PER_S, FloatArray, LandingWait, Route, vehicle_name
+from gcs.planning.map.grid import Grid, Point
+from gcs.planning.map.line_of_sight import line_of_sight
+
+_MARGIN_S: Final = 40.0
+_SAME_FIELD_M: Final = 2000.0
+"""Vehicles whose landing points are farther apart do not wait for each other."""
+_MIN_WAIT_S: Final = 20.0
+_CIRCLE_MARGIN_M: Final = 60.0
+"""Overshoot of a vehicle that enters its circle."""
+_CIRCLE_RADIUS_M: Final = 80.0
+"""Radius of a circle that the autopilot sets."""
+
+
+class LandingOrder:
+    """Finds when each vehicle may land."""
+
+    def __init__(self, config: Config, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
+        self._config, self._fleet, self._agents = config, fleet, agents
+        self._frame, self._airframes = config.local_frame, config.airframes_of_agents
+
+    def wait(
+        self, route: Route, return_m: FloatArray, grid: Grid, t_ns: int
+    ) -> tuple[LandingWait | None, str]:
+        """Return the wait before a landing, and a warning if there is no place to wait; reserve the slot.
+
+        Parameters
+        ----------
+        return_m : ndarray, shape (k, 2)
+            Return route from the end of the route to the landing point.
+        """
+        vehicle, speed_m_s = route.vehicle, self._airframes[route.vehicle].speed_m_s
+        flown_m = route.length_m + _length_m(return_m)
+        climb_s = 0.0
+        if is_on_ground(self._fleet.state(vehicle), self._fleet.home(vehicle)):
+            altitude_rel_m = self._config.takeoff_altitude_rel_m(route.layer)
+            climb_s = self._airframes[vehicle].climb_length_m(altitude_rel_m) / speed_m_s
+        earliest_ns = t_ns + ns(climb_s + flown_m / speed_m_s)
+        place_m = (float(return_m[-1, 0]), float(return_m[-1, 1]))
+        others = dict(self._landings(vehicle, place_m, t_ns))
+        lands_ns, before = earliest_ns, 0
+        for other, taken_ns in sorted(others.items(), key=lambda item: item[1]):
+            slot_ns = ns(max(self._slot_s(vehicle), self._slot_s(other)))
+            if abs(lands_ns - taken_ns) < slot_ns:
+                lands_ns, before = max(lands_ns, taken_ns + slot_ns), other
+        self._agents[vehicle].separation.landing_t_ns = lands_ns
+        wait_s = (lands_ns - earliest_ns) / NS_PER_S
+        if wait_s <= 0.0:
+            return None, ""
+        corner = self._corner(vehicle, return_m, grid)
+        if corner is None:
+            self._agents[vehicle].separation.landing_t_ns = earliest_ns
+            return None, (
+                f"its landing comes too near to that of agent {vehicle_name(before)} in time, and there is "
+                "no clear circle to wait on: hold one until the other is down"
+            )
+        return LandingWait(corner, round(max(wait_s, _MIN_WAIT_S))), ""
+
+    def _slot_s(self, vehicle: int) -> float:
+        """Return the least time between a landing and that of another vehicle."""
+        mission, latest = self._config.mission, self._agents[vehicle].routes.latest
+        layer_m = (mission.layers if latest is None else latest.layer) * mission.layer_step_m
+        zone_m = APPROACH_M + (mission.altitude_rel_m + layer_m) / DESCENT_SLOPE
+        return zone_m / self._airframes[vehicle].speed_m_s + _MARGIN_S
+
+    def _corner(self, vehicle: int, return_m: FloatArray, grid: Grid) -> int | None:
+        """Return the first point with a clear circle: -1 for the end of the route, or a corner behind it."""
+        radius_m = self._airframes[vehicle].loiter_radius_m or _CIRCLE_RADIUS_M
+        for corner, (east_m, north_m) in enumerate(return_m[:-2].tolist(), start=-1):
+            if _is_clear(grid, (east_m, north_m), radius_m + _CIRCLE_MARGIN_M):
+                return corner
+        return None
+
+    def _landings(self, vehicle: int, place_m: Point, t_ns: int) -> Iterator[tuple[int, int]]:
+        """Yield the other vehicles that will land in the same field, and when."""
+        for other, agent in self._agents.items():
+            home, status = self._fleet.home(other), agent.perception.status.status
+            if other == vehicle or self._airframes[other].end != "land" or status == "lost":
+                continue
+            home_m = (0.0, 0.0) if home is None else self._frame.to_local(home.lat_deg, home.lon_deg)
+            if math.dist(home_m, place_m) > _SAME_FIELD_M:
+                continue
+            lands_ns = self._lands_at(other, t_ns)
+            if lands_ns is not None:
+                yield other, lands_ns
+
+    def _lands_at(self, vehicle: int, t_ns: int) -> int | None:
+        """Return when a vehicle will land: by its onboard mission, or as planned while that is on its way."""
+        agent, state = self._agents[vehicle], self._fleet.state(vehicle)
+        onboard, planned_ns = agent.tasking.onboard, agent.separation.landing_t_ns
+        if state is None or agent.control.suspension is not None:
+            return None
+        is_flown = state.mode == AUTO and agent.tasking.is_selected and state.mission_seq >= 0
+        grounded = is_on_ground(state, self._fleet.home(vehicle))
+        if onboard is not None and is_flown and not grounded:
+            left_s = self._left_s(vehicle, (state.east_m, state.north_m), state.mission_seq)
+            if left_s is not None:
+                return t_ns + ns(left_s)
+        is_pending = agent.routes.flown is not None
+        return planned_ns if planned_ns > t_ns and (is_pending or not grounded) else None
+
+    def _left_s(self, vehicle: int, place_m: Point, seq: int) -> float | None:
+        """Return the time until a vehicle lands by its mission; None if it does not, or circles now."""
+        onboard, left_s = self._agents[vehicle].tasking.onboard, 0.0
+        assert onboard is not None
+        items = onboard.items[seq:]
+        if not items or items[-1].command != dialect.MAV_CMD_NAV_LAND:
+            return None
+        if items[0].command in (dialect.MAV_CMD_NAV_LOITER_TIME, dialect.MAV_CMD_NAV_TAKEOFF):
+            return None  # as planned
+        for item in items:
+            there_m = self._frame.to_local(item.x * 1e-7, item.y * 1e-7)
+            left_s += math.dist(place_m, there_m) / self._airframes[vehicle].speed_m_s
+            left_s += item.param1 if item.command == dialect.MAV_CMD_NAV_LOITER_TIME else 0.0
+            place_m = there_m
+        return left_s
+
+
+def _length_m(points_m: FloatArray) -> float:
+    points: Sequence[Point] = [(east_m, north_m) for east_m, north_m in points_m.tolist()]
+    return math.fsum(map(math.dist, points, points[1:]))
+
+
+def _is_clear(grid: Grid, place_m: Point, radius_m: float) -> bool:
+    """Return True if a circle is clear of obstacles and inside the map."""
+    east_m, north_m = place_m
+    sides = ((radius_m, 0.0), (-radius_m, 0.0), (0.0, radius_m), (0.0, -radius_m))
+    inside = all(grid.contains((east_m + de, north_m + dn)) for de, dn in sides)
+    return inside and line_of_sight(grid, place_m, place_m, radius_m)

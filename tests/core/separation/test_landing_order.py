@@ -1,0 +1,68 @@
+"""Vehicles that land by their missions would come down on each other: four did so within 66 s."""
+
+import numpy as np
+import pytest
+from core.separation.test_separation import FIELD, NEAR_HEIGHT_M, NEAR_M, Sky
+from staging import S
+
+from gcs.core.preflight.mission_checks import mission_checks, rehearse
+from sim_vehicles.campaign.virtual_run import START_T_NS
+
+MIN_APART_S = 50.0
+LANDING = (
+    FIELD.replace("[mission]", '[mission]\nend = "land"')
+    + """
+[[births]]
+east_m = 1500.0
+north_m = 2900.0
+[[simulation.targets]]
+east_m = 1500.0
+north_m = 2900.0
+"""
+)
+STRIP = [(1480.0 + 9.0 * k, 900.0, 60.0 + 20.0 * k) for k in range(3)]
+
+
+def fly_on_alone(sky, until_s):
+    """Fly without a service or a link; return when each vehicle landed, and the pairs that came near."""
+    landed, near = {}, set()
+    t_s = (sky.run_.t_ns - START_T_NS) / S
+    while t_s < until_s and len(landed) < len(sky.planes):
+        t_s += 0.5
+        for number, plane in sky.planes.items():
+            plane.advance(START_T_NS + round(t_s * S))
+            plane.datagrams_to_send(START_T_NS + round(t_s * S))
+            if not plane.autopilot.flying:
+                landed.setdefault(number, t_s)
+        flying = [plane for plane in sky.planes.values() if plane.autopilot.flying]
+        for k, one in enumerate(flying):
+            for other in flying[k + 1 :]:
+                away_m = np.hypot(one.east_m - other.east_m, one.north_m - other.north_m)
+                if away_m < NEAR_M and abs(one.alt_rel_m - other.alt_rel_m) < NEAR_HEIGHT_M:
+                    near.add((one.system_id, other.system_id))
+    return landed, near
+
+
+@pytest.mark.parametrize("px4", [(), (1, 2, 3)])
+def test_vehicles_land_one_after_the_other_even_if_the_link_is_lost_after_the_uploads(px4):
+    sky = Sky(*STRIP, px4=px4, field=LANDING).fly(30.0)
+    assert all(plane.autopilot.mode.name == "AUTO" for plane in sky.planes.values())
+    landed, near = fly_on_alone(sky, 700.0)
+    times_s = sorted(landed.values())
+    assert len(times_s) == 3
+    assert min(np.diff(times_s)) >= MIN_APART_S
+    assert not near
+
+
+def test_a_vehicle_that_lands_alone_does_not_wait():
+    sky = Sky(STRIP[0], field=LANDING).fly(30.0)
+    commands = [item.command for item in sky.planes[1].autopilot.mission]
+    assert 19 not in commands
+
+
+def test_preflight_names_vehicles_that_would_land_beside_each_other():
+    config = Sky(*STRIP, field=LANDING).run_.scenario.config
+    rows = mission_checks(config, rehearse(config, 1, {}))
+    (row,) = [row for row in rows if row.name == "landing"]
+    assert row.level == "warning"
+    assert row.value.startswith("agents 1, 2, 3 land near each other: 9 m")
