@@ -121,12 +121,12 @@ def late(seconds: float | None) -> str:
     return "never" if seconds is None else f"{seconds:.1f} s"
 
 
-def field_scenario(autopilot: str) -> Scenario:
-    """Return four vehicles west of an open field and three targets in its east."""
-    text = FIELD
+def field_text(autopilot: str, failsafes: dict[str, float], speed_m_s: float = 18.0) -> str:
+    """Return four vehicles west of an open field and three targets in its east, as a mission file."""
+    text = FIELD.replace("speed_m_s = 18.0", f"speed_m_s = {speed_m_s}")
     if autopilot == "px4":
         text = text.replace("[simulation]\n", "[simulation]\npx4 = [1, 2, 3, 4]\n")
-    values = ", ".join(f"{name} = {value}" for name, value in FAILSAFES.items())
+    values = ", ".join(f"{name} = {value}" for name, value in failsafes.items())
     text = text.replace("[simulation]\n", f"[simulation]\nparameters = {{ {values} }}\n")
     for number, (east_m, north_m) in enumerate(STARTS_M, 1):
         text += (
@@ -135,7 +135,12 @@ def field_scenario(autopilot: str) -> Scenario:
     for east_m, north_m in TARGETS_M:
         text += f"[[births]]\neast_m = {east_m}\nnorth_m = {north_m}\n"
         text += f"[[simulation.targets]]\neast_m = {east_m}\nnorth_m = {north_m}\n"
-    return parse_scenario(text, "faults.toml")
+    return text
+
+
+def field_scenario(autopilot: str) -> Scenario:
+    """Return the field's scenario for one autopilot."""
+    return parse_scenario(field_text(autopilot, FAILSAFES), "faults.toml")
 
 
 class Flight:
@@ -179,17 +184,19 @@ class Flight:
         watch.begin(self.run.t_ns)
         self.vehicle(watch.vehicle).begin_fault(FaultKind(watch.kind))
 
-    def result(self, job: Job, text: str) -> Result:
-        result = Result(job, text)
-        for watch in self.watches:
-            if watch.shown_ns is not None:
-                result.told_s.append((watch.kind, watch.delay_s(watch.told_ns, watch.shown_ns)))
-            if watch.target is not None and watch.spare and watch.kind in NEEDS_ANOTHER and watch.shown_ns:
-                result.reassigned_s.append(watch.delay_s(watch.reassigned_ns, watch.shown_ns))
-            result.steered += watch.steered
-            result.unasked += watch.unasked
-            result.notices += [f"{watch.kind} {watch.vehicle} {t_s:6.1f} {said}" for t_s, said in watch.texts]
-        return result
+
+def result_of(job: Job, text: str, watches: list[FaultWatch]) -> Result:
+    """Return what one flight came to, from its watches."""
+    result = Result(job, text)
+    for watch in watches:
+        if watch.shown_ns is not None:
+            result.told_s.append((watch.kind, watch.delay_s(watch.told_ns, watch.shown_ns)))
+        if watch.target is not None and watch.spare and watch.kind in NEEDS_ANOTHER and watch.shown_ns:
+            result.reassigned_s.append(watch.delay_s(watch.reassigned_ns, watch.shown_ns))
+        result.steered += watch.steered
+        result.unasked += watch.unasked
+        result.notices += [f"{watch.kind} {watch.vehicle} {t_s:6.1f} {said}" for t_s, said in watch.texts]
+    return result
 
 
 def is_at_moment(flight: Flight, watch: FaultWatch, moment: str) -> bool:
@@ -228,7 +235,7 @@ def fly_moment(job: Job) -> Result:
     end_s = flight.t_s + AFTER_FAULT_S
     while flight.t_s < end_s and not flight.run.ended:
         flight.fly(5.0)
-    return flight.result(job, text)
+    return result_of(job, text, flight.watches)
 
 
 def random_faults(rng: np.random.Generator, agents: list[int]) -> list[tuple[float, str, int, float]]:
@@ -266,7 +273,7 @@ def fly_random(job: Job) -> Result:
                 flight.vehicle(watch.vehicle).end_fault(FaultKind(watch.kind))
         flight.fly()
     faults = ", ".join(f"{kind} {vehicle} at {at_s:.0f} s" for at_s, kind, vehicle, _ in due)
-    result = flight.result(job, f"{name} seed {job.seed}: {faults}")
+    result = result_of(job, f"{name} seed {job.seed}: {faults}", flight.watches)
     result.stuck = stuck_reason(flight)
     return result
 

@@ -7,6 +7,9 @@ missions in which a vehicle was inside one; how far vehicles were from their lin
 a re-task in the air, by their own reports (NAV_CONTROLLER_OUTPUT, which PX4 does not send) and by their true
 positions; and mission uploads. Without ``--sitl`` the same
 missions are flown by the simulated vehicles.
+
+``--faults`` flies the table of `bench_faults` instead: one flight for each kind, firmware and seed, with
+a fault in the climb to the layer, one en route and one near the target, each of another vehicle.
 """
 
 import argparse
@@ -21,19 +24,46 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from bench_faults import KINDS, Job, Result, field_text, print_table, result_of
+from fault_watch import FaultWatch
 from flown_clearance import distance_to_obstacle_m
 
 from gcs.config import parse, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.io.recording.reader import read
 from gcs.mavlink.frames.codec import scan
-from gcs.model import NS_PER_S, AgentStatus, Datagram, FloatArray, Plan, Truth, UploadReport
+from gcs.model import (
+    NS_PER_S,
+    AgentStatus,
+    Datagram,
+    FloatArray,
+    MissionEnded,
+    Notice,
+    Order,
+    Plan,
+    Send,
+    Truth,
+    UploadReport,
+)
 from gcs.planning.map.grid import Grid
 
 SCENARIOS = ("deterministic", "prescribed", "random-obstacles", "random-targets")
 FIRST_LEG_NS = (1.0 * NS_PER_S, 3.0 * NS_PER_S)
 """After the verified upload: what the vehicle reports then belongs to the first leg."""
 BETWEEN_SCANS = 5
+AUTOPILOT = {"arduplane": "ardupilot", "px4": "px4"}
+SPEED_M_S = {"ardupilot": 18.0, "px4": 12.0}
+FAULTS_AT_S = {"ardupilot": {4: 12.0, 1: 50.0, 2: 85.0}, "px4": {4: 14.0, 1: 75.0, 3: 135.0}}
+"""Vehicle and time of the faults: in the climb, en route, near the target."""
+AFTER_S = 60.0
+STARTED_S = 0.8
+"""Run time of the first record, at most."""
+FIRMWARE_FAILSAFES = {
+    "ardupilot": {"FS_LONG_ACTN": 1.0, "BATT_LOW_VOLT": 10.5, "BATT_FS_LOW_ACT": 1.0, "FENCE_ACTION": 1.0},
+    "px4": {"COM_LOW_BAT_ACT": 3.0, "NAV_RCL_ACT": 2.0, "GF_ACTION": 3.0},
+}
+"""Without failsafes for the ground station, which is not there when the vehicles take off."""
+WATCHED = {Datagram, Order, Notice, Plan, AgentStatus, Send, MissionEnded}
 
 
 @dataclass
@@ -180,6 +210,49 @@ def take_cross_track(
             flown.cross_track_m.append(abs(message.xtrack_error))
 
 
+def fly_faults(kind: str, seed: int, speed: float, sitl: str, folder: Path) -> Result:
+    """Fly one mission with faults of a kind at three moments, and read its recording."""
+    autopilot = AUTOPILOT[sitl.partition("=")[0]]
+    path = folder / f"{autopilot}.toml"
+    path.write_text(field_text(autopilot, FIRMWARE_FAILSAFES[autopilot], SPEED_M_S[autopilot]))
+    out, at_s = folder / f"{autopilot}-{kind}-{seed}", FAULTS_AT_S[autopilot]
+    command = [sys.executable, "-P", "-c", "from gcs.cli import main; main()", "demo", str(path)]
+    command += ["--headless", "--json", "--seed", str(seed), "--speed", str(speed), "--out", str(out)]
+    command += ["--sitl", sitl, "--duration", str(max(at_s.values()) + AFTER_S)]
+    for vehicle, when_s in at_s.items():
+        command += ["--faults", f"{kind}:{vehicle}@{when_s}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    job, text = Job(seed, kind, autopilot), f"{autopilot} {kind} seed {seed}"
+    if not out.exists():
+        return Result(job, text, stuck=done.stderr.strip()[-200:] or "no recording")
+    watches = {vehicle: FaultWatch(kind, vehicle) for vehicle in at_s}
+    start_ns = None
+    for record in read(out, only=WATCHED):
+        start_ns = start_ns or record.t_ns
+        for vehicle, watch in watches.items():
+            if watch.fault_ns is None and record.t_ns - start_ns >= (at_s[vehicle] - STARTED_S) * NS_PER_S:
+                watch.begin(record.t_ns)
+            if isinstance(record.value, (Datagram, Order)):
+                watch.event(record.value)
+            else:
+                watch.effect(record.t_ns, record.value)
+    return result_of(job, text, list(watches.values()))
+
+
+def fly_fault_table(options: argparse.Namespace) -> None:
+    results = []
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.keep or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        seeds = range(options.first, options.first + options.seeds)
+        for sitl, kind, seed in product(options.sitl, options.kinds, seeds):
+            results.append(fly_faults(kind, seed, options.speed, sitl, folder))
+            print(f"{results[-1].text}: {'; '.join(results[-1].problems) or 'good'}", file=sys.stderr)
+            for notice in results[-1].notices:
+                print(f"    {notice}", file=sys.stderr)
+    print_table(results, is_random=False)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", default=SCENARIOS)
@@ -189,7 +262,12 @@ def main() -> None:
     parser.add_argument("--winds", type=float, nargs="*", default=[0.0, 6.0], help="m/s; default 0 6")
     parser.add_argument("--speed", type=float, default=4.0)
     parser.add_argument("--keep", type=Path, help="folder for the recordings; none is kept without it")
+    parser.add_argument("--faults", action="store_true", help="fly the table of faults")
+    parser.add_argument("--kinds", nargs="*", choices=KINDS, default=KINDS, help="of faults; default all")
     options = parser.parse_args()
+    if options.faults:
+        fly_fault_table(options)
+        return
     print("| scenario | wind, m/s | complete | survivors arrived | least distance, m | inside an obstacle "
           "| first legs: reported cross-track, median, 95 %, most, m | true distance from them "
           "| uploads, failed |")  # fmt: skip
