@@ -55,7 +55,10 @@ TOLD = {
 }
 """Notices that name the right cause."""
 _GROUNDING = frozenset({"crash", "engine"})
-_SINK_M_S = 1.5
+_DIVE_M_S = 6.0
+"""Sink rate that no autopilot commands."""
+_SINK_M_S, _FULL_THROTTLE = 1.5, 90
+"""Sink rate at full throttle without thrust."""
 _SINK_NS = NS_PER_S
 _LOW_M, _HIGH_M = 2.0, 10.0
 _SILENT_NS = 3 * NS_PER_S
@@ -77,6 +80,7 @@ class Seen:
     was_low: bool = True
     armed_by_order: bool = True
     sinks_since_ns: int | None = None
+    throttle: int = 0
     heard_ns: int = 0
 
 
@@ -177,13 +181,18 @@ class FaultWatch:
             seen.was_low = False
         if self.kind not in _GROUNDING:
             return
-        sinks = message.vz / 100.0 > _SINK_M_S or (seen.height_m < _LOW_M and self.fault_ns is not None)
+        least_m_s = _SINK_M_S if seen.throttle >= _FULL_THROTTLE else _DIVE_M_S
+        sinks = message.vz / 100.0 > least_m_s or (seen.height_m < _LOW_M and self.fault_ns is not None)
         if not sinks:
             seen.sinks_since_ns = None
         elif seen.sinks_since_ns is None:
             seen.sinks_since_ns = t_ns
         elif t_ns - seen.sinks_since_ns >= _SINK_NS:
             self._show(vehicle, t_ns)
+
+    def _hud(self, seen: Seen, vehicle: int, message: object, t_ns: int) -> None:
+        del vehicle, t_ns
+        seen.throttle = message.throttle
 
     def _sys_status(self, seen: Seen, vehicle: int, message: object, t_ns: int) -> None:
         del seen
@@ -226,6 +235,8 @@ class FaultWatch:
                 self.statuses[effect.vehicle] = effect.status
                 if effect.status in ("lost", "down", "arrived"):
                     self.targets.pop(effect.vehicle, None)
+                if effect.vehicle == self.vehicle and effect.status == "arrived":
+                    self.target = None  # It has served its target.
             case Send():
                 self._take_send(effect.data, t_ns)
             case MissionEnded():
@@ -279,6 +290,7 @@ _READERS = {
     1: FaultWatch._sys_status,
     24: FaultWatch._gps,
     33: FaultWatch._position,
+    74: FaultWatch._hud,
     147: FaultWatch._charge,
     193: FaultWatch._estimate,
     230: FaultWatch._estimate,
