@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import socket
 import threading
 import time
@@ -16,6 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
+import h11
 import uvicorn
 
 from gcs.config import Config
@@ -26,6 +28,7 @@ from gcs.console.view.world import World
 from gcs.console.web.access import DEFAULT_PORT, Access, tls_context
 from gcs.console.web.app import Board, make_app
 from gcs.console.web.clients import Clients
+from gcs.console.web.listener import LISTEN_BACKLOG, Listener
 from gcs.console.web.orders import OrderDesk
 from gcs.console.web.playback import Playback, PlaybackDesk
 from gcs.console.web.preflight import PreflightDesk
@@ -43,7 +46,13 @@ _MAX_SEEK_S: Final = 2.0
 _PORTS: Final = 50
 """Ports that are tried from the default one on."""
 _END_S: Final = 3.0
-_MAX_MESSAGE_BYTES: Final = 64 * 1024
+_CHECK_S: Final = 1.0
+"""Between looks for connections that keep the server waiting."""
+_MAX_MESSAGE_BYTES: Final = 1024
+"""Of a page; it sends single words."""
+_MAX_HEADER_BYTES: Final = 16 * 1024
+_MIN_NEWS_INTERVAL_S: Final = 60.0
+_MAX_NEWS: Final = 200
 
 
 class DisplayedRun(Protocol):
@@ -97,15 +106,19 @@ class ConsoleServer:
         self.name = "console"
         """Name in notices."""
         self._error: Exception | None = None
+        self._failures = FailedRequests()
         self._socket = bind(access)
+        self._socket.abort = self._abort
         self.port: int = self._socket.getsockname()[1]
         self._access = replace(access, port=self.port)
         sources = [one for one in (source, other) if one is not None]
-        self.runs = [ShownRun(one, tiles, is_compared=other is not None) for one in sources]
+        self.runs = [
+            ShownRun(one, tiles, self._socket.max_pages, is_compared=other is not None) for one in sources
+        ]
         for run, peer in zip(self.runs, reversed(self.runs), strict=True):
             run.playback.peer = None if peer is run else peer.playback
         config = uvicorn.Config(
-            make_app([run.board for run in self.runs], self._access),
+            make_app([run.board for run in self.runs], self._access, self._socket),
             loop="asyncio",
             http="h11",
             ws="websockets-sansio",
@@ -113,11 +126,15 @@ class ConsoleServer:
             log_config=None,
             access_log=False,
             server_header=False,
+            proxy_headers=False,  # else a program could claim another address
+            backlog=LISTEN_BACKLOG,
+            h11_max_incomplete_event_size=_MAX_HEADER_BYTES,
             ws_max_size=_MAX_MESSAGE_BYTES,
             ws_per_message_deflate=False,
             timeout_graceful_shutdown=1,
         )
         config.load()
+        self._failures.watch()
         if access.folder is not None:
             config.ssl = tls_context(access.folder)
         self._server = uvicorn.Server(config)
@@ -145,8 +162,13 @@ class ConsoleServer:
         """Return, once, the alarm that the console has failed."""
         error, self._error = self._error, None
         if error is None:
-            return None
+            return self._failures.news()
         return "alarm", f"ended by a program error ({type(error).__name__}: {error}); the flight goes on"
+
+    def _abort(self, peer: tuple[Any, ...]) -> None:
+        for connection in list(self._server.server_state.connections):
+            if getattr(connection, "client", None) == peer:
+                connection.transport.abort()
 
     def _serve(self) -> None:
         try:
@@ -156,14 +178,54 @@ class ConsoleServer:
 
     async def _serve_and_publish(self) -> None:
         server = asyncio.create_task(self._server.serve(sockets=[self._socket]))
-        publishers = [asyncio.create_task(run.publish()) for run in self.runs]
-        await asyncio.wait({server, *publishers}, return_when=asyncio.FIRST_COMPLETED)
-        for publisher in publishers:
-            publisher.cancel()
+        others = [asyncio.create_task(run.publish()) for run in self.runs]
+        others.append(asyncio.create_task(self._end_late_connections()))
+        await asyncio.wait({server, *others}, return_when=asyncio.FIRST_COMPLETED)
+        for task in others:
+            task.cancel()
         self._server.should_exit = True
-        for ended in await asyncio.gather(server, *publishers, return_exceptions=True):
+        for ended in await asyncio.gather(server, *others, return_exceptions=True):
             if isinstance(ended, Exception):
                 raise ended
+
+    async def _end_late_connections(self) -> None:
+        while True:
+            await asyncio.sleep(_CHECK_S)
+            self._socket.end_late(time.monotonic())
+
+
+class FailedRequests(logging.Handler):
+    """Takes the log of the server: a request that failed by a program error becomes a notice.
+
+    Else a hostile client could fill the terminal with complaints about its own mistakes.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self._text = ""
+        self._told_s = -_MIN_NEWS_INTERVAL_S
+
+    def watch(self) -> None:
+        """Take the log from now on."""
+        for name in ("uvicorn.error", "asyncio"):
+            logger = logging.getLogger(name)
+            logger.handlers = [self]
+            logger.propagate = False
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep what failed."""
+        error = record.exc_info[1] if record.exc_info else None
+        if isinstance(error, h11.LocalProtocolError):  # the client broke the protocol before the answer
+            return
+        self._text = record.getMessage().strip() if error is None else f"{type(error).__name__}: {error}"
+
+    def news(self) -> tuple[Level, str] | None:
+        """Return what failed; once a minute at most."""
+        now_s = time.monotonic()
+        if not self._text or now_s - self._told_s < _MIN_NEWS_INTERVAL_S:
+            return None
+        text, self._text, self._told_s = self._text, "", now_s
+        return "warning", f"a request failed by a program error ({text[:_MAX_NEWS]}); all else goes on"
 
 
 class ShownRun:
@@ -172,7 +234,7 @@ class ShownRun:
     It is made on the loop of the run: there it takes captures and passes on orders.
     """
 
-    def __init__(self, source: Source, tiles: Tiles | None, *, is_compared: bool) -> None:
+    def __init__(self, source: Source, tiles: Tiles | None, max_pages: int, *, is_compared: bool) -> None:
         run, submit = source.run, source.submit
         # A replay that begins again has another fleet.
         self.feed = Feed(source.take, lambda: run.command.fleet.states(), source.start_t_ns)
@@ -190,7 +252,7 @@ class ShownRun:
         self.history = History(is_recorded=is_recorded)
         self.ends = threading.Event()
         world = World(run.config, about, self.history)
-        self.clients = Clients(world.snapshot)
+        self.clients = Clients(world.snapshot, max_pages)
         desk = OrderDesk(run.config.local_frame, None if submit is None else self._on_run_loop(submit))
         self.playback = PlaybackDesk(source.playback, self._on_run_loop(lambda action: action()))
         preflight = PreflightDesk(source.mission_file)
@@ -258,7 +320,7 @@ class ShownRun:
         return call
 
 
-def bind(access: Access) -> socket.socket:
+def bind(access: Access) -> Listener:
     """Return a listening socket; on the default address at the next free port.
 
     Raises
@@ -270,11 +332,11 @@ def bind(access: Access) -> socket.socket:
     family = socket.AF_INET6 if ":" in access.host else socket.AF_INET
     problem = ""
     for port in ports:
-        listener = socket.socket(family, socket.SOCK_STREAM)
+        listener = Listener(family)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listener.bind((access.host, port))
-            listener.listen(128)
+            listener.listen(LISTEN_BACKLOG)
         except OSError as error:
             listener.close()
             problem = error.strerror or str(error)

@@ -82,10 +82,11 @@ def test_an_address_that_others_reach_needs_token_and_tls(address, tmp_path):
         parse_access(address, tmp_path)
     for name in ("cert.pem", "key.pem", "operate.token"):
         (tmp_path / name).write_text(OPERATE)
-    (tmp_path / "operate.token").chmod(0o644)
-    with pytest.raises(ConsoleError, match="read by others"):
-        parse_access(address, tmp_path)
-    (tmp_path / "operate.token").chmod(0o600)
+        (tmp_path / name).chmod(0o644)
+    for secret in ("key.pem", "operate.token"):
+        with pytest.raises(ConsoleError, match=f"{secret} may be read by others"):
+            parse_access(address, tmp_path)
+        (tmp_path / secret).chmod(0o600)
     access = parse_access(address, tmp_path)
     assert access is not None
     assert access.role(OPERATE) == "operate"

@@ -100,7 +100,7 @@ def upgraded(flight) -> socket.socket:
 
 def test_a_page_that_falls_behind_gets_everything_anew_in_bounded_memory():
     async def run():
-        clients = Clients(lambda: b"snapshot")
+        clients = Clients(lambda: b"snapshot", 10)
         client = clients.join()
         assert await client.next() == b"snapshot"
         clients.send(b"1")

@@ -6,6 +6,7 @@ from starlette.routing import Route
 
 from gcs.console.web.access import Access
 from gcs.console.web.app import described_routes
+from gcs.console.web.attempts import Attempts
 from gcs.console.web.openapi import description
 from gcs.console.web.static_files import StaticFiles
 
@@ -26,7 +27,7 @@ def test_status_plan_metrics_and_their_description(fly):
 
 def test_every_route_is_described_with_its_methods():
     served = {}
-    for route in described_routes(None, Access(), StaticFiles()):
+    for route in described_routes(None, Attempts(Access()), StaticFiles()):
         methods = route.methods - {"HEAD"} if isinstance(route, Route) else {"GET"}
         served[route.path.replace(":int", "")] = {method.lower() for method in methods}
     assert {path: set(one) for path, one in description()["paths"].items()} == served

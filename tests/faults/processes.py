@@ -30,12 +30,14 @@ def free_port() -> int:
 class Run:
     """The simulated side, and central command as often as it is started."""
 
-    def __init__(self, folder: Path, speed: float = 1.0) -> None:
+    def __init__(self, folder: Path, speed: float = 1.0, relay: int | None = None) -> None:
         text, source = read_text("deterministic")
         text = override_keys(
             text, ["planning.shape=pulled"], source
         )  # routes that are not bettered in flight
         port, self.seat = free_port(), free_port()
+        self.port = port
+        """Of the service; vehicles send to `relay`, if given."""
         self.zenoh = free_endpoint()
         text = text.replace('mavlink = "udpin:0.0.0.0:14550"', f'mavlink = "udpin:127.0.0.1:{port}"', 1)
         text = text.replace('zenoh = "tcp/127.0.0.1:7447"', f'zenoh = "{self.zenoh}"', 1)
@@ -47,7 +49,7 @@ class Run:
         command = [sys.executable, "-P", "-m", "sim_vehicles", "run", str(self.file), "--speed", str(speed)]
         command += [
             "--gcs",
-            f"127.0.0.1:{port}",
+            f"127.0.0.1:{relay or port}",
             "--zenoh",
             self.zenoh,
             "--json",

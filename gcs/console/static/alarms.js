@@ -4,6 +4,7 @@
 import { el } from "./dom.js";
 import { duration } from "./format.js";
 
+const MAX_ASKED = 300; // characters of a text
 const LEVELS = { alarm: 2, warning: 1 };
 
 // Proposed plans have a panel of their own, and a refused order is shown beside its button.
@@ -14,7 +15,7 @@ const nameOf = ({ t_s: at, text }) => `${at} ${text}`;
 
 // Link to what the alarm means and what to do.
 const helpOn = ({ n, text }) => el("a", {
-  href: `/alarms?about=${encodeURIComponent(text)}`, target: "_blank", rel: "noopener", "data-name": `help-${n}`,
+  href: `/alarms?about=${encodeURIComponent(text.slice(0, MAX_ASKED))}`, target: "_blank", rel: "noopener", "data-name": `help-${n}`,
 }, "What to do");
 
 export class Alarms {

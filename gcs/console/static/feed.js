@@ -3,6 +3,7 @@
 const MIN_RETRY_MS = 500;
 const MAX_RETRY_MS = 5000;
 const MAX_LOG = 1000;
+const USE_MS = 5000;
 
 export class Feed extends EventTarget {
   constructor() {
@@ -12,6 +13,8 @@ export class Feed extends EventTarget {
     this.connected = false;
     this.heardAt = 0;
     this.retryMs = MIN_RETRY_MS;
+    this.toldAt = 0;
+    for (const kind of ["pointerdown", "keydown"]) document.addEventListener(kind, () => this.tellUse(), { capture: true });
   }
 
   connect() {
@@ -20,6 +23,7 @@ export class Feed extends EventTarget {
     const socket = new WebSocket(url);
     const decoder = new TextDecoder();
     socket.binaryType = "arraybuffer";
+    this.socket = socket;
     socket.onmessage = (event) => this.receive(JSON.parse(decoder.decode(event.data)));
     socket.onclose = () => this.lose();
   }
@@ -52,6 +56,13 @@ export class Feed extends EventTarget {
     this.dispatchEvent(new Event("lost"));
     setTimeout(() => this.connect(), this.retryMs);
     this.retryMs = Math.min(MAX_RETRY_MS, this.retryMs * 1.5);
+  }
+
+  // When too many pages are open, those that nobody uses are closed first.
+  tellUse() {
+    if (this.socket?.readyState !== WebSocket.OPEN || Date.now() - this.toldAt < USE_MS) return;
+    this.toldAt = Date.now();
+    this.socket.send("used");
   }
 
   // Calls back when one of the named sections has changed.

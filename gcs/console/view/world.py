@@ -64,6 +64,8 @@ class World:
         self._history = history
         self._adds_history = not history.is_recorded
         self._news: News | None = None
+        self._snapshot: bytes | None = None
+        """The last one that was asked for; None: something may be new since."""
         self._begin()
 
     def _begin(self) -> None:
@@ -96,10 +98,16 @@ class World:
     def put(self, name: str, value: Any) -> bytes:
         """Replace a section; return the update."""
         self._sections[name] = _raw(value)
+        self._snapshot = None
         return _message("update", {name: self._sections[name]})
 
     def snapshot(self) -> bytes:
-        """Return all sections, and the last entries of the log and of the answers."""
+        """Return all sections, and the last entries of the log and of the answers; made once an update."""
+        if self._snapshot is None:
+            self._snapshot = self._make_snapshot()
+        return self._snapshot
+
+    def _make_snapshot(self) -> bytes:
         lists = {
             "log": list(self._log),
             "answers": [self._answer(one) for one in self.answers],
@@ -113,6 +121,7 @@ class World:
         A replay that has begun again at another time gives a snapshot, as soon as there is something to show.
         """
         found, news = feed.news, dict[str, Any]()
+        self._snapshot = None
         is_new = self._news is not None and found is not self._news
         if is_new and found.capture is None:
             return None

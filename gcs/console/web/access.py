@@ -80,6 +80,7 @@ def parse_access(text: str | None, folder: Path | None) -> Access | None:
     for name in (CERTIFICATE, KEY):
         if not (folder / name).is_file():
             raise ConsoleError(f"console: {folder / name} is missing")
+    _require_private(folder / KEY)
     operate = _token(folder / OPERATE)
     view = _token(folder / VIEW) if (folder / VIEW).exists() else ""
     return Access(host, port, operate, view, folder)
@@ -120,12 +121,20 @@ def _is_loopback(host: str) -> bool:
 
 
 def _token(path: Path) -> str:
+    _require_private(path)
     try:
-        if path.stat().st_mode & 0o077:
-            raise ConsoleError(f"console: {path} may be read by others; chmod 600 it")
         token = read_bytes(path, _MAX_BYTES).decode().strip()
     except (OSError, UnicodeDecodeError) as error:
         raise ConsoleError(f"console: {path} cannot be read ({error})") from None
     if len(token) < _MIN_TOKEN:
         raise ConsoleError(f"console: {path}: expected a token of at least {_MIN_TOKEN} characters")
     return token
+
+
+def _require_private(path: Path) -> None:
+    try:
+        mode = path.stat().st_mode
+    except OSError as error:
+        raise ConsoleError(f"console: {path} cannot be read ({error})") from None
+    if mode & 0o077:
+        raise ConsoleError(f"console: {path} may be read by others; chmod 600 it")

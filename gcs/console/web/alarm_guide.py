@@ -19,6 +19,8 @@ PATH: Final = "/alarms"
 _STATUSTEXT: Final = "statustext"
 _MAX_ANCHOR: Final = 80
 _SHORT: Final = 10
+_MAX_TEXT: Final = 500
+_WORD: Final = re.compile(r"\w")
 _AGENT: Final = re.compile(r"^agent [\d:]+: ")
 _ALARM_ROW: Final = re.compile(r"\| (alarm|warning|info|answer) ")
 _CODE: Final = re.compile(r"`([^`]+)`")
@@ -43,18 +45,49 @@ _TAIL: Final = """    </main>
 """
 
 
+class _Quote(NamedTuple):
+    """A text of an alarm: the parts that do not vary, in their order."""
+
+    parts: tuple[str, ...]
+
+    @property
+    def weight(self) -> int:
+        """Number of characters that do not vary."""
+        return sum(map(len, self.parts))
+
+    def is_in(self, text: str) -> bool:
+        """Return True if a text has all parts.
+
+        A short quote is a word that other texts may have, too: it counts only as the whole words that a text
+        begins with.
+        """
+        is_short = self.weight < _SHORT
+        if is_short and not text.startswith(self.parts[0]):
+            return False
+        end = 0
+        for part in self.parts:
+            at = text.find(part, end)
+            if at < 0:
+                return False
+            end = at + len(part)
+        return not is_short or _WORD.match(text, end) is None
+
+
 class _Entry(NamedTuple):
     anchor: str
-    quotes: dict[re.Pattern[str], int]
-    """Number of characters that do not vary, by pattern."""
+    quotes: frozenset[_Quote]
 
     def score(self, text: str) -> int:
         """Return how much of the entry a text has."""
-        return sum(weight for pattern, weight in self.quotes.items() if pattern.search(text))
+        return sum(quote.weight for quote in self.quotes if quote.is_in(text))
 
 
 def link_of(text: str) -> str:
-    """Return path and anchor of the entry about an alarm; the path alone if no entry quotes it."""
+    """Return path and anchor of the entry about an alarm; the path alone if no entry quotes it.
+
+    Anybody may ask about any text: only its begin is looked at, and each part of a quote is looked for once.
+    """
+    text = text[:_MAX_TEXT]
     short = _AGENT.sub("", text)
     score, anchor = max((entry.score(short), entry.anchor) for entry in _entries())
     if score:
@@ -76,16 +109,11 @@ def _text() -> str:
 @cache
 def _entries() -> tuple[_Entry, ...]:
     heads = [line[2:].split(" | ")[0] for line in _text().splitlines() if _ALARM_ROW.match(line)]
-    return tuple(_Entry(_anchor(head), dict(map(_pattern, _CODE.findall(head)))) for head in heads)
+    return tuple(_Entry(_anchor(head), frozenset(map(_quote, _CODE.findall(head)))) for head in heads)
 
 
-def _pattern(quote: str) -> tuple[re.Pattern[str], int]:
-    parts = quote.split("…")
-    weight = sum(map(len, parts))
-    pattern = ".*?".join(map(re.escape, parts))
-    if weight < _SHORT:  # a word that other texts may have, too: only at the begin
-        pattern = rf"^{pattern}(?!\w)"
-    return re.compile(pattern, re.DOTALL), weight
+def _quote(text: str) -> _Quote:
+    return _Quote(tuple(text.split("…")))
 
 
 def _anchor(text: str) -> str:

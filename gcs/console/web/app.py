@@ -6,11 +6,12 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from functools import cache
+from typing import Final
 
 import msgspec
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.types import ASGIApp
@@ -20,9 +21,11 @@ from gcs.console.view.capture import Capture
 from gcs.console.view.history import History
 from gcs.console.view.world import World
 from gcs.console.web import alarm_guide
-from gcs.console.web.access import Access
+from gcs.console.web.access import Access, Role
+from gcs.console.web.attempts import Attempts, TooManyAttemptsError
 from gcs.console.web.clients import Client, Clients
-from gcs.console.web.guard import COOKIE, Guard
+from gcs.console.web.guard import TOO_MANY, Guard, cookie, host_of
+from gcs.console.web.listener import Listener
 from gcs.console.web.openapi import description
 from gcs.console.web.orders import OrderDesk, RefusedOrderError, is_answered
 from gcs.console.web.playback import PlaybackDesk
@@ -36,7 +39,11 @@ from gcs.model import OrderAnswer, vehicle_of
 _STALLED_S: Final = 30.0
 """A page that accepts no message for this time is disconnected."""
 _MAX_BODY_BYTES: Final = 32 * 1024
+_BODY_S: Final = 10.0
+"""Time in which the content of a request must arrive."""
 _MAX_WAIT_S: Final = 60.0
+_MAX_NUMBER: Final = 20
+"""Digits of a number in an address."""
 _ASKED_S: Final = 2.0
 """Time for which a request of a program keeps captures going."""
 
@@ -71,10 +78,10 @@ class Board:
         self._asked_s = time.monotonic()
         self._watch()
 
-    def join(self) -> Client:
-        """Add a page."""
+    def join(self, address: str, *, may_operate: bool) -> Client | None:
+        """Add a page; return None if there is no place for it."""
         self._watch()
-        return self.clients.join()
+        return self.clients.join(address, may_operate=may_operate)
 
     def wake(self) -> None:
         """Wake those who wait for news."""
@@ -95,9 +102,9 @@ class Board:
         return self.world.capture
 
 
-def make_app(boards: Sequence[Board], access: Access) -> ASGIApp:
+def make_app(boards: Sequence[Board], access: Access, listener: Listener) -> ASGIApp:
     """Return the application behind its guard. With two boards its first page compares them."""
-    static = StaticFiles()
+    static, attempts = StaticFiles(), Attempts(access)
     others = [
         Mount("/b", routes=[Route("/", _Page(board, static).serve), *_data_routes(board)])
         for board in boards[1:]
@@ -105,17 +112,17 @@ def make_app(boards: Sequence[Board], access: Access) -> ASGIApp:
     page = "compare.html" if others else "index.html"
     names = (Route(f"/{name}", static.serve) for name in static.files if name != "compare.html")
     kept = Route(f"/{static.version}/{{name}}", static.serve_kept)
-    app = Starlette(routes=[*described_routes(boards[0], access, static, page), *others, kept, *names])
-    return Guard(app, access, access.port or 0)
+    app = Starlette(routes=[*described_routes(boards[0], attempts, static, page), *others, kept, *names])
+    return Guard(app, access, listener, attempts)
 
 
 def described_routes(
-    board: Board, access: Access, static: StaticFiles, page: str = "index.html"
+    board: Board, attempts: Attempts, static: StaticFiles, page: str = "index.html"
 ) -> list[BaseRoute]:
     """Return the routes that `gcs.console.web.openapi` describes: all but the files of the page."""
     return [
         Route("/", _Page(board, static, page).serve),
-        Route("/login", _Login(access, static).serve, methods=["GET", "POST"]),
+        Route("/login", _Login(attempts, static).serve, methods=["GET", "POST"]),
         Route(alarm_guide.PATH, _guide),
         *_data_routes(board),
     ]
@@ -136,7 +143,7 @@ def _data_routes(board: Board) -> list[BaseRoute]:
         Route("/api/marks", api.marks),
         Route("/api/charts", api.charts),
         Route("/api/openapi.json", api.openapi),
-        Route("/tiles/{zoom:int}/{column:int}/{row:int}", api.tile),
+        Route("/tiles/{zoom}/{column}/{row}", api.tile),
         Route("/metrics", api.metrics),
     ]
 
@@ -161,35 +168,42 @@ async def _guide(request: Request) -> Response:
 
 
 class _Feed:
-    """WebSocket of a page: messages go out, nothing comes in."""
+    """WebSocket of a page: messages go out; a message that comes in says that somebody uses the page."""
 
     def __init__(self, board: Board) -> None:
         self._board = board
 
     async def serve(self, socket: WebSocket) -> None:
-        if self._board.clients.is_full:
+        role = socket.state.role
+        client = self._board.join(host_of(socket.scope), may_operate=role == "operate")
+        if client is None:
             await socket.close(1013, "too many pages are open")
             return
+        try:
+            with contextlib.suppress(WebSocketDisconnect):
+                await self._talk(socket, client, role)
+        finally:
+            self._board.clients.leave(client)
+
+    async def _talk(self, socket: WebSocket, client: Client, role: Role) -> None:
         await socket.accept()
-        role = {"type": "role", "role": socket.state.role}
-        await socket.send_bytes(msgspec.json.encode(role))
-        client = self._board.join()
+        await socket.send_bytes(msgspec.json.encode({"type": "role", "role": role}))
         sender = asyncio.create_task(self._send(socket, client))
         try:
             while (await socket.receive())["type"] != "websocket.disconnect":
-                pass
+                self._board.clients.use(client)
         finally:
-            self._board.clients.leave(client)
             sender.cancel()
 
     async def _send(self, socket: WebSocket, client: Client) -> None:
+        code, reason = 1008, "the page does not read"
         with contextlib.suppress(WebSocketDisconnect, RuntimeError, TimeoutError):
-            while True:
-                message = await client.next()
+            while (message := await client.next()) is not None:
                 await asyncio.wait_for(socket.send_bytes(message), _STALLED_S)
+            code, reason = 1013, "too many pages are open"
         self._board.clients.leave(client)
         with contextlib.suppress(RuntimeError):
-            await socket.close(1008, "the page does not read")
+            await socket.close(code, reason)
 
 
 class _Api:
@@ -226,8 +240,9 @@ class _Api:
         return _json(msgspec.json.encode({"routes": routes, "proposal": msgspec.Raw(proposal)}))
 
     async def tile(self, request: Request) -> Response:
-        tiles, at = self._board.tiles, request.path_params
-        found = None if tiles is None else tiles.tile(at["zoom"], at["column"], at["row"])
+        tiles = self._board.tiles
+        at = [number for text in request.path_params.values() if (number := number_of(text)) is not None]
+        found = tiles.tile(*at) if tiles is not None and len(at) == 3 else None
         if tiles is None or found is None:
             return Response(status_code=204)
         return Response(found, media_type=tiles.media_type)
@@ -244,11 +259,11 @@ class _Api:
         return JSONResponse({"error": problem}, 422) if problem else JSONResponse({})
 
     async def marks(self, request: Request) -> Response:
-        history, after = self._board.history, request.query_params.get("after", "0")
-        if not after.isdecimal():
+        history, after = self._board.history, number_of(request.query_params.get("after", "0"))
+        if after is None:
             return JSONResponse({"error": "after: expected a number of marks"}, 422)
         is_complete = history.is_complete
-        return _json(msgspec.json.encode({"complete": is_complete, "marks": history.marks(int(after[:9]))}))
+        return _json(msgspec.json.encode({"complete": is_complete, "marks": history.marks(after)}))
 
     async def charts(self, _request: Request) -> Response:
         return _json(self._board.history.charts())
@@ -258,9 +273,8 @@ class _Api:
         if body is None:
             return _too_long()
         try:
-            wait_s = min(_MAX_WAIT_S, float(request.query_params.get("wait_s", "0")))
-            sender = request.client.host if request.client else "?"
-            order_id = self._board.desk.place(body, sender)
+            wait_s = min(_MAX_WAIT_S, float(request.query_params.get("wait_s", "0")[:_MAX_NUMBER]))
+            order_id = self._board.desk.place(body, host_of(request.scope) or "?")
         except RefusedOrderError as error:
             return JSONResponse({"error": str(error)}, 422)
         except ValueError:
@@ -283,7 +297,7 @@ class _Api:
         return [one for one in self._board.world.answers if one.order_id == order_id]
 
     async def openapi(self, _request: Request) -> Response:
-        return JSONResponse(description())
+        return _json(_description())
 
     async def metrics(self, _request: Request) -> Response:
         capture = await self._board.capture()
@@ -294,39 +308,56 @@ class _Api:
 class _Login:
     """Form that keeps a token in a cookie, out of reach of scripts and of other sites."""
 
-    def __init__(self, access: Access, static: StaticFiles) -> None:
-        self._access, self._static = access, static
+    def __init__(self, attempts: Attempts, static: StaticFiles) -> None:
+        self._attempts, self._static = attempts, static
 
     async def serve(self, request: Request) -> Response:
         if request.method == "GET":
             return self._static.response("login.html")
         try:
-            body: Any = msgspec.json.decode(await _body(request) or b"", type=dict[str, str])
+            given = msgspec.json.decode(await _body(request) or b"", type=_Token)
+            role = await self._attempts.role(given.token, host_of(request.scope))
         except msgspec.DecodeError:
-            body = {}
-        token = body.get("token", "")
-        if self._access.role(token) is None:
-            await asyncio.sleep(1.0)  # slows guessing
+            role = None
+        except TooManyAttemptsError:
+            return JSONResponse({"error": TOO_MANY[1]}, TOO_MANY[0])
+        if role is None:
             return JSONResponse({"error": "this token is not known here"}, 401)
         response = JSONResponse({})
-        response.set_cookie(
-            COOKIE, token, httponly=True, samesite="strict", secure=self._access.scheme == "https"
-        )
+        is_secure = request.url.scheme == "https"
+        response.set_cookie(*cookie(given.token), httponly=True, samesite="strict", secure=is_secure)
         return response
 
 
+@cache
+def _description() -> bytes:
+    return msgspec.json.encode(description())
+
+
+class _Token(msgspec.Struct):
+    token: str
+
+
+def number_of(text: str) -> int | None:
+    """Return a number of an address; None for another text, and for a very long one."""
+    return int(text) if len(text) <= _MAX_NUMBER and text.isascii() and text.isdecimal() else None
+
+
 async def _body(request: Request) -> bytes | None:
-    """Return the content of a request; None if it is too long."""
+    """Return the content of a request; None if it is too long, or comes too slowly."""
     body = bytearray()
-    async for part in request.stream():
-        body += part
-        if len(body) > _MAX_BODY_BYTES:
-            return None
-    return bytes(body)
+    with contextlib.suppress(TimeoutError, ClientDisconnect):
+        async with asyncio.timeout(_BODY_S):
+            async for part in request.stream():
+                body += part
+                if len(body) > _MAX_BODY_BYTES:
+                    return None
+        return bytes(body)
+    return None
 
 
 def _too_long() -> Response:
-    return JSONResponse({"error": f"expected at most {_MAX_BODY_BYTES} bytes"}, 413)
+    return JSONResponse({"error": f"expected at most {_MAX_BODY_BYTES} bytes, within {_BODY_S:.0f} s"}, 413)
 
 
 def _json(content: bytes, code: int = 200) -> Response:

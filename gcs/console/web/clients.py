@@ -11,14 +11,30 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-MAX_CLIENTS: Final = 200
+from gcs.console.web.listener import CLIENT_SHARE
+
 _MAX_QUEUED: Final = 16
 
 
 class Client:
-    """One page."""
+    """One page.
 
-    def __init__(self, snapshot: Callable[[], bytes]) -> None:
+    Parameters
+    ----------
+    snapshot : callable
+        Returns everything that a page shows.
+    address : str
+        Client that has opened it.
+    may_operate : bool
+        True if its token is for orders.
+    """
+
+    def __init__(self, snapshot: Callable[[], bytes], address: str = "", *, may_operate: bool = True) -> None:
+        self.address, self.may_operate = address, may_operate
+        self.used = 0
+        """Number of the last use of this page, among the uses of all pages; 0: somebody only opened it."""
+        self.is_ended = False
+        """True if its place is given to another page."""
         self.dropped = 0
         """Messages that the page lost because it did not read."""
         self._snapshot = snapshot
@@ -37,9 +53,16 @@ class Client:
                 self._is_behind = True
         self._has_news.set()
 
-    async def next(self) -> bytes:
-        """Return the next message: a snapshot at first, and after a loss."""
+    def end(self) -> None:
+        """Give its place to another page."""
+        self.is_ended = True
+        self._has_news.set()
+
+    async def next(self) -> bytes | None:
+        """Return the next message: a snapshot at first, and after a loss; None at its end."""
         await self._has_news.wait()
+        if self.is_ended:
+            return None
         if self._is_behind:
             self._is_behind = False
             message = self._snapshot()
@@ -53,33 +76,52 @@ class Client:
 class Clients:
     """All pages.
 
+    A page that somebody uses is never the first to go. When there are too many, of one client or of all, one
+    that may only view gives its place to another, then one that nobody has used, then the one that was used
+    longest ago.
+
     Parameters
     ----------
     snapshot : callable
         Returns everything that a page shows.
+    limit : int
+        Number of pages that may be open; one client may have `CLIENT_SHARE` of them.
     """
 
-    def __init__(self, snapshot: Callable[[], bytes]) -> None:
-        self._snapshot = snapshot
-        self._clients: set[Client] = set()
+    def __init__(self, snapshot: Callable[[], bytes], limit: int) -> None:
+        self._snapshot, self._limit = snapshot, limit
+        self._clients: dict[Client, None] = {}
+        self._uses = 0
 
     def __len__(self) -> int:
         return len(self._clients)
 
-    @property
-    def is_full(self) -> bool:
-        """True if no other page may connect."""
-        return len(self._clients) >= MAX_CLIENTS
-
-    def join(self) -> Client:
-        """Add a page."""
-        client = Client(self._snapshot)
-        self._clients.add(client)
+    def join(self, address: str = "", *, may_operate: bool = True) -> Client | None:
+        """Add a page; return None if all places are taken by pages that come before it."""
+        client = Client(self._snapshot, address, may_operate=may_operate)
+        of_client = [one for one in self._clients if one.address == address]
+        for others, limit in (
+            (of_client, int(self._limit * CLIENT_SHARE)),
+            (list(self._clients), self._limit),
+        ):
+            if len(others) < limit:
+                continue
+            first = min(others, key=lambda one: (one.may_operate, one.used))  # the oldest of equals
+            if first.may_operate and not may_operate:
+                return None
+            self.leave(first)
+            first.end()
+        self._clients[client] = None
         return client
+
+    def use(self, client: Client) -> None:
+        """Note that somebody uses a page."""
+        self._uses += 1
+        client.used = self._uses
 
     def leave(self, client: Client) -> None:
         """Remove a page."""
-        self._clients.discard(client)
+        self._clients.pop(client, None)
 
     def send(self, message: bytes) -> None:
         """Queue a message for every page."""

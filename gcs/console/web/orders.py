@@ -49,7 +49,7 @@ class OrderDesk:
             raise RefusedOrderError("this is a replay: nothing can be ordered")
         try:
             fields = msgspec.json.decode(body, type=dict[str, Any])
-        except msgspec.DecodeError as error:
+        except (msgspec.DecodeError, RecursionError) as error:
             raise RefusedOrderError(f"not JSON: {error}") from None
         fields.setdefault("order_id", f"{_SOURCE}-{secrets.token_hex(6)}")
         fields["origin"] = f"console at {sender}"

@@ -51,7 +51,7 @@ class OrderMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         | Literal["all"]
         | None
     ) = None
-    plan_id: Annotated[int, Meta(ge=1)] | None = None
+    plan_id: Annotated[int, Meta(ge=1, le=2**53)] | None = None
     no_fly_zone: AreaMessage | None = None
     target: Annotated[str, Meta(pattern=r"^T?\d{1,9}\.\d{1,9}$")] | tuple[_Part, _Part] | None = None
     """Target as it is shown, T12.3, or as in records, [12, 3]."""
