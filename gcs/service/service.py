@@ -159,7 +159,7 @@ class Service:
         """Outputs whose failures become alarms."""
         self._garbage = GarbageFilter()
         self._queue: asyncio.Queue[tuple[Event, FrameTable | None]] = asyncio.Queue(QUEUE_SIZE)
-        self._orders = OrderInbox(config.local_frame)
+        self._orders = OrderInbox(config.local_frame, config.name)
         self._resumed_from: Snapshot | None = None
         self._tick_waits = False
         self._lag_warned = False
@@ -217,9 +217,7 @@ class Service:
             sensor_scan_keys(self.config.name),
             lambda key, payload: on_loop(loop, self._on_scan, key, payload),
         )
-        self._bus.subscribe(
-            order_key(self.config.name), lambda key, payload: on_loop(loop, self._on_order, key, payload)
-        )
+        self._bus.subscribe(order_key(self.config.name), partial(self._on_order, loop))
         try:
             async with asyncio.TaskGroup() as group:
                 ticker = group.create_task(self._tick())
@@ -306,19 +304,34 @@ class Service:
         except WireError as error:
             self._put(BadInput(t_ns, key, str(error), sensor_of(key)))
 
-    def _on_order(self, key: str, payload: bytes) -> None:
-        self._orders.put(key, payload)
-        if self._queue.qsize() < _BUSY:
-            self._queue_orders()
+    def _on_order(self, loop: asyncio.AbstractEventLoop, key: str, payload: bytes) -> None:
+        """Take an order on a thread of zenoh; one that is refused does not reach the event loop."""
+        if self._orders.put(key, payload):
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                loop.call_soon_threadsafe(self._queue_orders_unless_busy)
 
     def give_order(self, payload: bytes) -> None:
         """Queue an order of the console, in the form and within the limits of orders on zenoh."""
-        self._on_order(order_key(self.config.name), payload)
+        self._orders.put(order_key(self.config.name), payload)
+        self._queue_orders_unless_busy()
+
+    def _queue_orders_unless_busy(self) -> None:
+        if self._queue.qsize() < _BUSY:
+            self._queue_orders()
 
     def _queue_orders(self) -> None:
         t_ns = self.clock.now_ns()
         for event in (*self._orders.take_due(t_ns), *self._orders.news(t_ns, order_key(self.config.name))):
             self._put(event)
+
+    def _answer_refused_orders(self) -> None:
+        """Tell senders that their orders are not taken: these never were events, so nothing is recorded."""
+        t_ns = self.clock.now_ns()
+        for answer in self._orders.take_refusals(t_ns):
+            key = effect_key(self.config.name, answer)
+            self._publisher.put(partial(self._bus.publish, key, encode(answer)))
+            for sink in self.sinks:
+                sink.effect(t_ns, answer)
 
     async def _tick(self) -> None:
         t_ns = max(self.clock.now_ns(), self.clock.start_t_ns)
@@ -340,6 +353,7 @@ class Service:
                 self._tick_waits = False
                 self.links.tick(event.t_ns)
                 self._queue_orders()
+                self._answer_refused_orders()
                 self._check_keys()
                 self._check_outputs()
             self._watch_lag(self.clock.now_ns() - event.t_ns)

@@ -3,34 +3,41 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
+import socket
 import threading
 import time
 from itertools import pairwise
 
 import pytest
 
-from gcs.config import load
+from gcs.config import Config, load
 from gcs.core.airspace.incursion_warning import IncursionWarnings
 from gcs.core.airspace.records import AirspaceState
 from gcs.endpoints import Link, parse_endpoint
-from gcs.errors import WireError
+from gcs.errors import LinkError, WireError
 from gcs.geo import LocalFrame
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
+from gcs.io.zenoh import order_inbox
 from gcs.io.zenoh.key_expressions import order_key
-from gcs.io.zenoh.order_inbox import BURST, MAX_WAITING, ORDERS_PER_S, OrderInbox
-from gcs.io.zenoh.order_messages import decode_order
+from gcs.io.zenoh.order_client import request_status, send_order
+from gcs.io.zenoh.order_inbox import BURST, MAX_SENDERS, MAX_WAITING, ORDERS_PER_S, OrderInbox
+from gcs.io.zenoh.order_messages import OrderMessage, decode_order
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, BadInput, Notice, Order, OrderAnswer, Tick
 from gcs.service.service import Service
+from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 KEY = order_key("prescribed")
 
 
-def order(number: int, action: str = "hold") -> bytes:
-    return json.dumps({"order_id": f"o-{number}", "action": action, "vehicles": "all"}).encode()
+def order(number: int, action: str = "resume", origin: str = "flood") -> bytes:
+    fields = {"order_id": f"o-{number}", "action": action, "vehicles": "all", "origin": origin}
+    return json.dumps(fields).encode()
 
 
 class Measurements:
@@ -92,7 +99,7 @@ def test_fifteen_thousand_orders_stall_nothing_and_the_operators_own_is_carried_
 
 
 def test_orders_go_on_at_a_bounded_rate_and_all_others_are_counted():
-    inbox = OrderInbox(FRAME)
+    inbox = OrderInbox(FRAME, "prescribed")
     for number in range(1000):
         inbox.put(KEY, order(number))
     assert inbox.refused == 1000 - MAX_WAITING
@@ -105,8 +112,160 @@ def test_orders_go_on_at_a_bounded_rate_and_all_others_are_counted():
     assert inbox.news(5 * NS_PER_S, KEY) == []
 
 
+def test_senders_take_turns_and_safety_orders_go_first():
+    inbox = OrderInbox(FRAME, "prescribed")
+    for number in range(1000):
+        inbox.put(KEY, order(number))
+    inbox.put(KEY, order(2001, origin="operator"))
+    inbox.put(KEY, order(2000, "hold", "operator"))
+    due = [one.order_id for one in inbox.take_due(NS_PER_S) if isinstance(one, Order)]
+    assert due[:3] == ["o-2000", "o-0", "o-2001"]
+    later = NS_PER_S
+    for action in ("return", "disarm", "hold"):
+        later += NS_PER_S // 5
+        inbox.put(KEY, order(later, action, "operator"))
+        first = inbox.take_due(later)[0]
+        assert isinstance(first, Order)
+        assert first.action == action
+
+
+def test_a_sender_of_holds_does_not_keep_others_from_holding():
+    inbox = OrderInbox(FRAME, "prescribed")
+    for number in range(1000):
+        inbox.put(KEY, order(number, "hold"))
+    assert inbox.put(KEY, order(2000, "hold", "operator"))
+    due = [one.order_id for one in inbox.take_due(NS_PER_S) if isinstance(one, Order)]
+    assert due[:2] == ["o-0", "o-2000"]
+
+
+def test_each_sender_whose_orders_find_a_full_queue_is_told_so():
+    inbox = OrderInbox(FRAME, "prescribed")
+    for number in range(1000):
+        inbox.put(KEY, order(number))
+    inbox.put(KEY, b"[" * 10_000)
+    inbox.put(KEY, b"x" * 100_000)
+    (answer,) = inbox.take_refusals(NS_PER_S)
+    assert (answer.order_id, answer.state, answer.waiting) == ("o-999", "refused", ())
+    assert answer.detail.startswith(
+        "the order queue of prescribed is full: 50 orders of the sender flood wait"
+    )
+    assert inbox.take_refusals(NS_PER_S) == []
+    for number in range(MAX_SENDERS):
+        inbox.put(KEY, order(number, origin=f"s-{number}"))
+    assert f"orders of {MAX_SENDERS} senders wait" in inbox.take_refusals(NS_PER_S)[-1].detail
+
+
+def test_the_command_names_a_full_queue(monkeypatch):
+    """It said that no service answers."""
+    monkeypatch.setattr(order_inbox._Queues, "put", lambda *_: "orders of 64 senders wait")
+    config, endpoint = load("prescribed"), free_endpoint()
+    found: list[str] = []
+
+    async def serve(bus: ZenohSession) -> None:
+        links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1], config.local_frame)
+        stop = asyncio.Event()
+        running = asyncio.create_task(Service(config, 1, links, bus).run(RunClock(), stop))
+        message = OrderMessage(order_id="a", action="hold", vehicles="all", origin="operator")
+
+        def ask() -> None:
+            found.extend(one.detail for one in send_order(endpoint, "prescribed", message, 5.0, 5.0))
+            with pytest.raises(LinkError) as error:
+                request_status(endpoint, "prescribed", 2.0)
+            found.append(str(error.value))
+
+        await asyncio.to_thread(ask)
+        stop.set()
+        await asyncio.wait_for(running, 10.0)
+
+    with ZenohSession(listen=endpoint) as bus:
+        asyncio.run(serve(bus))
+    assert len(found) == 2
+    assert all("the order queue of prescribed is full: " in text for text in found)
+
+
+class Vehicles:
+    """Four simulated vehicles that fly in real time, and when each began to loiter."""
+
+    def __init__(self, port: int, config: Config) -> None:
+        self.loitered_s: dict[int, float] = {}
+        self._port, self._frame, self._ends = port, config.local_frame, threading.Event()
+        self._thread = threading.Thread(target=self._fly, daemon=True)
+        self._thread.start()
+
+    def _fly(self) -> None:
+        specs = [VehicleSpec(one, 300.0, 300.0 * one, 1.57, 100.0, 15.0) for one in (1, 2, 3, 4)]
+        flown = [(SimVehicle(one, self._frame, time.time_ns()), _link()) for one in specs]
+        for vehicle, _ in flown:
+            vehicle.autopilot.set_mode(Mode.RTL)
+        while not self._ends.wait(0.02):
+            for vehicle, link in flown:
+                for datagram in vehicle.datagrams_to_send(time.time_ns()):
+                    link.sendto(datagram, ("127.0.0.1", self._port))
+                with contextlib.suppress(BlockingIOError):
+                    while True:
+                        vehicle.receive_datagram(link.recv(2048), time.time_ns())
+                if vehicle.autopilot.mode == Mode.LOITER:
+                    self.loitered_s.setdefault(vehicle.system_id, time.monotonic())
+        for _, link in flown:
+            link.close()
+
+    def end(self) -> None:
+        self._ends.set()
+        self._thread.join(5.0)
+
+
+def _link() -> socket.socket:
+    link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    link.setblocking(False)
+    link.bind(("127.0.0.1", 0))
+    return link
+
+
+def test_hold_all_is_at_the_vehicles_within_a_second_while_a_program_sends_a_thousand_orders_a_second():
+    config, endpoint = load("prescribed"), free_endpoint()
+    ends, answers = threading.Event(), list[tuple[str, float]]()
+    given_s = 0.0
+
+    def flood() -> None:
+        with ZenohSession(connect=endpoint) as bus:
+            for number in range(100_000):
+                bus.publish(KEY, order(number, ("unpin", "plan")[number % 2]))
+                if number % 50 == 49 and ends.wait(0.05):
+                    return
+
+    def hold() -> None:
+        nonlocal given_s
+        message = OrderMessage(order_id="hold", action="hold", vehicles="all", origin="operator")
+        time.sleep(2.0)
+        given_s = time.monotonic()
+        for answer in send_order(endpoint, "prescribed", message, 5.0, 10.0):
+            answers.append((answer.state, time.monotonic() - given_s))
+
+    async def serve(bus: ZenohSession) -> None:
+        links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1, 2, 3, 4], config.local_frame)
+        stop = asyncio.Event()
+        running = asyncio.create_task(Service(config, 1, links, bus).run(RunClock(), stop))
+        await asyncio.sleep(0.2)
+        vehicles = Vehicles(links.port, config)
+        sender = threading.Thread(target=flood, daemon=True)
+        sender.start()
+        await asyncio.to_thread(hold)
+        ends.set()
+        vehicles.end()
+        sender.join(5.0)
+        stop.set()
+        await asyncio.wait_for(running, 10.0)
+        assert set(vehicles.loitered_s) == {1, 2, 3, 4}
+        assert min(vehicles.loitered_s.values()) > given_s
+        assert max(vehicles.loitered_s.values()) - given_s < 1.0
+
+    with ZenohSession(listen=endpoint) as bus:
+        asyncio.run(serve(bus))
+    assert [state for state, _ in answers] == ["accepted", *["done"] * 4]
+
+
 def test_an_order_that_is_repeated_costs_no_turn():
-    inbox = OrderInbox(FRAME)
+    inbox = OrderInbox(FRAME, "prescribed")
     for _ in range(40):
         inbox.put(KEY, order(1))
     inbox.put(KEY, order(2))

@@ -6,11 +6,8 @@ arguments.
 
 from __future__ import annotations
 
-import getpass
 import json
-import os
 import secrets
-import socket
 import sys
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, TypeAlias
 
@@ -335,6 +332,7 @@ def _send(
 
 def _order(action: Action, vehicles: list[int] | Literal["all"], **more: Any) -> OrderMessage:
     """Return the message of an order; `more` are further fields of `OrderMessage`."""
+    from gcs.io.zenoh.order_client import sender_name
     from gcs.io.zenoh.order_messages import OrderMessage
 
     return OrderMessage(
@@ -342,7 +340,7 @@ def _order(action: Action, vehicles: list[int] | Literal["all"], **more: Any) ->
         action=action,
         vehicles=vehicles,
         **more,
-        origin=f"{_user()}@{socket.gethostname()}, process {os.getpid()}",
+        origin=sender_name(),
     )
 
 
@@ -390,10 +388,3 @@ def _collect(order: OrderMessage, service: _Service, console: Console, answers: 
             text = "\n  ".join([proposal_title(answer.proposal), *route_lines(answer.proposal)])
         style = {"info": "", "warning": "yellow", "alarm": "bold red"}[level]
         console.print(text, style=style, highlight=False, soft_wrap=True, markup=False)
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):
-        return str(os.getuid())

@@ -6,9 +6,11 @@ order id once.
 
 from __future__ import annotations
 
-import contextlib
+import getpass
+import os
 import queue
 import secrets
+import socket
 import time
 from collections.abc import Iterator
 
@@ -20,6 +22,15 @@ from gcs.io.zenoh.session import ZenohSession
 from gcs.model import OrderAnswer, SwarmStatus
 
 _REPEAT_S = 0.5
+
+
+def sender_name() -> str:
+    """Return the name of this program among the senders of orders: each has a queue of its own."""
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):
+        user = str(os.getuid())
+    return f"{user}@{socket.gethostname()}, process {os.getpid()}"
 
 
 def send_order(
@@ -85,22 +96,30 @@ def request_status(endpoint: str, mission: str, timeout_s: float) -> SwarmStatus
     """
     order_id = f"status-{secrets.token_hex(6)}"
     replies: queue.Queue[SwarmStatus] = queue.Queue()
+    problem = f"no service of the mission {mission} answers here: is it running?"
 
     def heard(key: str, payload: bytes) -> None:
-        with contextlib.suppress(WireError):
-            reply = decode(key, payload, SwarmStatus)
-            if reply.order_id.startswith(order_id):
-                replies.put(reply)
+        nonlocal problem
+        try:
+            if key == status_key(mission):
+                reply = decode(key, payload, SwarmStatus)
+                if reply.order_id.startswith(order_id):
+                    replies.put(reply)
+            elif (answer := decode(key, payload, OrderAnswer)).order_id.startswith(order_id):
+                problem = answer.detail
+        except WireError:
+            return
 
     began_s, number = time.monotonic(), 0
     with ZenohSession(connect=endpoint) as bus:
         bus.subscribe(status_key(mission), heard)
+        bus.subscribe(answer_key(mission), heard)
         while time.monotonic() - began_s < timeout_s:
             number += 1
-            bus.publish(
-                order_key(mission),
-                encode_order(OrderMessage(order_id=f"{order_id}-{number}", action="status")),
-            )
-            with contextlib.suppress(queue.Empty):
+            message = OrderMessage(order_id=f"{order_id}-{number}", action="status", origin=sender_name())
+            bus.publish(order_key(mission), encode_order(message))
+            try:
                 return replies.get(timeout=_REPEAT_S)
-    raise LinkError(endpoint, f"no service of the mission {mission} answers here: is it running?")
+            except queue.Empty:
+                continue
+    raise LinkError(endpoint, problem)

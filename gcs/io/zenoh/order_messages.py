@@ -24,7 +24,7 @@ _FOR_VEHICLES: Final = frozenset({"hold", "resume", "return", "arm", "disarm", "
 _FOR_PLANS: Final = frozenset({"confirm", "reject"})
 _FOR_TARGETS: Final = frozenset({"ignore", "attend", "priority", "pin"})
 _MAX_EXTENT_M = 1e6
-_MAX_BYTES: Final = 32 * 1024
+MAX_ORDER_BYTES: Final = 32 * 1024
 
 _Part = Annotated[int, Meta(ge=0, lt=10**9)]
 _Number = Annotated[float, Meta(ge=-1e7, le=1e7)]
@@ -75,8 +75,10 @@ def decode_order(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Orde
     WireError
         The payload does not have the form of ``docs/orders.md``.
     """
-    if len(payload) > _MAX_BYTES:
-        raise WireError(key, f"{len(payload)} bytes are more than the {_MAX_BYTES} that an order may have")
+    if len(payload) > MAX_ORDER_BYTES:
+        raise WireError(
+            key, f"{len(payload)} bytes are more than the {MAX_ORDER_BYTES} that an order may have"
+        )
     message = decode_json(key, payload, _decoder)
     action = message.action
     if action in _FOR_VEHICLES and message.vehicles is None:
