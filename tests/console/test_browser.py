@@ -29,7 +29,7 @@ def test_an_operator_watches_holds_and_gets_the_connection_back(fly, launch, pag
         vehicles.say(2, hostile)
         expect(page.locator("#log .panel").first).to_contain_text(hostile)
         page.locator('#alarms [data-name="more"]').click()
-        alarm = page.locator("#alarms li.alarm", has_text=hostile)  # newer alarms may be above it
+        alarm = page.locator("#alarm-list li.alarm", has_text=hostile)  # newer alarms may be above it
         expect(alarm).to_have_count(1)
         assert page.locator("img").count() == 0
         with page.expect_popup() as opened:
@@ -39,6 +39,7 @@ def test_an_operator_watches_holds_and_gets_the_connection_back(fly, launch, pag
         alarm.get_by_role("button").click()
         expect(alarm).to_have_count(0)
 
+        page.locator("#tab-targets").click()
         page.keyboard.press("1")
         expect(row).to_have_attribute("aria-selected", "true")
         expect(page.locator("#detail")).to_contain_text("authority")
@@ -143,6 +144,7 @@ def test_every_action_of_the_page_has_its_effect_in_the_vehicles(demo, page):
     page.mouse.up()
     page.get_by_role("button", name="Close this area").click()
     expect(result).to_contain_text("zone-1 closed")
+    page.locator("#tab-targets").click()
     page.get_by_role("button", name="Edit zone-1").click()
     page.mouse.move(x, y)
     page.mouse.down()

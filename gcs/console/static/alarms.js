@@ -19,18 +19,23 @@ const helpOn = ({ n, text }) => el("a", {
 }, "What to do");
 
 export class Alarms {
-  constructor(root, feed) {
+  constructor(root, feed, panels) {
     this.root = root;
+    this.panels = panels;
     this.open = new Map();
     this.seen = 0;
     this.acknowledged = new Set();
-    this.expanded = false;
     this.muted = localStorage.getItem("muted") === "yes";
     this.audio = null;
     feed.on(["log"], (data, fresh) => this.add(data, fresh));
     document.addEventListener("pointerdown", () => this.allowSound(), { once: true });
     document.addEventListener("keydown", () => this.allowSound(), { once: true });
+    panels.addEventListener("change", () => this.show());
     this.show();
+  }
+
+  get isListed() {
+    return this.panels.current === "alarms";
   }
 
   add(data, fresh) {
@@ -66,7 +71,7 @@ export class Alarms {
     }
     for (const entry of entries) this.acknowledged.add(nameOf(entry));
     if (this.store) sessionStorage.setItem(this.store, JSON.stringify([...this.acknowledged]));
-    if (!this.open.size) this.expanded = false;
+    if (!this.open.size && this.isListed) this.panels.show("targets");
     this.show();
   }
 
@@ -77,18 +82,20 @@ export class Alarms {
   show(isNew = false) {
     const entries = this.sorted();
     const worst = entries[0];
-    const focused = this.root.contains(document.activeElement) ? document.activeElement.dataset.name : null;
+    const list = this.panels.roots.alarms;
+    const parts = [this.root, list];
+    const focused = parts.some((one) => one.contains(document.activeElement)) ? document.activeElement.dataset.name : null;
     const button = (name, text, action, more = {}) =>
       el("button", { "data-name": name, onclick: action, ...more }, text);
     const bar = el(
       "div",
       { class: `bar ${worst ? worst.level : "quiet"}${isNew ? " new" : ""}` },
-      el("span", { class: "text" }, worst ? `${duration(worst.t_s)}  ${worst.text}` : "No open alarm"),
+      el("span", { class: "text", title: worst?.text }, worst ? `${duration(worst.t_s)}  ${worst.text}` : "No open alarm"),
     );
     if (worst) {
       bar.append(helpOn(worst));
       const more = el("button", {
-        "data-name": "more", "aria-expanded": String(this.expanded), onclick: () => this.toggle(),
+        "data-name": "more", "aria-expanded": String(this.isListed), onclick: () => this.panels.toggle("alarms"),
       }, `${entries.length} open`);
       const acknowledge = button("acknowledge", "Acknowledge", () => this.acknowledge([worst]));
       acknowledge.append(el("kbd", {}, "K"));
@@ -97,8 +104,10 @@ export class Alarms {
     bar.append(button("mute", this.muted ? "Sound off" : "Sound on", () => this.mute(), {
       "aria-pressed": String(!this.muted), title: "Sound of alarms",
     }));
-    this.root.replaceChildren(bar, ...(this.expanded ? [this.list(entries, button)] : []));
-    if (focused) this.root.querySelector(`[data-name="${focused}"]`)?.focus();
+    this.root.replaceChildren(bar);
+    list.replaceChildren(...(this.isListed ? [this.list(entries, button)] : []));
+    this.panels.count("alarms", entries.length);
+    if (focused) parts.map((one) => one.querySelector(`[data-name="${focused}"]`)).find(Boolean)?.focus();
   }
 
   list(entries, button) {
@@ -107,13 +116,9 @@ export class Alarms {
         el("span", { class: "text" }, `${duration(entry.t_s)}  ${entry.text}`),
         helpOn(entry),
         button(`one-${entry.n}`, "Acknowledge", () => this.acknowledge([entry]))));
+    if (!entries.length) return el("p", { class: "empty" }, "No open alarm.");
     const all = el("li", {}, el("span", { class: "text" }), button("all", "Acknowledge all", () => this.acknowledge(entries)));
-    return el("ul", {}, ...rows, all);
-  }
-
-  toggle() {
-    this.expanded = !this.expanded;
-    this.show();
+    return el("ul", {}, all, ...rows);
   }
 
   mute() {

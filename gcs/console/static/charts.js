@@ -11,15 +11,16 @@ const COLOURS = ["series-1", "series-2", "series-3", "series-4", "series-5", "se
 const DASHES = [null, [6, 3], [2, 2]];
 
 export class Charts {
-  constructor(root, feed, marks, selection, theme, seek) {
-    Object.assign(this, { root, feed, marks, selection, theme });
+  constructor(root, feed, marks, selection, theme, panels, seek) {
+    Object.assign(this, { root, feed, marks, selection, theme, panels });
+    this.wasOpen = false;
     this.axis = new TimeAxis();
     const isReplay = () => feed.data.mission?.kind === "replay";
     const common = [this.axis, theme, (at) => { if (isReplay()) seek(at); }];
     const whole = el("button", { hidden: true, onclick: () => this.axis.zoom(null) }, "Whole run", el("kbd", {}, "W"));
     this.axis.addEventListener("zoom", () => { whole.hidden = !this.axis.zoomed; });
     root.append(el("h2", {}, "Charts", el("span", { class: "space" }), whole,
-      el("button", { "aria-label": "Close the charts", onclick: () => this.toggle() }, "Close", el("kbd", {}, "G"))));
+      el("button", { "aria-label": "Close the charts", onclick: () => panels.toggle("charts") }, "Close", el("kbd", {}, "G"))));
     this.events = new MarkChart(root, "Events", ...common);
     this.objects = new LineChart(root, "Number of objects (± 1σ)", "", ...common, { digits: 1 });
     this.ospa = new LineChart(root, "OSPA of positions (c = 100 m, p = 1)", "m", ...common, { digits: 1 });
@@ -34,20 +35,19 @@ export class Charts {
     marks.addEventListener("change", () => this.showMarks());
     selection.addEventListener("change", () => this.show());
     theme.addEventListener("change", () => this.draw());
+    panels.addEventListener("change", () => this.changed());
     new ResizeObserver(() => this.draw()).observe(root);
   }
 
   get isOpen() {
-    return !this.root.hidden;
+    return this.panels.current === "charts";
   }
 
-  toggle() {
-    this.root.hidden = !this.root.hidden;
-    this.root.parentElement.classList.toggle("with-charts", this.isOpen);
+  changed() {
+    if (this.isOpen === this.wasOpen) return;
+    this.wasOpen = this.isOpen;
     this.marks[this.isOpen ? "want" : "release"]();
-    if (!this.isOpen) return;
-    this.load();
-    this.root.scrollIntoView({ block: "nearest" });
+    if (this.isOpen) this.load();
   }
 
   // Shows a minute around the time of the replay, or the last one; then the whole run again.

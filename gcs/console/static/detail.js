@@ -5,23 +5,26 @@ import { duration, number, seconds } from "./format.js";
 
 const PERIOD_MS = 1000;
 const RATE_S = 2;
-const STORE = "details";
 
 const bad = (text) => el("span", { class: "bad" }, text);
 const fair = (text) => el("span", { class: "fair" }, text);
 
 export class Detail {
-  constructor(root, feed, selection, map) {
+  constructor(root, feed, selection, map, panels) {
     this.root = root;
+    this.panels = panels;
     this.feed = feed;
     this.selection = selection;
     this.map = map;
     this.record = null;
     this.before = null; // record of at least RATE_S ago, for the rate
     this.rate = null; // frames a second of the run
-    this.isWanted = localStorage.getItem(STORE) !== "closed";
     this.build();
-    selection.addEventListener("change", () => this.begin());
+    selection.addEventListener("change", () => {
+      panels.follow(selection.ids.size === 1);
+      this.begin();
+    });
+    panels.addEventListener("change", () => this.begin());
     feed.addEventListener("data", ({ detail }) => { if (detail.fresh) this.load(); });
     setInterval(() => this.load(), PERIOD_MS);
   }
@@ -33,19 +36,15 @@ export class Detail {
     const heads = [["item", ""], ["command", "left"], ["east", ""], ["north", ""], ["alt m", ""]];
     this.table = el("table", { class: "dense" },
       el("thead", {}, el("tr", {}, ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text)))), this.items);
-    const close = el("button", { onclick: () => this.toggle(), title: "Show or hide the details (V)" }, "Close");
-    this.root.append(el("div", { class: "title" }, this.title, close), this.list, this.table);
+    this.empty = el("p", { class: "empty" }, "Select one vehicle to see all that is known of it.");
+    this.content = el("div", {}, this.title, this.list, this.table);
+    this.root.append(this.empty, this.content);
+    this.show();
   }
 
   get vehicle() {
-    if (!this.isWanted || this.selection.ids.size !== 1) return null;
+    if (this.panels.current !== "detail" || this.selection.ids.size !== 1) return null;
     return this.selection.among(this.feed.data.vehicles ?? [])[0] ?? null;
-  }
-
-  toggle() {
-    this.isWanted = !this.isWanted;
-    localStorage.setItem(STORE, this.isWanted ? "open" : "closed");
-    this.begin();
   }
 
   begin() {
@@ -80,7 +79,8 @@ export class Detail {
   }
 
   show() {
-    this.root.hidden = !this.record;
+    this.content.hidden = !this.record;
+    this.empty.hidden = Boolean(this.record);
     if (!this.record) return;
     setText(this.title, `Vehicle ${this.record.name}`);
     const rows = [

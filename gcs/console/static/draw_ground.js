@@ -1,6 +1,7 @@
 // What does not move: grid lines, obstacles, no-fly zones, fence, homes, rally points, fields of view.
 
 const GRID_PX = 90;
+const MAX_NAME = 24; // characters of a zone's name on the map
 
 // Returns 1, 2 or 5 times a power of ten: the round length nearest above the given one.
 export function roundLength(metres) {
@@ -103,7 +104,7 @@ export function zones(ctx, view, closed, colour) {
     ctx.lineWidth = 1.5;
     ctx.stroke();
     ctx.textAlign = "center";
-    ctx.fillText(zone.name, view.x(label[0]), view.y(label[1]) + 4);
+    ctx.fillText(zone.name.length > MAX_NAME ? `${zone.name.slice(0, MAX_NAME)}…` : zone.name, view.x(label[0]), view.y(label[1]) + 4);
   }
 }
 

@@ -15,8 +15,13 @@ export function trails(ctx, view, tracks, colour) {
   ctx.globalAlpha = 1;
 }
 
+// A gap in the data is null: the line ends there, and begins again.
 function line(ctx, view, points) {
-  points.forEach(([east, north], index) => ctx[index ? "lineTo" : "moveTo"](view.x(east), view.y(north)));
+  let isBegun = false;
+  for (const point of points) {
+    if (point) ctx[isBegun ? "lineTo" : "moveTo"](view.x(point[0]), view.y(point[1]));
+    isBegun = Boolean(point);
+  }
 }
 
 const CORRIDOR_M = 40;

@@ -5,7 +5,6 @@ import { duration, megabytes, number, seconds } from "./format.js";
 
 const SLOW_S = 0.2;
 const BEHIND_S = 0.5;
-const SILENT_MS = 2500;
 const MAX_SENSORS = 6;
 const MAX_NAMED = 2;
 const URGENCY = { silent: 0, late: 1, "": 2 };
@@ -15,7 +14,7 @@ function sensorParts(sensors) {
   if (!sensors.length) return [el("span", { class: "fair" }, "none yet")];
   const sorted = [...sensors].sort((a, b) => URGENCY[a.state] - URGENCY[b.state]);
   const parts = sorted.slice(0, MAX_SENSORS).map(({ name, age_s: age, state }) =>
-    el("span", { class: `sensor ${STYLES[state]}` }, `${name} ${age === null ? "never" : seconds(age)}${state && ` ${state.toUpperCase()}`}`));
+    el("span", { class: `sensor ${STYLES[state]}`, title: name }, `${name} ${age === null ? "never" : seconds(age)}${state && ` ${state.toUpperCase()}`}`));
   if (sensors.length > MAX_SENSORS) parts.push(el("span", { class: "sensor" }, `+${sensors.length - MAX_SENSORS}`));
   return parts;
 }
@@ -32,7 +31,7 @@ function recordingText({ recording, used_mb: used, free_mb: free, low }) {
   return [`${megabytes(used)}, ${megabytes(free)} free${low ? " LOW" : ""}`, low ? "bad" : ""];
 }
 
-export function showHeader(root, feed, theme) {
+export function showHeader(root, feed, theme, freshness) {
   const item = (label) => {
     const value = el("span");
     const element = el("span", { class: "item" }, el("span", {}, label), value);
@@ -58,6 +57,7 @@ export function showHeader(root, feed, theme) {
 
   feed.on(["mission"], ({ mission }) => {
     setText(name, mission.name);
+    name.title = mission.name;
     const kind = mission.kind === "live" ? (mission.speed === 1 ? "LIVE" : `LIVE ×${mission.speed}`) : "REPLAY";
     setText(tag, feed.role === "view" ? `${kind}, VIEW ONLY` : kind);
     preflight.hidden = !mission.preflight;
@@ -79,18 +79,10 @@ export function showHeader(root, feed, theme) {
     stations.show([others.length > MAX_NAMED ? String(others.length) : others.join(", "), ""]);
   });
 
-  const showLink = () => {
-    const isSilent = Date.now() - feed.heardAt > SILENT_MS && feed.data.mission?.kind === "live";
-    if (feed.connected && !isSilent) {
-      setText(link, "");
-      setClass(link, "item");
-      return;
-    }
-    const when = feed.heardAt ? ` since ${new Date(feed.heardAt).toISOString().slice(11, 19)}` : "";
-    setText(link, feed.connected ? `no data${when}` : `no connection${when}: what you see is old`);
-    setClass(link, "item bad");
-  };
-  feed.addEventListener("lost", showLink);
-  feed.addEventListener("data", showLink);
-  setInterval(showLink, 1000);
+  freshness.addEventListener("change", () => {
+    const { problem, since } = freshness;
+    const when = since ? ` since ${since}` : "";
+    setText(link, problem && `${problem}${when}: what you see is old`);
+    setClass(link, problem ? "item bad" : "item");
+  });
 }

@@ -10,7 +10,7 @@ export const KEYS = [
   ["C, Enter", "confirm the checked routes of the plan"], ["X, Enter", "reject it"],
   ["K", "acknowledge the worst alarm"], ["N", "no-fly zone"],
   ["Z, 0", "zoom to the swarm, to the area"], ["F", "follow"], ["+ −", "zoom"], ["arrows", "move the map"],
-  ["V", "show or hide the details of the selected vehicle"], ["L", "layers"], ["G", "charts"], ["W", "charts: one minute, or the whole run; the pointer draws a span"], ["M", "measure"], ["P", "play or pause a replay"],
+  ["V", "details of the selected vehicle, or targets"], ["L", "layers"], ["G", "charts"], ["W", "charts: one minute, or the whole run; the pointer draws a span"], ["M", "measure"], ["P", "play or pause a replay"],
   ["← →", "replay: 5 s back or on; with shift 30 s"], ["Home, End", "replay: to its start, its end"],
   [", .", "replay: to the event before, to the next"],
   ["T, shift+T", "select the next or the last target"], ["I", "ignore the selected target, or attend to it"],

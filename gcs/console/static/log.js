@@ -1,40 +1,28 @@
 // Events of the run, and orders with their answers, newest last.
 
 import { el, setText } from "./dom.js";
-import { DENSE_ROWS, duration } from "./format.js";
+import { duration } from "./format.js";
 
 const MAX_SHOWN = 300;
 const NEAR_END_PX = 30;
 
-// In a large swarm the vehicles need all rows beside the map: then the targets are a tab here.
-export function showLog(root, feed, targets) {
-  const aside = targets.parentElement;
+export function showLog(root, feed) {
   const lists = { events: el("ol"), orders: el("ol") };
   const panel = (list, name) => el("div", { class: "panel", role: "tabpanel", tabindex: "0", "aria-label": name }, list);
-  const panels = { events: panel(lists.events, "Events"), orders: panel(lists.orders, "Orders"), targets };
+  const panels = { events: panel(lists.events, "Events"), orders: panel(lists.orders, "Orders") };
   const tabs = {};
-  let isLarge = false;
   const choose = (chosen) => {
     for (const [name, one] of Object.entries(panels)) {
-      if (name !== "targets" || isLarge) one.hidden = name !== chosen;
+      one.hidden = name !== chosen;
       tabs[name].setAttribute("aria-selected", String(name === chosen));
     }
-    if (chosen !== "targets") panels[chosen].scrollTop = panels[chosen].scrollHeight;
+    panels[chosen].scrollTop = panels[chosen].scrollHeight;
   };
-  for (const [name, title] of [["events", "Events"], ["orders", "Orders"], ["targets", "Targets"]]) {
+  for (const [name, title] of [["events", "Events"], ["orders", "Orders"]]) {
     tabs[name] = el("button", { role: "tab", onclick: () => choose(name) }, title);
   }
   root.append(el("div", { class: "tabs", role: "tablist" }, ...Object.values(tabs)), panels.events, panels.orders);
-  tabs.targets.hidden = true;
   choose("events");
-  feed.on(["vehicles"], ({ vehicles }) => {
-    if (vehicles.length > DENSE_ROWS === isLarge) return;
-    isLarge = !isLarge;
-    tabs.targets.hidden = !isLarge;
-    (isLarge ? root : aside).append(targets);
-    targets.hidden = false;
-    choose("events");
-  });
 
   const append = (name, entries, fresh) => {
     const [list, scrolled] = [lists[name], panels[name]];

@@ -7,12 +7,14 @@ import { Detail } from "./detail.js";
 import { showKeys } from "./dialogs.js";
 import { el } from "./dom.js";
 import { Feed } from "./feed.js";
+import { Freshness, showOld } from "./freshness.js";
 import { showHeader } from "./header.js";
 import { KEYS, listenToKeys } from "./keys.js";
 import { showLog } from "./log.js";
 import { SwarmMap } from "./map.js";
 import { Marks } from "./marks.js";
 import { Orders } from "./orders.js";
+import { Panels } from "./panels.js";
 import { Plan } from "./plan.js";
 import { Replay } from "./replay.js";
 import { Selection } from "./selection.js";
@@ -33,21 +35,22 @@ const selection = new Selection();
 const orders = new Orders(feed);
 const map = new SwarmMap(part("map"), feed, selection, theme);
 const zones = new Zones(map, feed, orders);
-const alarms = new Alarms(part("alarms"), feed);
+const panels = new Panels(part("panel"));
+const freshness = new Freshness(feed);
+const alarms = new Alarms(part("alarms"), feed, panels);
 const commands = new Commands(part("commands"), feed, selection, orders, () => zones.open());
 const targetOrders = new TargetOrders(part("target-orders"), feed, selection, orders, commands);
 const plan = new Plan(part("plan"), feed, orders, commands);
 const marks = new Marks(feed);
 const replay = comparison?.replay ?? new Replay(part("replay"), feed, marks, theme);
-const charts = new Charts(part("charts"), feed, marks, selection, theme, (at) => replay.seek(at));
+const charts = new Charts(part("charts"), feed, marks, selection, theme, panels, (at) => replay.seek(at));
 
-const detail = new Detail(part("detail"), feed, selection, map);
-
-showHeader(part("head"), feed, theme);
+new Detail(part("detail"), feed, selection, map, panels);
+showHeader(part("head"), feed, theme, freshness);
+showOld(part("map"), freshness);
 showStrip(part("vehicles"), feed, selection);
 showTargets(part("targets"), feed, map, selection, zones);
-showLog(part("log"), feed, part("targets"));
-part("help").before(el("button", { id: "open-charts", title: "Charts (G)", onclick: () => charts.toggle() }, "Charts"));
+showLog(part("log"), feed);
 part("help").addEventListener("click", () => showKeys(KEYS));
 
 const measure = () => map.use(map.tool ? null : new Measure());
@@ -70,7 +73,7 @@ const actions = {
   0: () => map.fitAll(),
   f: () => map.follow(),
   l: () => map.toggleLayers(),
-  g: () => charts.toggle(),
+  g: () => panels.toggle("charts"),
   w: () => charts.zoom(),
   m: measure,
   p: inReplay(() => replay.toggle(), () => targetOrders.pin()),
@@ -80,7 +83,7 @@ const actions = {
   ",": inReplay(() => replay.jump(-1), () => targetOrders.changePriority(-1)),
   ".": inReplay(() => replay.jump(1), () => targetOrders.changePriority(1)),
   u: () => targetOrders.unpin(),
-  v: () => detail.toggle(),
+  v: () => panels.toggle("detail"),
   "+": () => map.zoom(1.4),
   "-": () => map.zoom(1 / 1.4),
   home: () => replay.seek(0),

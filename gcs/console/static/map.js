@@ -111,9 +111,10 @@ export class SwarmMap {
   }
 
   move(vehicles) {
-    for (const { id, at, status } of vehicles) {
-      if (!at || status === "lost") continue;
+    for (const { id, at, late, status } of vehicles) {
       const trail = this.trails.get(id) ?? [];
+      if (late && trail.at(-1)) trail.push(null); // where it flies now is not known
+      if (!at || late || status === "lost") continue;
       const last = trail.at(-1);
       if (!last || Math.hypot(at[0] - last[0], at[1] - last[1]) > TRAIL_STEP_M) trail.push(at);
       if (trail.length > MAX_TRAIL) trail.shift();

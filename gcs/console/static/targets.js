@@ -75,8 +75,8 @@ export function showTargets(root, feed, map, selection, editor) {
   feed.on(["zones", "mission"], ({ zones: closed = [], mission }) => {
     const disabled = mission.kind !== "live";
     const buttons = closed.flatMap(({ name }) => [
-      el("button", { onclick: () => editor.edit(name), disabled }, `Edit ${name}`),
-      el("button", { onclick: () => editor.reopen(name), disabled }, `Open ${name}`),
+      el("button", { title: name, onclick: () => editor.edit(name), disabled }, `Edit ${name}`),
+      el("button", { title: name, onclick: () => editor.reopen(name), disabled }, `Open ${name}`),
     ]);
     zones.replaceChildren(...(closed.length ? [el("h2", {}, `No-fly zones: ${closed.length}`), el("div", { class: "actions" }, ...buttons)] : []));
   });

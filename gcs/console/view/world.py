@@ -41,6 +41,8 @@ from gcs.report.plan_reminders import ProposalLog
 _MAX_LOG: Final = 500
 _MAX_ANSWERS: Final = 200
 _MAX_TRAIL: Final = 400
+_GAP_NS: Final = 5 * NS_PER_S
+"""A trail ends where a vehicle was not heard for so long, and begins anew."""
 
 _encode = msgspec.json.Encoder().encode
 
@@ -75,7 +77,10 @@ class World:
         """Number of each vehicle's last verified mission, and when that was."""
         self.answers: deque[OrderAnswer] = deque(maxlen=_MAX_ANSWERS)
         self._sections: dict[str, msgspec.Raw] = {"mission": self._mission}
-        self._trails: dict[int, deque[list[float]]] = {}
+        self._trails: dict[int, deque[list[float] | None]] = {}
+        """Places of each vehicle; None where it was not heard between two of them."""
+        self._heard_t_ns: dict[int, int] = {}
+        """Time of the newest place."""
         self._log: deque[dict[str, Any]] = deque(maxlen=_MAX_LOG)
         self._logged = 0
         self._proposals = ProposalLog()
@@ -202,7 +207,13 @@ class World:
 
     def _add_to_trails(self, states: Iterable[VehicleState]) -> None:
         for state in states:
+            before_t_ns = self._heard_t_ns.get(state.system_id)
+            if state.t_ns == before_t_ns:
+                continue  # nothing was heard since
+            self._heard_t_ns[state.system_id] = state.t_ns
             trail = self._trails.setdefault(state.system_id, deque(maxlen=_MAX_TRAIL))
+            if before_t_ns is not None and state.t_ns - before_t_ns > _GAP_NS:
+                trail.append(None)
             trail.append([round(state.east_m), round(state.north_m)])
 
     def _add_scans(self, scans: Iterable[Scan], news: dict[str, Any]) -> None:
