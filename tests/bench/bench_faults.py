@@ -1,13 +1,14 @@
 """Faults of vehicles in flight, on virtual time: whether the service tells, re-assigns, leaves alone.
 
 ``python tests/bench/bench_faults.py`` flies the table: every kind of fault, ArduPlane and PX4, in the
-climb, en route and near the target, three seeds each. ``--missions 1000`` flies random missions instead:
-a shipped scenario with a mixed swarm, and one to three random faults. Columns: how long after the
-vehicle's own telemetry showed the fault a notice named it; targets that another vehicle got within 5 s,
-of those for which one was in the air without a target; flights in which a steering message was sent to a
-vehicle in a mode that is not ours; vehicles that took off unasked; and flights that were stuck: neither
-complete nor with every vehicle landed, down or lost. ``--list`` prints the notices of each flight that
-missed one of these bars.
+climb, en route and near the target, three seeds each. ``--missions 1000`` flies random missions instead: a
+shipped scenario with a mixed swarm, and one to three random faults. Columns: how long after the vehicle's
+own telemetry showed the fault a notice named it; targets that another vehicle got within 5 s, of those for
+which one was in the air without a target; flights in which a steering message was sent to a vehicle in a
+mode that is not ours; vehicles that took off unasked; flights that were stuck: after ten minutes neither
+complete, nor with every vehicle landed, down, lost or waiting for the operator; and those that waited for
+the operator, since the vehicles left were in a failsafe, unfit or out of reach. ``--list`` prints the
+notices of each flight that missed one of these bars.
 """
 
 import argparse
@@ -101,6 +102,8 @@ class Result:
     steered: list[str] = field(default_factory=list)
     unasked: list[int] = field(default_factory=list)
     stuck: str = ""
+    waits: bool = False
+    """True if it waits for an operator: the vehicles left are in failsafes, unfit or out of reach."""
     notices: list[str] = field(default_factory=list)
 
     @property
@@ -162,6 +165,12 @@ class Flight:
     def _on_effect(self, t_ns: int, effect: object) -> None:
         for watch in self.watches:
             watch.effect(t_ns, effect)
+
+    @property
+    def reachable(self) -> set[int]:
+        """Vehicles whose radio works."""
+        vehicles = self.run.vehicles.values()
+        return {one.system_id for one in vehicles if FaultKind.RADIO not in one.autopilot.faults}
 
     @property
     def t_s(self) -> float:
@@ -274,21 +283,24 @@ def fly_random(job: Job) -> Result:
         flight.fly()
     faults = ", ".join(f"{kind} {vehicle} at {at_s:.0f} s" for at_s, kind, vehicle, _ in due)
     result = result_of(job, f"{name} seed {job.seed}: {faults}", flight.watches)
-    result.stuck = stuck_reason(flight)
+    left = vehicles_left(flight)
+    agents = flight.run.command.state.agents
+    ours = [v for v in left if agents[v.system_id].control.is_ours and v.system_id in flight.reachable]
+    modes = ", ".join(f"{v.system_id} in {v.autopilot.mode.name}" for v in ours)
+    result.stuck = f"after {flight.t_s:.0f} s in the air and ours: {modes}" if ours else ""
+    result.waits = bool(left) and not ours
     return result
 
 
-def stuck_reason(flight: Flight) -> str:
-    """Return why a mission did not end; empty if it did, or every vehicle is landed, down or lost."""
+def vehicles_left(flight: Flight) -> list[SimVehicle]:
+    """Return the vehicles in the air of a mission that did not end, without those that arrived."""
     if flight.run.ended:
-        return ""
+        return []
     last = flight.watches[0].statuses
-    in_air = []
-    for vehicle in flight.run.vehicles.values():
-        status = last.get(vehicle.system_id, "active")
-        if vehicle.alive and vehicle.autopilot.flying and status not in ("lost", "arrived"):
-            in_air.append(f"{vehicle.system_id} ({vehicle.autopilot.mode.name}, {status})")
-    return ", ".join(in_air) and f"after {flight.t_s:.0f} s in the air: {', '.join(in_air)}"
+    flying = [
+        vehicle for vehicle in flight.run.vehicles.values() if vehicle.alive and vehicle.autopilot.flying
+    ]
+    return [one for one in flying if last.get(one.system_id, "active") not in ("lost", "arrived")]
 
 
 def jobs_of(options: argparse.Namespace) -> list[Job]:
@@ -321,14 +333,15 @@ def row(name: str, results: list[Result], kind: str = "") -> str:
         f"| {again_in_time} of {len(again)} | {quantile(again, 0.5)}, {quantile(again, 1.0)} "
         f"| {sum(bool(result.steered) for result in results)} "
         f"| {sum(bool(result.unasked) for result in results)} "
-        f"| {sum(bool(result.stuck) for result in results)} |"
+        f"| {sum(bool(result.stuck) for result in results)} | {sum(result.waits for result in results)} |"
     )
 
 
 def print_table(results: list[Result], is_random: bool) -> None:
     print("| faults | flights | told within 3 s | delay, s: median, 95 %, most | re-assigned within 5 s "
-          "| delay, s: median, most | sent against a mode | take-offs unasked | stuck |")  # fmt: skip
-    print("|---|---|---|---|---|---|---|---|---|")
+          "| delay, s: median, most | sent against a mode | take-offs unasked | stuck "
+          "| waiting for the operator |")  # fmt: skip
+    print("|---|---|---|---|---|---|---|---|---|---|")
     if is_random:
         for kind in KINDS:
             having = [result for result in results if any(what == kind for what, _ in result.told_s)]

@@ -62,6 +62,8 @@ _SINK_M_S, _FULL_THROTTLE = 1.5, 90
 _SINK_NS = NS_PER_S
 _LOW_M, _HIGH_M = 2.0, 10.0
 _SILENT_NS = 3 * NS_PER_S
+_OBEYED_NS = 3 * NS_PER_S
+"""A mode that a vehicle shows this soon after the service commanded it is the service's."""
 _STEERING_MESSAGES = frozenset({11, 38, 39, 41, 44, 45, 73, 86})
 """SET_MODE and the messages that change or select a mission."""
 _STEERING_COMMANDS = frozenset({16, 20, 21, 22, 176, 192, 224, 252, 300, 400})
@@ -81,6 +83,10 @@ class Seen:
     armed_by_order: bool = True
     sinks_since_ns: int | None = None
     throttle: int = 0
+    commanded_ns: dict[int, int] = field(default_factory=dict)
+    """Time of the service's last command of each mode."""
+    is_ours: bool = True
+    """True in AUTO, and in a mode that the service had just commanded."""
     heard_ns: int = 0
 
 
@@ -161,8 +167,10 @@ class FaultWatch:
             self.shown_ns = t_ns
 
     def _heartbeat(self, seen: Seen, vehicle: int, message: object, t_ns: int) -> None:
-        del t_ns
         seen.auto = PX4_AUTO if message.autopilot == mavlink.MAV_AUTOPILOT_PX4 else PLANE_AUTO
+        if message.custom_mode != seen.mode:
+            commanded_ns = seen.commanded_ns.get(message.custom_mode, -_OBEYED_NS)
+            seen.is_ours = message.custom_mode == seen.auto or t_ns - commanded_ns < _OBEYED_NS
         seen.mode = message.custom_mode
         seen.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         if seen.mode == seen.auto and seen.armed:
@@ -263,9 +271,11 @@ class FaultWatch:
             message = frame.message()
             vehicle = getattr(message, "target_system", 0)
             seen = self._seen.get(vehicle)
-            if seen is None or not seen.has_flown_auto or seen.mode == seen.auto or vehicle in self._ordered:
+            if seen is None or (frame.message_id in (75, 76) and message.command not in _STEERING_COMMANDS):
                 continue
-            if frame.message_id in (75, 76) and message.command not in _STEERING_COMMANDS:
+            if frame.message_id in (75, 76) and message.command == mavlink.MAV_CMD_DO_SET_MODE:
+                seen.commanded_ns[_custom_mode(seen.auto, message)] = t_ns
+            if seen.is_ours or not seen.has_flown_auto or vehicle in self._ordered:
                 continue
             if getattr(message, "mission_type", 0):
                 continue
@@ -283,6 +293,12 @@ class FaultWatch:
     def delay_s(self, t_ns: int | None, since_ns: int | None) -> float | None:
         """Return the seconds between two times, of which either may be missing."""
         return None if t_ns is None or since_ns is None else (t_ns - since_ns) / NS_PER_S
+
+
+def _custom_mode(auto: int, message: object) -> int:
+    """Return the mode that DO_SET_MODE commands."""
+    main, sub = int(message.param2), int(message.param3)
+    return main << 16 | sub << 24 if auto == PX4_AUTO else main
 
 
 _READERS = {

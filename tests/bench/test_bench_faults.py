@@ -92,3 +92,13 @@ def test_a_dead_engine_en_route_is_shown_and_nobody_takes_off_unasked(autopilot,
     assert [kind for kind, _ in result.told_s] == ["engine"], "the vehicle showed it"
     assert len(result.reassigned_s) == 1, "another one was in the air without a target"
     assert (result.unasked, result.stuck) == ([], "")
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_the_target_of_a_vehicle_that_dives_goes_to_another_before_it_hits_the_ground(autopilot, monkeypatch):
+    monkeypatch.setattr(bench, "AFTER_FAULT_S", 15.0)
+    result = bench.fly_moment(bench.Job(1, "crash", autopilot, "en route"))
+    assert result.problems == []
+    ((_, told_s),), (reassigned_s,) = result.told_s, result.reassigned_s
+    assert told_s <= 3.0
+    assert reassigned_s <= 5.0

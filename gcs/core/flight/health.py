@@ -124,6 +124,8 @@ class HealthMonitor:
             for item, problem in agent.flight.problems.items()
             if problem.is_told and item in _UNFIT_NS and t_ns - problem.since_t_ns >= _UNFIT_NS[item]
         ]
+        if agent.flight.is_sinking:
+            causes.append("it sinks below its planned height")
         if causes:
             agent.control.apply(ControlEvent.HEALTH_FAILED, t_ns, "; ".join(causes))
         else:
