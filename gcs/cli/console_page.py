@@ -69,8 +69,8 @@ DEFAULT_PAGE: Final = PageOptions()
 @contextmanager
 def service_page(
     service: Service, options: PageOptions, console: Console, speed: float, mission_file: str | None = None
-) -> Iterator[None]:
-    """Serve the console of a live service while the context lasts.
+) -> Iterator[str]:
+    """Serve the console of a live service while the context lasts; yield its address, empty without one.
 
     Parameters
     ----------
@@ -104,20 +104,24 @@ def service_page(
     with _page(source, options, console) as server:
         if server is not None:
             service.outputs.append(server)
-        yield
+        yield _address(server)
 
 
 @contextmanager
-def replay_page(replay: Replay, options: PageOptions, console: Console, file: RunFile) -> Iterator[None]:
-    """Serve the console of a replay while the context lasts.
+def replay_page(replay: Replay, options: PageOptions, console: Console, file: RunFile) -> Iterator[str]:
+    """Serve the console of a replay while the context lasts; yield its address, empty without one.
 
     Raises
     ------
     ConsoleError
         When it cannot be served as the options say.
     """
-    with _page(lambda: replay_source(replay, file), options, console):
-        yield
+    with _page(lambda: replay_source(replay, file), options, console) as server:
+        yield _address(server)
+
+
+def _address(server: ConsoleServer | None) -> str:
+    return "" if server is None else server.url
 
 
 @contextmanager

@@ -97,13 +97,15 @@ class PlainLines:
 
 
 class LiveView:
-    """Live view of a run, drawn by rich."""
+    """Live view of a run, drawn by rich; it names the address of the console, `page_url`."""
 
-    def __init__(self, config: Config, command: Engine, speed: float, links: Links | None = None) -> None:
+    def __init__(
+        self, config: Config, command: Engine, speed: float, links: Links | None = None, page_url: str = ""
+    ) -> None:
         self._config = config
         self._command = command
         self._links = links
-        self._speed = speed
+        self._speed, self._page_url = speed, page_url
         self._log: deque[Text] = deque(maxlen=_LOG_LINES)
         self._pictures: dict[str, Picture] = {}
         self._start_t_ns: int | None = None
@@ -185,6 +187,7 @@ class LiveView:
             (f"{self._config.name}  ", "bold"),
             f"{seconds:.0f} s of run time",
             _at_speed(self._speed),
+            (f"console {self._page_url}  " if self._page_url else "", "bold cyan"),
             (self._config.description, "dim"),
             no_wrap=True,
             overflow="ellipsis",

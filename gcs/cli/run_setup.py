@@ -45,14 +45,17 @@ class DisplayedRun(Protocol):
 
 @asynccontextmanager
 async def display(
-    run: DisplayedRun, console: Console, *, speed: float, headless: bool
+    run: DisplayedRun, console: Console, *, speed: float, headless: bool, page_url: str = ""
 ) -> AsyncIterator[None]:
-    """Show a run while the context lasts: a live view in a terminal that can draw, else plain lines."""
+    """Show a run while the context lasts: a live view in a terminal that can draw, else plain lines.
+
+    The live view names the address of the console, `page_url`.
+    """
     if headless or not console.is_terminal or console.is_dumb_terminal:
         run.sinks.append(PlainLines(console))
         yield
         return
-    view = LiveView(run.config, run.command, speed, run.links)
+    view = LiveView(run.config, run.command, speed, run.links, page_url)
     run.sinks.append(view)
     with Live(
         Printable(view), console=console, screen=True, auto_refresh=False, vertical_overflow="crop"

@@ -72,6 +72,13 @@ def test_the_live_view_names_vehicles_on_any_terminal(width: int) -> None:
     assert ("authority" in words) is (width >= 100)
 
 
+@pytest.mark.parametrize("height", [24, 50])
+def test_the_live_view_shows_the_address_of_the_console(height: int) -> None:
+    config = load("prescribed")
+    view = LiveView(config, Engine(config, 1), 1.0, page_url="http://127.0.0.1:8765")
+    assert "console http://127.0.0.1:8765" in "\n".join(drawn(view, 80, height))
+
+
 def live_view(scenario: str, width: int, height: int) -> list[str]:
     """Draw a mission with a target for each agent, and an agent with a failed upload."""
     config = load(scenario)

@@ -8,7 +8,7 @@ import json
 import math
 import time
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -256,13 +256,13 @@ async def _display(
         with console.status("recomputing every picture, plan and send"):
             yield
         return
-    async with display(replay, console, speed=speed, headless=options.headless):
-        if options.headless and not options.page.is_asked_for:
-            yield
-            return
+    has_page = options.page.is_asked_for or not options.headless
+    if has_page:
         replay.playback.duration_s = duration_s(options, replay.start_t_ns)
         replay.playback.stays_at_end = options.page.is_asked_for
-        with replay_page(replay, options.page, console, options.file):
+    page = replay_page(replay, options.page, console, options.file) if has_page else nullcontext("")
+    with page as url:
+        async with display(replay, console, speed=speed, headless=options.headless, page_url=url):
             yield
 
 

@@ -21,6 +21,7 @@ from gcs.io.signing.link_signing import LinkSigning
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.session import service_bus
 from gcs.mavlink.frames.fast_scan import Scanner
+from gcs.report.run.summary import recording_facts
 from gcs.service.journal import Journal, JournalSink, fingerprint
 from gcs.service.resume import default_path, resume_from_journal
 from gcs.service.service import Service, fly_on_after_hangup, wait_for_interrupt
@@ -75,7 +76,8 @@ def serve(
                 headless=headless,
             )
         )
-        console.print(f"recording: {recorder.folder}", highlight=False, markup=False, soft_wrap=True)
+        for name, value in recording_facts(str(recorder.folder)):
+            console.print(f"{name}: {value}", highlight=False, markup=False, soft_wrap=True)
 
 
 async def _serve(
@@ -111,8 +113,8 @@ async def _serve(
             "Ctrl-C ends it",
             highlight=False,
         )
-        with service_page(service, page, console, clock.speed, source):
-            async with display(service, console, speed=clock.speed, headless=headless):
+        with service_page(service, page, console, clock.speed, source) as url:
+            async with display(service, console, speed=clock.speed, headless=headless, page_url=url):
                 await service.run(clock, stop, at_once=at_once)
         keeper.write(service.now_ns())
         keeper.close()

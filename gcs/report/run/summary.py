@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -82,11 +83,21 @@ def _facts(summary: Summary, picture: Path | None) -> list[tuple[str, str]]:
         ("scan", f"{summary.scan_ms_p99:.1f} ms (99th percentile)"),
         ("plan", f"{summary.plan_ms_p99:.1f} ms (99th percentile)"),
     ]
-    if summary.recording:
-        facts.append(("recording", summary.recording))
     if picture is not None:
         facts.append(("picture", str(picture)))
-    return facts
+    return facts + recording_facts(summary.recording)
+
+
+def recording_facts(folder: str) -> list[tuple[str, str]]:
+    """Return the folder of a recording, and the commands that show it; nothing without one."""
+    if not folder:
+        return []
+    path = shlex.quote(folder)
+    return [
+        ("recording", folder),
+        ("look at it", f"gcs replay {path}"),
+        ("evaluate it", f"gcs report {path}"),
+    ]
 
 
 def _retasks_by_trigger(summary: Summary) -> str:

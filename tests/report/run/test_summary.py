@@ -51,6 +51,7 @@ def test_everything_a_user_asks_about_a_run_is_there(terminal: bool) -> None:
         "1 of 1, after 2.0 s", "1 (1 agent lost, 1 target moved)",
         "4, 1 failed", "3.46 m", "not measured", "4.5 ms", "31.0 ms", "25.0 s",
         "target [0.3] moved 55 m", "runs/prescribed-4/run.png",
+        "gcs replay runs/prescribed-4", "gcs report runs/prescribed-4",
     ):  # fmt: skip
         assert fact in text, fact
 
