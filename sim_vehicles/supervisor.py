@@ -173,10 +173,19 @@ class Supervisor:
         for child in self.children:
             if not child.has_ended and child.process.poll() is not None:
                 child.has_ended = True
+                self._tell_world(child)
                 self.report(
                     {"event": "exited", "system_ids": child.system_ids, "code": child.process.returncode}
                 )
                 yield child
+
+    def _tell_world(self, ended: Child) -> None:
+        """Report lost vehicles to the world: without states they could also be late."""
+        world = self.children[0].process
+        if ended.system_ids and world.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):  # The world has ended, too.
+                world.stdin.write(json.dumps(ended.system_ids) + "\n")
+                world.stdin.flush()
 
     def stop(self) -> None:
         """End all children: close their input, wait, kill."""

@@ -27,3 +27,5 @@ class Truth:
 
     t_ns: int
     objects: tuple[TruthObject, ...] = field(default_factory=tuple)
+    late: tuple[int, ...] = ()
+    """Agents whose simulation was behind the clock since the last scan: the machine is too slow."""

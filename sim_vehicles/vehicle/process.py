@@ -132,7 +132,10 @@ def fly(hosts: list[Host], clock: RunClock) -> None:
                 last_message_s = time.monotonic()
                 names = ", ".join(str(host.vehicle.system_id) for host in hosts)
                 late_s = late_ns / NS_PER_S
-                print_message(f"vehicle {names}: {late_s:.1f} s of run time behind the clock")
+                print_message(
+                    f"vehicle {names}: {late_s:.1f} s of run time behind the clock: "
+                    "this machine is too slow; a lower --speed would help"
+                )
 
 
 def _key(spec: VehicleSpec) -> bytes | None:

@@ -52,6 +52,7 @@ from gcs.tracking.metrics import ospa
 OSPA_CUTOFF_M = 100.0
 OSPA_ORDER = 1.0
 CAPTURE_ALLOWANCE_M = 25.0
+TOO_SLOW = "this machine is too slow for the simulation"
 ARRIVAL_DELAY_S = 2
 """An arrival needs two scans in a row; the agent may have been lost since the first."""
 
@@ -168,10 +169,12 @@ class Evaluator:
         self._plans: list[Plan] = []
         self._uploads: list[UploadReport] = []
         self._ended: MissionEnded | None = None
+        self._late: set[int] = set()
 
     def add_truth(self, truth: Truth) -> None:
         """Add the ground truth at one scan, in any order."""
         self._ground_truth.add(truth)
+        self._late.update(truth.late)
 
     def add_effect(self, effect: Effect) -> None:
         """Add an effect of the engine, in order; others than those evaluated are ignored."""
@@ -239,6 +242,9 @@ class Evaluator:
         statuses = self.final_statuses()
         reached = self._reached_targets(statuses)
         problems = self._problems(statuses, reached)
+        if problems and self._late:
+            behind = f"{_names(sorted(self._late))} fell behind the clock"
+            problems.insert(0, f"{TOO_SLOW}: {behind}; a lower --speed would help")
         retasks = self.retasks()
         delays, losses = self._loss_delays(statuses)
         return Summary(

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -110,6 +111,16 @@ def test_a_mission_that_ends_with_an_agent_flying_is_incomplete() -> None:
     evaluator = a_good_run()
     evaluator.add_effect(AgentStatus(at(9.95), 2, "active"))
     assert summary(ended(evaluator)).reason == "the mission ended with agent 2 still flying"
+
+
+def test_a_run_on_a_machine_that_is_too_slow_says_so_instead_of_a_failure_alone() -> None:
+    evaluator = Evaluator(RADIUS_M, [1, 2])
+    evaluator.add_truth(truth(0.0, {1: (0.0, 0.0), 2: (0.0, 500.0)}))
+    evaluator.add_truth(replace(truth(1.0, {1: (0.0, 0.0), 2: (0.0, 500.0)}), late=(2,)))
+    evaluator.add_effect(AgentStatus(at(2.0), 2, "lost"))
+    reason = summary(evaluator).reason
+    assert reason.startswith("this machine is too slow for the simulation: agent 2 fell behind the clock")
+    assert "agent 2 called lost but alive" in reason
 
 
 def test_a_mission_whose_agents_are_all_lost_has_failed() -> None:
