@@ -41,7 +41,7 @@ from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.model import NS_PER_S, Effect, Event, Truth
 from gcs.report.plots.figures import draw_run
 from gcs.report.plots.maps import Ground
-from gcs.report.run.evaluation import TOO_SLOW, Evaluator, Summary, evaluator_of, summary_json
+from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of, summary_json, too_slow_text
 from gcs.report.run.summary import print_summary
 from gcs.service.service import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
 
@@ -201,8 +201,7 @@ async def _fly(
         new = sorted(set(truth.late) - late)
         late.update(new)
         if new:
-            text = f"{TOO_SLOW}: vehicles {', '.join(map(str, new))} fell behind the clock"
-            service.on_link_news("simulation", "warning", f"{text}; a lower --speed would help")
+            service.on_link_news("simulation", "warning", too_slow_text(new))
 
     with ZenohSession(listen=endpoint) as bus, announced(config.name, endpoint):
         service = Service(config, options.seed, links, bus)

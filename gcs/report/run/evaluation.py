@@ -22,7 +22,7 @@ Times are those of the records. Ground truth is interpolated between scans.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
@@ -52,7 +52,6 @@ from gcs.tracking.metrics import ospa
 OSPA_CUTOFF_M = 100.0
 OSPA_ORDER = 1.0
 CAPTURE_ALLOWANCE_M = 25.0
-TOO_SLOW = "this machine is too slow for the simulation"
 ARRIVAL_DELAY_S = 2
 """An arrival needs two scans in a row; the agent may have been lost since the first."""
 
@@ -243,8 +242,7 @@ class Evaluator:
         reached = self._reached_targets(statuses)
         problems = self._problems(statuses, reached)
         if problems and self._late:
-            behind = f"{_names(sorted(self._late))} fell behind the clock"
-            problems.insert(0, f"{TOO_SLOW}: {behind}; a lower --speed would help")
+            problems.insert(0, too_slow_text(self._late))
         retasks = self.retasks()
         delays, losses = self._loss_delays(statuses)
         return Summary(
@@ -372,6 +370,12 @@ class Evaluator:
             *(plan.t_ns for plan in self._plans),
         ]
         return min(times, default=0)
+
+
+def too_slow_text(vehicles: Iterable[int]) -> str:
+    """Return a warning about simulated vehicles that fell behind the clock."""
+    behind = f"{_names(sorted(vehicles))} fell behind the clock"
+    return f"this machine is too slow for the simulation: {behind}; a lower --speed would help"
 
 
 def _names(vehicles: Sequence[int]) -> str:
