@@ -66,6 +66,10 @@ class LinkError(GcsError):
         super().__init__(f"{endpoint}: {problem}")
 
 
+class NoAnswerError(LinkError):
+    """A running service does not answer."""
+
+
 class WireError(GcsError):
     """A payload from outside is malformed; ``key`` is its source."""
 

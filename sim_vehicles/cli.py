@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 app = typer.Typer(
     help="Simulated fixed-wing vehicles and the world they fly in, over real MAVLink and real zenoh.",
     no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
 )
@@ -44,8 +45,21 @@ ZenohRoleOption = Annotated[
 JsonLinesOption = Annotated[bool, typer.Option("--json", help="Print events as JSON, one object a line.")]
 
 
+def _show_version(is_wanted: bool) -> None:
+    if is_wanted:
+        import importlib.metadata
+
+        typer.echo(f"sim-vehicles {importlib.metadata.version('swarm-gcs')}")
+        raise typer.Exit
+
+
 @app.callback()
-def callback() -> None:
+def callback(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit."),
+    ] = False,
+) -> None:
     """Simulated fixed-wing vehicles and the world they fly in."""
 
 

@@ -6,7 +6,9 @@ reads the clock as one JSON line, and ends when its standard input closes.
 
 from __future__ import annotations
 
+import select
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, TypeVar
 
@@ -20,6 +22,7 @@ Address: TypeAlias = tuple[str, int]
 """Host and UDP port."""
 Firmware: TypeAlias = Literal["arduplane", "px4"]
 T = TypeVar("T")
+_IDLE_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +92,15 @@ def read_arguments(arguments_type: type[T]) -> T:
     return msgspec.json.decode(sys.argv[1], type=arguments_type)
 
 
-def await_clock(ready: str = "ready") -> RunClock | None:
-    """Report that this process is ready, and return the clock; None if standard input closed."""
+def await_clock(ready: str = "ready", idle: Callable[[], None] | None = None) -> RunClock | None:
+    """Report that this process is ready, and return the clock; None if standard input closed.
+
+    `idle` is called again and again until the clock comes.
+    """
     sys.stdout.write(f"{ready}\n")
     sys.stdout.flush()
+    while idle is not None and not select.select([sys.stdin], [], [], _IDLE_S)[0]:
+        idle()
     line = sys.stdin.buffer.readline()
     if not line.strip():
         return None

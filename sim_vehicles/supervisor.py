@@ -10,7 +10,9 @@ import contextlib
 import json
 import os
 import selectors
+import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -121,7 +123,7 @@ class Supervisor:
 
     def _spawn_firmware(self, specs: Sequence[VehicleSpec], truth: Address) -> None:
         plan, sitl = self.plan, self.plan.sitl
-        folder = plan.folder or Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
+        folder = self._firmware_folder()
         for instance, spec in enumerate(specs):
             name: Firmware = "px4" if spec.autopilot == "px4" else "arduplane"
             if name not in sitl:
@@ -131,6 +133,20 @@ class Supervisor:
             own_folder = str(folder / f"{name}-{spec.system_id}")
             arguments = FirmwareArguments(vehicle, name, str(sitl[name]), instance, plan.speed, own_folder)
             self._spawn("autopilots.firmware_process", arguments, (spec.system_id,))
+
+    def _firmware_folder(self) -> Path:
+        """Return the folder of the firmware's files; a temporary one stays when a firmware has failed."""
+        if self.plan.folder is not None:
+            return self.plan.folder.expanduser().resolve()
+        folder = tempfile.mkdtemp(prefix="sim-vehicles-")
+        self._stack.callback(self._remove_folder, folder)
+        return Path(folder)
+
+    def _remove_folder(self, folder: str) -> None:
+        if any(child.process.returncode > 0 for child in self.children):
+            sys.stderr.write(f"the files and logs of the firmware are kept in {folder}\n")
+        else:
+            shutil.rmtree(folder, ignore_errors=True)
 
     def _spawn(self, module: str, arguments: object, system_ids: tuple[int, ...] = ()) -> Child:
         process = subprocess.Popen(  # noqa: S603  our own modules, no shell

@@ -9,21 +9,24 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from gcs.errors import GcsError, InterruptedRunError
+from gcs.errors import GcsError, InterruptedRunError, NoAnswerError
 from gcs.io.console import console_for
 
 
 def print_error(error: GcsError, console: Console | None = None) -> int:
-    """Print an error as one line, on stderr by default; return the exit code: 130 after Ctrl-C, else 2.
+    """Print an error as one line, on stderr by default; return the exit code.
 
-    The text is not read as markup: file names may have brackets.
+    The code is 130 after Ctrl-C, 1 when no service answers, else 2. The text is not read as markup: file
+    names may have brackets.
     """
     if isinstance(error, InterruptedRunError):
         line = Text.assemble(("interrupted: ", "yellow"), str(error))
     else:
         line = Text.assemble(("error: ", "bold red"), str(error))
     (console or console_for(stderr=True)).print(line, highlight=False, soft_wrap=True)
-    return 130 if isinstance(error, InterruptedRunError) else 2
+    if isinstance(error, InterruptedRunError):
+        return 130
+    return 1 if isinstance(error, NoAnswerError) else 2
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 import msgspec
 
+from gcs.allowed_words import with_allowed_words
 from gcs.errors import ConfigError
 
 T = TypeVar("T")
@@ -96,7 +97,7 @@ def _mistakes(raw: Any, to: Any, key: str) -> Iterator[tuple[str, str]]:
         match = _WHERE.match(str(error))
         assert match is not None
         path = (match["path"] or "$").removeprefix("$")
-        yield (key + path).removeprefix("."), _plain(match["problem"])
+        yield (key + path).removeprefix("."), _plain(with_allowed_words(match["problem"], to, path))
 
 
 def _bare(to: Any) -> Any:

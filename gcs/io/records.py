@@ -17,6 +17,7 @@ from typing import Any, Final, TypeVar
 import msgspec
 import numpy as np
 
+from gcs.allowed_words import with_allowed_words
 from gcs.errors import WireError
 from gcs.io.recording.topics import TOPICS, Recordable
 from gcs.model import Scan, read_only
@@ -86,16 +87,17 @@ def decode_json(
     except UnicodeDecodeError as error:
         raise WireError(source, f"not UTF-8 text (byte {error.start})") from None
     except msgspec.ValidationError as error:
-        raise WireError(source, _plain(str(error))) from None
+        raise WireError(source, _plain(str(error), decoder.type)) from None
     except msgspec.DecodeError as error:
         raise WireError(source, f"not JSON: {error}") from None
     except RecursionError:
         raise WireError(source, "nested too deeply") from None
 
 
-def _plain(problem: str) -> str:
+def _plain(problem: str, kind: Any) -> str:
     """Return msgspec's message in the form "field: expected ..."."""
     problem, _, path = problem.partition(" - at `")
+    problem = with_allowed_words(problem, kind, path)
     problem = re.sub(r"Object missing required field `(\w+)`", r"the field `\1` is missing", problem)
     problem = (
         problem.replace("Expected", "expected").replace("`object`", "an object").replace("`array`", "a list")

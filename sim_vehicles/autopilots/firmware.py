@@ -35,9 +35,12 @@ LAUNCH_SPEED: Final = 10.0
 _AGAIN_NS: Final = NS_PER_S
 _NEAR_ALTITUDE_M: Final = 10.0
 _NEAR_START_M: Final = 60.0
+TRUE_STATE: Final = {
+    "ardupilot": mavlink.MAVLINK_MSG_ID_SIMSTATE,
+    "px4": mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
+}
+"""Message with the true position, by autopilot."""
 _STREAMS_HZ: Final = {
-    mavlink.MAVLINK_MSG_ID_SIMSTATE: 10.0,
-    mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: 10.0,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 4.0,
@@ -200,7 +203,8 @@ class Launch:
         self._again_ns = t_ns + _AGAIN_NS
         match self.stage:
             case Stage.WAITING:
-                commands = [self._interval(number, rate_hz) for number, rate_hz in _STREAMS_HZ.items()]
+                streams = {TRUE_STATE[self._spec.autopilot]: 10.0, **_STREAMS_HZ}
+                commands = [self._interval(number, rate_hz) for number, rate_hz in streams.items()]
                 if self._spec.autopilot == "px4":
                     commands.append(self._accept_missions_without_landing())
                 if self._is_ready:

@@ -30,6 +30,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import SimulationError
 from gcs.io.clock import RunClock
+from gcs.mavlink.frames.codec import Encoder
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.firmware import (
     Launch,
@@ -60,6 +61,17 @@ _SENT_TIMES = 3
 _STICK_PERIOD_NS = NS_PER_S // 20
 _DOWN_M = 3.0
 _HOME_M = 100.0
+_HEARTBEAT_S = 0.1
+"""Wall time between heartbeats before a ground station is heard; the simulation runs faster than that."""
+_PROGRESS_S = 20.0
+"""Wall time between messages about a launch."""
+_STAGE_TEXT = {
+    Stage.WAITING: "waits until it can be armed",
+    Stage.TAKING_OFF: "takes off",
+    Stage.RETURNING: "flies to its start",
+    Stage.LOITERING: "is at its start",
+    Stage.DONE: "loiters at its start",
+}
 _LAG_PART = 0.1
 _LAG_CHECK_NS = 20 * NS_PER_S
 
@@ -123,6 +135,8 @@ class FirmwareHost:
         self.log_path = folder / "firmware.log"
         self._reader = FrameReader()
         self._commands = Outbox(_LAUNCH_SYSTEM_ID)
+        self._heartbeats = Encoder()
+        self._heartbeat_s = -math.inf
         self._truths = Outbox(spec.system_id)
         self._towards_gcs = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._towards_gcs.setblocking(False)
@@ -139,6 +153,8 @@ class FirmwareHost:
         self._is_down = False
         self._has_sticks = arguments.firmware == "px4" and any(f.kind is FaultKind.RC for f in spec.faults)
         self._stick_ns = 0
+        self.is_lost = self.has_failed = False
+        """True after its loss by the scenario; True after an end of the firmware by itself."""
 
     # ------------------------------------------------------------ before the clock starts
 
@@ -150,8 +166,14 @@ class FirmwareHost:
         SimulationError
             The firmware ended, or the vehicle was not in LOITER above its start in time.
         """
-        deadline = time.monotonic() + _LAUNCH_WITHIN_S
+        deadline, told, tell_s = time.monotonic() + _LAUNCH_WITHIN_S, self.launch.stage, time.monotonic()
         while self.launch.stage is not Stage.DONE:
+            if told is not self.launch.stage or time.monotonic() >= tell_s:
+                told, tell_s = self.launch.stage, time.monotonic() + _PROGRESS_S
+                is_told = self.launch.last_status and told is Stage.WAITING
+                status = f" ({self.launch.last_status})" if is_told else ""
+                print_message(f"vehicle {self.spec.system_id} {_STAGE_TEXT[told]}{status}")
+            self.beat()
             if self.process.poll() is not None:
                 raise SimulationError(
                     f"the firmware ended with code {self.process.returncode}: see {self.log_path}"
@@ -174,6 +196,15 @@ class FirmwareHost:
             for data in self._commands.pop_datagrams():
                 self._truth_port.send(data)
         return True
+
+    def beat(self) -> None:
+        """Send a heartbeat if it is due, until a ground station is heard.
+
+        With FS_GCS_ENABL an ArduPlane does not arm without one, and returns when they end.
+        """
+        if self._ground_contact.began_t_ns is None and time.monotonic() >= self._heartbeat_s:
+            self._heartbeat_s = time.monotonic() + _HEARTBEAT_S
+            self._truth_port.send(self._heartbeats(GROUND_HEARTBEAT))
 
     def set_speed(self, speed: float) -> None:
         """Set the speed of ArduPlane's simulation; PX4's has it from the start."""
@@ -205,10 +236,20 @@ class FirmwareHost:
 
     def work(self, t_ns: int) -> None:
         """Forward waiting datagrams both ways, and end the vehicle when it is lost."""
-        if self.process.poll() is not None:
+        if self.is_lost:
             return
+        if self.process.poll() is not None:
+            if not self.has_failed:
+                self.has_failed = True
+                print_message(
+                    f"vehicle {self.spec.system_id}: the firmware ended with code {self.process.returncode}: "
+                    f"see {self.log_path}"
+                )
+            return
+        self.beat()
         if self._dies(t_ns):
             self.stop()
+            self.is_lost = True
             self._send_truth(t_ns, None)  # A time without a state: the vehicle is lost.
             return
         self._change_faults(t_ns)
@@ -340,10 +381,11 @@ def main() -> int:
         signal.signal(number, lambda *_: sys.exit(0))
     host = FirmwareHost(arguments)
     try:
-        if host.bring_up() and (clock := await_clock()) is not None:
+        if host.bring_up() and (clock := await_clock(idle=host.beat)) is not None:
             host.set_speed(clock.speed)
             host.begin(clock.start_t_ns)
             fly(host, clock)
+            return int(host.has_failed)
     except SimulationError as error:
         sys.stderr.write(f"vehicle {host.spec.system_id}: {error}\n")
         return 1

@@ -13,7 +13,7 @@ from staging import track
 from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
 from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
-from gcs.core.preflight.return_heights import return_of, returns_check
+from gcs.core.preflight.return_heights import ReturnHeight, return_of, returns_check
 from gcs.core.preflight.vehicle_checks import VehicleChecks, envelope_of
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.state import State
@@ -325,10 +325,19 @@ def test_vehicles_that_would_return_at_one_height_are_named_with_the_setting():
         "warning",
         "agents 1 at 100 m (RTL_ALTITUDE), 2 at 100 m (RTL_ALTITUDE)",
     )
-    assert "gcs param set CONFIG RTL_ALTITUDE 120 -v 2 (" in row.remedy
+    assert "gcs param set CONFIG RTL_ALTITUDE 120 -v 2" in row.remedy
     (row,) = returned(PX4, [100, 110], rally_m=[20.0])
     assert "2 at 130 m (rally point 20 m + RTL_RETURN_ALT 110 m)" in row.value
-    assert "gcs param set CONFIG RTL_RETURN_ALT 120 -v 2 (" in row.remedy
+    assert "gcs param set CONFIG RTL_RETURN_ALT 120 -v 2" in row.remedy
+
+
+def test_no_return_height_above_the_ceiling_is_advised():
+    heights = [ReturnHeight(v, 100.0, "RTL_ALTITUDE", "RTL_ALTITUDE", 100.0) for v in (1, 2, 3)]
+    (row,) = returns_check(heights, 20.0, 155.0)
+    assert "RTL_ALTITUDE 140 -v 3" in row.remedy
+    (row,) = returns_check(heights, 20.0, 150.0)
+    assert "gcs param set" not in row.remedy
+    assert "raise fence.max_alt_rel_m: heights 20 m apart from 100 m on reach 140 m, and 135 m" in row.remedy
 
 
 def test_arduplanes_with_a_rally_point_return_at_its_height_whatever_their_parameters_say():

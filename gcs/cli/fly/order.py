@@ -1,7 +1,7 @@
 """`gcs order`: orders to a running service.
 
-Exit codes: 0 done for all vehicles; 1 refused, failed or unanswered for at least one; 2 a mistake in the
-arguments.
+Exit codes: 0 done for all vehicles; 1 refused, failed or unanswered for at least one, or no service answers;
+2 a mistake in the arguments. `gcs status` has the same.
 """
 
 from __future__ import annotations
@@ -70,6 +70,14 @@ class _Service(NamedTuple):
     zenoh: str | None
     timeout_s: float
     as_json: bool
+
+
+class _Outcome(NamedTuple):
+    """Answers to an order, the error text and the exit code."""
+
+    answers: list[OrderAnswer]
+    problem: str
+    code: int
 
 
 VehicleAction: TypeAlias = Literal["hold", "resume", "return", "arm", "disarm", "ready"]
@@ -304,14 +312,14 @@ def _numbers(text: str, count: int, option: str) -> list[float]:
 
 
 def _print_proposal(service: _Service) -> Proposal:
-    """Print the proposed plan and return it; exit with 1 when there is none."""
-    answers, problem = _print_answers(_order("plan", "all"), service)
-    proposal = next((answer.proposal for answer in answers if answer.proposal is not None), None)
+    """Print the proposed plan and return it; exit when there is none."""
+    outcome = _print_answers(_order("plan", "all"), service)
+    proposal = next((one.proposal for one in outcome.answers if one.proposal is not None), None)
     if proposal is not None:
         return proposal
     if service.as_json:
-        _print_result("plan", "", answers, problem)
-    raise typer.Exit(1)
+        _print_result("plan", "", outcome)
+    raise typer.Exit(outcome.code or 1)
 
 
 def _send(
@@ -323,11 +331,10 @@ def _send(
     **more: Any,
 ) -> None:
     order = _order(action, vehicles, **more)
-    answers, problem = _print_answers(order, service)
-    ok = _is_ok(answers, problem)
+    outcome = _print_answers(order, service)
     if service.as_json:
-        _print_result(action, order.order_id, answers, problem, printed)
-    raise typer.Exit(0 if ok else 1)
+        _print_result(action, order.order_id, outcome, printed)
+    raise typer.Exit(outcome.code)
 
 
 def _order(action: Action, vehicles: list[int] | Literal["all"], **more: Any) -> OrderMessage:
@@ -344,29 +351,23 @@ def _order(action: Action, vehicles: list[int] | Literal["all"], **more: Any) ->
     )
 
 
-def _print_answers(order: OrderMessage, service: _Service) -> tuple[list[OrderAnswer], str]:
-    """Send an order and print its answers; return them, and the error text."""
+def _print_answers(order: OrderMessage, service: _Service) -> _Outcome:
+    """Send an order and print its answers."""
     answers: list[OrderAnswer] = []
     try:
         _collect(order, service, console_for(stderr=service.as_json), answers)
     except GcsError as error:
-        print_error(error)
-        return answers, str(error)
-    return answers, ""
+        return _Outcome(answers, str(error), print_error(error))
+    is_done = all(answer.state in ("accepted", "done") for answer in answers)
+    return _Outcome(answers, "", 0 if is_done else 1)
 
 
-def _is_ok(answers: list[OrderAnswer], problem: str) -> bool:
-    return not problem and all(answer.state in ("accepted", "done") for answer in answers)
-
-
-def _print_result(
-    action: str, order_id: str, answers: list[OrderAnswer], problem: str, printed: Proposal | None = None
-) -> None:
+def _print_result(action: str, order_id: str, outcome: _Outcome, printed: Proposal | None = None) -> None:
     """Print the last line of --json: one JSON object."""
-    rows = [{"vehicle": a.vehicle, "state": a.state, "detail": a.detail} for a in answers]
-    result: dict[str, object] = {"order_id": order_id, "action": action, "ok": _is_ok(answers, problem)}
-    result |= {"problem": problem, "answers": rows}
-    shown = next((a.proposal for a in answers if a.proposal is not None), printed)
+    rows = [{"vehicle": a.vehicle, "state": a.state, "detail": a.detail} for a in outcome.answers]
+    result: dict[str, object] = {"order_id": order_id, "action": action, "ok": outcome.code == 0}
+    result |= {"problem": outcome.problem, "answers": rows}
+    shown = next((a.proposal for a in outcome.answers if a.proposal is not None), printed)
     if shown is not None:
         from gcs.io.records import encode
 

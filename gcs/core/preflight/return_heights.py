@@ -7,6 +7,7 @@ are set to.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -160,13 +161,15 @@ class ReturnHeightMonitor:
         return self.height(vehicle)
 
 
-def returns_check(heights: Sequence[ReturnHeight], step_m: float) -> Iterator[Check]:
+def returns_check(heights: Sequence[ReturnHeight], step_m: float, ceiling_m: float = 0.0) -> Iterator[Check]:
     """Warn of vehicles whose return heights are nearer to each other than altitude layers.
 
     Parameters
     ----------
     step_m : float
         Height between altitude layers; 0: there is one layer, and no check.
+    ceiling_m : float
+        Ceiling of the mission file, above home; 0 for none.
     """
     if step_m <= 0.0 or len(heights) < 2:
         return
@@ -180,11 +183,18 @@ def returns_check(heights: Sequence[ReturnHeight], step_m: float) -> Iterator[Ch
     remedy = "sent home together they meet at one height: return them one after another"
     if all(one.parameter for one in near):
         commands, height_m = [], near[0].height_m
+        highest_m = ceiling_m - MARGIN_M if ceiling_m else math.inf
         for one in near[1:_MAX_NAMED]:
             height_m = max(height_m + step_m, one.height_m)
             if height_m > one.height_m:
                 commands.append(one.raised_to(height_m))
-        remedy += f", or {', '.join(commands)} (below the ceiling)"
+        if height_m <= highest_m:
+            remedy += f", or {', '.join(commands)}"
+        else:
+            remedy += (
+                f", or raise fence.max_alt_rel_m: heights {step_m:g} m apart from {near[0].height_m:g} m on "
+                f"reach {height_m:g} m, and {highest_m:g} m are allowed"
+            )
     else:
         remedy += ", or fly without rally points: then RTL_ALTITUDE of each counts"
     yield Check(None, "return heights", "warning", f"agents {', '.join(shown)}{more}", wanted, remedy)

@@ -366,7 +366,7 @@ def vehicle_checks(
         ).checks()
     ]
     returns = [found for one in queries if (found := _return_of(one, config)) is not None]
-    return [*checks, *returns_check(returns, config.mission.layer_step_m)]
+    return [*checks, *returns_check(returns, config.mission.layer_step_m, config.fence.max_alt_rel_m)]
 
 
 def _return_of(one: PreflightQuery, config: Config) -> ReturnHeight | None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import msgspec
 
-from gcs.errors import LinkError
+from gcs.errors import LinkError, NoAnswerError
 
 
 class ServiceInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -79,7 +79,7 @@ def find_service(mission: str | None) -> ServiceInfo:
         names = ", ".join(f"{one.mission} at {one.zenoh}" for one in found)
         raise LinkError("gcs", f"several services run here ({names}): choose by --mission and --zenoh")
     what = "no service" if mission is None else f"no service of the mission {mission}"
-    raise LinkError(
+    raise NoAnswerError(
         "gcs",
         f"{what} runs on this machine: start `gcs run` or `gcs demo`, or name another machine's with "
         "--mission NAME --zenoh tcp/HOST:PORT",

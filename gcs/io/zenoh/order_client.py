@@ -14,7 +14,7 @@ import socket
 import time
 from collections.abc import Iterator
 
-from gcs.errors import LinkError, WireError
+from gcs.errors import NoAnswerError, WireError
 from gcs.io.records import decode
 from gcs.io.zenoh.key_expressions import answer_key, order_key, status_key
 from gcs.io.zenoh.order_messages import OrderMessage, encode_order
@@ -47,7 +47,7 @@ def send_order(
 
     Raises
     ------
-    LinkError
+    NoAnswerError
         There is no answer, or the last answers do not come in time.
     """
     answers: queue.Queue[OrderAnswer] = queue.Queue()
@@ -68,12 +68,12 @@ def send_order(
             waited_s = time.monotonic() - began_s
             if not answered:
                 if waited_s > answer_s:
-                    raise LinkError(
+                    raise NoAnswerError(
                         endpoint, f"no service of the mission {mission} answers here: is it running?"
                     )
                 bus.publish(order_key(mission), encode_order(order))
             elif waited_s > end_s:
-                raise LinkError(
+                raise NoAnswerError(
                     endpoint, f"no further answer within {end_s:g} s; the order is still being tried"
                 )
             try:
@@ -91,7 +91,7 @@ def request_status(endpoint: str, mission: str, timeout_s: float) -> SwarmStatus
 
     Raises
     ------
-    LinkError
+    NoAnswerError
         There is no answer in time.
     """
     order_id = f"status-{secrets.token_hex(6)}"
@@ -122,4 +122,4 @@ def request_status(endpoint: str, mission: str, timeout_s: float) -> SwarmStatus
                 return replies.get(timeout=_REPEAT_S)
             except queue.Empty:
                 continue
-    raise LinkError(endpoint, problem)
+    raise NoAnswerError(endpoint, problem)

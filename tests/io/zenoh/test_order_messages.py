@@ -47,7 +47,10 @@ def test_places_in_degrees_become_local_metres() -> None:
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"action": "explode", "vehicles": "all"}, "action"),
+        (
+            {"action": "explode", "vehicles": "all"},
+            'one of "hold", "resume", .*"status", got',
+        ),
         ({"action": "arm"}, "for whom"),
         ({"action": "hold", "vehicles": []}, "vehicles"),
         ({"action": "hold", "vehicles": [0]}, "vehicles"),
@@ -61,6 +64,10 @@ def test_places_in_degrees_become_local_metres() -> None:
             "no_fly_zone.polygon: expected at least three different corners, got 2",
         ),
         ({"action": "no-fly-zone", "no_fly_zone": {"name": "x", "circle": [0, 0, -1]}}, "circle"),
+        (
+            {"action": "no-fly-zone", "no_fly_zone": {"name": "x", "frame": "ecef", "circle": [9, 0, 1]}},
+            'no_fly_zone.frame: expected one of "local", "wgs84", got',
+        ),
         (
             {"action": "no-fly-zone", "no_fly_zone": {"name": "x", "frame": "wgs84", "circle": [99, 0, 1]}},
             "lat_deg",

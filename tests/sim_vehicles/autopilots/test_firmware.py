@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 
 from gcs.errors import SimulationError
 from gcs.geo import LocalFrame
+from gcs.io.zenoh.session import free_endpoint
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.firmware import (
     Launch,
@@ -22,8 +24,10 @@ from sim_vehicles.autopilots.firmware import (
     px4_command,
     true_place,
 )
+from sim_vehicles.supervisor import SimulationPlan, Supervisor
 from sim_vehicles.vehicle.frames import FrameReader, Outbox
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
+from sim_vehicles.world.scenario import load
 
 FRAME = LocalFrame(33.2, -87.6, 50.0)
 SPEC = VehicleSpec(3, 120.0, 720.0, 1.5707963, 100.0, 15.0, airborne=False, wind_east_m_s=6.0)
@@ -77,6 +81,67 @@ def test_a_launch_ends_in_loiter_above_the_start() -> None:
     assert vehicle.alt_rel_m == pytest.approx(100.0, abs=11.0)
     assert (vehicle.east_m - 120.0) ** 2 + (vehicle.north_m - 720.0) ** 2 < 300.0**2
     assert vehicle.autopilot.mode.name == "LOITER"
+
+
+@pytest.mark.parametrize(("autopilot", "asked"), [("ardupilot", 164), ("px4", 115)])
+def test_only_the_true_state_that_a_firmware_has_is_asked_for(autopilot: str, asked: int) -> None:
+    launch = Launch(replace(SPEC, autopilot=autopilot), FRAME)
+    numbers = {int(command.param1) for command in launch.poll(0) if command.get_type() == "COMMAND_LONG"}
+    assert numbers & {115, 164} == {asked}
+
+
+FIRMWARE = """#!%s
+import signal, socket, sys, time
+port = int(sys.argv[sys.argv.index("--serial1") + 1].rpartition(":")[2])
+with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+    link.settimeout(20.0)
+    link.sendto(b"hello", ("127.0.0.1", port))
+    heartbeats = 0
+    while heartbeats < 3:
+        data = link.recv(4096)
+        heartbeats += data[0] == 0xFD and data[5] == 255 and data[7:10] == bytes(3)
+print("three heartbeats of a ground station")
+sys.exit(7)
+"""
+
+
+@pytest.fixture
+def ended_firmware(tmp_path: Path) -> Path:
+    """A firmware that ends with code 7 after three heartbeats of a ground station."""
+    binary = tmp_path / "firmware"
+    binary.write_text(FIRMWARE % sys.executable)
+    binary.chmod(0o755)
+    return binary
+
+
+def started(binary: Path, folder: Path | None) -> Supervisor:
+    plan = SimulationPlan(
+        load("prescribed"), 1, 1.0, ("127.0.0.1", 9), free_endpoint(), "listen",
+        sitl={"arduplane": binary}, folder=folder,
+    )  # fmt: skip
+    supervisor = Supervisor(plan, lambda _event: None)
+    with pytest.raises(SimulationError, match="did not start"):
+        supervisor.start()
+    return supervisor
+
+
+def test_a_failed_launch_leaves_its_log_in_a_relative_folder_and_heartbeats_came(
+    ended_firmware: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    started(ended_firmware, Path("logs"))
+    log = tmp_path / "logs" / "arduplane-1" / "firmware.log"
+    assert log.read_text() == "three heartbeats of a ground station\n"
+
+
+def test_the_log_of_a_failed_launch_is_kept_and_its_folder_is_named(
+    ended_firmware: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    started(ended_firmware, None)
+    (log,) = tmp_path.glob("sim-vehicles-*/arduplane-1/firmware.log")
+    assert log.stat().st_size > 0
+    assert f"are kept in {log.parent.parent}" in capfd.readouterr().err
 
 
 def test_only_the_simulations_own_messages_are_the_truth() -> None:
