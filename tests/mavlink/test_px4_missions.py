@@ -82,3 +82,17 @@ def test_a_hold_that_another_station_chooses_is_still_an_override():
     result = link.run()
     assert (result.ok, authority.override, result.onboard) == (False, "LOITER", "equal")
     assert px4.store
+
+
+def test_an_upload_without_loss_counts_no_retries_while_the_item_is_shown_at_1_hz(monkeypatch):
+    """An operator would suspect the link, and fewer vehicles would be served at a time."""
+    px4 = Px4(mode=AUTO)
+    answer = px4._on_command_long
+
+    def without_current(message, sender):
+        is_current = (message.command, message.param1) == (512, 42)  # the firmware denies it
+        return answer(message, sender)[: 1 if is_current else None]
+
+    monkeypatch.setattr(px4, "_on_command_long", without_current)
+    result = joined(px4).run()
+    assert (result.ok, result.retries) == (True, 0)

@@ -131,6 +131,10 @@ class ListUpload(ABC):
         """Return the number of items or requests that may be in flight."""
         return 1
 
+    def _is_answered_at_once(self) -> bool:
+        """Return True if a missing answer to the stage's request means that a message was lost."""
+        return True
+
     def _is_pausing(self) -> bool:
         """Return True if the stage's request has not been sent: messages still belong to the stage before."""
         return self.state.timer is not None and not self.state.timer.sent
@@ -268,7 +272,7 @@ class ListUpload(ABC):
         timer = self.state.timer
         if timer is not None and self._may_send(t_ns) and timer.start_try(t_ns):
             is_repeat = timer.sent > 1
-            self.state.rtt.retransmissions += is_repeat
+            self.state.rtt.retransmissions += is_repeat and self._is_answered_at_once()
             copies = self.state.rtt.copies if is_repeat else 1
             self._outbox += self._request_messages(timer.request, copies)
         if self.state.download is not None:

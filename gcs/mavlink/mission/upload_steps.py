@@ -293,6 +293,10 @@ class UploadSteps(ListUpload):
     def _is_near_next_item(self, t_ns: int) -> bool:
         return self._policy.time_to_next_s(self.state.vehicle, t_ns) < self._limits.guard_s
 
+    def _is_answered_at_once(self) -> bool:
+        """Return False for the selection on a PX4, which shows its current item at 1 Hz only."""
+        return not (self.stage is Stage.SELECT and self._profile.atomic)
+
     def _start_select(self, t_ns: int) -> None:
         self.state.current_before = self.state.current
         self.state.first_seq = self._begin_at()
