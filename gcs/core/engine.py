@@ -45,7 +45,7 @@ from gcs.model import (
 )
 
 _CONTROL_PERIOD_NS = NS_PER_S // 2
-_STANDING = {Authority.GROUNDED, Authority.UNFIT, Authority.LANDED, Authority.DOWN}
+_STANDING = {Authority.GROUNDED, Authority.LANDED, Authority.DOWN}
 """Claims of vehicles on the ground that nobody else controls."""
 
 
@@ -304,7 +304,12 @@ class Engine(Stages):
                 agent.routes.drop()
                 self.tasking.cancel(vehicle, t_ns)
                 self.tasking.forget_onboard(vehicle)  # it is not for a take-off from here
-        return effects + self.health.poll(t_ns)
+        fit = {vehicle for vehicle, agent in self.state.agents.items() if not agent.flight.unfit}
+        effects += self.health.poll(t_ns)
+        for vehicle in sorted(fit):
+            if cause := self.state.agents[vehicle].flight.unfit:
+                self.replanner.note_unfit(vehicle, cause, t_ns)
+        return effects
 
     def _take_over(self, effects: list[Effect]) -> list[Effect]:
         """Apply the statuses that follow from flight phases, and plan at the next scan."""
@@ -333,7 +338,11 @@ class Engine(Stages):
         """Check the climbs of vehicles on the ground that have a mission, or may get one."""
         self.control.update(t_ns)
         agents = self.state.agents
-        ours = [vehicle for vehicle in with_status(agents, "active") if agents[vehicle].control.is_ours]
+        ours = [
+            vehicle
+            for vehicle in with_status(agents, "active")
+            if agents[vehicle].control.is_ours and not agents[vehicle].flight.phase.is_in_air
+        ]
         notices = self.climbs.check(self.planning_inputs.climbs(ours), t_ns)
         for agent in agents.values():
             if agent.takeoff.blocked:

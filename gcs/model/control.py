@@ -21,7 +21,6 @@ AuthorityWord: TypeAlias = Literal[
     "unverified",
     "grounded",
     "unsupported",
-    "unfit",
     "landed",
     "down",
 ]
@@ -41,8 +40,6 @@ class Authority(IntEnum):
     GROUNDED = "grounded", "stands where its take-off is not clear"
     COMMANDED = "overridden", "is commanded by {} and left alone"
     """By another ground station, to another mode; until its heartbeat shows the mode."""
-    UNFIT = "unfit", "is not fit to be tasked: {}"
-    """Its health does not allow another target (`gcs.core.flight.health`)."""
     OTHER_MODE = "overridden", "is in {} and left alone"
     """In a mode other than AUTO and LOITER."""
     OVERRIDDEN = "overridden", "is in {} and left alone"
@@ -111,8 +108,6 @@ class ControlEvent(Enum):
     TAKEOFF_CLEAR = "take-off clear"
     REBOOT = "reboot"
     AGENT_LOST = "agent lost"
-    HEALTH_FAILED = "health failed"
-    HEALTH_RESTORED = "health restored"
     TOUCHED_DOWN = "planned touchdown"
     CAME_DOWN = "touchdown elsewhere"
     AIRBORNE_AGAIN = "in the air again"
@@ -123,7 +118,6 @@ _A, _E = Authority, ControlEvent
 TRANSITIONS: Final[dict[Authority, tuple[ControlEvent, tuple[ControlEvent, ...]]]] = {
     _A.GROUNDED: (_E.TAKEOFF_BLOCKED, (_E.TAKEOFF_CLEAR,)),
     _A.COMMANDED: (_E.STATION_COMMANDS, (_E.RESUME, _E.COMMAND_SETTLED)),
-    _A.UNFIT: (_E.HEALTH_FAILED, (_E.HEALTH_RESTORED, _E.TOUCHED_DOWN, _E.CAME_DOWN)),
     _A.OTHER_MODE: (_E.OTHER_MODE_SEEN, (_E.MISSION_MODE_SEEN,)),
     _A.OVERRIDDEN: (
         _E.MODE_CHOSEN,

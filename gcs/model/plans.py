@@ -93,6 +93,7 @@ Cause: TypeAlias = Literal[
     "operator order",
     "agent lost",
     "agent down",
+    "agent unfit",
     "agent not tracked",
     "agent set aside",
     "agent joined",

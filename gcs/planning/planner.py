@@ -47,6 +47,8 @@ from gcs.planning.search.neighbours import SearchMap, cells, search_map
 
 _GROUNDED_COST = 1e6
 """Added cost of an agent on the ground: one in the air serves its target, however far it is."""
+_UNFIT_COST = 1e7
+"""Cost of an unfit agent that keeps its target: any other agent goes first."""
 Stage: TypeAlias = Literal["search", "assignment", "shaping"]
 
 
@@ -137,7 +139,10 @@ def plan_routes(
         )
         notes += _reachability_notes(grid, search.smap, vehicles, labels, search.starts, search.costs)
         on_stage("search")
-        costs = _fit_costs(search.costs, [agents[v] for v in vehicles], [targets[label] for label in labels])
+        flown_to = [labels.index(current[v]) if current.get(v) in labels else -1 for v in vehicles]
+        costs = _fit_costs(
+            search.costs, [agents[v] for v in vehicles], [targets[one] for one in labels], flown_to
+        )
         costs = _pinned_costs(costs, vehicles, labels, needs, pinned)
         pairs = _assign(costs, vehicles, labels, needs, current, options)
         on_stage("assignment")
@@ -175,8 +180,19 @@ def plan_routes(
     )
 
 
-def _fit_costs(costs: FloatArray, agents: Sequence[AgentState], targets: Sequence[Point]) -> FloatArray:
-    """Return the costs without targets beyond the range of an agent; agents in the air go first."""
+def _fit_costs(
+    costs: FloatArray, agents: Sequence[AgentState], targets: Sequence[Point], flown_to: Sequence[int]
+) -> FloatArray:
+    """Return the costs without forbidden targets; agents in the air go first, unfit ones last.
+
+    `flown_to` has the target that each agent flies to, -1 for none.
+    """
+    unfit = np.array([agent.is_unfit for agent in agents])
+    if unfit.any():
+        costs = np.where(unfit[:, None], math.inf, costs)
+        for i in np.flatnonzero(unfit).tolist():
+            if flown_to[i] >= 0:
+                costs[i, flown_to[i]] = _UNFIT_COST
     grounded = np.array([agent.is_grounded for agent in agents])
     if grounded.any() and not grounded.all():
         costs = costs + _GROUNDED_COST * grounded[:, None]

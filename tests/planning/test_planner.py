@@ -343,3 +343,34 @@ def test_a_pin_without_a_path_changes_nothing() -> None:
     assert plan_routes(grid, agents, targets, {}, PlanOptions(), pinned={1: (5, 5)}).routes[0].target == (
         free.routes[0].target
     )
+
+
+# ---------------------------------------------------------------- vehicles that should not get a target
+
+NEAR, FAR = (0, 0), (0, 1)
+FIELD = free_grid((26, 26), 40.0, (0.0, 0.0))
+
+
+def served(result):
+    return {route.vehicle: route.target for route in result.routes}
+
+
+def test_a_spare_in_the_air_goes_before_a_vehicle_on_the_ground_however_near_that_is():
+    agents = {1: AgentState(100.0, 100.0, is_grounded=True), 2: AgentState(900.0, 900.0)}
+    assert served(plan(FIELD, agents, {NEAR: (140.0, 100.0)}, {1: NEAR})) == {2: NEAR}
+    both = {NEAR: (140.0, 100.0), FAR: (900.0, 100.0)}
+    assert sorted(served(plan(FIELD, agents, both))) == [1, 2]  # nothing is left out for it
+
+
+def test_an_unfit_vehicle_keeps_its_target_only_while_no_other_can_take_it():
+    agents = {1: AgentState(100.0, 100.0, is_unfit=True), 2: AgentState(900.0, 900.0)}
+    assert served(plan(FIELD, agents, {NEAR: (140.0, 100.0)}, {1: NEAR})) == {2: NEAR}
+    both = {NEAR: (140.0, 100.0), FAR: (900.0, 100.0)}
+    assert served(plan(FIELD, agents, both, {1: NEAR, 2: FAR})) == {1: NEAR, 2: FAR}
+    assert served(plan(FIELD, {1: agents[1]}, {FAR: (900.0, 100.0)})) == {}
+
+
+def test_a_vehicle_gets_no_target_from_which_it_could_not_return():
+    low = AgentState(500.0, 100.0, home_m=(100.0, 100.0), range_m=900.0)
+    assert served(plan(FIELD, {1: low}, {FAR: (900.0, 900.0)})) == {}
+    assert served(plan(FIELD, {1: low}, {NEAR: (540.0, 140.0)})) == {1: NEAR}

@@ -4,8 +4,8 @@ Sources (https://mavlink.io/en/messages/common.html): GPS_RAW_INT.fix_type, SYS_
 of EKF_STATUS_REPORT (ArduPilot) or ESTIMATOR_STATUS (PX4), VFR_HUD.throttle with the vertical speed,
 WIND or WIND_COV. The charge of the battery has alarms of its own (`gcs.mavlink.fleet.checks.battery_alarm`).
 
-A problem is told after `_TELL_NS`, and ends after `_END_NS` without it. Some make a vehicle unfit
-(`Authority.UNFIT`): its target goes to another vehicle, and it gets no new one. Its onboard mission stays.
+A problem is told after `_TELL_NS`, and ends after `_END_NS` without it. Some make a vehicle unfit: it gets no
+other target, and its own goes to another vehicle if there is one. Its onboard mission stays.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from gcs.mavlink.fleet.checks.battery_alarm import CRITICAL_PERCENT
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.vehicle import Readings
 from gcs.mavlink.services.retry import ns
-from gcs.model import NS_PER_S, ControlEvent, Effect, HealthItem, Level, Notice, VehicleState
+from gcs.model import NS_PER_S, Effect, HealthItem, Level, Notice, VehicleState
 
 _PERIOD_NS: Final = ns(0.5)
 _TELL_NS: Final = {item: ns(1.0) for item in HealthItem} | {
@@ -89,7 +89,7 @@ class HealthMonitor:
                 agent.flight.problems.clear()
                 agent.flight.had_rc = False
                 agent.flight.battery_begin = agent.flight.endurance_s = None
-                agent.control.apply(ControlEvent.HEALTH_RESTORED, t_ns)
+                agent.flight.unfit = ""
             elif agent.link.liveness == "alive" and agent.flight.grounded_since_t_ns is None:
                 effects += self._check(state, agent, t_ns)
         return effects
@@ -114,22 +114,8 @@ class HealthMonitor:
                 del flight.problems[item]
                 if problem.is_told:
                     effects.append(Notice(t_ns, "info", f"{item.value}: good again", state.system_id))
-        self._judge(agent, t_ns)
+        agent.flight.unfit = _unfit(agent.flight, t_ns)
         return effects
-
-    def _judge(self, agent: Agent, t_ns: int) -> None:
-        """Begin or end the claim that the vehicle is not fit to be tasked."""
-        causes = [
-            problem.cause
-            for item, problem in agent.flight.problems.items()
-            if problem.is_told and item in _UNFIT_NS and t_ns - problem.since_t_ns >= _UNFIT_NS[item]
-        ]
-        if agent.flight.is_sinking:
-            causes.append("it sinks below its planned height")
-        if causes:
-            agent.control.apply(ControlEvent.HEALTH_FAILED, t_ns, "; ".join(causes))
-        else:
-            agent.control.apply(ControlEvent.HEALTH_RESTORED, t_ns)
 
     # ------------------------------------------------------------ problems
 
@@ -180,6 +166,18 @@ class HealthMonitor:
         place_m = (state.east_m, state.north_m)
         length_m = math.dist(place_m, end_m) + math.dist(end_m, home_m)
         return length_m / self._config.speeds_m_s[state.system_id]
+
+
+def _unfit(flight: AgentFlight, t_ns: int) -> str:
+    """Return the problems that do not allow a vehicle another target, in words."""
+    causes = [
+        problem.cause
+        for item, problem in flight.problems.items()
+        if problem.is_told and item in _UNFIT_NS and t_ns - problem.since_t_ns >= _UNFIT_NS[item]
+    ]
+    if flight.is_sinking:
+        causes.append("it sinks below its planned height")
+    return "; ".join(causes)
 
 
 def _endurance_s(flight: AgentFlight, percent: int, t_ns: int) -> float | None:

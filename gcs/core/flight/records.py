@@ -44,6 +44,8 @@ class AgentFlight:
     """True after the alarm that it sinks, until it does not."""
     problems: dict[HealthItem, HealthProblem] = field(default_factory=dict)
     """Problems of its parts, told or about to be."""
+    unfit: str = ""
+    """Problems that do not allow another target, in words; empty if it is fit."""
     had_rc: bool = False
     """True if its RC receiver was healthy in this flight."""
     battery_begin: tuple[int, int] | None = None

@@ -45,6 +45,11 @@ class PlanningInputBuilder:
     def build(self, t_ns: int, picture_t_ns: int) -> PlanningInputs:
         """Return the inputs of a plan at `t_ns`, with tracks as of `picture_t_ns`."""
         tracks, untaskable = self._tracks(), without_missions(self.agents)
+        untaskable |= {
+            vehicle: "has touched the ground"
+            for vehicle, agent in self.agents.items()
+            if agent.flight.phase.is_in_air and agent.flight.grounded_since_t_ns is not None
+        }
         picture = self.trackers.agents.picture  # later than that of targets after reports alone
         agents_t_ns = picture_t_ns if picture is None else max(picture_t_ns, picture.scan_t_ns)
         active, lost = with_status(self.agents, "active"), frozenset(with_status(self.agents, "lost"))
@@ -68,6 +73,7 @@ class PlanningInputBuilder:
             arrived=frozenset(with_status(self.agents, "arrived")),
             lost=lost,
             down=frozenset(with_status(self.agents, "down")),
+            unfit=frozenset(v for v in agents if self.agents[v].flight.unfit),
             grounded=frozenset(v for v in agents if self.is_on_ground(v)),
             ranges=self._ranges(agents),
             untaskable=untaskable,

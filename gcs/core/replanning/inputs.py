@@ -35,6 +35,8 @@ class PlanningInputs:
     """Lost agents."""
     down: frozenset[int] = frozenset()
     """Agents that came down."""
+    unfit: frozenset[int] = frozenset()
+    """Agents whose health allows no other target; theirs go to others where there are any."""
     grounded: frozenset[int] = frozenset()
     """Agents on the ground: those in the air go first."""
     ranges: Mapping[int, tuple[Point, float]] = field(default_factory=dict)

@@ -19,6 +19,7 @@ URGENT: Final[frozenset[Cause]] = frozenset(
         "map changed",
         "operator order",
         "agent set aside",
+        "agent unfit",
         "agent joined",
         "agent in danger",
         "approved plan changed",

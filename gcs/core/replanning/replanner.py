@@ -83,6 +83,12 @@ class Replanner:
         if self._state.next_check_t_ns is not None:
             self._state.next_check_t_ns = t_ns
 
+    def note_unfit(self, vehicle: int, cause: str, t_ns: int) -> None:
+        """Check at once whether another vehicle can take the target of one that has become unfit."""
+        if self._agents[vehicle].routes.newest is not None:
+            self._state.news.append(reasons.of_agent("agent unfit", vehicle, f"is unfit: {cause}"))
+            self.hurry(t_ns)
+
     def order_plan(self, t_ns: int, text: str) -> None:
         """Check at once, by an operator's order; before the first plan there is nothing to change."""
         if self._state.next_check_t_ns is not None:
@@ -303,7 +309,8 @@ class Replanner:
         home_m, range_m = inputs.ranges.get(vehicle, ((0.0, 0.0), math.inf))
         return AgentState(
             *turns.place_m, turns.course_rad, speed_m_s, late_s, takes_up, options,
-            is_grounded=vehicle in inputs.grounded, home_m=home_m, range_m=range_m,
+            is_grounded=vehicle in inputs.grounded, is_unfit=vehicle in inputs.unfit,
+            home_m=home_m, range_m=range_m,
         )  # fmt: skip
 
     def _expected(self, vehicle: int, inputs: PlanningInputs, more_s: float) -> Motion:

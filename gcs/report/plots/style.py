@@ -33,6 +33,7 @@ TRIGGERS: Final[dict[Cause, str]] = {
     "first plan": "#7a5cc0",
     "agent lost": RED,
     "agent down": "#8c1515",
+    "agent unfit": "#d6604d",
     "agent not tracked": "#f4a582",
     "agent set aside": "#cc3377",
     "agent in danger": "#e69f00",

@@ -225,11 +225,11 @@ def test_lost_gps_begins_makes_unfit_and_ends() -> None:
     plane.wait(3.0)
     assert [text for text in plane.alarms() if text.startswith("GPS: no 3D fix")]
     plane.wait(4.0)
-    assert not plane.command.state.agents[1].control.is_ours
+    assert "no 3D fix" in plane.command.state.agents[1].flight.unfit
     plane.fix = 3
     plane.wait(5.0)
     assert "GPS: good again" in plane.notices()
-    assert plane.command.state.agents[1].control.is_ours
+    assert not plane.command.state.agents[1].flight.unfit
     assert not plane.command.state.agents[1].flight.problems
 
 
@@ -239,7 +239,7 @@ def test_sinking_at_full_throttle_is_a_failed_engine_and_its_cause_is_told_when_
     plane.climb_m_s, plane.throttle = -4.0, 100
     plane.wait(4.5)
     assert [text for text in plane.alarms() if text.startswith("propulsion: it sinks at full throttle")]
-    assert not plane.command.state.agents[1].control.is_ours
+    assert plane.command.state.agents[1].flight.unfit
     plane.crash()
     plane.wait(3.0)
     assert [text for text in plane.alarms() if text.startswith("came down") and "engine or propeller" in text]
