@@ -39,7 +39,9 @@ def continue_mission(
     elif not targets:
         refusal = "no target needs an agent"
     elif not free and not with_status(agents, "active"):
-        refusal = "no agent is free: name agents that have reached their targets, or none for all of them"
+        refusal = "no agent is active or at a target"
+        if order.vehicles is not None:
+            refusal = f"{named(order.vehicles)} not at a target, and no agent is active"
     if refusal:
         return [ongoing.answer(order.t_ns, "refused", refusal)]
     state.has_ended = False

@@ -63,6 +63,13 @@ def test_only_the_agents_that_the_order_names_leave_their_targets(ended: Flight)
     assert {vehicle for plan in ended.all(Plan) for vehicle in plan.changed} == {4}
 
 
+def test_an_order_that_frees_no_agent_is_refused(ended: Flight) -> None:
+    ended.run.order(order(now_s(ended) + 2.0, "continue", 2))
+    ended.run.run(now_s(ended) + 3.0)
+    (answer,) = ended.all(OrderAnswer)
+    assert (answer.state, answer.detail) == ("refused", "agent 2 not at a target, and no agent is active")
+
+
 def test_a_mission_that_goes_on_is_not_continued() -> None:
     (answer,) = fly([order(20.0, "continue")], 21.0).all(OrderAnswer)
     assert (answer.state, answer.detail) == ("refused", "the mission has not ended")
