@@ -1,11 +1,14 @@
 """An operator would trust an old picture: sensors and vehicles without messages are named."""
 
+import itertools
 from collections.abc import Callable
+from dataclasses import replace
 
-from staging import at
+from staging import RADAR, at, scan
 
 from gcs.core.perception.input_errors import InputErrors
 from gcs.core.perception.never_heard import check_never_heard
+from gcs.core.perception.scan_timing import ScanTiming
 from gcs.core.perception.sensor_watchdog import SensorWatchdog
 from gcs.core.state import State
 from gcs.model import BadInput, Notice
@@ -72,6 +75,38 @@ def test_invented_sensor_names_leave_the_memory_bounded() -> None:
     for k in range(10_000):
         watchdog.refused(f"s{k}", at(0.0), "no reason")
     assert len(watchdog.sensors) <= 256
+
+
+def test_refused_scans_under_ever_new_names_do_not_hide_that_the_radar_fell_silent() -> None:
+    """Sixty names a second, and a radar that ends after four seconds; then one sensor with a bad clock."""
+    watchdog, numbers = SensorWatchdog(), itertools.count()
+
+    def step(t_s: float) -> list[Notice]:
+        effects = watchdog.poll(at(t_s))
+        if t_s <= 4.0:
+            effects += watchdog.processed("radar", at(t_s))
+        for _ in range(30 if t_s < 100.0 else 0):
+            watchdog.refused(f"s{next(numbers)}", at(t_s), "no reason")
+        if t_s >= 200.0:
+            watchdog.refused("camera", at(t_s), "measured 900.0 s ago")
+        return effects
+
+    found = notices_of(step, 210.0)
+    assert [t_s for t_s, _, text in found if "sensor radar" in text] == [9.0]
+    assert len(found) == 2
+    assert [t_s for t_s, _, text in found if "sensor camera" in text] == [205.0]
+
+
+def test_refused_scans_under_ever_new_names_do_not_lose_the_clock_of_the_radar() -> None:
+    timing = ScanTiming()
+    for k in range(10):
+        timing.corrected(scan(k - 20.0, arrives_s=float(k)))  # its clock is 20 s behind
+    offset_ns = timing.clocks["radar"].offset_ns
+    assert offset_ns > 0
+    for k in range(1000):
+        timing.corrected(scan(-900.0, arrives_s=20.0, sensor=replace(RADAR, name=f"s{k}")))
+    assert timing.clocks["radar"].offset_ns == offset_ns
+    assert len(timing.clocks) <= 256
 
 
 def test_vehicles_that_report_and_are_never_associated_are_an_alarm() -> None:

@@ -96,10 +96,11 @@ class ScanTiming:
         return scan, f"measured {when} by its clock", effects
 
     def _clock(self, sensor: str) -> SensorClock:
-        clock = self.clocks.setdefault(sensor, SensorClock())
-        if len(self.clocks) > _MAX_SENSORS:  # the number of sensors is bounded
-            del self.clocks[next(iter(self.clocks))]
-        return clock
+        if sensor not in self.clocks and len(self.clocks) >= _MAX_SENSORS:
+            # The number of sensors is bounded; those without a good scan go first.
+            bad = (name for name, clock in self.clocks.items() if not clock.lags_ns)
+            del self.clocks[next(bad, next(iter(self.clocks)))]
+        return self.clocks.setdefault(sensor, SensorClock())
 
     def _follow_step(self, scan: Scan, clock: SensorClock, own_lag_ns: int) -> list[Effect]:
         """Correct a sensor whose clock moved with this machine's clock."""

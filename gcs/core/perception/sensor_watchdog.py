@@ -1,6 +1,8 @@
 """Watchdog of sensors: no scan processed, or no vehicle associated with a track.
 
-The timeout of a sensor counts from its last processed scan. Refused scans do not reset it.
+The timeout of a sensor counts from its last processed scan. Refused scans do not reset it. Sensors with a
+processed scan keep their place. A few others have one, so that refused scans under ever new names neither
+replace a sensor nor raise an alarm each.
 """
 
 from __future__ import annotations
@@ -15,6 +17,12 @@ BLIND_AFTER_NS = 5 * NS_PER_S
 UNASSOCIATED_AFTER_NS = 10 * NS_PER_S
 _PERIODS = 3
 _MAX_SENSORS = 256
+_MAX_REFUSED_SENSORS = 16
+"""Number of sensors without a processed scan."""
+_MIN_REFUSED = 3
+"""Refused scans that make a sensor of a name without a processed scan."""
+_KEEP_REFUSED_NS = 60 * NS_PER_S
+"""Time without a refused scan after which such a sensor gives its place to another."""
 
 
 @dataclass(slots=True)
@@ -28,7 +36,16 @@ class WatchedSensor:
     refused: int = 0
     """Number of scans refused since the last processed one."""
     reason: str = ""
+    refused_t_ns: int = 0
+    """Time of the last refused scan."""
+    was_processed: bool = False
+    """True after the first processed scan."""
     alarmed: bool = False
+
+    @property
+    def is_sensor(self) -> bool:
+        """True with a processed scan, or several refused ones; else it may be an invented name."""
+        return self.was_processed or self.refused >= _MIN_REFUSED
 
 
 @dataclass(slots=True)
@@ -50,9 +67,8 @@ class SensorWatchdog:
     @property
     def is_blind(self) -> bool:
         """True while no sensor has its scans processed, and the alarms about that are raised."""
-        return self.has_no_sensor or (
-            bool(self.sensors) and all(one.alarmed for one in self.sensors.values())
-        )
+        watched = [one for one in self.sensors.values() if one.is_sensor]
+        return self.has_no_sensor or (bool(watched) and all(one.alarmed for one in watched))
 
     def begin_again(self, t_ns: int) -> None:
         """Wait for all sensors as at the start of the service."""
@@ -63,7 +79,8 @@ class SensorWatchdog:
     def processed(self, sensor: str, t_ns: int) -> list[Effect]:
         """Note a processed scan; return the all-clear after an alarm."""
         effects: list[Effect] = []
-        entry = self._entry(sensor, t_ns)
+        entry = self._place(sensor, t_ns)
+        entry.was_processed = True
         if entry.processed_t_ns is not None and not entry.alarmed:
             entry.period_ns = max(t_ns - entry.processed_t_ns, entry.period_ns - entry.period_ns // 8)
         if entry.alarmed:
@@ -80,9 +97,11 @@ class SensorWatchdog:
 
     def refused(self, sensor: str, t_ns: int, reason: str) -> None:
         """Note a refused scan."""
-        entry = self._entry(sensor, t_ns)
-        entry.refused += 1
-        entry.reason = reason
+        entry = self._refused_place(sensor, t_ns)
+        if entry is not None:
+            entry.refused += 1
+            entry.reason = reason
+            entry.refused_t_ns = t_ns
 
     def records(self, t_ns: int) -> tuple[SensorRecord, ...]:
         """Return the age of each sensor's last processed scan."""
@@ -103,11 +122,12 @@ class SensorWatchdog:
         for name, entry in self.sensors.items():
             since_t_ns = entry.first_t_ns if entry.processed_t_ns is None else entry.processed_t_ns
             limit_ns = max(BLIND_AFTER_NS, _PERIODS * entry.period_ns)
-            if not entry.alarmed and t_ns - since_t_ns >= limit_ns:
+            if entry.is_sensor and not entry.alarmed and t_ns - since_t_ns >= limit_ns:
                 entry.alarmed = True
                 effects.append(Notice(t_ns, "alarm", _text(name, entry, (t_ns - since_t_ns) / NS_PER_S)))
         since_t_ns = self.start_t_ns if self.scan_t_ns is None else self.scan_t_ns
-        if not self.sensors and not self.has_no_sensor and t_ns - since_t_ns >= BLIND_AFTER_NS:
+        is_any = any(one.is_sensor for one in self.sensors.values())
+        if not is_any and not self.has_no_sensor and t_ns - since_t_ns >= BLIND_AFTER_NS:
             self.has_no_sensor = True
             since_s = (t_ns - since_t_ns) / NS_PER_S
             effects.append(Notice(t_ns, "alarm", f"no scan for {since_s:.0f} s: is the sensor there?"))
@@ -133,11 +153,30 @@ class SensorWatchdog:
             return [Notice(t_ns, "alarm", text)]
         return []
 
-    def _entry(self, sensor: str, t_ns: int) -> WatchedSensor:
-        entry = self.sensors.setdefault(sensor, WatchedSensor(t_ns))
-        if len(self.sensors) > _MAX_SENSORS:  # the number of sensors is bounded
-            del self.sensors[next(iter(self.sensors))]
-        return entry
+    def _place(self, sensor: str, t_ns: int) -> WatchedSensor:
+        """Return the place of a sensor with a processed scan.
+
+        On a full list it replaces one without a processed scan, else the newest.
+        """
+        if sensor not in self.sensors and len(self.sensors) >= _MAX_SENSORS:
+            others = (name for name, one in self.sensors.items() if not one.was_processed)
+            del self.sensors[next(others, list(self.sensors)[-1])]
+        return self.sensors.setdefault(sensor, WatchedSensor(t_ns))
+
+    def _refused_place(self, sensor: str, t_ns: int) -> WatchedSensor | None:
+        """Return the place of a sensor with a refused scan; None if all are taken."""
+        if sensor in self.sensors:
+            return self.sensors[sensor]
+        others = {name: one for name, one in self.sensors.items() if not one.was_processed}
+        if len(others) >= _MAX_REFUSED_SENSORS:
+            idle = (name for name, one in others.items() if t_ns - one.refused_t_ns >= _KEEP_REFUSED_NS)
+            replaced = next(idle, None)
+            if replaced is None:
+                return None
+            del self.sensors[replaced]
+        if len(self.sensors) >= _MAX_SENSORS:
+            return None
+        return self.sensors.setdefault(sensor, WatchedSensor(t_ns, refused_t_ns=t_ns))
 
 
 def _text(name: str, entry: WatchedSensor, since_s: float) -> str:

@@ -21,6 +21,7 @@ Payloads are the JSON of `gcs.io.records`; scans and orders have own forms (`gcs
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from gcs.model import (
@@ -36,6 +37,7 @@ from gcs.model import (
     UploadReport,
 )
 
+SENSOR_NAME: Final = r"^[A-Za-z0-9_-]{1,64}$"
 _EFFECT_KEYS: Final[dict[type, str]] = {
     Plan: "plan",
     UploadReport: "upload",
@@ -54,9 +56,10 @@ def scan_key(mission: str, sensor: str) -> str:
 
 
 def sensor_of(key: str) -> str:
-    """Return the name of the sensor that publishes on a scan's key; empty for another key."""
+    """Return the name of the sensor that publishes on a scan's key; empty if there is none."""
     parts = key.split("/")
-    return parts[3] if len(parts) == 5 and parts[4] == "scan" else ""
+    is_scan = len(parts) == 5 and parts[4] == "scan" and re.match(SENSOR_NAME, parts[3])
+    return parts[3] if is_scan else ""
 
 
 def sensor_scan_keys(mission: str) -> str:

@@ -18,6 +18,7 @@ from msgspec import Meta
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.io.records import decode_json
+from gcs.io.zenoh.key_expressions import SENSOR_NAME
 from gcs.model import Polar, Scan, Sensor, read_only
 from gcs.tracking.models.sensor_geometry import map_coordinates, polar_sensor, sensor_coordinates
 
@@ -25,10 +26,9 @@ MAX_DETECTIONS = 20_000
 MAX_ORIGIN_OFFSET_M = 1.0
 """Greatest distance of a sensor's origin from the mission's."""
 
-_NAME = r"^[A-Za-z0-9_-]{1,64}$"
 _SCAN_KEY = re.compile(r"swarm/[^/]+/sensor/(?P<sensor>[^/]+)/scan")
 
-_Name = Annotated[str, Meta(pattern=_NAME)]
+_Name = Annotated[str, Meta(pattern=SENSOR_NAME)]
 _Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 _Metres = Annotated[float, Meta(ge=-1e7, le=1e7)]
 _Variance = Annotated[float, Meta(ge=-1e10, le=1e10)]
