@@ -70,9 +70,19 @@ class Engine(Stages):
 
         `frames` are those of a datagram, if they are known already. The effects are the same without.
         """
-        effects = self._step(event, frames)
+        effects = self._without_repeats(self._step(event, frames), event)
         self.second_commander.note_sent(effects, event.t_ns)
         return effects
+
+    def _without_repeats(self, effects: list[Effect], event: Event) -> list[Effect]:
+        """Leave out notices that come all the time; add their summaries."""
+        repeats = self.state.repeats
+        kept = [
+            effect
+            for effect in effects
+            if not isinstance(effect, Notice) or repeats.admit(effect, with_figures=True)
+        ]
+        return [*kept, *repeats.summaries(event.t_ns)] if isinstance(event, Tick) else kept
 
     def _step(self, event: Event, frames: FrameTable | None) -> list[Effect]:
         match event:

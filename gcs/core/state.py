@@ -23,6 +23,7 @@ from gcs.core.replanning.records import AgentRoutes, ReplanningState
 from gcs.core.separation.records import AgentSeparation, SeparationState
 from gcs.core.takeoff.records import AgentTakeoff, TakeoffState
 from gcs.core.tasking.records import AgentTasking, TaskingState
+from gcs.mavlink.fleet.notice_queue import RepeatLimit
 from gcs.mavlink.fleet.records import FleetState, VehicleLink
 from gcs.mavlink.fleet.telemetry_table import new_table
 from gcs.model import AgentStatus, Authority, Control, Label, Route
@@ -96,6 +97,8 @@ class State:
     airspace: AirspaceState = field(default_factory=AirspaceState)
     operator: OperatorState = field(default_factory=OperatorState)
     separation: SeparationState = field(default_factory=SeparationState)
+    repeats: RepeatLimit = field(default_factory=RepeatLimit)
+    """Notices that were given a moment ago."""
     has_ended: bool = False
     """True after the end of the mission."""
     measured_t_ns: int = 0

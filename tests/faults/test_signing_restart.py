@@ -105,7 +105,7 @@ def test_a_clock_that_is_set_while_the_service_is_down_locks_no_vehicle_out(unix
     if not again.gate.accept_frames(
         unix.t_ns, HOME, scan(late)
     ):  # then it gets the time, and is heard with its next frame
-        assert HOME in again.gate.take_stale_senders()
+        assert HOME in again.gate.take_stale_senders(unix.t_ns)
         answer = again.gate.sign_frames(
             unix.t_ns, HOME, scan(Encoder()(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
         )

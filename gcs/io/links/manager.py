@@ -180,7 +180,7 @@ class Links:
         for link_name, level, text in self.signing.tick(t_ns):
             if link_name in self._ports:
                 self._ports[link_name].news(level, text)
-        for address in self.signing.gate.take_stale_senders():
+        for address in self.signing.gate.take_stale_senders(t_ns):
             self.send(*address, self._heartbeat_encoder(heartbeat()))
 
     def _send_adsb(self, targets: Picture, t_ns: int) -> None:

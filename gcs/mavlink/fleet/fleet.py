@@ -354,6 +354,7 @@ class Fleet:
     def poll(self, t_ns: int) -> list[Send]:
         """Advance the timers; return what to send."""
         self._state.own_ids.begin(t_ns)
+        self._notices.summarise(t_ns)
         out = []
         for address in self._outgoing:
             if self._peers.start_heartbeat(address, t_ns, self._used_addresses):

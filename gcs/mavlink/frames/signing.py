@@ -58,6 +58,10 @@ _MAX_STREAMS: Final = 16_384
 _MAX_AHEAD_TICKS: Final = TICKS_PER_S // 5
 """A stream may be ahead of its saved time by this much: less than the service needs for a restart."""
 _MAX_ADDRESSES: Final = 1024
+_ANSWER_EVERY_NS: Final = NS_PER_S
+"""Time between two answers to one address with stale frames, which may be replayed."""
+_MAX_ANSWERS: Final = 16
+"""Answers in that time to all addresses together."""
 
 
 def _flag_changes() -> tuple[int, ...]:
@@ -188,6 +192,8 @@ class SigningGate:
         self._keys_at: dict[Address, dict[bytes, None]] = {}
         """Keys that verified frames from an address."""
         self._stale_senders: dict[Address, None] = {}
+        self._answered_t_ns: dict[Address, int] = {}
+        """Time of the last answer to a stale sender."""
         self._leads: dict[Stream, int] = {}
         """Greatest lead of a stream over our clock since times were saved; may be negative."""
         self._saved: tuple[int, Mapping[Stream, int]] = 0, {}
@@ -298,14 +304,18 @@ class SigningGate:
         if len(self._stale_senders) < _MAX_ADDRESSES:
             self._stale_senders[address] = None
 
-    def take_stale_senders(self) -> list[Address]:
-        """Return, once, the addresses of frames with good signatures that were too old.
+    def take_stale_senders(self, t_ns: int) -> list[Address]:
+        """Return the addresses to answer: of frames with good signatures that were too old.
 
         An autopilot without the time of day signs with the time of its last flight. It takes the time from
-        the first valid frame that it receives.
+        the first valid frame that it receives. Such frames may also be replayed: one answer a second to each
+        address, and few to all, give nobody a lever.
         """
         stale, self._stale_senders = list(self._stale_senders), {}
-        return stale
+        recent = {a: at for a, at in self._answered_t_ns.items() if 0 <= t_ns - at < _ANSWER_EVERY_NS}
+        due = [address for address in stale if address not in recent][: _MAX_ANSWERS - len(recent)]
+        self._answered_t_ns = recent | dict.fromkeys(due, t_ns)
+        return due
 
     # ------------------------------------------------------------ out
 

@@ -1,6 +1,7 @@
 """A user would lose the true picture of the fleet: to unknown systems, spoofers, late frames or link loss."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -86,6 +87,24 @@ def test_mode_and_arming_changes_are_reported():
     air.texts()
     air.hear(1, beat(AUTO, armed=True))
     assert air.texts() == [(1, "mode MANUAL -> AUTO"), (1, "armed")]
+
+
+def test_a_vehicle_that_arms_and_disarms_all_the_time_does_not_flood_the_operator():
+    air, texts = Air(1), []
+    for step in range(1200):
+        air.hear(0.05 * step, beat(armed=step % 2 == 0))
+        air.poll(0.05 * step)
+        texts += [text for _, text in air.texts()]
+    flickers = [text for text in texts if "armed" in text]
+    assert len(flickers) <= 2 * (5 + 6)
+    assert flickers[:2] == ["disarmed", "armed"]
+    assert any(re.search(r"armed \(9\d more such notices in 10 s\)", text) for text in flickers)
+    for step in range(1200, 1700):
+        air.poll(0.05 * step)
+        texts += [text for _, text in air.texts()]
+    air.hear(85.0, beat(armed=False))
+    air.hear(85.1, beat(armed=True))
+    assert [text for _, text in air.texts() if "armed" in text][-1] == "armed"
 
 
 def test_px4_modes_have_the_same_names():

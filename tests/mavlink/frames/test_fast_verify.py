@@ -55,7 +55,7 @@ class Air:
 
 def known(gate):
     heard = [(address, list(keys)) for address, keys in gate._keys_at.items()]
-    return gate.timestamp, gate.streams, gate.counters, heard, gate.take_stale_senders()
+    return gate.timestamp, gate.streams, gate.counters, heard, gate.take_stale_senders(0)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -144,11 +144,30 @@ def test_a_new_sender_may_be_a_minute_behind_and_no_more():
     assert gate().accept_frames(NOW, HERE, scan(Peer(t_ns=NOW - 61 * S).send())) == b""
 
 
+def test_replayed_frames_are_not_answered_one_for_one():
+    """Half a minute of twenty replayed frames a second, then from a thousand addresses."""
+    subject, peer = gate(), Peer()
+    recorded = [peer.send() for _ in range(20)]
+    for frame in recorded:
+        subject.accept_frames(NOW, HERE, scan(frame))
+    answers = []
+    for step in range(600):
+        t_ns = NOW + step * S // 20
+        assert subject.accept_frames(t_ns, HERE, scan(recorded[step % 20])) == b""
+        answers += subject.take_stale_senders(t_ns)
+    assert len(answers) == 30
+    for number in range(1000):
+        address = (VEHICLES.name, f"10.6.{number // 250}.{number % 250}:1")
+        subject.accept_frames(NOW + 40 * S, address, scan(recorded[0]))
+    assert len(subject.take_stale_senders(NOW + 40 * S)) <= 16
+    assert subject.take_stale_senders(NOW + 40 * S) == []
+
+
 def test_a_vehicle_without_the_time_gets_it_and_is_heard_then():
     subject, peer = gate(), Peer(t_ns=NOW - 86_400 * S)
     assert subject.accept_frames(NOW, HERE, scan(peer.send())) == b""
-    assert subject.take_stale_senders() == [HERE]
-    assert subject.take_stale_senders() == []
+    assert subject.take_stale_senders(NOW) == [HERE]
+    assert subject.take_stale_senders(NOW) == []
     assert peer.takes(subject.sign_frames(NOW, HERE, scan(Encoder()(beat(6)))))
     assert subject.accept_frames(NOW, HERE, scan(peer.send()))
 
