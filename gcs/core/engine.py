@@ -21,6 +21,7 @@ from gcs.core.perception.never_heard import check_never_heard
 from gcs.core.restart import bridge_gap, is_settled
 from gcs.core.stages import Stages
 from gcs.core.state import State, at_targets, with_status, without_missions
+from gcs.core.state_check import check_state
 from gcs.core.tasking.missed_targets import check_missed_targets
 from gcs.mavlink.frames.codec import FrameTable, scan
 from gcs.model import (
@@ -60,9 +61,10 @@ class Engine(Stages):
         ValueError
             If the state is damaged, or of another mission; the engine is then not to be used.
         """
+        check_state(state)
         try:
             super().__init__(self.config, self.seed, state)
-        except (KeyError, IndexError, TypeError) as error:
+        except (LookupError, TypeError, ArithmeticError, AssertionError, AttributeError) as error:
             raise ValueError(f"the state makes no sense ({error!r})") from None
 
     def step(self, event: Event, frames: FrameTable | None = None) -> list[Effect]:
