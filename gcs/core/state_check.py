@@ -44,7 +44,7 @@ _ANY_FLOAT: Final = frozenset({"param1", "param2", "param3", "param4", "min_roun
 _POINTS: Final = ("k", 2)
 _SHAPES: Final[Mapping[str, tuple[int | str, ...]]] = {
     "points_m": _POINTS,
-    "return_m": _POINTS,
+    "return_m": ("n", 2),
     "z_m": ("n", 2),
     "noise_cov_m2": (2, 2),
 }
@@ -63,6 +63,8 @@ def check_state(state: State) -> None:
     _check_value(state, "state", "")
     for vehicle, agent in state.agents.items():
         _check_agent(vehicle, agent)
+    trackers = state.perception.trackers
+    _require((trackers.targets.filter.t_ns or 0) <= max(0, trackers.measured_t_ns), "trackers.targets.t_ns")
     tasking = state.tasking
     for vehicle, queued in tasking.queue.items():
         _require(vehicle in state.agents, "tasking.queue")

@@ -20,7 +20,7 @@ from typing import Protocol
 
 from gcs.config import Config
 from gcs.core.engine import Engine
-from gcs.core.snapshot import PeriodicSnapshots
+from gcs.core.snapshot import PeriodicSnapshots, encode_state
 from gcs.core.state import State
 from gcs.errors import GcsError, RecordingError, WireError
 from gcs.io.background_writer import BackgroundWriter, QueuedText
@@ -161,6 +161,8 @@ class Service:
         self._queue: asyncio.Queue[tuple[Event, FrameTable | None]] = asyncio.Queue(QUEUE_SIZE)
         self._orders = OrderInbox(config.local_frame, config.name)
         self._resumed_from: Snapshot | None = None
+        self._is_resumed = False
+        """True while the state is that of a journal, with what followed."""
         self._tick_waits = False
         self._lag_warned = False
         self._keyless: set[int] = set()
@@ -185,6 +187,7 @@ class Service:
             self.command.restore(State.initial(agent.vehicle for agent in self.config.agents))
             raise
         self._resumed_from = snapshot
+        self._is_resumed = True
 
     async def run(
         self,
@@ -395,7 +398,7 @@ class Service:
         for sink in self.sinks:
             sink.event(event)
         started = time.perf_counter()
-        effects = self.command.step(event, frames)
+        effects = self._step(event, frames)
         took_ms = (time.perf_counter() - started) * 1e3
         if isinstance(event, Scan):
             self.health.scan_ms.append(took_ms)
@@ -404,6 +407,21 @@ class Service:
                 self.health.plan_ms.append(took_ms)
             self._carry_out(event.t_ns, effect)
         return any(isinstance(effect, MissionEnded) for effect in effects)
+
+    def _step(self, event: Event, frames: FrameTable | None) -> list[Effect]:
+        """Step the engine. If a state from a journal turns out to be wrong, continue without it."""
+        try:
+            return self.command.step(event, frames)
+        except Exception as error:
+            if not self._is_resumed:
+                raise
+            self._is_resumed = False
+            self.command.restore(State.initial(agent.vehicle for agent in self.config.agents))
+            snapshot = Snapshot(event.t_ns, encode_state(self.command.state))
+            self._record(lambda recorder: recorder.record_snapshot(snapshot))
+            text = f"its state makes no sense ({error!r}): the service goes on without the previous flight"
+            self.on_link_news("journal", "alarm", text)
+            return []
 
     def _carry_out(self, t_ns: int, effect: Effect) -> None:
         payload = b""

@@ -53,4 +53,5 @@ def test_no_bytes_make_routes_or_the_watch_over_other_stations_fail(reads: list[
                 stations.receive_reply(1, message, number)
         if is_station:
             stations.receive(Datagram(number, SEAT, "10.0.0.1:9", data), found)
-    assert all(one.control.claims.keys() <= {Authority.OTHER_STATION} for one in state.agents.values())
+    allowed = {Authority.OTHER_STATION, Authority.COMMANDED}
+    assert all(one.control.claims.keys() <= allowed for one in state.agents.values())

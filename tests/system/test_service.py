@@ -9,6 +9,8 @@ from itertools import pairwise
 import pytest
 
 from gcs.config import load
+from gcs.core.engine import Engine
+from gcs.core.snapshot import encode_state
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError, RecordingError
 from gcs.io.clock import RunClock
@@ -16,7 +18,7 @@ from gcs.io.links.manager import Links
 from gcs.io.recording.reader import read
 from gcs.io.recording.writer import Recorder
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
-from gcs.model import NS_PER_S, Notice, Tick, Truth
+from gcs.model import NS_PER_S, Notice, Snapshot, Tick, Truth
 from gcs.service.journal import Journal, JournalSink
 from gcs.service.service import Service
 
@@ -67,6 +69,38 @@ def test_a_sink_that_fails_ends_the_run_with_its_own_error(service):
     service.sinks.append(Sink(error=RecordingError("run.mcap", "no space left on device")))
     with pytest.raises(RecordingError, match="no space left"):
         serve(service, now(), 10.0)
+
+
+def test_a_journal_whose_error_shows_in_flight_ends_neither_service_nor_heartbeats(service, monkeypatch):
+    """The check on load cannot know every consequence of a changed value."""
+    clock, sink = now(), Sink()
+    state = Engine(service.config, 1).state
+    state.has_ended = True
+    service.resume(Snapshot(clock.now_ns() - 10**9, encode_state(state)), state)
+    step = service.command.step
+
+    def failing(event, frames=None):
+        if isinstance(event, Tick) and service.command.state.has_ended:
+            raise KeyError(77)
+        return step(event, frames)
+
+    monkeypatch.setattr(service.command, "step", failing)
+    service.sinks.append(sink)
+    serve(service, clock, 1.0)
+    (alarm,) = [one for one in sink.effects if isinstance(one, Notice) and one.level == "alarm"]
+    assert "KeyError(77)" in alarm.text
+    assert "the service goes on without the previous flight" in alarm.text
+    assert not service.command.state.has_ended
+    assert sum(isinstance(event, Tick) for event in sink.events) > 10
+
+
+def test_a_program_error_without_a_journal_still_ends_the_run(service, monkeypatch):
+    def failing(_event, _frames=None):
+        raise KeyError(77)
+
+    monkeypatch.setattr(service.command, "step", failing)
+    with pytest.raises(ExceptionGroup):
+        serve(service, now(), 1.0)
 
 
 def test_a_full_disk_ends_the_recording_and_not_the_flight(service, tmp_path, monkeypatch):
