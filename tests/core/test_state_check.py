@@ -145,6 +145,7 @@ def test_changes_here_and_there_are_refused_or_harmless(flight: Flight) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("part", [0.1, 0.5])
 def test_every_change_of_a_value_is_refused_or_harmless(part: float) -> None:
     flight, failed = Flight(part), []

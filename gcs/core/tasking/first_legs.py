@@ -27,6 +27,7 @@ _OFF_M: Final = 20.0
 _DISTANCE_OFF_M: Final = 40.0
 """Maximum error of the distance to the waypoint, plus the distance flown in `_REPORT_AGE_S`."""
 _REPORT_AGE_S: Final = 1.0
+"""Maximum age of a position with which the distance is compared."""
 _WATCH_NS: Final = ns(4.0)
 _PERIOD_NS: Final = ns(0.4)
 _SAMPLES: Final = 2
@@ -116,6 +117,8 @@ def _problem(output: Message, leg: FirstLeg, state: VehicleState, t_ns: int) -> 
     speed_m_s, off_m = state.ground_speed_m_s, abs(output.xtrack_error)
     if off_m > _OFF_M + speed_m_s * (t_ns - leg.began_t_ns) / NS_PER_S:
         return f"{off_m:.0f} m off its line"
+    if t_ns - state.t_ns > _REPORT_AGE_S * NS_PER_S:
+        return ""  # the distance is from where the vehicle was
     to_go_m = math.hypot(leg.item_m[0] - state.east_m, leg.item_m[1] - state.north_m)
     if abs(output.wp_dist - to_go_m) > _DISTANCE_OFF_M + speed_m_s * _REPORT_AGE_S:
         return f"it flies to a waypoint {output.wp_dist} m away, its own is {to_go_m:.0f} m away"

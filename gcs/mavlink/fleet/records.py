@@ -11,6 +11,7 @@ from gcs.mavlink.autopilots import AutopilotProfile, profile_of
 from gcs.mavlink.fleet.checks.battery_alarm import BatteryAlarm
 from gcs.mavlink.fleet.checks.position_checks import BootClock
 from gcs.mavlink.fleet.checks.position_plausibility import DuplicateIdDetector, MotionCheck
+from gcs.mavlink.fleet.checks.report_consistency import ReportConsistency
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystems
 from gcs.mavlink.fleet.notice_queue import NoticeQueue
 from gcs.mavlink.fleet.own_ids import OwnIds
@@ -50,6 +51,7 @@ class PositionChecks:
     clock: BootClock = field(default_factory=BootClock)
     motion: MotionCheck = field(default_factory=MotionCheck)
     duplicates: DuplicateIdDetector = field(default_factory=DuplicateIdDetector)
+    consistency: ReportConsistency = field(default_factory=ReportConsistency)
     positions: int = 0
     """Accepted positions that the checks have processed."""
     has_no_position: bool = False

@@ -18,6 +18,7 @@ from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import mode_name
 from gcs.mavlink.fleet.checks.position_checks import position_problem
 from gcs.mavlink.fleet.checks.position_plausibility import Notify, Report
+from gcs.mavlink.fleet.checks.report_consistency import Sample
 from gcs.mavlink.fleet.heartbeat import heartbeat_key
 from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.fleet.records import Liveness, VehicleLink
@@ -54,6 +55,7 @@ _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _UNKNOWN_HEADING: Final = 65535
 _SLOW_M_S: Final = 0.5
 _NO_POSITION_NS: Final = ns(5.0)
+_OLD_POSITION_NS: Final = ns(1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,7 +282,7 @@ class Vehicle:
     def _on_heartbeat(self, message: Message, _t_ns: int, notify: Notify) -> None:
         link = self.link
         link.is_awaited = False
-        if message.autopilot != link.autopilot:
+        if (message.autopilot, message.type) != (link.autopilot, link.vehicle_type):
             self._set_autopilot(message, notify)
         mode, armed = mode_name(message), bool(message.base_mode & _ARMED)
         if link.mode and mode != link.mode:
@@ -294,7 +296,12 @@ class Vehicle:
 
     def _set_autopilot(self, heartbeat: Message, notify: Notify) -> None:
         """Note its firmware."""
+        before = (self.link.autopilot, self.link.vehicle_type)
         self.link.autopilot, self.link.vehicle_type = heartbeat.autopilot, heartbeat.type
+        if before[0] != dialect.MAV_AUTOPILOT_INVALID:
+            now = f"MAV_AUTOPILOT {heartbeat.autopilot} on MAV_TYPE {heartbeat.type}"
+            text = f"says that it is {now}, it was {before[0]} on {before[1]}: is it the same vehicle?"
+            notify("alarm", text)
         if self.link.profile is None:
             text = (
                 f"MAV_AUTOPILOT {heartbeat.autopilot} on MAV_TYPE {heartbeat.type}: a firmware not known here"
@@ -363,6 +370,30 @@ class Vehicle:
         elif checks.has_no_position and silent_ns <= _NO_POSITION_NS:
             checks.has_no_position = False
             notify("info", "its positions are believed again")
+
+    def check_consistency(self, t_ns: int, notify: Notify) -> None:
+        """Compare the newest position with the one a second ago."""
+        checks, positions = self.link.checks, self.record.item(POSITIONS)
+        if not positions or not checks.consistency.is_due(t_ns):
+            return
+        at_t_ns, lat, lon, alt_mm, v_north_cm_s, v_east_cm_s, _, _ = self.record[
+            POSITION_NS:POSITIONS
+        ].tolist()
+        if t_ns - at_t_ns > _OLD_POSITION_NS:
+            return
+        east_m, north_m = self._frame.to_local(lat * 1e-7, lon * 1e-7)
+        sample = Sample(
+            t_ns,
+            self.record.item(BOOT_MS),
+            east_m,
+            north_m,
+            alt_mm * 1e-3,
+            v_east_cm_s * 0.01,
+            v_north_cm_s * 0.01,
+            self.record.item(FRAMES),
+        )
+        home = self.link.home
+        checks.consistency.add_sample(sample, None if home is None else home.alt_msl_m, notify)
 
     def check_battery(self, notify: Notify) -> None:
         """Notify when the battery of an armed vehicle is low."""

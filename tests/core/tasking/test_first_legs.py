@@ -87,6 +87,19 @@ def test_a_vehicle_that_still_flies_to_its_old_waypoint_is_sent_to_the_new_one()
     assert any("flies to a waypoint 300 m away" in one.text for one in effects if isinstance(one, Notice))
 
 
+def test_a_vehicle_whose_position_is_merely_old_is_not_said_to_fly_wrong():
+    """Its position stays 3 s behind (a slow stream, a frozen receiver): it has flown 70 m since."""
+    fleet = Fleet()
+    legs = watching(fleet, 500.0)
+    effects = []
+    for t_s in (3.0, 3.3, 3.6, 3.9):
+        effects += report(legs, t_s, 0.0, 500 - round(23.5 * t_s))
+    assert effects == []
+    assert fleet.selections == []
+    effects = [*report(legs, 3.95, 900.0, 500), *report(legs, 3.97, 900.0, 500)]
+    assert [one.level for one in effects if isinstance(one, Notice)] == ["warning"]
+
+
 def test_a_leg_that_cannot_be_mended_is_an_alarm():
     fleet = Fleet()
     legs = watching(fleet, 800.0)

@@ -107,6 +107,32 @@ def test_a_vehicle_that_arms_and_disarms_all_the_time_does_not_flood_the_operato
     assert [text for _, text in air.texts() if "armed" in text][-1] == "armed"
 
 
+def test_a_vehicle_that_changes_its_type_is_an_alarm_and_a_copter_is_not_tasked():
+    air = Air(1)
+    air.hear(0.0, beat())
+    air.poll(0.0)
+    assert not [text for _, text in air.texts() if "same vehicle" in text]
+    air.hear(1.0, beat(kind=2))
+    ((_, text), *others) = air.texts("alarm")
+    assert text == "says that it is MAV_AUTOPILOT 3 on MAV_TYPE 2, it was 3 on 1: is it the same vehicle?"
+    assert any("never tasked" in other for _, other in others)
+    assert air.fleet.profile(1) is None
+    air.hear(2.0, beat())
+    assert air.fleet.profile(1) is not None
+
+
+@pytest.mark.parametrize("v_east", [-20.0, 20.0])
+def test_a_vehicle_whose_velocity_contradicts_its_positions_is_an_alarm(v_east):
+    air, texts = Air(1), []
+    air.hear(0.0, beat())
+    for k in range(60):
+        air.hear(0.25 * k, position(0.25 * k, 5.0 * k, v_east=v_east))
+        air.poll(0.25 * k)
+        texts += [text for _, text in air.texts("alarm")]
+    assert bool(texts) == (v_east < 0.0)
+    assert all("does not agree with its positions" in text for text in texts)
+
+
 def test_px4_modes_have_the_same_names():
     air = Air()
     air.hear(0, beat(4 << 16 | 4 << 24, autopilot=12), position(1))

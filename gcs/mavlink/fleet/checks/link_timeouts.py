@@ -32,6 +32,7 @@ def check_liveness(vehicle: Vehicle, t_ns: int, notify: Notify) -> None:
         notify("warning", f"not heard for {silent_ns / NS_PER_S:.1f} s")
     elif link.liveness == "alive":
         vehicle.check_position_age(t_ns, notify)
+        vehicle.check_consistency(t_ns, notify)
         vehicle.check_battery(notify)
     if link.claimed_t_ns is not None and t_ns - link.claimed_t_ns > _CLAIM_NS:
         link.claimed_t_ns = None

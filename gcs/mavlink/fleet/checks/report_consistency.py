@@ -1,0 +1,140 @@
+"""Checks of a vehicle's reports against each other, once a second: velocity, height, number of frames.
+
+They refuse nothing. They name a vehicle whose reports contradict each other, so that an operator does not
+trust them; position reports that are refused are in `position_plausibility`.
+
+* Velocity: the distance between two positions is the mean velocity times the time between them, by the
+  vehicle's own clock. `_MIN_SAMPLES` wrong samples in a row are an alarm.
+* Height: a jump, or a height above home that no mission has.
+* Frames: more than `_MAX_FRAMES_PER_S`.
+
+Pure. Each state that lasts has its all-clear.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+from gcs.mavlink.fleet.checks.position_plausibility import Notify
+from gcs.model import NS_PER_S
+
+_MIN_INTERVAL_S: Final = 0.9
+_MAX_INTERVAL_S: Final = 2.5
+"""Between two samples; over a longer time a vehicle may turn too far."""
+_MIN_SAMPLES: Final = 5
+_VELOCITY_SLACK_M: Final = 10.0
+_VELOCITY_SLACK: Final = 0.4
+"""Fraction of the distance."""
+_HEIGHT_JUMP_M: Final = 100.0
+_MAX_CLIMB_M_S: Final = 60.0
+_HEIGHTS_M: Final = (-300.0, 3000.0)
+"""Possible heights above home."""
+_MAX_FRAMES_PER_S: Final = 1000.0
+_BOOT_WRAP_MS: Final = 1 << 32
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """Newest accepted position of a vehicle, and its number of frames."""
+
+    t_ns: int
+    boot_ms: int
+    east_m: float
+    north_m: float
+    alt_msl_m: float
+    v_east_m_s: float
+    v_north_m_s: float
+    frames: int
+
+
+@dataclass(slots=True)
+class Condition:
+    """State that is raised after several bad samples in a row, and ends after as many good ones."""
+
+    is_raised: bool = False
+    samples: int = 0
+    """Samples in a row that differ from the state."""
+
+    def add(self, *, is_bad: bool, needed: int) -> bool:
+        """Add a sample; return True if the state changes."""
+        self.samples = self.samples + 1 if is_bad is not self.is_raised else 0
+        if self.samples < needed:
+            return False
+        self.is_raised, self.samples = is_bad, 0
+        return True
+
+
+@dataclass(slots=True)
+class ReportConsistency:
+    """Checks of one vehicle."""
+
+    last: Sample | None = None
+    velocity: Condition = field(default_factory=Condition)
+    height: Condition = field(default_factory=Condition)
+    frames: Condition = field(default_factory=Condition)
+
+    def is_due(self, t_ns: int) -> bool:
+        """Return True if the next sample is due."""
+        return self.last is None or t_ns - self.last.t_ns >= _MIN_INTERVAL_S * NS_PER_S
+
+    def add_sample(self, sample: Sample, home_alt_msl_m: float | None, notify: Notify) -> None:
+        """Compare a sample with the one before."""
+        last = self.last
+        if last is None:
+            self.last = sample
+            return
+        elapsed_ms = (sample.boot_ms - last.boot_ms) % _BOOT_WRAP_MS
+        elapsed_s = elapsed_ms * 1e-3 if elapsed_ms < _BOOT_WRAP_MS // 2 else 0.0
+        if 0.0 < elapsed_s < _MIN_INTERVAL_S:
+            return
+        self.last = sample
+        if elapsed_s == 0.0 or elapsed_s > _MAX_INTERVAL_S:
+            return
+        self._check_velocity(last, sample, elapsed_s, notify)
+        self._check_height(last, sample, elapsed_s, home_alt_msl_m, notify)
+        self._check_frames(last, sample, notify)
+
+    def _check_velocity(self, last: Sample, now: Sample, elapsed_s: float, notify: Notify) -> None:
+        east_m, north_m = now.east_m - last.east_m, now.north_m - last.north_m
+        v_east_m_s = 0.5 * (last.v_east_m_s + now.v_east_m_s)
+        v_north_m_s = 0.5 * (last.v_north_m_s + now.v_north_m_s)
+        error_m = math.hypot(east_m - v_east_m_s * elapsed_s, north_m - v_north_m_s * elapsed_s)
+        moved_m, speed_m_s = math.hypot(east_m, north_m), math.hypot(v_east_m_s, v_north_m_s)
+        slack_m = max(_VELOCITY_SLACK_M, _VELOCITY_SLACK * max(moved_m, speed_m_s * elapsed_s))
+        if not self.velocity.add(is_bad=error_m > slack_m, needed=_MIN_SAMPLES):
+            return
+        if self.velocity.is_raised:
+            text = "its velocity does not agree with its positions: "
+            text += f"it reports {speed_m_s:.0f} m/s, and is {error_m / elapsed_s:.0f} m/s off that"
+            notify("alarm", text)
+        else:
+            notify("info", "its velocity agrees with its positions again")
+
+    def _check_height(
+        self, last: Sample, now: Sample, elapsed_s: float, home_alt_msl_m: float | None, notify: Notify
+    ) -> None:
+        jump_m = now.alt_msl_m - last.alt_msl_m
+        if abs(jump_m) > _HEIGHT_JUMP_M + _MAX_CLIMB_M_S * elapsed_s:
+            notify("alarm", f"its height jumped by {jump_m:.0f} m")
+        if home_alt_msl_m is None:
+            return
+        height_m = now.alt_msl_m - home_alt_msl_m
+        low_m, high_m = _HEIGHTS_M
+        if not self.height.add(is_bad=not low_m <= height_m <= high_m, needed=2):
+            return
+        if self.height.is_raised:
+            notify("alarm", f"reports a height of {height_m:.0f} m above home, which it cannot have")
+        else:
+            notify("info", "its height is possible again")
+
+    def _check_frames(self, last: Sample, now: Sample, notify: Notify) -> None:
+        elapsed_s = max((now.t_ns - last.t_ns) / NS_PER_S, _MIN_INTERVAL_S)
+        rate_hz = (now.frames - last.frames) / elapsed_s
+        if not self.frames.add(is_bad=rate_hz > _MAX_FRAMES_PER_S, needed=_MIN_SAMPLES):
+            return
+        if self.frames.is_raised:
+            notify("warning", f"sends {rate_hz:.0f} frames a second: check its stream rates")
+        else:
+            notify("info", "sends fewer frames again")

@@ -1,0 +1,68 @@
+"""A user would trust a vehicle whose reports contradict each other."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs.mavlink.fleet.checks.report_consistency import ReportConsistency, Sample
+
+S = 1_000_000_000
+
+
+def sample(t_s, place, velocity, alt_m=100.0, frames=0, delay_s=0.0):
+    return Sample(round((t_s + delay_s) * S), round(t_s * 1000), *place, alt_m, *velocity, frames)
+
+
+def notices(samples, home_alt_m=50.0):
+    checks, found = ReportConsistency(), []
+    for one in samples:
+        checks.add_sample(one, home_alt_m, lambda level, text: found.append((level, text)))
+    return found
+
+
+def turning(seconds, *, radius_m=40.0, speed_m_s=22.0, factor=1.0, seed=1, noise_m=2.0, rate_hz=4.0):
+    """A vehicle that circles; arrivals are delayed by up to 2 s, and a third of the reports is lost."""
+    rng = np.random.default_rng(seed)
+    for k in range(int(seconds * rate_hz)):
+        if rng.random() < 0.3:
+            continue
+        t_s, angle = k / rate_hz, k / rate_hz * speed_m_s / radius_m
+        place = np.array([radius_m * math.sin(angle), radius_m * math.cos(angle)]) + rng.normal(0, noise_m, 2)
+        velocity = (factor * speed_m_s * math.cos(angle), -factor * speed_m_s * math.sin(angle))
+        yield sample(t_s, place.tolist(), velocity, 100.0 + rng.normal(0, 3.0), delay_s=rng.uniform(0, 2))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_vehicle_that_turns_tightly_over_a_bad_link_is_consistent(seed):
+    assert notices(turning(120.0, seed=seed)) == []
+    assert notices(turning(120.0, seed=seed, radius_m=500.0, speed_m_s=60.0)) == []
+    assert notices(turning(120.0, seed=seed, speed_m_s=0.0)) == []
+
+
+@pytest.mark.parametrize("factor", [-1.0, 0.0, 2.0])
+def test_a_velocity_that_contradicts_the_positions_is_an_alarm_with_an_all_clear(factor):
+    wrong = list(turning(30.0, radius_m=1000.0, factor=factor))
+    later = [sample(40.0 + k, (22.0 * k, 0.0), (22.0, 0.0)) for k in range(20)]
+    found = notices([*wrong, *later])
+    assert [level for level, _ in found] == ["alarm", "info"]
+    assert "does not agree with its positions" in found[0][1]
+
+
+def test_a_height_that_jumps_or_that_no_vehicle_has_is_an_alarm():
+    heights = [100.0] * 5 + [9000.0] * 5 + [100.0] * 5
+    found = notices(sample(k, (22.0 * k, 0.0), (22.0, 0.0), alt_m) for k, alt_m in enumerate(heights))
+    assert [level for level, _ in found] == ["alarm", "alarm", "alarm", "info"]
+    assert found[0][1] == "its height jumped by 8900 m"
+    assert found[1][1].startswith("reports a height of 8950 m above home")
+    climb = notices(sample(k, (0.0, 0.0), (0.0, 0.0), 50.0 + 20.0 * k) for k in range(60))
+    assert climb == []
+
+
+def test_a_flood_of_frames_is_a_warning_that_ends():
+    frames = np.cumsum([50] * 10 + [5000] * 10 + [50] * 10)
+    found = notices(sample(k, (0.0, 0.0), (0.0, 0.0), frames=int(n)) for k, n in enumerate(frames))
+    assert [level for level, _ in found] == ["warning", "info"]
+    assert found[0][1].startswith("sends 5000 frames a second")
