@@ -391,6 +391,7 @@ class Vehicle:
             v_east_cm_s * 0.01,
             v_north_cm_s * 0.01,
             self.record.item(FRAMES),
+            self.link.armed,
         )
         home = self.link.home
         checks.consistency.add_sample(sample, None if home is None else home.alt_msl_m, notify)

@@ -1,6 +1,7 @@
 """Checks of a vehicle's reports against each other, once a second: velocity, height, number of frames.
 
-They refuse nothing. They name a vehicle whose reports contradict each other, so that an operator does not
+Velocity and height are checked while the vehicle is armed: before its estimator has an origin, they mean
+nothing. The checks refuse nothing. They name a vehicle whose reports contradict each other, so that an operator does not
 trust them; position reports that are refused are in `position_plausibility`.
 
 * Velocity: the distance between two positions is the mean velocity times the time between them, by the
@@ -47,6 +48,7 @@ class Sample:
     v_east_m_s: float
     v_north_m_s: float
     frames: int
+    is_armed: bool
 
 
 @dataclass(slots=True)
@@ -103,7 +105,7 @@ class ReportConsistency:
         error_m = math.hypot(east_m - v_east_m_s * elapsed_s, north_m - v_north_m_s * elapsed_s)
         moved_m, speed_m_s = math.hypot(east_m, north_m), math.hypot(v_east_m_s, v_north_m_s)
         slack_m = max(_VELOCITY_SLACK_M, _VELOCITY_SLACK * max(moved_m, speed_m_s * elapsed_s))
-        if not self.velocity.add(is_bad=error_m > slack_m, needed=_MIN_SAMPLES):
+        if not self.velocity.add(is_bad=now.is_armed and error_m > slack_m, needed=_MIN_SAMPLES):
             return
         if self.velocity.is_raised:
             text = "its velocity does not agree with its positions: "
@@ -116,13 +118,14 @@ class ReportConsistency:
         self, last: Sample, now: Sample, elapsed_s: float, home_alt_msl_m: float | None, notify: Notify
     ) -> None:
         jump_m = now.alt_msl_m - last.alt_msl_m
-        if abs(jump_m) > _HEIGHT_JUMP_M + _MAX_CLIMB_M_S * elapsed_s:
+        if last.is_armed and abs(jump_m) > _HEIGHT_JUMP_M + _MAX_CLIMB_M_S * elapsed_s:
             notify("alarm", f"its height jumped by {jump_m:.0f} m")
         if home_alt_msl_m is None:
             return
         height_m = now.alt_msl_m - home_alt_msl_m
         low_m, high_m = _HEIGHTS_M
-        if not self.height.add(is_bad=not low_m <= height_m <= high_m, needed=2):
+        is_bad = now.is_armed and not low_m <= height_m <= high_m
+        if not self.height.add(is_bad=is_bad, needed=2):
             return
         if self.height.is_raised:
             notify("alarm", f"reports a height of {height_m:.0f} m above home, which it cannot have")

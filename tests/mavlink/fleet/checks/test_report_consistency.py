@@ -12,8 +12,8 @@ from gcs.mavlink.fleet.checks.report_consistency import ReportConsistency, Sampl
 S = 1_000_000_000
 
 
-def sample(t_s, place, velocity, alt_m=100.0, frames=0, delay_s=0.0):
-    return Sample(round((t_s + delay_s) * S), round(t_s * 1000), *place, alt_m, *velocity, frames)
+def sample(t_s, place, velocity, alt_m=100.0, frames=0, delay_s=0.0, armed=True):
+    return Sample(round((t_s + delay_s) * S), round(t_s * 1000), *place, alt_m, *velocity, frames, armed)
 
 
 def notices(samples, home_alt_m=50.0):
@@ -59,6 +59,13 @@ def test_a_height_that_jumps_or_that_no_vehicle_has_is_an_alarm():
     assert found[1][1].startswith("reports a height of 8950 m above home")
     climb = notices(sample(k, (0.0, 0.0), (0.0, 0.0), 50.0 + 20.0 * k) for k in range(60))
     assert climb == []
+
+
+def test_an_estimator_that_finds_its_origin_on_the_ground_is_no_alarm():
+    """Recorded with ArduPlane: the height goes from 0 to that of the field, 584 m, before it is armed."""
+    heights = [0.0] * 5 + [584.0] * 5
+    samples = [sample(k, (0.0, 0.0), (0.0, 0.0), alt, armed=False) for k, alt in enumerate(heights)]
+    assert notices(samples, home_alt_m=584.0) == []
 
 
 def test_a_flood_of_frames_is_a_warning_that_ends():
