@@ -1,8 +1,8 @@
 """Checks of a vehicle's reports against each other, once a second: velocity, height, number of frames.
 
 Velocity and height are checked while the vehicle is armed: before its estimator has an origin, they mean
-nothing. The checks refuse nothing. They name a vehicle whose reports contradict each other, so that an operator does not
-trust them; position reports that are refused are in `position_plausibility`.
+nothing. The checks refuse nothing. They name a vehicle whose reports contradict each other, so that an
+operator does not trust them. Position reports that are refused are in `position_plausibility`.
 
 * Velocity: the distance between two positions is the mean velocity times the time between them, by the
   vehicle's own clock. `_MIN_SAMPLES` wrong samples in a row are an alarm.
