@@ -16,8 +16,9 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass
+from enum import Enum
 from typing import Any, Final
 
 import numpy as np
@@ -115,7 +116,7 @@ def _check_route(vehicle: int, route: Route, name: str) -> None:
 
 def _check_value(value: Any, path: str, name: str) -> None:
     """Check a value and all that it contains; `name` is the field that it is in."""
-    if value is None or isinstance(value, bool | bytes | GlmbState):
+    if value is None or isinstance(value, bool | bytes | Enum | GlmbState):
         return
     if isinstance(value, float):
         _require(name in _ANY_FLOAT or (math.isfinite(value) and abs(value) <= _MAX_NUMBER), path)
@@ -137,7 +138,7 @@ def _check_value(value: Any, path: str, name: str) -> None:
     elif hasattr(value, "_fields"):  # a named tuple
         for key, one in zip(value._fields, value, strict=True):
             _check_value(one, f"{path}.{key}", key)
-    else:
+    elif isinstance(value, Collection):
         for one in value:
             _check_value(one, path, name)
 
