@@ -95,6 +95,8 @@ class SeparationMonitor:
         height_m = abs(first.alt_msl_m - second.alt_msl_m)
         is_lost = distance_m < self._min_m and height_m < LOST_SHARE * self._step_m
         stage = self._lost if is_lost else sum(encounter.after_s <= at_s for at_s in WARNING_TIMES_S)
+        if stage == 1 and encounter.distance_m > self._min_m:
+            return []  # far ahead, and only near as predictions go
         approach = self._state.approaches.get(encounter.vehicles)
         if approach is None:
             # An early warning needs a second look: courses in a turn mislead.
