@@ -16,7 +16,7 @@ from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import points_passed
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import ActiveUpload, OnboardMission, TaskingState
-from gcs.core.tasking.upload_pauses import UploadRetry
+from gcs.core.tasking.upload_pauses import ClearingRetry, UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
@@ -188,13 +188,13 @@ class ActiveUploads(UploadPolicy):
         """Run a step of an upload. After a programming error it ends: the vehicle is held and cleared."""
         task = self._task(vehicle)
         try:
-            return self._progress(vehicle, task, step(task))
+            return self._progress(vehicle, task, step(task), t_ns)
         except TransitionError as error:
             text = f"its upload ended by a program error ({error}); it is planned for again"
             frames = task.end_after_error(error, t_ns)
-            return [Notice(t_ns, "alarm", text, vehicle), *self._progress(vehicle, task, frames)]
+            return [Notice(t_ns, "alarm", text, vehicle), *self._progress(vehicle, task, frames, t_ns)]
 
-    def _progress(self, vehicle: int, task: UploadTask, frames: list[bytes]) -> list[Effect]:
+    def _progress(self, vehicle: int, task: UploadTask, frames: list[bytes], t_ns: int) -> list[Effect]:
         """Send the frames of an upload; report its result if it has ended."""
         upload, result = self._uploads[vehicle], task.result
         effects: list[Effect] = [*self._fleet.address_frames(vehicle, frames)]
@@ -203,7 +203,8 @@ class ActiveUploads(UploadPolicy):
             effects.append(Upload(vehicle, upload.state.mission_id, external_frames))
         if result is None:
             self._fleet.forward_next_heartbeat(vehicle)
-            return effects
+            slowness = task.slowness(t_ns)
+            return [*effects, Notice(t_ns, "warning", slowness, vehicle)] if slowness else effects
         self._remove(vehicle, task)
         window, repeated = self._window(upload.link), result.retries / len(task.items)
         round_trip_s = upload.state.rtt.round_trip_s
@@ -214,7 +215,12 @@ class ActiveUploads(UploadPolicy):
                 self._agents[vehicle].tasking.retry = UploadRetry()
             else:
                 effects += self._agents[vehicle].tasking.retry.note_failure(vehicle, result.t_ns)
-        is_cleared, taken_by = result.onboard is OnboardState.CLEARED, self._overrides.of(vehicle).taken_by
+        tasking, taken_by = self._agents[vehicle].tasking, self._overrides.of(vehicle).taken_by
+        if not task.is_inconsistent:
+            tasking.clearing = ClearingRetry()
+        elif task.state.has_tried_clearing and not taken_by:
+            return effects + tasking.clearing.note_failure(vehicle, result.t_ns, result.detail)
+        is_cleared = result.onboard is OnboardState.CLEARED
         if result.ok or not (result.was_held or taken_by or upload.onboard is None or is_cleared):
             return effects
         state = "was set to LOITER" if result.was_held else "is overridden"

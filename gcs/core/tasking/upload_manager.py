@@ -27,7 +27,7 @@ from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import OnboardMission, QueuedRoute, TaskingState
-from gcs.core.tasking.upload_pauses import UploadRetry
+from gcs.core.tasking.upload_pauses import ClearingRetry, UploadRetry
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
@@ -130,7 +130,8 @@ class UploadManager:
     def release_override(self, vehicle: int, t_ns: int) -> None:
         """Take control of a vehicle back, on an operator's order."""
         self.overrides.of(vehicle).release(t_ns)
-        self._agents[vehicle].tasking.retry = UploadRetry()
+        tasking = self._agents[vehicle].tasking
+        tasking.retry, tasking.clearing = UploadRetry(), ClearingRetry()
 
     # ------------------------------------------------------------ uploads
 
@@ -225,7 +226,7 @@ class UploadManager:
             tasking.is_inconsistent = False
         if not tasking.is_inconsistent or is_uploading:
             return []
-        if not self._may_clear(vehicle):
+        if not self._may_clear(vehicle, t_ns):
             self._fleet.forward_next_heartbeat(vehicle)
             return []
         empty = self._missions.empty(vehicle)
@@ -233,11 +234,11 @@ class UploadManager:
             UploadState.initial(empty, self._default_home, profile, inconsistent=True), t_ns
         )
 
-    def _may_clear(self, vehicle: int) -> bool:
+    def _may_clear(self, vehicle: int, t_ns: int) -> bool:
         """Return True if an inconsistent mission may be cleared: nobody else commands the vehicle."""
         agent = self._agents[vehicle]
         is_taken = bool(self.overrides.of(vehicle).taken_by) or agent.control.suspension == "return"
-        return not is_taken and agent.orders.command is None
+        return not is_taken and agent.orders.command is None and agent.tasking.clearing.is_due(t_ns)
 
     def _rebooted(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Forget the onboard mission, and restart an upload in progress."""

@@ -44,6 +44,10 @@ class ListUploadState:
     """Time at which a failure counts unless the vehicle requests an item before, and its reason."""
     start_seq: int = -1
     """Item to mark as the first to fly; -1 for none."""
+    most_items: int = 0
+    """Largest number of items of the stage's transfer that were requested or received."""
+    progress_t_ns: int = 0
+    """Time at which that number grew."""
 
 
 class ListUpload(ABC):
@@ -112,7 +116,8 @@ class ListUpload(ABC):
         policy: RetryPolicy | None = None,
     ) -> None:
         self._set_stage(stage)
-        self.state.stage_t_ns = t_ns
+        self.state.stage_t_ns = self.state.progress_t_ns = t_ns
+        self.state.most_items = 0
         self.state.deadline_t_ns = self.state.pending_failure = self.state.download = None
         policy = policy or self.state.rtt.retry_policy(self._limits.max_tries, self._limits.min_answer_s)
         self.state.timer = RetryTimer(request, policy, t_ns + ns(pause_s)) if request is not None else None
@@ -146,7 +151,18 @@ class ListUpload(ABC):
     def _is_unanswered(self, t_ns: int) -> bool:
         """Return True if the tries of a request are used up."""
         requests = self.state.timer, self.state.download
-        return any(one is not None and one.is_exhausted(t_ns) for one in requests)
+        return self._is_stalled(t_ns) or any(one is not None and one.is_exhausted(t_ns) for one in requests)
+
+    def _is_stalled(self, t_ns: int) -> bool:
+        """Return True if a transfer goes on without a further item."""
+        is_transfer = self.stage is Stage.UPLOAD and self.state.timer is None
+        is_transfer = is_transfer or self.state.download is not None
+        return is_transfer and t_ns - self.state.progress_t_ns > ns(self._limits.stall_s)
+
+    def _note_items(self, items: int, t_ns: int) -> None:
+        """Note how many items of the transfer were requested or received."""
+        if items > self.state.most_items:
+            self.state.most_items, self.state.progress_t_ns = items, t_ns
 
     def _run_timers(self, t_ns: int) -> None:
         if self.state.pending_failure is not None and t_ns >= self.state.pending_failure[0]:
@@ -208,6 +224,7 @@ class ListUpload(ABC):
                     and self._is_for_us(message)
                 ):
                     self.state.download.add_item(message, t_ns, self.state.rtt)
+                    self._note_items(len(self.state.download.received), t_ns)
                     self._check_download(t_ns)
             case _:
                 return False
@@ -223,6 +240,7 @@ class ListUpload(ABC):
         items = upload.answer_request(seq, t_ns, self.state.rtt, self.state.start_seq)
         if not items:
             return
+        self._note_items(seq + 1, t_ns)
         if self.state.timer is not None:
             self.state.rtt.add_sample(self.state.timer.round_trip_s(t_ns))
         self.state.timer = self.state.pending_failure = None

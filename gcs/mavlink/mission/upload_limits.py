@@ -51,6 +51,16 @@ class UploadLimits:
     """For an upload by another program."""
     transfer_timeout_s: float = 300.0
     """For all uploads and read-backs together."""
+    stall_s: float = 25.0
+    """Transfer in which no further item is requested or received."""
+    max_stalls: int = 2
+    """Such transfers before the task fails: the vehicle does not obey."""
+    max_same_differences: int = 4
+    """Read-backs with the same difference before the task fails."""
+    max_clearings: int = 4
+    """Clearings that are acknowledged, but leave items, before the task fails."""
+    slow_s: float = 10.0
+    """Time after which the operator is told what an upload waits for; again after three times as long."""
 
     def for_round_trip(self, round_trip_s: float) -> UploadLimits:
         """Return the limits for a link with this round trip: no decision before an answer can have come."""

@@ -33,6 +33,8 @@ from gcs.mavlink.services.retry import ns
 from gcs.model import NS_PER_S, Mission, system_of
 
 _MAX_PAUSE_S: Final = 4.0
+_MODE_GROWTH: Final = 1.3
+_MAX_MODE_WAIT_S: Final = 1.0
 _LIMITS: Final = UploadLimits()
 
 
@@ -84,8 +86,22 @@ class UploadState(ListUploadState):
     """Time of the last heartbeat; None before the first."""
     mode_asked_t_ns: int | None = None
     """Time of the last request for a heartbeat; None before the first."""
+    mode_tries: int = 0
+    """Requests since the last heartbeat."""
     waits_for_mode: bool = False
     """True if the vehicle has requested the last item of an atomic upload, which waits for a heartbeat."""
+    stalls: int = 0
+    """Transfers that went on without a further item."""
+    difference: str = ""
+    """Difference of the last read-back; empty if there was none."""
+    same_differences: int = 0
+    """Read-backs in a row with this difference."""
+    has_tried_clearing: bool = False
+    """True after the begin of a clearing."""
+    clearings: int = 0
+    """Clearings that were acknowledged."""
+    told_s: float = 0.0
+    """Duration at which the operator was told last what the upload waits for."""
     may_be_stored: bool = False
     """True if an atomic upload may have replaced the mission: its last item was sent."""
     is_selected: bool = True
@@ -217,7 +233,8 @@ class UploadSteps(ListUpload):
     def _is_unanswered(self, t_ns: int) -> bool:
         since_t_ns = max(self.state.stage_t_ns, self.state.mode_t_ns or 0)
         is_unheard = self.state.timer is not None and t_ns - since_t_ns > ns(self._limits.min_answer_s)
-        return is_unheard or super()._is_unanswered(t_ns)
+        is_external = self.stage is Stage.UPLOAD and self.state.is_delegated
+        return is_unheard or (not is_external and super()._is_unanswered(t_ns))
 
     def _mode_requests(self, t_ns: int) -> list[Message]:
         """Return the requests for a heartbeat that are due."""
@@ -226,7 +243,8 @@ class UploadSteps(ListUpload):
             asked_t_ns = max(asked_t_ns or 0, self.state.mode_t_ns or 0)
             wait_s, copies = self._limits.mode_period_s, 1
         else:
-            wait_s, copies = rtt.wait_s, rtt.copies
+            grown_s = rtt.wait_s * _MODE_GROWTH ** max(0, self.state.mode_tries - 1)
+            wait_s, copies = min(grown_s, _MAX_MODE_WAIT_S), rtt.copies
         if self.stage is Stage.DONE or (asked_t_ns is not None and t_ns - asked_t_ns < ns(wait_s)):
             return []
         return [self._request_mode(t_ns)] * copies
@@ -234,6 +252,7 @@ class UploadSteps(ListUpload):
     def _request_mode(self, t_ns: int) -> Message:
         """Request a heartbeat: it shows the mode, otherwise once a second."""
         self.state.mode_asked_t_ns = t_ns
+        self.state.mode_tries += 1
         return command_long(self.state.vehicle, REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HEARTBEAT)
 
     def _on_override(self, t_ns: int) -> None:
@@ -365,10 +384,15 @@ class UploadSteps(ListUpload):
             self._enter_stage(Stage.HOLD, t_ns, self._mode_command(LOITER), policy=self._limits.loiter_retry)
 
     def _start_clear(self, t_ns: int) -> None:
-        self.state.is_cleared = False
-        self._enter_stage(
-            Stage.CLEAR, t_ns, dialect.MAVLink_mission_clear_all_message(*self._to, self.mission_type)
-        )
+        self.state.is_cleared, self.state.has_tried_clearing = False, True
+        pause_s = 0.5 * 2.0**self.state.clearings if self.state.clearings else 0.0
+        request = dialect.MAVLink_mission_clear_all_message(*self._to, self.mission_type)
+        self._enter_stage(Stage.CLEAR, t_ns, request, pause_s=pause_s)
+
+    def _disobeys(self, reason: str, t_ns: int) -> None:
+        """End the uploads: more of them would not help."""
+        self.state.reason = f"{reason}: the vehicle does not obey"
+        self._hold_and_clear(t_ns)
 
     def _retry_upload(self, reason: str, t_ns: int) -> None:
         """Upload again after a pause. After the last upload, read back once more, then clear."""

@@ -37,7 +37,7 @@ from gcs.mavlink.mission.upload_stages import OnboardState, Stage, TransitionErr
 from gcs.mavlink.mission.upload_steps import UploadSteps
 from gcs.mavlink.services.command_sender import SET_MODE
 from gcs.mavlink.services.retry import ns
-from gcs.model import UploadReport
+from gcs.model import NS_PER_S, UploadReport
 
 
 class UploadTask(UploadSteps):
@@ -213,6 +213,8 @@ class UploadTask(UploadSteps):
                 unchanged = ", so nothing was changed" if self.state.onboard is OnboardState.OLD else ""
                 self.state.reason = f"LOITER was not confirmed{unchanged}"
                 self._finish(ok=False, t_ns=t_ns)
+            case Stage.UPLOAD | Stage.VERIFY if self._is_stalled(t_ns):
+                self._on_stall(t_ns)
             case Stage.UPLOAD:
                 heard = self._has_heard_mode(self._limits.min_answer_s, t_ns)
                 self.state.reason = "no answer to MISSION_COUNT" if heard else "no heartbeat of the vehicle"
@@ -231,6 +233,39 @@ class UploadTask(UploadSteps):
             case Stage.CLEAR:
                 self.state.reason += "; the clearing was not confirmed"
                 self._finish(ok=False, t_ns=t_ns)
+
+    def _on_stall(self, t_ns: int) -> None:
+        """Upload again after the first transfer without progress; end after the last."""
+        self.state.stalls += 1
+        what, items = "its read-back goes on", self.state.most_items
+        if self.stage is Stage.UPLOAD:
+            what = "it requests items again and again"
+        what += f" at {items} of {len(self.items)} items"
+        reason = f"{what} for {self._limits.stall_s:.0f} s"
+        if self.state.stalls < self._limits.max_stalls:
+            self._retry_upload(reason, t_ns)
+        else:
+            self._disobeys(reason, t_ns)
+
+    def slowness(self, t_ns: int) -> str:
+        """Return what an upload waits for, once it takes long, at growing intervals; else nothing."""
+        took_s = (t_ns - self.state.began_t_ns) / NS_PER_S
+        if self.stage is Stage.DONE or took_s < max(self._limits.slow_s, 3.0 * self.state.told_s):
+            return ""
+        self.state.told_s, items = took_s, len(self.items)
+        waits_for = {
+            Stage.PARK: "LOITER",
+            Stage.UPLOAD: f"{self.state.most_items} of {items} items requested",
+            Stage.VERIFY: f"{self.state.most_items} of {items} items read back",
+            Stage.SELECT: "the selection of its first item",
+            Stage.MODE: "AUTO",
+            Stage.HOLD: "LOITER, to clear its mission",
+            Stage.CLEAR: "the clearing of its mission",
+        }.get(self.stage, self.stage)
+        heard = self._has_heard_mode(self._limits.slow_s, t_ns)
+        silence = "" if heard else ", no heartbeat heard"
+        before = f"; before: {self.state.reason}" if self.state.reason else ""
+        return f"its upload takes {took_s:.0f} s so far, waiting for {waits_for}{silence}{before}"
 
     def _guard_next_item(self, t_ns: int) -> None:
         """Command LOITER before the vehicle flies to the next item of the wrong mission."""
@@ -261,7 +296,7 @@ class UploadTask(UploadSteps):
     def _handle(self, message: Message, t_ns: int) -> bool:
         kind = message.get_type()
         if kind == "HEARTBEAT":
-            self.state.mode_t_ns = t_ns
+            self.state.mode_t_ns, self.state.mode_tries = t_ns, 0
             at_end = self._is_at_mission_end()
             self._authority.observe_heartbeat(message, self._profile, t_ns, at_end=at_end)
         is_explained = kind == "MISSION_CURRENT" and self.state.unexplained_mode_t_ns is not None
@@ -295,8 +330,9 @@ class UploadTask(UploadSteps):
 
     def _on_ack(self, message: Message, t_ns: int) -> None:
         if self.stage is Stage.CLEAR:
-            if message.type == ACCEPTED and not self.state.is_cleared:
+            if message.type == ACCEPTED and not self.state.is_cleared and not self._is_pausing():
                 self.state.is_cleared = True
+                self.state.clearings += 1
                 self._start_download(t_ns)
         elif self.stage is not Stage.UPLOAD or not self.state.is_delegated:
             super()._on_ack(message, t_ns)
@@ -311,8 +347,13 @@ class UploadTask(UploadSteps):
         elif message.count <= self._profile.home_items:
             self.state.onboard = OnboardState.CLEARED
             self._finish(ok=False, t_ns=t_ns)
-        else:
+        elif self.state.clearings < self._limits.max_clearings:
             self._start_clear(t_ns)
+        else:
+            left = message.count - self._profile.home_items
+            self.state.reason += f"; {left} items left by {self.state.clearings} acknowledged clearings: "
+            self.state.reason += "the vehicle does not obey"
+            self._finish(ok=False, t_ns=t_ns)
 
     def _on_read_back(self, items: Sequence[Item], t_ns: int) -> None:
         difference = self._profile.difference(self.items, items)
@@ -328,7 +369,18 @@ class UploadTask(UploadSteps):
             self.state.onboard = OnboardState.OLD
             self._resume_old_mission(t_ns)
         else:
-            self._retry_upload(f"read-back differs: {difference}", t_ns)
+            self._on_difference(difference, t_ns)
+
+    def _on_difference(self, difference: str, t_ns: int) -> None:
+        """Upload again, unless the same difference shows that more uploads would not help."""
+        is_same = difference == self.state.difference
+        self.state.same_differences = self.state.same_differences + 1 if is_same else 1
+        self.state.difference = difference
+        reason = f"read-back differs: {difference}"
+        if self.state.same_differences < self._limits.max_same_differences:
+            self._retry_upload(reason, t_ns)
+        else:
+            self._disobeys(f"{reason}, {self.state.same_differences} times", t_ns)
 
     def _on_current(self, message: Message, t_ns: int) -> None:
         self.state.has_no_mission = message.mission_state == dialect.MISSION_STATE_NO_MISSION

@@ -244,6 +244,31 @@ def test_after_failures_a_vehicle_is_tasked_again_ever_more_slowly_with_notices(
     assert swarm.reports()[-1].ok
 
 
+def test_a_vehicle_that_keeps_its_inconsistent_mission_is_given_up_with_an_alarm():
+    """It acknowledged each clearing; MISSION_CLEAR_ALL was sent ten times a second for ever."""
+    swarm, clearings = Swarm(1), []
+    plane = swarm.planes[1]
+    swarm.task(1)
+    swarm.run(5.0)
+
+    def deaf(_message, sender, t_ns):
+        clearings.append(t_ns)
+        return [plane._ack(0, sender)]
+
+    obeys, plane._on_mission_clear_all = plane._on_mission_clear_all, deaf
+    swarm.tasking.mark_inconsistent(1)
+    swarm.run(300.0)
+    assert len(clearings) <= 40
+    texts = [text for text in alarms(swarm) if "could not be cleared" in text]
+    assert [text.split(": ")[-1] for text in texts[:2]] == ["next attempt in 5 s", "next attempt in 10 s"]
+    assert "it does not obey; keep it out of AUTO, or order it to resume" in texts[-1]
+    assert len(texts) == 5
+    plane._on_mission_clear_all = obeys
+    swarm.tasking.release_override(1, swarm.t_ns)
+    swarm.run(10.0)
+    assert plane.store == []
+
+
 def px4_swarm(**options):
     swarm = Swarm(0)
     swarm.planes = {1: Px4(1, **options)}
