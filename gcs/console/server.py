@@ -53,6 +53,8 @@ _MAX_MESSAGE_BYTES: Final = 1024
 _MAX_HEADER_BYTES: Final = 16 * 1024
 _MIN_NEWS_INTERVAL_S: Final = 60.0
 _MAX_NEWS: Final = 200
+_CLIENT_ERRORS: Final = (h11.LocalProtocolError, UnicodeDecodeError)
+"""The client broke the protocol: HTTP before its answer, or a WebSocket's text."""
 
 
 class DisplayedRun(Protocol):
@@ -215,7 +217,7 @@ class FailedRequests(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Keep what failed."""
         error = record.exc_info[1] if record.exc_info else None
-        if isinstance(error, h11.LocalProtocolError):  # the client broke the protocol before the answer
+        if isinstance(error, _CLIENT_ERRORS):
             return
         self._text = record.getMessage().strip() if error is None else f"{type(error).__name__}: {error}"
 

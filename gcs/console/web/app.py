@@ -194,6 +194,7 @@ class _Feed:
                 self._board.clients.use(client)
         finally:
             sender.cancel()
+            await asyncio.gather(sender, return_exceptions=True)
 
     async def _send(self, socket: WebSocket, client: Client) -> None:
         code, reason = 1008, "the page does not read"
@@ -202,7 +203,7 @@ class _Feed:
                 await asyncio.wait_for(socket.send_bytes(message), _STALLED_S)
             code, reason = 1013, "too many pages are open"
         self._board.clients.leave(client)
-        with contextlib.suppress(RuntimeError):
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):
             await socket.close(code, reason)
 
 
