@@ -96,3 +96,22 @@ def test_an_upload_without_loss_counts_no_retries_while_the_item_is_shown_at_1_h
     monkeypatch.setattr(px4, "_on_command_long", without_current)
     result = joined(px4).run()
     assert (result.ok, result.retries) == (True, 0)
+
+
+def test_a_mission_that_is_rejected_on_the_ground_is_not_verified():
+    """PX4 goes to AUTO all the same there, and is refused at arming: for 165 s nobody knew why."""
+    px4 = Px4(rejects=True)
+    px4.armed = False
+    obey = px4._on_command_long
+
+    def to_any_mode(message, sender):
+        px4.valid, was_valid = message.command == 176 or px4.valid, px4.valid
+        answers = obey(message, sender)
+        px4.valid = was_valid
+        return answers
+
+    px4._on_command_long = to_any_mode
+    link = joined(px4)
+    result = link.run()
+    assert (result.ok, link.task.state.is_unflyable, px4.store) == (False, True, [])
+    assert "navigator rejects the mission" in result.detail

@@ -229,6 +229,9 @@ class Orders:
         """Return why arming would start an unwanted mission; empty if it would not."""
         if state is None or not state.mode:
             return "has not reported its mode and position yet"
+        tasking = self._agents[vehicle].tasking
+        if tasking.rejection and tasking.onboard is None:
+            return f"has no mission: {tasking.rejection}; correct its parameters first (`gcs preflight`)"
         if state.mode not in SELF_LAUNCHING or (state.mode == AUTO and self.may_take_off(vehicle)):
             return ""
         return (

@@ -210,6 +210,7 @@ class ActiveUploads(UploadPolicy):
         round_trip_s = upload.state.rtt.round_trip_s
         window.note_end(upload.state.began_t_ns, result.t_ns, round_trip_s, repeated)
         if upload.onboard is not None:
+            self._agents[vehicle].tasking.rejection = result.detail if upload.state.is_unflyable else ""
             effects.append(task.report())
             if result.ok:
                 self._agents[vehicle].tasking.retry = UploadRetry()

@@ -113,6 +113,8 @@ class AgentTasking:
     """Mission that the vehicle stored before it rebooted outside an upload, until its audit begins."""
     refusal: str = ""
     """Why the newest mission was refused, without figures: positions are noisy."""
+    rejection: str = ""
+    """Why the navigator rejected the newest mission; empty if it did not."""
     retry: UploadRetry = field(default_factory=UploadRetry)
     clearing: ClearingRetry = field(default_factory=ClearingRetry)
     route_end: RouteEnd = field(default_factory=RouteEnd)

@@ -76,6 +76,8 @@ class UploadState(ListUploadState):
     is_rejected: bool = False
     """True if a whole mission is stored that must not be flown: it reads back differently, or the vehicle's
     navigator rejects it."""
+    is_unflyable: bool = False
+    """True if the vehicle's navigator rejects the mission."""
     has_no_mission: bool = False
     """True if the last MISSION_CURRENT reported no valid mission."""
     unexplained_mode_t_ns: int | None = None
@@ -355,7 +357,7 @@ class UploadSteps(ListUpload):
         """Note that the vehicle's navigator rejects the mission: the mode is not an override."""
         self._authority.note_rejection(t_ns)
         self.state.reason = "the vehicle's navigator rejects the mission (no valid mission)"
-        self.state.is_rejected = True
+        self.state.is_rejected = self.state.is_unflyable = True
         self._hold_and_clear(t_ns)
 
     def _resume_old_mission(self, t_ns: int) -> None:

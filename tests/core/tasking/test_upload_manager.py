@@ -427,3 +427,17 @@ def test_uploads_continue_from_a_snapshot_as_if_there_had_been_no_restart():
         swarm.run(60.0)
     assert flights[0].sent == flights[1].sent
     assert {report.vehicle for report in flights[1].reports() if report.ok} == {1, 2, 3, 4, 5}
+
+
+def test_a_px4_that_rejects_its_mission_is_noted_until_one_is_verified():
+    """`gcs order arm` says it; nobody knew why the vehicle did not arm."""
+    swarm = px4_swarm(rejects=True)
+    swarm.task(1)
+    swarm.run(30.0)
+    tasking = swarm.tasking._agents[1].tasking
+    assert "navigator rejects the mission" in tasking.rejection
+    assert tasking.onboard is None
+    swarm.planes[1].rejects = False
+    swarm.task(1)
+    swarm.run(30.0)
+    assert (tasking.rejection, tasking.onboard is not None) == ("", True)
