@@ -119,7 +119,7 @@ class Stages:
             agents,
             self.state.tasking,
             self.climbs,
-            MissionBoundsCheck(config, grid),
+            MissionBoundsCheck(config, self.no_fly_zones),
             lambda vehicle, t_ns: self.takeoff_sequence.holds_back(vehicle, self.orders.launching(), t_ns),
         )
         self.takeoff_sequence = TakeoffSequence(

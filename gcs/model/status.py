@@ -56,6 +56,8 @@ class AgentRecord:
     phase: FlightPhaseWord = "unknown"
     problems: tuple[str, ...] = ()
     """Health problems that the operator was notified of, in words."""
+    points_passed: int = 0
+    """Number of points of its route that it has passed."""
     proposed_target: Label | None = None
     """Target of the route that waits for approval."""
     pinned: Label | None = None

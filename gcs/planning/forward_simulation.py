@@ -7,6 +7,10 @@ Model: for a bearing error e to the next waypoint, the commanded turn rate is e 
 turn rate follows with a lag of L / 3, a second-order heading loop with a damping of 0.87. On a loiter circle
 of radius R, at distance d from the centre and speed V, a vector field commands the tangent course turned
 inwards by atan((d - R) / (V tau)). A vehicle without a known mission keeps its turn rate.
+
+A turn rate may be limited: a fast vehicle with a short lag turns with its greatest bank, much wider than by
+its lag alone. Whether a flight is clear is decided by two flights: with the lag and the limit, and with half
+the lag without it.
 """
 
 from __future__ import annotations
@@ -96,9 +100,17 @@ class SimulatedFlight:
 
 
 def simulate(
-    grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.0, clearance_m: float = 0.0
+    grid: Grid,
+    motion: Motion,
+    ahead_s: float,
+    lag_s: float = 1.0,
+    clearance_m: float = 0.0,
+    min_radius_m: float = 0.0,
 ) -> SimulatedFlight:
-    """Simulate a vehicle ahead, until it comes nearer than the clearance to an obstacle."""
+    """Simulate a vehicle ahead, until it comes nearer than the clearance to an obstacle.
+
+    No turn is tighter than `min_radius_m`; 0 for no limit.
+    """
     ahead = motion.ahead
     circle = (0.0, 0.0, -1.0) if ahead.circle is None else (*ahead.circle.centre_m, ahead.circle.radius_m)
     states, is_clear, max_bearing_error_rad = simulate_states(
@@ -110,9 +122,15 @@ def simulate(
         np.array(circle),
         max(0.0, motion.age_s + ahead_s),
         max(lag_s, _MIN_LAG_S),
+        max_turn_rate_rad_s(motion.speed_m_s, min_radius_m),
         max(clearance_m, 0.0) / grid.spacing_m,
     )
     return SimulatedFlight(motion, states, bool(is_clear), float(max_bearing_error_rad))
+
+
+def max_turn_rate_rad_s(speed_m_s: float, min_radius_m: float) -> float:
+    """Return the turn rate on a circle; infinite for a radius of 0."""
+    return speed_m_s / min_radius_m if min_radius_m > 0.0 else math.inf
 
 
 @inlined
@@ -142,12 +160,13 @@ def _circle_error(x: float, y: float, course: float, speed: float, circle: Float
 @kernel
 def simulate_states(
     blocked: BoolArray, frame: FloatArray, motion: FloatArray, points: FloatArray, radii: FloatArray,
-    circle: FloatArray, duration_s: float, lag_s: float, clearance: float,
+    circle: FloatArray, duration_s: float, lag_s: float, max_rate: float, clearance: float,
 ) -> tuple[FloatArray, bool, float]:  # fmt: skip
     """Simulate the states of a flight: `SimulatedFlight.states`, `is_clear` and `max_bearing_error_rad`.
 
     `frame`: east and north of the grid origin and spacing, in metres. `motion`: east, north, course, turn
-    rate, speed. `circle`: east, north, radius, negative for none. `clearance` in cells.
+    rate, speed. `circle`: east, north, radius, negative for none. `max_rate`: limit of the commanded turn
+    rate. `clearance` in cells.
     """
     x, y, course, rate, speed = motion[0], motion[1], motion[2], motion[3], motion[4]
     states = np.empty((int(duration_s / STEP_S) + 3, 5))
@@ -170,6 +189,7 @@ def simulate_states(
                 turning = min(max(turning, -_MAX_LEAD_RAD / lag_s), _MAX_LEAD_RAD / lag_s)
             max_error = max(max_error, abs(off))
             wanted = min(max(off, -_MAX_BEARING_ERROR_RAD), _MAX_BEARING_ERROR_RAD) / lag_s + turning
+            wanted = min(max(wanted, -max_rate), max_rate)
             rate += (wanted - rate) * (1.0 - math.exp(-3.0 * step / lag_s))
         half = 0.5 * rate * step
         to_x = x + speed * step * math.sin(course + half)
@@ -209,4 +229,4 @@ def warm_up_calls() -> list[Call]:
     """Return one call of the kernel with the types of a plan."""
     grid, row = free_grid((2, 2), 10.0), np.zeros(5)
     points, radii, circle = np.zeros((1, 2)), np.zeros(1), np.array([0.0, 0.0, -1.0])
-    return [(simulate_states, grid.blocked, np.ones(3), row, points, radii, circle, 0.2, 1.0, 0.0)]
+    return [(simulate_states, grid.blocked, np.ones(3), row, points, radii, circle, 0.2, 1.0, 1.0, 0.0)]

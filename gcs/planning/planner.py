@@ -49,6 +49,11 @@ _GROUNDED_COST = 1e6
 """Added cost of an agent on the ground: one in the air serves its target, however far it is."""
 _UNFIT_COST = 1e7
 """Cost of an unfit agent that keeps its target: any other agent goes first."""
+_MAX_ASSIGNMENTS = 4
+"""Assignments of one plan. A pair whose route has no clear end is excluded from the next one."""
+_NO_CIRCLE = (
+    "no loiter circle near target {} keeps clear of obstacles and the fence: it gets no new route there"
+)
 Stage: TypeAlias = Literal["search", "assignment", "shaping"]
 
 
@@ -69,6 +74,8 @@ class PlanResult:
         Length of each vehicle's grid path, before shaping.
     stops_short : frozenset of int
         Vehicles whose routes end before the target, because no clear path passes it.
+    endless : frozenset of int
+        Vehicles that fly to their targets now, and get no route there: no loiter circle at its end is clear.
     captured : mapping of int to Route
         Shorter routes without an explicit first turn: the simulated vehicle captures them clear of obstacles.
     """
@@ -80,6 +87,7 @@ class PlanResult:
     grid_lengths_m: Mapping[int, float] = field(default_factory=dict)
     stops_short: frozenset[int] = frozenset()
     captured: Mapping[int, Route] = field(default_factory=dict)
+    endless: frozenset[int] = frozenset()
 
     @property
     def total_length_m(self) -> float:
@@ -127,10 +135,8 @@ def plan_routes(
         for label in labels
         if not grid.contains(targets[label])
     ]
-    routes: list[Route] = []
-    grid_lengths_m: dict[int, float] = {}
-    stops_short: set[int] = set()
-    captured: dict[int, Route] = {}
+    found: dict[tuple[int, int], _ShapedRoute] = {}
+    shaped: list[_ShapedRoute] = []
     if vehicles and labels:
         needs = [demands.get(label, TargetDemand()) for label in labels]
         search = RouteSearch(
@@ -143,40 +149,77 @@ def plan_routes(
         costs = _fit_costs(
             search.costs, [agents[v] for v in vehicles], [targets[one] for one in labels], flown_to
         )
-        costs = _pinned_costs(costs, vehicles, labels, needs, pinned)
+        costs = _pinned_costs(costs, vehicles, labels, needs, pinned).copy()
         pairs = _assign(costs, vehicles, labels, needs, current, options)
         on_stage("assignment")
-        for i, j in pairs.items():
-            vehicle, label = vehicles[i], labels[j]
-            own = agents[vehicle].options or options
-            aimed = search.route(i, j)
-            grid_lengths_m[vehicle] = aimed.grid_length_m
-            notes += [f"{_agent(vehicle)}: {note.format(target_name(label))}" for note in aimed.notes]
-            route = Route(vehicle, label, aimed.points_m, aimed.length_m)
-            route, problem = _with_terminal_loiter(grid, route, agents[vehicle], aimed.target_m, own)
-            routes.append(route)
-            if problem:
-                notes.append(f"{_agent(vehicle)}: {problem.format(target_name(label))}")
-                stops_short.add(vehicle)
-            if has_explicit_turn(agents[vehicle], route.points_m) and options.shape == "flyable":
-                aimed = search.route(i, j, turns=False)
-                plain = Route(vehicle, label, aimed.points_m, aimed.length_m)
-                start = replace(agents[vehicle], course_rad=None)
-                plain, problem = _with_terminal_loiter(grid, plain, start, aimed.target_m, own)
-                length_m = math.inf if problem else _captured_m(grid, plain, start, own)
-                if length_m < route.length_m:
-                    captured[vehicle] = replace(plain, length_m=length_m)
+        for _ in range(_MAX_ASSIGNMENTS):
+            for i, j in pairs.items():
+                if (i, j) not in found:
+                    found[i, j] = _shape_route(grid, search, (i, j), vehicles[i], labels[j], options)
+            shaped = [found[pair] for pair in pairs.items()]
+            dead = [(i, j) for i, j in pairs.items() if found[i, j].route is None]
+            dead = [(i, j) for i, j in dead if current.get(vehicles[i]) != labels[j]]
+            if not dead:
+                break
+            costs[tuple(np.transpose(dead))] = np.inf
+            pairs = _assign(costs, vehicles, labels, needs, current, options)
         on_stage("shaping")
-    served = {route.target for route in routes}
-    busy = {route.vehicle for route in routes}
+    routes = [one.route for one in shaped if one.route is not None]
+    served, busy = {route.target for route in routes}, {route.vehicle for route in routes}
+    notes += [note for one in shaped if one.route is not None for note in one.notes]
+    notes += [
+        note for one in found.values() if one.route is None and one.label not in served for note in one.notes
+    ]
     return PlanResult(
         tuple(routes),
         tuple(v for v in sorted(agents) if v not in busy),
         tuple(label for label in sorted(targets) if label not in served),
         tuple(notes),
-        grid_lengths_m,
-        frozenset(stops_short),
-        captured,
+        {one.vehicle: one.grid_length_m for one in shaped if one.route is not None},
+        frozenset(one.vehicle for one in shaped if one.is_short),
+        {one.vehicle: one.captured for one in shaped if one.captured is not None},
+        frozenset(one.vehicle for one in shaped if one.route is None),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _ShapedRoute:
+    """Route of one agent to one target."""
+
+    vehicle: int
+    label: Label
+    route: Route | None
+    """None if no loiter circle at its end is clear."""
+    grid_length_m: float
+    notes: list[str]
+    is_short: bool = False
+    """True if it ends before the target."""
+    captured: Route | None = None
+    """Shorter route without an explicit first turn."""
+
+
+def _shape_route(
+    grid: Grid, search: RouteSearch, pair: tuple[int, int], vehicle: int, label: Label, options: PlanOptions
+) -> _ShapedRoute:
+    """Return the route of an agent to a target, with its terminal loiter."""
+    (i, j), start = pair, search.agents[pair[0]]
+    own, aimed = start.options or options, search.route(i, j)
+    notes = [f"{_agent(vehicle)}: {note.format(target_name(label))}" for note in aimed.notes]
+    planned = Route(vehicle, label, aimed.points_m, aimed.length_m)
+    route, problem = _with_terminal_loiter(grid, planned, start, aimed.target_m, own)
+    if problem:
+        notes.append(f"{_agent(vehicle)}: {problem.format(target_name(label))}")
+    captured = None
+    if route is not None and has_explicit_turn(start, route.points_m) and options.shape == "flyable":
+        aimed = search.route(i, j, turns=False)
+        plain = Route(vehicle, label, aimed.points_m, aimed.length_m)
+        begin = replace(start, course_rad=None)
+        ended, plain_problem = _with_terminal_loiter(grid, plain, begin, aimed.target_m, own)
+        length_m = math.inf if ended is None or plain_problem else _captured_m(grid, ended, begin, own)
+        if ended is not None and length_m < route.length_m:
+            captured = replace(ended, length_m=length_m)
+    return _ShapedRoute(
+        vehicle, label, route, aimed.grid_length_m, notes, route is not None and bool(problem), captured
     )
 
 
@@ -269,16 +312,14 @@ def _columns(agents: int, needs: Sequence[TargetDemand], options: PlanOptions) -
 
 def _with_terminal_loiter(
     grid: Grid, route: Route, start: AgentState, target_m: Point, options: PlanOptions
-) -> tuple[Route, str]:
-    """Return a route whose end can be flown, and a note for the operator."""
+) -> tuple[Route | None, str]:
+    """Return a route whose end can be flown, None without one, and a note for the operator."""
     if options.loiter is None or options.shape != "flyable":
         return route, ""
     end = plan_terminal_loiter(grid, start, route.points_m, target_m, options, options.loiter)
-    problem = ""
     if end.clearance_m < 0.0:
-        problem = "no clear path past target {}, and no clear loiter near it: it would hit an obstacle"
-    elif not end.passes_target:
-        problem = "no clear path past target {}: it loiters near it"
+        return None, _NO_CIRCLE
+    problem = "" if end.passes_target else "no clear path past target {}: it loiters near it"
     if end.points_m is route.points_m:
         return replace(route, wait_m=end.wait_m), problem
     path_m = np.vstack(((start.east_m, start.north_m), end.points_m))

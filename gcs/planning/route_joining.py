@@ -37,7 +37,12 @@ def has_explicit_turn(start: AgentState, points_m: FloatArray) -> bool:
 
 
 def simulate_until_blocked(
-    grid: Grid, motion: Motion, duration_s: float, lag_s: float, clearance_m: float
+    grid: Grid,
+    motion: Motion,
+    duration_s: float,
+    lag_s: float,
+    clearance_m: float,
+    min_radius_m: float = 0.0,
 ) -> tuple[bool, Motion]:
     """Simulate a vehicle ahead until it comes too near to an obstacle.
 
@@ -46,7 +51,8 @@ def simulate_until_blocked(
     """
     clearance = clearance_m / grid.spacing_m
     margin_m = start_clearance(grid.blocked, clearance, *to_cells(grid, motion.place_m)) * grid.spacing_m
-    flight = simulate(grid, motion, duration_s, lag_s, min(MIN_CLEARANCE_SHARE * clearance_m, margin_m))
+    clearance_m = min(MIN_CLEARANCE_SHARE * clearance_m, margin_m)
+    flight = simulate(grid, motion, duration_s, lag_s, clearance_m, min_radius_m)
     return flight.is_clear, flight.motion_at(-1)
 
 
@@ -66,7 +72,8 @@ def capture_length_m(
 ) -> float:
     """Return the distance to the end of a route for a vehicle that turns on to it without explicit turns.
 
-    Infinite if the simulated turn comes too near to obstacles, with the expected turn lag or a shorter one.
+    Infinite if the simulated turn comes too near to obstacles, with the expected turn lag or a shorter one,
+    or if the vehicle turns no tighter than it is planned for.
 
     Parameters
     ----------
@@ -85,8 +92,8 @@ def capture_length_m(
     starting = replace(motion, age_s=0.0, ahead=RemainingMission(tuple(points[1:]), tuple(radii_m.tolist())))
     speed_m_s = max(motion.speed_m_s, 1.0)
     horizon_s = min(horizon_s, _length_m(points) / speed_m_s)
-    for lag in (MIN_RADIUS_SHARE * lag_s, lag_s):
-        is_clear, end = simulate_until_blocked(grid, starting, horizon_s, lag, clearance_m)
+    for lag, min_radius_m in ((MIN_RADIUS_SHARE * lag_s, 0.0), (lag_s, corners.radius_m), (lag_s, 0.0)):
+        is_clear, end = simulate_until_blocked(grid, starting, horizon_s, lag, clearance_m, min_radius_m)
         if not is_clear:
             return math.inf
     return horizon_s * speed_m_s + _length_m([end.place_m, *end.ahead.points_m])

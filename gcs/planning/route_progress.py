@@ -22,9 +22,11 @@ _SLOW_M_S = 1.0
 def next_point(
     points_m: FloatArray, position_m: tuple[float, float], corridor_m: float, max_along_m: float = math.inf
 ) -> int:
-    """Return the index of the first waypoint that a vehicle has not passed.
+    """Return the index of the first waypoint that a vehicle has not passed, by its position alone.
 
     A waypoint is passed if the vehicle is alongside the leg that begins there, within `corridor_m` of it.
+    Behind the last leg, or beside a route, a position does not tell what was passed: then the first one is
+    returned. Where a vehicle counts the items of a route, their number is better.
 
     Parameters
     ----------
@@ -41,10 +43,14 @@ def next_point(
     return _next_point(points_m.tolist(), *position_m, corridor_m, max_along_m)
 
 
-def remaining_length_m(points_m: FloatArray, position_m: tuple[float, float], corridor_m: float) -> float:
-    """Return the length of the rest of a route for a vehicle at `position_m`."""
-    points = points_m.tolist()
-    left = [position_m, *points[_next_point(points, *position_m, corridor_m) :]]
+def remaining_m(points_m: FloatArray, passed: int) -> FloatArray:
+    """Return the waypoints that a vehicle has not passed; behind the route its last one."""
+    return points_m[min(passed, len(points_m) - 1) :]
+
+
+def remaining_length_m(points_m: FloatArray, position_m: tuple[float, float], passed: int) -> float:
+    """Return the length of the rest of a route for a vehicle that has passed some of its waypoints."""
+    left = [position_m, *remaining_m(points_m, passed).tolist()]
     return sum(math.hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(left))
 
 

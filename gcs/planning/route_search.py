@@ -49,6 +49,7 @@ class RouteSearch:
 
     Attributes
     ----------
+    agents : sequence of AgentState
     smap : SearchMap
     starts : Endpoints
     costs : ndarray, shape (n, m)
@@ -63,7 +64,7 @@ class RouteSearch:
         demands: Sequence[TargetDemand],
         options: PlanOptions,
     ) -> None:
-        self._grid, self._agents, self._options = grid, agents, options
+        self._grid, self.agents, self._options = grid, agents, options
         self.smap: SearchMap = search_map(grid, options.clearance_m, shifts_nodes=options.shape != "grid")
         self._find_paths = paper_paths if options.search_cost == "paper" else metric_paths
         self._velocities = [one.velocity_m_s if options.horizon_s > 0.0 else (0.0, 0.0) for one in demands]
@@ -93,7 +94,7 @@ class RouteSearch:
         """
         first, last = self._prediction.first[j], self._prediction.first[j + 1] - 1
         place_m, velocity_m_s = self._prediction.places_m[first], np.array(self._velocities[j])
-        agent, latest_s = self._agents[i], float(self._prediction.after_s[last])
+        agent, latest_s = self.agents[i], float(self._prediction.after_s[last])
         meeting_s = float(self._intercepts_s[i, j])
         best: PlannedRoute | None = None
         for _ in range(_MAX_CORRECTIONS):
@@ -146,8 +147,8 @@ class RouteSearch:
 
     def _shape(self, i: int, goals: Endpoints, j: int, nodes: IntArray, turns: bool) -> ShapedPath:
         """Return a shaped route, in cells."""
-        grid, options, course = self._grid, self._options, self._agents[i].course_rad
-        turn_radius_m = (self._agents[i].options or options).turn_radius_m
+        grid, options, course = self._grid, self._options, self.agents[i].course_rad
+        turn_radius_m = (self.agents[i].options or options).turn_radius_m
         ends_at_target = not goals.inside[j]
         start_xy, goal_xy = self.starts.xy[i], goals.xy[j]
         parts = [start_xy[None], self._waypoints(nodes, start_xy, goal_xy)] + [goal_xy[None]] * ends_at_target

@@ -24,8 +24,6 @@ function line(ctx, view, points) {
   }
 }
 
-const CORRIDOR_M = 40;
-
 export function routes(ctx, view, planned, style) {
   ctx.strokeStyle = style.colour;
   for (const route of planned) {
@@ -33,26 +31,13 @@ export function routes(ctx, view, planned, style) {
     ctx.lineWidth = style.width;
     ctx.globalAlpha = style.selected.size && !style.selected.has(route.id) ? 0.35 : 0.9;
     ctx.beginPath();
-    const from = style.from.get(route.id);
-    line(ctx, view, from ? [from, ...ahead(from, route.points)] : route.points);
+    const one = style.from.get(route.id);
+    line(ctx, view, one ? [one.at, ...route.points.slice(Math.min(one.passed, route.points.length - 1))] : route.points);
     ctx.stroke();
     meeting(ctx, view, route, style.loiter[route.id]);
   }
   ctx.setLineDash([]);
   ctx.globalAlpha = 1;
-}
-
-// Points that the vehicle has still to pass: the rule of next_point in gcs/planning/route_progress.py.
-function ahead([x, y], points) {
-  let next = 0;
-  for (let index = 0; index + 1 < points.length; index++) {
-    const [[ax, ay], [bx, by]] = [points[index], points[index + 1]];
-    const length = Math.hypot(bx - ax, by - ay);
-    const along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / length;
-    const across = Math.abs((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / length;
-    if (along > 0 && along <= length && across <= CORRIDOR_M) next = index + 1;
-  }
-  return points.slice(next);
 }
 
 // Where vehicle and target will meet, and the circle that follows.

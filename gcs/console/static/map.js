@@ -279,10 +279,11 @@ export class SwarmMap {
 
   drawRoutes(vehicles, routes, proposal, mission) {
     const { colour } = this.theme;
-    const from = new Map(vehicles.filter((one) => one.at && one.status === "active").map((one) => [one.id, one.at]));
+    const from = new Map(vehicles.filter((one) => one.at && one.status === "active").map((one) => [one.id, one]));
+    const waiting = new Map([...from].map(([id, one]) => [id, { ...one, passed: 0 }]));
     const common = { from, selected: this.selection.ids, loiter: mission.loiter_radii_m };
     swarm.routes(this.ctx, this.view, routes, { ...common, colour: colour("route"), width: 1.5 });
-    if (proposal) swarm.routes(this.ctx, this.view, proposal.routes, { ...common, colour: colour("caution"), width: 2, dash: [8, 5] });
+    if (proposal) swarm.routes(this.ctx, this.view, proposal.routes, { ...common, from: waiting, colour: colour("caution"), width: 2, dash: [8, 5] });
   }
 
   drawBox() {

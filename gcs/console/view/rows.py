@@ -116,6 +116,7 @@ def _vehicle(
         "target": None if agent.target is None else target_name(agent.target),
         "proposed": None if agent.proposed_target is None else target_name(agent.proposed_target),
         "pinned": None if agent.pinned is None else target_name(agent.pinned),
+        "passed": agent.points_passed,
         "to_go_m": rounded(agent.to_go_m, 0),
         "eta_s": rounded(agent.eta_s, 0),
         "upload": agent.upload,

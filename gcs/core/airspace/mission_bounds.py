@@ -1,7 +1,12 @@
-"""Last check of a mission before its upload: no item may lie outside the map or the fence.
+"""Last check of a mission before its upload: nothing of it may lie outside the map or the fence.
 
-The check is independent of planning, which also keeps routes inside both. The vehicle of a refused mission
-keeps its onboard mission.
+Items are checked one by one, and so is what the vehicle will fly between them: climb, legs, turns, loiter
+circle and landing approach, forward-simulated from the items (`gcs.planning.forward_simulation`). What is
+flown must keep inside the fence. Where routes are planned with turns and a clearance, it must keep out of
+obstacles and no-fly zones as well.
+
+The check is independent of planning, which also keeps routes inside. The vehicle of a refused mission keeps
+its onboard mission.
 """
 
 from __future__ import annotations
@@ -14,23 +19,34 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
+from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.replanning.plan_targets import UNKNOWN_LOITER_RADIUS_M
 from gcs.fence import Area, areas_of
+from gcs.geo import bearing_rad
 from gcs.mavlink.mission.items import Item
-from gcs.model import VehicleState
-from gcs.planning.map.grid import Grid
+from gcs.model import BoolArray, FloatArray, IntArray, VehicleState
+from gcs.planning.forward_simulation import STEP_S, LoiterCircle, Motion, RemainingMission, simulate
+from gcs.planning.map.grid import Grid, free_grid
 
 _ROUNDING_M: Final = 1.0
 _PLACE_ROUNDING_M: Final = 0.02
 """Items hold 1e-7 degrees, 11 mm."""
 _RELATIVE: Final = (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
+_CIRCLE_LAPS: Final = 1.5
+_MORE_TIME: Final = 1.25
+"""Simulated time, as a multiple of that along the straight legs."""
+_TURNS_S: Final = 20.0
+"""Simulated time beyond that."""
+_NOWHERE: Final = free_grid((2, 2), 1.0)
 
 
 class MissionBoundsCheck:
-    """Checks the positions of mission items."""
+    """Checks mission items, and the flight along them."""
 
-    def __init__(self, config: Config, grid: Grid) -> None:
-        self._frame, self._grid = config.local_frame, grid
+    def __init__(self, config: Config, zones: NoFlyZones) -> None:
+        self._frame, self._zones, self._airframes = config.local_frame, zones, config.airframes_of_agents
         self._areas, self._ceiling_m = areas_of(config, config.name), config.fence.max_alt_rel_m
+        self._keeps_clear = config.planning.shape == "flyable" and config.planning.clearance_m > 0.0
 
     def problem(self, items: Sequence[Item], state: VehicleState | None) -> str:
         """Return the first item out of bounds, in words; empty if there is none.
@@ -56,6 +72,85 @@ class MissionBoundsCheck:
                 return f"point {number} of {len(items)} ({name} at {lat_lon}) {problem}"
         return ""
 
+    def flight_problem(self, items: Sequence[Item], vehicle: int, motion: Motion, upload_s: float) -> str:
+        """Return the first part of a flight that leaves the fence or hits an obstacle; empty if none does.
+
+        The part that leads a vehicle into the fence does not count, nor the way of a vehicle out of an
+        obstacle: of that only the end does.
+
+        Parameters
+        ----------
+        items : sequence of Item
+            Mission items that the vehicle will fly.
+        motion : Motion
+            Motion of the vehicle now, and what it flies until then.
+        upload_s : float
+            Time until it takes the mission up.
+        """
+        if not items:
+            return ""
+        lag_s = self._airframes[vehicle].turn_lag_s
+        begin = simulate(_NOWHERE, motion, upload_s, lag_s).motion_at(-1)
+        flown_m, parts = self._flight(items, vehicle, begin)
+        outside = self._is_outside(flown_m)
+        inside = np.flatnonzero(~outside)
+        begins = int(inside[0]) if len(inside) else 0
+        wrong = begins + np.flatnonzero(outside[begins:])
+        what = "leaves the fence"
+        if not len(wrong) and self._keeps_clear:
+            blocked = _is_blocked(self._zones.grid, flown_m)
+            if blocked.any() and blocked[0]:  # it leaves an obstacle by any way, for a clear end
+                is_end = parts >= len(items) - 1
+                blocked &= is_end
+            wrong = np.flatnonzero(blocked)
+            what = "hits an obstacle, a no-fly zone or the fence"
+        if not len(wrong):
+            return ""
+        first = int(wrong[0])
+        lat_deg, lon_deg = self._frame.to_geodetic(*flown_m[first].tolist())
+        return f"{_part(items, int(parts[first]))} {what} at {lat_deg:.6f}, {lon_deg:.6f}"
+
+    def _flight(self, items: Sequence[Item], vehicle: int, motion: Motion) -> tuple[FloatArray, IntArray]:
+        """Return the simulated places of a flight (k, 2), and the item that it flies to at each."""
+        airframe = self._airframes[vehicle]
+        places_m = [self._frame.to_local(item.x * 1e-7, item.y * 1e-7) for item in items]
+        climb_m, first = np.empty((0, 2)), 0
+        if items[0].command == dialect.MAV_CMD_NAV_TAKEOFF:
+            length_m = math.dist(motion.place_m, places_m[0])
+            share = np.linspace(0.0, 1.0, max(2, round(length_m / (STEP_S * airframe.speed_m_s))))
+            climb_m = motion.place_m + share[:, None] * np.subtract(places_m[0], motion.place_m)
+            course_rad = bearing_rad(*motion.place_m, *places_m[0])
+            motion, first = Motion(*places_m[0], airframe.speed_m_s, course_rad), 1
+        end, circle = len(items), None
+        if items[-1].command == dialect.MAV_CMD_NAV_LOITER_UNLIM:
+            radius_m = max(items[-1].param3 or UNKNOWN_LOITER_RADIUS_M, airframe.turn_radius_m)
+            end, circle = len(items) - 1, LoiterCircle(places_m[-1], radius_m)
+        ahead = RemainingMission(
+            tuple(places_m[first:end]), tuple(item.param2 for item in items[first:end]), circle=circle
+        )
+        path_m = np.array([motion.place_m, *places_m[first:]])
+        speed_m_s = max(motion.speed_m_s, 1.0)
+        round_m = 0.0 if circle is None else _CIRCLE_LAPS * 2.0 * math.pi * circle.radius_m
+        duration_s = (_MORE_TIME * float(np.hypot(*np.diff(path_m, axis=0).T).sum()) + round_m) / speed_m_s
+        states = simulate(
+            _NOWHERE,
+            Motion(*motion.place_m, speed_m_s, motion.course_rad, motion.turn_rate_rad_s, 0.0, ahead),
+            duration_s + _TURNS_S,
+            airframe.turn_lag_s,
+            min_radius_m=airframe.turn_radius_m,
+        ).states
+        passed = first + states[:, 4].astype(np.int64)
+        is_flown = passed < len(items)  # behind the landing nothing is flown
+        flown_m = np.concatenate((climb_m, states[is_flown, :2]))
+        return flown_m, np.concatenate((np.zeros(len(climb_m), dtype=np.int64), passed[is_flown]))
+
+    def _is_outside(self, flown_m: FloatArray) -> BoolArray:
+        """Return a mask of the places outside the fence."""
+        outside = np.zeros(len(flown_m), dtype=np.bool_)
+        for area in self._areas:
+            outside |= area.contains(flown_m, self._frame) != area.stay_in
+        return outside
+
     def _outside(self, item: Item, areas: Sequence[Area]) -> str:
         if not math.isfinite(item.z_m):
             return "has no height"
@@ -63,7 +158,7 @@ class MissionBoundsCheck:
         if ceiling_m and item.frame in _RELATIVE and item.z_m > ceiling_m + _ROUNDING_M:
             return f"is {item.z_m:.0f} m high, above the fence's ceiling of {ceiling_m:g} m"
         position_m = self._frame.to_local(item.x * 1e-7, item.y * 1e-7)
-        if not self._grid.contains(position_m, _PLACE_ROUNDING_M):
+        if not self._zones.grid.contains(position_m, _PLACE_ROUNDING_M):
             return "lies outside the map"
         if any(self._contains(area, position_m) != area.stay_in for area in areas):
             return "lies outside the fence"
@@ -71,3 +166,24 @@ class MissionBoundsCheck:
 
     def _contains(self, area: Area, position_m: tuple[float, float]) -> bool:
         return bool(area.contains(np.array([position_m]), self._frame)[0])
+
+
+def _is_blocked(grid: Grid, flown_m: FloatArray) -> BoolArray:
+    """Return a mask of the places in blocked cells; none is outside the map."""
+    cells = np.round((flown_m - grid.origin_m) / grid.spacing_m).astype(np.int64)
+    (rows, cols), (col, row) = grid.blocked.shape, cells.T
+    is_on_map = (col >= 0) & (col < cols) & (row >= 0) & (row < rows)
+    blocked: BoolArray = is_on_map & grid.blocked[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)]
+    return blocked
+
+
+def _part(items: Sequence[Item], index: int) -> str:
+    """Return the part of a flight that leads to an item, in words."""
+    match items[index].command:
+        case dialect.MAV_CMD_NAV_TAKEOFF:
+            return "its climb"
+        case dialect.MAV_CMD_NAV_LOITER_UNLIM:
+            return "its loiter circle"
+        case dialect.MAV_CMD_NAV_LAND:
+            return "its landing approach"
+    return f"its flight to point {index + 1} of {len(items)}"

@@ -8,10 +8,11 @@ from gcs.core.operator.records import TargetSettings
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.state import State, flown_routes, reached
+from gcs.core.tasking.mission_builder import flown_points
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.vehicle import Health
 from gcs.model import NS_PER_S, AgentRecord, Label, SwarmStatus, TargetRecord
-from gcs.planning.route_progress import CORRIDOR_M, remaining_length_m
+from gcs.planning.route_progress import remaining_length_m
 
 _MIN_SPEED_M_S = 1.0
 
@@ -45,10 +46,12 @@ class StatusReport:
         track = None if label is None else self.trackers.agents.confirmation.tracks.get(label)
         route, proposed = agent.routes.flown, agent.routes.proposed
         to_go_m = eta_s = position_m = None
+        points_passed = 0
         if state is not None:
             position_m = (state.east_m, state.north_m)
             if route is not None:
-                to_go_m = remaining_length_m(route.points_m, position_m, CORRIDOR_M)
+                points_passed = flown_points(agent, route, state)
+                to_go_m = remaining_length_m(route.points_m, position_m, points_passed)
                 eta_s = to_go_m / max(state.ground_speed_m_s, _MIN_SPEED_M_S)
         return AgentRecord(
             vehicle=vehicle,
@@ -70,6 +73,7 @@ class StatusReport:
             layer=self.layers.of(vehicle),
             target=status.target if route is None else route.target,
             to_go_m=to_go_m,
+            points_passed=points_passed,
             eta_s=eta_s,
             upload=self.state.tasking.stages.get(vehicle, ""),
             has_failed=agent.tasking.retry.failures > 0,

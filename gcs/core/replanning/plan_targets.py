@@ -12,12 +12,11 @@ from gcs.model import Label, Route, Track
 from gcs.planning.intercept import shrunk_velocity
 from gcs.planning.map.grid import Point
 from gcs.planning.planner_inputs import LoiterSpec, PlanOptions, TargetDemand
-from gcs.planning.route_progress import CORRIDOR_M, remaining_length_m
 
 ARRIVING_M = 50.0
 """Distance to its target at which an approaching agent keeps its route."""
 _CLOSE_FRACTION = 0.25
-_UNKNOWN_RADIUS_M = 80.0
+UNKNOWN_LOITER_RADIUS_M = 80.0
 """Loiter radius that the autopilot sets: PX4's NAV_LOITER_RAD; ArduPlane's WP_LOITER_RAD is 60."""
 _FAR_FRACTION = 0.1
 """Tolerated error of an intercept, as a fraction of the distance: correcting it later costs little."""
@@ -54,7 +53,7 @@ def _loiter(airframe: AgentAirframe, capture_radius_m: float) -> LoiterSpec | No
     if airframe.end != "loiter":
         return None
     return LoiterSpec(
-        max(airframe.loiter_radius_m or _UNKNOWN_RADIUS_M, airframe.turn_radius_m),
+        max(airframe.loiter_radius_m or UNKNOWN_LOITER_RADIUS_M, airframe.turn_radius_m),
         capture_radius_m,
         airframe.turn_lag_s,
         corners_of(airframe),
@@ -91,10 +90,9 @@ class PlanTargets:
         """Return the number of agents that a target needs."""
         return self._births[label[1]].agents if label[1] < len(self._births) else 1
 
-    def off_m(self, vehicle: int, agent: Track, route: Route, target: Track, begins_s: float) -> float:
+    def off_m(self, route: Route, to_go_m: float, target: Track, begins_s: float) -> float:
         """Return the distance from a route's end to its target at arrival, if flown in `begins_s`."""
-        to_go = remaining_length_m(route.points_m, place_of(agent), CORRIDOR_M)
-        arrives_s = begins_s + to_go / self._speeds_m_s[vehicle]
+        arrives_s = begins_s + to_go_m / self._speeds_m_s[route.vehicle]
         position = self.position(target, min(arrives_s, self._planning.horizon_s))
         return math.dist(position, route.points_m[-1])
 

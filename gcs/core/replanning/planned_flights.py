@@ -12,10 +12,11 @@ from gcs.config import Config
 from gcs.core.replanning.plan_targets import place_of
 from gcs.core.replanning.records import OtherVehicle, ReplanningState
 from gcs.core.state import Agent
+from gcs.core.tasking.mission_builder import flown_points
 from gcs.model import FloatArray, Route, Track, vehicle_name
 from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers, min_separation_m
 from gcs.planning.map.grid import Point
-from gcs.planning.route_progress import CORRIDOR_M, next_point
+from gcs.planning.route_progress import remaining_m
 
 _NEAR_LAYER = 0.25
 """A vehicle less than this share of a layer step from a layer is in that layer alone."""
@@ -129,7 +130,9 @@ class AltitudeLayers:
 
     def _from(self, route: Route, place: Point) -> PlannedFlight:
         """Return the remaining flight on a route."""
-        points_m = np.vstack((place, route.flown_m[next_point(route.flown_m, place, CORRIDOR_M) :]))
+        agent = self._agents[route.vehicle]
+        passed = flown_points(agent, route, agent.perception.motion.state)
+        points_m = np.vstack((place, remaining_m(route.flown_m, passed)))
         return self._planned(route, points_m, route.layer)
 
     def _planned(

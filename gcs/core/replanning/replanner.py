@@ -26,6 +26,7 @@ from gcs.core.replanning.reasons import Reason
 from gcs.core.replanning.records import ReplanningState
 from gcs.core.replanning.triggers import Triggers
 from gcs.core.state import Agent, flown_routes
+from gcs.core.tasking.mission_builder import flown_points
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.mission.upload_limits import UploadLimits
 from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route
@@ -34,7 +35,6 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.planner import PlanResult, plan_routes
 from gcs.planning.planner_inputs import AgentState
-from gcs.planning.route_progress import CORRIDOR_M, next_point
 
 _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0
@@ -121,13 +121,17 @@ class Replanner:
         list of int
             Vehicles that will fly through the closed cells unless they get another route.
         """
-        for vehicle, route in flown_routes(self._agents).items():
-            if vehicle in without_return or is_crossed(closed, route.flown_m, places.get(vehicle)):
-                self._agents[vehicle].routes.is_blocked = True
         for vehicle, agent in self._agents.items():
-            proposed = agent.routes.proposed
-            if proposed is not None and is_crossed(closed, proposed.flown_m, places.get(vehicle)):
-                agent.routes.proposed = None
+            routes, state = agent.routes, agent.perception.motion.state
+            flown, proposed, place = routes.flown, routes.proposed, places.get(vehicle)
+            if flown is not None:
+                passed = flown_points(agent, flown, state)
+                is_blocked = vehicle in without_return or is_crossed(closed, flown.flown_m, place, passed)
+                routes.is_blocked = routes.is_blocked or is_blocked
+            if proposed is not None:
+                passed = flown_points(agent, proposed, state)
+                if is_crossed(closed, proposed.flown_m, place, passed):
+                    routes.proposed = None
         self._state.news.append(Reason("map changed", news))
         self.hurry(t_ns)
         return [vehicle for vehicle, agent in sorted(self._agents.items()) if agent.routes.is_blocked]
@@ -246,6 +250,7 @@ class Replanner:
             else:
                 kept.append(result.captured.get(route.vehicle, route))
                 changed.append(route.vehicle)
+        kept += self._without_end(result, inputs)
         self._note_made(changed, result, inputs.t_ns)
         kept.sort(key=lambda route: route.vehicle)
         self._state.other_vehicles = inputs.other_vehicles
@@ -254,16 +259,29 @@ class Replanner:
         self._state.new_notes = tuple(note for note in notes if note not in self._state.noted)
         self._state.noted = notes
         self._decide(kept, inputs)
+        routed, served = {route.vehicle for route in kept}, {route.target for route in kept}
         return Plan(
             t_ns=inputs.t_ns,
             picture_t_ns=inputs.picture_t_ns,
             routes=tuple(kept),
-            unassigned_vehicles=tuple(result.unassigned_vehicles),
-            unassigned_targets=tuple(result.unassigned_targets),
+            unassigned_vehicles=tuple(v for v in result.unassigned_vehicles if v not in routed),
+            unassigned_targets=tuple(label for label in result.unassigned_targets if label not in served),
             reason="; ".join(reason.text for reason in why),
             changed=tuple(changed),
             causes=tuple(dict.fromkeys(reason.cause for reason in why)),
         )
+
+    def _without_end(self, result: PlanResult, inputs: PlanningInputs) -> list[Route]:
+        """Return the flown routes to targets where no new route has a clear end: they are kept."""
+        flown = {vehicle: self._agents[vehicle].routes for vehicle in sorted(result.endless)}
+        return [
+            routes.flown
+            for vehicle, routes in flown.items()
+            if routes.flown is not None
+            and routes.flown.target in inputs.targets
+            and not routes.is_blocked
+            and not self._triggers.is_endangered(vehicle, inputs)
+        ]
 
     def _routed(
         self,
@@ -353,7 +371,7 @@ class Replanner:
         )
 
 
-def is_crossed(closed: Grid, route_m: FloatArray, place: Point | None) -> bool:
+def is_crossed(closed: Grid, route_m: FloatArray, place: Point | None, passed: int = 0) -> bool:
     """Return True if the rest of a route leads through closed cells.
 
     Parameters
@@ -362,10 +380,12 @@ def is_crossed(closed: Grid, route_m: FloatArray, place: Point | None) -> bool:
         East and north of the route.
     place : tuple of float or None
         Position of its vehicle; None: the whole route is left.
+    passed : int
+        Number of points that the vehicle has passed.
     """
     points = [(float(east_m), float(north_m)) for east_m, north_m in route_m]
     if place is not None:
-        points = [place, *points[next_point(route_m, place, CORRIDOR_M) :]]
+        points = [place, *points[min(passed, len(points) - 1) :]]
     if len(points) == 1:
         points *= 2
     return not all(line_of_sight(closed, a, b) for a, b in pairwise(points))

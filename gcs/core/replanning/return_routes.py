@@ -71,5 +71,14 @@ class ReturnRoutes:
         return {
             vehicle
             for vehicle, route_m in routes_m.items()
-            if route_m is not None and is_crossed(closed, route_m, returning.get(vehicle))
+            if route_m is not None
+            and is_crossed(closed, route_m, returning.get(vehicle), _passed(self._agents[vehicle]))
         }
+
+
+def _passed(agent: Agent) -> int:
+    """Return how many points of its return route a vehicle has passed, the end of its route included."""
+    onboard, state = agent.tasking.onboard, agent.perception.motion.state
+    if onboard is None or state is None or not agent.tasking.is_selected:
+        return 0
+    return max(state.mission_seq - onboard.first_point - len(onboard.route.points_m) + 1, 0)

@@ -16,12 +16,14 @@ from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
-from gcs.core.replanning.plan_targets import PlanTargets, is_arriving, vehicle_options
+from gcs.core.replanning.plan_targets import PlanTargets, is_arriving, place_of, vehicle_options
 from gcs.core.replanning.reasons import Reason
 from gcs.core.replanning.records import ReplanningState
 from gcs.core.state import Agent
+from gcs.core.tasking.mission_builder import flown_points
 from gcs.model import NS_PER_S, Label, Route, Track, target_name
 from gcs.planning.route_joining import simulate_until_blocked, turn_around_s
+from gcs.planning.route_progress import remaining_length_m
 
 _URGENT_FACTOR = 3.0
 """Multiple of its tolerance that a target must have moved to trigger a plan between two periods."""
@@ -142,8 +144,10 @@ class Triggers:
 
     def _off_m(self, vehicle: int, route: Route, inputs: PlanningInputs) -> float:
         """Return the distance of a route's end from where its target will be then."""
-        agent, target = inputs.agents[vehicle], inputs.targets[route.target]
-        return self._plan_targets.off_m(vehicle, agent, route, target, inputs.left_s.get(vehicle, 0.0))
+        agent, target = self._agents[vehicle], inputs.targets[route.target]
+        passed = flown_points(agent, route, agent.perception.motion.state)
+        to_go_m = remaining_length_m(route.points_m, place_of(inputs.agents[vehicle]), passed)
+        return self._plan_targets.off_m(route, to_go_m, target, inputs.left_s.get(vehicle, 0.0))
 
     def is_within_tolerance(self, vehicle: int, route: Route, inputs: PlanningInputs) -> bool:
         """Return True if a route ends near enough to where its target will be then."""

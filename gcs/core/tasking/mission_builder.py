@@ -6,6 +6,7 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.config.airframe import AgentAirframe
+from gcs.core.state import Agent
 from gcs.model import NS_PER_S, FloatArray, Mission, Route, VehicleState, Waypoint
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.landing import ReturnRoute
@@ -99,6 +100,24 @@ def _acceptance_m(
 def corners_of(airframe: AgentAirframe) -> TurnAnticipation:
     """Return the turn anticipation of vehicles."""
     return TurnAnticipation(airframe.turn_radius_m, airframe.turn_lag_m, airframe.accept_radius_m)
+
+
+def flown_points(agent: Agent, route: Route, state: VehicleState | None) -> int:
+    """Return how many points of a route its vehicle has passed.
+
+    The mission item that the vehicle flies to tells it: it never falls back, on no circle and beside no leg.
+    Before the vehicle has the route on board, its position must do.
+    """
+    onboard = agent.tasking.onboard
+    if (
+        state is None
+        or state.mission_seq < 0
+        or onboard is None
+        or not agent.tasking.is_selected
+        or not route.is_same(onboard.route)
+    ):
+        return points_passed(route, agent.routes.made_t_ns, state)
+    return min(max(state.mission_seq - onboard.first_point, 0), len(route.points_m))
 
 
 def points_passed(route: Route, planned_t_ns: int, state: VehicleState | None) -> int:

@@ -24,17 +24,27 @@ from gcs.core.state import Agent
 from gcs.core.takeoff.climbs import Climbs
 from gcs.core.tasking.active_uploads import ActiveUploads
 from gcs.core.tasking.first_legs import FirstLegs
-from gcs.core.tasking.mission_builder import MissionBuilder
+from gcs.core.tasking.mission_builder import MissionBuilder, points_passed
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import OnboardMission, QueuedRoute, TaskingState
+from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
 from gcs.core.tasking.upload_pauses import ClearingRetry, UploadRetry
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_steps import UploadState
-from gcs.model import NS_PER_S, Authority, Effect, Notice, Route, UploadAnswer, UploadReport
-from gcs.planning.forward_simulation import RemainingMission
+from gcs.model import (
+    NS_PER_S,
+    Authority,
+    Effect,
+    Notice,
+    Route,
+    UploadAnswer,
+    UploadReport,
+    VehicleState,
+)
+from gcs.planning.forward_simulation import Motion, RemainingMission
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.landing import ReturnRoute
 
@@ -319,6 +329,10 @@ class UploadManager:
         items = upload.sending.items
         if self._bounds is not None:
             problem = self._bounds.problem(items[profile.home_items :], state)
+            if not problem and state is not None:
+                passed = 0 if from_ground else points_passed(route, planned_t_ns, state)
+                flown, upload_s = items[profile.home_items + passed :], DELIVERY_S + late_s(tasking)
+                problem = self._bounds.flight_problem(flown, vehicle, self._motion(state, t_ns), upload_s)
             if problem:
                 return self._refused(vehicle, f"{problem}; the vehicle keeps its onboard mission", t_ns)
         tasking.refusal = ""
@@ -326,6 +340,19 @@ class UploadManager:
         takeoff_m = (state.east_m, state.north_m) if from_ground and state is not None else None
         onboard = OnboardMission(route, items, first_point, mission.mission_id, takeoff_m)
         return self._active.start(upload, onboard, planned_t_ns, t_ns)
+
+    def _motion(self, state: VehicleState, t_ns: int) -> Motion:
+        """Return the motion of a vehicle, and what it flies until it gets another mission."""
+        vehicle = state.system_id
+        return Motion(
+            state.east_m,
+            state.north_m,
+            state.ground_speed_m_s,
+            state.course_rad,
+            self._agents[vehicle].perception.motion.turn_rate_rad_s,
+            (t_ns - state.t_ns) / NS_PER_S,
+            self.forward_simulation(vehicle, t_ns),
+        )
 
     def _has_moved(self, home: Home, return_route: ReturnRoute) -> bool:
         """Return True if a return route leads to another landing point than home."""

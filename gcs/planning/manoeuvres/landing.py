@@ -314,8 +314,11 @@ class _Planner:
             reach_m, self._available_clearance_m((east_m, north_m)), self._available_clearance_m(self._end_m)
         )
         return all(
-            simulate(self._grid, motion, for_s, lag_s, reach_m).is_clear
-            for lag_s in (landing.turn_lag_s, MIN_RADIUS_SHARE * landing.turn_lag_s)
+            simulate(self._grid, motion, for_s, lag_s, reach_m, min_radius_m).is_clear
+            for lag_s, min_radius_m in (
+                (landing.turn_lag_s, landing.turns.radius_m),
+                (MIN_RADIUS_SHARE * landing.turn_lag_s, 0.0),
+            )
         )
 
     def _available_clearance_m(self, place_m: Point) -> float:

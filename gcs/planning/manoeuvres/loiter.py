@@ -21,7 +21,7 @@ import numpy as np
 
 from gcs.jit import Call, kernel, leaf
 from gcs.model import BoolArray, FloatArray
-from gcs.planning.forward_simulation import STEP_S, simulate_states
+from gcs.planning.forward_simulation import STEP_S, max_turn_rate_rad_s, simulate_states
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import NO_CELL, is_clear_at, is_free_at, leg_clearance, to_cells
 from gcs.planning.path.initial_turn import MIN_RADIUS_SHARE, start_clearance
@@ -41,18 +41,20 @@ _AMBIGUOUS_TURN_RAD = math.radians(150.0)
 """Beyond this bearing error a vehicle may turn to either side."""
 _RING_RADII = (0.5, 1.0, 1.5, 2.0, 2.5)
 _BEARINGS = 12
-"""Candidate circles: rings around the target, in turn radii, and circles per ring."""
+"""Candidate circles: rings around the target, in turn or loiter radii, and circles per ring."""
 _CIRCLE_LAPS = 1.5
 _APPROACH_RADII, _LEAVE_RADII = 1.5, 3.5
 """Another approach: length of its straight leg, and distance before the target where it leaves the route, in
 turn radii.
 """
-_STOP_SHORT_RADII = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0)
+_STOP_SHORT_RADII = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0, 18.0)
 """Distance before the target where a route ends that cannot pass it, in turn radii."""
 _LATERAL_SHARES = (0.0, 0.4, -0.4, 0.7, -0.7)
 """Lateral offsets from the target, as shares of the capture radius."""
 _MIN_PASS_S, _MAX_PASS_SHARE, _REACH_MARGIN = 2.5, 0.6, 0.95
 """Time within the capture radius, the share of a pass through its middle that limits it, and a margin."""
+_EXIT_SHARES = tuple(np.linspace(0.0, 0.99, 100).tolist())
+"""Places on the first leg of a vehicle that leaves an obstacle, as shares of its length."""
 _MAX_FLIGHTS = 600
 """Simulated flights after which no other approach is tried. A capture radius of 20 m takes up to 300."""
 
@@ -99,11 +101,10 @@ def plan_terminal_loiter(
     Returns
     -------
     TerminalLoiter
-        The route as it is, on a map without obstacles or without a clearance.
+        The route as it is, on a map without obstacles.
     """
-    straight = TerminalLoiter(points_m, None, math.inf)
-    if options.clearance_m <= 0.0 or not grid.blocked.any():
-        return straight
+    if not grid.blocked.any():
+        return TerminalLoiter(points_m, None, math.inf)
     circles = _CircleSearch(grid, start, target_m, options, spec)
     best = circles.best(points_m, TerminalLoiter(points_m, None, _NO_CLEARANCE_M, passes_target=False))
     if best.clearance_m >= 0.0:
@@ -161,7 +162,9 @@ class _CircleSearch:
         self._lags_s = np.array(
             [spec.turn_lag_s, MIN_RADIUS_SHARE * spec.turn_lag_s, spec.turn_lag_s, spec.turn_lag_s]
         )
-        self._around_m = np.array([(0.0, 0.0), *_around(self._radius_m)])
+        widest = max_turn_rate_rad_s(self._speed_m_s, spec.turns.radius_m)
+        self._max_rates_rad_s = np.array([widest, math.inf, widest, widest])
+        self._around_m = np.array([(0.0, 0.0), *_around(max(self._radius_m, spec.radius_m))])
         self.enough_m = max(_ENOUGH_SHARE * options.clearance_m, _MIN_GAIN_M)
         place = (start.east_m, start.north_m) if start.motion is None else start.motion.place_m
         clearance = MIN_CLEARANCE_SHARE * options.clearance_m / grid.spacing_m
@@ -175,12 +178,13 @@ class _CircleSearch:
     def best(self, points_m: FloatArray, so_far: TerminalLoiter, *, must_pass: bool = True) -> TerminalLoiter:
         """Return the best end of a route; `so_far` if that is about as good."""
         spec, spacing_m, speed_m_s = self._spec, self._grid.spacing_m, self._speed_m_s
-        _, path_m, is_whole = split_before_end(
-            _with_start(self._start, points_m), _SIMULATED_RADII * self._radius_m
-        )
+        path_m, is_whole = self._simulated_path(points_m)
         floor_m = so_far.clearance_m if so_far.clearance_m >= 0.0 else self._least_m - _MIN_GAIN_M
         circles = np.column_stack((path_m[-1] + self._around_m, np.full(len(self._around_m), spec.radius_m)))
-        round_m = _RING_RADII[-1] * self._radius_m + _CIRCLE_LAPS * 2.0 * math.pi * spec.radius_m
+        round_m = (
+            _RING_RADII[-1] * max(self._radius_m, spec.radius_m)
+            + _CIRCLE_LAPS * 2.0 * math.pi * spec.radius_m
+        )
         found, margin, flights = best_loiter_circle(
             self._grid.blocked,
             self._frame,
@@ -192,6 +196,7 @@ class _CircleSearch:
             self._near_s if must_pass else 0.0,
             np.array([path_length_m(path_m), round_m]) / speed_m_s,
             self._lags_s if is_whole else self._lags_s[:2],
+            self._max_rates_rad_s,
             _COURSE_ERRORS_RAD,
             np.array([floor_m, _MIN_GAIN_M, self.enough_m]) / spacing_m,
         )
@@ -200,6 +205,20 @@ class _CircleSearch:
             return so_far
         centre = (float(circles[found, 0]), float(circles[found, 1]))
         return TerminalLoiter(points_m, centre if found else None, float(margin) * spacing_m, must_pass)
+
+    def _simulated_path(self, points_m: FloatArray) -> tuple[FloatArray, bool]:
+        """Return the end of a route that is simulated, and True if that is the whole route.
+
+        A vehicle inside an obstacle leaves it first: the simulation begins where its first leg is free.
+        """
+        _, path_m, is_whole = split_before_end(
+            _with_start(self._start, points_m), _SIMULATED_RADII * self._radius_m
+        )
+        if not is_whole or self._grid.is_free(_point(path_m[0])):
+            return path_m, is_whole
+        begins = (path_m[0] + share * (path_m[1] - path_m[0]) for share in _EXIT_SHARES)
+        begin = next((place for place in begins if self._grid.is_free(_point(place))), path_m[0])
+        return np.vstack((begin, path_m[1:])), False
 
     def _motion(self, path_m: FloatArray, *, is_whole: bool) -> FloatArray:
         """Return the motion at the start of a path: east, north, course, turn rate, speed."""
@@ -210,6 +229,10 @@ class _CircleSearch:
         is_known = is_whole and start.course_rad is not None
         course_rad = start.course_rad if is_known else _course_rad(path_m)
         return np.array([*path_m[0], course_rad, 0.0, self._speed_m_s])
+
+
+def _point(place_m: FloatArray) -> Point:
+    return float(place_m[0]), float(place_m[1])
 
 
 def _around(radius_m: float) -> Iterator[Point]:
@@ -300,7 +323,7 @@ def _is_open(blocked: BoolArray, frame: FloatArray, circle: FloatArray, clearanc
 def best_loiter_circle(
     blocked: BoolArray, frame: FloatArray, motion: FloatArray, points: FloatArray, radii: FloatArray,
     circles: FloatArray, reach_circle: FloatArray, min_reach_s: float, times_s: FloatArray,
-    lags_s: FloatArray, off_course: FloatArray, thresholds: FloatArray,
+    lags_s: FloatArray, max_rates: FloatArray, off_course: FloatArray, thresholds: FloatArray,
 ) -> tuple[int, float, int]:  # fmt: skip
     """Return the index of the first circle with the most clearance or -1, that in cells, and the flights.
 
@@ -315,7 +338,7 @@ def best_loiter_circle(
         flown[2] = motion[2] + off_course[i]
         flights += 1
         _, is_clear, off = simulate_states(
-            blocked, frame, flown, points, radii, none, times_s[0], lags_s[i], clearance
+            blocked, frame, flown, points, radii, none, times_s[0], lags_s[i], max_rates[i], clearance
         )
         if not is_clear or off > _AMBIGUOUS_TURN_RAD:
             return -1, best, flights
@@ -336,6 +359,7 @@ def best_loiter_circle(
                 circles[k],
                 times_s[0] + times_s[1],
                 lags_s[i],
+                max_rates[i],
                 clearance,
             )
             if not is_clear or off > _AMBIGUOUS_TURN_RAD or _time_within(flight, reach_circle) < min_reach_s:
@@ -365,6 +389,7 @@ def warm_up_calls() -> list[Call]:
             circles,
             three,
             0.0,
+            times_s,
             times_s,
             times_s,
             times_s,

@@ -1,0 +1,167 @@
+"""A vehicle would be sent through its fence by a circle, a turn, a climb or a landing between two items."""
+
+import math
+
+import numpy as np
+import pytest
+
+from gcs.config import parse
+from gcs.core.airspace.mission_bounds import MissionBoundsCheck
+from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.airspace.records import AirspaceState
+from gcs.geo import LocalFrame
+from gcs.mavlink.autopilots import ARDUPLANE
+from gcs.mavlink.mission.item_builder import build_items
+from gcs.mavlink.mission.items import Home
+from gcs.model import Mission, NoFlyZone, Notice, Plan, UploadReport, Waypoint
+from gcs.planning.forward_simulation import Motion
+from sim_vehicles.campaign.virtual_run import VirtualRun
+from sim_vehicles.world.scenario import parse_scenario
+
+FRAME = LocalFrame(33.2, -87.6, 70.0)
+FIELD = """
+name = "fenced"
+[frame]
+lat_deg = 33.2
+lon_deg = -87.6
+alt_msl_m = 70.0
+[map]
+width_m = 2000.0
+height_m = 2000.0
+nodes_east = 51
+nodes_north = 51
+[[agents]]
+system_id = 1
+east_m = 400.0
+north_m = 700.0
+course_deg = 90.0
+[[births]]
+east_m = {east_m}
+north_m = {north_m}
+[airframe]
+speed_m_s = 22.0
+bank_deg = 45.0
+[planning]
+clearance_m = {clearance_m}
+shape = "flyable"
+[mission]
+loiter_radius_m = 80.0
+accept_radius_m = 30.0
+[fence]
+[[fence.areas]]
+kind = "inclusion"
+corners_deg = {corners_deg}
+[simulation]
+forward_speed_m_s = 22.0
+airframe = "banked"
+[[simulation.targets]]
+east_m = {east_m}
+north_m = {north_m}
+"""
+WIDE, NARROW = (100.0, 100.0, 1400.0, 1400.0), (100.0, 600.0, 1400.0, 800.0)
+
+
+def field(target_m, fence_m=WIDE, clearance_m=60.0):
+    """Return a mission file with a target and a fence: west, south, east, north."""
+    west, south, east, north = fence_m
+    corners = [(west, south), (east, south), (east, north), (west, north)]
+    return FIELD.format(
+        east_m=target_m[0],
+        north_m=target_m[1],
+        clearance_m=clearance_m,
+        corners_deg=[list(FRAME.to_geodetic(*corner)) for corner in corners],
+    )
+
+
+class Flight:
+    """A virtual flight of one vehicle."""
+
+    def __init__(self, text, end_s):
+        self.effects, places_m = [], []
+        run = VirtualRun(
+            parse_scenario(text, "fenced.toml"), 1, None, lambda _, effect: self.effects.append(effect)
+        )
+        plane = run.vehicles["vehicle:1"]
+        run.on_event = lambda _: places_m.append((plane.east_m, plane.north_m))
+        run.run(end_s)
+        self.places_m = np.array(places_m)
+
+    def of(self, kind):
+        return [effect for effect in self.effects if isinstance(effect, kind)]
+
+    def outside_m(self, fence_m):
+        """Return how far it was outside a fence."""
+        west, south, east, north = fence_m
+        x, y = self.places_m.T
+        return np.maximum.reduce([west - x, x - east, south - y, y - north]).max()
+
+
+@pytest.mark.parametrize("clearance_m", [60.0, 0.0])
+def test_a_vehicle_does_not_circle_through_the_fence_near_a_target_outside(clearance_m):
+    """A circle of 80 m, 40 m from the fence, leaves it by 40 m."""
+    flight = Flight(field((1450.0, 1000.0), clearance_m=clearance_m), 100.0)
+    assert flight.places_m[:, 0].max() > 1250.0, "it flies near the target"
+    assert flight.outside_m(WIDE) < 0.0
+
+
+def test_a_target_without_a_clear_circle_gets_no_vehicle_and_the_operator_reads_why():
+    """Where the fence leaves 200 m, no circle of 80 m keeps clear of it."""
+    flight = Flight(field((1300.0, 760.0), NARROW), 90.0)
+    assert not [report for report in flight.of(UploadReport) if report.ok]
+    assert flight.of(Plan)[0].unassigned_targets == ((0, 0),)
+    assert any("no loiter circle near target T0.0 keeps clear" in one.text for one in flight.of(Notice))
+
+
+CONFIG = parse(field((1450.0, 1000.0)), "fenced.toml")
+HOME = Home(*FRAME.to_geodetic(700.0, 700.0), 70.0)
+
+
+def problem(*points_m, course_deg=90.0, place_m=(400.0, 700.0), radius_m=80.0, end="loiter", **more):
+    """Return the problem of a flight along points."""
+    zones = NoFlyZones(AirspaceState(), mission_grid(CONFIG, 0))
+    if more.get("disc_m"):
+        zones.change(NoFlyZone("z", more["disc_m"]))
+    waypoints = tuple(Waypoint(*FRAME.to_geodetic(*point), 100.0, 30.0) for point in points_m)
+    takeoff = more.get("takeoff_m")
+    climb = None if takeoff is None else Waypoint(*FRAME.to_geodetic(*takeoff), 100.0, 30.0)
+    mission = Mission(1, 1, waypoints, radius_m, end, None, climb)
+    items = build_items(ARDUPLANE, mission, more.get("home", HOME), from_ground=climb is not None)
+    motion = Motion(*place_m, 22.0, math.radians(course_deg))
+    return MissionBoundsCheck(CONFIG, zones).flight_problem(items[ARDUPLANE.home_items :], 1, motion, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("what", "expected"),
+    [
+        (problem((1200.0, 700.0)), ""),
+        (problem((1360.0, 1000.0)), "its loiter circle leaves the fence at 33.20"),
+        (problem((1200.0, 1000.0), radius_m=250.0), "its loiter circle leaves the fence"),
+        (problem((1395.0, 700.0), (1395.0, 900.0), (900.0, 900.0)), "its flight to point 2 of 4 leaves"),
+        (problem((400.0, 700.0), place_m=(1360.0, 700.0)), "its flight to point 1 of 2 leaves the fence"),
+        (problem((900.0, 900.0), takeoff_m=(600.0, 1420.0)), "its climb leaves the fence at"),
+        (
+            problem((900.0, 900.0), end="land", home=Home(*FRAME.to_geodetic(1500.0, 900.0), 70.0)),
+            "its landing approach leaves the fence",
+        ),
+        (
+            problem((900.0, 700.0), disc_m=(1000.0, 700.0, 30.0)),
+            "its loiter circle hits an obstacle, a no-fly zone or",
+        ),
+        (problem((1200.0, 700.0), place_m=(60.0, 700.0)), ""),
+    ],
+)
+def test_the_last_check_sees_what_is_flown_between_the_items(what, expected):
+    assert what.startswith(expected) if expected else what == ""
+
+
+def test_a_mission_whose_circle_leaves_the_fence_is_not_sent_and_the_alarm_names_the_circle(monkeypatch):
+    """The last check does not rely on the planner: here the planner has forgotten its circles."""
+    monkeypatch.setattr("gcs.planning.planner._with_terminal_loiter", lambda _grid, route, *_: (route, ""))
+    flight = Flight(field((1380.0, 1000.0)), 40.0)
+    assert not [report for report in flight.of(UploadReport) if report.ok]
+    alarms = [one.text for one in flight.of(Notice) if one.level == "alarm"]
+    assert len(alarms) == 1
+    assert alarms[0].startswith("its mission is not uploaded, its loiter circle leaves the fence at 33.2")
+    assert alarms[0].endswith("; the vehicle keeps its onboard mission")
+    assert flight.outside_m(WIDE) < 0.0
