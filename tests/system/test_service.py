@@ -75,22 +75,22 @@ def test_a_journal_whose_error_shows_in_flight_ends_neither_service_nor_heartbea
     """The check on load cannot know every consequence of a changed value."""
     clock, sink = now(), Sink()
     state = Engine(service.config, 1).state
-    state.has_ended = True
+    state.measured_t_ns = 77
     service.resume(Snapshot(clock.now_ns() - 10**9, encode_state(state)), state)
     step = service.command.step
 
     def failing(event, frames=None):
-        if isinstance(event, Tick) and service.command.state.has_ended:
+        if isinstance(event, Tick) and service.command.state.measured_t_ns == 77:
             raise KeyError(77)
         return step(event, frames)
 
     monkeypatch.setattr(service.command, "step", failing)
     service.sinks.append(sink)
-    serve(service, clock, 1.0)
+    serve(service, clock, 2.0)
     (alarm,) = [one for one in sink.effects if isinstance(one, Notice) and one.level == "alarm"]
     assert "KeyError(77)" in alarm.text
     assert "the service goes on without the previous flight" in alarm.text
-    assert not service.command.state.has_ended
+    assert service.command.state.measured_t_ns == 0
     assert sum(isinstance(event, Tick) for event in sink.events) > 10
 
 
