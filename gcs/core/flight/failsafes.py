@@ -23,8 +23,8 @@ _WORDS: Final = re.compile(
     re.IGNORECASE,
 )
 _QUIET: Final = re.compile(r"\b(off|cleared|regained|restored|active|preflight)\b", re.IGNORECASE)
-_MAX_SEVERITY: Final = 4
-"""MAV_SEVERITY_WARNING; less severe texts report the ordinary course of a flight."""
+_MAX_SEVERITY: Final = 5
+"""MAV_SEVERITY_NOTICE, as of ArduPlane's fence breach; less severe texts report the ordinary course."""
 _MAX_TEXTS: Final = 4
 _MAX_LENGTH: Final = 80
 _RECENT_NS: Final = ns(10.0)

@@ -4,8 +4,9 @@ Sources (https://mavlink.io/en/messages/common.html): GPS_RAW_INT.fix_type, SYS_
 of EKF_STATUS_REPORT (ArduPilot) or ESTIMATOR_STATUS (PX4), VFR_HUD.throttle with the vertical speed,
 WIND or WIND_COV. The charge of the battery has alarms of its own (`gcs.mavlink.fleet.checks.battery_alarm`).
 
-A problem is told after `_TELL_NS`, and ends after `_END_NS` without it. Some make a vehicle unfit: it gets no
-other target, and its own goes to another vehicle if there is one. Its onboard mission stays.
+A problem is told once it was seen for `_TELL_NS`, and ends after `_END_NS` without it. Some make a vehicle
+unfit: it gets no other target, and its own goes to another vehicle if there is one. Its onboard mission
+stays.
 """
 
 from __future__ import annotations
@@ -27,10 +28,11 @@ from gcs.model import NS_PER_S, Effect, HealthItem, Level, Notice, VehicleState
 
 _PERIOD_NS: Final = ns(0.5)
 _TELL_NS: Final = {item: ns(1.0) for item in HealthItem} | {
-    HealthItem.PROPULSION: ns(3.0),
+    HealthItem.PROPULSION: ns(2.5),
     HealthItem.WIND: ns(10.0),
 }
-_END_NS: Final = ns(3.0)
+_END_NS: Final = {item: ns(3.0) for item in HealthItem} | {HealthItem.PROPULSION: ns(6.0)}
+"""Without thrust an aeroplane sinks in waves: for some seconds it holds its height."""
 _UNFIT_NS: Final = {
     HealthItem.GPS: ns(5.0),
     HealthItem.ESTIMATE: ns(2.0),
@@ -100,9 +102,10 @@ class HealthMonitor:
         for item, cause in found.items():
             problem = flight.problems.setdefault(item, HealthProblem(cause, t_ns))
             problem.good_since_t_ns = None
+            problem.seen_ns += _PERIOD_NS
             if not problem.is_told:
                 problem.cause = cause
-            if not problem.is_told and t_ns - problem.since_t_ns >= _TELL_NS[item]:
+            if not problem.is_told and problem.seen_ns > _TELL_NS[item]:
                 problem.is_told = True
                 text = f"{item.value}: {cause}"
                 effects.append(Notice(t_ns, _LEVELS.get(item, "alarm"), text, state.system_id))
@@ -110,7 +113,7 @@ class HealthMonitor:
             problem = flight.problems[item]
             if problem.good_since_t_ns is None:
                 problem.good_since_t_ns = t_ns
-            if not problem.is_told or t_ns - problem.good_since_t_ns >= _END_NS:
+            if t_ns - problem.good_since_t_ns >= _END_NS[item]:
                 del flight.problems[item]
                 if problem.is_told:
                     effects.append(Notice(t_ns, "info", f"{item.value}: good again", state.system_id))

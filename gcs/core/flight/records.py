@@ -15,6 +15,8 @@ class HealthProblem:
     cause: str
     """Cause in words; it may change while the problem lasts."""
     since_t_ns: int
+    seen_ns: int = 0
+    """Time for which it was seen; gaps do not count."""
     is_told: bool = False
     """True once the operator was notified."""
     good_since_t_ns: int | None = None

@@ -245,13 +245,37 @@ def test_sinking_at_full_throttle_is_a_failed_engine_and_its_cause_is_told_when_
     assert [text for text in plane.alarms() if text.startswith("came down") and "engine or propeller" in text]
 
 
+def test_a_glide_in_waves_is_a_failed_engine_too() -> None:
+    """ArduPlane without thrust sinks for some seconds, and then holds its height for some."""
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.throttle = 100
+    for _ in range(3):
+        plane.climb_m_s = -3.0
+        plane.wait(1.5)
+        plane.climb_m_s = 0.0
+        plane.wait(2.0)
+    assert [text for text in plane.alarms() if text.startswith("propulsion: it sinks at full throttle")]
+    assert "propulsion: good again" not in plane.notices()
+
+
+def test_a_fence_breach_of_arduplane_is_a_failsafe_although_its_text_is_a_notice() -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.say("Max Alt fence breached", 5)
+    plane.mode = "RTL"
+    plane.wait(5.0)
+    assert [text for text in plane.notices() if "by a failsafe: Max Alt fence breached" in text]
+
+
 def test_a_short_sink_at_full_throttle_is_no_news() -> None:
     plane = Aeroplane(ARDUPLANE)
     plane.wait(4.0)
     plane.climb_m_s, plane.throttle = -4.0, 100
     plane.wait(1.5)
     plane.climb_m_s = 2.0
-    plane.wait(4.0)
+    plane.wait(8.0)
+    assert "propulsion" not in " ".join(plane.alarms())
     assert not plane.command.state.agents[1].flight.problems
 
 
