@@ -41,6 +41,8 @@ class Triggers:
         state: ReplanningState,
     ) -> None:
         self._plan_targets, self._zones, self._agents, self._state = plan_targets, zones, agents, state
+        meets = config.planning.aim == "intercept"
+        self._moved = "will be met {:.0f} m from the planned place" if meets else "moved {:.0f} m"
         self._surplus, self._options = config.planning.surplus, vehicle_options(config)
         self._period_ns = int(config.planning.period_s * NS_PER_S)
 
@@ -87,7 +89,7 @@ class Triggers:
         tried: set[Label] = set() if is_regular else set(self._state.tried)
         moved_m = self._moved_m(inputs, 1.0 if is_regular else _URGENT_FACTOR)
         moved = [
-            reasons.of_target("target moved", target, f"moved {far_m:.0f} m")
+            reasons.of_target("target moved", target, self._moved.format(far_m))
             for target, far_m in moved_m.items()
             if target not in tried
         ]
