@@ -85,7 +85,8 @@ def test_no_waypoint_lies_off_the_map_or_in_a_blocked_cell(
     assert [place for place in places if not is_free(grid, place)] == []
     ends = grid.node_of(start_m), grid.node_of(target_m)
     if not grid.blocked[ends[0]] and math.isfinite(distances_m(grid, ends[0])[ends[1]]):
-        assert [route.vehicle for route in result.routes] == [1]
+        no_circle = any("no loiter circle near target" in note for note in result.notes)
+        assert [route.vehicle for route in result.routes] == ([] if no_circle else [1])
 
 
 @pytest.mark.parametrize("shape", ["grid", "pulled", "flyable"])
