@@ -62,6 +62,8 @@ _SINK_M: Final = 15.0
 """Height below the planned one at which a sinking vehicle is reported."""
 _SINK_M_S: Final = 1.0
 _SINK_NS: Final = ns(1.5)
+_END_NS: Final = ns(6.0)
+"""Without thrust an aeroplane sinks in waves: for some seconds it holds its height."""
 
 
 class FlightPhases:
@@ -222,12 +224,13 @@ class FlightPhases:
         vehicle, flight = state.system_id, self._agents[state.system_id].flight
         planned_m = self._planned_height_m(state)
         is_low = planned_m is not None and height_m < planned_m - _SINK_M
-        if flight.is_sinking and (not is_low or state.climb_m_s > _SINK_M_S):
-            flight.is_sinking = False
-            return [Notice(t_ns, "info", f"no longer sinks: {height_m:.0f} m above home", vehicle)]
         if not is_low or state.climb_m_s > -_SINK_M_S:
             flight.sinks_since_t_ns = None
-            return []
+            if not flight.is_sinking or (is_low and t_ns - flight.sank_t_ns < _END_NS):
+                return []
+            flight.is_sinking = False
+            return [Notice(t_ns, "info", f"no longer sinks: {height_m:.0f} m above home", vehicle)]
+        flight.sank_t_ns = t_ns
         if flight.sinks_since_t_ns is None:
             flight.sinks_since_t_ns = t_ns
         if flight.is_sinking or t_ns - flight.sinks_since_t_ns < _SINK_NS:

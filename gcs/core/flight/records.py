@@ -42,6 +42,8 @@ class AgentFlight:
     """East and north of the place where it came down; None if it is not down."""
     sinks_since_t_ns: int | None = None
     """Time since when it sinks below its planned height; None if it does not."""
+    sank_t_ns: int = 0
+    """Last time at which it sank below its planned height."""
     is_sinking: bool = False
     """True after the alarm that it sinks, until it does not."""
     problems: dict[HealthItem, HealthProblem] = field(default_factory=dict)

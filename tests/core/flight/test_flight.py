@@ -259,6 +259,20 @@ def test_a_glide_in_waves_is_a_failed_engine_too() -> None:
     assert "propulsion: good again" not in plane.notices()
 
 
+def test_a_vehicle_that_sinks_in_waves_is_one_alarm_and_one_all_clear() -> None:
+    plane = Aeroplane(ARDUPLANE, "LOITER", height_m=60.0)
+    plane.wait(4.0)
+    for _ in range(3):
+        plane.climb_m_s = -3.0
+        plane.wait(2.5)
+        plane.climb_m_s = 0.0
+        plane.wait(3.0)
+    assert len([text for text in plane.alarms() if text.startswith("sinks at 3 m/s")]) == 1
+    assert not [text for text in plane.notices() if text.startswith("no longer sinks")]
+    plane.wait(6.0)
+    assert len([text for text in plane.notices() if text.startswith("no longer sinks")]) == 1
+
+
 def test_a_fence_breach_of_arduplane_is_a_failsafe_although_its_text_is_a_notice() -> None:
     plane = Aeroplane(ARDUPLANE)
     plane.wait(4.0)
