@@ -38,8 +38,8 @@ _MAX_NUMBER: Final = 1e15
 _MAX_INTEGER: Final = 2**63
 _MAX_NAME: Final = 4096
 _BYTE: Final = range(256)
-_BYTES: Final = frozenset({"sequence", "mission_type", "to"})
-"""Fields that go into one byte of a frame; a sequence number of -1 is none."""
+_BYTES: Final = frozenset({"sequence", "sequences", "mission_type", "to"})
+"""Fields that go into one byte of a frame; in `authority` a sequence number of -1 is none."""
 _ANY_FLOAT: Final = frozenset({"param1", "param2", "param3", "param4", "min_round_trip_s"})
 """Fields that may be no finite number: parameters of mission items, and the least of no values."""
 _POINTS: Final = ("k", 2)
@@ -145,7 +145,7 @@ def _check_value(value: Any, path: str, name: str) -> None:
 
 def _check_integer(value: int, path: str, name: str) -> None:
     if name in _BYTES:
-        _require(value in _BYTE or (name == "sequence" and value == -1), path)
+        _require(value in _BYTE or (value == -1 and "authority" in path), path)
     elif name.endswith("t_ns"):
         _require(-1 <= value <= _MAX_T_NS, path)
     else:
