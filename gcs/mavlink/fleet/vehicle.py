@@ -448,7 +448,8 @@ class Vehicle:
 
     def _on_wind(self, message: Message, _t_ns: int, _notify: Notify) -> None:
         is_vector = message.get_type() == "WIND_COV"  # PX4; ArduPilot gives the speed
-        self.link.wind_m_s = math.hypot(message.wind_x, message.wind_y) if is_vector else message.speed
+        speed_m_s = math.hypot(message.wind_x, message.wind_y) if is_vector else message.speed
+        self.link.wind_m_s = speed_m_s if math.isfinite(speed_m_s) else None
 
     def _on_command_ack(self, message: Message, t_ns: int, notify: Notify) -> None:
         refused = self.stream_requests.acknowledged(message, t_ns)
