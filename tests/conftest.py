@@ -10,6 +10,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 from rich.console import Console
 
+import sim_vehicles  # noqa: F401  (before tests/sim_vehicles can be taken for it, as in an editable installation)
+
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent / "bench")]
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
