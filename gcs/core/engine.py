@@ -46,7 +46,7 @@ from gcs.model import (
 )
 
 _CONTROL_PERIOD_NS = NS_PER_S // 2
-_STANDING = {Authority.GROUNDED, Authority.LANDED, Authority.DOWN}
+_STANDING = {Authority.GROUNDED, Authority.REJECTING, Authority.LANDED, Authority.DOWN}
 """Claims of vehicles on the ground that nobody else controls."""
 
 

@@ -76,7 +76,7 @@ def flown_routes(agents: Mapping[int, Agent]) -> dict[int, Route]:
 
 
 def without_missions(agents: Mapping[int, Agent]) -> dict[int, str]:
-    """Return the vehicles that get no mission now, with the reason in words: not ours, or grounded."""
+    """Return the vehicles that get no mission now, with the reason in words: not ours, or unable to fly."""
     controls = {vehicle: agent.control for vehicle, agent in agents.items()}
     return {v: control.reason for v, control in controls.items() if control.authority is not Authority.OURS}
 

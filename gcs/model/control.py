@@ -20,6 +20,7 @@ AuthorityWord: TypeAlias = Literal[
     "other station",
     "unverified",
     "grounded",
+    "rejecting",
     "unsupported",
     "landed",
     "down",
@@ -34,10 +35,12 @@ class Authority(IntEnum):
 
     word: AuthorityWord
     reason: str
-    """Why the vehicle gets no mission; `{}` is the mode or the ground station."""
+    """Why the vehicle gets no mission; `{}` is the mode, the ground station or the cause."""
 
     OURS = "ours", ""
     GROUNDED = "grounded", "stands where its take-off is not clear"
+    REJECTING = "rejecting", "rejects its mission: {}"
+    """Its navigator does; until the next attempt (`gcs.core.tasking.rejections`)."""
     COMMANDED = "overridden", "is commanded by {} and left alone"
     """By another ground station, to another mode; until its heartbeat shows the mode."""
     OTHER_MODE = "overridden", "is in {} and left alone"
@@ -89,7 +92,11 @@ class ControlEvent(Enum):
     STATION_COMMANDS = "foreign mode command"
     COMMAND_SETTLED = "mode shown"
     MISSION_COMPLETE = "mission complete"
+    NO_MISSION_SEEN = "no valid mission"
+    """LOITER is explained: the vehicle has no mission that it would fly."""
     MISSION_REJECTED = "mission rejected"
+    NEXT_ATTEMPT = "next attempt"
+    """After a changed parameter, or the end of a pause."""
     OTHER_MODE_SEEN = "neither AUTO nor LOITER"
     MISSION_MODE_SEEN = "AUTO or LOITER"
     """Or the RTL after a completed mission that missed its target."""
@@ -117,11 +124,12 @@ class ControlEvent(Enum):
 _A, _E = Authority, ControlEvent
 TRANSITIONS: Final[dict[Authority, tuple[ControlEvent, tuple[ControlEvent, ...]]]] = {
     _A.GROUNDED: (_E.TAKEOFF_BLOCKED, (_E.TAKEOFF_CLEAR,)),
+    _A.REJECTING: (_E.MISSION_REJECTED, (_E.RESUME, _E.NEXT_ATTEMPT, _E.UPLOAD_VERIFIED)),
     _A.COMMANDED: (_E.STATION_COMMANDS, (_E.RESUME, _E.COMMAND_SETTLED)),
     _A.OTHER_MODE: (_E.OTHER_MODE_SEEN, (_E.MISSION_MODE_SEEN,)),
     _A.OVERRIDDEN: (
         _E.MODE_CHOSEN,
-        (_E.RESUME, _E.AUTO_SEEN, _E.WAITING_SEEN, _E.MISSION_COMPLETE, _E.MISSION_REJECTED),
+        (_E.RESUME, _E.AUTO_SEEN, _E.WAITING_SEEN, _E.MISSION_COMPLETE, _E.NO_MISSION_SEEN),
     ),
     _A.LANDING: (_E.LANDING_BEGUN, (_E.LANDING_ENDED,)),
     _A.UNSUPPORTED: (_E.FIRMWARE_UNKNOWN, (_E.FIRMWARE_KNOWN,)),
@@ -151,7 +159,7 @@ class Claim:
 
     since_t_ns: int
     detail: str = ""
-    """Mode or ground station that the reason names."""
+    """Mode, ground station or cause that the reason names."""
 
 
 @dataclass(slots=True)
@@ -167,8 +175,8 @@ class Control:
 
     @property
     def is_ours(self) -> bool:
-        """True if no other controls the vehicle; it may still be grounded."""
-        return self.authority <= Authority.GROUNDED
+        """True if no other controls the vehicle; it may still get no mission."""
+        return self.authority <= Authority.REJECTING
 
     @property
     def reason(self) -> str:
@@ -182,7 +190,7 @@ class Control:
         return next((word for claim, word in SUSPENSIONS.items() if claim in self.claims), None)
 
     def detail(self, authority: Authority) -> str:
-        """Return the mode or ground station of a claim; empty without the claim."""
+        """Return the mode, ground station or cause of a claim; empty without the claim."""
         claim = self.claims.get(authority)
         return "" if claim is None else claim.detail
 

@@ -47,6 +47,8 @@ from gcs.planning.search.neighbours import SearchMap, cells, search_map
 
 _GROUNDED_COST = 1e6
 """Added cost of an agent on the ground: one in the air serves its target, however far it is."""
+_DOUBTFUL_COST = 2e6
+"""Added cost of an agent that rejected its last mission: any other serves its target."""
 _UNFIT_COST = 1e7
 """Cost of an unfit agent that keeps its target: any other agent goes first."""
 _MAX_ASSIGNMENTS = 4
@@ -226,7 +228,7 @@ def _shape_route(
 def _fit_costs(
     costs: FloatArray, agents: Sequence[AgentState], targets: Sequence[Point], flown_to: Sequence[int]
 ) -> FloatArray:
-    """Return the costs without forbidden targets; agents in the air go first, unfit ones last.
+    """Return the costs without forbidden targets; agents in the air go first, doubtful and unfit ones last.
 
     `flown_to` has the target that each agent flies to, -1 for none.
     """
@@ -239,6 +241,9 @@ def _fit_costs(
     grounded = np.array([agent.is_grounded for agent in agents])
     if grounded.any() and not grounded.all():
         costs = costs + _GROUNDED_COST * grounded[:, None]
+    doubtful = np.array([agent.is_doubtful for agent in agents])
+    if doubtful.any() and not doubtful.all():
+        costs = costs + _DOUBTFUL_COST * doubtful[:, None]
     limited = [i for i, agent in enumerate(agents) if agent.range_m < math.inf]
     if limited:
         costs = costs.copy()

@@ -30,6 +30,8 @@ class AgentState:
     """Options of its own airframe: turns and terminal loiter; None: those of the plan."""
     is_grounded: bool = False
     """True on the ground: agents in the air get targets first."""
+    is_doubtful: bool = False
+    """True if it rejected its last mission: all other agents get targets first."""
     is_unfit: bool = False
     """True if it may keep its target where no other agent can take it, and gets no other."""
     home_m: Point = (0.0, 0.0)

@@ -46,7 +46,7 @@ def test_every_event_does_in_every_state_what_the_table_says(event: ControlEvent
         control, wanted = after(claims, event), (claims - ended) | begun
         assert control.claims.keys() == wanted
         assert control.authority == max(wanted, default=A.OURS)
-        assert control.is_ours == (wanted <= {A.GROUNDED})
+        assert control.is_ours == (wanted <= {A.GROUNDED, A.REJECTING})
         assert bool(control.reason) == bool(wanted)
 
 
@@ -64,7 +64,7 @@ def test_only_an_order_ends_a_hold_or_a_return() -> None:
 
 
 def test_a_pilot_keeps_the_vehicle_until_auto_our_own_loiter_or_an_order_to_resume() -> None:
-    explained = {E.WAITING_SEEN, E.MISSION_COMPLETE, E.MISSION_REJECTED}
+    explained = {E.WAITING_SEEN, E.MISSION_COMPLETE, E.NO_MISSION_SEEN}
     assert enders(A.OVERRIDDEN) == {E.AUTO_SEEN, E.RESUME} | explained
 
 

@@ -5,7 +5,8 @@ or after `_ANSWER_NS` without an answer. A value that preflight would refuse or 
 at most one notice of a parameter in `_REPEAT_NS`; the newest value is reported then.
 
 A parameter that preflight checks, and that changes without a PARAM_SET through this service, was set over
-another link. That is reported, too.
+another link. That is reported, too. Any changed parameter may be the correction that a rejected mission waits
+for (`gcs.core.tasking.rejections`); one that is heard for the first time may have changed as well.
 """
 
 from __future__ import annotations
@@ -74,6 +75,8 @@ class ParameterChanges:
         parameters, name = agent.authority.parameters, printable(str(message.param_id))
         value, before = decode_value(message, agent.link.is_atomic), parameters.values.get(name)
         required, problem = self._requirement(vehicle, name, value)
+        if value != before:
+            agent.tasking.rejections.note_change(t_ns)
         if required or before is not None or len(parameters.values) < self._max_values:
             parameters.values[name] = value
         if name in parameters.sets:

@@ -178,6 +178,8 @@ class Orders:
         if self._agents[vehicle].orders.command is not None or state is None or not is_heard:
             return ""
         match order.action:
+            case "resume" if Authority.REJECTING in control.claims:
+                return ""  # resume ends the pause after rejected missions
             case "resume" if state.mode == LOITER and self._agents[vehicle].tasking.retry.failures:
                 return ""  # resume ends the pause after failed uploads
             case "resume" if control.is_ours:
@@ -230,8 +232,9 @@ class Orders:
         if state is None or not state.mode:
             return "has not reported its mode and position yet"
         tasking = self._agents[vehicle].tasking
-        if tasking.rejection and tasking.onboard is None:
-            return f"has no mission: {tasking.rejection}; correct its parameters first (`gcs preflight`)"
+        if tasking.rejections.count and tasking.onboard is None:
+            cause = f"its navigator rejects it ({tasking.rejections.cause})"
+            return f"has no mission: {cause}; correct its parameters first (`gcs preflight`)"
         if state.mode not in SELF_LAUNCHING or (state.mode == AUTO and self.may_take_off(vehicle)):
             return ""
         return (

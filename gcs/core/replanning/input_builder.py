@@ -20,7 +20,7 @@ from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots.modes import LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
-from gcs.model import Label, Track, VehicleState
+from gcs.model import Authority, Label, Track, VehicleState
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.map.grid import Point
 
@@ -75,6 +75,7 @@ class PlanningInputBuilder:
             down=frozenset(with_status(self.agents, "down")),
             unfit=frozenset(v for v in agents if self.agents[v].flight.unfit),
             grounded=frozenset(v for v in agents if self.is_on_ground(v)),
+            doubtful=frozenset(v for v in agents if self.agents[v].tasking.rejections.count),
             ranges=self._ranges(agents),
             untaskable=untaskable,
         )
@@ -124,7 +125,7 @@ class PlanningInputBuilder:
         found = []
         for state in self.fleet.states():
             vehicle, home = state.system_id, self.fleet.home(state.system_id)
-            is_ours = self.agents[vehicle].control.is_ours
+            is_ours = self.agents[vehicle].control.authority is Authority.OURS
             if vehicle in planned or is_ours or vehicle in lost or is_on_ground(state, home):
                 continue
             position_m = to_m = (state.east_m, state.north_m)

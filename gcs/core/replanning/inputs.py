@@ -39,6 +39,8 @@ class PlanningInputs:
     """Agents whose health allows no other target; theirs go to others where there are any."""
     grounded: frozenset[int] = frozenset()
     """Agents on the ground: those in the air go first."""
+    doubtful: frozenset[int] = frozenset()
+    """Agents that rejected their last mission: all others go first."""
     ranges: Mapping[int, tuple[Point, float]] = field(default_factory=dict)
     """Home of each agent whose use of the battery is known, and the distance in metres that it can fly."""
     untaskable: Mapping[int, str] = field(default_factory=dict)

@@ -328,7 +328,7 @@ class Replanner:
         return AgentState(
             *turns.place_m, turns.course_rad, speed_m_s, late_s, takes_up, options,
             is_grounded=vehicle in inputs.grounded, is_unfit=vehicle in inputs.unfit,
-            home_m=home_m, range_m=range_m,
+            is_doubtful=vehicle in inputs.doubtful, home_m=home_m, range_m=range_m,
         )  # fmt: skip
 
     def _expected(self, vehicle: int, inputs: PlanningInputs, more_s: float) -> Motion:

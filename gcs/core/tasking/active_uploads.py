@@ -8,6 +8,7 @@ an inconsistent mission is held and cleared, unless a new mission replaces it fi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Final
 
 from gcs.core.authority.overrides import Overrides
@@ -16,7 +17,8 @@ from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import points_passed
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import ActiveUpload, OnboardMission, TaskingState
-from gcs.core.tasking.upload_pauses import ClearingRetry, UploadRetry
+from gcs.core.tasking.rejections import Rejections
+from gcs.core.tasking.upload_pauses import ClearingRetry, RejectionRetry, UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
@@ -26,7 +28,7 @@ from gcs.mavlink.mission.upload_limits import UploadPolicy
 from gcs.mavlink.mission.upload_stages import OnboardState, TransitionError
 from gcs.mavlink.mission.upload_steps import UploadState
 from gcs.mavlink.mission.upload_task import UploadTask
-from gcs.model import Effect, Notice, Upload, UploadAnswer
+from gcs.model import Effect, Notice, Upload, UploadAnswer, UploadReport
 
 _MAX_ITEMS_IN_FLIGHT: Final = 12
 """Per link; each upload has at least one."""
@@ -43,12 +45,13 @@ class ActiveUploads(UploadPolicy):
         onboard: OnboardMissions,
         overrides: Overrides,
         first_legs: FirstLegs,
+        rejections: Rejections,
         max_parallel: int,
     ) -> None:
         self._fleet, self._agents = fleet, agents
         self._state, self._uploads, self._windows = state, state.uploads, state.windows
         self._onboard, self._overrides, self._first_legs = onboard, overrides, first_legs
-        self._max_parallel = max_parallel
+        self._rejections, self._max_parallel = rejections, max_parallel
 
     def has_capacity(self, vehicle: int) -> bool:
         """Return True if an upload to a vehicle may begin; clearing precedes a mission."""
@@ -210,10 +213,12 @@ class ActiveUploads(UploadPolicy):
         round_trip_s = upload.state.rtt.round_trip_s
         window.note_end(upload.state.began_t_ns, result.t_ns, round_trip_s, repeated)
         if upload.onboard is not None:
-            self._agents[vehicle].tasking.rejection = result.detail if upload.state.is_unflyable else ""
+            if upload.state.is_unflyable:
+                return effects + self._rejected(task.report(), upload)
             effects.append(task.report())
             if result.ok:
                 self._agents[vehicle].tasking.retry = UploadRetry()
+                self._agents[vehicle].tasking.rejections = RejectionRetry()
             else:
                 effects += self._agents[vehicle].tasking.retry.note_failure(vehicle, result.t_ns)
         tasking, taken_by = self._agents[vehicle].tasking, self._overrides.of(vehicle).taken_by
@@ -227,3 +232,10 @@ class ActiveUploads(UploadPolicy):
         state = "was set to LOITER" if result.was_held else "is overridden"
         state = "has no onboard mission now" if is_cleared else state
         return [*effects, Notice(result.t_ns, "alarm", f"{state}: {result.detail}", vehicle)]
+
+    def _rejected(self, report: UploadReport, upload: ActiveUpload) -> list[Effect]:
+        """Report an upload whose mission the vehicle's navigator rejects, with the vehicle's own cause."""
+        began_t_ns = upload.state.began_t_ns
+        detail = f"{report.detail}: {self._rejections.cause(report.vehicle, began_t_ns)}"
+        notices = self._rejections.begin(report.vehicle, report.t_ns, began_t_ns)
+        return [replace(report, detail=detail), *notices]

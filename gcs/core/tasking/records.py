@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_UNLIM
 
-from gcs.core.tasking.upload_pauses import ClearingRetry, UploadRetry
+from gcs.core.tasking.upload_pauses import ClearingRetry, RejectionRetry, UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.upload_steps import UploadState
@@ -113,10 +113,9 @@ class AgentTasking:
     """Mission that the vehicle stored before it rebooted outside an upload, until its audit begins."""
     refusal: str = ""
     """Why the newest mission was refused, without figures: positions are noisy."""
-    rejection: str = ""
-    """Why the navigator rejected the newest mission; empty if it did not."""
     retry: UploadRetry = field(default_factory=UploadRetry)
     clearing: ClearingRetry = field(default_factory=ClearingRetry)
+    rejections: RejectionRetry = field(default_factory=RejectionRetry)
     route_end: RouteEnd = field(default_factory=RouteEnd)
     usual_upload_s: float | None = None
     """Estimated duration of an upload; None before the first one."""

@@ -27,8 +27,9 @@ from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import MissionBuilder, points_passed
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.records import OnboardMission, QueuedRoute, TaskingState
+from gcs.core.tasking.rejections import Rejections
 from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
-from gcs.core.tasking.upload_pauses import ClearingRetry, UploadRetry
+from gcs.core.tasking.upload_pauses import ClearingRetry, RejectionRetry, UploadRetry
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
@@ -91,6 +92,7 @@ class UploadManager:
         self.onboard_missions = OnboardMissions(fleet, agents)
         self.overrides = Overrides(self.onboard_missions, agents)
         self._first_legs = FirstLegs(fleet, state.first_legs)
+        self._rejections = Rejections(agents)
         self._active = ActiveUploads(
             fleet,
             agents,
@@ -98,6 +100,7 @@ class UploadManager:
             self.onboard_missions,
             self.overrides,
             self._first_legs,
+            self._rejections,
             config.links.max_parallel_uploads,
         )
 
@@ -142,6 +145,7 @@ class UploadManager:
         self.overrides.of(vehicle).release(t_ns)
         tasking = self._agents[vehicle].tasking
         tasking.retry, tasking.clearing = UploadRetry(), ClearingRetry()
+        tasking.rejections = RejectionRetry()
 
     # ------------------------------------------------------------ uploads
 
@@ -177,7 +181,8 @@ class UploadManager:
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""
-        effects = self._observe(vehicle, message, t_ns)
+        effects = self._rejections.receive(vehicle, message, t_ns)
+        effects += self._observe(vehicle, message, t_ns)
         if self.overrides.of(vehicle).taken_by:
             self._first_legs.end(vehicle)
         effects += self._first_legs.receive(vehicle, message, t_ns)
@@ -188,6 +193,7 @@ class UploadManager:
         for vehicle, agent in self._agents.items():
             if Authority.COMMANDED in agent.control.claims:
                 self._fleet.forward_next_heartbeat(vehicle)  # it shows whether it obeyed
+        self._rejections.poll(t_ns)
         return self._active.poll(t_ns) + self._first_legs.poll(t_ns) + self._start_due(t_ns)
 
     def resume(self, t_ns: int) -> list[Effect]:
@@ -224,8 +230,9 @@ class UploadManager:
             self.overrides.observe_completion(vehicle, profile, message, t_ns, is_changing=is_changing)
             if self.overrides.observe_rejection(vehicle, profile, message, t_ns, is_uploading=is_uploading):
                 tasking.onboard = None
-                text = "its navigator rejects its onboard mission (no valid mission): it waits in Hold"
-                return [Notice(t_ns, "alarm", text, vehicle), *self._not_begun(vehicle, text, t_ns)]
+                notices = self._rejections.begin(vehicle, t_ns)
+                text = f"the vehicle's navigator rejects its onboard mission: {tasking.rejections.cause}"
+                return [*notices, self._failure(vehicle, text, t_ns)]
         if obeys_other_station(message):
             station = f"system {message.target_system}/{message.target_component}"
             self.overrides.of(vehicle).note_foreign_command(station, t_ns)
@@ -254,6 +261,7 @@ class UploadManager:
         """Forget the onboard mission, and restart an upload in progress."""
         agent, is_uploading = self._agents[vehicle], vehicle in self.state.uploads
         tasking, agent.tasking.boots = agent.tasking, agent.link.boots
+        tasking.rejections.note_change(t_ns)
         self.overrides.of(vehicle).note_reboot(t_ns)
         self._first_legs.end(vehicle)
         if tasking.onboard is not None and not is_uploading:

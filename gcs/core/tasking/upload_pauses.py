@@ -9,11 +9,13 @@ change, and a vehicle whose uploads were all superseded would circle for minutes
 
 An inconsistent mission that cannot be cleared is cleared again after growing pauses, and after
 `_MAX_CLEARINGS` attempts no more: the vehicle does not obey.
+
+So are missions that a vehicle's navigator rejects (`gcs.core.tasking.rejections`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from gcs.model import NS_PER_S, Effect, Notice
@@ -23,6 +25,11 @@ _FIRST_PAUSE_NS: Final = 5 * NS_PER_S
 _MAX_PAUSE_NS: Final = 60 * NS_PER_S
 _SUPERSEDE_NS: Final = 10 * NS_PER_S
 _MAX_CLEARINGS: Final = 5
+_FIRST_REJECTION_NS: Final = 10 * NS_PER_S
+"""Pause after the first rejection; each further one doubles it."""
+_MAX_REJECTIONS: Final = 6
+_FIRST_CHANGE_NS: Final = NS_PER_S
+"""Least time from a rejection to an attempt after a changed parameter; each such attempt doubles it."""
 
 
 @dataclass(slots=True)
@@ -81,3 +88,55 @@ class ClearingRetry:
             outlook = "no more attempts: it does not obey; keep it out of AUTO, or order it to resume"
         text = f"its inconsistent mission could not be cleared ({detail}): {outlook}"
         return [Notice(t_ns, "alarm", text, vehicle)]
+
+
+@dataclass(slots=True)
+class RejectionRetry:
+    """Missions that one vehicle's navigator has rejected since it last accepted one."""
+
+    count: int = 0
+    cause: str = ""
+    """Cause of the last one in the vehicle's words; empty without one."""
+    rejected_t_ns: int = 0
+    """Time of the last one."""
+    began_t_ns: int = 0
+    """Begin of its upload."""
+    next_t_ns: int | None = None
+    """Time of the next attempt without a change; None if there is none."""
+    changed_t_ns: int = -1
+    """Time at which a parameter last changed, or the vehicle rebooted; -1 before."""
+    changes: int = 0
+    """Attempts after a change."""
+    texts: list[tuple[int, str]] = field(default_factory=list)
+    """Time and text of its last messages that may name a cause, the oldest first."""
+
+    @property
+    def pause_ns(self) -> int:
+        """Pause after this number of rejections."""
+        return _FIRST_REJECTION_NS << (self.count - 1)
+
+    def note_rejection(self, t_ns: int, began_t_ns: int) -> None:
+        """Note a rejection, and when the upload of the mission began."""
+        self.count += 1
+        self.rejected_t_ns, self.began_t_ns = t_ns, began_t_ns
+        self.next_t_ns = t_ns + self.pause_ns if self.count < _MAX_REJECTIONS else None
+
+    def note_change(self, t_ns: int) -> None:
+        """Note that a parameter of the vehicle has changed."""
+        self.changed_t_ns = t_ns
+
+    @property
+    def has_changed(self) -> bool:
+        """True if a parameter has changed since the upload of the rejected mission began."""
+        return self.changed_t_ns > self.began_t_ns
+
+    def is_due(self, t_ns: int) -> bool:
+        """Return True if the next attempt may begin."""
+        if self.has_changed:
+            pause_ns = min(_FIRST_CHANGE_NS << min(self.changes, 8), _MAX_PAUSE_NS)
+            return t_ns >= self.rejected_t_ns + pause_ns
+        return self.next_t_ns is not None and t_ns >= self.next_t_ns
+
+    def note_attempt(self) -> None:
+        """Note that the next attempt may begin."""
+        self.changes += self.has_changed

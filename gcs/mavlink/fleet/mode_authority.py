@@ -121,7 +121,7 @@ class ModeAuthority:
     def note_rejection(self, t_ns: int) -> None:
         """Note that the vehicle is in LOITER because it has no valid mission, and not by a failsafe."""
         if self.override == LOITER and not self.record.in_failsafe:
-            self.control.apply(ControlEvent.MISSION_REJECTED, t_ns)
+            self.control.apply(ControlEvent.NO_MISSION_SEEN, t_ns)
 
     @property
     def may_have_ended(self) -> bool:

@@ -356,7 +356,7 @@ class UploadSteps(ListUpload):
     def _reject(self, t_ns: int) -> None:
         """Note that the vehicle's navigator rejects the mission: the mode is not an override."""
         self._authority.note_rejection(t_ns)
-        self.state.reason = "the vehicle's navigator rejects the mission (no valid mission)"
+        self.state.reason = "the vehicle's navigator rejects the mission"
         self.state.is_rejected = self.state.is_unflyable = True
         self._hold_and_clear(t_ns)
 

@@ -346,6 +346,8 @@ class UploadTask(UploadSteps):
             super()._on_count(message, t_ns)
         elif message.count <= self._profile.home_items:
             self.state.onboard = OnboardState.CLEARED
+            if self._profile.atomic:  # Without it PX4 accepts no upload for 5 s.
+                self._outbox.append(self._ack(ACCEPTED))
             self._finish(ok=False, t_ns=t_ns)
         elif self.state.clearings < self._limits.max_clearings:
             self._start_clear(t_ns)
