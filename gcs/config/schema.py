@@ -148,7 +148,6 @@ class MissionTable(Table, frozen=True, kw_only=True):
     accept_radius_m: AcceptRadius = 10.0
     loiter_radius_m: LoiterRadius = 30.0
     end: MissionEnd = "loiter"
-    uploader: Literal["own", "mavsdk"] = "own"
     max_duration_s: Positive = 600.0
 
     @property

@@ -42,7 +42,6 @@ from gcs.model import (
     Resumed,
     Scan,
     Tick,
-    UploadAnswer,
 )
 
 _CONTROL_PERIOD_NS = NS_PER_S // 2
@@ -102,8 +101,6 @@ class Engine(Stages):
                 return self.scan_timing.step(event)
             case Order():
                 return self._order(event)
-            case UploadAnswer():
-                return self.dispatch.settle(self.tasking.add_upload_answer(event))
             case Resumed():
                 return self._resume(event)
 

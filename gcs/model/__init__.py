@@ -27,7 +27,7 @@ from gcs.model.basics import (
     read_only,
 )
 from gcs.model.control import Authority, AuthorityWord, Control, ControlEvent, Suspension
-from gcs.model.effects import AgentStatus, Effect, MissionEnded, Notice, Send, Upload, UploadReport
+from gcs.model.effects import AgentStatus, Effect, MissionEnded, Notice, Send, UploadReport
 from gcs.model.events import (
     BadInput,
     ClockStep,
@@ -37,7 +37,6 @@ from gcs.model.events import (
     Resumed,
     Snapshot,
     Tick,
-    UploadAnswer,
 )
 from gcs.model.flight import PHASE_TRANSITIONS, FlightEvent, FlightPhase, FlightPhaseWord, HealthItem
 from gcs.model.names import (
@@ -120,8 +119,6 @@ __all__ = [
     "TruthObject",
     "UInt16Array",
     "UInt32Array",
-    "Upload",
-    "UploadAnswer",
     "UploadReport",
     "VehicleState",
     "Waypoint",

@@ -23,16 +23,6 @@ class Send:
 
 
 @dataclass(frozen=True, slots=True)
-class Upload:
-    """A mission for the external uploader; `UploadAnswer` is its result."""
-
-    vehicle: int
-    mission_id: int
-    frames: bytes
-    """Concatenated MISSION_ITEM_INT frames, in order."""
-
-
-@dataclass(frozen=True, slots=True)
 class UploadReport:
     """Result of one mission upload."""
 
@@ -95,7 +85,6 @@ class MissionEnded:
 
 Effect: TypeAlias = (
     Send
-    | Upload
     | Picture
     | Plan
     | UploadReport

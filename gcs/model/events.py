@@ -70,23 +70,6 @@ class ClockStep:
 
 
 @dataclass(frozen=True, slots=True)
-class UploadAnswer:
-    """Result of one `Upload` by the external uploader."""
-
-    t_ns: int
-    vehicle: int
-    mission_id: int
-    ok: bool
-    begun: bool
-    """True if the vehicle may have changed its onboard mission."""
-    detail: str
-
-    def __post_init__(self) -> None:
-        """Make what came from outside safe to show."""
-        object.__setattr__(self, "detail", printable(self.detail))
-
-
-@dataclass(frozen=True, slots=True)
 class Resumed:
     """Restart of the service: its state is that of the one before."""
 
@@ -104,4 +87,4 @@ class Snapshot:
     """The state as `gcs.core.snapshot` encodes it."""
 
 
-Event: TypeAlias = Datagram | Scan | Tick | BadInput | LinkNews | ClockStep | Order | UploadAnswer | Resumed
+Event: TypeAlias = Datagram | Scan | Tick | BadInput | LinkNews | ClockStep | Order | Resumed

@@ -27,7 +27,6 @@ from gcs.io.background_writer import BackgroundWriter, QueuedText
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.manager import Links
-from gcs.io.mavsdk.uploader import MavsdkUploader
 from gcs.io.recording.writer import DiskSpace
 from gcs.io.records import encode
 from gcs.io.zenoh.key_expressions import effect_key, order_key, sensor_of, sensor_scan_keys
@@ -54,7 +53,6 @@ from gcs.model import (
     Snapshot,
     Tick,
     Truth,
-    Upload,
     named,
     system_of,
     vehicle_name,
@@ -167,11 +165,6 @@ class Service:
         self._lag_warned = False
         self._keyless: set[int] = set()
         self._snapshots = PeriodicSnapshots()
-        self._uploader: MavsdkUploader | None = None
-        if config.mission.uploader == "mavsdk":
-            self._uploader = MavsdkUploader(
-                self._send_for_uploader, self._put, self._on_uploader_error, lambda: self.clock.now_ns()
-            )
 
     def resume(self, snapshot: Snapshot, state: State) -> None:
         """Continue from the state of an earlier service; call this before `run`.
@@ -225,12 +218,9 @@ class Service:
             async with asyncio.TaskGroup() as group:
                 ticker = group.create_task(self._tick())
                 consumer = group.create_task(self._consume(stop, end_with_mission))
-                uploader = None if self._uploader is None else group.create_task(self._uploader.run())
                 await stop.wait()
                 if at_once is not None:
                     await self._finish(at_once)
-                if uploader is not None:
-                    uploader.cancel()
                 ticker.cancel()
                 consumer.cancel()
         except* GcsError as failures:
@@ -286,19 +276,10 @@ class Service:
         if not data:
             return
         self._put(Datagram(t_ns, link, peer, data), frames if frames.count <= _MAX_QUEUED_FRAMES else None)
-        if self._uploader is not None and not self.command.external_uploads.hosts(link):
-            self._uploader.forward(data)
 
     def on_link_news(self, link: str, level: Level, text: str) -> None:
         """Queue a notice about a link."""
         self._put(LinkNews(self.clock.now_ns(), link, level, text))
-
-    def _send_for_uploader(self, vehicle: int, frame: bytes) -> None:
-        for send in self.command.fleet.address_frames(vehicle, [frame]):
-            self.links.send(send.link, send.peer, send.data)
-
-    def _on_uploader_error(self, text: str) -> None:
-        self._put(BadInput(self.clock.now_ns(), "mavsdk", text))
 
     def _on_scan(self, key: str, payload: bytes) -> None:
         t_ns = self.clock.now_ns()
@@ -427,9 +408,6 @@ class Service:
         payload = b""
         if isinstance(effect, Send):
             self.links.send(effect.link, effect.peer, effect.data)
-        elif isinstance(effect, Upload):
-            if self._uploader is not None:
-                self._uploader.upload(effect)
         else:
             if isinstance(effect, Picture):
                 self.links.picture(effect)

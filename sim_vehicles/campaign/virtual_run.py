@@ -16,7 +16,6 @@ import numpy as np
 
 from gcs.core.engine import Engine
 from gcs.core.snapshot import PeriodicSnapshots, decode_state, encode_state
-from gcs.errors import ConfigError
 from gcs.model import (
     NS_PER_S,
     Datagram,
@@ -98,9 +97,6 @@ class VirtualRun:
 
     def __post_init__(self) -> None:
         config = self.scenario.config
-        if config.mission.uploader != "own":
-            problem = f'"{config.mission.uploader}" uploads over real sockets: use gcs demo, or set "own"'
-            raise ConfigError(self.scenario.source, "mission.uploader", problem)
         self._orders = deque(sorted(self.orders, key=lambda order: order.t_ns))
         self.command = Engine(config, self.seed)
         self._world = World(self.scenario, self.seed, START_T_NS)

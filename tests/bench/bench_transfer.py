@@ -6,14 +6,11 @@ channels (datagrams lost, delayed by 10-100 ms, 5 % doubled), and prints a row f
 is a leg that began with an item taken from a store that was neither mission: during the task, and in ten
 minutes after it. ``--short`` uploads 8 items to simulated vehicles of both firmwares that wait, over a link
 of 20 ms round trip, on virtual time with the service's tick of 50 ms, until they are read back, selected
-and in AUTO. ``--mavsdk`` uploads to simulated vehicles over real time instead, by both uploaders, a row
-each.
+and in AUTO.
 """
 
 import argparse
-import asyncio
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +25,10 @@ from gcs.mavlink.fleet.records import ModeRecord
 from gcs.mavlink.frames.codec import Encoder, decode
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
-from gcs.model import Mission, Upload, Waypoint
+from gcs.model import Mission, Waypoint
 
 HOME = Home(-35.3632621, 149.165237, 584.09)
 LEG_S = 12.0
-LIMIT_S = 120.0
-"""Of an upload on real time: one that takes longer was not delivered."""
 
 
 def mission(points: int, shift_deg: float = 0.0, vehicle: int = 1) -> Mission:
@@ -149,81 +144,13 @@ def shorts(losses: list[float], trials: int) -> None:
             print("| " + " | ".join([*cells, f"{np.median([r for *_, r in rows]):.0f}"]) + " |", flush=True)
 
 
-# ---------------------------------------------------------------- with MAVSDK, on real time
-
-
-async def upload(uploader: str, loss: float, seed: int) -> tuple[bool, float]:
-    """Upload 20 items to one simulated ArduPlane that waits; whether it holds them, and seconds."""
-    from gcs.io.mavsdk.uploader import MavsdkUploader
-    from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
-
-    rng = np.random.default_rng(seed)
-    vehicle = SimVehicle(VehicleSpec(7, 0.0, 0.0, 0.0, 100.0, 15.0), LocalFrame(*HOME), time.time_ns())
-    task = upload_task(mission(18, vehicle=7), HOME, Encoder(), authority=ModeAuthority(ModeRecord("LOITER")))
-    answers = []
-
-    def send(_system_id: int, frame: bytes) -> None:
-        if rng.random() >= loss:
-            vehicle.receive_datagram(frame, time.time_ns())
-
-    other = MavsdkUploader(send, answers.append, print, time.time_ns)
-    running = asyncio.create_task(other.run())
-
-    async def step(seconds: float) -> None:
-        await asyncio.sleep(seconds)
-        for data in vehicle.datagrams_to_send(time.time_ns()):
-            if rng.random() < loss:
-                continue
-            if uploader == "mavsdk":
-                other.forward(data)
-            else:
-                for message in decode(data)[0]:
-                    for frame in task.receive(message, time.time_ns()):
-                        send(7, frame)
-
-    if uploader == "mavsdk":
-        for _ in range(300):  # to be discovered
-            await step(0.01)
-    began_s = time.monotonic()
-    if uploader == "mavsdk":
-        other.upload(
-            Upload(7, 1, b"".join(map(Encoder(), (i.message(n, 7, 1) for n, i in enumerate(task.items)))))
-        )
-        while not answers and time.monotonic() - began_s < LIMIT_S:
-            await step(0.002)
-        ok = bool(answers) and answers[0].ok
-    else:
-        for frame in task.start(time.time_ns()):
-            send(7, frame)
-        while task.stage in ("upload", "verify") and time.monotonic() - began_s < LIMIT_S:
-            await step(0.002)
-            for frame in task.poll(time.time_ns()):
-                send(7, frame)
-        ok = task.stage in ("select", "mode", "done")
-    took_s = time.monotonic() - began_s
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
-    return ok and len(vehicle.autopilot.mission) == len(task.items), took_s
-
-
-def compare(losses: list[float], trials: int) -> None:
-    print("| loss each way | uploader | delivered | s, median / worst |\n|---|---|---|---|")
-    for loss in losses:
-        for uploader in ("own", "mavsdk"):
-            rows = [asyncio.run(upload(uploader, loss, seed)) for seed in range(trials)]
-            good = [took_s for ok, took_s in rows if ok]
-            times = f"{np.median(good):.2f} / {max(good):.2f}" if good else ""
-            print(f"| {loss:.0%} | {uploader} | {len(good)} / {trials} | {times} |", flush=True)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--loss", type=float, nargs="*", default=[0.0, 0.1, 0.2, 0.3, 0.5])
     parser.add_argument("--short", action="store_true")
-    parser.add_argument("--mavsdk", action="store_true")
     arguments = parser.parse_args()
-    (compare if arguments.mavsdk else shorts if arguments.short else table)(arguments.loss, arguments.trials)
+    (shorts if arguments.short else table)(arguments.loss, arguments.trials)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from gcs.io.zenoh.order_messages import decode_order
 from gcs.io.zenoh.scans import decode_scan
 from gcs.mavlink.fleet.statustext import TextChunks
 from gcs.mavlink.frames.codec import dialect
-from gcs.model import BadInput, LinkNews, Notice, Order, OrderAnswer, UploadAnswer, UploadReport
+from gcs.model import BadInput, LinkNews, Notice, Order, OrderAnswer, UploadReport
 from gcs.report.html_page import Page, save_page
 from gcs.safe_text import REPLACEMENT, printable
 
@@ -60,7 +60,6 @@ def test_the_texts_of_a_vehicle_are_safe() -> None:
         BadInput(0, HOSTILE, "").source,
         BadInput(0, "", HOSTILE).problem,
         LinkNews(0, "udp", "alarm", HOSTILE).text,
-        UploadAnswer(0, 1, 1, False, False, HOSTILE).detail,
         UploadReport(0, 1, 1, 8, False, HOSTILE, 0.0, 0).detail,
         OrderAnswer(0, "a", "hold", "refused", HOSTILE).detail,
         Order(0, "a", "hold", None, origin=HOSTILE).origin,

@@ -37,8 +37,6 @@ from gcs.model import (
     Track,
     Truth,
     TruthObject,
-    Upload,
-    UploadAnswer,
     UploadReport,
     read_only,
 )
@@ -46,7 +44,7 @@ from gcs.model import (
 T0_NS = 1_767_225_600 * NS_PER_S
 CONFIG = 'name = "demo"  # ünïcode\n'
 VERSIONS = {"swarm-gcs": "0.1.0", "numpy": "2.0"}
-EVENTS = (Datagram, Scan, Tick, BadInput, LinkNews, ClockStep, Order, UploadAnswer, Resumed)
+EVENTS = (Datagram, Scan, Tick, BadInput, LinkNews, ClockStep, Order, Resumed)
 
 
 def frames(system_id: int, count: int, first: int = 0) -> bytes:
@@ -80,8 +78,6 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         )
         yield t_ns, Send("udp", "127.0.0.1:5000", frames(255, 1, second))
         yield t_ns, UploadReport(t_ns, 1, 4, 9, True, "verified", 0.25, 1)
-        yield t_ns, Upload(1, 4, frames(255, 2, second))
-        yield t_ns, UploadAnswer(t_ns, 1, 4, False, True, "timed out")
         yield t_ns, Notice(t_ns, "warning", "älarm", None)
         area = NoFlyZone("fire", None, ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0)))
         yield t_ns, Order(t_ns, f"o-{second}", "no-fly-zone", None, None, area, "operator")

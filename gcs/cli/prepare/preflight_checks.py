@@ -17,12 +17,11 @@ from rich.text import Text
 
 from gcs.config import Config, load
 from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
-from gcs.core.preflight.result import Check, Level
+from gcs.core.preflight.result import Check
 from gcs.core.preflight.vehicle_checks import envelope_of, vehicle_checks
 from gcs.errors import LinkError, WireError
 from gcs.fence import fence_of
 from gcs.io.clock import ClockWatch, RunClock
-from gcs.io.mavsdk.uploader import REMEDY, mavsdk_problem
 from gcs.io.vehicles.session import VehicleSession
 from gcs.io.vehicles.vehicle_access import vehicle_access
 from gcs.io.zenoh.key_expressions import sensor_scan_keys
@@ -164,11 +163,6 @@ async def _run_checks(
         Check(None, "link", "ok" if level == "info" else "warning", f"{name}: {text}")
         for name, level, text in dict.fromkeys(session.news)
     ]
-    if config.mission.uploader == "mavsdk":
-        problem = mavsdk_problem()
-        level: Level = "refused" if problem else "ok"
-        text = problem or "starts"
-        checks.append(Check(None, "MAVSDK", level, text, "starts", REMEDY))
     if scan_listener is not None:
         checks += sensor_checks(scan_listener.scans, scan_listener.problems, waited_s)
     if step_ns := watch.step_ns():

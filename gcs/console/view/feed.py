@@ -25,7 +25,6 @@ from gcs.model import (
     Scan,
     Send,
     Tick,
-    Upload,
     VehicleState,
 )
 
@@ -116,7 +115,7 @@ class Feed:
         """Keep an effect that a page shows."""
         if not self._took_s:  # the first effect of the step
             self._took_s = time.perf_counter() - self._step_s
-        if isinstance(effect, Send | Upload):
+        if isinstance(effect, Send):
             return
         if isinstance(effect, Picture):
             self.news.pictures[effect.kind] = effect

@@ -28,7 +28,7 @@ from gcs.mavlink.mission.upload_limits import UploadPolicy
 from gcs.mavlink.mission.upload_stages import OnboardState, TransitionError
 from gcs.mavlink.mission.upload_steps import UploadState
 from gcs.mavlink.mission.upload_task import UploadTask
-from gcs.model import Effect, Notice, Upload, UploadAnswer, UploadReport
+from gcs.model import Effect, Notice, UploadReport
 
 _MAX_ITEMS_IN_FLIGHT: Final = 12
 """Per link; each upload has at least one."""
@@ -132,14 +132,6 @@ class ActiveUploads(UploadPolicy):
             effects += self._run(vehicle, lambda task: task.poll(t_ns), t_ns)
         return effects
 
-    def add_answer(self, answer: UploadAnswer) -> list[Effect]:
-        """Process the result of the external uploader."""
-        upload = self._uploads.get(answer.vehicle)
-        if upload is None or upload.state.mission_id != answer.mission_id:
-            return []
-        result = answer.ok, answer.begun, answer.detail, answer.t_ns
-        return self._run(answer.vehicle, lambda task: task.add_external_result(*result), answer.t_ns)
-
     def restart(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Restart an upload after a reboot of its vehicle."""
         return self._run(vehicle, lambda task: task.restart(t_ns), t_ns)
@@ -201,9 +193,6 @@ class ActiveUploads(UploadPolicy):
         """Send the frames of an upload; report its result if it has ended."""
         upload, result = self._uploads[vehicle], task.result
         effects: list[Effect] = [*self._fleet.address_frames(vehicle, frames)]
-        external_frames = task.take_external_frames()
-        if external_frames:
-            effects.append(Upload(vehicle, upload.state.mission_id, external_frames))
         if result is None:
             self._fleet.forward_next_heartbeat(vehicle)
             slowness = task.slowness(t_ns)

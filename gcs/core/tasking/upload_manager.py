@@ -41,7 +41,6 @@ from gcs.model import (
     Effect,
     Notice,
     Route,
-    UploadAnswer,
     UploadReport,
     VehicleState,
 )
@@ -200,10 +199,6 @@ class UploadManager:
         """Continue the uploads in progress after an outage of the service: read back first."""
         return self._active.resume(t_ns)
 
-    def add_upload_answer(self, answer: UploadAnswer) -> list[Effect]:
-        """Process the result of the external uploader."""
-        return self._active.add_answer(answer)
-
     def cancel(self, vehicle: int, t_ns: int) -> None:
         """Send nothing more to a lost vehicle; if it is heard again, an inconsistent mission is cleared."""
         self.state.queue.pop(vehicle, None)
@@ -331,7 +326,6 @@ class UploadManager:
             inconsistent=tasking.is_inconsistent,
             current=state.mission_seq if state is not None and state.mission_seq >= 0 else None,
             from_ground=from_ground,
-            delegated=self._table.uploader != "own",
             round_trip_s=self._active.round_trip_s(link) or self._agents[vehicle].link.requests.round_trip_s,
         )
         items = upload.sending.items

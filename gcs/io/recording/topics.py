@@ -29,8 +29,6 @@ from gcs.model import (
     SwarmStatus,
     Tick,
     Truth,
-    Upload,
-    UploadAnswer,
     UploadReport,
 )
 
@@ -44,10 +42,8 @@ TOPICS: Final[dict[type, str]] = {
     LinkNews: "/event/link",
     ClockStep: "/event/clock_step",
     Order: "/event/order",
-    UploadAnswer: "/event/upload_answer",
     Resumed: "/event/resumed",
     Send: "/effect/send",
-    Upload: "/effect/upload_order",
     Picture: "/effect/picture",
     Plan: "/effect/plan",
     UploadReport: "/effect/upload",

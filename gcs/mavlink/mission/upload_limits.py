@@ -47,8 +47,6 @@ class UploadLimits:
     """In AUTO over an inconsistent mission: LOITER when the next item is nearer than this."""
     loiter_repeat_s: float = 0.25
     """Interval of that LOITER command until the heartbeat shows it."""
-    external_timeout_s: float = 60.0
-    """For an upload by another program."""
     transfer_timeout_s: float = 300.0
     """For all uploads and read-backs together."""
     stall_s: float = 25.0

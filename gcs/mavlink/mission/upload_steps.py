@@ -54,8 +54,6 @@ class UploadState(ListUploadState):
     """Current item."""
     current_before: int | None = None
     """Current item before the upload, or before the selection."""
-    is_delegated: bool = False
-    """True if another program uploads: see `take_external_frames` and `add_external_result`."""
     began_t_ns: int = 0
     is_cleared: bool = False
     """True if the vehicle has acknowledged the clearing, which is read back then."""
@@ -120,7 +118,6 @@ class UploadState(ListUploadState):
         inconsistent: bool = False,
         current: int | None = None,
         from_ground: bool = False,
-        delegated: bool = False,
         round_trip_s: float = 0.0,
     ) -> UploadState:
         """Return the state before the begin.
@@ -147,7 +144,6 @@ class UploadState(ListUploadState):
             was_inconsistent=inconsistent,
             current=current,
             current_before=current,
-            is_delegated=delegated,
             onboard=OnboardState.UNKNOWN if inconsistent else OnboardState.OLD,
             first_seq=profile.home_items,
         )
@@ -184,7 +180,6 @@ class UploadSteps(ListUpload):
         assert profile is not None  # it had one at the begin
         self.result: UploadResult | None = None
         self._profile, self._authority, self._policy = profile, authority, policy
-        self._external_frames = b""
 
     @property
     def is_inconsistent(self) -> bool:
@@ -235,8 +230,7 @@ class UploadSteps(ListUpload):
     def _is_unanswered(self, t_ns: int) -> bool:
         since_t_ns = max(self.state.stage_t_ns, self.state.mode_t_ns or 0)
         is_unheard = self.state.timer is not None and t_ns - since_t_ns > ns(self._limits.min_answer_s)
-        is_external = self.stage is Stage.UPLOAD and self.state.is_delegated
-        return is_unheard or (not is_external and super()._is_unanswered(t_ns))
+        return is_unheard or super()._is_unanswered(t_ns)
 
     def _mode_requests(self, t_ns: int) -> list[Message]:
         """Return the requests for a heartbeat that are due."""
@@ -287,15 +281,7 @@ class UploadSteps(ListUpload):
         self.state.uploads += 1
         self.state.sending.restart()
         self.state.start_seq = self._begin_at() if self._profile.marks_current else -1
-        if not self.state.is_delegated:
-            self._enter_stage(Stage.UPLOAD, t_ns, self.state.sending.count_message(), pause_s=pause_s)
-            return
-        self._enter_stage(Stage.UPLOAD, t_ns)
-        self.state.deadline_t_ns = t_ns + ns(self._limits.external_timeout_s)
-        self._note_upload_begun()
-        to, items = self._to, enumerate(self.items)
-        messages = (item.message(n, *to, current=n == self.state.start_seq) for n, item in items)
-        self._external_frames = b"".join(map(self._encode, messages))
+        self._enter_stage(Stage.UPLOAD, t_ns, self.state.sending.count_message(), pause_s=pause_s)
 
     def _note_upload_begun(self) -> None:
         """Note that the vehicle may have begun to change its onboard mission."""

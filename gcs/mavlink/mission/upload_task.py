@@ -177,32 +177,10 @@ class UploadTask(UploadSteps):
             retries=end.retries,
         )
 
-    def take_external_frames(self) -> bytes:
-        """Return, once per upload, the MISSION_ITEM_INT frames for the program that uploads."""
-        frames, self._external_frames = self._external_frames, b""
-        return frames
-
-    def add_external_result(self, ok: bool, begun: bool, detail: str, t_ns: int) -> list[bytes]:
-        """Process that program's result; the read-back decides all the same.
-
-        If it failed before it changed anything, the vehicle keeps its mission. If it left an inconsistent
-        mission, this task uploads.
-        """
-        if self.stage is Stage.UPLOAD and self.state.is_delegated and not self._is_stopped(t_ns):
-            if ok:
-                self._start_verify(t_ns)
-            elif begun or self.state.was_inconsistent:
-                self.state.is_delegated = False
-                self._retry_upload(detail, t_ns)
-            else:
-                self.state.onboard, self.state.reason = OnboardState.OLD, detail
-                self._resume_old_mission(t_ns)
-        return self._take_due_frames(t_ns)
-
     # ------------------------------------------------------------ time
 
     def _on_upload_timeout(self, t_ns: int) -> None:
-        if self.state.is_delegated or self.state.sending.is_all_sent:
+        if self.state.sending.is_all_sent:
             self._start_verify(t_ns)
         else:
             self._retry_upload(f"no request for item {self.state.sending.sent_count}", t_ns)
@@ -314,8 +292,6 @@ class UploadTask(UploadSteps):
         return True
 
     def _on_request(self, message: Message, t_ns: int) -> None:
-        if self.state.is_delegated:
-            return
         is_last = self._profile.atomic and message.seq == len(self.items) - 1
         self.state.waits_for_mode = is_last and self.stage is Stage.UPLOAD
         if is_last and not self._may_send(t_ns):
@@ -334,7 +310,7 @@ class UploadTask(UploadSteps):
                 self.state.is_cleared = True
                 self.state.clearings += 1
                 self._start_download(t_ns)
-        elif self.stage is not Stage.UPLOAD or not self.state.is_delegated:
+        else:
             super()._on_ack(message, t_ns)
 
     def _on_refusal(self, message: Message, t_ns: int) -> None:

@@ -181,19 +181,12 @@ def test_forged_messages_of_the_vehicle_cause_no_other_transition(data):
 @settings(max_examples=150, derandomize=True)
 @given(
     st.sampled_from([ARDUPLANE, PX4]),
-    st.booleans(),
     st.sampled_from(["", "AUTO", "LOITER", "MANUAL"]),
     st.lists(st.tuples(st.floats(0.0, 30.0), MESSAGES | st.integers(0, 6)), max_size=60),
 )
-def test_messages_in_any_order_cause_no_other_transition(profile, delegated, mode, steps):
+def test_messages_in_any_order_cause_no_other_transition(profile, mode, steps):
     task = upload_task(
-        mission(3),
-        HOME,
-        Encoder(),
-        kind=Recorded,
-        profile=profile,
-        authority=authority_in(mode),
-        delegated=delegated,
+        mission(3), HOME, Encoder(), kind=Recorded, profile=profile, authority=authority_in(mode)
     )
     t_ns, calls = 0, Counter()
     task.start(0)
@@ -205,8 +198,6 @@ def test_messages_in_any_order_cause_no_other_transition(profile, delegated, mod
                 frames = task.restart(t_ns)
             case 1:
                 frames = task.abandon("ordered to", t_ns)
-            case 2:
-                frames = task.add_external_result(bool(calls[2] % 2), bool(calls[2] % 3), "it failed", t_ns)
             case int() if what < 5:
                 frames = []
             case 5:

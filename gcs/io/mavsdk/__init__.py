@@ -1,1 +1,0 @@
-"""MAVSDK as mission uploader: `uploader` (the service's side) and `process` (MAVSDK's own process)."""
