@@ -56,18 +56,22 @@ def bridge_gap(state: State, event: Resumed) -> list[Effect]:
 
 
 def _end_command(state: State, vehicle: int, event: Resumed, *, is_long: bool) -> list[Effect]:
-    """End the command in progress to a vehicle, if it must not be repeated after the gap."""
-    orders = state.agents[vehicle].orders
-    if orders.command is None:
-        return []
-    number = orders.command.order
-    action = state.operator.orders[number].order.action
-    if not is_long and action not in ("arm", "disarm"):
-        return []
-    orders.command = None
-    text = f"not confirmed before the restart of the service; to {action} it, order it again"
-    answer = state.operator.finish(number, event.t_ns, "failed", text, vehicle)
-    return [answer, Notice(event.t_ns, "alarm", f"its order to {action} was {text}", vehicle)]
+    """End the orders to a vehicle that must not be carried out after the gap."""
+    orders, effects = state.agents[vehicle].orders, list[Effect]()
+    ended = [] if orders.waiting is None or not is_long else [orders.waiting.order]
+    if ended:
+        orders.waiting = None
+    if orders.command is not None:
+        action = state.operator.orders[orders.command.order].order.action
+        if is_long or action in ("arm", "disarm"):
+            ended.append(orders.command.order)
+            orders.command = None
+    for number in ended:
+        action = state.operator.orders[number].order.action
+        text = f"not confirmed before the restart of the service; to {action} it, order it again"
+        effects.append(state.operator.finish(number, event.t_ns, "failed", text, vehicle))
+        effects.append(Notice(event.t_ns, "alarm", f"its order to {action} was {text}", vehicle))
+    return effects
 
 
 def is_settled(state: State, t_ns: int) -> bool:

@@ -37,8 +37,9 @@ from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.separation.climb_traffic import ClimbTraffic
 from gcs.core.separation.intents import Intents
+from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.monitor import SeparationMonitor
-from gcs.core.separation.resume_check import ResumeCheck
+from gcs.core.separation.order_check import OrderCheck
 from gcs.core.state import State
 from gcs.core.takeoff.climbs import Climbs
 from gcs.core.takeoff.sequence import TakeoffSequence
@@ -111,7 +112,8 @@ class Stages:
         self.separation = SeparationMonitor(config, self.intents, self.return_heights, self.state)
         # Planning and tasking
         self.replanner = Replanner(config, self.no_fly_zones, agents, self.state.replanning)
-        self.return_routes = ReturnRoutes(config, self.no_fly_zones, self.fleet, agents)
+        landing_order = LandingOrder(config, self.fleet, agents)
+        self.return_routes = ReturnRoutes(config, self.no_fly_zones, self.fleet, agents, landing_order)
         self.climbs = Climbs(config, self.no_fly_zones, self.fleet, agents)
         self.tasking = UploadManager(
             config,
@@ -146,7 +148,8 @@ class Stages:
             self.replanner.layers,
             self.takeoff_sequence,
             self.return_heights,
-            ResumeCheck(config, self.intents),
+            OrderCheck(config, self.intents),
+            landing_order,
         )
         self.incursions = IncursionWarnings(self.state.airspace, self.tasking.onboard_missions)
         self.no_fly_zone_orders = NoFlyZoneOrders(

@@ -37,11 +37,23 @@ class Command:
 
 
 @dataclass(slots=True)
+class WaitingOrder:
+    """Order to hold or return that waits until its vehicle is clear of others."""
+
+    order: int
+    """Its number (`OperatorState.orders`)."""
+    mode: str
+    """Mode of the vehicle when it was given."""
+    next_check_t_ns: int
+
+
+@dataclass(slots=True)
 class AgentOrders:
     """Orders to one vehicle."""
 
     command: Command | None = None
     """Command of an order to hold, resume, return, arm or disarm."""
+    waiting: WaitingOrder | None = None
     pinned: Label | None = None
     """Target that the vehicle is to fly to, by order."""
     confirmation: int | None = None

@@ -4,10 +4,13 @@ An order suspends its vehicle at once: it is not tasked, whatever the result of 
 progress is ended safely first. An order is done when the vehicle's heartbeat shows it
 (`gcs.mavlink.services.command_sender`). An order that changes nothing is refused.
 
-A resumed vehicle continues its verified mission if its target is still free; otherwise it waits in LOITER for
-the next plan. It gets no upload until it is in LOITER, which would undo the start of the mission. A vehicle
-that returns or lands is not turned back near the ground. A vehicle whose mission would lead it near another
-one stays where it is (`gcs.core.separation.resume_check`).
+A resumed vehicle continues its verified mission if its target and the time of its landing are still free;
+otherwise it waits in LOITER for the next plan. It gets no upload until it is in LOITER, which would undo the
+start of the mission. A vehicle that returns or lands is not turned back near the ground.
+
+No order leads a vehicle into another one (`gcs.core.separation.order_check`). An order to resume is refused
+then. An order to hold or to return waits until the vehicle is clear, with an alarm at once; given again, it
+is carried out at once.
 
 Vehicles are armed by an order only. Arming is refused in a mode in which the vehicle would take off at once,
 except with a verified mission that is to be flown now: PX4 and ArduPlane start the stored mission when they
@@ -18,15 +21,17 @@ Disarming is refused unless the vehicle reports that it is on the ground, and ne
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Container, Set
+from collections.abc import Callable, Collection, Container, Sequence, Set
+from dataclasses import replace
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.operator.records import Command, OrderInProgress
+from gcs.core.operator.records import Command, OrderInProgress, WaitingOrder
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.replanning.planned_flights import AltitudeLayers
-from gcs.core.separation.resume_check import ResumeCheck
+from gcs.core.separation.landing_order import LandingOrder
+from gcs.core.separation.order_check import OrderCheck
 from gcs.core.state import State, flown_routes
 from gcs.core.takeoff.sequence import SELF_LAUNCHING, TakeoffSequence
 from gcs.core.tasking.upload_manager import UploadManager
@@ -36,6 +41,7 @@ from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.command_sender import CommandSender, command_long, set_mode
 from gcs.model import (
+    NS_PER_S,
     AnswerState,
     Authority,
     ControlEvent,
@@ -50,11 +56,14 @@ from gcs.model import (
 
 _ARM_DISARM: Final[int] = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 _MODES: Final[dict[str | None, str]] = {"hold": LOITER, "return": RTL}
+_REPLACED: Final = "replaced by an order to {}"
 PILOTED: Final = frozenset(
     {"MANUAL", "STABILIZE", "STABILIZED", "TRAINING", "ACRO", "FBWA", "FBWB", "CRUISE", "AUTOTUNE"}
     | {"ALTCTL", "POSCTL", "RATTITUDE", "QSTABILIZE", "QHOVER", "QACRO"}
 )
 """Modes of manual flight: the pilot keeps control."""
+_WAIT_PERIOD_NS: Final = NS_PER_S
+"""Time between two checks of an order that waits."""
 _MAX_GROUND_SPEED_M_S = 2.0
 _MAX_GROUND_HEIGHT_M = 5.0
 _MAX_TAKEOFF_SHIFT_M: Final = 30.0
@@ -75,9 +84,10 @@ class Orders:
         layers: AltitudeLayers,
         takeoff_sequence: TakeoffSequence,
         return_heights: ReturnHeightMonitor,
-        resume_check: ResumeCheck,
+        order_check: OrderCheck,
+        landing_order: LandingOrder,
     ) -> None:
-        self._resume_check = resume_check
+        self._order_check, self._landing_order = order_check, landing_order
         self._state, self._agents, self._operator = state, state.agents, state.operator
         self._fleet, self._tasking, self._layers = fleet, tasking, layers
         self._takeoff_sequence, self._return_heights = takeoff_sequence, return_heights
@@ -119,7 +129,10 @@ class Orders:
         effects: list[Effect] = []
         begun: list[int] = []
         unchanged: dict[int, str] = {}
+        insisted = {v for v in vehicles if v in self._agents and self._waits_for(v) == order.action}
         for vehicle in vehicles:
+            if order.action in ("hold", "return", "resume") and vehicle in self._agents:
+                effects += self._end_waiting(vehicle, order.t_ns, _REPLACED.format(order.action))
             is_heard = vehicle in known and known[vehicle].liveness == "alive"
             if vehicle not in known:
                 refusal = f"no vehicle of this mission; it has {', '.join(map(vehicle_name, known))}"
@@ -140,11 +153,14 @@ class Orders:
         if not ongoing.waiting:
             return effects
         number = self._operator.begin(ongoing)
-        for vehicle in begun:
+        waits = self._problems(order, [v for v in begun if v not in insisted])
+        for vehicle, problem in waits.items():
+            effects += self._wait(number, order, vehicle, problem)
+        for vehicle in (v for v in begun if v not in waits):
             if order.action == "resume":
                 release(vehicle, order.t_ns)
             effects += self._begin(number, order, vehicle, known[vehicle].autopilot, targets)
-        detail = named(ongoing.waiting)
+        detail = named(ongoing.waiting) + (f"; {named(waits)} when clear of others" if waits else "")
         if order.action == "return":
             returning = {v for v, agent in self._agents.items() if agent.control.suspension == "return"}
             warning = self._return_heights.warning(returning)
@@ -162,13 +178,12 @@ class Orders:
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Run the timers."""
-        commands = [(vehicle, agent.orders.command) for vehicle, agent in self._agents.items()]
-        return [
-            effect
-            for vehicle, command in commands
-            if command is not None
-            for effect in self._progress(vehicle, command, t_ns)
-        ]
+        effects: list[Effect] = []
+        for vehicle, agent in self._agents.items():
+            effects += self._check_waiting(vehicle, t_ns)
+            if agent.orders.command is not None:
+                effects += self._progress(vehicle, agent.orders.command, t_ns)
+        return effects
 
     # ------------------------------------------------------------ one vehicle
 
@@ -249,7 +264,85 @@ class Orders:
         is_held = state is not None and not is_on_ground(state, self._fleet.home(vehicle))
         if not is_held or onboard is None or not onboard.route.is_same(suspended or agent.routes.flown):
             return ""  # it waits in LOITER for another mission
-        return self._resume_check.problem(vehicle, resumed, t_ns)
+        problem = self._order_check.problem(
+            vehicle, self._ordered_modes() | dict.fromkeys([*resumed, vehicle], AUTO), t_ns
+        )
+        return f"{problem}: resume it when they are apart" if problem else ""
+
+    # ------------------------------------------------------------ orders that wait
+
+    def _ordered_modes(self) -> dict[int, str]:
+        """Return the modes that commands in progress set, by vehicle."""
+        commands = {vehicle: agent.orders.command for vehicle, agent in self._agents.items()}
+        actions = {v: self._action(command) for v, command in commands.items() if command is not None}
+        return {v: _MODES[action] for v, action in actions.items() if action in _MODES}
+
+    def _problems(self, order: Order, vehicles: Sequence[int]) -> dict[int, str]:
+        """Return the vehicles that an order to hold or return must not reach yet, with the reasons.
+
+        Those that are clear when all obey are not among them; of the others, as many as possible.
+        """
+        if order.action not in _MODES:
+            return {}
+        mode, before = _MODES[order.action], self._ordered_modes()
+        together = before | dict.fromkeys(vehicles, mode)
+        unclear = [v for v in vehicles if self._order_check.problem(v, together, order.t_ns)]
+        modes = before | {v: mode for v in vehicles if v not in unclear}
+        problems: dict[int, str] = {}
+        for vehicle in unclear:
+            problem = self._order_check.problem(vehicle, modes | {vehicle: mode}, order.t_ns)
+            if problem:
+                problems[vehicle] = problem
+            else:
+                modes[vehicle] = mode
+        return problems
+
+    def _waits_for(self, vehicle: int) -> str:
+        """Return the action of the order that waits for a vehicle; empty if there is none."""
+        waiting = self._agents[vehicle].orders.waiting
+        return "" if waiting is None else self._operator.orders[waiting.order].order.action
+
+    def _wait(self, number: int, order: Order, vehicle: int, problem: str) -> list[Effect]:
+        """Let an order wait, with an alarm; an older command to the vehicle goes on."""
+        state = self._fleet.state(vehicle)
+        mode, due_t_ns = "" if state is None else state.mode, order.t_ns + _WAIT_PERIOD_NS
+        self._agents[vehicle].orders.waiting = WaitingOrder(number, mode, due_t_ns)
+        text = (
+            f"its order to {order.action} waits, it {problem}: it flies on until they are apart. Order it "
+            f"again to {order.action} it at once"
+        )
+        return [Notice(order.t_ns, "alarm", text, vehicle)]
+
+    def _check_waiting(self, vehicle: int, t_ns: int) -> list[Effect]:
+        """Carry out an order that waits once its vehicle is clear; end it if somebody else takes over."""
+        waiting, state = self._agents[vehicle].orders.waiting, self._fleet.state(vehicle)
+        if waiting is None or t_ns < waiting.next_check_t_ns:
+            return []
+        waiting.next_check_t_ns = t_ns + _WAIT_PERIOD_NS
+        order = self._operator.orders[waiting.order].order
+        mode = "" if state is None else state.mode
+        if mode not in (waiting.mode, AUTO, LOITER):
+            return self._end_waiting(vehicle, t_ns, f"its mode was changed to {mode} meanwhile")
+        modes = self._ordered_modes() | {vehicle: _MODES[order.action]}
+        if self._order_check.problem(vehicle, modes, t_ns):
+            return []
+        self._agents[vehicle].orders.waiting = None
+        text = f"is clear of others: its order to {order.action} is carried out"
+        autopilot = next(one.autopilot for one in self._fleet.health() if one.system_id == vehicle)
+        return [
+            Notice(t_ns, "info", text, vehicle),
+            *self._begin(waiting.order, replace(order, t_ns=t_ns), vehicle, autopilot, ()),
+        ]
+
+    def _end_waiting(self, vehicle: int, t_ns: int, reason: str) -> list[Effect]:
+        """End an order that waits."""
+        orders = self._agents[vehicle].orders
+        waiting, orders.waiting = orders.waiting, None
+        if waiting is None:
+            return []
+        return [self._operator.finish(waiting.order, t_ns, "failed", reason, vehicle)]
+
+    # ------------------------------------------------------------ take-offs and missions
 
     def launching(self) -> Set[int]:
         """Return the vehicles on the ground whose orders make them take off."""
@@ -301,8 +394,7 @@ class Orders:
     def _begin(
         self, number: int, order: Order, vehicle: int, autopilot: int, targets: Container[Label]
     ) -> list[Effect]:
-        reason = f"replaced by an order to {order.action}"
-        effects: list[Effect] = self._end_command(vehicle, order.t_ns, reason)
+        effects: list[Effect] = self._end_command(vehicle, order.t_ns, _REPLACED.format(order.action))
         if order.action in ("arm", "disarm"):
             arm = order.action == "arm"
             command = command_long(vehicle, _ARM_DISARM, 1.0 if arm else 0.0)
@@ -337,7 +429,7 @@ class Orders:
             if not self._layers.is_clear(route, list(flown), positions):
                 return LOITER  # the next plan has a layer for it
             routes.adopt(route)
-        if self.may_fly(vehicle):
+        if self.may_fly(vehicle) and self._landing_order.claim(vehicle, t_ns):
             return AUTO
         if vehicle not in self._state.tasking.stages:
             routes.drop_flown()  # the next plan has another

@@ -31,6 +31,9 @@ MARGIN_M: Final = 15.0
 11.3 m."""
 _UNITS_PER_M: Final = {"RTL_ALTITUDE": 1.0, "ALT_HOLD_RTL": 100.0, "RTL_RETURN_ALT": 1.0}
 """Parameters that set a return height, with their units per metre."""
+_TYPE: Final = "RTL_TYPE"
+_MISSION_LANDING: Final = 1.0
+"""RTL_TYPE of a PX4 that lands by its mission if that has a landing."""
 _TOLERANCE_M: Final = 0.5
 _MAX_NAMED: Final = 8
 _REQUEST_S, _QUICK_REQUESTS, _SLOW_REQUEST_S = 2.0, 5, 30.0
@@ -100,7 +103,7 @@ class ReturnHeightMonitor:
 
     def receive(self, vehicle: int, message: Message) -> None:
         """Process a message of a vehicle: keep the parameters that set its return height."""
-        if message.get_type() == "PARAM_VALUE" and message.param_id in _UNITS_PER_M:
+        if message.get_type() == "PARAM_VALUE" and message.param_id in {*_UNITS_PER_M, _TYPE}:
             agent = self._agents[vehicle]
             agent.returns.parameters[message.param_id] = decode_value(message, agent.link.is_atomic)
 
@@ -121,7 +124,10 @@ class ReturnHeightMonitor:
         """Request the parameters of a vehicle that has not told them."""
         agent, profile = self._agents[vehicle], self._fleet.profile(vehicle)
         returns, is_heard = agent.returns, agent.link.liveness == "alive"
-        if profile is None or returns.parameters or not is_heard or t_ns < returns.next_request_t_ns:
+        if profile is None or not is_heard or t_ns < returns.next_request_t_ns:
+            return []
+        is_known = not returns.parameters.keys().isdisjoint(_UNITS_PER_M)
+        if is_known and (_TYPE in returns.parameters or _TYPE not in profile.return_parameters):
             return []
         wait_s = _REQUEST_S if returns.requests < _QUICK_REQUESTS else _SLOW_REQUEST_S
         returns.requests, returns.next_request_t_ns = returns.requests + 1, t_ns + ns(wait_s)
@@ -153,6 +159,10 @@ class ReturnHeightMonitor:
         if profile is None:
             return None
         return return_of(vehicle, profile, self._agents[vehicle].returns.parameters, self._rally_m)
+
+    def lands_by_mission(self, vehicle: int) -> bool:
+        """Return True if a vehicle that returns flies to the landing of its mission, if that has one."""
+        return self._agents[vehicle].returns.parameters.get(_TYPE) == _MISSION_LANDING
 
     def _of(self, vehicle: int) -> ReturnHeight | None:
         """Return the return height of a vehicle in flight."""

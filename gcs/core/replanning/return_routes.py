@@ -33,9 +33,16 @@ def landing_of(airframe: AgentAirframe) -> LandingSpec | None:
 class ReturnRoutes:
     """Plans return routes."""
 
-    def __init__(self, config: Config, zones: NoFlyZones, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
+    def __init__(
+        self,
+        config: Config,
+        zones: NoFlyZones,
+        fleet: Fleet,
+        agents: Mapping[int, Agent],
+        landing_order: LandingOrder,
+    ) -> None:
         self._config, self._options = config, vehicle_options(config)
-        self._landing_order = LandingOrder(config, fleet, agents)
+        self._landing_order = landing_order
         self._zones, self._fleet, self._agents = zones, fleet, agents
 
     def plan(self, route: Route, t_ns: int) -> tuple[ReturnRoute | None, list[Effect]]:

@@ -1,8 +1,9 @@
 """What each vehicle in the air will fly, as far as telemetry and its onboard mission tell.
 
 * AUTO with a verified mission: its items, from the current one on.
-* RTL: straight to the nearest rally point, or home, at its return height, and round a circle there.
-* LOITER: the circle that it flies. A vehicle that has just begun it turns right.
+* RTL: straight to the nearest rally point, or home, at its return height, and round a circle there. A PX4
+  with a landing in its mission, and RTL_TYPE 1, climbs to that height where it is and lands by its mission.
+* LOITER: a circle round the place where it began, to the right until it is seen to turn left.
 * Other modes, or an unknown mission: turn rate and vertical speed are kept.
 """
 
@@ -16,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
-from gcs.core.separation.forward_flight import Flight, Goal, GoalKind
+from gcs.core.separation.forward_flight import CLIMB_M_S, Flight, Goal, GoalKind
 from gcs.core.state import Agent
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
@@ -33,6 +34,8 @@ _CIRCLE_RADIUS_M: Final = 60.0
 _RETURN_HEIGHT_M: Final = 100.0
 """Default RTL_ALTITUDE of ArduPlane, for a vehicle that did not tell its own."""
 _STRAIGHT_RAD_S: Final = 0.03
+_SETTLED: Final = 0.3
+"""Relative difference of the distance from the centre and the radius of a turn on a circle."""
 _LEVEL_M_S: Final = 0.7
 _KINDS: Final = {
     dialect.MAV_CMD_NAV_WAYPOINT: GoalKind.WAYPOINT,
@@ -74,8 +77,6 @@ class Intents:
         """Return what a vehicle flies, or would fly in another mode."""
         speed_m_s = max(state.ground_speed_m_s, 1.0)
         rate = self._agents[state.system_id].separation.rate_rad_s
-        if (mode or state.mode) == LOITER and (mode is not None or abs(rate) < _STRAIGHT_RAD_S):
-            rate = speed_m_s / _CIRCLE_RADIUS_M
         return Flight(
             vehicle=state.system_id,
             east_m=state.east_m,
@@ -93,9 +94,9 @@ class Intents:
 
     def _goals(self, state: VehicleState, mode: str) -> tuple[Goal, ...]:
         if mode == RTL:
-            return (self._return(state),)
+            return tuple(self._landing(state)) or (self._return(state),)
         if mode == LOITER:
-            return (Goal(GoalKind.KEEP),)
+            return (self._hold(state),)
         return (tuple(self._mission(state)) if mode == AUTO else ()) or (Goal(GoalKind.DRIFT),)
 
     def is_climbing_out(self, state: VehicleState) -> bool:
@@ -122,6 +123,31 @@ class Intents:
         if home is None:
             return 0.0, 0.0, self._frame.alt_msl_m
         return (*self._frame.to_local(home.lat_deg, home.lon_deg), home.alt_msl_m)
+
+    def _hold(self, state: VehicleState) -> Goal:
+        seen, place_m = self._agents[state.system_id].separation, (state.east_m, state.north_m)
+        centre_m = place_m if state.mode != LOITER or seen.hold_m is None else seen.hold_m
+        radius_m, away_m = _CIRCLE_RADIUS_M, math.dist(centre_m, place_m)
+        if centre_m is not place_m and abs(seen.rate_rad_s) > _STRAIGHT_RAD_S:
+            turned_m = state.ground_speed_m_s / seen.rate_rad_s
+            if abs(away_m - abs(turned_m)) < _SETTLED * away_m:
+                radius_m = math.copysign(away_m, turned_m)
+        return Goal(GoalKind.CIRCLE, *centre_m, radius_m, state.alt_msl_m)
+
+    def _landing(self, state: VehicleState) -> Iterator[Goal]:
+        """Yield the return of a vehicle that lands by its mission; nothing if it does not."""
+        onboard = self._agents[state.system_id].tasking.onboard
+        if onboard is None or not self._return_heights.lands_by_mission(state.system_id):
+            return
+        landings = [item for item in onboard.items if item.command == dialect.MAV_CMD_NAV_LAND]
+        known, ground_m = self._return_heights.height(state.system_id), self.ground_m(state.system_id)
+        height_m = ground_m + (_RETURN_HEIGHT_M if known is None else known.height_m)
+        is_begun = state.mode == RTL and state.climb_m_s < _LEVEL_M_S
+        if landings and not is_begun and height_m > state.alt_msl_m:
+            climb_s, place_m = (height_m - state.alt_msl_m) / CLIMB_M_S, (state.east_m, state.north_m)
+            yield Goal(GoalKind.CIRCLE, *place_m, _CIRCLE_RADIUS_M, height_m, climb_s)
+        for item in landings[:1]:
+            yield self._goal(item, ground_m)
 
     def _return(self, state: VehicleState) -> Goal:
         east_m, north_m, ground_m = self._home(state.system_id)

@@ -80,6 +80,27 @@ class LandingOrder:
             )
         return LandingWait(corner, round(max(wait_s, _MIN_WAIT_S))), ""
 
+    def claim(self, vehicle: int, t_ns: int) -> bool:
+        """Give a held vehicle the landing time of its onboard mission, flown from now on.
+
+        Returns False if the mission comes too near to another landing: the vehicle needs a new one.
+        """
+        state, home = self._fleet.state(vehicle), self._fleet.home(vehicle)
+        if state is None or home is None or is_on_ground(state, home):
+            return True
+        seq = max(state.mission_seq, 0)
+        left_s = self._left_s(vehicle, (state.east_m, state.north_m), seq, is_begun=False)
+        if left_s is None:
+            return True
+        lands_ns = t_ns + ns(left_s)
+        for other, taken_ns in self._landings(
+            vehicle, self._frame.to_local(home.lat_deg, home.lon_deg), t_ns
+        ):
+            if abs(lands_ns - taken_ns) < ns(max(self._slot_s(vehicle), self._slot_s(other))):
+                return False
+        self._agents[vehicle].separation.landing_t_ns = lands_ns
+        return True
+
     def _slot_s(self, vehicle: int) -> float:
         """Return the least time between a landing and that of another vehicle."""
         mission, latest = self._config.mission, self._agents[vehicle].routes.latest
@@ -123,14 +144,16 @@ class LandingOrder:
         is_pending = agent.routes.flown is not None
         return planned_ns if planned_ns > t_ns and (is_pending or not grounded) else None
 
-    def _left_s(self, vehicle: int, place_m: Point, seq: int) -> float | None:
-        """Return the time until a vehicle lands by its mission; None if it does not, or circles now."""
+    def _left_s(self, vehicle: int, place_m: Point, seq: int, *, is_begun: bool = True) -> float | None:
+        """Return the time until a vehicle lands by its mission; None if it does not.
+
+        None also for a vehicle that has begun to wait on a circle, or to take off.
+        """
         onboard, left_s = self._agents[vehicle].tasking.onboard, 0.0
-        assert onboard is not None
-        items = onboard.items[seq:]
+        items = () if onboard is None else onboard.items[seq:]
         if not items or items[-1].command != dialect.MAV_CMD_NAV_LAND:
             return None
-        if items[0].command in (dialect.MAV_CMD_NAV_LOITER_TIME, dialect.MAV_CMD_NAV_TAKEOFF):
+        if is_begun and items[0].command in (dialect.MAV_CMD_NAV_LOITER_TIME, dialect.MAV_CMD_NAV_TAKEOFF):
             return None  # as planned
         for item in items:
             there_m = self._frame.to_local(item.x * 1e-7, item.y * 1e-7)

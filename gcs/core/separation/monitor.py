@@ -20,6 +20,7 @@ from gcs.core.separation.look_ahead import Encounter, encounters
 from gcs.core.separation.records import Approach
 from gcs.core.state import State
 from gcs.geo import wrap_pi
+from gcs.mavlink.autopilots.modes import LOITER
 from gcs.mavlink.services.retry import ns
 from gcs.model import NS_PER_S, Effect, Notice, VehicleState, vehicle_name
 
@@ -37,6 +38,8 @@ _APART_NS: Final = ns(5.0)
 _MIN_TURN_NS, _MAX_TURN_NS = ns(0.75), ns(3.0)
 """Time between two courses that give a turn rate."""
 _MIN_CLIMB_M_S, _GRADIENT_GAIN = 1.0, 0.3
+_MAX_HOLD_M: Final = 200.0
+"""Distance from the centre of its circle at which a vehicle in LOITER was sent elsewhere."""
 _REMEDY = "hold or return one, or let a pilot take it over"
 
 
@@ -76,8 +79,13 @@ class SeparationMonitor:
         return effects + self._end(t_ns)
 
     def _note(self, state: VehicleState) -> None:
-        """Note the turn rate of a vehicle, and its climb in a take-off."""
+        """Note the turn rate of a vehicle, where it holds, and its climb in a take-off."""
         seen = self._agents[state.system_id].separation
+        place_m = (state.east_m, state.north_m)
+        if state.mode != LOITER:
+            seen.hold_m = None
+        elif seen.hold_m is None or math.dist(seen.hold_m, place_m) > _MAX_HOLD_M:
+            seen.hold_m = place_m
         passed_ns = state.t_ns - seen.t_ns
         if passed_ns < _MIN_TURN_NS:
             return
@@ -104,7 +112,7 @@ class SeparationMonitor:
             if stage == 1:
                 return []
         approach.seen_t_ns = t_ns
-        if is_lost and distance_m < approach.nearest_m:
+        if is_lost and (approach.nearest_m is None or distance_m < approach.nearest_m):
             approach.nearest_m, approach.nearest_height_m = distance_m, height_m
         if stage <= approach.stage:
             return []
@@ -131,7 +139,7 @@ class SeparationMonitor:
             if approach.stage == 0:
                 continue
             nearest = ""
-            if approach.stage == self._lost:
+            if approach.nearest_m is not None:
                 nearest = (
                     f"; the nearest was {approach.nearest_m:.0f} m and {approach.nearest_height_m:.0f} m"
                 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 
@@ -17,6 +16,8 @@ class AgentSeparation:
     """Positive to the right; 0 if unknown."""
     climb_gradient: float = 0.0
     """Vertical speed by ground speed in its last take-off; 0 before that."""
+    hold_m: tuple[float, float] | None = None
+    """Place where LOITER was seen first: the centre of its circle; None in other modes."""
     landing_t_ns: int = 0
     """Time of its landing as planned; 0 before that."""
 
@@ -29,9 +30,9 @@ class Approach:
     """Number of warning times that are past; one more after the loss of separation."""
     seen_t_ns: int
     """Last check that found it."""
-    nearest_m: float = math.inf
-    """Least horizontal distance in a loss of separation."""
-    nearest_height_m: float = math.inf
+    nearest_m: float | None = None
+    """Least horizontal distance in a loss of separation; None before that."""
+    nearest_height_m: float = 0.0
     """Difference in height there."""
 
 

@@ -98,6 +98,6 @@ PX4: Final = AutopilotProfile(
     fence_parameters=("GF_ACTION", "GF_MAX_VER_DIST", "GF_MAX_HOR_DIST"),
     fence_limits=_fence_limits,
     ceiling_parameter="GF_MAX_VER_DIST",
-    return_parameters=("RTL_RETURN_ALT",),
+    return_parameters=("RTL_RETURN_ALT", "RTL_TYPE"),
     return_heights=_return_heights,
 )

@@ -1,0 +1,128 @@
+"""Separation of ordered vehicles: what an order to hold, return or resume leads a vehicle into.
+
+An order changes what a vehicle flies from where it is: it leaves its layer, or circles at the height of
+another vehicle. What it would fly is simulated against what the others fly, and compared with what it flies
+now. An order is a problem only if it makes things worse. Circles that overlap at one height count, too,
+wherever the vehicles are on them: unless the order leads away from a vehicle that is nearer now.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from gcs.config import Config
+from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
+from gcs.core.separation.intents import Intents
+from gcs.core.separation.look_ahead import encounters
+from gcs.core.separation.monitor import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
+from gcs.mavlink.autopilots.modes import RTL
+from gcs.model import vehicle_name
+
+_AHEAD_S: Final = 25.0
+_MAX_AHEAD_S: Final = 120.0
+_STEPS: Final = 50
+_GROWTH_M: Final = 20.0
+"""Growth of the minimum distance up to the end of a simulation."""
+_CLEAR: Final = 1.5
+"""Nearness without a conflict: the minimum distance grows with the time ahead."""
+_WORSE: Final = 0.1
+"""Share of the minimum distances by which an order must bring a vehicle nearer."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class _Conflict:
+    """Another vehicle that a flight comes too near to."""
+
+    nearness: float
+    """Distance by its minimum, or height by its minimum, whichever is greater; less than about 1."""
+    words: str
+
+
+class OrderCheck:
+    """Predicts what orders to vehicles in the air lead to."""
+
+    def __init__(self, config: Config, intents: Intents) -> None:
+        self._intents = intents
+        self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
+        self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
+
+    def problem(self, vehicle: int, modes: Mapping[int, str], t_ns: int) -> str:
+        """Return which vehicle an order would bring a vehicle near to; empty if none, or no nearer than now.
+
+        Parameters
+        ----------
+        vehicle : int
+            Vehicle of the order.
+        modes : mapping of int to str
+            Modes that are ordered now, by vehicle; that of the vehicle is among them.
+        """
+        states = {state.system_id: state for state in self._intents.in_air(t_ns)}
+        if vehicle not in states or len(states) < 2:
+            return ""
+        now = [self._intents.flight(state, t_ns, modes.get(v)) for v, state in states.items() if v != vehicle]
+        own = self._intents.flight(states[vehicle], t_ns, modes[vehicle])
+        ordered = [*self._met(own, now, modes[vehicle])], [*self._overlapping(own, now)]
+        if not any(ordered):
+            return ""
+        own = self._intents.flight(states[vehicle], t_ns)
+        present = [*self._met(own, now, states[vehicle].mode)], [*self._overlapping(own, now)]
+        meets, overlaps = (
+            _nearest(one) - _nearest(other) for one, other in zip(ordered, present, strict=True)
+        )
+        if meets < -_WORSE:
+            return f"would {min(ordered[0]).words}"
+        return f"would {min(ordered[1]).words}" if overlaps < -_WORSE and meets < _WORSE else ""
+
+    def _met(self, own: Flight, others: list[Flight], mode: str) -> Iterator[_Conflict]:
+        """Yield the vehicles that a flight comes near to."""
+        for_s = _AHEAD_S
+        if mode == RTL:  # up to its place, and once round
+            last = own.goals[-1]
+            away_m = math.dist((own.east_m, own.north_m), (last.east_m, last.north_m))
+            for_s += min((away_m + 2.0 * math.pi * abs(last.radius_m)) / own.speed_m_s, _MAX_AHEAD_S - for_s)
+        step_s = max(for_s / _STEPS, 0.5)
+        paths = simulate_flights([own, *others], for_s, step_s)
+        for one in encounters(paths, self._min_m, self._min_height_m, _GROWTH_M / for_s, step_s):
+            if own.vehicle in one.vehicles:
+                other = next(vehicle for vehicle in one.vehicles if vehicle != own.vehicle)
+                yield _Conflict(
+                    max(one.distance_m / self._min_m, one.height_m / self._min_height_m),
+                    f"come within {one.distance_m:.0f} m and {one.height_m:.0f} m in height of agent "
+                    f"{vehicle_name(other)} in {one.after_s:.0f} s",
+                )
+
+    def _overlapping(self, own: Flight, others: list[Flight]) -> Iterator[_Conflict]:
+        """Yield the vehicles whose circles overlap the circle at the end of a flight."""
+        circle = _circle(own.goals[-1])
+        for other in others if circle is not None else ():
+            theirs = _circle(other.goals[0])
+            if circle is None or theirs is None:
+                continue
+            height_m = abs(circle.height_m - theirs.height_m)
+            between_m = math.dist((circle.east_m, circle.north_m), (theirs.east_m, theirs.north_m))
+            outside_m = between_m - circle.radius_m - theirs.radius_m
+            inside_m = abs(circle.radius_m - theirs.radius_m) - between_m
+            apart_m = max(outside_m, inside_m, 0.0)
+            if apart_m < self._min_m and height_m < self._min_height_m:
+                yield _Conflict(
+                    max(apart_m / self._min_m, height_m / self._min_height_m),
+                    f"circle within {apart_m:.0f} m and {height_m:.0f} m in height of the circle of agent "
+                    f"{vehicle_name(other.vehicle)}",
+                )
+
+
+def _nearest(conflicts: Sequence[_Conflict]) -> float:
+    """Return the least nearness; that of vehicles that are clear of each other if there is no conflict."""
+    return min((one.nearness for one in conflicts), default=_CLEAR)
+
+
+def _circle(goal: Goal) -> Goal | None:
+    """Return the circle that a vehicle flies without end; None if it flies none."""
+    if goal.kind is not GoalKind.CIRCLE or np.isfinite(goal.for_s):
+        return None
+    return replace(goal, radius_m=abs(goal.radius_m))

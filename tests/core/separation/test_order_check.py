@@ -1,0 +1,160 @@
+"""An order would lead a vehicle into another one: a return through its circle, a hold beside it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from core.separation.test_landing_order import LANDING
+from core.separation.test_separation import Sky
+from staging import S
+
+from gcs.model import Order
+from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.campaign.virtual_run import START_T_NS
+
+
+def give(sky, action, *vehicles):
+    number = len([one for one in sky.answers if one.action == action])
+    sky.run_.order(Order(sky.run_.t_ns, f"{action}-{number}", action, vehicles or None))
+
+
+def fly_on(sky, for_s):
+    return sky.fly((sky.run_.t_ns - START_T_NS) / S + for_s)
+
+
+def states(sky, action, vehicle):
+    """Return the final answers to the orders of an action for a vehicle."""
+    return [one.state for one in sky.answers if one.action == action and one.vehicle == vehicle]
+
+
+def place(plane, east_m, north_m, height_m, course_deg=0.0):
+    """Put a vehicle somewhere; it keeps its mode."""
+    plane.airframe.east_m, plane.airframe.north_m = east_m, north_m
+    plane.airframe.alt_rel_m, plane.airframe.heading_rad = height_m, np.deg2rad(course_deg)
+
+
+def with_one_home(sky):
+    """Let all vehicles return to one place, at the height of their parameters: 100 m."""
+    for plane in sky.planes.values():
+        plane.autopilot.home = replace(plane.autopilot.home, east_m=1500.0, north_m=1500.0)
+    return fly_on(sky, 12.0)
+
+
+def test_of_two_that_would_return_to_one_circle_the_second_waits_until_it_is_ordered_again():
+    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)))
+    give(sky, "return")
+    fly_on(sky, 2.0)
+    ((_, vehicle, text),) = sky.told("its order to return waits, it would circle within 0 m and 0 m")
+    assert vehicle == 2
+    assert text.endswith("it flies on until they are apart. Order it again to return it at once")
+    assert [sky.planes[v].autopilot.mode for v in (1, 2)] == [Mode.RTL, Mode.AUTO]
+    give(sky, "return", 2)
+    fly_on(sky, 2.0)
+    assert sky.planes[2].autopilot.mode is Mode.RTL
+    assert states(sky, "return", 2) == ["failed", "done"]
+
+
+def test_a_return_that_waits_begins_when_the_other_has_left():
+    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)))
+    give(sky, "return")
+    fly_on(sky, 3.0)
+    give(sky, "hold", 1)
+    fly_on(sky, 4.0)
+    assert sky.planes[2].autopilot.mode is Mode.RTL
+    assert states(sky, "return", 2) == ["done"]
+    assert sky.told("is clear of others: its order to return is carried out", "info")
+
+
+@pytest.mark.parametrize("action", ["resume", "hold"])
+def test_a_newer_order_ends_one_that_waits(action):
+    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)))
+    give(sky, "return")
+    fly_on(sky, 2.0)
+    give(sky, action, 2)
+    fly_on(sky, 2.0)
+    give(sky, "hold", 1)
+    fly_on(sky, 10.0)
+    assert sky.planes[2].autopilot.mode is not Mode.RTL
+    assert states(sky, "return", 2) == ["failed"]
+
+
+def test_an_order_that_waits_ends_with_a_pilot():
+    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)))
+    give(sky, "return")
+    fly_on(sky, 2.0)
+    sky.planes[2].autopilot.set_mode(Mode.FBWA)
+    fly_on(sky, 3.0)
+    give(sky, "hold", 1)
+    fly_on(sky, 10.0)
+    assert sky.planes[2].autopilot.mode is Mode.FBWA
+    assert states(sky, "return", 2) == ["failed"]
+
+
+def test_a_hold_beside_a_held_vehicle_waits_until_it_has_passed():
+    sky = Sky((600.0, 600.0, 60.0), (1700.0, 1700.0, 80.0)).fly(20.0)
+    give(sky, "hold", 2)
+    fly_on(sky, 8.0)
+    first, held = sky.planes[1].airframe, sky.planes[2]
+    assert sky.planes[1].autopilot.mode is Mode.AUTO
+    side, ahead_m = first.heading_rad + 0.5 * np.pi, 4.0 * first.speed_m_s
+    east_m = first.east_m + ahead_m * np.sin(first.heading_rad) + 130.0 * np.sin(side)
+    north_m = first.north_m + ahead_m * np.cos(first.heading_rad) + 130.0 * np.cos(side)
+    place(held, east_m, north_m, first.alt_rel_m)
+    held.autopilot.set_mode(Mode.FBWA)
+    held.autopilot.set_mode(Mode.LOITER)
+    fly_on(sky, 4.0)  # its new position is used then
+    give(sky, "hold", 1)
+    fly_on(sky, 0.6)
+    assert sky.planes[1].autopilot.mode is Mode.AUTO
+    assert [vehicle for _, vehicle, _ in sky.told("its order to hold waits")] == [1]
+    fly_on(sky, 25.0)
+    assert sky.planes[1].autopilot.mode is Mode.LOITER
+    assert states(sky, "hold", 1) == ["done"]
+    assert not sky.near_s
+
+
+def test_a_hold_of_all_that_fly_apart_reaches_them_at_once():
+    sky = Sky((600.0, 600.0, 60.0), (1700.0, 1700.0, 80.0)).fly(20.0)
+    give(sky, "hold")
+    fly_on(sky, 1.0)
+    assert all(plane.autopilot.mode is Mode.LOITER for plane in sky.planes.values())
+
+
+def test_two_that_hold_17_m_apart_are_told_and_resumed_one_after_the_other():
+    sky = Sky((600.0, 600.0, 60.0), (1700.0, 1700.0, 80.0)).fly(20.0)
+    give(sky, "hold")
+    fly_on(sky, 2.0)
+    one, other = sky.planes[1], sky.planes[2]
+    place(other, one.airframe.east_m + 17.0, one.airframe.north_m, one.airframe.alt_rel_m)
+    other.airframe.heading_rad = one.airframe.heading_rad
+    other.autopilot.set_mode(Mode.FBWA)
+    other.autopilot.set_mode(Mode.LOITER)
+    fly_on(sky, 5.0)
+    assert sky.told("has lost separation from agent 2: ")
+    before = sky.run_.t_ns
+    give(sky, "resume")
+    fly_on(sky, 60.0)
+    apart_m = np.hypot(
+        one.airframe.east_m - other.airframe.east_m, one.airframe.north_m - other.airframe.north_m
+    )
+    assert sky.told("is apart from agent 2 again", "info")
+    assert apart_m > 60.0
+    assert before < sky.run_.t_ns
+
+
+def test_a_px4_that_would_land_by_its_mission_through_a_held_vehicle_does_not_return_yet():
+    """It comes down from its layer at once, and not at its return height."""
+    sky = Sky((900.0, 600.0, 60.0), (1500.0, 600.0, 80.0), px4=(1, 2), field=LANDING).fly(24.0)
+    give(sky, "hold", 2)
+    fly_on(sky, 6.0)
+    one, held = sky.planes[1], sky.planes[2]
+    home = one.autopilot.home
+    place(one, home.east_m, home.north_m + 900.0, 100.0, 180.0)
+    place(held, home.east_m, home.north_m + 500.0, 55.0)
+    held.autopilot.set_mode(Mode.FBWA)
+    held.autopilot.set_mode(Mode.LOITER)
+    fly_on(sky, 4.0)
+    give(sky, "return", 1)
+    fly_on(sky, 1.0)
+    assert [vehicle for _, vehicle, _ in sky.told("its order to return waits")] == [1]
+    assert one.autopilot.mode is Mode.AUTO
