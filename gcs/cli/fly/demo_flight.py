@@ -29,7 +29,8 @@ from gcs.errors import ConfigError, InterruptedRunError, SimulationError
 from gcs.io.background_writer import QueuedText, off_loop
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
-from gcs.io.recording.folder import Run
+from gcs.io.private_files import new_folder
+from gcs.io.recording.folder import FIRMWARE_NAME, Run
 from gcs.io.recording.reader import read
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.records import decode
@@ -107,10 +108,11 @@ def _fly_and_summarise(
     run = Run(config.name, options.seed)
     name, table = f"{config.name}-{options.seed}", config.recording
     with open_recorder(options.out, name, text, run, table) as recorder:
-        health, links, duration_s, interrupted = asyncio.run(
-            _fly(config, config.links.key_file(source), options, recorder, evaluator, console, view)
-        )
         folder = recorder.folder
+        firmware = new_folder(folder, FIRMWARE_NAME) if options.sitl else None
+        health, links, duration_s, interrupted = asyncio.run(
+            _fly(config, config.links.key_file(source), options, recorder, firmware, evaluator, console, view)
+        )
     summary = evaluator.summary(
         scenario=config.name,
         seed=options.seed,
@@ -120,7 +122,7 @@ def _fly_and_summarise(
         recording=str(folder),
     )
     summary = replace(summary, links=links)
-    return _show(config, options, summary, folder, console, interrupted=interrupted), summary
+    return _show(config, options, summary, folder, firmware, console, interrupted=interrupted), summary
 
 
 def _show(
@@ -128,6 +130,7 @@ def _show(
     options: DemoOptions,
     summary: Summary,
     folder: Path,
+    firmware: Path | None,
     console: Console,
     *,
     interrupted: bool,
@@ -139,7 +142,7 @@ def _show(
         (folder / "summary.json").write_text(summary_json(summary) + "\n", encoding="utf-8")
     except OSError as error:  # The summary is printed even when the disk is full.
         problem = f"picture and summary.json cannot be written to {folder}: {error.strerror}"
-    print_summary(summary, console, picture=picture)
+    print_summary(summary, console, picture=picture, firmware=firmware)
     if problem:
         console.print(problem, style="yellow", highlight=False, markup=False, soft_wrap=True)
     if interrupted:
@@ -179,6 +182,7 @@ async def _fly(
     keys: Path | None,
     options: DemoOptions,
     recorder: RecorderThread,
+    firmware: Path | None,
     evaluator: Evaluator,
     console: Console,
     view: QueuedText,
@@ -218,7 +222,7 @@ async def _fly(
             console.print(
                 f"central command listens on UDP port {links.port}; starting the vehicles", highlight=False
             )
-            async with _simulation(options, links.port, endpoint, stop, console) as clock:
+            async with _simulation(options, links.port, endpoint, firmware, stop, console) as clock:
                 limit_s = options.duration_s or config.mission.max_duration_s
                 limit = loop.call_later(limit_s / options.speed, stop.set)
                 with service_page(service, options.page, console, options.speed) as url:
@@ -243,10 +247,14 @@ async def _stop_on_interrupt(interrupt: asyncio.Event, stop: asyncio.Event) -> N
 
 @asynccontextmanager
 async def _simulation(
-    options: DemoOptions, port: int, zenoh: str, stop: asyncio.Event, console: Console
+    options: DemoOptions, port: int, zenoh: str, folder: Path | None, stop: asyncio.Event, console: Console
 ) -> AsyncIterator[RunClock]:
-    """Run the simulated vehicles as a process; yield the clock that they fly by."""
+    """Run the simulated vehicles as a process; yield the clock that they fly by.
+
+    The files of real firmware are written to `folder`.
+    """
     firmware = [word for text in options.sitl for word in ("--sitl", text)]
+    firmware += ["--sitl-folder", str(folder)] if folder is not None else []
     faults = [word for text in options.faults for word in ("--faults", text)]
     starts_within_s = _START_TIMEOUT_S + (_FIRMWARE_TIMEOUT_S if options.sitl else 0.0)
     process = await asyncio.create_subprocess_exec(

@@ -6,6 +6,7 @@ A recording is a folder::
     link.tlog       MAVLink traffic in both directions, for QGroundControl, Mission Planner, MAVExplorer
     mission.toml    the mission file that was flown
     versions.json   versions of the software that a result depends on
+    firmware        files and logs of real firmware, a folder for each vehicle (``gcs demo --sitl``)
 
 A long run is split into parts: ``run-002.mcap`` with ``link-002.tlog``, and so on. Each MCAP file also holds
 the mission file (attachment), the versions and the `Run` (metadata).
@@ -25,6 +26,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 MCAP_NAME, TLOG_NAME, CONFIG_NAME, VERSIONS_NAME = "run.mcap", "link.tlog", "mission.toml", "versions.json"
+FIRMWARE_NAME: Final = "firmware"
 PROFILE: Final = "swarm-gcs"
 VERSIONS_METADATA, RUN_METADATA, FORMAT_METADATA = "versions", "run", "format"
 FORMAT_VERSION = 2

@@ -22,19 +22,30 @@ _RETASKS = 15
 """At most this many re-tasks are listed; the recording has all."""
 
 
-def print_summary(summary: Summary, console: Console, picture: Path | None = None) -> None:
-    """Show the result of a run; `picture` is the file of its figure."""
+def print_summary(
+    summary: Summary, console: Console, picture: Path | None = None, firmware: Path | None = None
+) -> None:
+    """Show the result of a run.
+
+    Parameters
+    ----------
+    picture : Path or None
+        File of the run's figure.
+    firmware : Path or None
+        Folder with the logs of real firmware.
+    """
     if console.is_terminal:
-        console.print(render(summary, picture))
+        console.print(render(summary, picture, firmware))
     else:
-        console.print(summary_text(summary, picture), highlight=False, markup=False, soft_wrap=True)
+        text = summary_text(summary, picture, firmware)
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
-def summary_text(summary: Summary, picture: Path | None = None) -> str:
+def summary_text(summary: Summary, picture: Path | None = None, firmware: Path | None = None) -> str:
     """Return the summary as plain lines."""
     lines = [_title(summary), f"  {summary.reason}"]
     lines += [f"  agent {a.system_id}: {_agent_text(a)}" for a in summary.agents]
-    lines += [f"  {name}: {value}" for name, value in _facts(summary, picture)]
+    lines += [f"  {name}: {value}" for name, value in _facts(summary, picture, firmware)]
     lines += [
         f"  re-task at {when}: {vehicles}: {why}" for when, vehicles, why in _retasks(summary.retask_list)
     ]
@@ -42,13 +53,13 @@ def summary_text(summary: Summary, picture: Path | None = None) -> str:
     return "\n".join(lines)
 
 
-def render(summary: Summary, picture: Path | None = None) -> RenderableType:
+def render(summary: Summary, picture: Path | None = None, firmware: Path | None = None) -> RenderableType:
     """Return the summary as a panel for a terminal."""
     colour = "green" if summary.outcome == "complete" else "red"
     facts = Table.grid(padding=(0, 2))
     facts.add_column(style="dim", no_wrap=True)
     facts.add_column(overflow="fold")
-    for name, value in _facts(summary, picture):
+    for name, value in _facts(summary, picture, firmware):
         facts.add_row(name, value)
     parts: list[RenderableType] = [
         Text(summary.reason, style=colour),
@@ -72,7 +83,7 @@ def _agent_text(agent: AgentOutcome) -> str:
     return agent.status if agent.target is None else f"{agent.status} at target {agent.target}"
 
 
-def _facts(summary: Summary, picture: Path | None) -> list[tuple[str, str]]:
+def _facts(summary: Summary, picture: Path | None, firmware: Path | None) -> list[tuple[str, str]]:
     facts = [
         ("targets reached", f"{summary.targets_reached} of {summary.targets_total}"),
         ("losses detected", _losses(summary)),
@@ -85,6 +96,8 @@ def _facts(summary: Summary, picture: Path | None) -> list[tuple[str, str]]:
     ]
     if picture is not None:
         facts.append(("picture", str(picture)))
+    if firmware is not None:
+        facts.append(("firmware logs", str(firmware)))
     return facts + recording_facts(summary.recording)
 
 

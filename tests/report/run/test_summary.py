@@ -38,7 +38,7 @@ GOOD = Summary(
 
 def shown(summary: Summary, terminal: bool) -> str:
     console = Console(file=io.StringIO(), force_terminal=terminal, width=100, color_system=None)
-    print_summary(summary, console, Path("runs/prescribed-4/run.png"))
+    print_summary(summary, console, Path("runs/prescribed-4/run.png"), Path("runs/prescribed-4/firmware"))
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
 
@@ -50,7 +50,7 @@ def test_everything_a_user_asks_about_a_run_is_there(terminal: bool) -> None:
         "prescribed, seed 4: complete after 83.2 s", "agent 2 lost", "arrived", "1 of 5",
         "1 of 1, after 2.0 s", "1 (1 agent lost, 1 target moved)",
         "4, 1 failed", "3.46 m", "not measured", "4.5 ms", "31.0 ms", "25.0 s",
-        "target [0.3] moved 55 m", "runs/prescribed-4/run.png",
+        "target [0.3] moved 55 m", "runs/prescribed-4/run.png", "runs/prescribed-4/firmware",
         "gcs replay runs/prescribed-4", "gcs report runs/prescribed-4",
     ):  # fmt: skip
         assert fact in text, fact

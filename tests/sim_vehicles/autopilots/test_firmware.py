@@ -29,6 +29,7 @@ from sim_vehicles.vehicle.frames import FrameReader, Outbox
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 from sim_vehicles.world.scenario import load
 
+GCS = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
 FRAME = LocalFrame(33.2, -87.6, 50.0)
 SPEC = VehicleSpec(3, 120.0, 720.0, 1.5707963, 100.0, 15.0, airborne=False, wind_east_m_s=6.0)
 
@@ -144,6 +145,21 @@ def test_the_log_of_a_failed_launch_is_kept_and_its_folder_is_named(
     assert f"are kept in {log.parent.parent}" in capfd.readouterr().err
 
 
+def test_a_demo_leaves_the_logs_of_the_firmware_beside_the_recording(
+    ended_firmware: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    for folder in ("firmware", "firmware-2"):  # The second run replaces an empty recording, but no log.
+        done = subprocess.run(
+            [*GCS, "demo", "--headless", "--out", str(run), "--sitl", f"arduplane={ended_firmware}"],
+            capture_output=True, text=True, timeout=100, check=False,
+        )  # fmt: skip
+        assert done.returncode == 2, done.stderr
+        log = run / folder / "arduplane-1" / "firmware.log"
+        assert log.read_text() == "three heartbeats of a ground station\n"
+        assert f"see {log}" in done.stderr
+
+
 def test_only_the_simulations_own_messages_are_the_truth() -> None:
     vehicle = SimVehicle(SPEC, FRAME, 0)
     assert true_place(vehicle.truth_messages(0)[0]) is None
@@ -156,7 +172,7 @@ def test_real_firmware_flies_a_mission(tmp_path: Path, name: str) -> None:
     if not binary:
         pytest.skip(f"{name.upper()} names no firmware binary")
     done = subprocess.run(
-        [sys.executable, "-P", "-c", "from gcs.cli import main; main()", "demo", "prescribed", "--headless",
+        [*GCS, "demo", "prescribed", "--headless",
          "--speed", "4" if name == "arduplane" else "1.5", "--json", "--out", str(tmp_path / "run"),
          "--sitl", f"{name}={binary}"],
         capture_output=True, text=True, timeout=550, check=False,
@@ -165,3 +181,6 @@ def test_real_firmware_flies_a_mission(tmp_path: Path, name: str) -> None:
     result = json.loads(done.stdout.strip().splitlines()[-1])
     assert result["outcome"] == "complete"
     assert result["upload_failures"] == 0
+    logs = {"arduplane": "logs/*.BIN", "px4": "log/*/*.ulg"}[name]
+    for vehicle in range(1, 5):
+        assert list((tmp_path / "run" / "firmware" / f"{name}-{vehicle}").glob(logs)), vehicle
