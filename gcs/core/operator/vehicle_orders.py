@@ -320,18 +320,24 @@ class Orders:
             return []
         waiting.next_check_t_ns = t_ns + _WAIT_PERIOD_NS
         order = self._operator.orders[waiting.order].order
-        mode = "" if state is None else state.mode
-        if mode not in (waiting.mode, AUTO, LOITER):
-            return self._end_waiting(vehicle, t_ns, f"its mode was changed to {mode} meanwhile")
+        health = next(one for one in self._fleet.health() if one.system_id == vehicle)
+        if state is None or health.liveness != "alive":
+            return []  # nobody knows whether it is clear
+        ended = self._refusal(order, vehicle, (), is_heard=True)
+        if is_on_ground(state, self._fleet.home(vehicle)):
+            ended = "it has landed meanwhile"
+        elif state.mode not in (waiting.mode, AUTO, LOITER):
+            ended = f"its mode was changed to {state.mode} meanwhile"
+        if ended:
+            return self._end_waiting(vehicle, t_ns, ended)
         modes = self._ordered_modes() | {vehicle: _MODES[order.action]}
         if self._order_check.problem(vehicle, modes, t_ns):
             return []
         self._agents[vehicle].orders.waiting = None
         text = f"is clear of others: its order to {order.action} is carried out"
-        autopilot = next(one.autopilot for one in self._fleet.health() if one.system_id == vehicle)
         return [
             Notice(t_ns, "info", text, vehicle),
-            *self._begin(waiting.order, replace(order, t_ns=t_ns), vehicle, autopilot, ()),
+            *self._begin(waiting.order, replace(order, t_ns=t_ns), vehicle, health.autopilot, ()),
         ]
 
     def _end_waiting(self, vehicle: int, t_ns: int, reason: str) -> list[Effect]:

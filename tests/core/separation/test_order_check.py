@@ -90,6 +90,32 @@ def test_an_order_that_waits_ends_with_a_pilot():
     assert states(sky, "return", 2) == ["failed"]
 
 
+def test_an_order_that_waits_is_not_sent_to_a_vehicle_that_has_landed():
+    """It would take off again."""
+    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)))
+    give(sky, "return")
+    fly_on(sky, 2.0)
+    place(sky.planes[2], 2300.0, 2300.0, 0.0)
+    sky.planes[2].airframe.speed_m_s = 0.0
+    sky.planes[2].autopilot.flying = False
+    fly_on(sky, 12.0)
+    assert sky.planes[2].autopilot.mode is Mode.AUTO
+    ((state, detail),) = [(a.state, a.detail) for a in sky.answers if a.vehicle == 2]
+    assert (state, detail) == ("failed", "it has landed meanwhile")
+
+
+def test_an_order_goes_on_waiting_while_its_vehicle_is_not_heard():
+    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)))
+    give(sky, "return")
+    fly_on(sky, 2.0)
+    unheard = sky.run_.vehicles.pop("vehicle:2")
+    fly_on(sky, 20.0)
+    sky.run_.vehicles["vehicle:2"] = unheard
+    fly_on(sky, 4.0)
+    assert unheard.autopilot.mode is Mode.AUTO
+    assert states(sky, "return", 2) == []
+
+
 def test_a_hold_beside_a_held_vehicle_waits_until_it_has_passed():
     sky = Sky((600.0, 600.0, 60.0), (1700.0, 1700.0, 80.0)).fly(20.0)
     give(sky, "hold", 2)
