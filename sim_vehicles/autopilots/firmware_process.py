@@ -208,6 +208,8 @@ class FirmwareHost:
 
     def set_speed(self, speed: float) -> None:
         """Set the speed of ArduPlane's simulation; PX4's has it from the start."""
+        if self.spec.autopilot == "px4":
+            return
         name = b"SIM_SPEEDUP"
         parameter = mavlink.MAVLink_param_set_message(
             self.spec.system_id, 1, name, speed, mavlink.MAV_PARAM_TYPE_REAL32

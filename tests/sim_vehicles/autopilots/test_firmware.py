@@ -183,4 +183,6 @@ def test_real_firmware_flies_a_mission(tmp_path: Path, name: str) -> None:
     assert result["upload_failures"] == 0
     logs = {"arduplane": "logs/*.BIN", "px4": "log/*/*.ulg"}[name]
     for vehicle in range(1, 5):
-        assert list((tmp_path / "run" / "firmware" / f"{name}-{vehicle}").glob(logs)), vehicle
+        folder = tmp_path / "run" / "firmware" / f"{name}-{vehicle}"
+        assert list(folder.glob(logs)), vehicle
+        assert "unknown param" not in (folder / "firmware.log").read_text(errors="replace"), vehicle
