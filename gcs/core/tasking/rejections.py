@@ -6,7 +6,7 @@ NO_MISSION). A STATUSTEXT names the cause, mostly before that state is seen. Whi
 follows
 
 * at once after a parameter of the vehicle has changed, or after a reboot: `RejectionRetry.note_change`;
-* after growing pauses, at most `_MAX_ATTEMPTS` times: another route may be accepted;
+* after growing pauses, a few times only: another route may be accepted;
 * when an operator orders the vehicle to resume.
 """
 

@@ -29,6 +29,7 @@ from gcs.mavlink.fleet.checks.link_timeouts import LOST_AFTER_NS, STALE_AFTER_NS
 from gcs.mavlink.fleet.checks.position_plausibility import Notify
 from gcs.mavlink.fleet.heartbeat import heartbeat, is_from_autopilot, is_heartbeat
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, total
+from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.fleet.records import FleetState, VehicleLink
 from gcs.mavlink.fleet.stream_requests import StreamRequests, message_requests
@@ -279,13 +280,21 @@ class Fleet:
         if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT:
             texts = vehicle.link.texts.add_chunk(message)
             for text in texts:
-                if vehicle.link.texts.count_text(t_ns):
-                    self._notices.add_statustext(text, message.severity, vehicle.system_id, t_ns)
+                self._show_text(vehicle, text, message.severity, t_ns)
             if not texts:
                 return None
             message.text, message.id = texts[-1], 0
         vehicle.apply_message(message, t_ns, self._notifier(t_ns, vehicle.system_id))
         return message
+
+    def _show_text(self, vehicle: Vehicle, text: str, severity: int, t_ns: int) -> None:
+        """Show a STATUSTEXT to the operator, unless too many come, or a vehicle on the ground repeats it."""
+        texts = vehicle.link.texts
+        is_repeated = severity <= dialect.MAV_SEVERITY_WARNING and texts.is_repeated(text, t_ns)
+        if is_repeated and is_on_ground(vehicle.state(), vehicle.link.home):
+            return
+        if texts.count_text(t_ns):
+            self._notices.add_statustext(text, severity, vehicle.system_id, t_ns)
 
     def _note_signing(self, vehicle: Vehicle, t_ns: int, *, signed: bool) -> None:
         vehicle.record[IS_SIGNED] = signed

@@ -153,6 +153,36 @@ def test_status_texts_reach_the_operator_but_cannot_flood_him():
     assert air.texts("alarm") == [(1, "Engine failure")] * 5
 
 
+def told(times_s, *texts, armed=False, v_east=0.0):
+    """Return the alarms about a vehicle that says these texts in turn."""
+    air = Air()
+    air.hear(0, beat(armed=armed), position(0, v_east=v_east))
+    air.texts()
+    for number, t_s in enumerate(times_s):
+        text = texts[number % len(texts)].encode()
+        report = position(t_s, east_m=v_east * t_s, v_east=v_east)
+        air.hear(t_s, beat(armed=armed), report, dialect.MAVLink_statustext_message(2, text))
+    return [text for _, text in air.texts("alarm") if text in texts]
+
+
+def test_a_wreck_that_repeats_why_it_cannot_fly_is_told_once():
+    """The alarm of a vehicle in the air would be lost among those of one that lies in a field."""
+    pitch, heading = "Preflight Fail: Attitude failure (pitch)", "Preflight Fail: heading estimate not stable"
+    assert told(range(3, 900, 3), pitch, heading) == [pitch, heading]
+    leaning = [f"PreArm: AHRS: EKF3 Roll/Pitch inconsistent {angle} deg" for angle in (31, 32, 35)]
+    assert told(range(30, 900, 30), *leaning) == leaning[:1]
+
+
+def test_another_sensor_and_a_reason_that_comes_again_are_told_on_the_ground():
+    first, second = "Preflight Fail: Accel 0 uncalibrated", "Preflight Fail: Accel 1 uncalibrated"
+    assert told((10, 11), first, second) == [first, second]
+    assert told((10, 200), first) == [first, first]
+
+
+def test_a_text_that_comes_again_in_the_air_is_told():
+    assert told((10, 20, 30), "Low battery", armed=True, v_east=15.0) == ["Low battery"] * 3
+
+
 # ---------------------------------------------------------------- whom to believe
 
 
