@@ -43,7 +43,7 @@ from gcs.model import (
 from gcs.report.agent_order import attention
 from gcs.report.operator_lines import (
     MAX_ROUTES,
-    effect_line,
+    effect_notice,
     proposal_title,
     route_lines,
 )
@@ -89,11 +89,11 @@ class PlainLines:
         """Print the line of an effect, if it has one."""
         if isinstance(effect, Proposal) and not self._proposals.add_if_due(effect):
             return
-        line = effect_line(effect)
-        if line is not None:
+        notice = effect_notice(effect)
+        if notice is not None:
             seconds = (t_ns - (self._start_t_ns or t_ns)) / NS_PER_S
-            text, level = line
-            self._console.print(Text(f"{seconds:7.2f} s  {text}", style=_STYLE[level]), soft_wrap=True)
+            line = Text(f"{seconds:7.2f} s  {notice.line}", style=_STYLE[notice.level])
+            self._console.print(line, soft_wrap=True)
 
 
 class LiveView:
@@ -124,10 +124,10 @@ class LiveView:
         is_quiet = isinstance(effect, Notice) and effect.level == "info"
         if is_quiet or isinstance(effect, Proposal):  # A proposed plan has its own panel.
             return
-        line = effect_line(effect)
-        if line is not None:
+        notice = effect_notice(effect)
+        if notice is not None:
             seconds = (t_ns - (self._start_t_ns or t_ns)) / NS_PER_S
-            self._log.append(Text(f"{seconds:6.1f} s  {line[0]}", style=_STYLE[line[1]]))
+            self._log.append(Text(f"{seconds:6.1f} s  {notice.line}", style=_STYLE[notice.level]))
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         proposal = self._proposal_lines()

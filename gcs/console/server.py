@@ -35,7 +35,7 @@ from gcs.console.web.preflight import PreflightDesk
 from gcs.console.web.tiles import Tiles
 from gcs.core.engine import Engine
 from gcs.errors import ConsoleError
-from gcs.model import Level
+from gcs.model import NoticeCode, NoticeContent
 
 T = TypeVar("T")
 
@@ -160,12 +160,12 @@ class ConsoleServer:
         self._thread.join(_END_S)
         self._socket.close()
 
-    def news(self) -> tuple[Level, str] | None:
+    def notice(self) -> NoticeContent | None:
         """Return, once, the alarm that the console has failed."""
         error, self._error = self._error, None
         if error is None:
-            return self._failures.news()
-        return "alarm", f"ended by a program error ({type(error).__name__}: {error}); the flight goes on"
+            return self._failures.notice()
+        return NoticeCode.CONSOLE_ENDED, {"error": f"{type(error).__name__}: {error}"}
 
     def _abort(self, peer: tuple[Any, ...]) -> None:
         for connection in list(self._server.server_state.connections):
@@ -221,13 +221,13 @@ class FailedRequests(logging.Handler):
             return
         self._text = record.getMessage().strip() if error is None else f"{type(error).__name__}: {error}"
 
-    def news(self) -> tuple[Level, str] | None:
+    def notice(self) -> NoticeContent | None:
         """Return what failed; once a minute at most."""
         now_s = time.monotonic()
         if not self._text or now_s - self._told_s < _MIN_NEWS_INTERVAL_S:
             return None
         text, self._text, self._told_s = self._text, "", now_s
-        return "warning", f"a request failed by a program error ({text[:_MAX_NEWS]}); all else goes on"
+        return NoticeCode.CONSOLE_FAILED, {"error": text[:_MAX_NEWS]}
 
 
 class ShownRun:

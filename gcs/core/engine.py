@@ -38,6 +38,7 @@ from gcs.model import (
     LinkNews,
     MissionEnded,
     Notice,
+    NoticeCode,
     Order,
     Resumed,
     Scan,
@@ -78,11 +79,7 @@ class Engine(Stages):
     def _without_repeats(self, effects: list[Effect], event: Event) -> list[Effect]:
         """Leave out notices that come all the time; add their summaries."""
         repeats = self.state.repeats
-        kept = [
-            effect
-            for effect in effects
-            if not isinstance(effect, Notice) or repeats.admit(effect, with_figures=True)
-        ]
+        kept = [effect for effect in effects if not isinstance(effect, Notice) or repeats.admit(effect)]
         return [*kept, *repeats.summaries(event.t_ns)] if isinstance(event, Tick) else kept
 
     def _step(self, event: Event, frames: FrameTable | None) -> list[Effect]:
@@ -96,7 +93,7 @@ class Engine(Stages):
             case BadInput():
                 return self._bad_input(event)
             case LinkNews():
-                return [Notice(event.t_ns, event.level, f"{event.link}: {event.text}")]
+                return [event.notice]
             case ClockStep():
                 return self.scan_timing.step(event)
             case Order():
@@ -381,7 +378,10 @@ class Engine(Stages):
         return [*effects, plan, *notes, *self.dispatch.send(routes, plan.t_ns, urgent)]
 
     def _planner_notes(self, t_ns: int) -> list[Effect]:
-        return [Notice(t_ns, "warning", note) for note in self.state.replanning.new_notes]
+        return [
+            Notice(t_ns, NoticeCode.PLAN_NOTE, None, {"note": note})
+            for note in self.state.replanning.new_notes
+        ]
 
     def _end(self, t_ns: int) -> list[Effect]:
         """End the mission when no active agent can fly, or every expected target has its agents."""

@@ -20,7 +20,7 @@ from typing import Final
 from gcs.core.perception.arrival_and_loss import UNSEEN_S
 from gcs.core.perception.records import AgentSighting, Association, IntegrityTest, TrackerState
 from gcs.core.state import Agent, State, with_status
-from gcs.model import NS_PER_S, Effect, Notice, Resumed, named
+from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Parameter, Resumed, named
 
 _MAX_WAIT_NS: Final = 25 * NS_PER_S
 """Maximum time until the first plan."""
@@ -50,9 +50,8 @@ def bridge_gap(state: State, event: Resumed) -> list[Effect]:
     for vehicle, agent in state.agents.items():
         agent.authority.loiter = None
         effects += _end_command(state, vehicle, event, is_long=gap_ns > _MAX_PREDICTION_NS)
-    text = f"continues from its state {gap_ns / NS_PER_S:.0f} s ago: {_contents(state)}"
-    text += "; for a new flight, end the service and start it with --no-resume"
-    return [Notice(event.t_ns, "warning", text), *effects]
+    parameters: dict[str, Parameter] = {"age_s": gap_ns / NS_PER_S, "contents": _contents(state)}
+    return [Notice(event.t_ns, NoticeCode.RESUMED, None, parameters), *effects]
 
 
 def _end_command(state: State, vehicle: int, event: Resumed, *, is_long: bool) -> list[Effect]:
@@ -70,7 +69,7 @@ def _end_command(state: State, vehicle: int, event: Resumed, *, is_long: bool) -
         action = state.operator.orders[number].order.action
         text = f"not confirmed before the restart of the service; to {action} it, order it again"
         effects.append(state.operator.finish(number, event.t_ns, "failed", text, vehicle))
-        effects.append(Notice(event.t_ns, "alarm", f"its order to {action} was {text}", vehicle))
+        effects.append(Notice(event.t_ns, NoticeCode.ORDER_ENDED, vehicle, {"action": action}))
     return effects
 
 

@@ -19,7 +19,7 @@ from typing import Final, TextIO, cast
 from rich.console import Console
 
 from gcs.io.console import ERRORS
-from gcs.model import Level
+from gcs.model import NoticeCode, NoticeContent, Parameter
 
 _STUCK_S: Final = 3.0
 """A write that takes longer causes a notice."""
@@ -40,27 +40,32 @@ class BackgroundWriter:
         Name of the output in notices.
     max_waiting : int
         Maximum number of queued jobs, including the one in progress.
-    level : Level
-        Level of the notice that a job takes long.
+    blocked : NoticeCode
+        Notice that a job takes long.
     reports_error : bool
         False if the user of the writer reports the error.
     """
 
     def __init__(
-        self, name: str, max_waiting: int, level: Level = "warning", *, reports_error: bool = True
+        self,
+        name: str,
+        max_waiting: int,
+        blocked: NoticeCode = NoticeCode.OUTPUT_BLOCKED,
+        *,
+        reports_error: bool = True,
     ) -> None:
         self.name = name
         self.error: Exception | None = None
         """Error that ended the output."""
         self.dropped = 0
         """Jobs that were dropped."""
-        self._max_waiting, self._level = max_waiting, level
+        self._max_waiting, self._blocked = max_waiting, blocked
         self._jobs: deque[Callable[[], None]] = deque()
         """The first one is in progress."""
         self._changed = threading.Condition()
         self._began_s = 0.0
         self._is_error_reported, self._is_stuck_reported = not reports_error, False
-        self._messages: deque[tuple[Level, str]] = deque()
+        self._notices: deque[NoticeContent] = deque()
         threading.Thread(target=self._work, name=f"write {name}", daemon=True).start()
 
     @property
@@ -92,14 +97,14 @@ class BackgroundWriter:
             while len(self._jobs) > 1:  # the first one is in progress
                 self._jobs.pop()
 
-    def notify(self, level: Level, text: str) -> None:
-        """Add an operator notice, from a job."""
-        self._messages.append((level, text))
+    def notify(self, code: NoticeCode, /, **parameters: Parameter) -> None:
+        """Add a notice, from a job."""
+        self._notices.append((code, parameters))
 
-    def news(self) -> tuple[Level, str] | None:
-        """Return the next operator notice, if any."""
-        if self._messages:
-            return self._messages.popleft()
+    def notice(self) -> NoticeContent | None:
+        """Return the next notice, if any."""
+        if self._notices:
+            return self._notices.popleft()
         with self._changed:
             error, stuck_s = self.error, monotonic() - self._began_s if self._jobs else 0.0
         if error is not None:
@@ -107,13 +112,13 @@ class BackgroundWriter:
                 return None
             self._is_error_reported = True
             reason = (error.strerror if isinstance(error, OSError) else None) or error
-            return "alarm", f"cannot be written any more ({reason}); the flight goes on without it"
+            return NoticeCode.OUTPUT_ENDED, {"cause": str(reason)}
         if (stuck_s > _STUCK_S) is self._is_stuck_reported:
             return None
         self._is_stuck_reported = not self._is_stuck_reported
         if self._is_stuck_reported:
-            return self._level, f"accepts no output for {stuck_s:.0f} s: output is queued, then dropped"
-        return "info", f"accepts output again; {self.dropped} pieces were dropped so far"
+            return self._blocked, {"seconds": stuck_s}
+        return NoticeCode.OUTPUT_AGAIN, {"dropped": self.dropped}
 
     def _work(self) -> None:
         while True:

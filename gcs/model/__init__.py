@@ -7,7 +7,7 @@ State order everywhere: ``[east_m, north_m, v_east_m_s, v_north_m_s]``.
 Events go into `gcs.core`, effects come out. Both are plain data, so a recording is a list of them. In reading
 order: `basics` (labels, time), `sensors` (and their scans), `picture` (tracks, vehicle states), `plans`,
 `orders`, `control` (authority over a vehicle), `flight` (its phase and health), `status` (of the swarm),
-`events`, `effects`, `truth` (simulations), `names`.
+`notices` (and their table, `notice_codes`), `events`, `effects`, `truth` (simulations), `names`.
 """
 
 from gcs.model.basics import (
@@ -27,7 +27,7 @@ from gcs.model.basics import (
     read_only,
 )
 from gcs.model.control import Authority, AuthorityWord, Control, ControlEvent, Suspension
-from gcs.model.effects import AgentStatus, Effect, MissionEnded, Notice, Send, UploadReport
+from gcs.model.effects import AgentStatus, Effect, MissionEnded, Send, UploadReport
 from gcs.model.events import (
     BadInput,
     ClockStep,
@@ -51,6 +51,8 @@ from gcs.model.names import (
     vehicle_name,
     vehicle_of,
 )
+from gcs.model.notice_codes import NoticeCode
+from gcs.model.notices import Notice, NoticeContent, Notify, Parameter, Subject
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
 from gcs.model.picture import Picture, Track, VehicleState
 from gcs.model.plans import APPROACH_M, Cause, LandingWait, Mission, Plan, Route, Waypoint
@@ -96,8 +98,12 @@ __all__ = [
     "MissionEnded",
     "NoFlyZone",
     "Notice",
+    "NoticeCode",
+    "NoticeContent",
+    "Notify",
     "Order",
     "OrderAnswer",
+    "Parameter",
     "Picture",
     "Plan",
     "Polar",
@@ -110,6 +116,7 @@ __all__ = [
     "Sensor",
     "SensorRecord",
     "Snapshot",
+    "Subject",
     "Suspension",
     "SwarmStatus",
     "TargetRecord",

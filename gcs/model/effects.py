@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from gcs.model.basics import Label, Level
+from gcs.model.basics import Label
+from gcs.model.notices import Notice
 from gcs.model.orders import OrderAnswer, Proposal
 from gcs.model.picture import Picture
 from gcs.model.plans import Plan
@@ -39,21 +40,6 @@ class UploadReport:
     def __post_init__(self) -> None:
         """Make the detail safe to show."""
         object.__setattr__(self, "detail", printable(self.detail))
-
-
-@dataclass(frozen=True, slots=True)
-class Notice:
-    """Notice for the operator."""
-
-    t_ns: int
-    level: Level
-    text: str
-    """Printable characters only, whatever a vehicle or ground station sent."""
-    vehicle: int | None = None
-
-    def __post_init__(self) -> None:
-        """Make the text safe to show."""
-        object.__setattr__(self, "text", printable(self.text))
 
 
 AgentStatusWord: TypeAlias = Literal["active", "arrived", "lost", "down"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from gcs.model.basics import Level
+from gcs.model.notices import Notice
 from gcs.model.orders import Order
 from gcs.model.sensors import Scan
 from gcs.safe_text import printable
@@ -49,15 +49,13 @@ class BadInput:
 class LinkNews:
     """Change of a MAVLink link: lost, restored, or a sender refused."""
 
-    t_ns: int
-    link: str
-    level: Level
-    text: str
+    notice: Notice
+    """About the link; shown as it is."""
 
-    def __post_init__(self) -> None:
-        """Make what came from outside safe to show."""
-        object.__setattr__(self, "link", printable(self.link))
-        object.__setattr__(self, "text", printable(self.text))
+    @property
+    def t_ns(self) -> int:
+        """Time of the change."""
+        return self.notice.t_ns
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,11 +7,14 @@ from typing import Final
 from gcs.model import (
     NS_PER_S,
     AgentStatus,
+    AnswerState,
     Effect,
     Label,
     MissionEnded,
     Notice,
+    NoticeCode,
     OrderAnswer,
+    Parameter,
     Plan,
     Proposal,
     Route,
@@ -31,57 +34,76 @@ def target_text(label: Label | None) -> str:
     return "–" if label is None else target_name(label)
 
 
-def effect_line(effect: Effect) -> tuple[str, str] | None:
-    """Return the operator's line for an effect and its level; None for an effect without one."""
+def effect_notice(effect: Effect) -> Notice | None:
+    """Return what the operator is told of an effect; None if nothing."""
     match effect:
-        case Notice(vehicle=None):
-            return effect.text, effect.level
-        case Notice(vehicle=int(vehicle)):
-            return f"agent {vehicle_name(vehicle)}: {effect.text}", effect.level
+        case Notice():
+            return effect
         case Plan():
             routes = ", ".join(
                 f"{vehicle_name(route.vehicle)} → {target_name(route.target)} ({route.length_m:.0f} m)"
                 for route in effect.routes
                 if route.vehicle in effect.changed
             )
-            return f"plan: {effect.reason}; re-tasked: {routes or 'none'}", "info"
-        case UploadReport(ok=True):
-            text = f"mission of {effect.items} items {effect.detail} in {effect.duration_s:.2f} s"
-            return f"agent {vehicle_name(effect.vehicle)}: {text}, {effect.retries} retries", "info"
+            plan = {"reason": effect.reason, "routes": routes or "none"}
+            return Notice(effect.t_ns, NoticeCode.PLAN_MADE, None, plan)
         case UploadReport():
-            return f"agent {vehicle_name(effect.vehicle)}: mission transfer failed: {effect.detail}", "alarm"
-        case AgentStatus(status="arrived"):
-            text = f"agent {vehicle_name(effect.vehicle)}: reached target {target_text(effect.target)}"
-            return text, "info"
-        case AgentStatus(status="lost"):
-            return f"agent {vehicle_name(effect.vehicle)}: lost", "alarm"
-        case AgentStatus(target=(_, _)):
-            text = f"agent {vehicle_name(effect.vehicle)}: leaves target {target_text(effect.target)}"
-            return text, "info"
-        case AgentStatus(status="down"):
-            return f"agent {vehicle_name(effect.vehicle)}: down", "alarm"
+            code = NoticeCode.MISSION_VERIFIED if effect.ok else NoticeCode.MISSION_FAILED
+            return Notice(effect.t_ns, code, effect.vehicle, _upload(effect))
         case AgentStatus():
-            return f"agent {vehicle_name(effect.vehicle)}: is back", "warning"
+            target = {"target": target_text(effect.target)}
+            return Notice(effect.t_ns, _status_code(effect), effect.vehicle, target)
         case OrderAnswer():
-            return answer_line(effect)
-        case Proposal(routes=()):
-            return None
-        case Proposal():
+            return answer_notice(effect)
+        case Proposal() if effect.routes:
             routes = "; ".join(route_lines(effect, MAX_ROUTES))
-            return f"{proposal_title(effect)}: {routes}", "warning"
+            plan = {"plan": f"{proposal_title(effect)}: {routes}"}
+            return Notice(effect.t_ns, NoticeCode.PLAN_WAITS, None, plan)
         case MissionEnded():
-            surplus = f", {len(effect.surplus)} surplus" if effect.surplus else ""
-            down = f", {len(effect.down)} down" if effect.down else ""
-            counts = f"{len(effect.arrived)} arrived, {len(effect.lost)} lost{down}{surplus}"
-            return f"mission ended: {counts}", "info"
+            return Notice(effect.t_ns, NoticeCode.MISSION_ENDED, None, _counts(effect))
     return None
 
 
-def answer_line(answer: OrderAnswer) -> tuple[str, str]:
-    """Return the line for the answer to an order, and its level."""
-    agent = "" if answer.vehicle is None else f" agent {vehicle_name(answer.vehicle)}"
-    level = {"refused": "warning", "failed": "alarm"}.get(answer.state, "info")
-    return f"order {answer.action}{agent} {answer.state}: {answer.detail}", level
+def _upload(report: UploadReport) -> dict[str, Parameter]:
+    return {
+        "items": report.items,
+        "detail": report.detail,
+        "duration_s": report.duration_s,
+        "retries": report.retries,
+    }
+
+
+def _status_code(status: AgentStatus) -> NoticeCode:
+    if status.status == "arrived":
+        return NoticeCode.TARGET_REACHED
+    if status.status == "lost":
+        return NoticeCode.AGENT_LOST
+    if status.target is not None:
+        return NoticeCode.TARGET_LEFT
+    return NoticeCode.AGENT_DOWN if status.status == "down" else NoticeCode.AGENT_BACK
+
+
+def _counts(ended: MissionEnded) -> dict[str, Parameter]:
+    return {
+        "arrived": len(ended.arrived),
+        "lost": len(ended.lost),
+        "down": len(ended.down) or "",
+        "surplus": len(ended.surplus) or "",
+    }
+
+
+_ANSWER_CODES: Final[dict[AnswerState, NoticeCode]] = {
+    "accepted": NoticeCode.ORDER_ACCEPTED,
+    "done": NoticeCode.ORDER_DONE,
+    "refused": NoticeCode.ORDER_REFUSED,
+    "failed": NoticeCode.ORDER_FAILED,
+}
+
+
+def answer_notice(answer: OrderAnswer) -> Notice:
+    """Return the notice of an answer to an order."""
+    about = {"action": answer.action, "detail": answer.detail}
+    return Notice(answer.t_ns, _ANSWER_CODES[answer.state], answer.vehicle, about)
 
 
 def proposal_title(proposal: Proposal, t_ns: int | None = None) -> str:

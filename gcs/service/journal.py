@@ -26,6 +26,7 @@ from gcs.model import (
     Effect,
     Event,
     MissionEnded,
+    NoticeCode,
     OrderAnswer,
     Plan,
     Proposal,
@@ -145,7 +146,7 @@ class JournalSink:
 
     def __init__(self, service: Service, journal: Journal) -> None:
         self._service, self._command, self._journal = service, service.command, journal
-        self.writer = BackgroundWriter("journal", 2, "alarm")
+        self.writer = BackgroundWriter("journal", 2, NoticeCode.DISK_BLOCKED)
         self._error: JournalError | None = None
         """Error of the last attempt to write."""
         self._written_t_ns: int | None = None
@@ -207,7 +208,6 @@ class JournalSink:
             return
         self._failed = error is not None
         if error is not None:
-            text = f"{error}: a restart would begin from an older state"
-            self._service.on_link_news("journal", "alarm", text)
+            self._service.on_notice("journal", NoticeCode.JOURNAL_UNWRITTEN, problem=str(error))
         else:
-            self._service.on_link_news("journal", "info", "is written again")
+            self._service.on_notice("journal", NoticeCode.JOURNAL_WRITTEN)

@@ -22,9 +22,9 @@ from gcs.errors import RecordingError, WireError
 from gcs.io.recording.reader import Damage, Record
 from gcs.io.recording.topics import topic_of
 from gcs.io.records import encode
-from gcs.model import NS_PER_S, Effect, Event, Notice, Snapshot, Truth
+from gcs.model import NS_PER_S, Effect, Event, Notice, NoticeCode, Snapshot, Truth
 from gcs.report.run.verification import Output, Verification
-from gcs.service.service import LAG_TEXT, Sink
+from gcs.service.service import Sink
 
 _YIELD_S = 0.02
 _NAP_S = 0.1
@@ -250,7 +250,7 @@ class Replay:
                     sink.effect(event.t_ns, effect)
 
     def _recorded(self, record: Record, effect: Effect) -> None:
-        if isinstance(effect, Notice) and effect.text.startswith(LAG_TEXT):
+        if isinstance(effect, Notice) and effect.code is NoticeCode.SERVICE_SLOW:
             return  # a notice of the service, not of the engine
         for watcher in self.watchers:
             watcher.recorded(record, effect)

@@ -9,7 +9,7 @@ from rich.console import Console
 from gcs.core.snapshot import decode_state
 from gcs.core.state import State
 from gcs.errors import JournalError, WireError
-from gcs.model import NS_PER_S, Snapshot
+from gcs.model import NS_PER_S, NoticeCode, Snapshot
 from gcs.service.journal import Journal
 from gcs.service.service import Service
 
@@ -61,8 +61,7 @@ def resume_from_journal(
         if resume:
             problem = f"{error.problem}; to begin clean, start with --no-resume"
             raise JournalError(error.path, problem) from None
-        text = f"{error}; the service starts without the state of the previous flight"
-        service.on_link_news("journal", "alarm", text)
+        service.on_notice("journal", NoticeCode.JOURNAL_REFUSED, problem=str(error))
         return
     console.print(
         f"resuming from {journal.path}, written {age_s:.0f} s ago (start with --no-resume to ignore it)",

@@ -41,10 +41,12 @@ from gcs.model import (
     Datagram,
     Effect,
     Event,
-    Level,
     LinkNews,
     MissionEnded,
     Notice,
+    NoticeCode,
+    NoticeContent,
+    Parameter,
     Picture,
     Plan,
     Resumed,
@@ -53,9 +55,7 @@ from gcs.model import (
     Snapshot,
     Tick,
     Truth,
-    named,
     system_of,
-    vehicle_name,
 )
 
 TICK_NS = NS_PER_S // 20
@@ -72,7 +72,6 @@ _MAX_UNPUBLISHED = 1000
 _PUBLISH_S = 5.0
 """Wait at the end for subscribers that do not read; zenoh drops them after the same time."""
 LAG_WARNING_NS = NS_PER_S // 2
-LAG_TEXT = "this machine cannot keep up"
 """Start of a notice that the service adds itself: a replay does not repeat it."""
 
 
@@ -111,8 +110,8 @@ class Output(Protocol):
 
     name: str
 
-    def news(self) -> tuple[Level, str] | None:
-        """Return the next operator notice, if any."""
+    def notice(self) -> NoticeContent | None:
+        """Return the next notice, if any."""
 
 
 @dataclass(slots=True)
@@ -236,19 +235,16 @@ class Service:
         unfinished = self._partly_uploaded()
         if not unfinished:
             return
-        text = f"waiting for the mission uploads of {named(unfinished)}; press Ctrl-C again to end at once"
-        self.on_link_news("ending", "warning", text)
+        self.on_notice("ending", NoticeCode.UPLOADS_AWAITED, vehicles=tuple(unfinished))
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(_FINISH_S):
                 while self._partly_uploaded() and not at_once.is_set():
                     await asyncio.sleep(TICK_NS / NS_PER_S)
         unfinished = self._partly_uploaded()
         if unfinished:
-            text = (
-                f"{named(unfinished)} may store inconsistent missions: start the service again, or set the "
-                "vehicles to LOITER with another ground station"
-            )
-            self._process(LinkNews(self.clock.now_ns(), "ended", "alarm", text))
+            vehicles = {"vehicles": tuple(unfinished)}
+            notice = Notice(self.clock.now_ns(), NoticeCode.UPLOADS_UNFINISHED, "ended", vehicles)
+            self._process(LinkNews(notice))
 
     def _partly_uploaded(self) -> list[int]:
         """Return the vehicles whose onboard missions an upload in progress may have changed."""
@@ -277,9 +273,9 @@ class Service:
             return
         self._put(Datagram(t_ns, link, peer, data), frames if frames.count <= _MAX_QUEUED_FRAMES else None)
 
-    def on_link_news(self, link: str, level: Level, text: str) -> None:
-        """Queue a notice about a link."""
-        self._put(LinkNews(self.clock.now_ns(), link, level, text))
+    def on_notice(self, subject: str, code: NoticeCode, /, **parameters: Parameter) -> None:
+        """Queue a notice about a link, an output or a part of the service."""
+        self._put(LinkNews(Notice(self.clock.now_ns(), code, subject, parameters)))
 
     def _on_scan(self, key: str, payload: bytes) -> None:
         t_ns = self.clock.now_ns()
@@ -349,11 +345,12 @@ class Service:
     def _check_outputs(self) -> None:
         """Queue notices about failed outputs and about filtered noise."""
         for output in self.outputs:
-            news = output.news()
-            if news is not None:
-                self.on_link_news(output.name, *news)
-        for link, text in self._garbage.news(self.clock.now_ns()):
-            self.on_link_news(link, "warning", text)
+            content = output.notice()
+            if content is not None:
+                code, parameters = content
+                self.on_notice(output.name, code, **parameters)
+        for link, count in self._garbage.take_dropped(self.clock.now_ns()).items():
+            self.on_notice(link, NoticeCode.NOISE_DROPPED, count=count)
 
     def _check_keys(self) -> None:
         """Queue an alarm, once, for each vehicle that signs its frames and has no key here."""
@@ -364,11 +361,7 @@ class Service:
                 continue
             if not gate.is_keyed(fleet.link(vehicle), system_of(vehicle)):
                 self._keyless.add(vehicle)
-                text = (
-                    f"agent {vehicle_name(vehicle)} signs its frames, and there is no key for it here; "
-                    "it may ignore all that we send: put its key into links.keys (docs/signing.md)"
-                )
-                self.on_link_news(fleet.link(vehicle), "alarm", text)
+                self._put(LinkNews(Notice(self.clock.now_ns(), NoticeCode.KEY_MISSING, vehicle)))
 
     def _process(self, event: Event, frames: FrameTable | None = None) -> bool:
         """Record an event, step the engine and carry out its effects; return True if the mission ended."""
@@ -400,8 +393,8 @@ class Service:
             self.command.restore(State.initial(agent.vehicle for agent in self.config.agents))
             snapshot = Snapshot(event.t_ns, encode_state(self.command.state))
             self._record(lambda recorder: recorder.record_snapshot(snapshot))
-            text = f"its state makes no sense ({error!r}): the service goes on without the previous flight"
-            self.on_link_news("journal", "alarm", text)
+            problem = f"its state makes no sense ({error!r})"
+            self.on_notice("journal", NoticeCode.JOURNAL_REFUSED, problem=problem)
             return []
 
     def _carry_out(self, t_ns: int, effect: Effect) -> None:
@@ -430,7 +423,8 @@ class Service:
         except RecordingError as error:
             self.recorder = None
             t_ns = self.clock.now_ns()
-            self._carry_out(t_ns, Notice(t_ns, "alarm", f"recording {error}; the flight goes on unrecorded"))
+            notice = Notice(t_ns, NoticeCode.RECORDING_ENDED, "recording", {"problem": str(error)})
+            self._carry_out(t_ns, notice)
 
     def _watch_lag(self, lag_ns: int) -> None:
         """Warn once if events wait in the queue, or if ticks come late."""
@@ -438,11 +432,12 @@ class Service:
         if lag_ns > LAG_WARNING_NS and not self._lag_warned:
             self._lag_warned = True
             t_ns = self.clock.now_ns()
-            text = (
-                f"{LAG_TEXT}: {lag_ns / NS_PER_S:.1f} s of run time behind, "
-                f"{self.health.dropped} events dropped; {self._lag_remedy()}"
-            )
-            self._carry_out(t_ns, Notice(t_ns, "warning", text))
+            about: dict[str, Parameter] = {
+                "lag_s": lag_ns / NS_PER_S,
+                "dropped": self.health.dropped,
+                "remedy": self._lag_remedy(),
+            }
+            self._carry_out(t_ns, Notice(t_ns, NoticeCode.SERVICE_SLOW, None, about))
 
     def _lag_remedy(self) -> str:
         if self.clock.speed > 1.0:

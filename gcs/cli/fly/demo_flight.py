@@ -39,10 +39,10 @@ from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.key_expressions import truth_key
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.fast_scan import Scanner
-from gcs.model import NS_PER_S, Effect, Event, Truth
+from gcs.model import NS_PER_S, Effect, Event, NoticeCode, Truth
 from gcs.report.plots.figures import draw_run
 from gcs.report.plots.maps import Ground
-from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of, summary_json, too_slow_text
+from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of, summary_json
 from gcs.report.run.summary import print_summary
 from gcs.service.service import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
 
@@ -205,7 +205,7 @@ async def _fly(
         new = sorted(set(truth.late) - late)
         late.update(new)
         if new:
-            service.on_link_news("simulation", "warning", too_slow_text(new))
+            service.on_notice("simulation", NoticeCode.SIMULATION_SLOW, vehicles=tuple(new))
 
     with ZenohSession(listen=endpoint) as bus, announced(config.name, endpoint):
         service = Service(config, options.seed, links, bus)

@@ -378,13 +378,14 @@ def _print_result(action: str, order_id: str, outcome: _Outcome, printed: Propos
 def _collect(order: OrderMessage, service: _Service, console: Console, answers: list[OrderAnswer]) -> None:
     from gcs.io.zenoh.discovery import choose_service
     from gcs.io.zenoh.order_client import send_order
-    from gcs.report.operator_lines import answer_line, proposal_title, route_lines
+    from gcs.report.operator_lines import answer_notice, proposal_title, route_lines
 
     timeout_s = service.timeout_s
     mission, zenoh = choose_service(service.mission, service.zenoh)
     for answer in send_order(zenoh, mission, order, min(timeout_s, 5.0), timeout_s):
         answers.append(answer)
-        text, level = answer_line(answer)
+        notice = answer_notice(answer)
+        text, level = notice.line, notice.level
         if answer.proposal is not None:
             text = "\n  ".join([proposal_title(answer.proposal), *route_lines(answer.proposal)])
         style = {"info": "", "warning": "yellow", "alarm": "bold red"}[level]

@@ -160,8 +160,8 @@ async def _run_checks(
     )
     checks += mission_checks(config, rehearsal)
     checks += [
-        Check(None, "link", "ok" if level == "info" else "warning", f"{name}: {text}")
-        for name, level, text in dict.fromkeys(session.news)
+        Check(None, "link", "ok" if level == "info" else "warning", line)
+        for level, line in dict.fromkeys((notice.level, notice.line) for notice in session.notices)
     ]
     if scan_listener is not None:
         checks += sensor_checks(scan_listener.scans, scan_listener.problems, waited_s)

@@ -29,6 +29,7 @@ from gcs.model import (
     IntArray,
     MissionEnded,
     Notice,
+    NoticeCode,
     Order,
     Picture,
     Plan,
@@ -38,7 +39,7 @@ from gcs.model import (
     UploadReport,
     vehicle_name,
 )
-from gcs.report.operator_lines import effect_line, proposal_title
+from gcs.report.operator_lines import effect_notice, proposal_title
 from gcs.report.plan_reminders import ProposalLog
 
 MarkKind: TypeAlias = Literal["lost", "down", "arrived", "plan", "upload", "alarm", "order", "ended"]
@@ -60,6 +61,8 @@ class Mark(msgspec.Struct, frozen=True):
     """Since the start of the run."""
     kind: MarkKind
     text: str
+    code: str = ""
+    """Code of its notice; empty for an order."""
 
 
 class History:
@@ -204,7 +207,7 @@ def mark_of(t_s: float, record: Effect | Order) -> Mark | None:
         case Plan() if record.changed:
             kind = "plan"
         case Proposal() if record.routes:
-            return Mark(round(t_s, 2), "plan", proposal_title(record))
+            return Mark(round(t_s, 2), "plan", proposal_title(record), NoticeCode.PLAN_WAITS)
         case UploadReport(ok=False):
             kind = "upload"
         case Notice(level="alarm"):
@@ -213,8 +216,8 @@ def mark_of(t_s: float, record: Effect | Order) -> Mark | None:
             kind = "ended"
         case _:
             return None
-    line = effect_line(record)
-    return None if line is None else Mark(round(t_s, 2), kind, line[0])
+    notice = effect_notice(record)
+    return None if notice is None else Mark(round(t_s, 2), kind, notice.line, notice.code)
 
 
 def _order_text(order: Order) -> str:

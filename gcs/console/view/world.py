@@ -22,7 +22,9 @@ from gcs.model import (
     NS_PER_S,
     Effect,
     Kind,
+    Level,
     NoFlyZone,
+    Notice,
     Order,
     OrderAnswer,
     Picture,
@@ -35,7 +37,7 @@ from gcs.model import (
     vehicle_name,
 )
 from gcs.planning.map.grid import Grid
-from gcs.report.operator_lines import effect_line, proposal_title
+from gcs.report.operator_lines import effect_notice, proposal_title
 from gcs.report.plan_reminders import ProposalLog
 
 _MAX_LOG: Final = 500
@@ -45,6 +47,25 @@ _GAP_NS: Final = 5 * NS_PER_S
 """A trail ends where a vehicle was not heard for so long, and begins anew."""
 
 _encode = msgspec.json.Encoder().encode
+
+
+class LogEntry(msgspec.Struct, frozen=True):
+    """Line of the log."""
+
+    n: int
+    """Number; later entries have higher ones."""
+    t_s: float
+    level: Level
+    text: str
+    kind: str
+    """Kind of its effect, or of its mark."""
+    code: str
+    """Code of its notice; empty for an order."""
+    key: str = ""
+    """Identity of the condition that it tells of."""
+    ends: tuple[str, ...] = ()
+    """Conditions that it ends."""
+    vehicle: int | None = None
 
 
 class World:
@@ -81,7 +102,7 @@ class World:
         """Places of each vehicle; None where it was not heard between two of them."""
         self._heard_t_ns: dict[int, int] = {}
         """Time of the newest place."""
-        self._log: deque[dict[str, Any]] = deque(maxlen=_MAX_LOG)
+        self._log: deque[LogEntry] = deque(maxlen=_MAX_LOG)
         self._logged = 0
         self._proposals = ProposalLog()
         self._start_t_ns = 0
@@ -167,7 +188,8 @@ class World:
         begun_s = 0.0 if found.begun_t_ns is None else self._seconds(found.begun_t_ns)
         for mark in self._history.marks():
             if mark.t_s < begun_s:
-                self._log_line(mark.t_s, mark.text, "alarm" if mark.kind in SEVERE else "info", mark.kind)
+                level: Level = "alarm" if mark.kind in SEVERE else "info"
+                self._add_entry(LogEntry(0, mark.t_s, level, mark.text, mark.kind, mark.code))
 
     def _add_effects(self, effects: Iterable[tuple[int, Effect | Order]], news: dict[str, Any]) -> None:
         for t_ns, effect in effects:
@@ -184,26 +206,17 @@ class World:
                 self._put("plan", {"t_s": self._seconds(t_ns), "reason": effect.reason}, news)
             if isinstance(effect, Proposal) and not self._proposals.add_if_due(effect):
                 continue
-            line = _line(effect)
-            if line is not None:
-                vehicle = getattr(effect, "vehicle", None)
-                entry = self._log_line(self._seconds(t_ns), *line, type(effect).__name__, vehicle)
+            notice = effect_notice(effect)
+            if notice is not None:
+                entry = self._add_entry(_entry(self._seconds(t_ns), effect, notice))
                 news.setdefault("log", []).append(entry)
 
-    def _log_line(
-        self, t_s: float, text: str, level: str, kind: str, vehicle: int | None = None
-    ) -> dict[str, Any]:
+    def _add_entry(self, entry: LogEntry) -> LogEntry:
+        """Number an entry and add it to the log."""
         self._logged += 1
-        entry = {
-            "n": self._logged,
-            "t_s": t_s,
-            "level": level,
-            "text": text,
-            "kind": kind,
-            "vehicle": vehicle,
-        }
-        self._log.append(entry)
-        return entry
+        numbered = msgspec.structs.replace(entry, n=self._logged)
+        self._log.append(numbered)
+        return numbered
 
     def _add_to_trails(self, states: Iterable[VehicleState]) -> None:
         for state in states:
@@ -270,11 +283,12 @@ class World:
         return round((t_ns - self._start_t_ns) / NS_PER_S, 2)
 
 
-def _line(effect: Effect) -> tuple[str, str] | None:
-    """Return the line of an effect; the routes of a proposed plan have a panel of their own."""
-    if isinstance(effect, Proposal):
-        return (proposal_title(effect), "warning") if effect.routes else None
-    return effect_line(effect)
+def _entry(t_s: float, effect: Effect, notice: Notice) -> LogEntry:
+    """Return the entry of an effect; the routes of a proposed plan have a panel of their own."""
+    text = proposal_title(effect) if isinstance(effect, Proposal) else notice.line
+    vehicle = getattr(effect, "vehicle", None)
+    kind = type(effect).__name__
+    return LogEntry(0, t_s, notice.level, text, kind, notice.code, notice.key, notice.ended, vehicle)
 
 
 def _raw(value: Any) -> msgspec.Raw:

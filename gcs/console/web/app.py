@@ -12,7 +12,7 @@ from typing import Final
 import msgspec
 from starlette.applications import Starlette
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -159,11 +159,8 @@ class _Page:
         return self._static.response(self._name)
 
 
-async def _guide(request: Request) -> Response:
-    """Serve the page of alarms; with `about=TEXT` lead to the entry of that alarm."""
-    text = request.query_params.get("about")
-    if text is not None:
-        return RedirectResponse(alarm_guide.link_of(text), 303)
+async def _guide(_request: Request) -> Response:
+    """Serve the page of alarms."""
     return Response(alarm_guide.page(), media_type="text/html")
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.tasking.onboard_missions import OnboardMissions
-from gcs.model import Notice, VehicleState
+from gcs.model import Notice, NoticeCode, Parameter, VehicleState
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 
@@ -38,15 +38,17 @@ class Incursion:
     after_s: float
     """Time until then, in seconds; 0: it is inside."""
 
-    @property
-    def text(self) -> str:
-        """Incursion in words, without the vehicle."""
+    def notice(self, t_ns: int, remedy: str = "") -> Notice:
+        """Return the alarm of the incursion, with a remedy if one is known."""
         if self.after_s == 0.0:
-            return f"is inside no-fly zone {self.zone}: hold it, or return it"
-        return (
-            f"would fly through no-fly zone {self.zone}: in {self.after_s:.0f} s, on its way to item "
-            f"{self.item} of its onboard mission"
-        )
+            return Notice(t_ns, NoticeCode.ZONE_ENTERED, self.vehicle, {"zone": self.zone})
+        parameters: dict[str, Parameter] = {
+            "zone": self.zone,
+            "after_s": self.after_s,
+            "item": self.item,
+            "remedy": remedy,
+        }
+        return Notice(t_ns, NoticeCode.ZONE_AHEAD, self.vehicle, parameters)
 
 
 class IncursionWarnings:
@@ -76,7 +78,9 @@ class IncursionWarnings:
         for key, entry in due.items():
             before_s = self._state.incursions_s.get(key)
             if before_s is None or (entry.after_s == 0.0 < before_s):
-                notices.append(Notice(t_ns, "alarm", entry.text, entry.vehicle))
+                notices.append(entry.notice(t_ns))
+        over = sorted(self._state.incursions_s.keys() - due.keys())
+        notices += [Notice(t_ns, NoticeCode.ZONE_CLEAR, vehicle, {"zone": zone}) for vehicle, zone in over]
         self._state.incursions_s = {key: entry.after_s for key, entry in due.items()}
         return notices
 

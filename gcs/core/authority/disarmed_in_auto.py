@@ -20,7 +20,7 @@ from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.command_sender import CommandSender, set_mode
 from gcs.mavlink.services.retry import ns
-from gcs.model import Effect, Notice, VehicleState
+from gcs.model import Effect, Notice, NoticeCode, VehicleState
 
 _PERIOD_NS: Final = ns(1.0)
 
@@ -79,8 +79,8 @@ class DisarmedInAuto:
         command = set_mode(vehicle, profile.autopilot, LOITER)
         self._tasking.overrides.of(vehicle).note_command(LOITER)
         sender = self._agents[vehicle].authority.loiter = CommandSender.begin(command, t_ns, mode=LOITER)
-        text = "stands on the ground in AUTO with no mission to fly: armed, it would take off; set to LOITER"
-        return [Notice(t_ns, "info", text, vehicle), *self._progress(vehicle, sender, t_ns)]
+        notice = Notice(t_ns, NoticeCode.LOITER_ON_GROUND, vehicle)
+        return [notice, *self._progress(vehicle, sender, t_ns)]
 
     def _progress(self, vehicle: int, sender: CommandSender, t_ns: int) -> list[Effect]:
         authority, state = self._agents[vehicle].authority, self._fleet.state(vehicle)
@@ -96,6 +96,5 @@ class DisarmedInAuto:
         is_done, detail = sender.outcome
         if not is_done:
             authority.stays_in_auto = True
-            text = f"stays in AUTO on the ground ({detail}): armed, it would take off with an old mission; "
-            effects.append(Notice(t_ns, "alarm", text + "set LOITER or Hold by hand before arming", vehicle))
+            effects.append(Notice(t_ns, NoticeCode.AUTO_ON_GROUND, vehicle, {"detail": detail}))
         return effects

@@ -32,7 +32,7 @@ from gcs.mavlink.router.access_policy import (
     command_of,
 )
 from gcs.mavlink.services.retry import ns
-from gcs.model import ControlEvent, Datagram, Effect, Level, Notice, network_of, vehicle_id
+from gcs.model import ControlEvent, Datagram, Effect, Notice, NoticeCode, Parameter, network_of, vehicle_id
 
 _TIMEOUT_NS: Final = ns(10.0)
 _REPEAT_NS: Final = ns(10.0)
@@ -51,6 +51,15 @@ _MANUAL: Final[frozenset[int]] = frozenset(
     {dialect.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, dialect.MAVLINK_MSG_ID_MANUAL_CONTROL}
 )
 _PARAM_SET: Final[int] = dialect.MAVLINK_MSG_ID_PARAM_SET
+_REPORTS: Final[dict[tuple[str, bool], NoticeCode]] = {
+    ("commands", False): NoticeCode.STATION_COMMANDS,
+    ("arms", False): NoticeCode.STATION_ARMS,
+    ("danger", False): NoticeCode.STATION_DANGER,
+    ("commands", True): NoticeCode.STATION_COMMANDS_ALL,
+    ("arms", True): NoticeCode.STATION_ARMS_ALL,
+    ("danger", True): NoticeCode.STATION_DANGER_ALL,
+}
+"""Codes by what a frame does, and whether it is for all vehicles."""
 _ORDERS_TO_ALL: Final = _MANUAL | {dialect.MAVLINK_MSG_ID_SET_MODE, _PARAM_SET}
 """Messages to system 0 that act on all vehicles, besides commands."""
 
@@ -116,8 +125,7 @@ class ExternalUploads:
             return []
         upload.has_ended = True
         if message.type == dialect.MAV_MISSION_ACCEPTED:
-            text = f"took the mission of {upload.station}; it is not tasked until it is ordered to resume"
-            return [Notice(t_ns, "warning", text, vehicle)]
+            return [Notice(t_ns, NoticeCode.STATION_WROTE, vehicle, {"station": upload.station})]
         return [self._broken_off(vehicle, upload, t_ns, f"refused with MAV_MISSION_RESULT {message.type}")]
 
     def poll(self, t_ns: int) -> list[Effect]:
@@ -132,9 +140,8 @@ class ExternalUploads:
 
     def _broken_off(self, vehicle: int, upload: ExternalUpload, t_ns: int, how: str) -> Notice:
         is_atomic = self._agents[vehicle].link.is_atomic
-        state = "it keeps the mission before that" if is_atomic else "its onboard mission may be inconsistent"
-        text = f"the upload of {upload.station} {how}: {state}; order it to resume, "
-        return Notice(t_ns, "alarm", text + "and it gets a new one of ours", vehicle)
+        code = NoticeCode.STATION_UPLOAD_BROKEN if is_atomic else NoticeCode.STATION_UPLOAD_MIXED
+        return Notice(t_ns, code, vehicle, {"station": upload.station, "how": how})
 
     def _write(
         self, effects: list[Effect], overridden: list[int], datagram: Datagram, frame: Frame, vehicle: int
@@ -150,10 +157,8 @@ class ExternalUploads:
             return
         station = f"system {sender[0]}/{sender[1]} at {datagram.peer}"
         if upload is None:
-            text = (
-                f"{station} writes a mission of its own ({message.get_type()}): it is overridden from now on"
-            )
-            effects.append(Notice(datagram.t_ns, "alarm", text, vehicle))
+            parameters: dict[str, Parameter] = {"station": station, "message": message.get_type()}
+            effects.append(Notice(datagram.t_ns, NoticeCode.STATION_WRITES, vehicle, parameters))
             overridden.append(vehicle)
         agent.authority.external_upload = ExternalUpload(sender, station, datagram.t_ns)
         agent.control.apply(ControlEvent.STATION_WRITES, datagram.t_ns, station)
@@ -179,13 +184,11 @@ class ExternalUploads:
         if len(reports_t_ns) >= _MAX_REPORTED:
             reports_t_ns.clear()
         reports_t_ns[key] = t_ns
-        level: Level = "warning" if number == _ARM_DISARM else "info"
-        text = f"{name} from system {frame.system_id}/{frame.component_id} at {datagram.peer}"
-        text += "" if vehicle else ", to all vehicles"
+        station = f"system {frame.system_id}/{frame.component_id} at {datagram.peer}"
         danger = _danger(frame, number)
-        if danger:
-            level, text = "alarm", f"{text}: {danger}; if that was not intended, stop that ground station"
-        effects.append(Notice(t_ns, level, text, vehicle))
+        kind = "danger" if danger else "arms" if number == _ARM_DISARM else "commands"
+        code = _REPORTS[kind, vehicle is None]
+        effects.append(Notice(t_ns, code, vehicle, {"message": name, "station": station, "danger": danger}))
 
 
 def _danger(frame: Frame, command: int | None) -> str:

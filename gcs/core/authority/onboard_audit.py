@@ -29,7 +29,7 @@ from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
 from gcs.mavlink.mission.item_transfer import MissionDownload
 from gcs.mavlink.services.retransmission_timeout import RttEstimator
 from gcs.mavlink.services.retry import ns
-from gcs.model import Authority, ControlEvent, Effect, Notice, system_of
+from gcs.model import Authority, ControlEvent, Effect, Notice, NoticeCode, Parameter, system_of
 
 _TIMEOUT_NS: Final = ns(25.0)
 _BOOT_SLACK_NS: Final = ns(5.0)
@@ -121,9 +121,10 @@ class OnboardAudit:
                 known_t_ns = stored.differs_t_ns
                 agent.authority.stored = StoredMission()
                 self.begin(onboard, t_ns, known_t_ns=known_t_ns)
-                text = f"reports {current.total} mission items, it was given {total}"
-                text = text if current.total != total else "reports another mission of the same length"
-                return [Notice(t_ns, "warning", f"{text}: its onboard mission is read back", vehicle)]
+                if current.total == total:
+                    return [Notice(t_ns, NoticeCode.MISSION_CHANGED, vehicle)]
+                counts: dict[str, Parameter] = {"reported": current.total, "given": total}
+                return [Notice(t_ns, NoticeCode.MISSION_COUNT_CHANGED, vehicle, counts)]
         return []
 
     def poll(self, t_ns: int) -> list[Effect]:
@@ -132,9 +133,7 @@ class OnboardAudit:
         for vehicle, audit in self._audits():
             if t_ns - audit.began_t_ns > _TIMEOUT_NS and not self._is_late(vehicle):
                 self._agents[vehicle].control.apply(ControlEvent.AUDIT_LATE, t_ns)
-                text = "does not answer the download of its onboard mission: left alone "
-                text += f"{_until(vehicle)}, or until it does"
-                effects.append(Notice(t_ns, "alarm", text, vehicle))
+                effects.append(Notice(t_ns, NoticeCode.MISSION_UNREAD, vehicle))
             if audit.download.is_exhausted(t_ns):
                 _begin_again(audit, t_ns)
             if self._fleet.profile(vehicle) is not None:
@@ -159,17 +158,15 @@ class OnboardAudit:
             self._tasking.forget_onboard(vehicle)
             self._tasking.overrides.note_mission_lost(vehicle, booted_t_ns, t_ns)
             self._agents[vehicle].routes.drop_flown()
-            text = "lost its onboard mission at a reboot: it gets a new one"
-            return [Notice(t_ns, "warning", text, vehicle)]
+            return [Notice(t_ns, NoticeCode.MISSION_LOST, vehicle)]
         if difference:
             self._end(vehicle, ControlEvent.AUDIT_DIFFERENT, t_ns)
             self._agents[vehicle].routes.drop()
             self._tasking.forget_onboard(vehicle)
-            text = f"its onboard mission is not the one it was given ({difference}): left alone "
-            return [Notice(t_ns, "alarm", text + _until(vehicle), vehicle)]
+            return [Notice(t_ns, NoticeCode.MISSION_DIFFERS, vehicle, {"difference": difference})]
         self._end(vehicle, ControlEvent.AUDIT_EQUAL, t_ns)
         self._tasking.onboard_missions.note(audit.mission)
-        return [Notice(t_ns, "info", "its onboard mission is verified", vehicle)]
+        return [Notice(t_ns, NoticeCode.ONBOARD_VERIFIED, vehicle)]
 
     def _is_late(self, vehicle: int) -> bool:
         return Authority.UNVERIFIED in self._agents[vehicle].control.claims

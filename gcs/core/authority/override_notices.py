@@ -16,7 +16,7 @@ from gcs.core.operator.vehicle_orders import PILOTED, Orders
 from gcs.core.state import Agent
 from gcs.mavlink.autopilots.modes import LOITER, RTL
 from gcs.mavlink.services.retry import ns
-from gcs.model import Effect, Label, Notice, targets_text, vehicle_name
+from gcs.model import Effect, Label, Notice, NoticeCode, targets_text, vehicle_name
 
 _PERIOD_NS: Final = ns(1.0)
 _MAX_NAMED: Final = 8
@@ -48,7 +48,7 @@ class OverrideNotices:
         for vehicle, agent in sorted(self._agents.items()):
             before, mode = agent.authority.reported_mode, modes.get(vehicle, "")
             if before and not mode and agent.control.is_ours:
-                free.append(Notice(t_ns, "info", "is ours to task again", vehicle))
+                free.append(Notice(t_ns, NoticeCode.OURS_AGAIN, vehicle))
             is_unknown = vehicle in unknown and not self._failsafes.cause(vehicle, t_ns)
             if is_unknown or self._orders.has_ordered(vehicle, mode):
                 mode = ""
@@ -60,17 +60,15 @@ class OverrideNotices:
     def _notice(self, vehicle: int, mode: str, t_ns: int) -> Notice:
         """Return the notice of a mode that was not commanded, with its cause."""
         cause = self._failsafes.cause(vehicle, t_ns)
-        back = f"`gcs order resume --vehicle {vehicle_name(vehicle)}`"
-        remedy = f"It is left alone until {back}, or until it is in AUTO"
         if cause:
-            return Notice(t_ns, "alarm", f"is in {mode} by a failsafe: {cause}. {remedy}", vehicle)
+            return Notice(t_ns, NoticeCode.FAILSAFE, vehicle, {"mode": mode, "cause": cause})
         why = {
             LOITER: "an operator or another station chose that mode",
             RTL: "a failsafe, its mission's end, or another station's order",
         }.get(mode, "a pilot or another station chose that mode")
         if mode == LOITER and self._agents[vehicle].link.boots:
             why = "it rebooted, or an operator or another station chose that mode"
-        return Notice(t_ns, "warning", f"is in {mode}, not by this service: {why}. {remedy}", vehicle)
+        return Notice(t_ns, NoticeCode.OVERRIDDEN, vehicle, {"mode": mode, "why": why})
 
 
 def unattended_targets(
@@ -84,8 +82,7 @@ def unattended_targets(
     state.known_targets += tuple(new)
     if not new:
         return []
-    text = f"the mission has ended, and no agent is sent to {targets_text(new)}: order `gcs order continue`"
-    return [Notice(t_ns, "warning", f"{text} to send agents there")]
+    return [Notice(t_ns, NoticeCode.TARGETS_UNATTENDED, None, {"targets": targets_text(new)})]
 
 
 def overridden_text(modes: Mapping[int, str]) -> str:

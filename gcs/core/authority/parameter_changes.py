@@ -24,7 +24,7 @@ from gcs.endpoints import Link
 from gcs.mavlink.frames.codec import FrameTable, Message
 from gcs.mavlink.services.parameter_protocol import decode_value
 from gcs.mavlink.services.retry import ns
-from gcs.model import Datagram, Effect, Level, Notice, network_of, vehicle_id
+from gcs.model import Datagram, Effect, Notice, NoticeCode, Parameter, network_of, vehicle_id
 from gcs.safe_text import printable
 
 _PARAM_SET: Final[int] = dialect.MAVLINK_MSG_ID_PARAM_SET
@@ -85,8 +85,9 @@ class ParameterChanges:
         if not required or before is None or before == value or _is_reported(parameters, name, t_ns):
             return []
         parameters.reported_t_ns[name] = t_ns
-        text = f"its parameter {name} changed from {before:g} to {value:g}, set over another link"
-        return [_notice(vehicle, text, problem, t_ns)]
+        code = NoticeCode.PARAMETER_CHANGED_WRONG if problem else NoticeCode.PARAMETER_CHANGED
+        change: dict[str, Parameter] = {"name": name, "before": f"{before:g}", "value": f"{value:g}"}
+        return [Notice(t_ns, code, vehicle, change | {"problem": problem})]
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Return the notices that are due."""
@@ -113,13 +114,21 @@ class ParameterChanges:
             return []
         parameters.reported_t_ns[name] = t_ns
         _, problem = self._requirement(vehicle, name, one.value if one.answer is None else one.answer)
-        was = "an unknown value" if one.before is None else f"{one.before:g}"
-        text = f"{one.station} set its parameter {name} from {was} to {one.value:g}"
+        answer = ""
         if one.answer is None:
-            text = f"{text}; the vehicle has not confirmed it"
+            answer = "has not confirmed it"
         elif one.answer != one.value:
-            text = f"{text}; the vehicle answers {one.answer:g}"
-        return [_notice(vehicle, text, problem, t_ns)]
+            answer = f"answers {one.answer:g}"
+        change: dict[str, Parameter] = {
+            "station": one.station,
+            "name": name,
+            "before": "an unknown value" if one.before is None else f"{one.before:g}",
+            "value": f"{one.value:g}",
+            "answer": answer,
+            "problem": problem,
+        }
+        code = NoticeCode.PARAMETER_SET_WRONG if problem else NoticeCode.PARAMETER_SET
+        return [Notice(t_ns, code, vehicle, change)]
 
     def _requirement(self, vehicle: int, name: str, value: float) -> tuple[bool, str]:
         """Return True if preflight checks a parameter, and why it would object to a value."""
@@ -136,8 +145,3 @@ class ParameterChanges:
 
 def _is_reported(parameters: ParameterRecord, name: str, t_ns: int) -> bool:
     return t_ns - parameters.reported_t_ns.get(name, t_ns - _REPEAT_NS) < _REPEAT_NS
-
-
-def _notice(vehicle: int, text: str, problem: str, t_ns: int) -> Notice:
-    level: Level = "warning" if problem else "info"
-    return Notice(t_ns, level, f"{text}; {problem}" if problem else text, vehicle)

@@ -31,7 +31,17 @@ from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message, frame_at, target_of
 from gcs.mavlink.router.access_policy import MISSION_PROTOCOL, command_of
 from gcs.mavlink.services.retry import ns
-from gcs.model import Authority, ControlEvent, Effect, Notice, Send, network_of, vehicle_id, vehicle_name
+from gcs.model import (
+    Authority,
+    ControlEvent,
+    Effect,
+    Notice,
+    NoticeCode,
+    Parameter,
+    Send,
+    network_of,
+    vehicle_id,
+)
 
 _MISSION: Final = 0
 """Instead of a command, for messages of the mission protocol."""
@@ -140,24 +150,23 @@ class SecondCommander:
         agent = self._agents[vehicle]
         if Authority.SECOND_COMMANDER in agent.control.claims:
             return []
-        text = f"another service with our ids ({_OWN[0]}/{_OWN[1]}) commands it: {sign}"
+        parameters: dict[str, Parameter] = {"ids": f"{_OWN[0]}/{_OWN[1]}", "sign": sign}
         if agent.authority.commander.is_tolerated:
-            return self._remind(vehicle, text, t_ns)
+            return self._remind(Notice(t_ns, NoticeCode.SECOND_COMMANDER_TOLERATED, vehicle, parameters))
         agent.control.apply(ControlEvent.COMMANDED_ELSEWHERE, t_ns)
         agent.routes.drop()
         self._tasking.forget_onboard(vehicle)
-        remedy = f"`gcs order resume --vehicle {vehicle_name(vehicle)}`"
-        text += f"; end one of the two. It is not tasked until {remedy}"
-        return [Notice(t_ns, "alarm", text, vehicle)]
+        return [Notice(t_ns, NoticeCode.SECOND_COMMANDER, vehicle, parameters)]
 
-    def _remind(self, vehicle: int, text: str, t_ns: int) -> list[Effect]:
+    def _remind(self, reminder: Notice) -> list[Effect]:
         """Warn at intervals of a service that an operator has decided to ignore."""
-        key = (vehicle, _OWN, "")
+        key = (reminder.vehicle or 0, _OWN, "")
+        t_ns = reminder.t_ns
         last_t_ns = self._state.reports_t_ns.get(key)
         if last_t_ns is not None and t_ns - last_t_ns < _REMINDER_NS:
             return []
         self._state.reports_t_ns[key] = t_ns
-        return [Notice(t_ns, "warning", f"{text}. It is tasked all the same, by your order", vehicle)]
+        return [reminder]
 
 
 def _sign(message: Message) -> str:

@@ -24,7 +24,7 @@ from gcs.mavlink.fleet.checks.battery_alarm import CRITICAL_PERCENT
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.vehicle import Readings
 from gcs.mavlink.services.retry import ns
-from gcs.model import NS_PER_S, Effect, HealthItem, Level, Notice, VehicleState
+from gcs.model import NS_PER_S, Effect, HealthItem, Notice, NoticeCode, VehicleState
 
 _PERIOD_NS: Final = ns(0.5)
 _TELL_NS: Final = {item: ns(1.0) for item in HealthItem} | {
@@ -40,11 +40,17 @@ _UNFIT_NS: Final = {
     HealthItem.BATTERY: ns(1.0),
 }
 """Time after which a problem makes a vehicle unfit; the other problems do not."""
-_LEVELS: Final[dict[HealthItem, Level]] = {
-    HealthItem.AIRSPEED: "warning",
-    HealthItem.RC: "warning",
-    HealthItem.WIND: "warning",
+_CODES: Final[dict[HealthItem, tuple[NoticeCode, NoticeCode]]] = {
+    HealthItem.GPS: (NoticeCode.GPS_PROBLEM, NoticeCode.GPS_GOOD),
+    HealthItem.ESTIMATE: (NoticeCode.ESTIMATE_PROBLEM, NoticeCode.ESTIMATE_GOOD),
+    HealthItem.AIRSPEED: (NoticeCode.AIRSPEED_PROBLEM, NoticeCode.AIRSPEED_GOOD),
+    HealthItem.PROPULSION: (NoticeCode.PROPULSION_PROBLEM, NoticeCode.PROPULSION_GOOD),
+    HealthItem.BATTERY: (NoticeCode.BATTERY_PROBLEM, NoticeCode.BATTERY_GOOD),
+    HealthItem.RC: (NoticeCode.RC_PROBLEM, NoticeCode.RC_GOOD),
+    HealthItem.FENCE: (NoticeCode.FENCE_PROBLEM, NoticeCode.FENCE_GOOD),
+    HealthItem.WIND: (NoticeCode.WIND_PROBLEM, NoticeCode.WIND_GOOD),
 }
+"""Begin and end of each problem."""
 _SENSOR_BITS: Final = {
     HealthItem.AIRSPEED: dialect.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE,
     HealthItem.RC: dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
@@ -107,8 +113,8 @@ class HealthMonitor:
                 problem.cause = cause
             if not problem.is_told and problem.seen_ns > _TELL_NS[item]:
                 problem.is_told = True
-                text = f"{item.value}: {cause}"
-                effects.append(Notice(t_ns, _LEVELS.get(item, "alarm"), text, state.system_id))
+                begins, _ = _CODES[item]
+                effects.append(Notice(t_ns, begins, state.system_id, {"cause": cause}))
         for item in [item for item in flight.problems if item not in found]:
             problem = flight.problems[item]
             if problem.good_since_t_ns is None:
@@ -116,7 +122,8 @@ class HealthMonitor:
             if t_ns - problem.good_since_t_ns >= _END_NS[item]:
                 del flight.problems[item]
                 if problem.is_told:
-                    effects.append(Notice(t_ns, "info", f"{item.value}: good again", state.system_id))
+                    _, ends = _CODES[item]
+                    effects.append(Notice(t_ns, ends, state.system_id))
         agent.flight.unfit = _unfit(agent.flight, t_ns)
         return effects
 

@@ -39,9 +39,10 @@ from gcs.model import (
     FlightPhase,
     HealthItem,
     Notice,
+    NoticeCode,
+    Parameter,
     VehicleState,
     target_name,
-    vehicle_name,
 )
 from gcs.planning.map.grid import Point
 
@@ -187,24 +188,26 @@ class FlightPhases:
         place_m = (state.east_m, state.north_m)
         if flight.phase is FlightPhase.LANDED:
             agent.control.apply(ControlEvent.TOUCHED_DOWN, t_ns)
-            text = f"has landed: it gets no mission until `gcs order ready --vehicle {vehicle_name(vehicle)}`"
-            return [Notice(t_ns, "info", text, vehicle)]
+            return [Notice(t_ns, NoticeCode.LANDED, vehicle)]
         agent.control.apply(ControlEvent.CAME_DOWN, t_ns)
         flight.came_down_m = place_m
         reached = agent.perception.status.target if agent.perception.status.status == "arrived" else None
         status = AgentStatus(t_ns, vehicle, "down", reached, place_m)
-        return [Notice(t_ns, "alarm", self._text(vehicle, before, place_m), vehicle), status]
+        return [self._alarm(t_ns, vehicle, before, place_m), status]
 
-    def _text(self, vehicle: int, before: FlightPhase, place_m: Point) -> str:
+    def _alarm(self, t_ns: int, vehicle: int, before: FlightPhase, place_m: Point) -> Notice:
         agent = self._agents[vehicle]
         lat_deg, lon_deg = self._frame.to_geodetic(*place_m)
         told = [one.cause for item, one in agent.flight.problems.items() if one.is_told and item in _CAUSES]
-        cause = f" ({'; '.join(told)})" if told else ""
-        text = f"came down while {before.value}{cause}, at {lat_deg:.6f}, {lon_deg:.6f}"
-        if agent.routes.flown is not None:
-            text += f"; its target {target_name(agent.routes.flown.target)} needs another vehicle"
-        ready = f"`gcs order ready --vehicle {vehicle_name(vehicle)}`"
-        return f"{text}. Recover it; once it can fly again: {ready}"
+        flown = agent.routes.flown
+        parameters: dict[str, Parameter] = {
+            "phase": before.value,
+            "causes": "; ".join(told),
+            "lat_deg": lat_deg,
+            "lon_deg": lon_deg,
+            "target": "" if flown is None else target_name(flown.target),
+        }
+        return Notice(t_ns, NoticeCode.CAME_DOWN, vehicle, parameters)
 
     def _fly_again(self, vehicle: int, t_ns: int) -> list[Effect]:
         """End the claims on a vehicle that landed, or came down, and is in the air again."""
@@ -214,8 +217,8 @@ class FlightPhases:
         status = agent.perception.status
         if status.status != "down":
             return []
-        text = "is in the air after all: it is tracked and tasked again"
-        return [Notice(t_ns, "warning", text, vehicle), AgentStatus(t_ns, vehicle, "active")]
+        notice = Notice(t_ns, NoticeCode.IN_AIR_AFTER_ALL, vehicle)
+        return [notice, AgentStatus(t_ns, vehicle, "active")]
 
     # ------------------------------------------------------------ sinking
 
@@ -229,17 +232,21 @@ class FlightPhases:
             if not flight.is_sinking or (is_low and t_ns - flight.sank_t_ns < _END_NS):
                 return []
             flight.is_sinking = False
-            return [Notice(t_ns, "info", f"no longer sinks: {height_m:.0f} m above home", vehicle)]
+            return [Notice(t_ns, NoticeCode.SINKS_NO_LONGER, vehicle, {"height_m": height_m})]
         flight.sank_t_ns = t_ns
         if flight.sinks_since_t_ns is None:
             flight.sinks_since_t_ns = t_ns
         if flight.is_sinking or t_ns - flight.sinks_since_t_ns < _SINK_NS:
             return []
         flight.is_sinking = True
-        down_s = max(height_m, 0.0) / -state.climb_m_s
-        text = f"sinks at {-state.climb_m_s:.0f} m/s: {height_m:.0f} m above home, {planned_m:.0f} m planned"
-        text += f"; on the ground in {down_s:.0f} s. Let a pilot take it over, or prepare to recover it"
-        return [Notice(t_ns, "alarm", text, vehicle)]
+        assert planned_m is not None  # it is low
+        parameters: dict[str, Parameter] = {
+            "sink_m_s": -state.climb_m_s,
+            "height_m": height_m,
+            "planned_m": planned_m,
+            "down_s": max(height_m, 0.0) / -state.climb_m_s,
+        }
+        return [Notice(t_ns, NoticeCode.SINKS, vehicle, parameters)]
 
     def _planned_height_m(self, state: VehicleState) -> float | None:
         """Return the height above home that a vehicle should keep; None where none is known."""

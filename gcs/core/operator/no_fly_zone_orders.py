@@ -14,7 +14,7 @@ from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.state import State, with_status
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.model import Effect, NoFlyZone, Notice, Order, named
+from gcs.model import Effect, NoFlyZone, Notice, NoticeCode, Order, Parameter, named
 
 _MAX_ZONES: Final = 100
 
@@ -68,16 +68,18 @@ class NoFlyZoneOrders:
         text += "; the mission continues" if had_ended and not self.state.has_ended else ""
         remaining_states = [state for state in self.fleet.states() if state.system_id in remaining]
         entries = self.incursions.entries(remaining_states, self.zones.closed)
-        alarms = {entry.vehicle: f"{entry.text}: {remedy}" for entry in entries}
-        alarms |= dict.fromkeys(remaining - alarms.keys(), f"has no way around {zone.name}: {remedy}")
-        alarms |= {
-            state.system_id: f"flies home through {zone.name}: hold or return it"
-            for state in states
-            if state.armed and state.system_id in arrived
-        }
-        detail = "; ".join([text, *(f"{named([v])} {words}" for v, words in alarms.items())])
-        effects.append(ongoing.answer(order.t_ns, "done", detail))
-        return effects + [Notice(order.t_ns, "alarm", words, v) for v, words in alarms.items()]
+        t_ns = order.t_ns
+        about: dict[str, Parameter] = {"zone": zone.name, "remedy": remedy}
+        alarms = {entry.vehicle: entry.notice(t_ns, remedy) for entry in entries}
+        for vehicle in sorted(remaining - alarms.keys()):
+            alarms[vehicle] = Notice(t_ns, NoticeCode.ZONE_UNAVOIDABLE, vehicle, about)
+        for state in states:
+            vehicle = state.system_id
+            if state.armed and vehicle in arrived:
+                alarms[vehicle] = Notice(t_ns, NoticeCode.ZONE_ON_RETURN, vehicle, {"zone": zone.name})
+        detail = "; ".join([text, *(f"{named([v])} {alarm.text}" for v, alarm in alarms.items())])
+        effects.append(ongoing.answer(t_ns, "done", detail))
+        return [*effects, *alarms.values()]
 
     def _refusal(self, zone: NoFlyZone) -> str:
         """Return why a zone cannot be closed or opened; empty if it can."""

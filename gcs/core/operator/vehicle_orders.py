@@ -48,7 +48,9 @@ from gcs.model import (
     Effect,
     Label,
     Notice,
+    NoticeCode,
     Order,
+    Parameter,
     VehicleState,
     named,
     vehicle_name,
@@ -165,7 +167,8 @@ class Orders:
             returning = {v for v, agent in self._agents.items() if agent.control.suspension == "return"}
             warning = self._return_heights.warning(returning)
             detail += f"; {warning}" if warning else ""
-            effects += [Notice(order.t_ns, "warning", warning)] if warning else []
+            if warning:
+                effects.append(Notice(order.t_ns, NoticeCode.RETURN_ORDER_NEAR, None, {"warning": warning}))
         return [ongoing.answer(order.t_ns, "accepted", detail), *effects]
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
@@ -307,11 +310,8 @@ class Orders:
         state = self._fleet.state(vehicle)
         mode, due_t_ns = "" if state is None else state.mode, order.t_ns + _WAIT_PERIOD_NS
         self._agents[vehicle].orders.waiting = WaitingOrder(number, mode, due_t_ns)
-        text = (
-            f"its order to {order.action} waits, it {problem}: it flies on until they are apart. Order it "
-            f"again to {order.action} it at once"
-        )
-        return [Notice(order.t_ns, "alarm", text, vehicle)]
+        parameters: dict[str, Parameter] = {"action": order.action, "reason": problem}
+        return [Notice(order.t_ns, NoticeCode.ORDER_WAITS, vehicle, parameters)]
 
     def _check_waiting(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Carry out an order that waits once its vehicle is clear; end it if somebody else takes over."""
@@ -334,9 +334,8 @@ class Orders:
         if self._order_check.problem(vehicle, modes, t_ns):
             return []
         self._agents[vehicle].orders.waiting = None
-        text = f"is clear of others: its order to {order.action} is carried out"
         return [
-            Notice(t_ns, "info", text, vehicle),
+            Notice(t_ns, NoticeCode.ORDER_BEGINS, vehicle, {"action": order.action}),
             *self._begin(waiting.order, replace(order, t_ns=t_ns), vehicle, health.autopilot, ()),
         ]
 

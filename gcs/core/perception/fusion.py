@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -37,12 +38,23 @@ from gcs.core.perception.tracking_model import (
     target_births,
 )
 from gcs.core.perception.untracked_detections import UntrackedDetections
-from gcs.model import NS_PER_S, FloatArray, Kind, Notice, Picture, Scan, Sensor, VehicleState, read_only
+from gcs.model import (
+    NS_PER_S,
+    FloatArray,
+    Kind,
+    Notice,
+    NoticeCode,
+    Picture,
+    Scan,
+    Sensor,
+    VehicleState,
+    read_only,
+)
 from gcs.tracking.glmb.filter import Birth, DetectionSummary, Glmb
 from gcs.tracking.models.adaptive_birth import AdaptiveBirth
 from gcs.tracking.models.clutter import intensity_per_m2
 from gcs.tracking.models.constant_velocity import transition
-from gcs.tracking.models.sensor_estimation import SensorEstimation
+from gcs.tracking.models.sensor_estimation import Finding, SensorEstimation
 from gcs.tracking.models.sensor_geometry import clutter_per_m2, covers, noise_m2
 
 _NEAR_STD = 5.0
@@ -260,10 +272,7 @@ class MultiSensorTracker:
     def notices(self, scan: Scan) -> list[Notice]:
         """Return notices about the model of a processed scan's sensor, and about untracked detections."""
         findings = self._estimation(scan.sensor.name).findings(scan.sensor)
-        notices = [
-            Notice(scan.t_ns, "warning" if is_contradiction else "info", text)
-            for is_contradiction, text in findings
-        ]
+        notices = [_finding_notice(scan, one) for one in findings]
         return notices + self.untracked.notices(scan.t_ns)
 
     def _estimation(self, sensor: str) -> SensorEstimation:
@@ -355,3 +364,18 @@ def _with_noise(sensor: Sensor) -> Sensor:
     if np.linalg.eigvalsh(sensor.noise_cov_m2)[0] >= _MIN_VARIANCE_M2:
         return sensor
     return replace(sensor, noise_cov_m2=read_only(sensor.noise_cov_m2 + np.eye(2) * _MIN_VARIANCE_M2))
+
+
+_FINDING_CODES: Final = {
+    ("clutter", True): NoticeCode.CLUTTER_WRONG,
+    ("clutter", False): NoticeCode.CLUTTER_RIGHT,
+    ("detection", True): NoticeCode.DETECTION_WRONG,
+    ("detection", False): NoticeCode.DETECTION_RIGHT,
+}
+
+
+def _finding_notice(scan: Scan, finding: Finding) -> Notice:
+    """Return the notice that a sensor's announced values contradict its scans, or no longer do."""
+    code = _FINDING_CODES[finding.quantity, finding.is_contradiction]
+    values = {"estimated": finding.estimated, "announced": finding.announced}
+    return Notice(scan.t_ns, code, scan.sensor.name, values)

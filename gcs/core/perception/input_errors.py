@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from gcs.model import NS_PER_S, BadInput, Effect, Notice
+from gcs.model import NS_PER_S, BadInput, Effect, Notice, NoticeCode, Parameter
 
 MAX_SINGLE_NOTICES = 3
 """Errors of one source that get a notice each."""
@@ -44,7 +44,8 @@ class InputErrors:
             source.problem = event.problem
             return []
         source.reported_t_ns = event.t_ns
-        return [Notice(event.t_ns, "warning", f"bad input: {event.problem}")]
+        parameters: dict[str, Parameter] = {"source": name, "problem": event.problem}
+        return [Notice(event.t_ns, NoticeCode.BAD_INPUT, None, parameters)]
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Return the summaries that are due."""
@@ -52,7 +53,12 @@ class InputErrors:
         for name, source in self.sources.items():
             if source.unreported and t_ns - source.reported_t_ns >= SUMMARY_NS:
                 since_s = (t_ns - source.reported_t_ns) / NS_PER_S
-                text = f"bad input: {source.unreported} more of {name} in {since_s:.0f} s"
-                effects.append(Notice(t_ns, "warning", f"{text}, the last: {source.problem}"))
+                parameters: dict[str, Parameter] = {
+                    "count": source.unreported,
+                    "source": name,
+                    "seconds": since_s,
+                    "problem": source.problem,
+                }
+                effects.append(Notice(t_ns, NoticeCode.BAD_INPUT_MORE, None, parameters))
                 source.unreported, source.reported_t_ns = 0, t_ns
         return effects

@@ -28,7 +28,19 @@ from gcs.config.schema import TelemetryTable
 from gcs.core.perception.fusion import at_time
 from gcs.core.perception.records import IntegrityTest
 from gcs.core.state import Agent
-from gcs.model import NS_PER_S, Effect, FloatArray, Label, Notice, Scan, Sensor, Track, VehicleState
+from gcs.model import (
+    NS_PER_S,
+    Effect,
+    FloatArray,
+    Label,
+    Notice,
+    NoticeCode,
+    Parameter,
+    Scan,
+    Sensor,
+    Track,
+    VehicleState,
+)
 from gcs.tracking.models.sensor_geometry import MAX_DETECTION_PROBABILITY, clutter_per_m2, covers, noise_m2
 
 Indices: TypeAlias = npt.NDArray[np.int64]
@@ -118,10 +130,10 @@ class PositionIntegrityMonitor:
             test.label = own
         if not test.is_alarmed and test.cusum >= ALARM_CUSUM:
             test.is_alarmed = True
-            return [Notice(t_ns, "alarm", _alarm_text(test, position, agents), vehicle)]
+            return [_alarm(t_ns, vehicle, test, position, agents)]
         if test.is_alarmed and test.cusum == 0.0:
             test.is_alarmed = False
-            return [Notice(t_ns, "info", "is seen where it reports to be again", vehicle)]
+            return [Notice(t_ns, NoticeCode.SEEN_THERE, vehicle)]
         return []
 
     def _forget(self, t_ns: int) -> None:
@@ -132,16 +144,15 @@ class PositionIntegrityMonitor:
                 agent.perception.integrity = IntegrityTest()
 
 
-def _alarm_text(test: IntegrityTest, position: FloatArray, agents: Mapping[Label, Track]) -> str:
+def _alarm(
+    t_ns: int, vehicle: int, test: IntegrityTest, position: FloatArray, agents: Mapping[Label, Track]
+) -> Notice:
     track = agents.get(test.label) if test.label is not None else None
     away_m = 0.0 if track is None else float(np.hypot(*(track.mean[:2] - position)))
     if track is None or away_m < math.sqrt(_GATE_CHI2 * float(np.linalg.eigvalsh(track.cov[:2, :2])[-1])):
-        return "is not seen where it reports to be: its position or its identity may be false"
-    east_m, north_m = (round(float(x)) for x in track.mean[:2])
-    return (
-        f"is seen {away_m:.0f} m from where it reports to be, at {east_m} m east, {north_m} m north: "
-        "its position is false"
-    )
+        return Notice(t_ns, NoticeCode.NOT_SEEN_THERE, vehicle)
+    place: dict[str, Parameter] = {"east_m": track.mean[0], "north_m": track.mean[1]}
+    return Notice(t_ns, NoticeCode.SEEN_ELSEWHERE, vehicle, {"distance_m": away_m} | place)
 
 
 def _log_ratio(sensor: Sensor, is_hit: bool, clutter: float, others: int) -> float:

@@ -201,3 +201,5 @@ class PerceptionState:
     never_heard_due_t_ns: int | None = None
     """Time of the check for vehicles that were never heard; None before the first tick."""
     is_never_heard_checked: bool = False
+    is_any_missing: bool = False
+    """True after the warning, until all are heard."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from statistics import median_low
 
-from gcs.model import NS_PER_S, ClockStep, Effect, Notice, Scan
+from gcs.model import NS_PER_S, ClockStep, Effect, Notice, NoticeCode, Parameter, Scan
 
 MAX_AGE_S = 5.0
 """Maximum time from measurement to arrival: an agent flies 100 m and more in it."""
@@ -60,11 +60,7 @@ class ScanTiming:
         """Process a step of this machine's wall clock."""
         for clock in self.clocks.values():
             clock.step_ns += event.step_ns
-        text = (
-            f"the wall clock of this machine was set by {event.step_ns / NS_PER_S:+.1f} s, or the machine "
-            "was suspended; timers are not affected. Check that the sensors' clocks agree with it"
-        )
-        return [Notice(event.t_ns, "warning", text)]
+        return [Notice(event.t_ns, NoticeCode.CLOCK_SET, None, {"step_s": event.step_ns / NS_PER_S})]
 
     def corrected(self, scan: Scan) -> tuple[Scan, str, list[Effect]]:
         """Check and correct the measurement time of a new scan.
@@ -111,11 +107,8 @@ class ScanTiming:
         if abs(lag_ns + step_ns - usual_ns) >= min(abs(lag_ns - usual_ns), _TOLERANCE_NS):
             return []
         clock.offset_ns -= step_ns
-        text = (
-            f"the clock of sensor {scan.sensor.name} was set by {step_ns / NS_PER_S:+.1f} s with this "
-            "machine's; its times are corrected by as much"
-        )
-        return [Notice(scan.t_ns, "info", text)]
+        step: dict[str, Parameter] = {"step_s": step_ns / NS_PER_S}
+        return [Notice(scan.t_ns, NoticeCode.SENSOR_CLOCK_STEP, scan.sensor.name, step)]
 
     def _note_offset(self, scan: Scan, clock: SensorClock, own_lag_ns: int) -> list[Effect]:
         """Note a wrong time; correct the sensor once enough scans have the same offset."""
@@ -128,13 +121,9 @@ class ScanTiming:
         name, off_s = scan.sensor.name, clock.offset_ns / NS_PER_S
         if abs(clock.offset_ns) < _TOLERANCE_NS:
             clock.offset_ns = 0
-            return [Notice(scan.t_ns, "info", f"the clock of sensor {name} agrees with ours again")]
+            return [Notice(scan.t_ns, NoticeCode.SENSOR_CLOCK_AGREES, name)]
         side = "behind" if off_s > 0 else "ahead of"
-        text = (
-            f"the clock of sensor {name} is {abs(off_s):.1f} s {side} ours: its times are corrected by that "
-            "from now on; set its clock (NTP, PTP)"
-        )
-        return [Notice(scan.t_ns, "alarm", text)]
+        return [Notice(scan.t_ns, NoticeCode.SENSOR_CLOCK_OFF, name, {"off_s": abs(off_s), "side": side})]
 
 
 def _is_good(lag_ns: int) -> bool:

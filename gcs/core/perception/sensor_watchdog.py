@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Container
 from dataclasses import dataclass, field
 
-from gcs.model import NS_PER_S, Effect, Notice, SensorRecord
+from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Parameter, SensorRecord
 
 BLIND_AFTER_NS = 5 * NS_PER_S
 """Timeout of a sensor; `_PERIODS` periods if that is longer."""
@@ -85,12 +85,11 @@ class SensorWatchdog:
             entry.period_ns = max(t_ns - entry.processed_t_ns, entry.period_ns - entry.period_ns // 8)
         if entry.alarmed:
             since_ns = t_ns - (entry.processed_t_ns or entry.first_t_ns)
-            text = f"scans of sensor {sensor} are processed again after {since_ns / NS_PER_S:.0f} s"
-            effects.append(Notice(t_ns, "info", text))
+            silence: dict[str, Parameter] = {"silence_s": since_ns / NS_PER_S}
+            effects.append(Notice(t_ns, NoticeCode.SENSOR_AGAIN, sensor, silence))
         elif self.has_no_sensor:
             since_ns = t_ns - (self.scan_t_ns or self.start_t_ns or t_ns)
-            text = f"scans are processed after {since_ns / NS_PER_S:.0f} s without one"
-            effects.append(Notice(t_ns, "info", text))
+            effects.append(Notice(t_ns, NoticeCode.SCANS_AGAIN, None, {"silence_s": since_ns / NS_PER_S}))
         entry.processed_t_ns, entry.refused, entry.alarmed, entry.reason = t_ns, 0, False, ""
         self.scan_t_ns, self.has_no_sensor = t_ns, False
         return effects
@@ -124,13 +123,13 @@ class SensorWatchdog:
             limit_ns = max(BLIND_AFTER_NS, _PERIODS * entry.period_ns)
             if entry.is_sensor and not entry.alarmed and t_ns - since_t_ns >= limit_ns:
                 entry.alarmed = True
-                effects.append(Notice(t_ns, "alarm", _text(name, entry, (t_ns - since_t_ns) / NS_PER_S)))
+                effects.append(_alarm(t_ns, name, entry, (t_ns - since_t_ns) / NS_PER_S))
         since_t_ns = self.start_t_ns if self.scan_t_ns is None else self.scan_t_ns
         is_any = any(one.is_sensor for one in self.sensors.values())
         if not is_any and not self.has_no_sensor and t_ns - since_t_ns >= BLIND_AFTER_NS:
             self.has_no_sensor = True
             since_s = (t_ns - since_t_ns) / NS_PER_S
-            effects.append(Notice(t_ns, "alarm", f"no scan for {since_s:.0f} s: is the sensor there?"))
+            effects.append(Notice(t_ns, NoticeCode.NO_SENSOR, None, {"silence_s": since_s}))
         return effects
 
     def associated(self, t_ns: int, reporting: Collection[int], associated: Container[int]) -> list[Effect]:
@@ -139,18 +138,13 @@ class SensorWatchdog:
         was_alarmed, since_t_ns = self.is_unassociated, self.unassociated_t_ns
         if not is_lost:
             self.unassociated_t_ns, self.is_unassociated = None, False
-            return [Notice(t_ns, "info", "vehicles are associated with tracks again")] if was_alarmed else []
+            return [Notice(t_ns, NoticeCode.ASSOCIATED_AGAIN)] if was_alarmed else []
         if since_t_ns is None:
             self.unassociated_t_ns = t_ns
         elif not was_alarmed and t_ns - since_t_ns >= UNASSOCIATED_AFTER_NS:
             self.is_unassociated = True
             since_s = (t_ns - since_t_ns) / NS_PER_S
-            text = (
-                f"vehicles report and scans arrive, but no vehicle has been associated with a track for "
-                f"{since_s:.0f} s, so nothing is planned: compare the sensors' clocks, origin and field of "
-                "view with the vehicles' positions"
-            )
-            return [Notice(t_ns, "alarm", text)]
+            return [Notice(t_ns, NoticeCode.NO_ASSOCIATION, None, {"silence_s": since_s})]
         return []
 
     def _place(self, sensor: str, t_ns: int) -> WatchedSensor:
@@ -179,8 +173,9 @@ class SensorWatchdog:
         return self.sensors.setdefault(sensor, WatchedSensor(t_ns, refused_t_ns=t_ns))
 
 
-def _text(name: str, entry: WatchedSensor, since_s: float) -> str:
+def _alarm(t_ns: int, name: str, entry: WatchedSensor, since_s: float) -> Notice:
+    silence: dict[str, Parameter] = {"silence_s": since_s}
     if not entry.refused:
-        return f"no scan of sensor {name} for {since_s:.0f} s: is the sensor there?"
-    count, reason = entry.refused, entry.reason
-    return f"no scan of sensor {name} was processed for {since_s:.0f} s, {count} were refused: {reason}"
+        return Notice(t_ns, NoticeCode.SENSOR_SILENT, name, silence)
+    refused: dict[str, Parameter] = {"count": entry.refused, "reason": entry.reason}
+    return Notice(t_ns, NoticeCode.SCANS_REFUSED, name, silence | refused)

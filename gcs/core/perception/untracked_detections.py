@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gcs.config import Config
 from gcs.core.perception.records import UntrackedState
-from gcs.model import NS_PER_S, FloatArray, Notice, Sensor
+from gcs.model import NS_PER_S, FloatArray, Notice, NoticeCode, Parameter, Sensor
 
 _REPEAT_NS = 10 * NS_PER_S
 _MAX_NAMED = 3
@@ -31,11 +31,11 @@ class UntrackedDetections:
             positions, state.new_m, state.notice_t_ns, state.is_raised = state.new_m, [], t_ns, True
             named = "; ".join(self._words(position) for position in positions[:_MAX_NAMED])
             more = f" and at {len(positions) - _MAX_NAMED} more places" if len(positions) > _MAX_NAMED else ""
-            text = f"detections persist at {named}{more} where no births are declared: no track takes them"
-            return [Notice(t_ns, "alarm", f"{text}; {self._remedy}")]
+            found: dict[str, Parameter] = {"places": named + more, "remedy": self._remedy}
+            return [Notice(t_ns, NoticeCode.UNTRACKED_DETECTIONS, None, found)]
         if state.is_raised and not state.new_m and not len(state.chains.places_m):
             state.is_raised = False
-            return [Notice(t_ns, "info", "no detections persist without a track any more")]
+            return [Notice(t_ns, NoticeCode.UNTRACKED_OVER)]
         return []
 
     def _words(self, position_m: tuple[float, float]) -> str:

@@ -24,7 +24,7 @@ from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Message
 from gcs.mavlink.services.parameter_protocol import decode_value
 from gcs.mavlink.services.retry import ns
-from gcs.model import Effect, Notice, system_of, vehicle_name
+from gcs.model import Effect, Notice, NoticeCode, Parameter, system_of, vehicle_name
 
 MARGIN_M: Final = 15.0
 """Minimum height between planned flight and a ceiling; an ArduPlane overshoots its take-off altitude by up to
@@ -112,13 +112,19 @@ class ReturnHeightMonitor:
         requests = [effect for vehicle in self._agents for effect in self._request(vehicle, t_ns)]
         near = {one.vehicle for one in self._near(self._agents)}
         is_new = False
+        was_told = any(agent.returns.is_told for agent in self._agents.values())
         for vehicle, agent in self._agents.items():
             is_new |= vehicle in near and not agent.returns.is_told
             agent.returns.is_told = vehicle in near
+        if was_told and not near:
+            return [*requests, Notice(t_ns, NoticeCode.RETURNS_APART)]
         if not is_new:
             return requests
-        text = f"{self._words(self._near(near))}: a failsafe would bring them together. {_SET_APART}"
-        return [*requests, Notice(t_ns, "warning", text)]
+        parameters: dict[str, Parameter] = {
+            "heights": self._words(self._near(near)),
+            "remedy": _SET_APART,
+        }
+        return [*requests, Notice(t_ns, NoticeCode.RETURNS_NEAR, None, parameters)]
 
     def _request(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Request the parameters of a vehicle that has not told them."""

@@ -19,7 +19,7 @@ from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.model import Effect, Notice, Route
+from gcs.model import Effect, Notice, NoticeCode, Parameter, Route
 from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.planner_inputs import AgentState
@@ -66,8 +66,13 @@ class ReturnRoutes:
         wait, too_soon = self._landing_order.wait(route, routes.return_m, self._zones.grid, t_ns)
         before, routes.return_problem = routes.return_problem, planned.problem or too_soon
         is_news = routes.return_problem not in ("", before)
-        notices = [Notice(t_ns, "warning", routes.return_problem, vehicle)] if is_news else []
-        return replace(planned, wait=wait), [*notices]
+        if before and not routes.return_problem:
+            return replace(planned, wait=wait), [Notice(t_ns, NoticeCode.RETURN_ROUTE_CLEAR, vehicle)]
+        if not is_news:
+            return replace(planned, wait=wait), []
+        about: dict[str, Parameter] = {"problem": routes.return_problem}
+        notice = Notice(t_ns, NoticeCode.RETURN_ROUTE_PROBLEM, vehicle, about)
+        return replace(planned, wait=wait), [notice]
 
     def crossed(self, closed: Grid, returning: Mapping[int, Point]) -> set[int]:
         """Return the vehicles whose return routes lead through closed cells.

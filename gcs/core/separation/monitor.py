@@ -22,7 +22,7 @@ from gcs.core.state import State
 from gcs.geo import wrap_pi
 from gcs.mavlink.autopilots.modes import LOITER
 from gcs.mavlink.services.retry import ns
-from gcs.model import NS_PER_S, Effect, Notice, VehicleState, vehicle_name
+from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Parameter, VehicleState
 
 LOOK_AHEAD_S: Final = 25.0
 WARNING_TIMES_S: Final = (LOOK_AHEAD_S, 10.0)
@@ -40,7 +40,6 @@ _MIN_TURN_NS, _MAX_TURN_NS = ns(0.75), ns(3.0)
 _MIN_CLIMB_M_S, _GRADIENT_GAIN = 1.0, 0.3
 _MAX_HOLD_M: Final = 200.0
 """Distance from the centre of its circle at which a vehicle in LOITER was sent elsewhere."""
-_REMEDY = "hold or return one, or let a pilot take it over"
 
 
 def layer_step_m(config: Config) -> float:
@@ -117,19 +116,18 @@ class SeparationMonitor:
         if stage <= approach.stage:
             return []
         approach.stage = stage
-        other = vehicle_name(encounter.vehicles[1])
         east_m, north_m, msl_m = encounter.place_m
-        where = f"at ({east_m:.0f}, {north_m:.0f}) m, {msl_m - self._base_msl_m:.0f} m high"
-        if is_lost:
-            text = (
-                f"has lost separation from agent {other}: {distance_m:.0f} m and {height_m:.0f} m in height"
-            )
-        else:
-            text = (
-                f"comes within {encounter.distance_m:.0f} m and {encounter.height_m:.0f} m in height of "
-                f"agent {other} in {encounter.after_s:.0f} s"
-            )
-        return [Notice(t_ns, "alarm", f"{text}, {where}: {_REMEDY}", encounter.vehicles[0])]
+        parameters: dict[str, Parameter] = {
+            "other": encounter.vehicles[1],
+            "distance_m": distance_m if is_lost else encounter.distance_m,
+            "height_m": height_m if is_lost else encounter.height_m,
+            "after_s": encounter.after_s,
+            "east_m": east_m,
+            "north_m": north_m,
+            "place_height_m": msl_m - self._base_msl_m,
+        }
+        code = NoticeCode.SEPARATION_LOST if is_lost else NoticeCode.COMES_NEAR
+        return [Notice(t_ns, code, encounter.vehicles[0], parameters)]
 
     def _end(self, t_ns: int) -> list[Effect]:
         effects: list[Effect] = []
@@ -138,14 +136,11 @@ class SeparationMonitor:
             approach = approaches.pop(vehicles)
             if approach.stage == 0:
                 continue
-            nearest = ""
+            parameters: dict[str, Parameter] = {"other": vehicles[1]}
             if approach.nearest_m is not None:
-                nearest = (
-                    f"; the nearest was {approach.nearest_m:.0f} m and {approach.nearest_height_m:.0f} m"
-                )
-                nearest += " in height"
-            text = f"is apart from agent {vehicle_name(vehicles[1])} again{nearest}"
-            effects.append(Notice(t_ns, "info", text, vehicles[0]))
+                parameters["nearest_m"] = approach.nearest_m
+                parameters["nearest_height_m"] = approach.nearest_height_m
+            effects.append(Notice(t_ns, NoticeCode.APART_AGAIN, vehicles[0], parameters))
         return effects
 
     @property

@@ -17,7 +17,7 @@ from gcs.core.state import Agent
 from gcs.geo import wrap_pi
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
-from gcs.model import FloatArray, Notice
+from gcs.model import FloatArray, Notice, NoticeCode
 from gcs.planning.manoeuvres.climb import Climb, climb_problem, turn_problem
 
 _MAX_HEADING_ERROR_RAD = math.radians(15.0)
@@ -72,10 +72,9 @@ class Climbs:
             why = self.problem(vehicle, climb, None, _HYSTERESIS_M if was_blocked else 0.0)
             agent.takeoff.blocked = why
             if why and not was_blocked:
-                text = f"its take-off is not clear, it gets no mission: {why}"
-                alarms.append(Notice(t_ns, "alarm", text, vehicle))
+                alarms.append(Notice(t_ns, NoticeCode.TAKEOFF_BLOCKED, vehicle, {"reason": why}))
             elif was_blocked and not why:
-                all_clears.append(Notice(t_ns, "info", "its take-off is clear again", vehicle))
+                all_clears.append(Notice(t_ns, NoticeCode.TAKEOFF_CLEAR, vehicle))
         return alarms + all_clears
 
     def problem(self, vehicle: int, climb: Climb, points_m: FloatArray | None, extra_m: float = 0.0) -> str:

@@ -24,7 +24,7 @@ from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.services.retry import ns
-from gcs.model import Effect, Notice, VehicleState, vehicle_name
+from gcs.model import Effect, Notice, NoticeCode, Parameter, VehicleState, vehicle_name
 
 SELF_LAUNCHING: Final = frozenset({AUTO, "TAKEOFF"})
 """Modes in which an armed vehicle on the ground takes off at once."""
@@ -146,7 +146,7 @@ class TakeoffSequence:
             reason = self.holds_back(vehicle, starting, t_ns) if is_queued else ""
             agent.takeoff.is_waiting = bool(reason)
             if reason and not was_waiting:
-                effects.append(Notice(t_ns, "warning", f"its take-off waits: {reason}", vehicle))
+                effects.append(Notice(t_ns, NoticeCode.TAKEOFF_WAITS, vehicle, {"reason": reason}))
         return effects
 
     def _check_climbs(self, t_ns: int) -> list[Effect]:
@@ -168,15 +168,10 @@ class TakeoffSequence:
         new = {pair for pair, away_m in near.items() if away_m <= self.distance_m} - still
         effects: list[Effect] = []
         for first, second in sorted(new):
-            name, away_m = vehicle_name(second), near[first, second]
-            text = (
-                f"climbs out {away_m:.0f} m from agent {name}, which climbs out too: they are not apart in "
-                "height yet. Watch both; if they close, let a pilot take one over"
-            )
-            effects.append(Notice(t_ns, "alarm", text, first))
+            about: dict[str, Parameter] = {"other": second, "distance_m": near[first, second]}
+            effects.append(Notice(t_ns, NoticeCode.CLIMBS_NEAR, first, about))
         for first, second in sorted(before - still):
-            text = f"no longer climbs out near agent {vehicle_name(second)}"
-            effects.append(Notice(t_ns, "info", text, first))
+            effects.append(Notice(t_ns, NoticeCode.CLIMBS_APART, first, {"other": second}))
         self._state.close_pairs = sorted(still | new)
         return effects
 

@@ -28,7 +28,7 @@ from gcs.mavlink.mission.upload_limits import UploadPolicy
 from gcs.mavlink.mission.upload_stages import OnboardState, TransitionError
 from gcs.mavlink.mission.upload_steps import UploadState
 from gcs.mavlink.mission.upload_task import UploadTask
-from gcs.model import Effect, Notice, UploadReport
+from gcs.model import Effect, Notice, NoticeCode, Parameter, UploadReport
 
 _MAX_ITEMS_IN_FLIGHT: Final = 12
 """Per link; each upload has at least one."""
@@ -185,9 +185,9 @@ class ActiveUploads(UploadPolicy):
         try:
             return self._progress(vehicle, task, step(task), t_ns)
         except TransitionError as error:
-            text = f"its upload ended by a program error ({error}); it is planned for again"
+            notice = Notice(t_ns, NoticeCode.UPLOAD_ERROR, vehicle, {"error": str(error)})
             frames = task.end_after_error(error, t_ns)
-            return [Notice(t_ns, "alarm", text, vehicle), *self._progress(vehicle, task, frames, t_ns)]
+            return [notice, *self._progress(vehicle, task, frames, t_ns)]
 
     def _progress(self, vehicle: int, task: UploadTask, frames: list[bytes], t_ns: int) -> list[Effect]:
         """Send the frames of an upload; report its result if it has ended."""
@@ -196,7 +196,9 @@ class ActiveUploads(UploadPolicy):
         if result is None:
             self._fleet.forward_next_heartbeat(vehicle)
             slowness = task.slowness(t_ns)
-            return [*effects, Notice(t_ns, "warning", slowness, vehicle)] if slowness else effects
+            if slowness:
+                effects.append(Notice(t_ns, NoticeCode.UPLOAD_SLOW, vehicle, slowness))
+            return effects
         self._remove(vehicle, task)
         window, repeated = self._window(upload.link), result.retries / len(task.items)
         round_trip_s = upload.state.rtt.round_trip_s
@@ -220,7 +222,8 @@ class ActiveUploads(UploadPolicy):
             return effects
         state = "was set to LOITER" if result.was_held else "is overridden"
         state = "has no onboard mission now" if is_cleared else state
-        return [*effects, Notice(result.t_ns, "alarm", f"{state}: {result.detail}", vehicle)]
+        about: dict[str, Parameter] = {"state": state, "detail": result.detail}
+        return [*effects, Notice(result.t_ns, NoticeCode.WITHOUT_MISSION, vehicle, about)]
 
     def _rejected(self, report: UploadReport, upload: ActiveUpload) -> list[Effect]:
         """Report an upload whose mission the vehicle's navigator rejects, with the vehicle's own cause."""

@@ -21,7 +21,7 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.command_sender import REQUEST_MESSAGE, command_long, set_current_item
 from gcs.mavlink.services.retry import ns
-from gcs.model import NS_PER_S, Effect, Notice, VehicleState
+from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Parameter, VehicleState
 
 _OFF_M: Final = 20.0
 _DISTANCE_OFF_M: Final = 40.0
@@ -97,15 +97,19 @@ class FirstLegs:
         assert profile is not None  # watched
         if leg.corrections >= _MAX_CORRECTIONS:
             self.end(vehicle)
-            text = f"its first leg is still wrong after {leg.corrections} selections of item {leg.seq}: "
-            return [Notice(t_ns, "alarm", f"{text}{leg.problem}; hold it, or return it", vehicle)]
+            about: dict[str, Parameter] = {
+                "selections": leg.corrections,
+                "item": leg.seq,
+                "problem": leg.problem,
+            }
+            return [Notice(t_ns, NoticeCode.FIRST_LEG_STILL_WRONG, vehicle, about)]
         leg.corrections += 1
         leg.off, leg.has_sample = 0, False
         leg.began_t_ns = t_ns
         effects = self._send(vehicle, [set_current_item(vehicle, profile, leg.seq)])
         if leg.corrections == 1:
-            text = f"its first leg is wrong: {leg.problem}; item {leg.seq} is selected again"
-            effects.append(Notice(t_ns, "warning", text, vehicle))
+            found: dict[str, Parameter] = {"problem": leg.problem, "item": leg.seq}
+            effects.append(Notice(t_ns, NoticeCode.FIRST_LEG_WRONG, vehicle, found))
         return effects
 
     def _send(self, vehicle: int, messages: list[Message]) -> list[Effect]:

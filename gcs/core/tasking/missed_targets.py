@@ -14,7 +14,7 @@ from gcs.core.state import Agent, with_status
 from gcs.core.tasking.onboard_missions import OnboardMissions, TerminalPhase
 from gcs.core.tasking.records import NO_MISSION
 from gcs.mavlink.services.retry import ns
-from gcs.model import Effect, Notice
+from gcs.model import Effect, Notice, NoticeCode, Parameter
 
 _ARRIVAL_NS: Final = ns(5.0)
 """Time from the last point until an arrival would have been detected."""
@@ -54,6 +54,6 @@ def check_missed_targets(
         end.has_missed = not is_at_target and phase != "landing"
         if end.reported_id != mission_id:
             end.reported_id = mission_id
-            text = f"ended its route without having reached its target: {_PHASE_WORDS[phase]}"
-            effects.append(Notice(t_ns, "alarm", text, vehicle))
+            state: dict[str, Parameter] = {"state": _PHASE_WORDS[phase]}
+            effects.append(Notice(t_ns, NoticeCode.ROUTE_ENDED_SHORT, vehicle, state))
     return effects

@@ -20,7 +20,7 @@ from typing import Final
 from gcs.core.state import Agent
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.retry import ns
-from gcs.model import NS_PER_S, Authority, ControlEvent, Effect, Notice, vehicle_name
+from gcs.model import NS_PER_S, Authority, ControlEvent, Effect, Notice, NoticeCode, Parameter, vehicle_name
 
 _CAUSE: Final = re.compile(r"\b(mission|waypoints?|take-?off|landing|geofence)\b", re.IGNORECASE)
 _CONSEQUENCE: Final = re.compile(r"no valid mission|arming denied|executing|finished|detected", re.IGNORECASE)
@@ -91,6 +91,5 @@ class Rejections:
             outlook = f"as `gcs order resume --vehicle {vehicle_name(vehicle)}` does"
         else:
             outlook = f"else it follows in {retry.pause_ns / NS_PER_S:.0f} s"
-        advice = "Correct its parameters (`gcs preflight`): a change starts the next attempt"
-        text = f"its navigator rejects its mission: {cause}. {advice}, {outlook}"
-        return [Notice(t_ns, "alarm", text, vehicle)]
+        parameters: dict[str, Parameter] = {"cause": cause, "outlook": outlook}
+        return [Notice(t_ns, NoticeCode.MISSION_REJECTED, vehicle, parameters)]

@@ -35,15 +35,7 @@ from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload_steps import UploadState
-from gcs.model import (
-    NS_PER_S,
-    Authority,
-    Effect,
-    Notice,
-    Route,
-    UploadReport,
-    VehicleState,
-)
+from gcs.model import NS_PER_S, Authority, Effect, Notice, NoticeCode, Route, UploadReport, VehicleState
 from gcs.planning.forward_simulation import Motion, RemainingMission
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.landing import ReturnRoute
@@ -371,7 +363,7 @@ class UploadManager:
         kind = "".join(letter for letter in reason if not letter.isdigit())
         tasking = self._agents[vehicle].tasking
         if tasking.refusal != kind:
-            effects.append(Notice(t_ns, "alarm", f"its mission is not uploaded, {reason}", vehicle))
+            effects.append(Notice(t_ns, NoticeCode.MISSION_HELD_BACK, vehicle, {"reason": reason}))
         tasking.refusal = kind
         tasking.retry.note_failure(vehicle, t_ns)
         return [*effects, self._failure(vehicle, reason, t_ns)]

@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
-from gcs.model import NS_PER_S, Effect, Notice
+from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Parameter
 
 _FIRST_PAUSE_NS: Final = 5 * NS_PER_S
 """Pause after the second failure; each further one doubles it."""
@@ -60,8 +60,8 @@ class UploadRetry:
             return []
         pause_ns = min(_FIRST_PAUSE_NS << min(self.failures - 2, 8), _MAX_PAUSE_NS)
         self.paused_until_t_ns = t_ns + pause_ns
-        text = f"last {self.failures} mission uploads failed: next attempt in {pause_ns / NS_PER_S:.0f} s"
-        return [Notice(t_ns, "alarm", text, vehicle)]
+        about: dict[str, Parameter] = {"failures": self.failures, "pause_s": pause_ns / NS_PER_S}
+        return [Notice(t_ns, NoticeCode.UPLOADS_FAILED, vehicle, about)]
 
 
 @dataclass(slots=True)
@@ -82,12 +82,10 @@ class ClearingRetry:
         self.failures += 1
         pause_ns = min(_FIRST_PAUSE_NS << (self.failures - 1), _MAX_PAUSE_NS)
         self.next_t_ns = t_ns + pause_ns
-        if self.failures < _MAX_CLEARINGS:
-            outlook = f"next attempt in {pause_ns / NS_PER_S:.0f} s"
-        else:
-            outlook = "no more attempts: it does not obey; keep it out of AUTO, or order it to resume"
-        text = f"its inconsistent mission could not be cleared ({detail}): {outlook}"
-        return [Notice(t_ns, "alarm", text, vehicle)]
+        if self.failures >= _MAX_CLEARINGS:
+            return [Notice(t_ns, NoticeCode.CLEARING_GIVEN_UP, vehicle, {"detail": detail})]
+        about: dict[str, Parameter] = {"detail": detail, "pause_s": pause_ns / NS_PER_S}
+        return [Notice(t_ns, NoticeCode.CLEARING_FAILED, vehicle, about)]
 
 
 @dataclass(slots=True)

@@ -44,15 +44,12 @@ class GarbageFilter:
         self._left_out[link] += frames.bad_bytes
         return self._scan(b"".join(frame.data for frame in frames))
 
-    def news(self, t_ns: int) -> list[tuple[str, str]]:
-        """Return (link, text) of dropped bytes, once a minute at most."""
+    def take_dropped(self, t_ns: int) -> dict[str, int]:
+        """Return the number of dropped bytes by link, once a minute at most."""
         if not self._left_out or (
             self._reported_ns is not None and t_ns - self._reported_ns < _MIN_NOTICE_INTERVAL_NS
         ):
-            return []
+            return {}
         self._reported_ns, left_out = t_ns, self._left_out
         self._left_out = Counter()
-        return [
-            (link, f"{count} bytes that form no MAVLink frame were dropped; a sample of them is recorded")
-            for link, count in left_out.items()
-        ]
+        return left_out

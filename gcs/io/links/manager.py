@@ -26,7 +26,7 @@ from gcs.mavlink.frames.codec import Encoder, Frame, FrameTable, scan
 from gcs.mavlink.frames.signing import SigningGate
 from gcs.mavlink.router.router import PortCounters, Router
 from gcs.mavlink.services.adsb import COMPONENT_ID, adsb_messages
-from gcs.model import NS_PER_S, Level, Picture, network_of, system_of, vehicle_id
+from gcs.model import NS_PER_S, NoticeCode, Parameter, Picture, network_of, system_of, vehicle_id
 
 TRANSPORTS: Final[Mapping[str, Callable[[Endpoint], Transport]]] = {
     "udpin": UdpIn,
@@ -47,7 +47,7 @@ class LinkHandler(Protocol):
     def on_datagram(self, link: str, peer: str, frames: FrameTable) -> None:
         """Process a datagram from a vehicle, or one that was sent on to a vehicle."""
 
-    def on_link_news(self, link: str, level: Level, text: str) -> None:
+    def on_notice(self, subject: str, code: NoticeCode, /, **parameters: Parameter) -> None:
         """Process an operator notice about a link."""
 
 
@@ -177,9 +177,9 @@ class Links:
         if not 0 <= t_ns - self._news_t_ns < _REFUSALS_EVERY_NS:
             self._news_t_ns = t_ns
             self._report_refusals()
-        for link_name, level, text in self.signing.tick(t_ns):
+        for link_name, (code, parameters) in self.signing.tick(t_ns):
             if link_name in self._ports:
-                self._ports[link_name].news(level, text)
+                self._ports[link_name].notify(code, **parameters)
         for address in self.signing.gate.take_stale_senders(t_ns):
             self.send(*address, self._heartbeat_encoder(heartbeat()))
 
@@ -207,9 +207,7 @@ class Links:
                     new = count - self._reported.get((name, reason), 0)
                     if new and name in self._ports:
                         self._reported[name, reason] = count
-                        self._ports[name].news(
-                            "warning", f"{new} frames of other ground stations refused: {reason}"
-                        )
+                        self._ports[name].notify(NoticeCode.STATION_REFUSED, count=new, reason=reason)
 
     # ------------------------------------------------------------ state
 
@@ -289,5 +287,5 @@ class _Port:
         if self._router is not None:
             self._router.remove_connection((self._name, peer))
 
-    def news(self, level: Level, text: str) -> None:
-        self._handler.on_link_news(self._name, level, text)
+    def notify(self, code: NoticeCode, /, **parameters: Parameter) -> None:
+        self._handler.on_notice(self._name, code, **parameters)

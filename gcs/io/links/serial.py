@@ -14,6 +14,7 @@ from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
 from gcs.io.links.transport import Backoff, ChangedNotices, Listener
 from gcs.mavlink.frames.stream import FrameStream
+from gcs.model import NoticeCode
 
 _READ_BYTES = 4096
 _MAX_UNSENT_BYTES = 8 * 1024
@@ -60,14 +61,14 @@ class SerialPort:
                 )
             except (OSError, ValueError) as error:  # SerialException is an OSError
                 reason = getattr(error, "strerror", None) or str(error)
-                notices.notify(listener, "warning", f"cannot be opened ({reason}); trying again")
+                notices.notify(listener, NoticeCode.LINK_FAILED, problem=f"cannot be opened ({reason})")
                 continue
-            notices.notify(listener, "info", "open")
+            notices.notify(listener, NoticeCode.LINK_OPEN)
             self._lost = loop.create_future()
             loop.add_reader(self._device.fileno(), self._read, listener, FrameStream(), backoff)
             reason = await self._lost
             self._shut(loop)
-            notices.notify(listener, "warning", f"lost ({reason}); trying again")
+            notices.notify(listener, NoticeCode.LINK_FAILED, problem=f"lost ({reason})")
 
     def _read(self, listener: Listener, framer: FrameStream, backoff: Backoff) -> None:
         try:

@@ -16,6 +16,7 @@ from gcs.errors import LinkError
 from gcs.io.links.transport import Backoff, ChangedNotices, Listener
 from gcs.mavlink.frames.codec import scan
 from gcs.mavlink.frames.stream import FrameStream
+from gcs.model import NoticeCode
 
 _MAX_UNSENT_BYTES = 256 * 1024
 _MAX_CONNECTIONS = 32
@@ -105,15 +106,15 @@ class TcpOut:
                 _, stream = await asyncio.wait_for(connecting, _CONNECTS_WITHIN_S)
             except (OSError, TimeoutError) as error:
                 reason = (isinstance(error, OSError) and error.strerror) or "no answer"
-                notices.notify(listener, "warning", f"not connected ({reason}); trying again")
+                notices.notify(listener, NoticeCode.LINK_FAILED, problem=f"not connected ({reason})")
                 continue
             self._stream = stream
-            notices.notify(listener, "info", "connected")
+            notices.notify(listener, NoticeCode.LINK_OPEN)
             listener.connected(endpoint.remote)
             await stream.closed
             self._stream = None
             listener.disconnected(endpoint.remote)
-            notices.notify(listener, "warning", "connection lost; trying again")
+            notices.notify(listener, NoticeCode.LINK_FAILED, problem="connection lost")
             if stream.has_sent_frame.done():
                 backoff.worked()
 
@@ -191,7 +192,7 @@ class TcpIn:
         either = {stream.has_sent_frame, stream.closed}
         await asyncio.wait(either, timeout=_FIRST_FRAME_WITHIN_S, return_when=asyncio.FIRST_COMPLETED)
         if stream.has_sent_frame.done():
-            listener.news("info", f"{stream.peer} connected")
+            listener.notify(NoticeCode.PEER_CONNECTED, peer=stream.peer)
             await stream.closed
         self._end(stream, listener, "disconnected")
 
@@ -215,14 +216,13 @@ class TcpIn:
         stream.abort()
         listener.disconnected(stream.peer)
         if stream.has_sent_frame.done():
-            listener.news("info", f"{stream.peer} {why}")
+            listener.notify(NoticeCode.PEER_GONE, peer=stream.peer, why=why)
             return
         self._unreported += 1
         now_s = asyncio.get_running_loop().time()
         if now_s - self._reported_s >= _MIN_NOTICE_INTERVAL_S:
             count = self._unreported
-            text = f"{count} connections without a valid frame were closed, the last from {stream.peer}"
-            listener.news("warning", text)
+            listener.notify(NoticeCode.CONNECTIONS_CLOSED, count=count, peer=stream.peer)
             self._unreported, self._reported_s = 0, now_s
 
     def send(self, peer: str, data: bytes) -> None:

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from typing import Final, Protocol
 
-from gcs.model import Level
+from gcs.model import NoticeCode, NoticeContent, Parameter
 
 _FIRST_WAIT_S: Final = 0.5
 _MAX_WAIT_S: Final = 10.0
@@ -24,8 +24,8 @@ class Listener(Protocol):
     def disconnected(self, peer: str) -> None:
         """Note that a peer disconnected."""
 
-    def news(self, level: Level, text: str) -> None:
-        """Process an operator notice."""
+    def notify(self, code: NoticeCode, /, **parameters: Parameter) -> None:
+        """Process a notice about the endpoint."""
 
 
 class Transport(Protocol):
@@ -68,10 +68,10 @@ class ChangedNotices:
     """Passes a notice on only if it differs from the last one."""
 
     def __init__(self) -> None:
-        self._last = ""
+        self._last: NoticeContent | None = None
 
-    def notify(self, listener: Listener, level: Level, text: str) -> None:
+    def notify(self, listener: Listener, code: NoticeCode, /, **parameters: Parameter) -> None:
         """Notify the operator, unless this was the last notice."""
-        if text != self._last:
-            self._last = text
-            listener.news(level, text)
+        if (code, parameters) != self._last:
+            self._last = (code, parameters)
+            listener.notify(code, **parameters)

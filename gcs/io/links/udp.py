@@ -10,6 +10,7 @@ from gcs.endpoints import Endpoint
 from gcs.errors import LinkError
 from gcs.io.links.recvmmsg import SocketReader
 from gcs.io.links.transport import Backoff, ChangedNotices, Listener
+from gcs.model import NoticeCode
 
 _BUFFER_BYTES = 4 * 1024 * 1024
 
@@ -84,7 +85,8 @@ class UdpOut:
                 fresh.connect(found[0][4])
             except OSError as error:
                 fresh.close()
-                notices.notify(listener, "warning", f"cannot be reached: {error.strerror or error}")
+                problem = f"cannot be reached ({error.strerror or error})"
+                notices.notify(listener, NoticeCode.LINK_FAILED, problem=problem)
                 continue
             self._socket = fresh
             self._reader = SocketReader(
@@ -112,9 +114,7 @@ class UdpOut:
 
 def _alarm(listener: Listener) -> Callable[[str], None]:
     notices = ChangedNotices()
-    return lambda reason: notices.notify(
-        listener, "alarm", f"cannot be read ({reason}); the next try is in 1 s"
-    )
+    return lambda reason: notices.notify(listener, NoticeCode.LINK_UNREADABLE, cause=reason)
 
 
 def _socket() -> socket.socket:

@@ -29,7 +29,7 @@ MCAP_NAME, TLOG_NAME, CONFIG_NAME, VERSIONS_NAME = "run.mcap", "link.tlog", "mis
 FIRMWARE_NAME: Final = "firmware"
 PROFILE: Final = "swarm-gcs"
 VERSIONS_METADATA, RUN_METADATA, FORMAT_METADATA = "versions", "run", "format"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 """Version of the records in a recording; it changes when they cannot be read as before."""
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 _PART: Final = re.compile(r"run-(\d+)\.mcap")

@@ -17,7 +17,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from errno import ENOTDIR
 from math import inf
@@ -31,7 +31,7 @@ from gcs.io.private_files import make_private, new_folder, private
 from gcs.io.recording.folder import CONFIG_NAME, MCAP_NAME, TLOG_NAME, VERSIONS_NAME, Run, part_paths
 from gcs.io.recording.part import PendingRecord, RecordingPart
 from gcs.io.recording.topics import Recordable
-from gcs.model import Effect, Event, Level, Snapshot, Truth
+from gcs.model import Effect, Event, NoticeCode, Notify, Parameter, Snapshot, Truth
 
 _ROTATE_BYTES: Final = 500_000_000
 """Size that viewers in a browser can load, and that every file system can hold."""
@@ -103,7 +103,7 @@ class Recorder:
         budget: DiskBudget | None = None,
     ) -> None:
         self.folder = folder
-        self.notify: Callable[[Level, str], None] = lambda _level, _text: None
+        self.notify: Notify = _ignore
         """Called with notices for the operator."""
         self._metadata = config_text, dict(versions), run
         self._budget = budget or DiskBudget()
@@ -212,7 +212,7 @@ class Recorder:
         self._part_count = self._finished_bytes = 0
         self._part = self._next_part()
         self._begin_folder()
-        self.notify("alarm", f"{lost} was deleted or moved away; the recording goes on in {self.folder}")
+        self.notify(NoticeCode.RECORDING_MOVED, lost=str(lost), folder=str(self.folder))
 
     def _check_space(self) -> None:
         """Raise an alarm when disk space runs low; finish the recording when the budget is used up."""
@@ -231,10 +231,12 @@ class Recorder:
         )
         if is_low and not (self.space and self.space.is_low):
             self.notify(
-                "alarm",
-                f"disk space runs low: {self.folder} has {used / 1e9:.2f} GB, its disk {free / 1e6:.0f} MB "
-                f"free; it ends at {budget.max_bytes / 1e9:.6g} GB, or {budget.min_free_bytes / 1e6:.0f} MB "
-                "free: free disk space",
+                NoticeCode.DISK_LOW,
+                folder=str(self.folder),
+                used_gb=used / 1e9,
+                free_mb=free / 1e6,
+                max_gb=budget.max_bytes / 1e9,
+                min_free_mb=budget.min_free_bytes / 1e6,
             )
         self.space = DiskSpace(used, free, is_low)
 
@@ -307,3 +309,7 @@ class Recorder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _ignore(_code: NoticeCode, /, **_parameters: Parameter) -> None:
+    """Notify nobody."""

@@ -12,7 +12,7 @@ from typing import Any, Final, Self
 from gcs.errors import RecordingError
 from gcs.io.background_writer import BackgroundWriter
 from gcs.io.recording.writer import DiskSpace, Recorder
-from gcs.model import Effect, Event, Snapshot, Truth
+from gcs.model import Effect, Event, NoticeCode, Snapshot, Truth
 
 _HAND_OVER_PERIOD_S: Final = 0.1
 """With the flush period of the recorder, less than the second that a crash may cost."""
@@ -35,7 +35,9 @@ class RecorderThread:
     """
 
     def __init__(self, recorder: Recorder) -> None:
-        self.writer = BackgroundWriter("recording", _MAX_WAITING_RECORDS, "alarm", reports_error=False)
+        self.writer = BackgroundWriter(
+            "recording", _MAX_WAITING_RECORDS, NoticeCode.DISK_BLOCKED, reports_error=False
+        )
         self._recorder = recorder
         recorder.notify = self.writer.notify
         self._batch: list[tuple[Callable[..., None], tuple[Any, ...]]] = []

@@ -17,7 +17,7 @@ from gcs.io.background_writer import BackgroundWriter
 from gcs.io.clock import unix_ns
 from gcs.io.signing.keystore import TimeFile, read_keys
 from gcs.mavlink.frames.signing import TICKS_PER_S, Keys, SigningCounters, SigningGate
-from gcs.model import NS_PER_S, Level
+from gcs.model import NS_PER_S, NoticeCode, NoticeContent, Parameter
 
 _SAVE_EVERY_NS: Final = 10 * NS_PER_S
 _SAVE_AGAIN_NS: Final = NS_PER_S // 4
@@ -56,30 +56,34 @@ class LinkSigning:
             self.gate = SigningGate(Keys(), links)
             return
         table = read_keys(keys).keys
-        self._time, self._writer = TimeFile(keys), BackgroundWriter("the file of signing times", 2, "alarm")
+        self._time, self._writer = (
+            TimeFile(keys),
+            BackgroundWriter("the file of signing times", 2, NoticeCode.DISK_BLOCKED),
+        )
         self.gate = SigningGate(table, links, *self._time.read(unix_ns()))
         unknown = sorted(table.links.keys() - {link.name for link in links})
         if unknown:
             raise ConfigError(str(keys), f"links.{unknown[0]}", "the mission file has no such endpoint")
 
-    def tick(self, t_ns: int) -> list[tuple[str, Level, str]]:
-        """Save the times at intervals, and when they run ahead of the saved ones; return notices."""
-        news: list[tuple[str, Level, str]] = []
+    def tick(self, t_ns: int) -> list[tuple[str, NoticeContent]]:
+        """Save the times at intervals, and when they run ahead of the saved ones; return notices by link."""
+        news: list[tuple[str, NoticeContent]] = []
         wait_ns = _SAVE_AGAIN_NS if self.gate.runs_ahead else _SAVE_EVERY_NS
         link = next(iter(self.gate.links), "")
-        if self._writer is not None:
+        if self._writer is not None and self._time is not None:
             if not 0 <= t_ns - self._saved_t_ns < wait_ns and self._writer.is_idle:
                 self._saved_t_ns = t_ns
                 streams = self.gate.times_to_save(t_ns)
                 latest = max((self.gate.timestamp, *streams.values()))
                 self._writer.put(partial(self._save, latest + _SAVE_AHEAD_TICKS, streams, unix_ns()))
             if self._save_problem:
-                news.append((link, "alarm", self._save_problem))
+                about = {"path": str(self._time.path), "cause": self._save_problem}
+                news.append((link, (NoticeCode.SIGNING_TIME_UNWRITTEN, about)))
                 self._save_problem = ""
-            if stuck := self._writer.news():
-                news.append((link, stuck[0], f"{self._writer.name} {stuck[1]}"))
+            if stuck := self._writer.notice():
+                news.append((self._writer.name, stuck))
         for name, counters in self.gate.counters.items():
-            news += [(name, "alarm", text) for text in self._rejections(t_ns, name, counters)]
+            news += [(name, content) for content in self._rejections(t_ns, name, counters)]
         return news
 
     def wait_until_saved(self) -> None:
@@ -93,18 +97,23 @@ class LinkSigning:
         try:
             self._time.write(timestamp, streams, now_ns)
         except OSError as error:
-            self._save_problem = f"{self._time.path} cannot be written: {error.strerror}"
+            self._save_problem = str(error.strerror)
 
-    def _rejections(self, t_ns: int, name: str, counters: SigningCounters) -> list[str]:
+    def _rejections(self, t_ns: int, name: str, counters: SigningCounters) -> list[NoticeContent]:
         """Return a notice for each new reason of rejections at once, then once a minute."""
-        said = []
+        found: list[NoticeContent] = []
         for reason, count in counters.rejected.items():
             reported_t_ns, reported = self._reported.get((name, reason), (t_ns - _MIN_NOTICE_INTERVAL_NS, 0))
             if count > reported and t_ns - reported_t_ns >= _MIN_NOTICE_INTERVAL_NS:
                 self._reported[name, reason] = t_ns, count
-                who = f", the last from {counters.last[reason]}" if reason in counters.last else ""
-                said.append(f"{count - reported} frames rejected: {reason}{_ADVICE.get(reason, '')}{who}")
-        return said
+                about: dict[str, Parameter] = {
+                    "count": count - reported,
+                    "reason": reason,
+                    "advice": _ADVICE.get(reason, ""),
+                    "sender": counters.last.get(reason, ""),
+                }
+                found.append((NoticeCode.FRAMES_REJECTED, about))
+        return found
 
     def close(self) -> None:
         """Save the final times."""

@@ -15,7 +15,7 @@ from gcs.mavlink.fleet.heartbeat import HEARTBEAT_PERIOD_NS, heartbeat
 from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.frames.signing import timestamp_of
 from gcs.mavlink.services.signing_setup import SigningSetup
-from gcs.model import NS_PER_S, Level, system_of
+from gcs.model import NS_PER_S, Notice, NoticeCode, Parameter, system_of
 
 _TICK_S: Final = 0.05
 
@@ -127,6 +127,6 @@ class _Run:
     def disconnected(self, peer: str) -> None:
         """Do nothing: the transport reconnects until the deadline."""
 
-    def news(self, level: Level, text: str) -> None:
-        if level != "info":
-            self._news(text)
+    def notify(self, code: NoticeCode, /, **parameters: Parameter) -> None:
+        if code.level != "info":
+            self._news(Notice(0, code, None, parameters).text)

@@ -16,7 +16,7 @@ from gcs.io.signing.link_signing import LinkSigning
 from gcs.io.vehicles.vehicle_access import vehicle_access
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.mavlink.frames.codec import FrameTable, Message
-from gcs.model import NS_PER_S, Datagram, Level, system_of
+from gcs.model import NS_PER_S, Datagram, Notice, NoticeCode, Parameter, system_of
 
 _TICK_S = 0.05
 NOT_HEARD: Final = "not heard: is it on, with this system id, and sending to this machine?"
@@ -83,7 +83,7 @@ class VehicleSession:
         )
         signing = LinkSigning(links, config.links.key_file(source) if is_direct else None)
         self.links = Links(links, vehicles, config.local_frame, signing)
-        self.news: list[tuple[str, Level, str]] = []
+        self.notices: list[Notice] = []
         self._tasks: dict[int, VehicleTask] = {}
 
     async def run(
@@ -144,6 +144,6 @@ class VehicleSession:
             if task is not None:
                 self._send(vehicle, task.receive(message, t_ns))
 
-    def on_link_news(self, link: str, level: Level, text: str) -> None:
-        """Keep an operator notice."""
-        self.news.append((link, level, text))
+    def on_notice(self, subject: str, code: NoticeCode, /, **parameters: Parameter) -> None:
+        """Keep a notice about a link."""
+        self.notices.append(Notice(self.now_ns(), code, subject, parameters))

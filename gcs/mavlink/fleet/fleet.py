@@ -26,7 +26,6 @@ from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.fleet.checks.link_timeouts import LOST_AFTER_NS, STALE_AFTER_NS, check_liveness
-from gcs.mavlink.fleet.checks.position_plausibility import Notify
 from gcs.mavlink.fleet.heartbeat import heartbeat, is_from_autopilot, is_heartbeat
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, total
 from gcs.mavlink.fleet.on_ground import is_on_ground
@@ -60,7 +59,17 @@ from gcs.mavlink.frames.codec import (
 )
 from gcs.mavlink.frames.signing import MIN_SIGNED_LATER_NS, signed_t_ns
 from gcs.mavlink.mission.items import Home
-from gcs.model import NS_PER_S, Datagram, Level, Notice, Send, VehicleState, vehicle_id
+from gcs.model import (
+    NS_PER_S,
+    Datagram,
+    Notice,
+    NoticeCode,
+    Notify,
+    Parameter,
+    Send,
+    VehicleState,
+    vehicle_id,
+)
 
 if TYPE_CHECKING:
     from gcs.mavlink.fleet.fast_telemetry import VehicleTable
@@ -217,8 +226,9 @@ class Fleet:
         if frames.bad_bytes or frames.crc_errors:
             link.bad_bytes += frames.bad_bytes
             link.crc_errors += frames.crc_errors
-            text = f"unreadable bytes from {datagram.peer} on {datagram.link}, {link.bad_bytes} there in all"
-            self._notices.add_rate_limited("bad bytes", 0, datagram.t_ns, "warning", text)
+            about: dict[str, Parameter] = {"peer": datagram.peer, "count": link.bad_bytes}
+            notice = Notice(datagram.t_ns, NoticeCode.UNREADABLE_BYTES, datagram.link, about)
+            self._notices.add_rate_limited(notice)
         return self._apply_frames(datagram, frames, link)
 
     def _apply_frames(
@@ -266,9 +276,7 @@ class Fleet:
                 vehicle.forward_next_heartbeat()
                 self._set_address(vehicle, address)
             vehicle.record[ADDRESS] = self._peers.number_of(address)
-            self._notices.add(
-                "info", f"heard again after {silent_ns / NS_PER_S:.1f} s", t_ns, vehicle.system_id
-            )
+            self._notifier(t_ns, vehicle.system_id)(NoticeCode.HEARD_AGAIN, silence_s=silent_ns / NS_PER_S)
         vehicle.link.liveness = "alive"
         lost = vehicle.lost
         vehicle.count(frame.sequence, t_ns)
@@ -298,9 +306,8 @@ class Fleet:
 
     def _note_signing(self, vehicle: Vehicle, t_ns: int, *, signed: bool) -> None:
         vehicle.record[IS_SIGNED] = signed
-        level: Level = "info" if signed else "warning"
-        text = "signs its frames" if signed else "no longer signs its frames"
-        self._notices.add_rate_limited(text, vehicle.system_id, t_ns, level, text)
+        code = NoticeCode.SIGNS if signed else NoticeCode.SIGNS_NO_LONGER
+        self._notices.add_rate_limited(Notice(t_ns, code, vehicle.system_id))
 
     def _is_from_vehicle(
         self, vehicle: Vehicle, frame: Frame, message: Message | None, address: Address, t_ns: int
@@ -315,20 +322,22 @@ class Fleet:
             link.conflicts += 1
             link.claimed_t_ns = t_ns
             self.links[address[0]].conflicts += 1
-            text = f"{address[1]} on {address[0]} uses its system id, heard from {link.address[1]}"
-            self._notices.add_rate_limited("conflict", vehicle.system_id, t_ns, "alarm", text)
+            parameters = {"peer": address[1], "link": address[0], "own_peer": link.address[1]}
+            notice = Notice(t_ns, NoticeCode.ID_CONFLICT, vehicle.system_id, parameters)
+            self._notices.add_rate_limited(notice)
             return False
         if not is_heartbeat(frame) or not is_from_autopilot(message):
             self.links[address[0]].ignored += 1
             return False
-        moved = "in contact" if link.address is None else "moved"
+        notify = self._notifier(t_ns, vehicle.system_id)
+        code = NoticeCode.IN_CONTACT if link.address is None else NoticeCode.ADDRESS_CHANGED
         if later and link.address is not None:
-            text = f"{link.address[1]} on {link.address[0]} sent recorded frames with its id"
-            self._notices.add("alarm", text, t_ns, vehicle.system_id)
+            before = {"peer": link.address[1], "link": link.address[0]}
+            notify(NoticeCode.RECORDED_FRAMES, **before)
         self._set_address(vehicle, address)
         signed_ns = signed_t_ns(frame)
         link.signed_lead_ns = None if signed_ns is None else signed_ns - t_ns
-        self._notices.add("info", f"{moved}: {address[1]} on {address[0]}", t_ns, vehicle.system_id)
+        notify(code, peer=address[1], link=address[0])
         return True
 
     def _is_signed_later(self, vehicle: Vehicle, frame: Frame, t_ns: int) -> bool:
@@ -355,15 +364,18 @@ class Fleet:
             self._state.own_ids.add_heartbeat(instance, address, t_ns)
         unknown, limit = self._state.unknown_systems, self._settings.max_unknown_systems
         if unknown.add_frame(frame.system_id, frame.component_id, address, t_ns, limit):
-            text = f"unknown system {frame.system_id}, component {frame.component_id}, from {address[1]}"
-            self._notices.add("info", text, t_ns)
+            sender: dict[str, Parameter] = {
+                "system": frame.system_id,
+                "component": frame.component_id,
+                "peer": address[1],
+            }
+            self._notices.add(Notice(t_ns, NoticeCode.UNKNOWN_SYSTEM, address[0], sender))
 
     # ------------------------------------------------------------ out
 
     def poll(self, t_ns: int) -> list[Send]:
         """Advance the timers; return what to send."""
         self._state.own_ids.begin(t_ns)
-        self._notices.summarise(t_ns)
         out = []
         for address in self._outgoing:
             if self._peers.start_heartbeat(address, t_ns, self._used_addresses):
@@ -400,7 +412,10 @@ class Fleet:
         return heartbeat(self._state.own_ids.instance)
 
     def _notifier(self, t_ns: int, system_id: int) -> Notify:
-        return lambda level, text: self._notices.add(level, text, t_ns, system_id)
+        def notify(code: NoticeCode, /, **parameters: Parameter) -> None:
+            self._notices.add(Notice(t_ns, code, system_id, parameters))
+
+        return notify
 
     def notices(self) -> list[Notice]:
         """Return the notices since the last call."""

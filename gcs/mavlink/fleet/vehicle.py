@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import mode_name
 from gcs.mavlink.fleet.checks.position_checks import position_problem
-from gcs.mavlink.fleet.checks.position_plausibility import Notify, Report
+from gcs.mavlink.fleet.checks.position_plausibility import Report
 from gcs.mavlink.fleet.checks.report_consistency import Sample
 from gcs.mavlink.fleet.heartbeat import heartbeat_key
 from gcs.mavlink.fleet.peers import Address
@@ -49,7 +49,7 @@ from gcs.mavlink.fleet.telemetry_table import (
 from gcs.mavlink.frames.codec import Encoder, Message, next_sequence
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.services.retry import ns
-from gcs.model import NS_PER_S, VehicleState
+from gcs.model import NS_PER_S, NoticeCode, Notify, VehicleState
 
 _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _UNKNOWN_HEADING: Final = 65535
@@ -286,9 +286,9 @@ class Vehicle:
             self._set_autopilot(message, notify)
         mode, armed = mode_name(message), bool(message.base_mode & _ARMED)
         if link.mode and mode != link.mode:
-            notify("info", f"mode {link.mode} -> {mode}")
+            notify(NoticeCode.MODE_CHANGED, before=link.mode, mode=mode)
         if link.mode and armed != link.armed:
-            notify("info", "armed" if armed else "disarmed")
+            notify(NoticeCode.ARMED if armed else NoticeCode.DISARMED)
         if (mode, armed, message.system_status) != (link.mode, link.armed, link.system_status):
             link.mode, link.armed, link.system_status = mode, armed, message.system_status
             self._state = None
@@ -299,14 +299,15 @@ class Vehicle:
         before = (self.link.autopilot, self.link.vehicle_type)
         self.link.autopilot, self.link.vehicle_type = heartbeat.autopilot, heartbeat.type
         if before[0] != dialect.MAV_AUTOPILOT_INVALID:
-            now = f"MAV_AUTOPILOT {heartbeat.autopilot} on MAV_TYPE {heartbeat.type}"
-            text = f"says that it is {now}, it was {before[0]} on {before[1]}: is it the same vehicle?"
-            notify("alarm", text)
-        if self.link.profile is None:
-            text = (
-                f"MAV_AUTOPILOT {heartbeat.autopilot} on MAV_TYPE {heartbeat.type}: a firmware not known here"
+            notify(
+                NoticeCode.TYPE_CHANGED,
+                autopilot=heartbeat.autopilot,
+                vehicle_type=heartbeat.type,
+                autopilot_before=before[0],
+                vehicle_type_before=before[1],
             )
-            notify("alarm", f"{text}; it is tracked and never tasked")
+        if self.link.profile is None:
+            notify(NoticeCode.FIRMWARE_UNKNOWN, autopilot=heartbeat.autopilot, vehicle_type=heartbeat.type)
 
     def _on_position(self, message: Message, t_ns: int, notify: Notify) -> None:
         checks = self.link.checks
@@ -365,11 +366,10 @@ class Vehicle:
         if not checks.has_no_position and silent_ns > _NO_POSITION_NS:
             checks.has_no_position = True
             why = ", ".join(f"{count} {reason}" for reason, count in checks.refused.items())
-            text = f"no position that can be believed for {silent_ns / NS_PER_S:.0f} s"
-            notify("alarm", f"{text}; refused so far: {why}" if why else text)
+            notify(NoticeCode.NO_POSITION, silence_s=silent_ns / NS_PER_S, reasons=why)
         elif checks.has_no_position and silent_ns <= _NO_POSITION_NS:
             checks.has_no_position = False
-            notify("info", "its positions are believed again")
+            notify(NoticeCode.POSITION_BELIEVED)
 
     def check_consistency(self, t_ns: int, notify: Notify) -> None:
         """Compare the newest position with the one a second ago."""
@@ -415,7 +415,7 @@ class Vehicle:
         self.record[LANDED_STATE] = self.record[SENSORS_FAILED] = self.record[ESTIMATOR_FLAGS] = NONE
         self.link.checks.motion.begin()
         self.stream_requests.begin()
-        notify("alarm", "rebooted")
+        notify(NoticeCode.REBOOTED)
 
     def _on_mission_current(self, message: Message, _t_ns: int, _notify: Notify) -> None:
         if message.seq != self.link.mission_seq:
@@ -454,4 +454,4 @@ class Vehicle:
     def _on_command_ack(self, message: Message, t_ns: int, notify: Notify) -> None:
         refused = self.stream_requests.acknowledged(message, t_ns)
         if refused:
-            notify("warning", f"does not give {refused}")
+            notify(NoticeCode.MESSAGE_REFUSED, messages=refused)

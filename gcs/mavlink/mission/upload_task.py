@@ -37,7 +37,7 @@ from gcs.mavlink.mission.upload_stages import OnboardState, Stage, TransitionErr
 from gcs.mavlink.mission.upload_steps import UploadSteps
 from gcs.mavlink.services.command_sender import SET_MODE
 from gcs.mavlink.services.retry import ns
-from gcs.model import NS_PER_S, UploadReport
+from gcs.model import NS_PER_S, Parameter, UploadReport
 
 
 class UploadTask(UploadSteps):
@@ -225,11 +225,14 @@ class UploadTask(UploadSteps):
         else:
             self._disobeys(reason, t_ns)
 
-    def slowness(self, t_ns: int) -> str:
-        """Return what an upload waits for, once it takes long, at growing intervals; else nothing."""
+    def slowness(self, t_ns: int) -> dict[str, Parameter]:
+        """Return what an upload waits for, once it takes long, at growing intervals; else nothing.
+
+        These are the parameters of `NoticeCode.UPLOAD_SLOW`.
+        """
         took_s = (t_ns - self.state.began_t_ns) / NS_PER_S
         if self.stage is Stage.DONE or took_s < max(self._limits.slow_s, 3.0 * self.state.told_s):
-            return ""
+            return {}
         self.state.told_s, items = took_s, len(self.items)
         waits_for = {
             Stage.PARK: "LOITER",
@@ -242,8 +245,7 @@ class UploadTask(UploadSteps):
         }.get(self.stage, self.stage)
         heard = self._has_heard_mode(self._limits.slow_s, t_ns)
         silence = "" if heard else ", no heartbeat heard"
-        before = f"; before: {self.state.reason}" if self.state.reason else ""
-        return f"its upload takes {took_s:.0f} s so far, waiting for {waits_for}{silence}{before}"
+        return {"took_s": took_s, "waits_for": f"{waits_for}{silence}", "before": self.state.reason}
 
     def _guard_next_item(self, t_ns: int) -> None:
         """Command LOITER before the vehicle flies to the next item of the wrong mission."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -37,12 +37,18 @@ _MAX_CLUTTER_CORRECTION = 50.0
 _MIN_DETECTION, _MAX_DETECTION = 0.05, 0.999
 
 
+Quantity: TypeAlias = Literal["clutter", "detection"]
+
+
 class Finding(NamedTuple):
     """A change in the agreement between a sensor's announced and estimated values."""
 
+    quantity: Quantity
+    """Clutter: false detections a scan. Detection: fraction of the objects in view that are detected."""
     is_contradiction: bool
     """False if a reported contradiction has ended."""
-    text: str
+    estimated: float
+    announced: float
 
 
 @dataclass(slots=True)
@@ -97,28 +103,17 @@ class SensorEstimation:
         if math.isfinite(announced) and self.clutter.n >= _MIN_SCANS:
             off = abs(clutter - announced) > _CERTAIN_STD * math.sqrt(max(announced, 1e-3) / self.clutter.n)
             ratio = max(clutter, 1e-3) / max(announced, 1e-3)
-            finding = f"{clutter:.3g} false detections a scan seen, {announced:.3g} announced"
-            consequence = "clutter may pass for objects" if ratio > 1.0 else "tracks are confirmed late"
-            found += self._report_change(
-                "clutter",
-                off and abs(math.log(ratio)) > math.log(_CLUTTER_FACTOR),
-                not off or abs(math.log(ratio)) < math.log(_CLUTTER_AGREEMENT_FACTOR),
-                f"{sensor.name}: {finding}",
-                consequence,
-            )
+            contradicts = off and abs(math.log(ratio)) > math.log(_CLUTTER_FACTOR)
+            agrees = not off or abs(math.log(ratio)) < math.log(_CLUTTER_AGREEMENT_FACTOR)
+            if self._has_changed("clutter", contradicts, agrees):
+                found.append(Finding("clutter", contradicts, clutter, announced))
         announced = min(sensor.detection_probability, _MAX_DETECTION)
         if self.detected.n >= _MIN_OBJECTS:
             off_by = abs(detection - announced)
             std = math.sqrt(max(announced * (1.0 - announced), 1e-3) / self.detected.n)
-            finding = f"{detection:.2f} of the objects in view are detected, {announced:.2f} announced"
-            consequence = "tracks may be dropped" if detection < announced else "losses are detected late"
-            found += self._report_change(
-                "detection",
-                off_by > max(_DETECTION_DEVIATION, _CERTAIN_STD * std),
-                off_by < _DETECTION_AGREEMENT,
-                f"{sensor.name}: {finding}",
-                consequence,
-            )
+            contradicts = off_by > max(_DETECTION_DEVIATION, _CERTAIN_STD * std)
+            if self._has_changed("detection", contradicts, off_by < _DETECTION_AGREEMENT):
+                found.append(Finding("detection", contradicts, detection, announced))
         return found
 
     def corrected(self, sensor: Sensor) -> Sensor:
@@ -143,14 +138,9 @@ class SensorEstimation:
             polar=polar,
         )
 
-    def _report_change(
-        self, what: str, is_contradicting: bool, is_agreeing: bool, finding: str, consequence: str
-    ) -> list[Finding]:
-        contradicts = self.contradicts.get(what, False)
-        if not contradicts and is_contradicting:
-            self.contradicts[what] = True
-            return [Finding(True, f"{finding}: {consequence}; check the sensor's configuration")]
-        if contradicts and is_agreeing:
-            self.contradicts[what] = False
-            return [Finding(False, f"{finding}: in agreement again")]
-        return []
+    def _has_changed(self, quantity: Quantity, contradicts: bool, agrees: bool) -> bool:
+        """Note a contradiction that begins, or ends in agreement; return True for either."""
+        has_changed = agrees if self.contradicts.get(quantity, False) else contradicts
+        if has_changed:
+            self.contradicts[quantity] = contradicts
+        return has_changed

@@ -19,7 +19,7 @@ from gcs.files import open_regular
 from gcs.io.links.manager import TRANSPORTS
 from gcs.io.recording.tlog import LogFrame, is_stamped, read_log
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Encoder, Frame, Message, scan
-from gcs.model import Level
+from gcs.model import Notice, NoticeCode, Parameter
 
 _MAX_LOG_BYTES: Final = 256_000_000
 """Bytes of a log that are read: every vehicle appears long before."""
@@ -195,10 +195,10 @@ class _LinkListener:
     def disconnected(self, peer: str) -> None:
         """Ignore connections."""
 
-    def news(self, level: Level, text: str) -> None:
+    def notify(self, code: NoticeCode, /, **parameters: Parameter) -> None:
         """Keep the last problem of the link, for the error message."""
-        if level != "info":
-            self.problem = f"; {text}"
+        if code.level != "info":
+            self.problem = f"; {Notice(0, code, None, parameters).text}"
 
 
 def _position_request(system_id: int) -> dialect.MAVLink_message:

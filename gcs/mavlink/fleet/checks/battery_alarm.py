@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from gcs.mavlink.fleet.checks.position_plausibility import Notify
+from gcs.model import NoticeCode, Notify
 
 LOW_PERCENT: Final = 30
 """Warning below this charge."""
@@ -38,10 +38,10 @@ class BatteryAlarm:
             self.limit_percent = None
         elif charge_percent < CRITICAL_PERCENT and limit != CRITICAL_PERCENT:
             self.limit_percent = CRITICAL_PERCENT
-            notify("alarm", f"battery critical: {charge_percent} %")
+            notify(NoticeCode.BATTERY_CRITICAL, charge_percent=charge_percent)
         elif is_low(charge_percent) and limit is None:
             self.limit_percent = LOW_PERCENT
-            notify("warning", f"battery low: {charge_percent} %")
+            notify(NoticeCode.BATTERY_LOW, charge_percent=charge_percent)
         elif limit is not None and charge_percent >= LOW_PERCENT + _RECOVERED_PERCENT:
             self.limit_percent = None
-            notify("info", f"battery: {charge_percent} % again")
+            notify(NoticeCode.BATTERY_RISEN, charge_percent=charge_percent)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from gcs.mavlink.fleet.telemetry_table import ADDRESS, NO_ADDRESS
-from gcs.model import NS_PER_S
+from gcs.model import NS_PER_S, NoticeCode, Notify
 
 if TYPE_CHECKING:
-    from gcs.mavlink.fleet.checks.position_plausibility import Notify
     from gcs.mavlink.fleet.vehicle import Vehicle
 
 STALE_AFTER_S: Final = 2.5
@@ -26,14 +25,14 @@ def check_liveness(vehicle: Vehicle, t_ns: int, notify: Notify) -> None:
     link, silent_ns = vehicle.link, t_ns - vehicle.heard_t_ns
     if link.liveness in ("alive", "stale") and silent_ns > LOST_AFTER_NS:
         link.liveness, vehicle.record[ADDRESS] = "down", NO_ADDRESS
-        notify("alarm", f"link down: not heard for {silent_ns / NS_PER_S:.1f} s")
+        notify(NoticeCode.LINK_DOWN, silence_s=silent_ns / NS_PER_S)
     elif link.liveness == "alive" and silent_ns > STALE_AFTER_NS:
         link.liveness, vehicle.record[ADDRESS] = "stale", NO_ADDRESS
-        notify("warning", f"not heard for {silent_ns / NS_PER_S:.1f} s")
+        notify(NoticeCode.LINK_STALE, silence_s=silent_ns / NS_PER_S)
     elif link.liveness == "alive":
         vehicle.check_position_age(t_ns, notify)
         vehicle.check_consistency(t_ns, notify)
         vehicle.check_battery(notify)
     if link.claimed_t_ns is not None and t_ns - link.claimed_t_ns > _CLAIM_NS:
         link.claimed_t_ns = None
-        notify("info", "no other address uses its system id any more")
+        notify(NoticeCode.ID_CONFLICT_OVER)

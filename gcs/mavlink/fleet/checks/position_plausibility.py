@@ -17,11 +17,10 @@ Pure. Thresholds have hysteresis: each alarm has its all-clear.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
+from typing import Final
 
-from gcs.model import NS_PER_S, Level
+from gcs.model import NS_PER_S, NoticeCode, Notify
 
 POSITION_SLACK_M: Final = 100.0
 """Allowance for a correction by the estimator, or for noise between two samples."""
@@ -34,9 +33,6 @@ MIN_BOOT_DIFFERENCE_S: Final = 5.0
 _MIN_SWITCHES: Final = 6
 _SWITCH_WINDOW_NS: Final = 10 * NS_PER_S
 _BOOT_WRAP_MS: Final = 1 << 32
-
-Notify: TypeAlias = Callable[[Level, str], None]
-"""Takes level and text of a notice about a vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +107,7 @@ class MotionCheck:
         first, _, count = self.jump = (jump[0], report, jump[2] + 1)
         if count < 3 or _elapsed_s(report, first) < CONFIRM_S:
             return "jump"
-        notify("alarm", f"its position jumped by {_distance_m(report, self.last):.0f} m")
+        notify(NoticeCode.POSITION_JUMP, distance_m=_distance_m(report, self.last))
         self.jump = None
         return ""
 
@@ -124,16 +120,13 @@ class MotionCheck:
             self.still_report, self.flown_m = report, 0.0
             if self.is_frozen:
                 self.is_frozen = False
-                notify("info", "its position moves again")
+                notify(NoticeCode.POSITION_MOVES)
             return ""
         self.flown_m += report.speed_m_s * max(0.0, _elapsed_s(report, before))
         stood_s = _elapsed_s(report, still)
         if not self.is_frozen and self.flown_m >= FROZEN_M and stood_s >= FROZEN_S:
             self.is_frozen = True
-            text = (
-                f"reports one place for {stood_s:.0f} s at {report.speed_m_s:.0f} m/s: its position is frozen"
-            )
-            notify("alarm", text)
+            notify(NoticeCode.POSITION_FROZEN, stood_s=stood_s, speed_m_s=report.speed_m_s)
         return "frozen" if self.is_frozen else ""
 
 
@@ -172,10 +165,10 @@ class DuplicateIdDetector:
             and t_ns - switches[0] <= _SWITCH_WINDOW_NS
         ):
             self.has_duplicate = True
-            notify("alarm", f"two vehicles report with its system id, {_describe(*self.sources)}")
+            notify(NoticeCode.DUPLICATE_ID, **_difference(*self.sources))
         elif self.has_duplicate and (not switches or t_ns - switches[-1] > _SWITCH_WINDOW_NS):
             self.has_duplicate = False
-            notify("info", "one vehicle reports with its system id again")
+            notify(NoticeCode.DUPLICATE_ID_OVER)
 
     @property
     def is_watching(self) -> bool:
@@ -197,7 +190,7 @@ def _boot_difference_s(one: Report, other: Report) -> float:
     return abs((one.t_ns - other.t_ns) / NS_PER_S - _elapsed_s(one, other))
 
 
-def _describe(one: Report, other: Report) -> str:
+def _difference(one: Report, other: Report) -> dict[str, float]:
     boots_s = _boot_difference_s(one, other)
-    where = f"{_distance_m(one, other):.0f} m apart"
-    return f"{where}, switched on {boots_s:.0f} s apart" if boots_s >= MIN_BOOT_DIFFERENCE_S else where
+    distance = {"distance_m": _distance_m(one, other)}
+    return distance | {"boots_s": boots_s} if boots_s >= MIN_BOOT_DIFFERENCE_S else distance

@@ -18,8 +18,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Final
 
-from gcs.mavlink.fleet.checks.position_plausibility import Notify
-from gcs.model import NS_PER_S
+from gcs.model import NS_PER_S, NoticeCode, Notify
 
 _MIN_INTERVAL_S: Final = 0.9
 _MAX_INTERVAL_S: Final = 2.5
@@ -108,18 +107,16 @@ class ReportConsistency:
         if not self.velocity.add(is_bad=now.is_armed and error_m > slack_m, needed=_MIN_SAMPLES):
             return
         if self.velocity.is_raised:
-            text = "its velocity does not agree with its positions: "
-            text += f"it reports {speed_m_s:.0f} m/s, and is {error_m / elapsed_s:.0f} m/s off that"
-            notify("alarm", text)
+            notify(NoticeCode.VELOCITY_WRONG, speed_m_s=speed_m_s, error_m_s=error_m / elapsed_s)
         else:
-            notify("info", "its velocity agrees with its positions again")
+            notify(NoticeCode.VELOCITY_RIGHT)
 
     def _check_height(
         self, last: Sample, now: Sample, elapsed_s: float, home_alt_msl_m: float | None, notify: Notify
     ) -> None:
         jump_m = now.alt_msl_m - last.alt_msl_m
         if last.is_armed and abs(jump_m) > _HEIGHT_JUMP_M + _MAX_CLIMB_M_S * elapsed_s:
-            notify("alarm", f"its height jumped by {jump_m:.0f} m")
+            notify(NoticeCode.HEIGHT_JUMP, jump_m=jump_m)
         if home_alt_msl_m is None:
             return
         height_m = now.alt_msl_m - home_alt_msl_m
@@ -128,9 +125,9 @@ class ReportConsistency:
         if not self.height.add(is_bad=is_bad, needed=2):
             return
         if self.height.is_raised:
-            notify("alarm", f"reports a height of {height_m:.0f} m above home, which it cannot have")
+            notify(NoticeCode.HEIGHT_WRONG, height_m=height_m)
         else:
-            notify("info", "its height is possible again")
+            notify(NoticeCode.HEIGHT_RIGHT)
 
     def _check_frames(self, last: Sample, now: Sample, notify: Notify) -> None:
         elapsed_s = max((now.t_ns - last.t_ns) / NS_PER_S, _MIN_INTERVAL_S)
@@ -138,6 +135,6 @@ class ReportConsistency:
         if not self.frames.add(is_bad=rate_hz > _MAX_FRAMES_PER_S, needed=_MIN_SAMPLES):
             return
         if self.frames.is_raised:
-            notify("warning", f"sends {rate_hz:.0f} frames a second: check its stream rates")
+            notify(NoticeCode.FRAME_RATE_HIGH, rate_hz=rate_hz)
         else:
-            notify("info", "sends fewer frames again")
+            notify(NoticeCode.FRAME_RATE_NORMAL)

@@ -1,0 +1,149 @@
+"""Notices to operators: code, subject and parameters. The words of each code: `gcs.model.notice_codes`."""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, Final, Protocol, TypeAlias
+
+from gcs.model.basics import Level
+from gcs.model.names import named, vehicle_name
+from gcs.model.notice_codes import NoticeCode
+from gcs.safe_text import printable
+
+Subject: TypeAlias = int | str | None
+"""Number of a vehicle; name of a sensor, link or output; None: the mission. Its code says which."""
+Parameter: TypeAlias = int | float | str | tuple[int, ...]
+ConditionKey: TypeAlias = str
+"""Identity of a condition: code, subject, and the parameters that belong to it, in one text."""
+
+NoticeContent: TypeAlias = tuple[NoticeCode, Mapping[str, Parameter]]
+"""Code and parameters of a notice whose subject is known."""
+
+
+class Notify(Protocol):
+    """Receives the code and the parameters of a notice; time and subject are known."""
+
+    def __call__(self, code: NoticeCode, /, **parameters: Parameter) -> None:
+        """Add the notice."""
+
+
+MORE_COUNT: Final = "more_count"
+MORE_S: Final = "more_s"
+"""Parameters of a summary: number of further notices of the same condition, and in how many seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Notice for the operator.
+
+    Texts among the parameters have printable characters only, whatever a vehicle or ground station sent.
+    """
+
+    t_ns: int
+    code: NoticeCode
+    subject: Subject = None
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Make texts from outside safe to show."""
+        if isinstance(self.subject, str):
+            object.__setattr__(self, "subject", printable(self.subject))
+        plain = {name: _plain(value) for name, value in self.parameters.items()}
+        object.__setattr__(self, "parameters", plain)
+
+    @property
+    def level(self) -> Level:
+        """Level of its code."""
+        return self.code.level
+
+    @property
+    def vehicle(self) -> int | None:
+        """Vehicle that it is about; None if it is about something else."""
+        return self.subject if isinstance(self.subject, int) else None
+
+    @property
+    def text(self) -> str:
+        """Text without the subject."""
+        return _text(self.code, self.subject, self.parameters)
+
+    @property
+    def line(self) -> str:
+        """Text with the subject before it."""
+        match self.code.about:
+            case "vehicle" if isinstance(self.subject, int):
+                return f"agent {vehicle_name(self.subject)}: {self.text}"
+            case "sensor":
+                return f"sensor {self.subject}: {self.text}"
+            case "link":
+                return f"{self.subject}: {self.text}"
+        return self.text
+
+    @property
+    def key(self) -> ConditionKey:
+        """Identity of the condition that it tells of."""
+        return self._key_of(self.code)
+
+    @property
+    def ended(self) -> tuple[ConditionKey, ...]:
+        """Conditions that it ends."""
+        return tuple(self._key_of(code) for code in self.code.ended)
+
+    def _key_of(self, code: NoticeCode) -> ConditionKey:
+        values = (self.subject, *(self.parameters.get(name) for name in code.by))
+        return " ".join((code.value, *("" if value is None else str(value) for value in values)))
+
+
+def _plain(value: Parameter) -> Parameter:
+    """Return a value of Python's own types (numbers may be numpy's), with printable characters only."""
+    if isinstance(value, str):
+        return printable(value)
+    return float(value) if isinstance(value, float) else value
+
+
+class _TextFormatter(string.Formatter):
+    """Python's formatter, with names of vehicles."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """Return a value in words."""
+        match format_spec:
+            case "agent":
+                return vehicle_name(value)
+            case "agents":
+                return named(value)
+        return str(super().format_field(value, format_spec))
+
+
+_FORMATTER: Final = _TextFormatter()
+
+
+def _text(code: NoticeCode, subject: Subject, parameters: Mapping[str, Parameter]) -> str:
+    """Return the text of a notice; its optional parts only with their parameters."""
+    values: dict[str, Any] = dict(parameters)
+    if isinstance(subject, int):
+        values.setdefault("vehicle", vehicle_name(subject))
+    text = "".join(
+        _FORMATTER.vformat(template, (), values)
+        for template, names in _parts(code)
+        if names is None or all(values.get(name) not in (None, "") for name in names)
+    )
+    if MORE_COUNT in values:
+        text += f" ({values[MORE_COUNT]} more such notices in {values[MORE_S]:.0f} s)"
+    return text
+
+
+@cache
+def _parts(code: NoticeCode) -> tuple[tuple[str, frozenset[str] | None], ...]:
+    """Return the parts of a template; optional ones, in square brackets, with the names of their fields."""
+    parts: list[tuple[str, frozenset[str] | None]] = []
+    for number, piece in enumerate(code.text.replace("]", "[").split("[")):
+        names = frozenset(name for _, name, _, _ in _FORMATTER.parse(piece) if name)
+        parts.append((piece, names if number % 2 else None))
+    return tuple(parts)
+
+
+def field_names(code: NoticeCode) -> Sequence[str]:
+    """Return the names of the parameters that a code's text shows, in their order."""
+    return tuple(name for piece, _ in _parts(code) for _, name, _, _ in _FORMATTER.parse(piece) if name)
