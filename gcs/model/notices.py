@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import string
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Final, Protocol, TypeAlias
@@ -142,8 +142,3 @@ def _parts(code: NoticeCode) -> tuple[tuple[str, frozenset[str] | None], ...]:
         names = frozenset(name for _, name, _, _ in _FORMATTER.parse(piece) if name)
         parts.append((piece, names if number % 2 else None))
     return tuple(parts)
-
-
-def field_names(code: NoticeCode) -> Sequence[str]:
-    """Return the names of the parameters that a code's text shows, in their order."""
-    return tuple(name for piece, _ in _parts(code) for _, name, _, _ in _FORMATTER.parse(piece) if name)

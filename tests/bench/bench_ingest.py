@@ -134,8 +134,8 @@ class Intake:
         except asyncio.QueueFull:
             self.dropped += 1
 
-    def on_link_news(self, link, level, text):
-        raise AssertionError(text)
+    def on_notice(self, subject, code, /, **parameters):
+        raise AssertionError(f"{subject}: {code} {parameters}")
 
     async def consume(self):
         while True:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.model import NS_PER_S, Datagram, Notice, Order, Send
+from gcs.model import NS_PER_S, Datagram, Notice, NoticeCode, Order, Send
 
 
 def _load(name):
@@ -79,9 +79,9 @@ def test_a_fault_is_told_by_a_notice_of_its_own_cause_after_it_was_shown():
     heard.watch.begin(heard.t_ns)
     heard.hear(mavlink.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 0, 0, 0, 0, 3))
     shown_ns = heard.t_ns
-    heard.watch.effect(0, Notice(shown_ns + NS_PER_S, "alarm", "battery: low", 1))
-    heard.watch.effect(0, Notice(shown_ns + 2 * NS_PER_S, "alarm", "GPS: no 3D fix", 2))
-    heard.watch.effect(0, Notice(shown_ns + 2 * NS_PER_S, "alarm", "GPS: no 3D fix", 1))
+    heard.watch.effect(0, Notice(shown_ns + NS_PER_S, NoticeCode.BATTERY_PROBLEM, 1))
+    heard.watch.effect(0, Notice(shown_ns + 2 * NS_PER_S, NoticeCode.GPS_PROBLEM, 2))
+    heard.watch.effect(0, Notice(shown_ns + 2 * NS_PER_S, NoticeCode.GPS_PROBLEM, 1))
     assert (heard.watch.told_ns - shown_ns) / NS_PER_S == 2.0
 
 

@@ -17,6 +17,7 @@ from gcs.model import (
     NS_PER_S,
     AgentStatus,
     Notice,
+    NoticeCode,
     Plan,
     Proposal,
     Route,
@@ -28,7 +29,7 @@ from gcs.model import (
 from gcs.planning.map.grid import free_grid
 from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import PlanOptions
-from gcs.report.operator_lines import effect_line
+from gcs.report.operator_lines import effect_notice
 
 S = NS_PER_S
 ROUTES = tuple(Route(v, (0, v), read_only([[900.0, 100.0 * v]]), 1000.0 + v) for v in range(1, 9))
@@ -54,7 +55,7 @@ def test_plans_that_wait_push_no_alarm_out_of_the_live_view() -> None:
     command = Engine(config, 1)
     view = LiveView(config, command, 1.0)
     view.event(Tick(1 * S))
-    view.effect(1 * S, Notice(1 * S, "alarm", "not heard at all", 3))
+    view.effect(1 * S, Notice(1 * S, NoticeCode.AUTOPILOT_ALARM, 3, {"said": "not heard at all"}))
     for number in range(1, 31):
         command.state.operator.approval.pending = proposal(number, 1.0 + number, 1.0 + number)
         view.effect((1 + number) * S, command.state.operator.approval.pending)
@@ -94,15 +95,15 @@ def test_a_target_has_one_name_and_only_agents_are_lost() -> None:
     gone = of_target("target lost", label, "is not tracked any more")
     passed = of_agent("agent passed its target", 3, f"passed target {target_name(label)}")
     proposal_lines = [
-        effect_line(Plan(0, 0, (route,), (), (), f"{moved.text}; {gone.text}", (3,))),
-        effect_line(AgentStatus(0, 3, "arrived", label)),
-        effect_line(replace(proposal(1, 1.0, 1.0), routes=(route,), reason=passed.text)),
+        effect_notice(Plan(0, 0, (route,), (), (), f"{moved.text}; {gone.text}", (3,))),
+        effect_notice(AgentStatus(0, 3, "arrived", label)),
+        effect_notice(replace(proposal(1, 1.0, 1.0), routes=(route,), reason=passed.text)),
     ]
     nowhere = plan_routes(free_grid((5, 5), 10.0), {}, {label: (math.inf, 0.0)}, {}, PlanOptions())
     words = " ".join(
-        [*(line[0] for line in proposal_lines if line is not None), *nowhere.notes, callsign(label)]
+        [*(line.line for line in proposal_lines if line is not None), *nowhere.notes, callsign(label)]
     )
     assert words.count("T0.2") == words.count("0.2") == 8
     assert "(0, 2)" not in words
     assert "lost" not in words
-    assert effect_line(AgentStatus(0, 3, "lost")) == ("agent 3: lost", "alarm")
+    assert effect_notice(AgentStatus(0, 3, "lost")) == Notice(0, NoticeCode.AGENT_LOST, 3, {"target": "–"})

@@ -16,7 +16,7 @@ from gcs.config import load
 from gcs.core.engine import Engine
 from gcs.core.preflight.result import Check
 from gcs.io.console import console_for
-from gcs.model import Notice, SwarmStatus, TargetRecord, Tick
+from gcs.model import Notice, NoticeCode, SwarmStatus, TargetRecord, Tick
 
 CHECKS = [
     Check(1, "link", "ok", "alive"),
@@ -94,7 +94,7 @@ def live_view(scenario: str, width: int, height: int) -> list[str]:
     command.status_report = Given(status)  # type: ignore[assignment]
     view = LiveView(config, command, 1.0)
     view.event(Tick(0))
-    view.effect(0, Notice(0, "alarm", "a long alarm " * 20 + "the newest", 1))
+    view.effect(0, Notice(0, NoticeCode.AUTOPILOT_ALARM, 1, {"said": "a long alarm " * 20 + "the newest"}))
     return drawn(view, width, height)
 
 
@@ -173,7 +173,7 @@ def test_a_dumb_terminal_gets_plain_lines(monkeypatch: pytest.MonkeyPatch) -> No
 
     async def show() -> None:
         async with display(Run(), console, speed=1.0, headless=False):
-            Run.sinks[0].effect(0, Notice(0, "alarm", "not heard at all", 3))
+            Run.sinks[0].effect(0, Notice(0, NoticeCode.AUTOPILOT_ALARM, 3, {"said": "not heard at all"}))
 
     asyncio.run(show())
     assert "agent 3: not heard at all" in screen.getvalue()

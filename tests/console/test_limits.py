@@ -18,7 +18,6 @@ from websockets.sync.client import ClientConnection
 from gcs.console import Access
 from gcs.console.web import attempts as attempts_module
 from gcs.console.web import guard, listener
-from gcs.console.web.alarm_guide import link_of
 from gcs.console.web.app import number_of
 from gcs.console.web.attempts import BURST, Attempts, TooManyAttemptsError
 from gcs.console.web.clients import Clients
@@ -33,18 +32,6 @@ def time_of(call: Callable[[], object]) -> float:
     return time.thread_time() - begun_s
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "no scan of sensor  was processed for  s,  were refused: " * 160,
-        " comes nearer than  to obstacles" * 900,
-    ],
-)
-def test_a_long_question_about_an_alarm_is_answered_at_once(text: str) -> None:
-    link_of("lost")
-    assert time_of(lambda: link_of(text)) < 0.2
-
-
 @pytest.mark.parametrize("cookies", ['a="' + "\\" * 60_000 + '"', "a=b; " * 2000, "=" * 8000, ";" * 8000])
 def test_long_cookies_are_read_at_once(cookies: str) -> None:
     headers = Headers({"cookie": cookies})
@@ -57,7 +44,7 @@ def test_a_cookie_keeps_any_token() -> None:
         assert guard._token(Headers({"cookie": f"other=1; {name}={value}; more"})) == token
 
 
-@pytest.mark.parametrize("path", ["/alarms?about=lost", "/api/status", "/api/charts", "/page.js", "/metrics"])
+@pytest.mark.parametrize("path", ["/alarms", "/api/status", "/api/charts", "/page.js", "/metrics"])
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])
 def test_a_page_of_another_site_can_ask_for_nothing(fly, path: str, site: str) -> None:
     with fly() as flight:
@@ -72,7 +59,7 @@ def test_a_page_of_another_site_can_ask_for_nothing(fly, path: str, site: str) -
 
 def test_long_addresses_numbers_and_headers_are_refused(fly) -> None:
     with fly() as flight:
-        assert flight.request("/alarms?about=" + "a" * 9000)[0] == 414
+        assert flight.request("/alarms?x=" + "a" * 9000)[0] == 414
         assert flight.request("/tiles/1/2/" + "9" * 5000)[0] == 204
         assert flight.request("/api/marks?after=" + "9" * 5000)[0] == 422
         assert flight.request("/api/status", None, {f"x-{n}": "y" for n in range(200)})[0] == 431

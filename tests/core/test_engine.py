@@ -26,6 +26,7 @@ from gcs.model import (
     Event,
     MissionEnded,
     Notice,
+    NoticeCode,
     Picture,
     Plan,
     Scan,
@@ -328,7 +329,7 @@ def test_bad_input_is_counted_all_and_summarised(flight: Flight) -> None:
         notices += command.step(BadInput(at(t_s), "zenoh", f"not JSON: {t_s}"))
         notices += [e for e in command.step(Tick(at(t_s))) if isinstance(e, Notice) and "bad input" in e.text]
     assert command.input_errors.count == 500
-    assert notices[0] == Notice(at(0), "warning", "bad input: not JSON: 0")
+    assert (notices[0].code, notices[0].parameters["problem"]) == (NoticeCode.BAD_INPUT, "not JSON: 0")
     assert len(notices) == 3 + 49
 
 

@@ -24,7 +24,7 @@ from gcs.io.zenoh.order_messages import decode_order
 from gcs.io.zenoh.scans import decode_scan
 from gcs.mavlink.fleet.statustext import TextChunks
 from gcs.mavlink.frames.codec import dialect
-from gcs.model import BadInput, LinkNews, Notice, Order, OrderAnswer, UploadReport
+from gcs.model import BadInput, Notice, NoticeCode, Order, OrderAnswer, UploadReport
 from gcs.report.html_page import Page, save_page
 from gcs.safe_text import REPLACEMENT, printable
 
@@ -51,7 +51,7 @@ def test_the_texts_of_a_vehicle_are_safe() -> None:
     message.text = HOSTILE[:40]  # as the codec decodes it
     (text,) = TextChunks().add_chunk(message)
     assert is_safe(text)
-    assert is_safe(Notice(0, "alarm", HOSTILE, 1).text)
+    assert is_safe(Notice(0, NoticeCode.AUTOPILOT_ALARM, 1, {"said": HOSTILE}).text)
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_the_texts_of_a_vehicle_are_safe() -> None:
     [
         BadInput(0, HOSTILE, "").source,
         BadInput(0, "", HOSTILE).problem,
-        LinkNews(0, "udp", "alarm", HOSTILE).text,
+        Notice(0, NoticeCode.LINK_FAILED, HOSTILE, {"problem": HOSTILE}).line,
         UploadReport(0, 1, 1, 8, False, HOSTILE, 0.0, 0).detail,
         OrderAnswer(0, "a", "hold", "refused", HOSTILE).detail,
         Order(0, "a", "hold", None, origin=HOSTILE).origin,
@@ -71,7 +71,8 @@ def test_every_record_that_is_shown_is_safe(text: str) -> None:
 
 
 def test_a_notice_of_a_foreign_recording_is_safe_when_it_is_read() -> None:
-    payload = encode(Notice(0, "alarm", "ok X")).replace(b"X", json.dumps(HOSTILE)[1:-1].encode())
+    notice = Notice(0, NoticeCode.AUTOPILOT_ALARM, 1, {"said": "ok X"})
+    payload = encode(notice).replace(b"X", json.dumps(HOSTILE)[1:-1].encode())
     assert is_safe(decode("notice", payload, Notice).text)
 
 
@@ -95,8 +96,8 @@ def test_lines_view_and_errors_on_a_terminal_hold_no_escapes_but_our_own(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     config = load("prescribed")
-    notice = Notice(0, "alarm", "")
-    object.__setattr__(notice, "text", HOSTILE)  # past the record
+    notice = Notice(0, NoticeCode.AUTOPILOT_ALARM, 1)
+    object.__setattr__(notice, "parameters", {"said": HOSTILE})  # past the record
     shown = io.StringIO()
     console = Console(file=shown, width=200, height=50, color_system=None)
     view = LiveView(config, Engine(config, 1), 1.0)

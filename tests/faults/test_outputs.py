@@ -30,7 +30,7 @@ from gcs.io.recording.writer import Recorder
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import scan
-from gcs.model import NS_PER_S, Datagram, Event, MissionEnded, Notice, Send, Tick
+from gcs.model import NS_PER_S, Datagram, Event, MissionEnded, Notice, NoticeCode, Send, Tick
 from gcs.service.journal import Journal, JournalSink
 from gcs.service.service import Service
 
@@ -62,8 +62,8 @@ class Ticks:
     def max_gap_s(self) -> float:
         return max(later - earlier for earlier, later in pairwise(self.t_ns)) / NS_PER_S
 
-    def texts(self, level: str) -> list[str]:
-        return [notice.text for notice in self.notices if notice.level == level]
+    def subjects(self, code: NoticeCode) -> list[object]:
+        return [notice.subject for notice in self.notices if notice.code is code]
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def serve(service: Service, seconds: float, console: Console | None = None) -> T
 
     async def run() -> None:
         stop, loop = asyncio.Event(), asyncio.get_running_loop()
-        loop.call_later(0.1, service.on_link_news, "test", "info", "something to publish")
+        loop.call_later(0.1, service.on_notice, "test", NoticeCode.LINK_OPEN)
         loop.call_later(seconds, stop.set)
         view = display(service, console, speed=1.0, headless=False) if console else contextlib.nullcontext()
         async with view:
@@ -135,8 +135,7 @@ def assert_flown(folder: Path, code: int) -> list[str]:
     if code != 0:
         assert code == 1
         assert longest_s > SILENT_S, "a vehicle was lost though its simulation had its share of the processor"
-    notices = [value for value in values if isinstance(value, Notice) and value.text.startswith("view: ")]
-    return [f"{notice.level}: {notice.text}" for notice in notices]
+    return [value.code for value in values if isinstance(value, Notice) and value.subject == "view"]
 
 
 # ---------------------------------------------------------------- whole missions, as a user runs them
@@ -212,7 +211,7 @@ def test_an_unread_live_view_does_not_delay_ticks(service: Service) -> None:
             assert not view.writer.is_idle
             threading.Thread(target=read_all, args=(ours,), daemon=True).start()
     assert ticks.max_gap_s() < 0.6
-    assert ["view: accepts no output for" in text for text in ticks.texts("warning")] == [True]
+    assert ticks.subjects(NoticeCode.OUTPUT_BLOCKED) == ["view"]
 
 
 def read_all(descriptor: int) -> None:
@@ -241,10 +240,7 @@ def test_a_disk_that_blocks_does_not_delay_ticks_and_nothing_is_missing(
         service.sinks.append(keeper)
         ticks = serve(service, 2.5)
     assert ticks.max_gap_s() < 0.6
-    assert {text.partition(" for ")[0] for text in ticks.texts("alarm")} >= {
-        "recording: accepts no output",
-        "journal: accepts no output",
-    }
+    assert set(ticks.subjects(NoticeCode.DISK_BLOCKED)) >= {"recording", "journal"}
     recorded = [record.value for record in read(tmp_path / "run")]
     assert [value.t_ns for value in recorded if isinstance(value, Tick)] == ticks.t_ns
 
@@ -260,9 +256,9 @@ def test_a_disk_that_blocks_for_long_ends_the_recording_and_not_the_flight(
     ticks = serve(service, 3.0)
     released.set()
     recorder.close()
-    assert [("the disk blocks" in text, "unrecorded" in text) for text in ticks.texts("alarm")] == [
-        (True, True)
-    ]
+    (alarm,) = [notice for notice in ticks.notices if notice.level == "alarm"]
+    assert alarm.code is NoticeCode.RECORDING_ENDED
+    assert "the disk blocks" in alarm.parameters["problem"]
     assert ticks.max_gap_s() < 0.6
 
 
@@ -273,7 +269,7 @@ def test_a_subscriber_that_does_not_read_does_not_delay_ticks(
     monkeypatch.setattr(ZenohSession, "publish", slow(1.5))
     ticks = serve(service, 2.5)
     assert ticks.max_gap_s() < 0.6
-    assert [text for text in ticks.texts("warning") if text.startswith("zenoh: accepts no output for")]
+    assert "zenoh" in ticks.subjects(NoticeCode.OUTPUT_BLOCKED)
 
 
 def test_after_a_crash_at_most_a_second_is_missing(tmp_path: Path) -> None:
@@ -321,11 +317,8 @@ def test_a_full_writer_refuses_and_an_error_ends_it() -> None:
     writer.put(fail)
     assert writer.drain(10.0)
     assert not writer.put(lambda: done.append(3))
-    assert writer.news() == (
-        "alarm",
-        "cannot be written any more (Broken pipe); the flight goes on without it",
-    )
-    assert writer.news() is None
+    assert writer.notice() == (NoticeCode.OUTPUT_ENDED, {"cause": "Broken pipe"})
+    assert writer.notice() is None
 
 
 def test_what_an_encoding_lacks_is_written_in_ascii() -> None:

@@ -25,7 +25,7 @@ from gcs.io.recording.reader import Damage, read
 from gcs.io.recording.writer import DiskBudget, Recorder
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import Encoder, scan
-from gcs.model import NS_PER_S, Datagram, LinkNews, Snapshot, Tick
+from gcs.model import NS_PER_S, Datagram, Notice, NoticeCode, Parameter, Snapshot, Tick
 from gcs.service.journal import Journal
 from gcs.service.resume import resume_from_journal
 from gcs.service.service import Service
@@ -51,10 +51,10 @@ def test_a_flood_of_garbage_leaves_all_frames_and_a_sample() -> None:
     assert frames == 6_000
     assert kept < 65_536 + 600 * 2_000 + 6_000 * 30
     assert kept > 600_000
-    ((link, text),) = gate.news(600 * NS_PER_S)
+    ((link, dropped),) = gate.take_dropped(600 * NS_PER_S).items()
     assert link == "udp"
-    assert int(text.split()[0]) > 10_000_000
-    assert gate.news(600 * NS_PER_S) == []
+    assert dropped > 10_000_000
+    assert gate.take_dropped(600 * NS_PER_S) == {}
 
 
 def test_frames_alone_pass_as_they_came() -> None:
@@ -64,7 +64,7 @@ def test_frames_alone_pass_as_they_came() -> None:
         frames = scan(data)
         for _ in range(10_000):
             assert gate.filter_datagram(0, "udp", frames) is frames
-    assert gate.news(0) == []
+    assert gate.take_dropped(0) == {}
 
 
 def test_the_processed_events_are_the_recorded_ones() -> None:
@@ -83,10 +83,10 @@ def test_the_processed_events_are_the_recorded_ones() -> None:
     assert 10 < len(taken) < 60
 
 
-def filled(folder: Path, budget: DiskBudget, notices: list[str]) -> tuple[str, int]:
+def filled(folder: Path, budget: DiskBudget, notices: list[NoticeCode]) -> tuple[str, int]:
     """Record until the budget is used up; return why it ended and how many records there were."""
     recorder = Recorder(folder, "name = 'x'", {}, None, budget)
-    recorder.notify = lambda level, text: notices.append(f"{level} {text}")
+    recorder.notify = lambda code, **_: notices.append(code)
     for number in range(10_000):
         try:
             recorder.record_event(Datagram(number, "udp", "a:1", RNG.bytes(1000)))
@@ -97,11 +97,10 @@ def filled(folder: Path, budget: DiskBudget, notices: list[str]) -> tuple[str, i
 
 
 def test_a_budget_ends_the_recording_in_order_and_deletes_nothing(tmp_path: Path) -> None:
-    notices: list[str] = []
+    notices: list[NoticeCode] = []
     problem, count = filled(tmp_path / "run", DiskBudget(300_000, 2e6), notices)
     assert "recording.max_gb" in problem
-    (text,) = notices
-    assert text.startswith("alarm disk space runs low")
+    assert notices == [NoticeCode.DISK_LOW]
     size = sum(path.stat().st_size for path in (tmp_path / "run").iterdir())
     assert 1.9e6 < size < 2.2e6
     assert (tmp_path / "run" / "run-003.mcap").exists()
@@ -133,10 +132,10 @@ def test_a_disk_keeps_space_for_the_journal(tmp_path: Path, monkeypatch: pytest.
 
 @pytest.mark.parametrize("how", ["deleted", "moved"])
 def test_a_recording_whose_folder_goes_away_goes_on_in_another(tmp_path: Path, how: str) -> None:
-    notices: list[str] = []
+    notices: list[NoticeCode] = []
     folder = tmp_path / "run"
     with Recorder(folder, "name = 'x'", {}, Run("x", 1)) as recorder:
-        recorder.notify = lambda level, text: notices.append(f"{level} {text}")
+        recorder.notify = lambda code, **_: notices.append(code)
         for number in range(100):
             recorder.record_event(Tick(number))
         recorder.flush()
@@ -149,9 +148,7 @@ def test_a_recording_whose_folder_goes_away_goes_on_in_another(tmp_path: Path, h
             recorder.record_event(Tick(number))
         recorder.flush()
     assert recorder.folder == (folder if how == "deleted" else tmp_path / "run-2")
-    (text,) = notices
-    assert text.startswith("alarm")
-    assert "deleted or moved away" in text
+    assert notices == [NoticeCode.RECORDING_MOVED]
     assert [record.t_ns for record in read(recorder.folder)] == [*range(100, 200)]
     if how == "moved":
         assert len([1 for record in read(tmp_path / "aside") if isinstance(record.value, Tick)]) == 100
@@ -213,13 +210,12 @@ def test_a_damaged_journal_is_an_alarm_with_a_remedy(tmp_path: Path) -> None:
     journal, news = Journal(path, "x", "y"), []
 
     class Started:
-        def on_link_news(self, link: str, level: str, text: str) -> None:
-            news.append(LinkNews(0, link, level, text))  # type: ignore[arg-type]
+        def on_notice(self, subject: str, code: NoticeCode, /, **parameters: Parameter) -> None:
+            news.append(Notice(0, code, subject, parameters))
 
     resume_from_journal(Started(), journal, None, 0, Console(quiet=True))  # type: ignore[arg-type]
     (notice,) = news
-    assert (notice.link, notice.level) == ("journal", "alarm")
-    assert "damaged" in notice.text
-    assert "starts without the state of the previous flight" in notice.text
+    assert (notice.code, notice.subject) == (NoticeCode.JOURNAL_REFUSED, "journal")
+    assert "damaged" in notice.parameters["problem"]
     with pytest.raises(JournalError, match=r"damaged.*--no-resume"):
         resume_from_journal(Started(), journal, True, 0, Console(quiet=True))  # type: ignore[arg-type]

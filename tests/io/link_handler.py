@@ -9,13 +9,14 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.frames.codec import Encoder, FrameTable, scan
+from gcs.model import Notice, NoticeCode, Parameter
 
 
 class RecordingHandler:
     def __init__(self, t_ns: int) -> None:
         self.t_ns = t_ns
         self.heard: list[tuple[str, str, bytes]] = []
-        self.news: list[tuple[str, str, str]] = []
+        self.notices: list[Notice] = []
 
     def now_ns(self) -> int:
         return self.t_ns
@@ -23,8 +24,12 @@ class RecordingHandler:
     def on_datagram(self, link: str, peer: str, frames: FrameTable) -> None:
         self.heard.append((link, peer, frames.data))
 
-    def on_link_news(self, link: str, level: str, text: str) -> None:
-        self.news.append((link, level, text))
+    def on_notice(self, subject: str, code: NoticeCode, /, **parameters: Parameter) -> None:
+        self.notices.append(Notice(self.t_ns, code, subject, parameters))
+
+    def count(self, code: NoticeCode) -> int:
+        """Return how often a notice came."""
+        return sum(notice.code is code for notice in self.notices)
 
     def frames(self) -> int:
         return sum(len(scan(data).frames) for _, _, data in self.heard)
@@ -35,7 +40,7 @@ class RecordingHandler:
             if condition():
                 return
             await asyncio.sleep(0.005)
-        raise AssertionError(f"{what}; news: {self.news}")
+        raise AssertionError(f"{what}; notices: {self.notices}")
 
 
 def beat(system: int, component: int = 1, *, ground: bool = False) -> bytes:

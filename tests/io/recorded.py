@@ -21,6 +21,7 @@ from gcs.model import (
     MissionEnded,
     NoFlyZone,
     Notice,
+    NoticeCode,
     Order,
     OrderAnswer,
     Picture,
@@ -65,7 +66,12 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         yield t_ns, Tick(t_ns)
         yield t_ns - 5, Datagram(t_ns - 5, "udp", "127.0.0.1:5000", frames(1, 3, second))
         yield t_ns, BadInput(t_ns, "udp", 'not "MAVLink"')
-        yield t_ns, LinkNews(t_ns, "tcp:10.0.0.1:5760", "warning", "connection lost")
+        yield (
+            t_ns,
+            LinkNews(
+                Notice(t_ns, NoticeCode.LINK_FAILED, "tcp:10.0.0.1:5760", {"problem": "connection lost"})
+            ),
+        )
         yield t_ns, ClockStep(t_ns, -20 * NS_PER_S)
         yield t_ns, Truth(t_ns, (TruthObject("agents", 1, float(second), 0.1, second % 2 == 0),))
         yield t_ns, Scan(t_ns, t_ns - 9, sensor, read_only(rng.normal(size=(second % 4, 2))))
@@ -78,7 +84,7 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         )
         yield t_ns, Send("udp", "127.0.0.1:5000", frames(255, 1, second))
         yield t_ns, UploadReport(t_ns, 1, 4, 9, True, "verified", 0.25, 1)
-        yield t_ns, Notice(t_ns, "warning", "älarm", None)
+        yield t_ns, Notice(t_ns, NoticeCode.PLAN_NOTE, None, {"note": "älarm", "agents": (1, 2)})
         area = NoFlyZone("fire", None, ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0)))
         yield t_ns, Order(t_ns, f"o-{second}", "no-fly-zone", None, None, area, "operator")
         yield t_ns, Snapshot(t_ns, bytes(range(second % 256)))

@@ -12,12 +12,7 @@ from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import read, read_info
 from gcs.io.recording.topics import TOPICS, Recordable
 from gcs.io.recording.writer import Recorder
-from gcs.model import (
-    Datagram,
-    Notice,
-    Scan,
-    Tick,
-)
+from gcs.model import Datagram, Notice, NoticeCode, Scan, Tick
 
 
 def test_everything_comes_back_in_the_order_of_consumption(recording: tuple[Path, list[Recordable]]) -> None:
@@ -73,7 +68,9 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
     with Recorder(tmp_path / "run", CONFIG, VERSIONS) as recorder:
         tracemalloc.start()
         for number in range(6000):
-            recorder.record_effect(number, Notice(number, "info", "x" * 10_000))
+            recorder.record_effect(
+                number, Notice(number, NoticeCode.AUTOPILOT_INFO, 1, {"said": "x" * 10_000})
+            )
         _, peak_bytes = tracemalloc.get_traced_memory()
         tracemalloc.stop()
     assert peak_bytes < 20_000_000  # 60 MB went through

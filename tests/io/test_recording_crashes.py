@@ -58,13 +58,14 @@ import resource, sys
 from pathlib import Path
 from gcs.io.recording.writer import Recorder, DiskBudget
 from gcs.errors import RecordingError
-from gcs.model import Notice
+from gcs.model import Notice, NoticeCode
 resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
 try:
     with Recorder(Path(sys.argv[1]), "name = 'x'", {}) as recorder:
         number = 0
         while True:
-            recorder.record_effect(number, Notice(number, "info", str(hash(str(number)))))
+            said = {"said": str(hash(str(number)))}
+            recorder.record_effect(number, Notice(number, NoticeCode.AUTOPILOT_INFO, 1, said))
             number += 1
             if number % 100 == 0:
                 recorder.flush()

@@ -16,7 +16,7 @@ from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State
 from gcs.errors import JournalError
-from gcs.model import Event, Snapshot, Tick
+from gcs.model import Event, NoticeCode, Parameter, Snapshot, Tick
 from gcs.service.journal import Journal, JournalSink, fingerprint
 from gcs.service.resume import resume_from_journal
 from gcs.service.service import Service
@@ -86,13 +86,13 @@ class Started:
 
     def __init__(self) -> None:
         self.command = Engine(load("prescribed"), 1)
-        self.config, self.alarms = self.command.config, list[str]()
+        self.config = self.command.config
+        self.notices: list[NoticeCode] = []
 
     resume = Service.resume
 
-    def on_link_news(self, _link: str, level: str, text: str) -> None:
-        assert level == "alarm"
-        self.alarms.append(text)
+    def on_notice(self, _subject: str, code: NoticeCode, /, **_parameters: Parameter) -> None:
+        self.notices.append(code)
 
 
 def damaged() -> bytes:
@@ -119,8 +119,7 @@ def test_a_journal_with_a_right_checksum_may_still_make_no_sense(journal: Journa
     with pytest.raises(JournalError, match="--no-resume"):
         resume_from_journal(service, journal, True, 8, Console(quiet=True))  # type: ignore[arg-type]
     resume_from_journal(service, journal, None, 8, Console(quiet=True))  # type: ignore[arg-type]
-    (text,) = service.alarms
-    assert "starts without the state of the previous flight" in text
+    assert service.notices == [NoticeCode.JOURNAL_REFUSED]
     assert service.command.state.agents.keys() == {1, 2, 3, 4}
     service.command.step(Tick(9))
 

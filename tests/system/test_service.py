@@ -18,7 +18,7 @@ from gcs.io.links.manager import Links
 from gcs.io.recording.reader import read
 from gcs.io.recording.writer import Recorder
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
-from gcs.model import NS_PER_S, Notice, Snapshot, Tick, Truth
+from gcs.model import NS_PER_S, Notice, NoticeCode, Snapshot, Tick, Truth
 from gcs.service.journal import Journal, JournalSink
 from gcs.service.service import Service
 
@@ -49,6 +49,11 @@ class Sink:
 def service() -> Iterator[Service]:
     with ZenohSession(listen=free_endpoint()) as bus:
         yield Service(load("prescribed"), 1, loopback(), bus)
+
+
+def told(sink, *codes):
+    """The notices with some codes."""
+    return [effect for effect in sink.effects if isinstance(effect, Notice) and effect.code in codes]
 
 
 def serve(service, clock, seconds):
@@ -88,8 +93,8 @@ def test_a_journal_whose_error_shows_in_flight_ends_neither_service_nor_heartbea
     service.sinks.append(sink)
     serve(service, clock, 2.0)
     (alarm,) = [one for one in sink.effects if isinstance(one, Notice) and one.level == "alarm"]
-    assert "KeyError(77)" in alarm.text
-    assert "the service goes on without the previous flight" in alarm.text
+    assert alarm.code is NoticeCode.JOURNAL_REFUSED
+    assert "KeyError(77)" in alarm.parameters["problem"]
     assert service.command.state.measured_t_ns == 0
     assert sum(isinstance(event, Tick) for event in sink.events) > 10
 
@@ -117,8 +122,8 @@ def test_a_full_disk_ends_the_recording_and_not_the_flight(service, tmp_path, mo
         recorder._flush_at_s = 0.0  # at the next event
         serve(service, now(), 0.5)
         service.truth(Truth(2, ()))
-    notices = [e for e in sink.effects if isinstance(e, Notice) and "unrecorded" in e.text]
-    assert [(notice.level, str(folder) in notice.text) for notice in notices] == [("alarm", True)]
+    (notice,) = told(sink, NoticeCode.RECORDING_ENDED)
+    assert str(folder) in notice.parameters["problem"]
     assert sum(isinstance(event, Tick) for event in sink.events) > 3
     assert next(record.value for record in read(folder)) == Truth(1, ())
 
@@ -127,7 +132,7 @@ def test_a_journal_that_cannot_be_written_is_reported_once_and_retried(service, 
     in_the_way = tmp_path / "runs"
     in_the_way.write_text("a file where the folder should be")
     notices = []
-    monkeypatch.setattr(service, "on_link_news", lambda *news: notices.append(news))
+    monkeypatch.setattr(service, "on_notice", lambda subject, code, **_: notices.append((subject, code)))
     journal = Journal(in_the_way / "m.journal", "m", "")
     keeper = JournalSink(service, journal)
     keeper.write(1)
@@ -137,8 +142,8 @@ def test_a_journal_that_cannot_be_written_is_reported_once_and_retried(service, 
     in_the_way.unlink()
     keeper.write(3)
     keeper.close()
-    assert [(name, level) for name, level, _ in notices] == [("journal", "alarm"), ("journal", "info")]
-    assert "older state" in notices[0][2]
+    codes = [NoticeCode.JOURNAL_UNWRITTEN, NoticeCode.JOURNAL_WRITTEN]
+    assert notices == [("journal", code) for code in codes]
     snapshot = journal.read()
     assert snapshot is not None
     assert snapshot.t_ns == 3
@@ -158,9 +163,10 @@ def test_ctrl_c_waits_for_an_upload_and_twice_it_names_inconsistent_missions(ser
         await asyncio.wait_for(service.run(now(), stop, at_once=at_once), 5.0)
 
     asyncio.run(run())
-    notices = [(e.level, e.text) for e in sink.effects if isinstance(e, Notice) and "agent 3" in e.text]
-    assert [level for level, _ in notices] == (["warning"] if waits else ["warning", "alarm"])
-    assert ("inconsistent missions" in notices[-1][1]) is not waits
+    notices = told(sink, NoticeCode.UPLOADS_AWAITED, NoticeCode.UPLOADS_UNFINISHED)
+    codes = [NoticeCode.UPLOADS_AWAITED] + ([] if waits else [NoticeCode.UPLOADS_UNFINISHED])
+    assert [notice.code for notice in notices] == codes
+    assert all(notice.parameters["vehicles"] == (3,) for notice in notices)
     assert sum(isinstance(event, Tick) for event in sink.events) >= 5
 
 
@@ -178,9 +184,8 @@ def test_a_machine_that_cannot_keep_up_is_reported_once(service):
     slow = Sink(slow_s=0.1)
     service.sinks.append(slow)
     serve(service, RunClock(epoch_ns, epoch_ns, 20.0), 1.0)
-    notices = [e for e in slow.effects if isinstance(e, Notice) and "cannot keep up" in e.text]
-    assert len(notices) == 1
-    assert "a lower --speed would help" in notices[0].text
+    (notice,) = told(slow, NoticeCode.SERVICE_SLOW)
+    assert "--speed" in notice.parameters["remedy"]
     assert service.health.worst_lag_s * NS_PER_S > 0.5 * NS_PER_S
 
 
@@ -188,9 +193,9 @@ def test_at_real_time_no_notice_names_an_option_that_gcs_run_lacks(service):
     slow = Sink()
     service.sinks.append(slow)
     service._watch_lag(NS_PER_S)
-    (notice,) = [e.text for e in slow.effects if isinstance(e, Notice)]
-    assert "--speed" not in notice
-    assert "telemetry.rate_hz" in notice
+    (notice,) = told(slow, NoticeCode.SERVICE_SLOW)
+    assert "--speed" not in notice.parameters["remedy"]
+    assert "telemetry.rate_hz" in notice.parameters["remedy"]
 
 
 def test_a_vehicle_that_signs_without_a_key_here_is_named_once(service, monkeypatch):
@@ -198,12 +203,8 @@ def test_a_vehicle_that_signs_without_a_key_here_is_named_once(service, monkeypa
     service.sinks.append(sink)
     monkeypatch.setattr(service.command.fleet, "is_signed", lambda vehicle: vehicle == 3)
     serve(service, now(), 0.5)
-    found = [
-        (e.level, e.text) for e in sink.effects if isinstance(e, Notice) and "signs its frames" in e.text
-    ]
-    assert [level for level, _ in found] == ["alarm"]
-    assert "agent 3" in found[0][1]
-    assert "links.keys" in found[0][1]
+    (notice,) = told(sink, NoticeCode.KEY_MISSING)
+    assert notice.vehicle == 3
 
 
 def test_a_port_that_is_taken_is_named_with_what_to_do(service):

@@ -2,14 +2,16 @@
 
 Their reader (``parseJsonSchema``) accepts objects whose properties are booleans, numbers, strings (base64 for
 bytes), objects, and lists of these. It refuses the whole channel because of ``$ref``, ``null`` or a list of
-lists. So an optional field has the schema of its type. Lists of lists (covariances, detections) are left out
-of the schema; viewers show them all the same.
+lists. So an optional field has the schema of its type, and a field of several types has none. Lists of lists
+(covariances, detections) are left out of the schema; viewers show them all the same.
 """
 
 from __future__ import annotations
 
 import types
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from enum import StrEnum
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import msgspec
@@ -49,11 +51,16 @@ def _property(name: str, hint: Any) -> dict[str, Any] | None:
     if is_dataclass(hint):
         assert isinstance(hint, type)
         return _object(hint)
+    if isinstance(hint, type) and issubclass(hint, StrEnum):
+        return {"type": "string"}
     origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Mapping:
+        return None
     if origin is Literal:
         return {"type": "string", "enum": list(arguments)}
     if origin in (Union, types.UnionType):
-        return _property(name, next(argument for argument in arguments if argument is not type(None)))
+        types_of_value = [argument for argument in arguments if argument is not type(None)]
+        return _property(name, types_of_value[0]) if len(types_of_value) == 1 else None
     if origin is np.ndarray:
         return {"type": "array", "items": {"type": "number"}} if name in _VECTORS else None
     if origin is tuple:

@@ -32,6 +32,7 @@ from gcs.model import (
     BadInput,
     Datagram,
     Notice,
+    NoticeCode,
     Picture,
     Plan,
     Scan,
@@ -43,7 +44,6 @@ from gcs.model import (
 )
 from gcs.service.foreign_logs import telemetry_records
 from gcs.service.replay import Replay, Window
-from gcs.service.service import LAG_TEXT
 
 EVENTS = (Datagram, Scan, Tick, BadInput)
 Rows = list[tuple[int, Recordable]]
@@ -216,7 +216,10 @@ def test_a_record_that_is_missing_is_found(flight: Path, tmp_path: Path) -> None
 def test_a_record_too_many_is_found(flight: Path, tmp_path: Path) -> None:
     def change(records: list[Record]) -> Rows:
         rows = [plain(record) for record in records]
-        return [*rows, (rows[-1][0], Notice(rows[-1][0], "info", "never said"))]
+        return [
+            *rows,
+            (rows[-1][0], Notice(rows[-1][0], NoticeCode.AUTOPILOT_INFO, 1, {"said": "never said"})),
+        ]
 
     code, _, found = replay(changed(flight, tmp_path / "run", change), "--verify")
     assert (code, found["different"]) == (1, 1)
@@ -230,7 +233,7 @@ def test_notices_of_the_service_are_no_difference(flight: Path, tmp_path: Path) 
         events = [i for i, row in enumerate(rows) if isinstance(row[1], EVENTS)]
         at = events[len(events) // 2]
         t_ns = rows[at][0]
-        rows.insert(at, (t_ns, Notice(t_ns, "warning", f"{LAG_TEXT}: input waited 1.0 s")))
+        rows.insert(at, (t_ns, Notice(t_ns, NoticeCode.SERVICE_SLOW)))
         return rows
 
     code, _, found = replay(changed(flight, tmp_path / "run", change), "--verify")

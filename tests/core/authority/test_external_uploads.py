@@ -11,6 +11,7 @@ from gcs.model import (
     Datagram,
     LinkNews,
     Notice,
+    NoticeCode,
     Order,
     OrderAnswer,
     Route,
@@ -105,8 +106,8 @@ def test_a_vehicle_of_another_network_is_ordered_and_named_by_network_and_system
 
 
 def test_news_of_a_link_is_reported(stage):
-    found = stage.step(LinkNews(S, "tcp:10.0.0.1:5760", "warning", "connection lost"))
-    assert found == [Notice(S, "warning", "tcp:10.0.0.1:5760: connection lost")]
+    notice = Notice(S, NoticeCode.LINK_FAILED, "tcp:10.0.0.1:5760", {"problem": "connection lost"})
+    assert stage.step(LinkNews(notice)) == [notice]
 
 
 def test_counters_of_each_link_count_received_and_lost_frames(stage):

@@ -9,8 +9,8 @@ from core.operator.test_vehicle_orders import Flight, fly, order
 from staging import S
 
 from gcs.core.state import at_targets
-from gcs.model import AgentStatus, MissionEnded, NoFlyZone, Notice, OrderAnswer, Plan
-from gcs.report.operator_lines import effect_line
+from gcs.model import AgentStatus, MissionEnded, NoFlyZone, Notice, NoticeCode, OrderAnswer, Plan
+from gcs.report.operator_lines import effect_notice
 from sim_vehicles.campaign.virtual_run import START_T_NS
 
 
@@ -50,11 +50,11 @@ def test_a_mission_that_has_ended_goes_on_by_order_until_the_other_targets_are_r
     assert set(at_targets(ended.run.command.state.agents)) == before | reached
     (second,) = ended.all(MissionEnded)
     assert len(second.arrived) == 2
-    assert not [n for n in ended.all(Notice) if "without having reached" in n.text], (
+    assert not [n for n in ended.all(Notice) if n.code is NoticeCode.ROUTE_ENDED_SHORT], (
         "it had reached its target"
     )
-    lines = [line[0] for effect in ended.all(AgentStatus) if (line := effect_line(effect))]
-    assert "agent 1: leaves target T0.2" in lines
+    left = [one for effect in ended.all(AgentStatus) if (one := effect_notice(effect)) is not None]
+    assert (NoticeCode.TARGET_LEFT, 1, "T0.2") in [(n.code, n.vehicle, n.parameters["target"]) for n in left]
 
 
 def test_only_the_agents_that_the_order_names_leave_their_targets(ended: Flight) -> None:

@@ -17,7 +17,7 @@ from gcs.errors import LinkError
 from gcs.geo import LocalFrame
 from gcs.io.links.manager import Links
 from gcs.mavlink.frames.codec import Encoder, scan
-from gcs.model import Picture, Track, read_only
+from gcs.model import NoticeCode, Picture, Track, read_only
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 S = 1_000_000_000
@@ -72,7 +72,7 @@ def test_tcp_is_tried_until_it_is_accepted_and_again_when_it_is_lost():
         name = f"tcp:127.0.0.1:{port}"
         links = opened(link(name))
         links.start(asyncio.get_running_loop(), handler)
-        await handler.until(lambda: "not connected" in str(handler.news), "the refusal was not reported")
+        await handler.until(lambda: handler.count(NoticeCode.LINK_FAILED), "the refusal was not reported")
         for turn in (1, 2):
             writers = []
             accepted = asyncio.Event()
@@ -90,7 +90,7 @@ def test_tcp_is_tried_until_it_is_accepted_and_again_when_it_is_lost():
             await handler.until(lambda n=turn: handler.frames() == 2 * n, "the frame in two reads")
             writers[0].close()
             server.close()
-            await handler.until(lambda n=turn: str(handler.news).count("connection lost") == n, "the loss")
+            await handler.until(lambda n=turn: handler.count(NoticeCode.LINK_FAILED) == 1 + n, "the loss")
         assert {peer for _, peer, _ in handler.heard} == {f"127.0.0.1:{port}"}
         links.close()
 
@@ -111,7 +111,7 @@ def test_a_tcp_client_is_heard_and_answered_and_one_that_never_reads_blocks_no_o
             links.send("tcpin:127.0.0.1:0", peer, bytes(10_000))
         assert links.unsent()["tcpin:127.0.0.1:0"] > 0
         writer.transport.abort()
-        await handler.until(lambda: "disconnected" in str(handler.news), "the end was not reported")
+        await handler.until(lambda: handler.count(NoticeCode.PEER_GONE), "the end was not reported")
         links.close()
 
     run(scenario())
@@ -124,14 +124,14 @@ def test_a_serial_port_that_is_unplugged_is_opened_again(tmp_path: Path):
         links = opened(link(name))
         links.start(asyncio.get_running_loop(), handler)
         await handler.until(
-            lambda: "cannot be opened" in str(handler.news), "the missing port was not reported"
+            lambda: handler.count(NoticeCode.LINK_FAILED), "the missing port was not reported"
         )
         for turn in (1, 2):
             ours, theirs = os.openpty()
             tty.setraw(theirs)
             device.unlink(missing_ok=True)
             device.symlink_to(os.ttyname(theirs))
-            await handler.until(lambda n=turn: str(handler.news).count("'open'") == n, "it was not opened")
+            await handler.until(lambda n=turn: handler.count(NoticeCode.LINK_OPEN) == n, "it was not opened")
             os.write(ours, b"\xfdnoise" + beat(1)[:7])
             os.write(ours, beat(1)[7:] + b"\x00" * 300)
             await handler.until(lambda n=turn: handler.frames() == n, "the frame did not come")
@@ -140,7 +140,7 @@ def test_a_serial_port_that_is_unplugged_is_opened_again(tmp_path: Path):
             os.close(ours)
             os.close(theirs)
             await handler.until(
-                lambda n=turn: str(handler.news).count("lost (") == n, "the loss was not reported"
+                lambda n=turn: handler.count(NoticeCode.LINK_FAILED) == 1 + n, "the loss was not reported"
             )
         links.close()
 

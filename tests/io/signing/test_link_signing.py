@@ -18,6 +18,7 @@ from gcs.io.signing.keystore import KeyFile, TimeFile, read_keys
 from gcs.io.signing.link_signing import LinkSigning
 from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.frames.signing import signing_time
+from gcs.model import NoticeCode
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
@@ -157,8 +158,12 @@ def test_a_signed_vehicle_is_heard_and_obeys_while_an_impostor_is_kept_out(tmp_p
             await handler.until(lambda: counters.rejected, "it was let in")
             links.tick(NOW)
             assert len(handler.heard) == 1
-            assert "not signed" in handler.news[-1][2]
-            assert f"system 1/1 at 127.0.0.1:{foe.getsockname()[1]}" in handler.news[-1][2]
+            rejected = handler.notices[-1]
+            assert (rejected.code, rejected.parameters["reason"]) == (
+                NoticeCode.FRAMES_REJECTED,
+                "not signed",
+            )
+            assert rejected.parameters["sender"] == f"system 1/1 at 127.0.0.1:{foe.getsockname()[1]}"
             # A ground station without a key commands it through central command, which signs.
             request = dialect.MAVLink_command_long_message(1, 1, 20, 0, 0, 0, 0, 0, 0, 0, 0)
             station.sendto(Encoder(254, 190)(request), ("127.0.0.1", links.ports()[stations.name]))

@@ -96,8 +96,8 @@ def test_an_order_reaches_the_service_once_and_its_answer_comes_back(taken: list
     assert result["answers"] == [{"vehicle": None, "state": "done", "detail": "fire closed"}]
     refused = CliRunner().invoke(app, ["order", "hold", "1", "-v", "7"])
     assert refused.exit_code == 1
-    assert "agent 1 refused: never heard" in refused.output
-    assert "agent 7 refused: no vehicle of this mission" in refused.output
+    assert "agent 1: order hold refused: never heard" in refused.output
+    assert "agent 7: order hold refused: no vehicle of this mission" in refused.output
     assert [order.action for order in taken] == ["no-fly-zone", "hold"]
 
 

@@ -76,7 +76,7 @@ def test_a_read_back_with_one_item_missing_ends_with_a_word():
     assert "its read-back goes on at 9 of 10 items for 25 s: the vehicle does not obey" in result.detail
     assert result.duration_s < 75.0
     assert 9.0 < talk.told[0][0] < 11.0
-    assert "waiting for 9 of 10 items read back" in talk.told[0][1]
+    assert talk.told[0][1]["waits_for"] == "9 of 10 items read back"
     assert len(talk.told) <= 3
     assert plane.store == []
 

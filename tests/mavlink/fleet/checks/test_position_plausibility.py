@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs.mavlink.fleet.checks.position_plausibility import DuplicateIdDetector, MotionCheck, Report
+from gcs.model import NoticeCode
 
 S = 1_000_000_000
 
@@ -19,14 +20,15 @@ def report(t_s, east_m, north_m=0.0, speed_m_s=15.0, boot_s=0.0, delay_s=0.0):
 def checked(reports, max_speed_m_s=75.0):
     motion, news = MotionCheck(), []
     return [
-        motion.check_report(one, max_speed_m_s, lambda *notice: news.append(notice)) for one in reports
+        motion.check_report(one, max_speed_m_s, lambda code, **parameters: news.append((code, parameters)))
+        for one in reports
     ], news
 
 
 def duplicates_in(reports):
     detector, news = DuplicateIdDetector(), []
     for one in reports:
-        detector.add_report(one, 75.0, lambda *notice: news.append(notice))
+        detector.add_report(one, 75.0, lambda code, **parameters: news.append((code, parameters)))
     return detector.has_duplicate, news
 
 
@@ -67,8 +69,9 @@ def test_a_jump_that_lasts_is_accepted_in_the_end_with_an_alarm():
     refusals, news = checked(flight(0.0, seconds=10) + flight(10.0, east_m=5000.0))
     assert refusals[40:48] == ["jump"] * 8
     assert not any(refusals[:40] + refusals[48:])
-    assert [level for level, _ in news] == ["alarm"]
-    assert news[0][1].startswith("its position jumped by 4884 m")
+    ((code, parameters),) = news
+    assert code is NoticeCode.POSITION_JUMP
+    assert parameters["distance_m"] == pytest.approx(4884.0, abs=1.0)
 
 
 def test_a_long_gap_is_no_jump():
@@ -86,7 +89,7 @@ def test_a_place_that_stands_still_at_speed_is_frozen_until_it_moves():
     assert refusals[20:35] == [""] * 15, "sixty metres of way before it is sure"
     assert set(refusals[35:60]) == {"frozen"}
     assert not any(refusals[60:])
-    assert [level for level, _ in news] == ["alarm", "info"]
+    assert [code for code, _ in news] == [NoticeCode.POSITION_FROZEN, NoticeCode.POSITION_MOVES]
 
 
 def test_what_stands_on_the_ground_is_not_frozen():
@@ -101,20 +104,21 @@ def test_after_a_reboot_it_may_be_anywhere():
 
 
 @pytest.mark.parametrize(
-    ("other", "words"),
+    ("other", "difference"),
     [
-        ({"boot_s": -50.0}, "switched on 50 s apart"),
-        ({"east_m": 900.0}, "900 m apart"),
+        ({"boot_s": -50.0}, ("boots_s", 50.0)),
+        ({"east_m": 900.0}, ("distance_m", 900.0)),
     ],
 )
-def test_two_vehicles_with_one_system_id_are_reported_and_so_is_the_end_of_it(other, words):
+def test_two_vehicles_with_one_system_id_are_reported_and_so_is_the_end_of_it(other, difference):
     one, two = flight(0.0), flight(0.1, **other)
     both = sorted(one + two, key=lambda r: r.t_ns)
     assert duplicates_in(both)[0] is True
     two_now, news = duplicates_in(both + flight(20.0, east_m=300.0, seconds=15))
     assert two_now is False
-    assert [level for level, _ in news] == ["alarm", "info"]
-    assert words in news[0][1]
+    assert [code for code, _ in news] == [NoticeCode.DUPLICATE_ID, NoticeCode.DUPLICATE_ID_OVER]
+    name, value = difference
+    assert news[0][1][name] == pytest.approx(value, abs=3.0)
 
 
 def test_a_reboot_and_reports_that_come_late_are_one_vehicle():

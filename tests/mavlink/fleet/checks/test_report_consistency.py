@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gcs.mavlink.fleet.checks.report_consistency import ReportConsistency, Sample
+from gcs.model import NoticeCode
 
 S = 1_000_000_000
 
@@ -19,7 +20,7 @@ def sample(t_s, place, velocity, alt_m=100.0, frames=0, delay_s=0.0, armed=True)
 def notices(samples, home_alt_m=50.0):
     checks, found = ReportConsistency(), []
     for one in samples:
-        checks.add_sample(one, home_alt_m, lambda level, text: found.append((level, text)))
+        checks.add_sample(one, home_alt_m, lambda code, **parameters: found.append((code, parameters)))
     return found
 
 
@@ -47,16 +48,18 @@ def test_a_velocity_that_contradicts_the_positions_is_an_alarm_with_an_all_clear
     wrong = list(turning(30.0, radius_m=1000.0, factor=factor))
     later = [sample(40.0 + k, (22.0 * k, 0.0), (22.0, 0.0)) for k in range(20)]
     found = notices([*wrong, *later])
-    assert [level for level, _ in found] == ["alarm", "info"]
-    assert "does not agree with its positions" in found[0][1]
+    assert [code for code, _ in found] == [NoticeCode.VELOCITY_WRONG, NoticeCode.VELOCITY_RIGHT]
 
 
 def test_a_height_that_jumps_or_that_no_vehicle_has_is_an_alarm():
     heights = [100.0] * 5 + [9000.0] * 5 + [100.0] * 5
     found = notices(sample(k, (22.0 * k, 0.0), (22.0, 0.0), alt_m) for k, alt_m in enumerate(heights))
-    assert [level for level, _ in found] == ["alarm", "alarm", "alarm", "info"]
-    assert found[0][1] == "its height jumped by 8900 m"
-    assert found[1][1].startswith("reports a height of 8950 m above home")
+    assert found == [
+        (NoticeCode.HEIGHT_JUMP, {"jump_m": 8900.0}),
+        (NoticeCode.HEIGHT_WRONG, {"height_m": 8950.0}),
+        (NoticeCode.HEIGHT_JUMP, {"jump_m": -8900.0}),
+        (NoticeCode.HEIGHT_RIGHT, {}),
+    ]
     climb = notices(sample(k, (0.0, 0.0), (0.0, 0.0), 50.0 + 20.0 * k) for k in range(60))
     assert climb == []
 
@@ -71,5 +74,7 @@ def test_an_estimator_that_finds_its_origin_on_the_ground_is_no_alarm():
 def test_a_flood_of_frames_is_a_warning_that_ends():
     frames = np.cumsum([50] * 10 + [5000] * 10 + [50] * 10)
     found = notices(sample(k, (0.0, 0.0), (0.0, 0.0), frames=int(n)) for k, n in enumerate(frames))
-    assert [level for level, _ in found] == ["warning", "info"]
-    assert found[0][1].startswith("sends 5000 frames a second")
+    assert found == [
+        (NoticeCode.FRAME_RATE_HIGH, {"rate_hz": 5000.0}),
+        (NoticeCode.FRAME_RATE_NORMAL, {}),
+    ]
