@@ -20,7 +20,7 @@ import numpy as np
 from gcs.allowed_words import with_allowed_words
 from gcs.errors import WireError
 from gcs.io.recording.topics import TOPICS, Recordable
-from gcs.model import Scan, read_only
+from gcs.model import Notice, Scan, read_only
 
 MAX_PAYLOAD_BYTES = 2 * 1024 * 1024
 _MAX_RECORD_BYTES: Final = 64 * 1024 * 1024
@@ -48,6 +48,12 @@ _decoders: Final[dict[type, msgspec.json.Decoder[Any]]] = {
 def encode(record: Recordable) -> bytes:
     """Return a record of `gcs.model` as JSON."""
     return _encode(record)
+
+
+def encode_shown(notice: Notice) -> bytes:
+    """Return a notice as JSON for programs that show it: with its level and its text."""
+    fields = {name: getattr(notice, name) for name in ("t_ns", "code", "level", "subject", "parameters")}
+    return _encode(fields | {"text": notice.line})
 
 
 def decode(source: str, payload: bytes, record_type: type[RecordT]) -> RecordT:

@@ -100,6 +100,11 @@ class NoticeCode(StrEnum):
         member.by = entry.by
         return member
 
+    @classmethod
+    def _missing_(cls, _value: object) -> NoticeCode:
+        """Return the code that stands for one of a later version."""
+        return cls.UNKNOWN
+
     @property
     def ended(self) -> tuple[NoticeCode, ...]:
         """Conditions that this notice ends, of the same subject."""
@@ -246,9 +251,9 @@ class NoticeCode(StrEnum):
     )
     AIRSPEED_GOOD = _vehicle("airspeed-good", _I, "airspeed: good again", ends="airspeed-problem")
     RC_PROBLEM = _vehicle(
-        "rc-problem", _W, "RC: {cause}", "the pilot cannot take it over", "check the transmitter"
+        "rc-problem", _W, "RC receiver: {cause}", "the pilot cannot take it over", "check the transmitter"
     )
-    RC_GOOD = _vehicle("rc-good", _I, "RC: good again", ends="rc-problem")
+    RC_GOOD = _vehicle("rc-good", _I, "RC receiver: good again", ends="rc-problem")
     FENCE_PROBLEM = _vehicle(
         "fence-problem",
         _A,
@@ -1243,3 +1248,4 @@ class NoticeCode(StrEnum):
         _I,
         "mission ended: {arrived} arrived, {lost} lost[, {down} down][, {surplus} surplus]",
     )
+    UNKNOWN = _mission("unknown", _I, "a notice of a later version of this software", "in recordings only")

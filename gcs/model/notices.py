@@ -106,14 +106,21 @@ def _plain(value: Parameter) -> Parameter:
 class _TextFormatter(string.Formatter):
     """Python's formatter, with names of vehicles."""
 
+    def get_value(self, key: int | str, _args: object, kwargs: Mapping[str, Any]) -> Any:
+        """Return a parameter; a dash for one that a recording of another version lacks."""
+        return kwargs.get(str(key), "–")
+
     def format_field(self, value: Any, format_spec: str) -> str:
-        """Return a value in words."""
-        match format_spec:
-            case "agent":
-                return vehicle_name(value)
-            case "agents":
-                return named(value)
-        return str(super().format_field(value, format_spec))
+        """Return a value in words; a value of another type as it is."""
+        try:
+            match format_spec:
+                case "agent":
+                    return vehicle_name(value)
+                case "agents":
+                    return named(value)
+            return str(super().format_field(value, format_spec))
+        except (TypeError, ValueError):
+            return str(value)
 
 
 _FORMATTER: Final = _TextFormatter()

@@ -28,7 +28,7 @@ from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.manager import Links
 from gcs.io.recording.writer import DiskSpace
-from gcs.io.records import encode
+from gcs.io.records import encode, encode_shown
 from gcs.io.zenoh.key_expressions import effect_key, order_key, sensor_of, sensor_scan_keys
 from gcs.io.zenoh.order_inbox import OrderInbox
 from gcs.io.zenoh.scans import decode_scan
@@ -405,7 +405,8 @@ class Service:
             if isinstance(effect, Picture):
                 self.links.picture(effect)
             payload = encode(effect)
-            self._publisher.put(partial(self._bus.publish, effect_key(self.config.name, effect), payload))
+            shown = encode_shown(effect) if isinstance(effect, Notice) else payload
+            self._publisher.put(partial(self._bus.publish, effect_key(self.config.name, effect), shown))
         self._record(lambda recorder: recorder.record_effect(t_ns, effect, payload))
         for sink in self.sinks:
             sink.effect(t_ns, effect)

@@ -20,6 +20,7 @@ from gcs.model import (
     Label,
     MissionEnded,
     Notice,
+    NoticeCode,
     Order,
     Plan,
     Send,
@@ -42,16 +43,31 @@ _SAID = {
     "glitch": re.compile(r"dcm active", re.IGNORECASE),
 }
 """The autopilot's own words."""
+_DOWN = {NoticeCode.CAME_DOWN, NoticeCode.SINKS, NoticeCode.PROPULSION_PROBLEM}
+_POSITION = {
+    NoticeCode.GPS_PROBLEM,
+    NoticeCode.ESTIMATE_PROBLEM,
+    NoticeCode.POSITION_JUMP,
+    NoticeCode.POSITION_FROZEN,
+    NoticeCode.NO_POSITION,
+    NoticeCode.NOT_SEEN_THERE,
+    NoticeCode.SEEN_ELSEWHERE,
+}
 TOLD = {
-    "crash": re.compile(r"came down|sinks|propulsion", re.IGNORECASE),
-    "engine": re.compile(r"came down|sinks|propulsion", re.IGNORECASE),
-    "gps": re.compile(r"gps|position", re.IGNORECASE),
-    "glitch": re.compile(r"gps|position|integrity|estimate", re.IGNORECASE),
-    "battery": re.compile(r"battery|came down", re.IGNORECASE),
-    "rc": re.compile(r"\brc\b|radio control|manual control", re.IGNORECASE),
-    "airspeed": re.compile(r"airspeed", re.IGNORECASE),
-    "fence": re.compile(r"fence", re.IGNORECASE),
-    "radio": re.compile(r"link|heard|silent|lost", re.IGNORECASE),
+    "crash": _DOWN,
+    "engine": _DOWN,
+    "gps": _POSITION,
+    "glitch": _POSITION,
+    "battery": {
+        NoticeCode.BATTERY_PROBLEM,
+        NoticeCode.BATTERY_LOW,
+        NoticeCode.BATTERY_CRITICAL,
+        NoticeCode.CAME_DOWN,
+    },
+    "rc": {NoticeCode.RC_PROBLEM, NoticeCode.FAILSAFE},
+    "airspeed": {NoticeCode.AIRSPEED_PROBLEM},
+    "fence": {NoticeCode.FENCE_PROBLEM, NoticeCode.FAILSAFE},
+    "radio": {NoticeCode.LINK_STALE, NoticeCode.LINK_DOWN},
 }
 """Notices that name the right cause."""
 _GROUNDING = frozenset({"crash", "engine"})
@@ -254,7 +270,7 @@ class FaultWatch:
         if notice.vehicle != self.vehicle or self.fault_ns is None:
             return
         self.texts.append(((notice.t_ns - self.fault_ns) / NS_PER_S, f"{notice.level}: {notice.text}"))
-        if self.told_ns is None and notice.level != "info" and TOLD[self.kind].search(notice.text):
+        if self.told_ns is None and notice.code in TOLD[self.kind]:
             self.told_ns, self.told_text = notice.t_ns, notice.text
 
     def _take_plan(self, plan: Plan) -> None:

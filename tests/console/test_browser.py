@@ -34,7 +34,7 @@ def test_an_operator_watches_holds_and_gets_the_connection_back(fly, launch, pag
         assert page.locator("img").count() == 0
         with page.expect_popup() as opened:
             alarm.get_by_role("link").click()
-        expect(opened.value.locator(":target")).to_contain_text("Autopilots' messages")
+        expect(opened.value.locator(":target")).to_contain_text("autopilot-alarm")
         opened.value.close()
         alarm.get_by_role("button").click()
         expect(alarm).to_have_count(0)

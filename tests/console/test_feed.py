@@ -7,7 +7,7 @@ import time
 from itertools import pairwise
 
 from gcs.console.web.clients import Clients
-from gcs.model import LinkNews, Order
+from gcs.model import LinkNews, NoticeCode, Order
 
 
 def read(page, wanted, within_s=5.0):
@@ -125,8 +125,12 @@ def test_a_failing_console_is_an_alarm_and_the_flight_goes_on(fly, monkeypatch):
         until_s, news = time.monotonic() + 5.0, []
         while not news and time.monotonic() < until_s:
             time.sleep(0.05)
-            news = [e for e in flight.events.events if isinstance(e, LinkNews) and e.link == "console"]
-        assert [(one.level, "a defect" in one.text) for one in news] == [("alarm", True)]
+            news = [
+                e for e in flight.events.events if isinstance(e, LinkNews) and e.notice.subject == "console"
+            ]
+        ((notice),) = [one.notice for one in news]
+        assert notice.code is NoticeCode.CONSOLE_ENDED
+        assert "a defect" in notice.parameters["error"]
         flight.events.tick_times_s.clear()
         time.sleep(0.3)
         assert len(flight.events.tick_times_s) > 2

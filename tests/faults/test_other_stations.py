@@ -14,7 +14,7 @@ from gcs.io.links import tcp
 from gcs.io.links.tcp import TcpIn
 from gcs.mavlink.frames.codec import Encoder, Frame, scan
 from gcs.mavlink.router.router import Router
-from gcs.model import NS_PER_S, Datagram, Notice
+from gcs.model import NS_PER_S, Datagram, Notice, NoticeCode, Parameter
 
 AIR = Link(parse_endpoint("udpin:0.0.0.0:1"))
 READ_ONLY = Link(parse_endpoint("udpin:0.0.0.0:2"), role="read-only")
@@ -164,7 +164,7 @@ class Heard:
     def __init__(self) -> None:
         self.peers: set[str] = set()
         self.there: set[str] = set()
-        self.texts: list[str] = []
+        self.codes: list[NoticeCode] = []
 
     def heard(self, peer: str, data: bytes) -> None:
         self.peers.add(peer)
@@ -175,8 +175,8 @@ class Heard:
     def disconnected(self, peer: str) -> None:
         self.there.discard(peer)
 
-    def news(self, level: str, text: str) -> None:
-        self.texts.append(text)
+    def notify(self, code: NoticeCode, /, **_parameters: Parameter) -> None:
+        self.codes.append(code)
 
 
 async def connected(port: int, data: bytes = b"") -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
@@ -203,11 +203,11 @@ def test_idle_connections_do_not_lock_out_a_ground_station():
         idle = [await connected(port.port, bytes(number)) for number in range(60)]
         await until(lambda: len(listener.there) == 32)
         late = await connected(port.port, frame(BEAT, 253).data)
-        await until(lambda: len(listener.peers - {first}) and len(listener.texts) >= 3)
+        await until(lambda: len(listener.peers - {first}) and len(listener.codes) >= 3)
         assert first in listener.there
         port.send(first, b"hello")
         assert await station[0].readexactly(5) == b"hello"
-        assert sum("without a valid frame" in text for text in listener.texts) == 1
+        assert listener.codes.count(NoticeCode.CONNECTIONS_CLOSED) == 1
         for _, writer in (station, late, *idle):
             writer.transport.abort()
         port.close()

@@ -125,7 +125,7 @@ def demo(folder: Path, *arguments: str) -> list[str]:
     return [*command, *arguments]
 
 
-def assert_flown(folder: Path, code: int) -> list[str]:
+def assert_flown(folder: Path, code: int) -> list[NoticeCode]:
     """Check that the mission was flown and no heartbeat was late; return what is said of the view."""
     records = list(read(folder))
     values = [record.value for record in records]
@@ -154,7 +154,7 @@ def test_an_unread_terminal_loses_frames_and_nothing_else(tmp_path: Path) -> Non
         os.close(ours)
         os.close(theirs)
     (said,) = assert_flown(tmp_path / "run", code)
-    assert said.startswith("warning: view: accepts no output")
+    assert said is NoticeCode.OUTPUT_BLOCKED
 
 
 def test_a_pipe_that_is_closed_is_an_alarm_and_the_mission_is_flown_to_its_end(tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_a_pipe_that_is_closed_is_an_alarm_and_the_mission_is_flown_to_its_end(t
         process.kill()
     assert b"1 -> " in line
     (said,) = assert_flown(tmp_path / "run", code)
-    assert said.startswith("alarm: view: cannot be written any more")
+    assert said is NoticeCode.OUTPUT_ENDED
 
 
 def test_a_terminal_that_hangs_up_is_an_alarm_and_the_mission_is_flown_to_its_end(tmp_path: Path) -> None:
@@ -191,7 +191,7 @@ def test_a_terminal_that_hangs_up_is_an_alarm_and_the_mission_is_flown_to_its_en
     finally:
         process.kill()
     (said,) = assert_flown(tmp_path / "run", code)
-    assert said.startswith("alarm: view: cannot be written any more")
+    assert said is NoticeCode.OUTPUT_ENDED
 
 
 # ---------------------------------------------------------------- the loop alone, with one output that stops

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.mavlink.frames.codec import scan as frames_of
-from gcs.model import NS_PER_S, AgentStatus, Effect, Event, MissionEnded, Notice, Scan, Send
+from gcs.model import NS_PER_S, AgentStatus, Effect, Event, MissionEnded, Notice, NoticeCode, Scan, Send
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import Scenario, load
 
@@ -77,5 +77,5 @@ def test_a_sensors_clock_that_is_set_in_flight_costs_seconds_and_no_vehicle(shif
     assert not false_losses
     assert not outside
     side = "behind" if shift_s < 0 else "ahead of"
-    (alarm,) = [notice for notice in notices if "clock of sensor" in notice.text]
-    assert (alarm.level, f"is {abs(shift_s):.1f} s {side} ours" in alarm.text) == ("alarm", True)
+    (alarm,) = [notice for notice in notices if notice.code is NoticeCode.SENSOR_CLOCK_OFF]
+    assert (round(alarm.parameters["off_s"], 1), alarm.parameters["side"]) == (abs(shift_s), side)

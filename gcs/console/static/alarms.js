@@ -4,7 +4,6 @@
 import { el } from "./dom.js";
 import { duration } from "./format.js";
 
-const MAX_ASKED = 300; // characters of a text
 const LEVELS = { alarm: 2, warning: 1 };
 
 // Proposed plans have a panel of their own, and a refused order is shown beside its button.
@@ -14,8 +13,8 @@ const isElsewhere = ({ kind, level }) => kind === "Proposal" || (kind === "Order
 const nameOf = ({ t_s: at, text }) => `${at} ${text}`;
 
 // Link to what the alarm means and what to do.
-const helpOn = ({ n, text }) => el("a", {
-  href: `/alarms?about=${encodeURIComponent(text.slice(0, MAX_ASKED))}`, target: "_blank", rel: "noopener", "data-name": `help-${n}`,
+const helpOn = ({ n, code }) => el("a", {
+  href: `/alarms#${code}`, target: "_blank", rel: "noopener", "data-name": `help-${n}`,
 }, "What to do");
 
 export class Alarms {
@@ -44,8 +43,9 @@ export class Alarms {
     for (const entry of data.log) {
       if (entry.n <= this.seen) continue;
       this.seen = entry.n;
+      for (const key of entry.ends) this.open.delete(key);
       if (!(entry.level in LEVELS) || isElsewhere(entry) || this.acknowledged.has(nameOf(entry))) continue;
-      this.open.set(`${entry.vehicle} ${entry.text.replace(/[\d.,]+/g, "#")}`, entry);
+      this.open.set(entry.key || nameOf(entry), entry);
       worst = Math.max(worst, LEVELS[entry.level]);
     }
     if (worst && !fresh) this.sound(worst);

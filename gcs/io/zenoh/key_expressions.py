@@ -6,7 +6,7 @@
 ``swarm/<mission>/plan``                       `Plan`
 ``swarm/<mission>/upload``                     `UploadReport`
 ``swarm/<mission>/agent_status``               `AgentStatus`
-``swarm/<mission>/notice``                     `Notice`
+``swarm/<mission>/notice``                     `Notice`, with its level and text
 ``swarm/<mission>/ended``                      `MissionEnded`
 ``swarm/<mission>/order``                      an operator's order (``docs/orders.md``), for the service
 ``swarm/<mission>/answer``                     `OrderAnswer`

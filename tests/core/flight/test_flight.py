@@ -9,14 +9,7 @@ import pytest
 from core.test_authority import ARDUPLANE, ARM, BOTH, PX4, SET_MODE, Stage
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.model import (
-    PHASE_TRANSITIONS,
-    AgentStatus,
-    FlightEvent,
-    FlightPhase,
-    HealthItem,
-    Notice,
-)
+from gcs.model import PHASE_TRANSITIONS, AgentStatus, FlightEvent, FlightPhase, HealthItem, Notice, NoticeCode
 
 P, E = FlightPhase, FlightEvent
 ENABLED = dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
@@ -301,7 +294,7 @@ def test_a_receiver_that_never_heard_a_transmitter_is_no_news_and_one_that_lost_
     plane.wait(2.0)
     plane.failed = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
     plane.wait(4.0)
-    assert "RC receiver: its RC receiver hears no transmitter" in plane.notices()
+    assert [e for e in plane.effects if isinstance(e, Notice) and e.code is NoticeCode.RC_PROBLEM]
 
 
 def test_a_battery_that_does_not_last_for_the_route_and_back_is_told_and_limits_the_range() -> None:

@@ -17,7 +17,7 @@ from gcs.io.recording.reader import read
 from gcs.io.recording.tlog import tlog_entries
 from gcs.io.recording.writer import Recorder
 from gcs.io.records import encode
-from gcs.model import Datagram, Event, Notice, Send, Tick
+from gcs.model import Datagram, Event, Notice, NoticeCode, Send, Tick
 
 packer = mavlink.MAVLink(None, srcSystem=7)
 FRAMES = (
@@ -36,7 +36,7 @@ RECORDS = st.one_of(
     st.builds(Datagram, TIMES_NS, NAMES, NAMES, DATA),
     st.builds(Send, NAMES, NAMES, DATA),
     st.builds(Tick, TIMES_NS),
-    st.builds(Notice, TIMES_NS, st.just("info"), NAMES),
+    st.builds(Notice, TIMES_NS, st.sampled_from(NoticeCode), NAMES, st.dictionaries(NAMES, NAMES)),
 )
 STEPS = st.lists(st.one_of(st.tuples(RECORDS, TIMES_NS, st.booleans()), st.just("flush")), max_size=60)
 

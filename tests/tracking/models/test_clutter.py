@@ -22,4 +22,6 @@ def test_clutter_intensity_is_the_sum_of_the_gaussians(seed, objects, places, wi
         sum(existence[i] * multivariate_normal.pdf(z[j], mean[i], cov[i] + noise[j]) for i in range(objects))
         for j in range(places)
     ]
-    np.testing.assert_allclose(intensity_per_m2(mean, cov, existence, z, noise), expected, rtol=1e-9, atol=1e-300)
+    np.testing.assert_allclose(
+        intensity_per_m2(mean, cov, existence, z, noise), expected, rtol=1e-9, atol=1e-300
+    )
