@@ -160,9 +160,9 @@ class LiveView:
 
     def _tables(self, width: int, rows: int) -> Iterator[RenderableType]:
         """Yield the tables that fit into `rows`, and a line about those that do not."""
-        status = self._command.status_report.build(self._t_ns)
+        status = self._command.stages.status_report.build(self._t_ns)
         agents, targets = len(status.agents), len(status.targets)
-        link_counters = link_rows(self._command.fleet, self._links, self._t_ns)
+        link_counters = link_rows(self._command.stages.fleet, self._links, self._t_ns)
         free_rows = rows - 2 * _TABLE_FRAME
         overridden = overridden_text(self._command.overridden())
         if status.sensors:
@@ -202,7 +202,7 @@ class LiveView:
 
     def _signing(self, vehicle: int) -> str:
         """Return "verified" or "unchecked" for a vehicle that signs; empty otherwise."""
-        fleet = self._command.fleet
+        fleet = self._command.stages.fleet
         if not fleet.is_signed(vehicle):
             return ""
         gate = None if self._links is None else self._links.signing.gate

@@ -239,7 +239,7 @@ class ShownRun:
     def __init__(self, source: Source, tiles: Tiles | None, max_pages: int, *, is_compared: bool) -> None:
         run, submit = source.run, source.submit
         # A replay that begins again has another fleet.
-        self.feed = Feed(source.take, lambda: run.command.fleet.states(), source.start_t_ns)
+        self.feed = Feed(source.take, lambda: run.command.stages.fleet.states(), source.start_t_ns)
         if source.on_restart is not None:
             source.on_restart.append(self.feed.restart)
         self._run_loop = asyncio.get_running_loop()

@@ -1,4 +1,7 @@
-"""Stages of the engine: construction and connection."""
+"""Stages of the engine, made in the order in which they depend on each other.
+
+A stage is a small class without state of its own. It gets the parts of the state that it may change.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,6 @@ from gcs.core.airspace.incursion_warning import IncursionWarnings
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.core.authority.control_authority import ControlAuthority
 from gcs.core.authority.disarmed_in_auto import DisarmedInAuto
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.authority.onboard_audit import OnboardAudit
@@ -44,10 +46,10 @@ from gcs.core.state import State
 from gcs.core.takeoff.climbs import Climbs
 from gcs.core.takeoff.sequence import TakeoffSequence
 from gcs.core.tasking.dispatch import Dispatch
+from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.model import NS_PER_S
-from gcs.planning.map.grid import Grid
 
 
 class Stages:
@@ -59,8 +61,8 @@ class Stages:
         The mission.
     seed : int
         Seed of the map's random obstacles.
-    state : State, optional
-        State to continue from; that before the first event by default.
+    state : State
+        State that they change.
 
     Raises
     ------
@@ -68,15 +70,18 @@ class Stages:
         If the state is damaged, or of another mission.
     """
 
-    def __init__(self, config: Config, seed: int, state: State | None = None) -> None:
+    def __init__(self, config: Config, seed: int, state: State) -> None:
         vehicles = [agent.vehicle for agent in config.agents]
-        self.state = State.initial(vehicles) if state is None else state
-        if list(self.state.agents) != vehicles:
+        if list(state.agents) != vehicles:
             raise ValueError("the state is of other vehicles than the mission")
-        self.config, self.seed = config, seed
-        agents = self.state.agents
+        self.config = config
+        self.state = state
+        agents = state.agents
         tracking, telemetry, links = config.tracking, config.telemetry, config.mavlink_links
-        self._needs_approval = config.planning.retask == "confirm"
+        self.needs_approval = config.planning.retask == "confirm"
+        self.expected_targets = len(config.births)
+        self.reorder_window_s = tracking.reorder_window_s
+        self.max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)
         grid = mission_grid(config, seed)
         self.no_fly_zones = NoFlyZones(self.state.airspace, grid)
         self.fleet = Fleet(
@@ -115,6 +120,9 @@ class Stages:
         landing_order = LandingOrder(config, self.fleet, agents)
         self.return_routes = ReturnRoutes(config, self.no_fly_zones, self.fleet, agents, landing_order)
         self.climbs = Climbs(config, self.no_fly_zones, self.fleet, agents)
+        traffic = ClimbTraffic(config, self.intents, self.climbs, self.replanner.layers, agents)
+        missions = OnboardMissions(self.fleet, agents)
+        self.takeoff_sequence = TakeoffSequence(config, self.fleet, missions, self.state, traffic)
         self.tasking = UploadManager(
             config,
             self.fleet,
@@ -122,14 +130,7 @@ class Stages:
             self.state.tasking,
             self.climbs,
             MissionBoundsCheck(config, self.no_fly_zones),
-            lambda vehicle, t_ns: self.takeoff_sequence.holds_back(vehicle, self.orders.launching(), t_ns),
-        )
-        self.takeoff_sequence = TakeoffSequence(
-            config,
-            self.fleet,
-            self.tasking.onboard_missions,
-            self.state,
-            ClimbTraffic(config, self.intents, self.climbs, self.replanner.layers, agents),
+            self.takeoff_sequence,
         )
         self.flight_phases = FlightPhases(
             config, self.fleet, agents, self.tasking.onboard_missions, self.state.flight
@@ -159,7 +160,7 @@ class Stages:
             self.replanner,
             self.return_routes,
             self.incursions,
-            self._needs_approval,
+            self.needs_approval,
         )
         self.target_orders = TargetOrders(
             agents, self.state.operator, self.trackers.targets.confirmation, self.replanner
@@ -174,7 +175,6 @@ class Stages:
         self.override_notices = OverrideNotices(
             agents, authority, self.tasking.overrides, self.orders, self.failsafes
         )
-        self.control = ControlAuthority(agents, self.fleet, self.tasking, self.orders)
         self.planning_inputs = PlanningInputBuilder(
             agents,
             self.state.operator,
@@ -186,11 +186,3 @@ class Stages:
             self.replanner,
         )
         self.status_report = StatusReport(self.state, self.fleet, self.trackers, self.replanner.layers)
-        self._expected_targets = len(config.births)
-        self._reorder_window_s = tracking.reorder_window_s
-        self._max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)
-
-    @property
-    def grid(self) -> Grid:
-        """The current map, with closed no-fly zones."""
-        return self.no_fly_zones.grid

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from gcs.core.airspace.records import AirspaceState
+from gcs.core.authority.control_authority import derived_claims
 from gcs.core.authority.records import AgentAuthority, AuthorityState
 from gcs.core.flight.records import AgentFlight, FlightState
 from gcs.core.operator.records import AgentOrders, OperatorState
@@ -26,14 +27,15 @@ from gcs.core.tasking.records import AgentTasking, TaskingState
 from gcs.mavlink.fleet.notice_queue import RepeatLimit
 from gcs.mavlink.fleet.records import FleetState, VehicleLink
 from gcs.mavlink.fleet.telemetry_table import new_table
-from gcs.model import AgentStatus, Authority, Control, Label, Route
+from gcs.model import AgentStatus, Authority, Claim, Claims, Control, Label, Route
 
 
 @dataclass(slots=True)
 class Agent:
     """Everything that is known and wanted of one vehicle."""
 
-    control: Control = field(default_factory=Control)
+    claims: Claims = field(default_factory=Claims)
+    """Recorded claims to it; `control` has the derived ones, too."""
     authority: AgentAuthority = field(default_factory=AgentAuthority)
     link: VehicleLink = field(default_factory=VehicleLink)
     perception: AgentPerception = field(default_factory=AgentPerception)
@@ -44,6 +46,14 @@ class Agent:
     orders: AgentOrders = field(default_factory=AgentOrders)
     separation: AgentSeparation = field(default_factory=AgentSeparation)
     returns: AgentReturn = field(default_factory=AgentReturn)
+
+    @property
+    def control(self) -> Control:
+        """Who controls the vehicle now."""
+        derived = derived_claims(
+            self.link, self.authority, self.tasking, self.takeoff, self.orders, self.routes
+        )
+        return Control(self.claims.begun | {claim: Claim(None, detail) for claim, detail in derived})
 
     @classmethod
     def initial(cls, vehicle: int) -> Agent:
@@ -105,8 +115,6 @@ class State:
     """Measurement time of the last scan."""
     resumed_t_ns: int | None = None
     """Time of a restart of the service; None once plans are made again."""
-    control_due_t_ns: int = 0
-    """Next time at which the control of all vehicles is updated for displays."""
 
     @classmethod
     def initial(cls, vehicles: Iterable[int]) -> State:

@@ -26,7 +26,7 @@ from gcs.model.basics import (
     UInt32Array,
     read_only,
 )
-from gcs.model.control import Authority, AuthorityWord, Control, ControlEvent, Suspension
+from gcs.model.control import Authority, AuthorityWord, Claim, Claims, Control, ControlEvent, Suspension
 from gcs.model.effects import AgentStatus, Effect, MissionEnded, Send, UploadReport
 from gcs.model.events import (
     BadInput,
@@ -74,6 +74,8 @@ __all__ = [
     "BoolArray",
     "ByteArray",
     "Cause",
+    "Claim",
+    "Claims",
     "ClockStep",
     "Control",
     "ControlEvent",

@@ -3,10 +3,14 @@
 Reasons to leave a vehicle alone may overlap: a held vehicle may be landing, too. So each state but OURS is
 a claim that begins and ends by itself. The authority is the highest claim; without one the vehicle is ours.
 An event keeps the claims that it neither begins nor ends.
+
+Claims by events (orders, other stations, audits, chosen modes) are recorded: `Claims`. Claims that telemetry
+and mission show at any time (`DERIVED`) are computed when they are asked for: `Control` has both.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from typing import Final, Literal, Self, TypeAlias
@@ -83,8 +87,6 @@ class ControlEvent(Enum):
     HOLD = "hold"
     RETURN = "return"
     RESUME = "resume"
-    WAIT_COMMANDED = "resume into LOITER"
-    WAIT_ENDED = "answered"
     MODE_CHOSEN = "mode not commanded"
     AUTO_SEEN = "AUTO"
     WAITING_SEEN = "our LOITER"
@@ -97,9 +99,6 @@ class ControlEvent(Enum):
     MISSION_REJECTED = "mission rejected"
     NEXT_ATTEMPT = "next attempt"
     """After a changed parameter, or the end of a pause."""
-    OTHER_MODE_SEEN = "neither AUTO nor LOITER"
-    MISSION_MODE_SEEN = "AUTO or LOITER"
-    """Or the RTL after a completed mission that missed its target."""
     STATION_WRITES = "foreign upload"
     UPLOAD_VERIFIED = "upload verified"
     AUDIT_LATE = "audit unanswered"
@@ -107,12 +106,6 @@ class ControlEvent(Enum):
     AUDIT_DIFFERENT = "audit different"
     COMMANDED_ELSEWHERE = "second commander"
     MISSION_LOST = "empty after reboot"
-    LANDING_BEGUN = "final approach"
-    LANDING_ENDED = "approach ended"
-    FIRMWARE_UNKNOWN = "unknown firmware"
-    FIRMWARE_KNOWN = "known firmware"
-    TAKEOFF_BLOCKED = "take-off blocked"
-    TAKEOFF_CLEAR = "take-off clear"
     REBOOT = "reboot"
     AGENT_LOST = "agent lost"
     TOUCHED_DOWN = "planned touchdown"
@@ -123,19 +116,14 @@ class ControlEvent(Enum):
 
 _A, _E = Authority, ControlEvent
 TRANSITIONS: Final[dict[Authority, tuple[ControlEvent, tuple[ControlEvent, ...]]]] = {
-    _A.GROUNDED: (_E.TAKEOFF_BLOCKED, (_E.TAKEOFF_CLEAR,)),
     _A.REJECTING: (_E.MISSION_REJECTED, (_E.RESUME, _E.NEXT_ATTEMPT, _E.UPLOAD_VERIFIED)),
     _A.COMMANDED: (_E.STATION_COMMANDS, (_E.RESUME, _E.COMMAND_SETTLED)),
-    _A.OTHER_MODE: (_E.OTHER_MODE_SEEN, (_E.MISSION_MODE_SEEN,)),
     _A.OVERRIDDEN: (
         _E.MODE_CHOSEN,
         (_E.RESUME, _E.AUTO_SEEN, _E.WAITING_SEEN, _E.MISSION_COMPLETE, _E.NO_MISSION_SEEN),
     ),
-    _A.LANDING: (_E.LANDING_BEGUN, (_E.LANDING_ENDED,)),
-    _A.UNSUPPORTED: (_E.FIRMWARE_UNKNOWN, (_E.FIRMWARE_KNOWN,)),
     _A.OTHER_STATION: (_E.STATION_WRITES, (_E.RESUME, _E.UPLOAD_VERIFIED)),
     _A.UNVERIFIED: (_E.AUDIT_LATE, (_E.RESUME, _E.AUDIT_EQUAL, _E.AUDIT_DIFFERENT, _E.MISSION_LOST)),
-    _A.RESUMING: (_E.WAIT_COMMANDED, (_E.WAIT_ENDED,)),
     _A.OTHER_MISSION: (_E.AUDIT_DIFFERENT, (_E.HOLD, _E.RETURN, _E.RESUME)),
     _A.SECOND_COMMANDER: (_E.COMMANDED_ELSEWHERE, (_E.RESUME,)),
     _A.RETURNING: (_E.RETURN, (_E.HOLD, _E.RESUME, _E.AUDIT_DIFFERENT)),
@@ -143,7 +131,15 @@ TRANSITIONS: Final[dict[Authority, tuple[ControlEvent, tuple[ControlEvent, ...]]
     _A.LANDED: (_E.TOUCHED_DOWN, (_E.READY, _E.RESUME, _E.AIRBORNE_AGAIN)),
     _A.DOWN: (_E.CAME_DOWN, (_E.READY, _E.AIRBORNE_AGAIN)),
 }
-"""The event that begins each claim, and those that end it; `docs/orders.md` shows them."""
+"""The event that begins each recorded claim, and those that end it; `docs/orders.md` shows them."""
+DERIVED: Final[dict[Authority, str]] = {
+    _A.GROUNDED: "its take-off is not clear",
+    _A.OTHER_MODE: "in neither AUTO nor LOITER",
+    _A.LANDING: "on its final approach",
+    _A.UNSUPPORTED: "its firmware is not known",
+    _A.RESUMING: "commanded to LOITER by an order to resume",
+}
+"""Claims that hold while their condition does; in words for the documentation."""
 _BEGUN: Final = {
     event: tuple(claim for claim, (begins, _) in TRANSITIONS.items() if event is begins)
     for event in ControlEvent
@@ -157,16 +153,17 @@ _ENDED: Final = {
 class Claim:
     """Claim to a vehicle."""
 
-    since_t_ns: int
+    since_t_ns: int | None
+    """None for a derived claim."""
     detail: str = ""
     """Mode, ground station or cause that the reason names."""
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Control:
-    """Control of one vehicle."""
+    """Control of one vehicle: all claims to it at one time."""
 
-    claims: dict[Authority, Claim] = field(default_factory=dict)
+    claims: Mapping[Authority, Claim] = field(default_factory=dict)
 
     @property
     def authority(self) -> Authority:
@@ -194,15 +191,35 @@ class Control:
         claim = self.claims.get(authority)
         return "" if claim is None else claim.detail
 
+
+@dataclass(slots=True)
+class Claims:
+    """Recorded claims to one vehicle."""
+
+    begun: dict[Authority, Claim] = field(default_factory=dict)
+
+    def __contains__(self, authority: Authority) -> bool:
+        """Return True if a claim goes on."""
+        return authority in self.begun
+
+    def detail(self, authority: Authority) -> str:
+        """Return the mode, ground station or cause of a claim; empty without the claim."""
+        return Control(self.begun).detail(authority)
+
+    def since_t_ns(self, authority: Authority) -> int | None:
+        """Return when a claim began; None without it."""
+        claim = self.begun.get(authority)
+        return None if claim is None else claim.since_t_ns
+
     def apply(self, event: ControlEvent, t_ns: int, detail: str = "") -> None:
         """Process an event; a claim that goes on keeps its time."""
         for authority in _ENDED[event]:
-            self.claims.pop(authority, None)
+            self.begun.pop(authority, None)
         for authority in _BEGUN[event]:
             self.begin(authority, t_ns, detail)
 
     def begin(self, authority: Authority, t_ns: int, detail: str) -> None:
         """Begin a claim; one that goes on keeps its time."""
-        claim = self.claims.get(authority)
+        claim = self.begun.get(authority)
         if claim is None or claim.detail != detail:
-            self.claims[authority] = Claim(t_ns, detail)
+            self.begun[authority] = Claim(t_ns, detail)

@@ -190,7 +190,7 @@ class Replay:
         records = iter(self._records_from(self.start_t_ns + round(at_s * NS_PER_S)))
         first = next(records)
         if not isinstance(first.value, Snapshot):
-            self.command.restore(State.initial(agent.vehicle for agent in self.config.agents))
+            self.command.state = State.initial(agent.vehicle for agent in self.config.agents)
         self.events, self.damage, self._window = 0, None, replace(self._window, from_s=0.0)
         self.playback.at_s, self.playback.has_ended = at_s, False
         for notify in self.on_restart:
@@ -230,7 +230,7 @@ class Replay:
 
     def _restore(self, snapshot: Snapshot) -> None:
         try:
-            self.command.restore(decode_state("its snapshot", snapshot.data))
+            self.command.state = decode_state("its snapshot", snapshot.data)
         except (WireError, ValueError) as error:
             problem = f"has a snapshot that cannot be used: {error}; replay it from its start"
             raise RecordingError("the recording", problem) from None

@@ -174,9 +174,9 @@ class Service:
             If the state makes no sense for this mission; the service then begins without it.
         """
         try:
-            self.command.restore(state)
+            self.command.state = state
         except ValueError:
-            self.command.restore(State.initial(agent.vehicle for agent in self.config.agents))
+            self.command.state = State.initial(agent.vehicle for agent in self.config.agents)
             raise
         self._resumed_from = snapshot
         self._is_resumed = True
@@ -248,7 +248,7 @@ class Service:
 
     def _partly_uploaded(self) -> list[int]:
         """Return the vehicles whose onboard missions an upload in progress may have changed."""
-        tasking = self.command.tasking
+        tasking = self.command.stages.tasking
         return sorted(vehicle for vehicle in tasking.state.stages if tasking.may_be_inconsistent(vehicle))
 
     def _put(self, event: Event, frames: FrameTable | None = None) -> bool:
@@ -354,7 +354,7 @@ class Service:
 
     def _check_keys(self) -> None:
         """Queue an alarm, once, for each vehicle that signs its frames and has no key here."""
-        fleet, gate = self.command.fleet, self.links.signing.gate
+        fleet, gate = self.command.stages.fleet, self.links.signing.gate
         for agent in self.config.agents:
             vehicle = agent.vehicle
             if not fleet.is_signed(vehicle) or vehicle in self._keyless:
@@ -390,7 +390,7 @@ class Service:
             if not self._is_resumed:
                 raise
             self._is_resumed = False
-            self.command.restore(State.initial(agent.vehicle for agent in self.config.agents))
+            self.command.state = State.initial(agent.vehicle for agent in self.config.agents)
             snapshot = Snapshot(event.t_ns, encode_state(self.command.state))
             self._record(lambda recorder: recorder.record_snapshot(snapshot))
             problem = f"its state makes no sense ({error!r})"

@@ -47,7 +47,7 @@ def picture(run: VirtualRun) -> dict[str, object]:
     """What must be the same with and without a restart."""
     command = run.command
     return {
-        "target labels": sorted(command.trackers.targets.confirmation.tracks),
+        "target labels": sorted(command.stages.trackers.targets.confirmation.tracks),
         "statuses": {v: one.perception.status.status for v, one in command.state.agents.items()},
         "targets of agents": {v: route.target for v, route in flown_routes(command.state.agents).items()},
         "authorities": {v: one.control.authority.word for v, one in command.state.agents.items()},

@@ -153,7 +153,7 @@ def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict
     cells = np.argwhere(run.command.grid.blocked)[:, ::-1].astype(np.float64)
     if straight:
         empty = replace(run.command.grid, blocked=np.zeros_like(run.command.grid.blocked))
-        run.command.return_routes._zones = NoFlyZones(AirspaceState(), empty)
+        run.command.stages.return_routes._zones = NoFlyZones(AirspaceState(), empty)
     flown_s = run.run()
     while any(run.vehicles[peer].autopilot.flying for peer in run.vehicles) and flown_s < _LATEST_S:
         run.ended = False

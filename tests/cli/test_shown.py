@@ -83,7 +83,7 @@ def live_view(scenario: str, width: int, height: int) -> list[str]:
     """Draw a mission with a target for each agent, and an agent with a failed upload."""
     config = load(scenario)
     command = Engine(config, 1)
-    before = command.status_report.build(0)
+    before = command.stages.status_report.build(0)
     status = replace(
         before,
         agents=tuple(replace(one, has_failed=one.vehicle == 1) for one in before.agents),
@@ -91,7 +91,7 @@ def live_view(scenario: str, width: int, height: int) -> list[str]:
             TargetRecord((0, index), 0.99, (10.0, 20.0), 3.2, (), ()) for index in range(len(config.agents))
         ),
     )
-    command.status_report = Given(status)  # type: ignore[assignment]
+    command.stages.status_report = Given(status)  # type: ignore[assignment]
     view = LiveView(config, command, 1.0)
     view.event(Tick(0))
     view.effect(0, Notice(0, NoticeCode.AUTOPILOT_ALARM, 1, {"said": "a long alarm " * 20 + "the newest"}))
@@ -150,8 +150,8 @@ def test_vehicles_in_modes_that_are_not_ours_are_named_with_what_to_do(
     config = load(scenario)
     command = Engine(config, 1)
     for vehicle, mode in {2: "LOITER", 3: "RTL", 4: "FBWA"}.items():
-        command.tasking.overrides.of(vehicle).observe_mode("AUTO", 0)
-        command.tasking.overrides.of(vehicle).observe_mode(mode, 0)
+        command.stages.tasking.overrides.of(vehicle).observe_mode("AUTO", 0)
+        command.stages.tasking.overrides.of(vehicle).observe_mode(mode, 0)
     lines = drawn(LiveView(config, command, 1.0), width, height)
     assert len(lines) <= height
     wanted = "not ours: 2 in LOITER: gcs order resume 2; 3 in RTL: gcs order resume 3; 4 in FBWA: "

@@ -52,6 +52,9 @@ def with_more(message: dict[str, Any]) -> dict[str, Any]:
                 "level": "alarm",
                 "text": f"no scan of sensor {LONG}{chr(65 + n)}",
                 "kind": "Notice",
+                "code": "sensor-silent",
+                "key": f"sensor-silent {n}",
+                "ends": [],
                 "vehicle": None,
             }
             for n in range(40)

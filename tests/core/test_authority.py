@@ -273,11 +273,11 @@ def test_a_suspended_vehicle_stays_so_over_a_lost_link_a_reboot_and_a_pilots_aut
 def test_a_pilots_loiter_is_kept_over_a_restart_and_a_reboot_that_empties_the_mission() -> None:
     """It must not pass for the mode that the vehicle booted in."""
     before = Engine(parse(MISSION, "x"), 1)
-    before.tasking.overrides.of(1).observe_mode("AUTO", 90 * S)
-    before.tasking.overrides.of(1).observe_mode("LOITER", 100 * S)
+    before.stages.tasking.overrides.of(1).observe_mode("AUTO", 90 * S)
+    before.stages.tasking.overrides.of(1).observe_mode("LOITER", 100 * S)
     after = Engine(parse(MISSION, "x"), 1, decode_state("test", encode_state(before.state)))
     after.step(Resumed(110 * S, 105 * S))
-    overrides = after.tasking.overrides
+    overrides = after.stages.tasking.overrides
     overrides.note_mission_lost(1, 200 * S, 230 * S)
     assert overrides.modes() == {1: "LOITER"}
 
@@ -308,7 +308,7 @@ def test_a_vehicle_on_its_final_approach_is_not_tasked(autopilot: int) -> None:
     route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0)
     planned = MissionBuilder(config).of(route, 1, None)
     items = build_items(profile, planned, Home(33.0, -87.0, 70.0))
-    stage.command.tasking.onboard_missions.note(OnboardMission(route, items, profile.home_items))
+    stage.command.stages.tasking.onboard_missions.note(OnboardMission(route, items, profile.home_items))
     stage.hear(dialect.MAVLink_mission_current_message(len(items) - 2))
     stage.wait(1.0)
     assert stage.command.untaskable() == {}

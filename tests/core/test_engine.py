@@ -66,7 +66,7 @@ class Flight:
         command = Engine(self.config, SEED)
         for index, event in enumerate(self.events):
             command.step(event)
-            if all(one.address for one in command.fleet.health()):
+            if all(one.address for one in command.stages.fleet.health()):
                 return index + 1
         raise AssertionError("never in contact")
 
@@ -328,7 +328,7 @@ def test_bad_input_is_counted_all_and_summarised(flight: Flight) -> None:
     for t_s in range(500):
         notices += command.step(BadInput(at(t_s), "zenoh", f"not JSON: {t_s}"))
         notices += [e for e in command.step(Tick(at(t_s))) if isinstance(e, Notice) and "bad input" in e.text]
-    assert command.input_errors.count == 500
+    assert command.stages.input_errors.count == 500
     assert (notices[0].code, notices[0].parameters["problem"]) == (NoticeCode.BAD_INPUT, "not JSON: 0")
     assert len(notices) == 3 + 49
 
@@ -409,7 +409,7 @@ def test_a_upload_to_a_vehicle_that_is_lost_is_given_up_without_a_word_more() ->
     assert not [m for _, m in messages(effects[death:]) if m.get_type() in MISSION_MESSAGES]
     assert not any(isinstance(effect, Plan) for effect in effects[death:])
     assert scene.command.state.tasking.stages == {}
-    assert (scene.all(UploadReport), dict(scene.command.association.labels)) == ([], {})
+    assert (scene.all(UploadReport), dict(scene.command.stages.association.labels)) == ([], {})
 
 
 def test_a_plan_has_the_epoch_of_its_tracks() -> None:
@@ -442,7 +442,7 @@ def test_an_agent_that_is_found_again_flies_again() -> None:
     scene.plane = plane
     scene.fly(12.0)
     assert [status.status for status in scene.all(AgentStatus)] == ["lost", "active"]
-    assert scene.command.association.labels.keys() == {1}
+    assert scene.command.stages.association.labels.keys() == {1}
 
 
 # ---------------------------------------------------------------- a whole mission

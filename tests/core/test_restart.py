@@ -254,8 +254,8 @@ def test_an_inconsistent_mission_of_an_overridden_vehicle_is_repaired_once_it_is
     run.vehicles["vehicle:4"].autopilot.set_mode(Mode.LOITER)  # an override
     run.run(33.0)
     run.command.state.agents[4].routes.drop()
-    run.command.tasking.forget_onboard(4)
-    run.command.tasking.mark_inconsistent(4)
+    run.command.stages.tasking.forget_onboard(4)
+    run.command.stages.tasking.mark_inconsistent(4)
     run.restart(3.0, run.snapshot())
     run.run(45.0)
     tasking = run.command.state.agents[4].tasking
@@ -402,10 +402,10 @@ def test_tracks_keep_their_labels_over_a_restart(at_s: float) -> None:
     before = run.command
     run.restart(3.0)
     run.run(at_s + 5.0)
-    targets = before.trackers.targets.confirmation.tracks
+    targets = before.stages.trackers.targets.confirmation.tracks
     assert len(targets) >= 2
-    assert targets.keys() <= run.command.trackers.targets.confirmation.tracks.keys()
-    assert run.command.association.labels == before.association.labels
+    assert targets.keys() <= run.command.stages.trackers.targets.confirmation.tracks.keys()
+    assert run.command.stages.association.labels == before.stages.association.labels
     assert with_status(run.command.state.agents, "active") == with_status(before.state.agents, "active")
 
 
@@ -413,7 +413,7 @@ def test_tracks_keep_their_labels_over_a_restart(at_s: float) -> None:
 def test_agents_that_turned_in_a_long_outage_are_not_called_lost(outage_s: float) -> None:
     flight = flight_with_a_restart(30.0, outage_s, 60.0 + outage_s, scenario=standing())
     assert not [one for one in flight.all(AgentStatus) if one.status == "lost"]
-    assert set(flight.run.command.association.labels) == {1, 2, 3, 4}
+    assert set(flight.run.command.stages.association.labels) == {1, 2, 3, 4}
 
 
 def test_after_a_long_outage_agents_are_tracked_where_they_report_though_scans_were_waiting() -> None:
@@ -421,8 +421,8 @@ def test_after_a_long_outage_agents_are_tracked_where_they_report_though_scans_w
         assert run.command.state.perception.oosm_buffer.held
 
     flight = flight_with_a_restart(19.82, 20.0, 42.0, scenario=load("radars"), meanwhile=scans_wait)
-    assert set(flight.run.command.association.labels) == {1, 2, 3, 4}
-    tracks = flight.run.command.trackers.agents.confirmation.tracks
+    assert set(flight.run.command.stages.association.labels) == {1, 2, 3, 4}
+    tracks = flight.run.command.stages.trackers.agents.confirmation.tracks
     assert len(tracks) == 4
     assert all(track.existence > 0.99 for track in tracks.values())
 

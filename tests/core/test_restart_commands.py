@@ -48,7 +48,7 @@ def after_an_order(action: str, sender: CommandSender, outage_s: float) -> tuple
     run.run(20.0)
     state = decode_state("test", run.snapshot().data)
     number = state.operator.begin(OrderInProgress(order(19.9, action, 2), (2,)))
-    state.agents[2].orders.command = Command(sender, number)
+    state.agents[2].orders.command = Command(sender, number, state.operator.orders[number].order.action)
     effects: list[Effect] = []
     run.on_effect = lambda _, effect: effects.append(effect)
     run.restart(outage_s, Snapshot(run.t_ns, encode_state(state)))

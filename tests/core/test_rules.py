@@ -31,8 +31,13 @@ MUTATORS = frozenset(
 )
 EXCEPTED_WRITERS = {"gcs.core.restart"}
 """It changes the state as a whole, between two events."""
-CHANGING = CACHES | {"gcs.core.snapshot.PeriodicSnapshots._due_t_ns"}
-"""Attributes that may change outside the records: caches, and the period of the recorder's snapshots."""
+CHANGING = CACHES | {
+    "gcs.core.snapshot.PeriodicSnapshots._due_t_ns",
+    "gcs.core.engine.Engine.stages",
+    "gcs.core.engine.Engine.state",
+}
+"""Attributes that may change outside the records: caches, the period of the recorder's snapshots, and the
+state as a whole."""
 
 
 def imports_of(tree: ast.Module) -> dict[str, str]:

@@ -120,7 +120,7 @@ def values(engine: Engine) -> dict[str, str]:
                     found[key] = found.get(key, "") + text(value, key, depth + 1)
         return kind.__name__
 
-    for name, value in attributes(engine):
+    for name, value in attributes(engine.stages):
         if name != "state":
             found[f"Stages.{name}"] = text(value, name, 0)
     return found
@@ -182,7 +182,7 @@ def test_a_snapshot_with_changed_bytes_is_refused_or_restored() -> None:
         for _ in range(rng.choice((1, 2, 8))):
             changed[rng.randrange(len(changed))] = rng.randrange(256)
         try:
-            engine.restore(decode_state("test", bytes(changed)))
+            engine.state = decode_state("test", bytes(changed))
         except (WireError, ValueError):
             refused += 1
     assert refused > 10

@@ -42,7 +42,7 @@ class Flight:
         """Return True if an engine continues from a state; False if it refuses it with a reason."""
         engine = Engine(self.config, self.seed)
         try:
-            engine.restore(decode_state("test", data))
+            engine.state = decode_state("test", data)
         except (WireError, ValueError):
             return False
         following: list[Event] = [Resumed(self.t_ns, self.t_ns - NS_PER_S), *self.later[:events]]

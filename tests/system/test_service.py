@@ -154,7 +154,7 @@ def test_ctrl_c_waits_for_an_upload_and_twice_it_names_inconsistent_missions(ser
     under_way, sink = {3: "2/8"}, Sink()
     service.sinks.append(sink)
     monkeypatch.setattr(type(service.command.state.tasking), "stages", property(lambda _: under_way))
-    monkeypatch.setattr(service.command.tasking, "may_be_inconsistent", under_way.__contains__)
+    monkeypatch.setattr(service.command.stages.tasking, "may_be_inconsistent", under_way.__contains__)
 
     async def run():
         loop, stop, at_once = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event()
@@ -201,7 +201,7 @@ def test_at_real_time_no_notice_names_an_option_that_gcs_run_lacks(service):
 def test_a_vehicle_that_signs_without_a_key_here_is_named_once(service, monkeypatch):
     sink = Sink()
     service.sinks.append(sink)
-    monkeypatch.setattr(service.command.fleet, "is_signed", lambda vehicle: vehicle == 3)
+    monkeypatch.setattr(service.command.stages.fleet, "is_signed", lambda vehicle: vehicle == 3)
     serve(service, now(), 0.5)
     (notice,) = told(sink, NoticeCode.KEY_MISSING)
     assert notice.vehicle == 3

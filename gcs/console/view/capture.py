@@ -66,8 +66,8 @@ def capture(engine: Engine, t_ns: int, service: ServiceState | None = None) -> C
     statuses = [agent.perception.status for agent in engine.state.agents.values()]
     return Capture(
         t_ns=t_ns,
-        status=engine.status_report.build(t_ns),
-        states=engine.fleet.states(),
+        status=engine.stages.status_report.build(t_ns),
+        states=engine.stages.fleet.states(),
         routes=tuple(flown_routes(engine.state.agents).values()),
         proposal=engine.state.operator.approval.pending,
         grid=engine.grid,

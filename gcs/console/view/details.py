@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -31,7 +31,7 @@ class VehicleDetail:
     health: Health
     autopilot: str
     """Name of the firmware; empty if it is not known."""
-    claims: dict[Authority, Claim]
+    claims: Mapping[Authority, Claim]
     onboard: OnboardMission | None
     """Onboard mission by the last read-back; None if it is unknown."""
     current_item: int
@@ -67,13 +67,13 @@ def collect_details(engine: Engine, t_ns: int) -> dict[int, VehicleDetail]:
         health.system_id: _detail(
             engine, health, agents[health.system_id], stages.get(health.system_id, ""), t_ns
         )
-        for health in engine.fleet.health()
+        for health in engine.stages.fleet.health()
     }
 
 
 def _detail(engine: Engine, health: Health, agent: Agent, stage: str, t_ns: int) -> VehicleDetail:
     vehicle, tasking, integrity = health.system_id, agent.tasking, agent.perception.integrity
-    profile, height = engine.fleet.profile(vehicle), engine.return_heights.height(vehicle)
+    profile, height = engine.stages.fleet.profile(vehicle), engine.stages.return_heights.height(vehicle)
     return VehicleDetail(
         t_ns=t_ns,
         health=health,
@@ -140,10 +140,10 @@ def detail_row(detail: VehicleDetail, frame: LocalFrame, verified_age_s: float |
     }
 
 
-def _shown_claims(engine: Engine, vehicle: int, agent: Agent) -> dict[Authority, Claim]:
+def _shown_claims(engine: Engine, vehicle: int, agent: Agent) -> Mapping[Authority, Claim]:
     """Return the claims, but for a mode that an order chose: that is no override."""
     claims = agent.control.claims
-    is_ordered = engine.orders.has_ordered(vehicle, agent.control.detail(Authority.OVERRIDDEN))
+    is_ordered = engine.stages.orders.has_ordered(vehicle, agent.control.detail(Authority.OVERRIDDEN))
     return {a: claim for a, claim in claims.items() if not (a is Authority.OVERRIDDEN and is_ordered)}
 
 
@@ -154,8 +154,12 @@ def _claims(detail: VehicleDetail) -> Iterator[dict[str, Any]]:
         yield {
             "authority": authority.word,
             "reason": authority.reason.format(claim.detail),
-            "since_s": rounded((detail.t_ns - claim.since_t_ns) / NS_PER_S),
+            "since_s": _since_s(detail.t_ns, claim),
         }
+
+
+def _since_s(t_ns: int, claim: Claim) -> float | None:
+    return None if claim.since_t_ns is None else rounded((t_ns - claim.since_t_ns) / NS_PER_S)
 
 
 def _mission(detail: VehicleDetail, frame: LocalFrame, verified_age_s: float | None) -> dict[str, Any] | None:

@@ -1,61 +1,48 @@
-"""Control authority over all vehicles: only those that are ours get missions.
+"""Claims to a vehicle that its telemetry, its mission and our orders show at any time.
 
-Orders, uploads of other stations, audits and mode changes are events of a vehicle's control
-(`gcs.model.control`) when they happen. `update` adds the events that follow from other states.
+The other claims are recorded when their events happen (`gcs.model.control`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Final
 
-from gcs.core.operator.vehicle_orders import Orders
-from gcs.core.state import Agent
-from gcs.core.tasking.upload_manager import UploadManager
-from gcs.mavlink.fleet.fleet import Fleet
-from gcs.model import Control, ControlEvent
+from gcs.core.authority.records import AgentAuthority
+from gcs.core.operator.records import AgentOrders
+from gcs.core.replanning.records import AgentRoutes
+from gcs.core.takeoff.records import AgentTakeoff
+from gcs.core.tasking.records import AgentTasking
+from gcs.core.tasking.terminal_phase import terminal_phase
+from gcs.mavlink.autopilots.modes import AUTO, LOITER
+from gcs.mavlink.fleet.records import VehicleLink
+from gcs.model import Authority
 
-_MISSION_MODES: Final = ("", "AUTO", "LOITER")
+_MISSION_MODES: Final = ("", AUTO, LOITER)
 """Before the first heartbeat, on a mission, and waiting for one."""
 
 
-@dataclass(frozen=True, slots=True)
-class ControlAuthority:
-    """Control of all vehicles."""
+def derived_claims(
+    link: VehicleLink,
+    authority: AgentAuthority,
+    tasking: AgentTasking,
+    takeoff: AgentTakeoff,
+    orders: AgentOrders,
+    routes: AgentRoutes,
+) -> Iterator[tuple[Authority, str]]:
+    """Yield the derived claims to one vehicle, each with the mode that its reason names.
 
-    agents: Mapping[int, Agent]
-    fleet: Fleet
-    tasking: UploadManager
-    orders: Orders
-
-    def update(self, t_ns: int) -> None:
-        """Apply the events that follow from modes, missions, commands and climbs."""
-        for vehicle in self.agents:
-            self.updated(vehicle, t_ns)
-
-    def updated(self, vehicle: int, t_ns: int) -> Control:
-        """Apply these events to one vehicle; return its control."""
-        control = self.agents[vehicle].control
-        for event, detail in self._events(vehicle):
-            control.apply(event, t_ns, detail)
-        return control
-
-    def _events(self, vehicle: int) -> Iterator[tuple[ControlEvent, str]]:
-        state = self.fleet.state(vehicle)
-        mode = "" if state is None else state.mode
-        missions, agent = self.tasking.onboard_missions, self.agents[vehicle]
-        has_missed_in_rtl = agent.authority.mode.has_ended and missions.has_missed(vehicle)
-        is_mission_mode = mode in _MISSION_MODES or has_missed_in_rtl
-        is_landing = missions.terminal_phase(vehicle) == "landing"
-        is_unknown = bool(self.fleet.link(vehicle)) and self.fleet.profile(vehicle) is None
-        is_blocked = bool(agent.takeoff.blocked)
-        if is_mission_mode:
-            yield ControlEvent.MISSION_MODE_SEEN, ""
-        else:
-            yield ControlEvent.OTHER_MODE_SEEN, mode
-        yield ControlEvent.LANDING_BEGUN if is_landing else ControlEvent.LANDING_ENDED, ""
-        yield ControlEvent.FIRMWARE_UNKNOWN if is_unknown else ControlEvent.FIRMWARE_KNOWN, ""
-        yield ControlEvent.TAKEOFF_BLOCKED if is_blocked else ControlEvent.TAKEOFF_CLEAR, ""
-        is_waiting = self.orders.is_waiting(vehicle)
-        yield ControlEvent.WAIT_COMMANDED if is_waiting else ControlEvent.WAIT_ENDED, ""
+    A vehicle that flies RTL after its mission, and has missed its target, is ours: it gets another mission.
+    """
+    has_missed_in_rtl = authority.mode.has_ended and tasking.route_end.has_missed
+    if takeoff.blocked:
+        yield Authority.GROUNDED, ""
+    if link.mode not in _MISSION_MODES and not has_missed_in_rtl:
+        yield Authority.OTHER_MODE, link.mode
+    if terminal_phase(tasking, link, authority.mode) == "landing":
+        yield Authority.LANDING, ""
+    if link.address is not None and link.profile is None:
+        yield Authority.UNSUPPORTED, ""
+    command = orders.command
+    if command is not None and command.action == "resume" and routes.flown is None:
+        yield Authority.RESUMING, ""

@@ -80,7 +80,7 @@ class ExternalUploads:
         agent = self._agents[vehicle]
         if agent.authority.external_upload is not None:
             agent.authority.external_upload = None
-            agent.control.apply(event, t_ns)
+            agent.claims.apply(event, t_ns)
 
     def receive(self, datagram: Datagram, frames: FrameTable) -> tuple[list[Effect], list[int]]:
         """Process a forwarded datagram; return notices, and the vehicles that are newly overridden."""
@@ -110,9 +110,7 @@ class ExternalUploads:
                 continue
             if chooses_mode(frame, agent.link.profile):
                 station = f"system {frame.system_id}/{frame.component_id} at {datagram.peer}"
-                ModeAuthority(agent.authority.mode, agent.control).note_foreign_command(
-                    station, datagram.t_ns
-                )
+                ModeAuthority(agent.authority.mode, agent.claims).note_foreign_command(station, datagram.t_ns)
 
     def receive_reply(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle: its MISSION_ACK ends an external upload."""
@@ -161,7 +159,7 @@ class ExternalUploads:
             effects.append(Notice(datagram.t_ns, NoticeCode.STATION_WRITES, vehicle, parameters))
             overridden.append(vehicle)
         agent.authority.external_upload = ExternalUpload(sender, station, datagram.t_ns)
-        agent.control.apply(ControlEvent.STATION_WRITES, datagram.t_ns, station)
+        agent.claims.apply(ControlEvent.STATION_WRITES, datagram.t_ns, station)
 
     def _report(self, effects: list[Effect], datagram: Datagram, frame: Frame, vehicle: int | None) -> None:
         """Report a frame to a vehicle, or to all (None), unless it only reads."""

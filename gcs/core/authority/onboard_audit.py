@@ -132,7 +132,7 @@ class OnboardAudit:
         effects: list[Effect] = []
         for vehicle, audit in self._audits():
             if t_ns - audit.began_t_ns > _TIMEOUT_NS and not self._is_late(vehicle):
-                self._agents[vehicle].control.apply(ControlEvent.AUDIT_LATE, t_ns)
+                self._agents[vehicle].claims.apply(ControlEvent.AUDIT_LATE, t_ns)
                 effects.append(Notice(t_ns, NoticeCode.MISSION_UNREAD, vehicle))
             if audit.download.is_exhausted(t_ns):
                 _begin_again(audit, t_ns)
@@ -169,13 +169,13 @@ class OnboardAudit:
         return [Notice(t_ns, NoticeCode.ONBOARD_VERIFIED, vehicle)]
 
     def _is_late(self, vehicle: int) -> bool:
-        return Authority.UNVERIFIED in self._agents[vehicle].control.claims
+        return Authority.UNVERIFIED in self._agents[vehicle].claims
 
     def _end(self, vehicle: int, event: ControlEvent, t_ns: int) -> None:
         agent = self._agents[vehicle]
         if agent.authority.audit is not None:
             agent.authority.audit = None
-            agent.control.apply(event, t_ns)
+            agent.claims.apply(event, t_ns)
 
 
 def _begin_again(audit: Audit, t_ns: int) -> None:

@@ -36,11 +36,11 @@ class Overrides:
     def of(self, vehicle: int) -> ModeAuthority:
         """Return the mode authority over one vehicle."""
         agent = self._agents[vehicle]
-        return ModeAuthority(agent.authority.mode, agent.control)
+        return ModeAuthority(agent.authority.mode, agent.claims)
 
     def modes(self) -> dict[int, str]:
         """Return the overriding modes, by vehicle."""
-        modes = {v: agent.control.detail(Authority.OVERRIDDEN) for v, agent in self._agents.items()}
+        modes = {v: agent.claims.detail(Authority.OVERRIDDEN) for v, agent in self._agents.items()}
         return {vehicle: mode for vehicle, mode in modes.items() if mode}
 
     def observe_mode(self, vehicle: int, profile: AutopilotProfile, heartbeat: Message, t_ns: int) -> None:

@@ -140,20 +140,20 @@ class SecondCommander:
     def release(self, vehicle: int, t_ns: int) -> None:
         """Take control of a vehicle back, on an operator's order."""
         agent = self._agents[vehicle]
-        if Authority.SECOND_COMMANDER in agent.control.claims:
+        if Authority.SECOND_COMMANDER in agent.claims:
             agent.authority.commander.is_tolerated = True
             agent.authority.commander.unasked_t_ns = t_ns
-            agent.control.apply(ControlEvent.RESUME, t_ns)
+            agent.claims.apply(ControlEvent.RESUME, t_ns)
 
     def _take(self, vehicle: int, sign: str, t_ns: int) -> list[Effect]:
         """Leave a vehicle alone because of a sign of another service."""
         agent = self._agents[vehicle]
-        if Authority.SECOND_COMMANDER in agent.control.claims:
+        if Authority.SECOND_COMMANDER in agent.claims:
             return []
         parameters: dict[str, Parameter] = {"ids": f"{_OWN[0]}/{_OWN[1]}", "sign": sign}
         if agent.authority.commander.is_tolerated:
             return self._remind(Notice(t_ns, NoticeCode.SECOND_COMMANDER_TOLERATED, vehicle, parameters))
-        agent.control.apply(ControlEvent.COMMANDED_ELSEWHERE, t_ns)
+        agent.claims.apply(ControlEvent.COMMANDED_ELSEWHERE, t_ns)
         agent.routes.drop()
         self._tasking.forget_onboard(vehicle)
         return [Notice(t_ns, NoticeCode.SECOND_COMMANDER, vehicle, parameters)]

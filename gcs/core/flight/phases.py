@@ -97,7 +97,7 @@ class FlightPhases:
         """Carry out the order that a vehicle on the ground is ready to fly again."""
         agent = self._agents[vehicle]
         self._enter(vehicle, FlightEvent.READY, t_ns)
-        agent.control.apply(ControlEvent.READY, t_ns)
+        agent.claims.apply(ControlEvent.READY, t_ns)
         agent.flight.came_down_m = None
         agent.flight.highest_m = 0.0
         status = agent.perception.status
@@ -187,9 +187,9 @@ class FlightPhases:
         agent = self._agents[vehicle]
         place_m = (state.east_m, state.north_m)
         if flight.phase is FlightPhase.LANDED:
-            agent.control.apply(ControlEvent.TOUCHED_DOWN, t_ns)
+            agent.claims.apply(ControlEvent.TOUCHED_DOWN, t_ns)
             return [Notice(t_ns, NoticeCode.LANDED, vehicle)]
-        agent.control.apply(ControlEvent.CAME_DOWN, t_ns)
+        agent.claims.apply(ControlEvent.CAME_DOWN, t_ns)
         flight.came_down_m = place_m
         reached = agent.perception.status.target if agent.perception.status.status == "arrived" else None
         status = AgentStatus(t_ns, vehicle, "down", reached, place_m)
@@ -212,7 +212,7 @@ class FlightPhases:
     def _fly_again(self, vehicle: int, t_ns: int) -> list[Effect]:
         """End the claims on a vehicle that landed, or came down, and is in the air again."""
         agent = self._agents[vehicle]
-        agent.control.apply(ControlEvent.AIRBORNE_AGAIN, t_ns)
+        agent.claims.apply(ControlEvent.AIRBORNE_AGAIN, t_ns)
         agent.flight.came_down_m = None
         status = agent.perception.status
         if status.status != "down":

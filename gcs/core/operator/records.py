@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from gcs.mavlink.services.command_sender import CommandSender
-from gcs.model import AnswerState, Label, Order, OrderAnswer, Plan, Proposal, RouteFigures
+from gcs.model import Action, AnswerState, Label, Order, OrderAnswer, Plan, Proposal, RouteFigures
 
 
 @dataclass(slots=True)
@@ -34,6 +34,8 @@ class Command:
     sender: CommandSender
     order: int
     """Its order (`OperatorState.orders`)."""
+    action: Action
+    """Action of that order."""
 
 
 @dataclass(slots=True)

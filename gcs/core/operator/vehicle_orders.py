@@ -21,7 +21,7 @@ Disarming is refused unless the vehicle reports that it is on the ground, and ne
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Container, Sequence, Set
+from collections.abc import Callable, Collection, Container, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -93,15 +93,6 @@ class Orders:
         self._state, self._agents, self._operator = state, state.agents, state.operator
         self._fleet, self._tasking, self._layers = fleet, tasking, layers
         self._takeoff_sequence, self._return_heights = takeoff_sequence, return_heights
-
-    def is_waiting(self, vehicle: int) -> bool:
-        """Return True if an order to resume sets a vehicle to LOITER, without a route."""
-        agent = self._agents[vehicle]
-        command = agent.orders.command
-        return command is not None and self._action(command) == "resume" and agent.routes.flown is None
-
-    def _action(self, command: Command) -> str:
-        return self._operator.orders[command.order].order.action
 
     def has_ordered(self, vehicle: int, mode: str) -> bool:
         """Return True if an order put a vehicle into a mode, or a command is in progress."""
@@ -277,7 +268,7 @@ class Orders:
     def _ordered_modes(self) -> dict[int, str]:
         """Return the modes that commands in progress set, by vehicle."""
         commands = {vehicle: agent.orders.command for vehicle, agent in self._agents.items()}
-        actions = {v: self._action(command) for v, command in commands.items() if command is not None}
+        actions = {v: command.action for v, command in commands.items() if command is not None}
         return {v: _MODES[action] for v, action in actions.items() if action in _MODES}
 
     def _problems(self, order: Order, vehicles: Sequence[int]) -> dict[int, str]:
@@ -349,25 +340,13 @@ class Orders:
 
     # ------------------------------------------------------------ take-offs and missions
 
-    def launching(self) -> Set[int]:
-        """Return the vehicles on the ground whose orders make them take off."""
-        commands = {vehicle: agent.orders.command for vehicle, agent in self._agents.items()}
-        return {v for v, one in commands.items() if one is not None and self._launches(v, self._action(one))}
-
-    def _launches(self, vehicle: int, action: str) -> bool:
-        """Return True if an order lets a vehicle on the ground take off at once."""
-        state = self._fleet.state(vehicle)
-        if state is None or not is_on_ground(state, self._fleet.home(vehicle)):
-            return False
-        if action == "resume":
-            return state.armed and self._agents[vehicle].tasking.onboard is not None
-        return action == "arm" and (state.mode in SELF_LAUNCHING or self._state.tasking.is_uploading(vehicle))
-
     def _blocked(self, order: Order, vehicle: int, begun: Collection[int]) -> str:
         """Return which vehicle blocks the take-off that an order starts; empty if none does."""
-        if not self._launches(vehicle, order.action):
+        if not self._takeoff_sequence.launches(vehicle, order.action):
             return ""
-        starting = self.launching() | {other for other in begun if self._launches(other, order.action)}
+        starting = self._takeoff_sequence.launching() | {
+            other for other in begun if self._takeoff_sequence.launches(other, order.action)
+        }
         reason = self._takeoff_sequence.blocked_by(vehicle, starting, order.t_ns)
         return f"would take off at once, and {reason}, then order it again" if reason else ""
 
@@ -410,7 +389,7 @@ class Orders:
         else:
             mode = _MODES[order.action]
             event = ControlEvent.HOLD if order.action == "hold" else ControlEvent.RETURN
-            self._agents[vehicle].control.apply(event, order.t_ns)
+            self._agents[vehicle].claims.apply(event, order.t_ns)
             effects += self._suspend(vehicle, order.action, order.t_ns)
         before = self._tasking.overrides.of(vehicle).mode if order.action == "resume" else ""
         command = set_mode(vehicle, autopilot, mode)
@@ -443,7 +422,9 @@ class Orders:
     # ------------------------------------------------------------ commands
 
     def _send(self, number: int, vehicle: int, sender: CommandSender, t_ns: int) -> list[Effect]:
-        command = self._agents[vehicle].orders.command = Command(sender, number)
+        command = self._agents[vehicle].orders.command = Command(
+            sender, number, self._operator.orders[number].order.action
+        )
         return self._progress(vehicle, command, t_ns)
 
     def _progress(self, vehicle: int, command: Command, t_ns: int) -> list[Effect]:
@@ -453,7 +434,7 @@ class Orders:
         if command.sender.outcome is not None:
             self._agents[vehicle].orders.command = None
             done, detail = command.sender.outcome
-            action = self._action(command)
+            action = command.action
             if action == "resume" and done:
                 detail += "" if self.may_fly(vehicle) else f": {self._outlook(vehicle)}"
             elif action == "resume" and vehicle not in self._state.tasking.stages:

@@ -103,12 +103,26 @@ class TakeoffSequence:
                 )
         return takeoff.traffic
 
-    def holds_back(self, vehicle: int, starting: Container[int], t_ns: int) -> str:
+    def launching(self) -> set[int]:
+        """Return the vehicles on the ground whose orders make them take off."""
+        commands = {vehicle: agent.orders.command for vehicle, agent in self._agents.items()}
+        return {v for v, one in commands.items() if one is not None and self.launches(v, one.action)}
+
+    def launches(self, vehicle: int, action: str) -> bool:
+        """Return True if an order lets a vehicle on the ground take off at once."""
+        state = self._fleet.state(vehicle)
+        if state is None or not is_on_ground(state, self._fleet.home(vehicle)):
+            return False
+        if action == "resume":
+            return state.armed and self._agents[vehicle].tasking.onboard is not None
+        return action == "arm" and (state.mode in SELF_LAUNCHING or self._uploads.is_uploading(vehicle))
+
+    def holds_back(self, vehicle: int, t_ns: int) -> str:
         """Return why an armed vehicle on the ground must not start yet; empty if it may."""
         state = self._fleet.state(vehicle)
         if state is None or not state.armed or not is_on_ground(state, self._fleet.home(vehicle)):
             return ""
-        return self.blocked_by(vehicle, starting, t_ns)
+        return self.blocked_by(vehicle, self.launching(), t_ns)
 
     def _obstructs(self, state: VehicleState, *, is_starting: bool) -> tuple[str, str]:
         """Return why a vehicle blocks take-offs, and what ends that; both empty if it does not."""
@@ -131,19 +145,19 @@ class TakeoffSequence:
             return f"climbs out, {height_m:.0f} m above home", above
         return f"is low, {height_m:.0f} m above home in {state.mode}", f"{above}, or is disarmed"
 
-    def check(self, t_ns: int, starting: Container[int]) -> list[Effect]:
+    def check(self, t_ns: int) -> list[Effect]:
         """Check once a second which take-offs wait, and which vehicles climb near each other."""
         if t_ns < self._state.next_check_t_ns:
             return []
         self._state.next_check_t_ns = t_ns + _PERIOD_NS
-        return self._check_waiting(t_ns, starting) + self._check_climbs(t_ns)
+        return self._check_waiting(t_ns) + self._check_climbs(t_ns)
 
-    def _check_waiting(self, t_ns: int, starting: Container[int]) -> list[Effect]:
+    def _check_waiting(self, t_ns: int) -> list[Effect]:
         effects: list[Effect] = []
         stages = self._uploads.stages
         for vehicle, agent in sorted(self._agents.items()):
             is_queued, was_waiting = stages.get(vehicle) == "waiting", agent.takeoff.is_waiting
-            reason = self.holds_back(vehicle, starting, t_ns) if is_queued else ""
+            reason = self.holds_back(vehicle, t_ns) if is_queued else ""
             agent.takeoff.is_waiting = bool(reason)
             if reason and not was_waiting:
                 effects.append(Notice(t_ns, NoticeCode.TAKEOFF_WAITS, vehicle, {"reason": reason}))

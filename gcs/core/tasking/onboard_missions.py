@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final, Literal, TypeAlias
+from typing import Final
 
 from pymavlink.dialects.v20.ardupilotmega import (
-    MAV_CMD_NAV_LAND,
     MAV_CMD_NAV_LOITER_UNLIM,
     MAV_CMD_NAV_TAKEOFF,
 )
 
 from gcs.core.state import Agent
 from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.terminal_phase import TerminalPhase, terminal_phase
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
@@ -27,9 +27,6 @@ from gcs.mavlink.mission.upload_limits import UploadLimits
 from gcs.model import NS_PER_S, VehicleState
 from gcs.planning.forward_simulation import RemainingMission
 from gcs.planning.route_progress import time_to_point_s
-
-TerminalPhase: TypeAlias = Literal["", "circle", "circle elsewhere", "return route", "landing", "return"]
-"""Phase of a mission behind its route; "return": RTL after the last item."""
 
 _REPORT_DELAY_S: Final = 0.3
 """Time until a vehicle reports that it has passed an item."""
@@ -99,20 +96,8 @@ class OnboardMissions:
 
     def terminal_phase(self, vehicle: int) -> TerminalPhase:
         """Return the phase of a mission behind the last point of its route; empty before that."""
-        if self._agents[vehicle].authority.mode.has_ended:
-            return "return"
-        flown = self._flown(vehicle)
-        if flown is None:
-            return ""
-        mission, state = flown
-        seq = state.mission_seq
-        if not state.armed or not mission.first_point + len(mission.route.points_m) <= seq < len(
-            mission.items
-        ):
-            return ""
-        if mission.items[seq].command == MAV_CMD_NAV_LOITER_UNLIM:
-            return "circle" if mission.route.wait_m is None else "circle elsewhere"
-        return "landing" if mission.items[seq].command == MAV_CMD_NAV_LAND else "return route"
+        agent = self._agents[vehicle]
+        return terminal_phase(agent.tasking, agent.link, agent.authority.mode)
 
     def is_at_end(self, vehicle: int, profile: AutopilotProfile) -> bool:
         """Return True if LOITER is how the vehicle's mission ends, and it has reached its last item."""

@@ -51,8 +51,7 @@ class Rejections:
         agent = self.agents[vehicle]
         retry = agent.tasking.rejections
         retry.texts = [*(one for one in retry.texts if one[1] != text), (t_ns, text)][-_MAX_TEXTS:]
-        claim = agent.control.claims.get(Authority.REJECTING)
-        is_missing = claim is not None and retry.cause == _NO_CAUSE
+        is_missing = Authority.REJECTING in agent.claims and retry.cause == _NO_CAUSE
         if not is_missing or t_ns - retry.rejected_t_ns > _BEFORE_NS:
             return []
         return self._tell(vehicle, text, t_ns)
@@ -74,9 +73,9 @@ class Rejections:
         """End the rejections whose next attempt is due."""
         for agent in self.agents.values():
             retry = agent.tasking.rejections
-            if Authority.REJECTING in agent.control.claims and retry.is_due(t_ns):
+            if Authority.REJECTING in agent.claims and retry.is_due(t_ns):
                 retry.note_attempt()
-                agent.control.apply(ControlEvent.NEXT_ATTEMPT, t_ns)
+                agent.claims.apply(ControlEvent.NEXT_ATTEMPT, t_ns)
 
     def _tell(self, vehicle: int, cause: str, t_ns: int) -> list[Effect]:
         """Begin the claim; notify of a new cause, and of the last attempt."""
@@ -84,7 +83,7 @@ class Rejections:
         retry = agent.tasking.rejections
         is_new = cause != retry.cause
         retry.cause = cause
-        agent.control.apply(ControlEvent.MISSION_REJECTED, t_ns, cause)
+        agent.claims.apply(ControlEvent.MISSION_REJECTED, t_ns, cause)
         if not is_new and retry.next_t_ns is not None:
             return []
         if retry.next_t_ns is None:

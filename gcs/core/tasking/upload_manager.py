@@ -13,7 +13,7 @@ Uploads in progress are in `gcs.core.tasking.active_uploads`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Container, Mapping
 from typing import Final
 
 from gcs.config import Config
@@ -22,6 +22,7 @@ from gcs.core.authority.foreign_modes import obeys_other_station
 from gcs.core.authority.overrides import Overrides
 from gcs.core.state import Agent
 from gcs.core.takeoff.climbs import Climbs
+from gcs.core.takeoff.sequence import TakeoffSequence
 from gcs.core.tasking.active_uploads import ActiveUploads
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import MissionBuilder, points_passed
@@ -54,8 +55,8 @@ class UploadManager:
         Gives the climbs of vehicles on the ground, and checks them; None: no vehicle climbs.
     bounds : MissionBoundsCheck or None
         Refuses missions with an item outside the map or the fence; None: none is refused.
-    holds_back : callable
-        Returns why an armed vehicle on the ground must not start yet; empty if it may.
+    takeoffs : TakeoffSequence or None
+        Says why an armed vehicle on the ground must not start yet; None: none waits.
 
     Attributes
     ----------
@@ -73,11 +74,11 @@ class UploadManager:
         state: TaskingState,
         climbs: Climbs | None = None,
         bounds: MissionBoundsCheck | None = None,
-        holds_back: Callable[[int, int], str] = lambda _vehicle, _t_ns: "",
+        takeoffs: TakeoffSequence | None = None,
     ) -> None:
         self.state = state
         self._table, self._frame, self._climbs = config.mission, config.local_frame, climbs
-        self._bounds, self._holds_back, self._fleet, self._agents = bounds, holds_back, fleet, agents
+        self._bounds, self._takeoffs, self._fleet, self._agents = bounds, takeoffs, fleet, agents
         self._missions = MissionBuilder(config)
         self._default_home = Home(config.frame.lat_deg, config.frame.lon_deg, config.frame.alt_msl_m)
         self.onboard_missions = OnboardMissions(fleet, agents)
@@ -182,7 +183,7 @@ class UploadManager:
     def poll(self, t_ns: int) -> list[Effect]:
         """Run the timers."""
         for vehicle, agent in self._agents.items():
-            if Authority.COMMANDED in agent.control.claims:
+            if Authority.COMMANDED in agent.claims:
                 self._fleet.forward_next_heartbeat(vehicle)  # it shows whether it obeyed
         self._rejections.poll(t_ns)
         return self._active.poll(t_ns) + self._first_legs.poll(t_ns) + self._start_due(t_ns)
@@ -266,6 +267,10 @@ class UploadManager:
         state = self._fleet.state(vehicle)
         in_air = not is_on_ground(state, self._fleet.home(vehicle))
         return in_air and self.onboard_missions.is_in_takeoff(vehicle)
+
+    def _holds_back(self, vehicle: int, t_ns: int) -> str:
+        """Return why a vehicle on the ground must not take off yet; empty if it may."""
+        return "" if self._takeoffs is None else self._takeoffs.holds_back(vehicle, t_ns)
 
     def _is_due(self, vehicle: int, t_ns: int) -> bool:
         """Return True if a queued route waits for its link only."""

@@ -29,7 +29,7 @@ from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.records import ModeRecord
 from gcs.mavlink.frames.codec import Message
-from gcs.model import NS_PER_S, Authority, Control, ControlEvent
+from gcs.model import NS_PER_S, Authority, Claims, ControlEvent
 
 _COMMAND_SHOWS_NS: Final = 2 * NS_PER_S
 """Time after which a heartbeat shows whether a vehicle has obeyed another station's command."""
@@ -40,7 +40,7 @@ class ModeAuthority:
     """Classification of the mode changes of one vehicle, as events of its control."""
 
     record: ModeRecord = field(default_factory=ModeRecord)
-    control: Control = field(default_factory=Control)
+    claims: Claims = field(default_factory=Claims)
 
     @property
     def mode(self) -> str:
@@ -50,23 +50,22 @@ class ModeAuthority:
     @property
     def override(self) -> str:
         """Mode that an operator chose; empty without an override."""
-        return self.control.detail(Authority.OVERRIDDEN)
+        return self.claims.detail(Authority.OVERRIDDEN)
 
     @property
     def override_t_ns(self) -> int:
         """Time at which the override began; 0 without one."""
-        claim = self.control.claims.get(Authority.OVERRIDDEN)
-        return 0 if claim is None else claim.since_t_ns
+        return self.claims.since_t_ns(Authority.OVERRIDDEN) or 0
 
     @property
     def taken_by(self) -> str:
         """Mode that was chosen, or the station that commands one; empty if the vehicle is ours."""
-        return self.override or self.control.detail(Authority.COMMANDED)
+        return self.override or self.claims.detail(Authority.COMMANDED)
 
     @property
     def takeover(self) -> str:
         """How the vehicle was taken, in words."""
-        station = self.control.detail(Authority.COMMANDED)
+        station = self.claims.detail(Authority.COMMANDED)
         return f"{self.override} was chosen meanwhile" if self.override else f"{station} commands a mode"
 
     def note_command(self, mode: str) -> None:
@@ -77,8 +76,8 @@ class ModeAuthority:
     def note_foreign_command(self, station: str, t_ns: int) -> None:
         """Note that another ground station commands a mode; LOITER is not ours from then on."""
         self.record.commanded = ""
-        self.control.claims.pop(Authority.COMMANDED, None)  # each command begins anew
-        self.control.apply(ControlEvent.STATION_COMMANDS, t_ns, station)
+        self.claims.begun.pop(Authority.COMMANDED, None)  # each command begins anew
+        self.claims.apply(ControlEvent.STATION_COMMANDS, t_ns, station)
 
     def observe_heartbeat(
         self, heartbeat: Message, profile: AutopilotProfile, t_ns: int, *, at_end: bool
@@ -90,18 +89,18 @@ class ModeAuthority:
         if profile.atomic and mode == LOITER and record.in_failsafe and not was_in_failsafe:
             record.mode = record.commanded = ""  # PX4 holds before each failsafe
             record.tasked, at_end = True, False
-            self.control.apply(ControlEvent.MODE_CHOSEN, t_ns, mode)
+            self.claims.apply(ControlEvent.MODE_CHOSEN, t_ns, mode)
         self._settle_foreign_command(mode, t_ns)
         self.observe_mode(mode, t_ns, at_end=at_end)
 
     def _settle_foreign_command(self, mode: str, t_ns: int) -> None:
         """End the wait for the effect of another station's command, once a heartbeat shows it."""
-        claim = self.control.claims.get(Authority.COMMANDED)
-        if claim is None or t_ns - claim.since_t_ns < _COMMAND_SHOWS_NS:
+        since_t_ns = self.claims.since_t_ns(Authority.COMMANDED)
+        if since_t_ns is None or t_ns - since_t_ns < _COMMAND_SHOWS_NS:
             return
-        self.control.apply(ControlEvent.COMMAND_SETTLED, t_ns)
+        self.claims.apply(ControlEvent.COMMAND_SETTLED, t_ns)
         if mode == self.mode == LOITER:  # as it was before, but not for us any more
-            self.control.apply(ControlEvent.MODE_CHOSEN, t_ns, mode)
+            self.claims.apply(ControlEvent.MODE_CHOSEN, t_ns, mode)
 
     def observe_mode(self, mode: str, t_ns: int, *, at_end: bool = False) -> None:
         """Process the mode of a heartbeat; `at_end` is True if the mission's end would show as this mode."""
@@ -111,17 +110,17 @@ class ModeAuthority:
         first, record.previous, record.mode, record.has_ended = not record.mode, record.mode, mode, False
         if mode == AUTO:
             record.tasked = True
-            self.control.apply(ControlEvent.AUTO_SEEN, t_ns)
+            self.claims.apply(ControlEvent.AUTO_SEEN, t_ns)
         elif mode == LOITER and (record.commanded == LOITER or not record.tasked or at_end):
-            self.control.apply(ControlEvent.WAITING_SEEN, t_ns)
+            self.claims.apply(ControlEvent.WAITING_SEEN, t_ns)
         elif not (first and mode == LOITER):
             record.commanded = ""
-            self.control.apply(ControlEvent.MODE_CHOSEN, t_ns, mode)
+            self.claims.apply(ControlEvent.MODE_CHOSEN, t_ns, mode)
 
     def note_rejection(self, t_ns: int) -> None:
         """Note that the vehicle is in LOITER because it has no valid mission, and not by a failsafe."""
         if self.override == LOITER and not self.record.in_failsafe:
-            self.control.apply(ControlEvent.NO_MISSION_SEEN, t_ns)
+            self.claims.apply(ControlEvent.NO_MISSION_SEEN, t_ns)
 
     @property
     def may_have_ended(self) -> bool:
@@ -132,15 +131,15 @@ class ModeAuthority:
         """Note that the vehicle went from AUTO to RTL because its mission is complete."""
         if self.may_have_ended:
             self.record.has_ended = True
-            self.control.apply(ControlEvent.MISSION_COMPLETE, t_ns)
+            self.claims.apply(ControlEvent.MISSION_COMPLETE, t_ns)
 
     def note_reboot(self, t_ns: int) -> None:
         """Forget the mode: the mode after a boot is no override."""
         self.record.mode = self.record.previous = self.record.commanded = ""
         self.record.has_ended = False
-        self.control.apply(ControlEvent.REBOOT, t_ns)
+        self.claims.apply(ControlEvent.REBOOT, t_ns)
 
     def release(self, t_ns: int) -> None:
         """Take control back, on an operator's order to resume."""
         self.record.tasked = False
-        self.control.apply(ControlEvent.RESUME, t_ns)
+        self.claims.apply(ControlEvent.RESUME, t_ns)

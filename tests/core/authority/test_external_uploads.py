@@ -83,7 +83,7 @@ def test_the_same_system_id_on_two_networks_is_two_vehicles(stage):
     other = "udpin:0.0.0.0:14560"
     stage.say(other, dialect.MAVLink_heartbeat_message(1, 3, 217, 12, 4, 3), 1, 1, "10.0.2.1:50")
     stage.wait(0.1)
-    health = {h.system_id: h.address for h in stage.command.fleet.health()}
+    health = {h.system_id: h.address for h in stage.command.stages.fleet.health()}
     assert health == {1: (AIR, PEER), 2 * 256 + 1: (other, "10.0.2.1:50")}
     sent = [e for e in stage.effects if isinstance(e, Send) and e.link == other]
     assert sent
@@ -118,7 +118,7 @@ def test_counters_of_each_link_count_received_and_lost_frames(stage):
     for data in (beats[1], beats[3], broken, unknown_system):
         stage.step(Datagram(stage.t_ns, AIR, PEER, data))
     stage.step(Datagram(stage.t_ns, AIR, "10.6.6.6:1", beats[5]))
-    counted = stage.command.fleet.links[AIR]
+    counted = stage.command.stages.fleet.links[AIR]
     assert (counted.datagrams, counted.frames, counted.crc_errors) == (6, 5, 1)
     assert (counted.lost, counted.unknown_systems, counted.conflicts) == (1, 1, 1)
 
@@ -138,7 +138,7 @@ RTL_COMMANDS = {
 def test_nothing_is_uploaded_after_another_station_commanded_a_mode(stage, command):
     """The vehicle's heartbeat shows it up to a second later."""
     route = Route(1, (0, 0), read_only([[0.0, 500.0], [500.0, 500.0]]), 1.0)
-    stage.effects += stage.command.tasking.enqueue_upload(route, stage.t_ns)
+    stage.effects += stage.command.stages.tasking.enqueue_upload(route, stage.t_ns)
     stage.command.state.agents[1].routes.flown = route
     stage.wait(0.1)
     stage.say(AIR, dialect.MAVLink_heartbeat_message(1, 3, 217, 12, 4, 3), 1, 1)  # the LOITER commanded

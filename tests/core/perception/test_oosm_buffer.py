@@ -62,7 +62,7 @@ def test_a_late_scan_is_processed_in_its_place_and_a_later_one_is_refused_with_a
     effects += command.step(Tick(at(3.5)))
     assert pictures(effects) == [at(1.0), at(1.8), at(2.0)]
     warnings = [e.text for e in effects if isinstance(e, Notice) and "before the last one" in e.text]
-    assert len(warnings) == command.input_errors.count == 1
+    assert len(warnings) == command.stages.input_errors.count == 1
 
 
 def test_the_same_scan_twice_within_the_window_counts_once():

@@ -177,7 +177,7 @@ def test_only_a_low_or_landing_vehicle_delays_a_takeoff(swarm, expected):
 def test_two_that_climb_apart_are_not_reported():
     swarm = Swarm((900.0, 0.0), 30.0, mode="TAKEOFF")
     takeoff_sequence = sequence(swarm)
-    assert takeoff_sequence.check(at(0.0), ()) == []
+    assert takeoff_sequence.check(at(0.0)) == []
 
 
 @pytest.mark.parametrize(("apart_m", "is_reported"), [(30.0, True), (300.0, False)])

@@ -40,6 +40,10 @@ def check_ends(tasking, seq, seconds, active=(1,)):
     if not active:
         agents[1].perception.status = AgentStatus(0, 1, "arrived")
     tasking.fleet.one.mission_seq = seq
+    link = agents[1].link
+    link.mode = "AUTO"
+    link.armed = True
+    link.mission_seq = seq
     found = [check_missed_targets(agents, missions, 40.0, at(float(second))) for second in range(seconds)]
     return [notice.text for notices in found for notice in notices], missions.has_missed(1)
 

@@ -305,7 +305,7 @@ def test_an_end_by_another_station_is_no_claim_for_ever():
     authority.observe_heartbeat(heartbeat(AUTO), ARDUPLANE, 4 * S, at_end=False)
     assert not authority.taken_by
     authority.note_foreign_command("system 254/190", 5 * S)
-    authority.control.apply(ControlEvent.RESUME, 6 * S)
+    authority.claims.apply(ControlEvent.RESUME, 6 * S)
     assert not authority.taken_by
 
 

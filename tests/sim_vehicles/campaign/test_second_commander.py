@@ -210,7 +210,7 @@ def test_heartbeats_of_another_service_stop_the_tasking_of_all_vehicles_there() 
     link = "udpin:0.0.0.0:14550"
 
     def heartbeat_of(source: Engine) -> bytes:
-        return source.fleet.encoder(1)(source.fleet._heartbeat())
+        return source.stages.fleet.encoder(1)(source.stages.fleet._heartbeat())
 
     for step in range(400):
         t_ns = START_T_NS + step * NS_PER_S // 10

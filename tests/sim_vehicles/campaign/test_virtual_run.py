@@ -330,7 +330,7 @@ def test_a_vehicle_that_another_station_sent_home_gets_no_mission() -> None:
 
     run = VirtualRun(load("prescribed"), 1, on_event, lambda t_ns, effect: effects.append((t_ns, effect)))
     run.run(90.0)
-    state = run.command.fleet.state(1)
+    state = run.command.stages.fleet.state(1)
     assert state is not None
     assert state.mode == "RTL"
     later = [effect for t_ns, effect in effects if t_ns >= sent_home_t_ns + NS_PER_S]
@@ -365,7 +365,7 @@ def test_targets_that_left_their_birth_components_are_found_or_reported(has_adap
     effects: list[Effect] = []
     run.on_effect = lambda _, effect: effects.append(effect)
     run.run(20.0)
-    targets = run.command.trackers.targets.confirmation.tracks
+    targets = run.command.stages.trackers.targets.confirmation.tracks
     alarms = [one.text for one in effects if isinstance(one, Notice) and "detections persist" in one.text]
     assert len(targets) == (5 if has_adaptive_birth else 0)
     assert len(alarms) in ([0] if has_adaptive_birth else [1, 2])

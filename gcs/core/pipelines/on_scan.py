@@ -1,0 +1,172 @@
+"""Scans of sensors: from the arrival to the plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gcs.core.authority.override_notices import unattended_targets
+from gcs.core.pipelines import planning
+from gcs.core.pipelines.changes import follow_status
+from gcs.core.stages import Stages
+from gcs.core.state import without_missions
+from gcs.core.tasking.missed_targets import check_missed_targets
+from gcs.model import BadInput, Effect, Scan, Tick, VehicleState
+
+
+@dataclass(frozen=True, slots=True)
+class Epoch:
+    """A scan that is processed now, with the states of the vehicles."""
+
+    scan: Scan
+    states: tuple[VehicleState, ...]
+    """At the time of the measurement."""
+    newest: tuple[VehicleState, ...]
+    reporting: set[int]
+    """Vehicles with a recent position."""
+
+    @property
+    def t_ns(self) -> int:
+        """Time of arrival."""
+        return self.scan.t_ns
+
+    @property
+    def measured_t_ns(self) -> int:
+        """Time of the measurement."""
+        return self.scan.measured_t_ns
+
+
+# ------------------------------------------------------------ arrival
+
+
+def hold_scan(stages: Stages, event: Scan) -> list[Effect]:
+    """Correct the clock of a scan's sensor; keep the scan until its reorder window has passed."""
+    scan, refusal, effects = stages.scan_timing.corrected(event)
+    refusal = refusal or stages.trackers.refusal(scan)
+    if refusal:
+        return [*effects, *_refuse(stages, scan, refusal)]
+    stages.oosm_buffer.add(scan)
+    return effects
+
+
+def _refuse(stages: Stages, scan: Scan, refusal: str) -> list[Effect]:
+    name = scan.sensor.name
+    stages.sensor_watchdog.refused(name, scan.t_ns, refusal)
+    return stages.input_errors.add(BadInput(scan.t_ns, name, f"scan of {name} {refusal}", name))
+
+
+def due_scans(stages: Stages, t_ns: int) -> list[Scan]:
+    """Take the scans whose reorder window has passed."""
+    return stages.oosm_buffer.due(t_ns, stages.reorder_window_s)
+
+
+def begin_epoch(stages: Stages, scan: Scan) -> tuple[Epoch | None, list[Effect]]:
+    """Begin to process a scan; None if a duplicate came while it waited."""
+    refusal = stages.trackers.refusal(scan)
+    if refusal:
+        return None, _refuse(stages, scan, refusal)
+    stages.state.measured_t_ns = scan.measured_t_ns
+    newest = stages.fleet.states()
+    stages.report_history.add(scan.t_ns, newest)
+    states = stages.report_history.at(scan.measured_t_ns, newest)
+    reporting = {one.system_id for one in newest if abs(scan.t_ns - one.t_ns) <= stages.max_report_age_ns}
+    return Epoch(scan, tuple(states), newest, reporting), []
+
+
+# ------------------------------------------------------------ processing
+
+
+def update_trackers(stages: Stages, epoch: Epoch) -> list[Effect]:
+    """Update both trackers; return their pictures, and the all-clear of the sensor."""
+    effects: list[Effect] = [*stages.sensor_watchdog.processed(epoch.scan.sensor.name, epoch.t_ns)]
+    return [*effects, *stages.trackers.scan(epoch.scan, epoch.states)]
+
+
+def associate_vehicles(stages: Stages, epoch: Epoch) -> list[Effect]:
+    """Associate tracks with vehicles, and compare reported positions with detections."""
+    agents, targets = stages.trackers.agents.confirmation, stages.trackers.targets.confirmation
+    stages.association.update(agents, epoch.measured_t_ns, epoch.states)
+    stages.kinematics.update(epoch.newest)
+    effects: list[Effect] = [
+        *stages.position_integrity.update(epoch.scan, epoch.states, agents.tracks, targets.tracks.values())
+    ]
+    labels = stages.association.labels
+    return effects + stages.sensor_watchdog.associated(epoch.t_ns, epoch.reporting, labels)
+
+
+def update_statuses(stages: Stages, epoch: Epoch) -> list[Effect]:
+    """Decide which agents have arrived, are lost, or are active again."""
+    agents, targets = stages.trackers.agents.confirmation, stages.trackers.targets.confirmation
+    effects: list[Effect] = []
+    changes = stages.agent_status.update(epoch.t_ns, epoch.measured_t_ns, agents, targets, epoch.reporting)
+    for status in changes:
+        effects.append(status)
+        effects += follow_status(stages, status)
+    return effects
+
+
+def check_climbs(stages: Stages, epoch: Epoch) -> list[Effect]:
+    """Check the take-offs of vehicles on the ground."""
+    return planning.check_climbs(stages, epoch.t_ns)
+
+
+def report_missed_targets(stages: Stages, epoch: Epoch) -> list[Effect]:
+    """Tell which vehicles ended their routes without having reached their targets."""
+    capture_m = stages.config.planning.capture_radius_m
+    missions = stages.tasking.onboard_missions
+    return check_missed_targets(stages.state.agents, missions, capture_m, epoch.t_ns)
+
+
+def refresh_proposal(stages: Stages, epoch: Epoch) -> list[Effect]:
+    """Renew or withdraw the plan that waits to be confirmed."""
+    return stages.approval.refresh(epoch.t_ns, without_missions(stages.state.agents))
+
+
+def plan(stages: Stages, epoch: Epoch) -> list[Effect]:
+    """Plan if it is due, and send or propose the missions."""
+    return planning.plan(stages, epoch.t_ns, epoch.measured_t_ns)
+
+
+def warn_of_zones(stages: Stages, epoch: Epoch) -> list[Effect]:
+    """Warn of vehicles that fly into no-fly zones."""
+    closed = stages.no_fly_zones.closed
+    return [*stages.incursions.check(epoch.t_ns, epoch.newest, closed)] if closed else []
+
+
+def report_unattended_targets(stages: Stages, epoch: Epoch) -> list[Effect]:
+    """Tell which targets need agents after the end of the mission."""
+    state = stages.state
+    targets = stages.planning_inputs.open_targets()
+    return unattended_targets(state.authority, targets, epoch.t_ns, has_ended=state.has_ended)
+
+
+def end_mission(stages: Stages, epoch: Epoch) -> list[Effect]:
+    """End the mission when it is complete, or no agent can fly."""
+    return planning.end_mission(stages, epoch.t_ns)
+
+
+def report_sensor_model(stages: Stages, epoch: Epoch) -> list[Effect]:
+    """Tell of sensors that contradict their model, and of detections that no track takes."""
+    return [*stages.trackers.notices(epoch.scan)]
+
+
+# ------------------------------------------------------------ reports alone
+
+
+def track_by_reports(stages: Stages, event: Tick) -> list[Effect]:
+    """Track agents by their reports alone while no sensor publishes.
+
+    The epoch is as old as scans are when they arrive: the first one that comes again is not refused.
+    """
+    if not stages.sensor_watchdog.is_blind or stages.oosm_buffer.held:
+        return []
+    measured_t_ns = event.t_ns - stages.scan_timing.max_lag_ns()
+    if not stages.trackers.is_report_epoch_due(measured_t_ns):
+        return []
+    newest = stages.fleet.states()
+    stages.report_history.add(event.t_ns, newest)
+    states = stages.report_history.at(measured_t_ns, newest)
+    pictures = stages.trackers.report_epoch(event.t_ns, measured_t_ns, states)
+    if pictures:
+        stages.association.update(stages.trackers.agents.confirmation, measured_t_ns, states)
+        stages.kinematics.update(newest)
+    return [*pictures]

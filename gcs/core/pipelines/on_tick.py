@@ -1,0 +1,98 @@
+"""Timers: what happens although no message comes."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from gcs.core.perception.never_heard import check_never_heard
+from gcs.core.pipelines.changes import apply_statuses
+from gcs.core.stages import Stages
+from gcs.model import Authority, Effect, Tick
+
+_STANDING: Final = {Authority.GROUNDED, Authority.REJECTING, Authority.LANDED, Authority.DOWN}
+"""Claims of vehicles on the ground that nobody else controls."""
+
+
+def poll_links(stages: Stages, event: Tick) -> list[Effect]:
+    """Send heartbeats and requests; tell of silent vehicles."""
+    return [*stages.fleet.poll(event.t_ns), *stages.fleet.notices()]
+
+
+def check_flight(stages: Stages, event: Tick) -> list[Effect]:
+    """Check flight phases and health."""
+    t_ns, agents = event.t_ns, stages.state.agents
+    effects = apply_statuses(stages, stages.flight_phases.poll(t_ns))
+    for vehicle, agent in agents.items():
+        if agent.flight.phase.has_flown and agent.tasking.onboard is not None:
+            agent.routes.drop()
+            stages.tasking.cancel(vehicle, t_ns)
+            stages.tasking.forget_onboard(vehicle)  # it is not for a take-off from here
+    fit = {vehicle for vehicle, agent in agents.items() if not agent.flight.unfit}
+    effects += stages.health.poll(t_ns)
+    for vehicle in sorted(fit):
+        if cause := agents[vehicle].flight.unfit:
+            stages.replanner.note_unfit(vehicle, cause, t_ns)
+    return effects
+
+
+def check_sensors(stages: Stages, event: Tick) -> list[Effect]:
+    """Tell of silent sensors, of vehicles that were never heard, and of unreadable input."""
+    t_ns, state = event.t_ns, stages.state
+    effects = stages.sensor_watchdog.poll(t_ns)
+    effects += check_never_heard(state.agents, state.perception, t_ns)
+    return effects + stages.input_errors.poll(t_ns)
+
+
+def keep_reports(stages: Stages, event: Tick) -> list[Effect]:
+    """Keep the newest positions for scans that were measured now and arrive later."""
+    if stages.report_history.is_due(event.t_ns):
+        stages.report_history.add(event.t_ns, stages.fleet.states())
+    return []
+
+
+def upload_missions(stages: Stages, event: Tick) -> list[Effect]:
+    """Begin uploads, and go on with those in progress."""
+    effects = stages.dispatch.withdraw(event.t_ns)
+    return effects + stages.dispatch.settle(stages.tasking.poll(event.t_ns))
+
+
+def watch_other_stations(stages: Stages, event: Tick) -> list[Effect]:
+    """Watch what others do to our vehicles: missions, commands, parameters."""
+    t_ns = event.t_ns
+    effects = stages.external_uploads.poll(t_ns) + stages.second_commander.poll(t_ns)
+    return effects + stages.parameter_changes.poll(t_ns)
+
+
+def carry_on_orders(stages: Stages, event: Tick) -> list[Effect]:
+    """Repeat commands of orders that vehicles have not confirmed; carry out those that waited."""
+    return stages.orders.poll(event.t_ns)
+
+
+def audit_missions(stages: Stages, event: Tick) -> list[Effect]:
+    """Go on with the read-back of onboard missions."""
+    return stages.onboard_audit.poll(event.t_ns)
+
+
+def watch_takeoffs(stages: Stages, event: Tick) -> list[Effect]:
+    """Tell which take-offs wait, and which vehicles climb near each other."""
+    return stages.takeoff_sequence.check(event.t_ns)
+
+
+def watch_separation(stages: Stages, event: Tick) -> list[Effect]:
+    """Look ahead over all pairs of vehicles in the air."""
+    return stages.separation.check(event.t_ns)
+
+
+def report_overrides(stages: Stages, event: Tick) -> list[Effect]:
+    """Tell of modes that this service did not command, with their cause."""
+    return stages.override_notices.poll(event.t_ns)
+
+
+def leave_auto_on_ground(stages: Stages, event: Tick) -> list[Effect]:
+    """Set vehicles that stand on the ground in AUTO, and would take off when armed, to LOITER."""
+    if stages.onboard_audit.awaited:
+        return []
+    agents = stages.state.agents
+    return stages.disarmed_in_auto.poll(
+        event.t_ns, lambda vehicle: agents[vehicle].control.claims.keys() <= _STANDING
+    )

@@ -1,0 +1,77 @@
+"""Plans, and the missions that they send; the end of the mission."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+
+from gcs.core.restart import is_settled
+from gcs.core.stages import Stages
+from gcs.core.state import at_targets, with_status
+from gcs.model import Effect, FlightPhase, MissionEnded, Notice, NoticeCode
+
+
+def check_climbs(stages: Stages, t_ns: int) -> list[Effect]:
+    """Check the climbs of vehicles on the ground that have a mission, or may get one."""
+    agents = stages.state.agents
+    ours = [
+        vehicle
+        for vehicle in with_status(agents, "active")
+        if agents[vehicle].control.is_ours and not agents[vehicle].flight.phase.is_in_air
+    ]
+    notices = stages.climbs.check(stages.planning_inputs.climbs(ours), t_ns)
+    for agent in agents.values():
+        if agent.takeoff.blocked:
+            agent.routes.drop()
+    return [*notices]
+
+
+def plan(stages: Stages, t_ns: int, picture_t_ns: int, urgent: Container[int] = ()) -> list[Effect]:
+    """Plan if it is due, and send or propose the missions; `urgent` vehicles do not wait for anything."""
+    state = stages.state
+    if state.has_ended or not is_settled(state, t_ns):
+        return []
+    effects: list[Effect] = []
+    if state.resumed_t_ns is not None:
+        state.resumed_t_ns = None
+        effects += stages.replanner.taken_up(t_ns, picture_t_ns)
+    if not (stages.replanner.is_due(t_ns) or stages.approval.changed_control()):
+        return effects
+    inputs = stages.planning_inputs.build(t_ns, picture_t_ns)
+    if stages.needs_approval:
+        proposals = stages.approval.check(inputs)
+        return [*effects, *_notes(stages, t_ns), *proposals]
+    made = stages.replanner.check(inputs)
+    effects += _notes(stages, t_ns) if made is None else [made, *_notes(stages, t_ns)]
+    if made is not None:
+        routes = [route for route in made.routes if route.vehicle in made.changed]
+        effects += stages.dispatch.send(routes, made.t_ns, urgent)
+    return effects
+
+
+def plan_now(stages: Stages, t_ns: int, urgent: Container[int] = ()) -> list[Effect]:
+    """Plan by an order, or on a changed map."""
+    effects = check_climbs(stages, t_ns)
+    if stages.state.perception.sensor_watchdog.scan_t_ns is not None:
+        effects += plan(stages, t_ns, stages.state.measured_t_ns, urgent)
+    return effects
+
+
+def end_mission(stages: Stages, t_ns: int) -> list[Effect]:
+    """End the mission when no active agent can fly, or every expected target has its agents."""
+    state = stages.state
+    agents = state.agents
+    active = with_status(agents, "active")
+    flyable = [v for v in active if agents[v].flight.phase is not FlightPhase.LANDED]
+    reached = len(at_targets(agents))
+    is_done = reached >= max(1, stages.expected_targets) and not stages.planning_inputs.open_targets()
+    if state.has_ended or (flyable and not is_done):
+        return []
+    state.has_ended = True
+    arrived, lost, down = (tuple(with_status(agents, word)) for word in ("arrived", "lost", "down"))
+    return [MissionEnded(t_ns, arrived, lost, tuple(active), down)]
+
+
+def _notes(stages: Stages, t_ns: int) -> list[Effect]:
+    return [
+        Notice(t_ns, NoticeCode.PLAN_NOTE, None, {"note": note}) for note in stages.state.replanning.new_notes
+    ]
