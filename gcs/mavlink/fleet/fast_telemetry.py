@@ -133,8 +133,10 @@ def _is_near(lat: int, lon: int, origin: FloatArray) -> bool:
     around = math.radians(abs(lat * 1e-7 - origin[0]) + abs(lon * 1e-7 - origin[1]))
     if _EARTH_RADIUS_M * around < _SURE_FRACTION * origin[2]:
         return True
-    lat1, lat0 = math.radians(lat * 1e-7), math.radians(origin[0])
-    half_lat, half_lon = (lat0 - lat1) / 2.0, math.radians(origin[1] - lon * 1e-7) / 2.0
+    lat1 = math.radians(lat * 1e-7)
+    lat0 = math.radians(origin[0])
+    half_lat = (lat0 - lat1) / 2.0
+    half_lon = math.radians(origin[1] - lon * 1e-7) / 2.0
     chord = math.sin(half_lat) ** 2 + math.cos(lat1) * math.cos(lat0) * math.sin(half_lon) ** 2
     return 2.0 * _EARTH_RADIUS_M * math.asin(min(1.0, math.sqrt(chord))) < _SURE_FRACTION * origin[2]
 
@@ -188,9 +190,15 @@ def _apply_position(
     v_north, v_east = _signed(data, begin, 20, size, 2), _signed(data, begin, 22, size, 2)
     if not _is_plausible(record, boot_ms, t_ns, lat, lon, v_east * v_east + v_north * v_north, origin[3]):
         return False
-    record[BOOT_MS], record[BOOT_OFFSET_NS], record[IN_LATE_RUN] = boot_ms, t_ns - boot_ms * _NS_PER_MS, 0
-    record[POSITION_NS], record[LAT_1E7DEG], record[LON_1E7DEG], record[ALT_MM] = t_ns, lat, lon, alt
-    record[V_NORTH_CM_S], record[V_EAST_CM_S] = v_north, v_east
+    record[BOOT_MS] = boot_ms
+    record[BOOT_OFFSET_NS] = t_ns - boot_ms * _NS_PER_MS
+    record[IN_LATE_RUN] = 0
+    record[POSITION_NS] = t_ns
+    record[LAT_1E7DEG] = lat
+    record[LON_1E7DEG] = lon
+    record[ALT_MM] = alt
+    record[V_NORTH_CM_S] = v_north
+    record[V_EAST_CM_S] = v_east
     record[V_DOWN_CM_S] = _signed(data, begin, 24, size, 2)
     record[HEADING_CDEG] = _number(data, begin, 26, size, 2)
     record[POSITIONS] += 1
@@ -233,7 +241,8 @@ def _apply_frames(
         if frames[at, CHECKED] == 0:
             at += 1
             continue
-        index, message_id = lookup[frames[at, SYSTEM]], frames[at, MESSAGE_ID]
+        index = lookup[frames[at, SYSTEM]]
+        message_id = frames[at, MESSAGE_ID]
         if index == NONE or frames[at, COMPONENT] != _AUTOPILOT:
             break
         record = table[index]
@@ -342,7 +351,8 @@ class VehicleTable:
 def warm_up_calls() -> list[jit.Call]:
     """Return one call of each kernel, including those for framing and batches."""
     frames = np.zeros((2, CHECKED + 1), np.int32)
-    lookup, table = np.full(_SYSTEM_IDS + _MESSAGE_IDS, NONE, np.int64), np.zeros((1, WIDTH), np.int64)
+    lookup = np.full(_SYSTEM_IDS + _MESSAGE_IDS, NONE, np.int64)
+    table = np.zeros((1, WIDTH), np.int64)
     return [
         *fast_scan.warm_up_calls(),
         *batches.warm_up_calls(),

@@ -53,7 +53,9 @@ def arc_is_clear(
         )
         if not clear_leg(blocked, x, y, to_x, to_y, clearance, own_cell):
             return False
-        x, y, angle = to_x, to_y, angle + side * step
+        x = to_x
+        y = to_y
+        angle = angle + side * step
     return True
 
 
@@ -128,7 +130,8 @@ def is_turn_safe(
     may turn to either side.
     """
     dx, dy = to_x - x, to_y - y
-    ahead, aside = dx * math.cos(angle) + dy * math.sin(angle), dy * math.cos(angle) - dx * math.sin(angle)
+    ahead = dx * math.cos(angle) + dy * math.sin(angle)
+    aside = dy * math.cos(angle) - dx * math.sin(angle)
     nearer = 1.0 if aside >= 0.0 else -1.0
     sides = 2 if math.atan2(abs(aside), ahead) > _EITHER_SIDE else 1
     for one in (radius, MIN_RADIUS_SHARE * radius):
@@ -154,9 +157,12 @@ def _trace_word(
     pieces: FloatArray, radius: float, own_cell: int, corners: FloatArray,
 ) -> int:  # fmt: skip
     """Write the corners of a Dubins word to `corners`; return their number, -1 if it is not clear."""
-    count, last_x, last_y = 0, x, y
+    count = 0
+    last_x = x
+    last_y = y
     for piece in range(3):
-        side, length = turns[piece], pieces[piece]
+        side = turns[piece]
+        length = pieces[piece]
         if side == 0:
             to_x, to_y = x + length * radius * math.cos(angle), y + length * radius * math.sin(angle)
             if not clear_leg(blocked, x, y, to_x, to_y, margin, own_cell):
@@ -180,7 +186,8 @@ def _trace_word(
                     and clear_leg(blocked, last_x, last_y, corner_x, corner_y, margin, own_cell)
                 ):
                     return -1
-                corners[count, 0], corners[count, 1] = corner_x, corner_y
+                corners[count, 0] = corner_x
+                corners[count, 1] = corner_y
                 last_x, last_y = corner_x, corner_y
                 count += 1
             turned = angle + side * length / parts
@@ -196,12 +203,20 @@ def _candidate_turns(
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return n turns on to the first leg: (n, 3) sides, (n, 3) pieces, (n,) rest of the leg, in radii."""
     count = 2 + 6 * _JOINS
-    turns, pieces, left = np.zeros((count, 3), np.int64), np.zeros((count, 3)), np.zeros(count)
-    ax, ay, bx, by = points[0, 0], points[0, 1], points[1, 0], points[1, 1]
-    leg, toward = math.hypot(bx - ax, by - ay), math.atan2(by - ay, bx - ax)
+    turns = np.zeros((count, 3), np.int64)
+    pieces = np.zeros((count, 3))
+    left = np.zeros(count)
+    ax = points[0, 0]
+    ay = points[0, 1]
+    bx = points[1, 0]
+    by = points[1, 1]
+    leg = math.hypot(bx - ax, by - ay)
+    toward = math.atan2(by - ay, bx - ax)
     for k in range(2):
         sweep, tangent = arc_to(ax, ay, angle, bx, by, 1.0 - 2.0 * k, radius)
-        turns[k, 0], pieces[k, 0], pieces[k, 1] = 1 - 2 * k, sweep, tangent / radius
+        turns[k, 0] = 1 - 2 * k
+        pieces[k, 0] = sweep
+        pieces[k, 1] = tangent / radius
     at = 2
     for join in range(_JOINS):
         end = leg if join == _JOINS - 1 else min(radius * 2.0 ** (join + 1), leg)
@@ -209,7 +224,8 @@ def _candidate_turns(
         found = dubins_words(ax, ay, angle, ax + share * (bx - ax), ay + share * (by - ay), toward, radius)
         for word in range(6):
             for piece in range(3):
-                turns[at, piece], pieces[at, piece] = WORD_TURNS[word, piece], found[word, piece]
+                turns[at, piece] = WORD_TURNS[word, piece]
+                pieces[at, piece] = found[word, piece]
             left[at] = (leg - end) / radius
             at += 1
     return turns, pieces, left
@@ -225,7 +241,8 @@ def plan_initial_turn(
     """
     turns, pieces, left = _candidate_turns(points, angle, radius)
     x, y = points[1, 0], points[1, 1]
-    corners, lengths = np.empty((16, 2)), np.empty(left.size)
+    corners = np.empty((16, 2))
+    lengths = np.empty(left.size)
     for k in range(left.size):
         lengths[k] = pieces[k, 0] + pieces[k, 1] + pieces[k, 2] + left[k]
     for _ in range(left.size):
@@ -255,7 +272,8 @@ def plan_initial_turn(
         ):
             # A corner next to the first waypoint is dropped.
             while count > 0:
-                last, before = corners[count - 1], corners[count - 2] if count > 1 else points[0]
+                last = corners[count - 1]
+                before = corners[count - 2] if count > 1 else points[0]
                 if math.hypot(last[0] - x, last[1] - y) >= 0.5 * radius:
                     break
                 if not clear_leg(blocked, before[0], before[1], x, y, margin, own_cell):
@@ -263,11 +281,14 @@ def plan_initial_turn(
                 count -= 1
             size = points.shape[0]
             result = np.empty((size + count, 2))
-            result[0, 0], result[0, 1] = points[0, 0], points[0, 1]
+            result[0, 0] = points[0, 0]
+            result[0, 1] = points[0, 1]
             for k in range(count):
-                result[1 + k, 0], result[1 + k, 1] = corners[k, 0], corners[k, 1]
+                result[1 + k, 0] = corners[k, 0]
+                result[1 + k, 1] = corners[k, 1]
             for k in range(1, size):
-                result[count + k, 0], result[count + k, 1] = points[k, 0], points[k, 1]
+                result[count + k, 0] = points[k, 0]
+                result[count + k, 1] = points[k, 1]
             return result, radius * lengths[best]
         lengths[best] = np.inf
     return points, np.inf

@@ -98,10 +98,13 @@ def _relax_candidates(
     """Find the cheapest path to each candidate and its predecessor; arguments as of `_cheapest_path`."""
     last_known = 0
     margin = start_clearance(blocked, clearance, x[0], y[0])
-    cost[0], came_from[0] = 0.0, -1
+    cost[0] = 0.0
+    came_from[0] = -1
     for j in range(1, x.size):
-        cost[j], came_from[j] = np.inf, -1
-        first, hit = max(0, j - _WINDOW), NO_CELL
+        cost[j] = np.inf
+        came_from[j] = -1
+        first = max(0, j - _WINDOW)
+        hit = NO_CELL
         _lower_bounds(x, y, e1x, e1y, e2x, e2y, cost, first, j, j, least)
         if last_known < first:
             _lower_bounds(x, y, e1x, e1y, e2x, e2y, cost, last_known, last_known + 1, j, least)
@@ -112,7 +115,8 @@ def _relax_candidates(
                 continue
             dx, dy = x[j] - x[i], y[j] - y[i]
             leg = math.hypot(dx, dy)
-            here, need = cost[i] + leg + _CORNER_COST, 0.0
+            here = cost[i] + leg + _CORNER_COST
+            need = 0.0
             if not forced and (leg < 1e-9 or here >= cost[j]):
                 continue
             if radius > 0.0:
@@ -134,7 +138,10 @@ def _relax_candidates(
                 if not forced or here + (_TIGHT_LEG_WEIGHT - 1.0) * leg >= cost[j]:
                     continue
                 here += (_TIGHT_LEG_WEIGHT - 1.0) * leg
-            cost[j], came_from[j], leg_in[j], used_in[j] = here, i, leg, need
+            cost[j] = here
+            came_from[j] = i
+            leg_in[j] = leg
+            used_in[j] = need
         if known[j]:
             last_known = j
 
@@ -146,13 +153,18 @@ def _cheapest_path(
 ) -> IntArray:  # fmt: skip
     """Return the cheapest path through ordered candidates, from first to last: their indices, backwards."""
     size = known.size
-    cost, came_from, least = np.empty(size), np.empty(size, np.int64), np.empty(size)
-    leg_in, used_in = np.zeros(size), np.zeros(size)
+    cost = np.empty(size)
+    came_from = np.empty(size, np.int64)
+    least = np.empty(size)
+    leg_in = np.zeros(size)
+    used_in = np.zeros(size)
     _relax_candidates(
         *(blocked, clearance, found[X], found[Y], found[E1X], found[E1Y], found[E2X], found[E2Y], known),
         *(heading, radius, own_cell, cost, came_from, leg_in, used_in, least),
     )
-    path, count, node = np.empty(size, np.int64), 0, size - 1
+    path = np.empty(size, np.int64)
+    count = 0
+    node = size - 1
     while node >= 0:
         path[count] = node
         count += 1
@@ -166,20 +178,29 @@ def _slide_corner(
     least: float, own_cell: int,
 ) -> float:  # fmt: skip
     """Move corner i towards a place while it sees its neighbours; return the distance moved, in cells."""
-    ax, ay, bx, by = vertices[i - 1, 0], vertices[i - 1, 1], vertices[i + 1, 0], vertices[i + 1, 1]
+    ax = vertices[i - 1, 0]
+    ay = vertices[i - 1, 1]
+    bx = vertices[i + 1, 0]
+    by = vertices[i + 1, 1]
     x, y = vertices[i, 0], vertices[i, 1]
     ignored_cell = own_cell if i == 1 else NO_CELL
-    good, bad, step, hit, beyond = 0.0, 1.0, 1.0, NO_CELL, NO_CELL
+    good = 0.0
+    bad = 1.0
+    step = 1.0
+    hit = NO_CELL
+    beyond = NO_CELL
     for _ in range(_HALVINGS):
         px, py = x + step * (aim_x - x), y + step * (aim_y - y)
         clear = is_free_at(blocked, px, py)
         clear = clear and math.hypot(px - ax, py - ay) >= least and math.hypot(px - bx, py - by) >= least
         if clear:
             seen = blocking_cell(blocked, ax, ay, px, py, clearance, ignored_cell, hit)
-            clear, hit = seen < 0, seen if seen >= 0 else hit
+            clear = seen < 0
+            hit = seen if seen >= 0 else hit
         if clear:
             seen = blocking_cell(blocked, px, py, bx, by, clearance, NO_CELL, beyond)
-            clear, beyond = seen < 0, seen if seen >= 0 else beyond
+            clear = seen < 0
+            beyond = seen if seen >= 0 else beyond
         if clear:
             good = step
             if step == 1.0:
@@ -187,7 +208,8 @@ def _slide_corner(
         else:
             bad = step
         step = 0.5 * (good + bad)
-    vertices[i, 0], vertices[i, 1] = x + good * (aim_x - x), y + good * (aim_y - y)
+    vertices[i, 0] = x + good * (aim_x - x)
+    vertices[i, 1] = y + good * (aim_y - y)
     return good * math.hypot(aim_x - x, aim_y - y)
 
 
@@ -201,12 +223,16 @@ def _slide_corners(
     `settled` (count,), all false: corners that did not move, and whose neighbours did not.
     """
     for _ in range(_SWEEPS):
-        moved, i = 0.0, 1
+        moved = 0.0
+        i = 1
         while i < count - 1:
             if settled[i]:
                 i += 1
                 continue
-            ax, ay, bx, by = vertices[i - 1, 0], vertices[i - 1, 1], vertices[i + 1, 0], vertices[i + 1, 1]
+            ax = vertices[i - 1, 0]
+            ay = vertices[i - 1, 1]
+            bx = vertices[i + 1, 0]
+            by = vertices[i + 1, 1]
             if clear_leg(blocked, ax, ay, bx, by, clearance, own_cell if i == 1 else NO_CELL):
                 count -= 1
                 for k in range(i, count):
@@ -215,12 +241,12 @@ def _slide_corners(
                         vertices[k + 1, 1],
                         settled[k + 1],
                     )
-                moved, settled[i - 1], settled[i] = 1.0, False, False
+                moved = 1.0
+                settled[i - 1] = False
+                settled[i] = False
                 continue
-            a, b = (
-                math.hypot(vertices[i, 0] - ax, vertices[i, 1] - ay),
-                math.hypot(vertices[i, 0] - bx, vertices[i, 1] - by),
-            )
+            a = math.hypot(vertices[i, 0] - ax, vertices[i, 1] - ay)
+            b = math.hypot(vertices[i, 0] - bx, vertices[i, 1] - by)
             floor = min(least, a, b)
             share = a / max(a + b, 1e-12)
             total_moved = _slide_corner(
@@ -256,7 +282,8 @@ def _pull_stretch(
     count = path.size
     pulled = np.empty((count, 2))
     for i in range(count):
-        pulled[i, 0], pulled[i, 1] = found[X, path[count - 1 - i]], found[Y, path[count - 1 - i]]
+        pulled[i, 0] = found[X, path[count - 1 - i]]
+        pulled[i, 1] = found[Y, path[count - 1 - i]]
     return pulled[
         : _slide_corners(blocked, clearance, pulled, count, least, own_cell, np.zeros(count, np.bool_))
     ].copy()
@@ -278,13 +305,15 @@ def _leg_clearances(blocked: BoolArray, clearance: float, vertices: FloatArray, 
             clearance,
             ignored_cell,
         )
-    last, since = -1, 0.0
+    last = -1
+    since = 0.0
     for i in range(legs):
         if clearances[i] < clearance - TOUCH:
             if last >= 0 and since < _MIN_TIGHT_GAP:
                 for k in range(last + 1, i):
                     clearances[k] = min(clearances[last], clearances[i])
-            last, since = i, 0.0
+            last = i
+            since = 0.0
         else:
             since += _gap(vertices, i, i + 1)
     return clearances
@@ -305,11 +334,14 @@ def pull_string(
     Stretches with less clearance are shortened separately and keep the clearance that they have.
     """
     clearances = _leg_clearances(blocked, clearance, vertices, own_cell)
-    legs, first, size = clearances.size, 0, 1
+    legs = clearances.size
+    first = 0
+    size = 1
     result = np.empty((0, 2))
     unknown = np.zeros(2)
     while first < legs:
-        margin, is_tight = clearances[first], clearances[first] < clearance - TOUCH
+        margin = clearances[first]
+        is_tight = clearances[first] < clearance - TOUCH
         last = first + 1
         while last < legs and (clearances[last] < clearance - TOUCH) == is_tight:
             margin = min(margin, clearances[last])
@@ -323,11 +355,14 @@ def pull_string(
             least,
             own_cell if first == 0 else NO_CELL,
         )
-        before, result = result, np.empty((size + part.shape[0] - 1, 2))
+        before = result
+        result = np.empty((size + part.shape[0] - 1, 2))
         for i in range(size - 1):
-            result[i, 0], result[i, 1] = before[i, 0], before[i, 1]
+            result[i, 0] = before[i, 0]
+            result[i, 1] = before[i, 1]
         for i in range(part.shape[0]):
-            result[size - 1 + i, 0], result[size - 1 + i, 1] = part[i, 0], part[i, 1]
+            result[size - 1 + i, 0] = part[i, 0]
+            result[size - 1 + i, 1] = part[i, 1]
         size += part.shape[0] - 1
         first = last
     return result

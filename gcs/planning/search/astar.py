@@ -51,7 +51,8 @@ _CLOSED_BIT = 1 << 28
 
 _MAP_BITS = ~(_CLOSED_BIT | ARRIVAL_MASK)
 
-_ROW_STEPS, _COL_STEPS = np.array(ROW_STEP), np.array(COL_STEP)
+_ROW_STEPS = np.array(ROW_STEP)
+_COL_STEPS = np.array(COL_STEP)
 
 
 @kernel
@@ -69,7 +70,8 @@ def astar(
     (inf: no path), the length from first to last node without clearance costs, and the number of expanded
     nodes.
     """
-    aim, slack = int64(-1), -np.inf
+    aim = int64(-1)
+    slack = -np.inf
     for k in range(goals.size):
         aim = goals[k] if aim < 0 else aim
     if aim < 0:
@@ -87,7 +89,9 @@ def astar(
     ring = 63 if has_tight_moves else 15
     head = np.full(ring + 1, -1)
     # Entries are node and next entry of the bucket. They stay: they list the nodes to reset.
-    used, live, base = 0, 0, np.inf
+    used = 0
+    live = 0
+    base = np.inf
     for i in range(nodes.size):
         if nodes[i] >= 0:
             row = int((nodes[i] + 0.5) * per_row)
@@ -102,10 +106,15 @@ def astar(
         reached[node] = costs[i] + 1.0  # 0 means not reached, so costs are stored plus one
         packed[node] = (packed[node] & _MAP_BITS) | NO_MOVE
         slot = int((costs[i] + ahead - base) * _BUCKETS_PER_CELL) & ring
-        entries[used, 0], entries[used, 1] = node, head[slot]
+        entries[used, 0] = node
+        entries[used, 1] = head[slot]
         head[slot] = used
-        used, live = used + 1, live + 1
-    best, last, bucket, expanded = np.inf, int64(-1), 0, 0
+        used = used + 1
+        live = live + 1
+    best = np.inf
+    last = int64(-1)
+    bucket = 0
+    expanded = 0
     full = entries.shape[0] - 8
     while live > 0 and used <= full and base + bucket / _BUCKETS_PER_CELL < best + slack:
         slot = bucket & ring
@@ -126,7 +135,8 @@ def astar(
             if abs(row) <= 1 and abs(col) <= 1:
                 for k in range(goals.size):
                     if goals[k] == node and here - 1.0 + goal_costs[k] < best:
-                        best, last = here - 1.0 + goal_costs[k], node
+                        best = here - 1.0 + goal_costs[k]
+                        last = node
             left = int64(move_lists[word & LIST_MASK])
             for k in range(left & 15):
                 move = (left >> (4 + 3 * k)) & 7
@@ -141,9 +151,11 @@ def astar(
                 reached[there] = cost
                 packed[there] = (packed[there] & _MAP_BITS) | move
                 to = max(int((estimate - base) * _BUCKETS_PER_CELL), bucket) & ring
-                entries[used, 0], entries[used, 1] = there, head[to]
+                entries[used, 0] = there
+                entries[used, 1] = head[to]
                 head[to] = used
-                used, live = used + 1, live + 1
+                used = used + 1
+                live = live + 1
                 # Most paths go straight on.
                 prefetch_row(reached, there + offsets[move])
                 prefetch_row(packed, there + offsets[move])
@@ -155,7 +167,9 @@ def astar(
             reached[entries[i, 0]] = 0.0
     if used > full:
         return -1, np.inf, np.inf, expanded
-    count, flown, node = 0, np.inf if last < 0 else 0.0, last
+    count = 0
+    flown = np.inf if last < 0 else 0.0
+    node = last
     while node >= 0:
         path[count] = node
         count += 1
@@ -194,7 +208,8 @@ class GridSearch:
     def __init__(self, smap: SearchMap) -> None:
         self._smap = smap
         size = smap.moves.size
-        self._reached, self._known = np.zeros(size), smap.packed.copy()
+        self._reached = np.zeros(size)
+        self._known = smap.packed.copy()
         self._entries = np.empty((2 * size, 2), dtype=np.int32)
         self._path = np.empty(size, dtype=np.int64)
         self._room = dijkstra_buffers(smap)
@@ -233,7 +248,8 @@ def _precedes(f: float, g: float, node: float, heap: FloatArray, i: int) -> bool
 
 @inlined
 def _set_entry(heap: FloatArray, i: int, f: float, g: float, node: float) -> None:
-    heap[i, 0], heap[i, 1] = f, g
+    heap[i, 0] = f
+    heap[i, 1] = g
     heap[i, 2] = node
 
 
@@ -254,8 +270,11 @@ def _push(heap: FloatArray, size: int, f: float, g: float, node: float) -> None:
 def _pop_first(heap: FloatArray, size: int) -> None:
     """Remove the first entry of a heap of `size`."""
     last = size - 1
-    f, g, node = heap[last, 0], heap[last, 1], heap[last, 2]
-    i, child = 0, 1
+    f = heap[last, 0]
+    g = heap[last, 1]
+    node = heap[last, 2]
+    i = 0
+    child = 1
     while child < last:
         if child + 1 < last and _precedes(
             heap[child + 1, 0], heap[child + 1, 1], heap[child + 1, 2], heap, child
@@ -264,7 +283,8 @@ def _pop_first(heap: FloatArray, size: int) -> None:
         if _precedes(f, g, node, heap, child):
             break
         _set_entry(heap, i, heap[child, 0], heap[child, 1], heap[child, 2])
-        i, child = child, 2 * child + 1
+        i = child
+        child = 2 * child + 1
     _set_entry(heap, i, f, g, node)
 
 
@@ -277,17 +297,21 @@ def astar_paper(
 
     Returns the number of nodes written (0: no path) and of expanded nodes.
     """
-    cost, came_by = np.empty(moves.size), np.empty(moves.size, np.int8)
+    cost = np.empty(moves.size)
+    came_by = np.empty(moves.size, np.int8)
     cost[:] = np.inf
     # The open set: estimated cost, cost so far, node. One may be reopened under the paper's cost, so this
     # size is a first guess and the heap grows.
     heap = np.empty((moves.size, 3))
-    goal_row, goal_col = goal // stride, goal % stride
+    goal_row = goal // stride
+    goal_col = goal % stride
     cost[start] = 0.0
     _set_entry(heap, 0, 0.0, 0.0, start)
-    open_count, expanded = 1, 0
+    open_count = 1
+    expanded = 0
     while open_count > 0:
-        here, node = heap[0, 1], int(heap[0, 2])
+        here = heap[0, 1]
+        node = int(heap[0, 2])
         _pop_first(heap, open_count)
         open_count -= 1
         if here > cost[node]:
@@ -306,14 +330,16 @@ def astar_paper(
             came_by[there] = move
             ahead = math.hypot(abs(there // stride - goal_row), abs(there % stride - goal_col))
             if open_count == heap.shape[0]:
-                small, heap = heap, np.empty((2 * open_count, 3))
+                small = heap
+                heap = np.empty((2 * open_count, 3))
                 for i in range(open_count):
                     _set_entry(heap, i, small[i, 0], small[i, 1], small[i, 2])
             _push(heap, open_count, cost[there] + ahead, cost[there], there)
             open_count += 1
     if cost[goal] == np.inf:
         return 0, expanded
-    count, node = 0, goal
+    count = 0
+    node = goal
     while True:
         path[count] = node
         count += 1

@@ -47,7 +47,9 @@ _MOVE_OF = {step: move for move, step in enumerate(_STEPS)}
 NO_MOVE = 8
 """Arrival move of the start node."""
 
-ARRIVAL_MASK, ORDER_BIT, TIGHT_BIT = 15, 4, 20
+ARRIVAL_MASK = 15
+ORDER_BIT = 4
+TIGHT_BIT = 20
 LIST_MASK = (1 << TIGHT_BIT) - 1
 """The packed 32-bit word of a node: arrival move (`ARRIVAL_MASK`), row of the table of remaining moves, and
 tight moves (from `TIGHT_BIT`). One load fetches all.
@@ -55,7 +57,8 @@ tight moves (from `TIGHT_BIT`). One load fetches all.
 MAX_MOVES = 8
 """Greatest number of remaining moves: all eight, at the start node."""
 
-_UNIFORM, _ALL = 0, 256
+_UNIFORM = 0
+_ALL = 256
 """Table offsets of the rows for a byte of legal moves: canonical with uniform costs, and all moves."""
 MAX_TABLE_ROWS = 1 << 16
 _SLOTS = 1 << 17
@@ -130,9 +133,11 @@ def _cost(tight: ByteArray, node: int, move: int) -> float:
 def _is_needed(moves: ByteArray, tight: ByteArray, offsets: IntArray, p: int, x: int, d: int, e: int) -> bool:
     """Return True if move e from x remains when move d led from p to x."""
     last = _cost(tight, x, e)
-    cost, needed = _cost(tight, p, d) + last, True
+    cost = _cost(tight, p, d) + last
+    needed = True
     for k in range(_FIRST_ALTERNATIVE[8 * d + e], _FIRST_ALTERNATIVE[8 * d + e + 1]):
-        one, two = _ALTERNATIVES[k, 0], _ALTERNATIVES[k, 1]
+        one = _ALTERNATIVES[k, 0]
+        two = _ALTERNATIVES[k, 1]
         if _has_move(moves, p, one) and (two == NO_MOVE or _has_move(moves, p + offsets[one], two)):
             end = _cost(tight, p, one) if two == NO_MOVE else _cost(tight, p + offsets[one], two)
             other = end if two == NO_MOVE else _cost(tight, p, one) + end
@@ -152,12 +157,14 @@ def prune_moves(
     indexed by their legal moves. All legal moves remain at nodes for which a table of `max_rows` has no row
     left.
     """
-    order, size = np.empty(moves.size, np.uint16), answers.shape[0]
+    order = np.empty(moves.size, np.uint16)
+    size = answers.shape[0]
     table = np.empty((max_rows, 9), np.uint8)
     for k in range(size):
         for d in range(9):
             table[k, d] = answers[k, d]
-    slots, keys = np.zeros(_SLOTS, np.int32), np.empty(max_rows, np.uint64)
+    slots = np.zeros(_SLOTS, np.int32)
+    keys = np.empty(max_rows, np.uint64)
     for x in range(moves.size):
         legal = int64(moves[x])
         order[x] = _UNIFORM + legal
@@ -167,7 +174,8 @@ def prune_moves(
         for d in range(8):
             if not (legal >> _BACK[d]) & 1:
                 continue
-            keep, p = 0, x - offsets[d]
+            keep = 0
+            p = x - offsets[d]
             for e in range(8):
                 if (legal >> e) & 1 and e != _BACK[d] and _is_needed(moves, tight, offsets, p, x, d, e):
                     keep |= 1 << e
@@ -180,7 +188,9 @@ def prune_moves(
             if size == max_rows:
                 order[x] = _ALL + legal
                 continue
-            slots[slot], keys[size], table[size, NO_MOVE] = size, key, legal
+            slots[slot] = size
+            keys[size] = key
+            table[size, NO_MOVE] = legal
             for d in range(8):
                 table[size, d] = (key >> np.uint64(8 * d)) & np.uint64(255)
             size += 1
@@ -200,7 +210,8 @@ def list_moves(answers: ByteArray) -> UInt32Array:
     """
     sets = np.zeros((len(answers), ARRIVAL_MASK + 1), dtype=np.uint32)
     sets[:, : answers.shape[1]] = answers
-    counts, lists = np.zeros_like(sets), np.zeros_like(sets)
+    counts = np.zeros_like(sets)
+    lists = np.zeros_like(sets)
     for move in range(8):
         is_in = (sets >> np.uint32(move)) & np.uint32(1)
         lists |= np.where(is_in > 0, np.uint32(move) << (4 + 3 * counts), np.uint32(0)).astype(np.uint32)
@@ -210,5 +221,6 @@ def list_moves(answers: ByteArray) -> UInt32Array:
 
 def warm_up_calls() -> list[Call]:
     """Return one call of the kernel with the types of a plan."""
-    moves, offsets = np.zeros(4, np.uint8), np.zeros(8, np.int64)
+    moves = np.zeros(4, np.uint8)
+    offsets = np.zeros(8, np.int64)
     return [(prune_moves, moves, moves, moves > 0, offsets, UNIFORM_TABLE, MAX_TABLE_ROWS)]

@@ -31,7 +31,8 @@ PathLookup: TypeAlias = Callable[[int, int], IntArray]
 Empty for adjacent places in line of sight.
 """
 
-_NO_PATH, _DIRECT = -1, -2
+_NO_PATH = -1
+_DIRECT = -2
 """Instead of the index of the connecting node at the end of a path: no path, or a direct leg."""
 
 # Search times (2-core AMD EPYC, random obstacles), to choose between A* and one-to-all searches.
@@ -75,7 +76,8 @@ def metric_paths(
         lengths, path = _pairwise(grid, smap, starts, goals, clearance_m)
     elif len(goals.xy) < len(starts.xy):
         turned, back = _one_to_all(grid, smap, goals, starts, clearance_m)
-        lengths, path = turned.T, lambda i, j: back(j, i)[::-1]
+        lengths = turned.T
+        path = lambda i, j: back(j, i)[::-1]
     else:
         lengths, path = _one_to_all(grid, smap, starts, goals, clearance_m)
     return lengths * grid.spacing_m, path
@@ -104,9 +106,12 @@ def _one_to_all(
     grid: Grid, smap: SearchMap, near: Endpoints, far: Endpoints, clearance_m: float
 ) -> tuple[FloatArray, PathLookup]:
     """Return paths in cells from each of `near` to each of `far`."""
-    size, n = smap.moves.size, len(near.xy)
+    size = smap.moves.size
+    n = len(near.xy)
     came_by = np.empty((n, size), dtype=np.uint8)
-    field, costs, clearance = np.empty(size), np.empty((n, *far.nodes.shape)), clearance_m / grid.spacing_m
+    field = np.empty(size)
+    costs = np.empty((n, *far.nodes.shape))
+    clearance = clearance_m / grid.spacing_m
     wanted = far.nodes[far.nodes >= 0]
     parts = smap.component[wanted]
     with borrow_search(grid, clearance_m, smap.shifts_nodes) as search:
@@ -141,11 +146,13 @@ def _pairwise(
     parts = [[set(smap.component[row[row >= 0]].tolist()) for row in side.nodes] for side in (starts, goals)]
     with borrow_search(grid, clearance_m, smap.shifts_nodes) as search:
         for i, j in np.ndindex(lengths.shape):
-            a, b = starts.xy[i], goals.xy[j]
+            a = starts.xy[i]
+            b = goals.xy[j]
             if not (starts.inside[i] or goals.inside[j]) and is_adjacent_and_visible(
                 grid.blocked, clearance, a, b
             ):
-                lengths[i, j], paths[i, j] = np.hypot(*(b - a)), np.empty(0, dtype=np.int64)
+                lengths[i, j] = np.hypot(*(b - a))
+                paths[i, j] = np.empty(0, dtype=np.int64)
                 continue
             ends = (starts.nodes[i], starts.gaps[i], goals.nodes[j], goals.gaps[j])
             if parts[0][i].isdisjoint(parts[1][j]):
@@ -154,7 +161,8 @@ def _pairwise(
             if nodes.size:
                 # The search cost counts tight moves several times; the assignment compares lengths.
                 gaps = ends[1][ends[0] == nodes[0]][0] + ends[3][ends[2] == nodes[-1]][0]
-                paths[i, j], lengths[i, j] = nodes, flown + gaps if smap.has_tight_moves else cost
+                paths[i, j] = nodes
+                lengths[i, j] = flown + gaps if smap.has_tight_moves else cost
     return lengths, lambda i, j: paths[i, j]
 
 
@@ -165,11 +173,14 @@ def _path_ends(
     offsets: IntArray, came_by: ByteArray, near_nodes: IntArray, near_off: FloatArray, far_nodes: IntArray,
 ) -> tuple[FloatArray, IntArray]:  # fmt: skip
     """Return the path length in cells of all pairs, (n, m), and the index of the last connecting node."""
-    n, m = near.shape[0], far.shape[0]
-    lengths, via = np.empty((n, m)), np.empty((n, m), np.int64)
+    n = near.shape[0]
+    m = far.shape[0]
+    lengths = np.empty((n, m))
+    via = np.empty((n, m), np.int64)
     for i in range(n):
         for j in range(m):
-            lengths[i, j], via[i, j] = np.inf, _NO_PATH
+            lengths[i, j] = np.inf
+            via[i, j] = _NO_PATH
             if not (near_inside[i] or far_inside[j]) and is_adjacent_and_visible(
                 blocked, clearance, near[i], far[j]
             ):
@@ -182,7 +193,8 @@ def _path_ends(
                     via[i, j] = k
             if has_tight_moves and via[i, j] >= 0:
                 # The search cost counts tight moves several times; the assignment compares lengths.
-                node, flown = far_nodes[j, via[i, j]], far_off[j, via[i, j]]
+                node = far_nodes[j, via[i, j]]
+                flown = far_off[j, via[i, j]]
                 while came_by[i, node] != NO_MOVE:
                     move = came_by[i, node]
                     flown += move_length(move, False)
@@ -237,11 +249,17 @@ def warm_up_calls() -> list[Call]:
     """Return one call of every search kernel with the types of a plan."""
     grid = free_grid((2, 2), 10.0)
     smap = search_map(grid)
-    size, node = smap.moves.size, flat_index(smap, (0, 0))
-    nodes, gaps = np.full((1, 4), node), np.zeros((1, 4))
-    xy, inside = np.zeros((1, 2)), np.zeros(1, np.bool_)
-    buffer, field, came_by = np.empty(size, np.int64), np.zeros(size), np.full((1, size), NO_MOVE, np.uint8)
-    entries, searched = np.empty((2 * size, 2), np.int32), kernel_arrays(smap)
+    size = smap.moves.size
+    node = flat_index(smap, (0, 0))
+    nodes = np.full((1, 4), node)
+    gaps = np.zeros((1, 4))
+    xy = np.zeros((1, 2))
+    inside = np.zeros(1, np.bool_)
+    buffer = np.empty(size, np.int64)
+    field = np.zeros(size)
+    came_by = np.full((1, size), NO_MOVE, np.uint8)
+    entries = np.empty((2 * size, 2), np.int32)
+    searched = kernel_arrays(smap)
     empty = np.zeros(size), smap.packed.copy(), entries, buffer
     return [
         (astar, *searched, smap.stride, nodes[0], gaps[0], nodes[0], gaps[0], *empty),

@@ -73,8 +73,11 @@ def search_map(grid: Grid, clearance_m: float = 0.0, shifts_nodes: bool = False)
     blocked = np.ones((rows + 2, stride), dtype=np.bool_)
     blocked[1:-1, 1:-1] = grid.blocked
     moves = _legal_moves(blocked)
-    tight_nodes, tight_moves, node_shift = np.zeros_like(blocked), np.zeros_like(moves), np.zeros_like(moves)
-    clearance, inner = clearance_m / grid.spacing_m, (slice(1, -1), slice(1, -1))
+    tight_nodes = np.zeros_like(blocked)
+    tight_moves = np.zeros_like(moves)
+    node_shift = np.zeros_like(moves)
+    clearance = clearance_m / grid.spacing_m
+    inner = (slice(1, -1), slice(1, -1))
     if shifts_nodes and clearance > 0.5:
         node_shift[inner], tight_nodes[inner] = shifted_nodes(
             grid.blocked, clearance, _SHIFT_ROWS, _SHIFT_COLS

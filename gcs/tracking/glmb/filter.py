@@ -138,10 +138,13 @@ class Glmb:
         state.t_ns = measured_t_ns
         if births is not self._births:
             # Constant births are one tuple, the same object at each scan; other sequences might change.
-            self._births, self._birth_components = tuple(births), BirthComponents.from_births(births)
+            self._births = tuple(births)
+            self._birth_components = BirthComponents.from_births(births)
         if sensor is not self._sensor:
-            self._sensor, self._sensor_model = sensor, measurement_model.sensor_model(sensor)
-        interval, rng = self._interval(dt_s), np.array([state.rng], dtype=np.uint64)
+            self._sensor = sensor
+            self._sensor_model = measurement_model.sensor_model(sensor)
+        interval = self._interval(dt_s)
+        rng = np.array([state.rng], dtype=np.uint64)
         result = recursion.update_step(
             state.posterior,
             interval,
@@ -152,7 +155,8 @@ class Glmb:
             self._summarise_detections,
             rng,
         )
-        state.posterior, state.rng = result.posterior, int(rng[0])
+        state.posterior = result.posterior
+        state.rng = int(rng[0])
         state.bad_detections += result.n_unusable
         if self._summarise_detections:
             self.detection_summary = result.summary

@@ -69,7 +69,8 @@ def _sort_rows_ascending(
 ) -> None:
     """Sort `rows[first]` to `rows[end - 1]` by a coordinate, the least first."""
     for i in range(first, end):
-        work.row[i - first], work.value[i - first] = rows[i], -z[rows[i], axis]
+        work.row[i - first] = rows[i]
+        work.value[i - first] = -z[rows[i], axis]
     argsort_descending(work.value, ZERO, end - first, work.order)
     for i in range(first, end):
         rows[i] = work.row[work.order.index[i - first]]
@@ -131,11 +132,15 @@ def _bisect_left(value: FloatArray, low: int, high: int, least: float) -> int:
 def _sort_options(meas: IntArray, logw: FloatArray, start: int, end: int) -> None:
     """Sort options by weight, the best first, stable (insertion: the lists are short)."""
     for i in range(start + 1, end):
-        m, w, j = meas[i], logw[i], i
+        m = meas[i]
+        w = logw[i]
+        j = i
         while j > start and logw[j - 1] < w:
-            meas[j], logw[j] = meas[j - 1], logw[j - 1]
+            meas[j] = meas[j - 1]
+            logw[j] = logw[j - 1]
             j -= 1
-        meas[j], logw[j] = m, w
+        meas[j] = m
+        logw[j] = w
 
 
 @inlined
@@ -158,8 +163,13 @@ def innovation_cov(
     cov: FloatArray, t: int, meas_model: LinearisedMeasurement, u: int
 ) -> tuple[float, float, float]:
     """Return the elements 00, 01 and 11 of A P A' + R of track t; u is the row of A and R."""
-    p, q, r, s = meas_model.A[u, 0, 0], meas_model.A[u, 0, 1], meas_model.A[u, 1, 0], meas_model.A[u, 1, 1]
-    x, xy, y = cov[t, 0, 0], cov[t, 0, 1], cov[t, 1, 1]
+    p = meas_model.A[u, 0, 0]
+    q = meas_model.A[u, 0, 1]
+    r = meas_model.A[u, 1, 0]
+    s = meas_model.A[u, 1, 1]
+    x = cov[t, 0, 0]
+    xy = cov[t, 0, 1]
+    y = cov[t, 1, 1]
     return (
         p * p * x + 2.0 * p * q * xy + q * q * y + meas_model.noise[u, 0, 0],
         p * r * x + (p * s + q * r) * xy + q * s * y + meas_model.noise[u, 0, 1],
@@ -181,12 +191,16 @@ class _Strips(NamedTuple):
 @leaf
 def _index_strips(z: FloatArray, to: _Strips) -> float:
     """Fill the strips; return the entries of `entry` per unit of the first coordinate."""
-    m, width, count = z.shape[0], to.width, to.edge.size
+    m = z.shape[0]
+    width = to.width
+    count = to.edge.size
     for s in range(count):
-        low, high = s * width, min((s + 1) * width, m)
+        low = s * width
+        high = min((s + 1) * width, m)
         to.edge[s] = np.inf
         for j in range(low, high):
-            to.edge[s], to.second[j] = min(to.edge[s], z[j, 0]), z[j, 1]
+            to.edge[s] = min(to.edge[s], z[j, 0])
+            to.second[j] = z[j, 1]
         to.per_unit[s] = _guide(to.second, low, high, to.inner, s * (width + 1), width)
     return _guide(to.edge, 0, count, to.entry, 0, _GUIDE_ENTRIES_PER_STRIP * count) if count > 0 else 0.0
 
@@ -209,10 +223,14 @@ def _fill_options(
     t: int,
 ) -> int:
     """List the options of tracks from t on; return the first track without space, or n."""
-    n, m, width, n_strips = cov.shape[0], z.shape[0], strip.width, strip.edge.size
+    n = cov.shape[0]
+    m = z.shape[0]
+    width = strip.width
+    n_strips = strip.edge.size
     step = 0 if meas_model.A.shape[0] == 1 else 1
     p_d = meas_model.p_d
-    log_detected, log_missed = math.log(p_d) - math.log(2.0 * math.pi), math.log1p(-p_d)
+    log_detected = math.log(p_d) - math.log(2.0 * math.pi)
+    log_missed = math.log1p(-p_d)
     while t < n and logw.size - start[t] >= m + 2:
         first = count = start[t]
         is_visible = p_d > 0.0 and meas_model.p_in_fov[t] > MIN_P_IN_FOV
@@ -221,13 +239,15 @@ def _fill_options(
             a, b, c = innovation_cov(cov, t, meas_model, t * step)
             det = a * c - b * b
             log_scale = log_detected - 0.5 * math.log(det) + log_survival[t]
-            half_width, half_height = math.sqrt(gate_chi2 * a), math.sqrt(gate_chi2 * c)
+            half_width = math.sqrt(gate_chi2 * a)
+            half_height = math.sqrt(gate_chi2 * c)
             e = _guide_entry(
                 x - half_width, strip.edge[0], strips_per_unit, _GUIDE_ENTRIES_PER_STRIP * n_strips
             )
             s = max(0, _bisect_left(strip.edge, strip.entry[e], strip.entry[e + 1], x - half_width) - 1)
             while s < n_strips and strip.edge[s] <= x + half_width:
-                j, high = s * width, min((s + 1) * width, m)
+                j = s * width
+                high = min((s + 1) * width, m)
                 if not meas_model.has_bearing:
                     e = s * (width + 1) + _guide_entry(
                         y - half_height, strip.second[j], strip.per_unit[s], width
@@ -243,25 +263,30 @@ def _fill_options(
                         break
                     d2 = (c * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / det
                     if d2 <= gate_chi2:
-                        meas[count], logw[count] = j, log_scale - 0.5 * d2 - log_clutter[j]
+                        meas[count] = j
+                        logw[count] = log_scale - 0.5 * d2 - log_clutter[j]
                         count += 1
                     j += 1
                 s += 1
             if count - first > MAX_GATED_DETECTIONS:
                 least = _nth_best(logw, first, count, best)
-                end, count = count, first
+                end = count
+                count = first
                 for i in range(first, end):
                     if logw[i] >= least and count < first + MAX_GATED_DETECTIONS:
-                        meas[count], logw[count] = meas[i], logw[i]
+                        meas[count] = meas[i]
+                        logw[count] = logw[i]
                         count += 1
-        meas[count], logw[count] = MISSED, log_survival[t]
+        meas[count] = MISSED
+        logw[count] = log_survival[t]
         if is_visible:
             logw[count] += (
                 log_missed if meas_model.p_in_fov[t] == 1.0 else math.log1p(-p_d * meas_model.p_in_fov[t])
             )
         count += 1
         if log_death[t] > -np.inf:
-            meas[count], logw[count] = ABSENT, log_death[t]
+            meas[count] = ABSENT
+            logw[count] = log_death[t]
             count += 1
         _sort_options(meas, logw, first, count)
         start[t + 1] = count
@@ -291,7 +316,8 @@ def association_options(
     `z` (m, 2) is in sensor coordinates and in the order of `sort_into_strips`. `log_clutter` (m,) is the
     log of the clutter intensity in the same units.
     """
-    n, m = cov.shape[0], z.shape[0]
+    n = cov.shape[0]
+    m = z.shape[0]
     width = max(1, int(math.sqrt(m)))
     count = (m + width - 1) // width
     strip = _Strips(
@@ -304,8 +330,11 @@ def association_options(
     )
     per_unit = _index_strips(z, strip)
     # Enough for most scenes, and for the next track to gate all detections; doubled when it runs out.
-    capacity, t = 5 * n + m + 2, ZERO
-    start, meas, logw = np.zeros(n + 1, np.int64), np.empty(capacity, np.int64), np.empty(capacity)
+    capacity = 5 * n + m + 2
+    t = ZERO
+    start = np.zeros(n + 1, np.int64)
+    meas = np.empty(capacity, np.int64)
+    logw = np.empty(capacity)
     best = np.empty(MAX_GATED_DETECTIONS)
     while t < n:
         t = _fill_options(
@@ -314,8 +343,10 @@ def association_options(
         )  # fmt: skip
         if t < n:
             capacity *= 2
-            new_meas, new_logw = np.empty(capacity, np.int64), np.empty(capacity)
+            new_meas = np.empty(capacity, np.int64)
+            new_logw = np.empty(capacity)
             _copy(meas, start[t], new_meas)
             _copy(logw, start[t], new_logw)
-            meas, logw = new_meas, new_logw
+            meas = new_meas
+            logw = new_logw
     return start, meas[: start[n]], logw[: start[n]]

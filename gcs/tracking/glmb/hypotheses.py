@@ -30,7 +30,8 @@ from gcs.jit import inlined
 from gcs.model import FloatArray, IntArray
 from gcs.tracking.numerics.sorting import head
 
-MISSED, ABSENT = -1, -2
+MISSED = -1
+ABSENT = -2
 """Values of `AssociationOptions.meas` that are no detection: missed; dead or not born."""
 
 

@@ -87,9 +87,11 @@ def _predict_tracks(
 ) -> None:
     for t in range(mean.shape[0]):
         predict_track(mean, cov, t, dt_s, Q, out.mean, out.cov)
-        out.log_survival[t], out.log_death[t] = survival.log_survival, survival.log_death
+        out.log_survival[t] = survival.log_survival
+        out.log_death[t] = survival.log_death
         if max(out.cov[t, 0, 0], out.cov[t, 1, 1]) > survival.max_variance_m2:
-            out.log_survival[t], out.log_death[t] = survival.log_survival_lost, survival.log_death_lost
+            out.log_survival[t] = survival.log_survival_lost
+            out.log_death[t] = survival.log_death_lost
 
 
 @leaf
@@ -102,28 +104,34 @@ def _append_births(
     out: Prediction,
 ) -> None:
     """Append the births to the predicted tracks, each with a cluster of its own."""
-    n_clusters, n_hyps, n_items = clusters.first.size - 1, clusters.logw.size, clusters.items.size
-    n, n_labels = track_label.size, labels.shape[0]
+    n_clusters = clusters.first.size - 1
+    n_hyps = clusters.logw.size
+    n_items = clusters.items.size
+    n = track_label.size
+    n_labels = labels.shape[0]
     out.clusters.first[0] = out.clusters.start[0] = 0
     for i in range(n_clusters):
         out.clusters.first[i + 1] = clusters.first[i + 1]
     for i in range(n_hyps):
-        out.clusters.start[i + 1], out.clusters.logw[i] = clusters.start[i + 1], clusters.logw[i]
+        out.clusters.start[i + 1] = clusters.start[i + 1]
+        out.clusters.logw[i] = clusters.logw[i]
     for i in range(n_items):
         out.clusters.items[i] = clusters.items[i]
     for i in range(n):
         out.track_label[i] = track_label[i]
     for i in range(n_labels):
-        out.labels[i, 0], out.labels[i, 1] = labels[i, 0], labels[i, 1]
+        out.labels[i, 0] = labels[i, 0]
+        out.labels[i, 1] = labels[i, 1]
     for b in range(births.mean.shape[0]):
-        out.clusters.first[n_clusters + b + 1], out.clusters.start[n_hyps + b + 1] = (
-            n_hyps + b + 1,
-            n_items + b + 1,
-        )
-        out.clusters.logw[n_hyps + b], out.clusters.items[n_items + b] = 0.0, n + b
+        out.clusters.first[n_clusters + b + 1] = n_hyps + b + 1
+        out.clusters.start[n_hyps + b + 1] = n_items + b + 1
+        out.clusters.logw[n_hyps + b] = 0.0
+        out.clusters.items[n_items + b] = n + b
         out.track_label[n + b] = n_labels + b
-        out.labels[n_labels + b, 0], out.labels[n_labels + b, 1] = scan, b
-        out.log_survival[n + b], out.log_death[n + b] = births.log_survival[b], births.log_death[b]
+        out.labels[n_labels + b, 0] = scan
+        out.labels[n_labels + b, 1] = b
+        out.log_survival[n + b] = births.log_survival[b]
+        out.log_death[n + b] = births.log_death[b]
         for i in range(4):
             out.mean[n + b, i] = births.mean[b, i]
             for j in range(4):
@@ -144,7 +152,9 @@ def predict_with_births(
     births: BirthComponents,
 ) -> Prediction:
     """Predict all tracks by `dt_s` and append the births of this scan."""
-    n, n_births, n_labels = track_label.size, births.mean.shape[0], labels.shape[0]
+    n = track_label.size
+    n_births = births.mean.shape[0]
+    n_labels = labels.shape[0]
     out = Prediction(
         allocate_clusters(
             clusters.first.size - 1 + n_births, clusters.logw.size + n_births, clusters.items.size + n_births
@@ -220,9 +230,16 @@ def update_track(
     dx, dy = z[j, 0] - meas_model.z_hat[p, 0], z[j, 1] - meas_model.z_hat[p, 1]
     if meas_model.has_bearing:
         dy = wrap_angle(dy)
-    p00, p10, p11 = cov[p, 0, 0], cov[p, 1, 0], cov[p, 1, 1]
-    p20, p21, p22 = cov[p, 2, 0], cov[p, 2, 1], cov[p, 2, 2]
-    p30, p31, p32, p33 = cov[p, 3, 0], cov[p, 3, 1], cov[p, 3, 2], cov[p, 3, 3]
+    p00 = cov[p, 0, 0]
+    p10 = cov[p, 1, 0]
+    p11 = cov[p, 1, 1]
+    p20 = cov[p, 2, 0]
+    p21 = cov[p, 2, 1]
+    p22 = cov[p, 2, 2]
+    p30 = cov[p, 3, 0]
+    p31 = cov[p, 3, 1]
+    p32 = cov[p, 3, 2]
+    p33 = cov[p, 3, 3]
     k00, k01 = _gain_row(p00, p10, meas_model, u, a, b, c, det)
     k10, k11 = _gain_row(p10, p11, meas_model, u, a, b, c, det)
     k20, k21 = _gain_row(p20, p21, meas_model, u, a, b, c, det)
@@ -236,11 +253,16 @@ def update_track(
     a20, a21 = _residual_row(2, k20, k21, meas_model, u)
     a30, a31 = _residual_row(3, k30, k31, meas_model, u)
     # (I - K H) P: two columns, and of the others the elements below the diagonal.
-    b00, b01 = a00 * p00 + a01 * p10, a00 * p10 + a01 * p11
-    b10, b11 = a10 * p00 + a11 * p10, a10 * p10 + a11 * p11
-    b20, b21 = a20 * p00 + a21 * p10 + p20, a20 * p10 + a21 * p11 + p21
-    b30, b31 = a30 * p00 + a31 * p10 + p30, a30 * p10 + a31 * p11 + p31
-    b22, b32 = a20 * p20 + a21 * p21 + p22, a30 * p20 + a31 * p21 + p32
+    b00 = a00 * p00 + a01 * p10
+    b01 = a00 * p10 + a01 * p11
+    b10 = a10 * p00 + a11 * p10
+    b11 = a10 * p10 + a11 * p11
+    b20 = a20 * p00 + a21 * p10 + p20
+    b21 = a20 * p10 + a21 * p11 + p21
+    b30 = a30 * p00 + a31 * p10 + p30
+    b31 = a30 * p10 + a31 * p11 + p31
+    b22 = a20 * p20 + a21 * p21 + p22
+    b32 = a30 * p20 + a31 * p21 + p32
     b33 = a30 * p30 + a31 * p31 + p33
     q = cov_out
     q[i, 0, 0] = _add_noise_term(b00 * a00 + b01 * a01, k00, k01, meas_model, u, k00, k01)
@@ -280,6 +302,7 @@ def update_tracks(
     meas_model: LinearisedMeasurement,
 ) -> tuple[FloatArray, FloatArray]:
     """Return means and covariances of the updates of tracks `parent` with detections `meas` (or MISSED)."""
-    mean_out, cov_out = np.empty((parent.size, 4)), np.empty((parent.size, 4, 4))
+    mean_out = np.empty((parent.size, 4))
+    cov_out = np.empty((parent.size, 4, 4))
     _update_tracks(mean, cov, parent, meas, z, meas_model, mean_out, cov_out)
     return mean_out, cov_out

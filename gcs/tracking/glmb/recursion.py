@@ -72,7 +72,8 @@ from gcs.tracking.glmb.scan_update import PosteriorTracks, joint_update
 from gcs.tracking.models import coordinated_turn, measurement_model
 from gcs.tracking.models.coordinated_turn import TurnModel
 
-_CERTAIN_EXISTENCE, _CERTAIN_IN_FOV = 0.95, 0.999
+_CERTAIN_EXISTENCE = 0.95
+_CERTAIN_IN_FOV = 0.999
 """Probabilities above which a label counts in the estimate of a sensor's detection probability."""
 
 
@@ -101,7 +102,8 @@ class Posterior(NamedTuple):
     @classmethod
     def empty(cls) -> Posterior:
         """Return the state before the first scan: no labels."""
-        none, ids = np.zeros(1, np.int64), np.empty(0, np.int64)
+        none = np.zeros(1, np.int64)
+        ids = np.empty(0, np.int64)
         return cls(
             Clusters(none, none, ids, np.empty(0)),
             ids,
@@ -195,10 +197,12 @@ def _gather_outputs(
     """Fill detection and weight of each track, and the labels that are kept with their certainty."""
     meas, logw, labels_out, is_certain = out
     for i in range(updated.option.size):
-        meas[i], logw[i] = options.meas[updated.option[i]], options.logw[updated.option[i]]
+        meas[i] = options.meas[updated.option[i]]
+        logw[i] = options.logw[updated.option[i]]
     for i in range(updated.kept_labels.size):
         label = updated.kept_labels[i]
-        labels_out[i, 0], labels_out[i, 1] = labels[label, 0], labels[label, 1]
+        labels_out[i, 0] = labels[label, 0]
+        labels_out[i, 1] = labels[label, 1]
     for i in range(is_certain.size):
         is_certain[i] = p_exists[updated.kept_labels[i]] > _CERTAIN_EXISTENCE
 
@@ -215,7 +219,11 @@ def update_step(
     rng: KeyArray,
 ) -> UpdateResult:
     """Predict and update the posterior with one scan; `rng` (1,) uint64 advances."""
-    mean, cov, turn, dt_s, Q = prior.mean, prior.cov, prior.turn, interval.dt_s, interval.Q
+    mean = prior.mean
+    cov = prior.cov
+    turn = prior.turn
+    dt_s = interval.dt_s
+    Q = interval.Q
     has_turns = turns.rate_std_rad_s > 0.0
     if has_turns:
         if dt_s > 0.0:
@@ -223,7 +231,8 @@ def update_step(
                 mean, cov, turn, Q, dt_s, turns.rate_std_rad_s, turns.time_s
             )
         turn = coordinated_turn.append_births(turn, interval.births.log_survival.size, turns.rate_std_rad_s)
-        dt_s, Q = 0.0, np.zeros((4, 4))
+        dt_s = 0.0
+        Q = np.zeros((4, 4))
     predicted = predict_with_births(
         prior.clusters, prior.track_label, prior.labels, mean, cov, dt_s, Q, interval.survival, interval.scan,
         interval.births,
@@ -234,20 +243,24 @@ def update_step(
         predicted.cov, predicted.log_survival, predicted.log_death, measured.z, meas_model,
         measured.log_clutter, limits.gate_chi2,
     )  # fmt: skip
-    options, n_labels = AssociationOptions(start, meas, logw), predicted.labels.shape[0]
+    options = AssociationOptions(start, meas, logw)
+    n_labels = predicted.labels.shape[0]
     sizes = (measured.rows.size, n_labels, scan.z.shape[0]) if is_summarised else (0, 0, 0)
     marginals = DetectionMarginals(np.zeros(sizes[0]), np.zeros(sizes[1]), np.zeros(sizes[1]))
     updated = joint_update(
         predicted.clusters, options, predicted.track_label, n_labels, predicted.mean, predicted.cov,
         measured.z, meas_model, limits, rng, marginals,
     )  # fmt: skip
-    explained, detected, in_view = np.empty(sizes[2]), 0.0, 0.0
+    explained = np.empty(sizes[2])
+    detected = 0.0
+    in_view = 0.0
     if is_summarised:
         detected, in_view = _summarise_detections(
             prior.is_certain, predicted.track_label, meas_model.p_in_fov, np.empty(n_labels), marginals,
             measured.rows, explained,
         )  # fmt: skip
-    n, n_kept = updated.parent.size, updated.kept_labels.size
+    n = updated.parent.size
+    n_kept = updated.kept_labels.size
     out = (
         np.empty(n, np.int64),
         np.empty(n),
@@ -270,13 +283,16 @@ def update_step(
 
 def warm_up_calls() -> list[Call]:
     """Return one call of the kernel of a scan, with the types of a tracker."""
-    births, origin = BirthComponents.from_births(()), np.zeros((1, 2))
+    births = BirthComponents.from_births(())
+    origin = np.zeros((1, 2))
     interval = Interval(1.0, np.eye(4), Survival(0.0, 0.0, 0.0, 0.0, 1.0), 0, births)
     scan = Measurements(origin, origin, np.zeros(1))
     sensor = measurement_model.SensorModel(
         False, np.eye(2).reshape(1, 2, 2), np.zeros((2, 2)), np.zeros(2), 0.0, 0.9
     )
-    rng, limits, turns = np.zeros(1, np.uint64), GlmbParams(1.0).limits(), TurnModel(0.0, 1.0)
+    rng = np.zeros(1, np.uint64)
+    limits = GlmbParams(1.0).limits()
+    turns = TurnModel(0.0, 1.0)
     return [(update_step, Posterior.empty(), interval, scan, sensor, limits, turns, False, rng)]
 
 
@@ -285,14 +301,17 @@ def warm_up_parts() -> list[Call]:
 
     Two processes compile this list from both ends (see `gcs.jit`), so the kernels in the middle are short.
     """
-    ones, zeros, z, limits = np.ones(1), np.zeros(1, np.int64), np.zeros((1, 2)), GlmbParams(1.0).limits()
-    mean, cov, matrix = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.eye(2).reshape(1, 2, 2)
+    ones = np.ones(1)
+    zeros = np.zeros(1, np.int64)
+    z = np.zeros((1, 2))
+    limits = GlmbParams(1.0).limits()
+    mean = np.zeros((1, 4))
+    cov = np.eye(4).reshape(1, 4, 4)
+    matrix = np.eye(2).reshape(1, 2, 2)
     meas_model = measurement_model.LinearisedMeasurement(z, matrix, matrix, ones, 0.9, has_bearing=False)
-    clusters, options, marginals = (
-        Clusters.example(),
-        AssociationOptions(np.arange(2), zeros, ones),
-        DetectionMarginals(ones, ones, ones),
-    )
+    clusters = Clusters.example()
+    options = AssociationOptions(np.arange(2), zeros, ones)
+    marginals = DetectionMarginals(ones, ones, ones)
     return [
         (update_clusters, clusters, options, 1, limits, np.zeros(1, np.uint64)),
         (merge_clusters, clusters, options, zeros, 1, limits),

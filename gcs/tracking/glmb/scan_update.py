@@ -70,7 +70,8 @@ def _append_clusters(
     for i in range(clusters.items.size):
         out.items[size + i] = first_item + clusters.items[i]
     for i in range(clusters.logw.size):
-        out.logw[h + i], out.start[h + i + 1] = clusters.logw[i], size + clusters.start[i + 1]
+        out.logw[h + i] = clusters.logw[i]
+        out.start[h + i + 1] = size + clusters.start[i + 1]
     for i in range(clusters.first.size - 1):
         out.first[g + i + 1] = h + clusters.first[i + 1]
     return g + clusters.first.size - 1, h + clusters.logw.size, size + clusters.items.size
@@ -85,10 +86,12 @@ def _concatenate(singletons: Tracks, joint: JointTracks, track_label: IntArray, 
     _append_clusters(joint.clusters, g, h, size, n, out.clusters)
     for t in range(n + joint.kept.size):
         if t < n:
-            parent, out.option[t] = singletons.parent[t], singletons.option[t]
+            parent = singletons.parent[t]
+            out.option[t] = singletons.option[t]
         else:
             u = joint.kept[t - n]
-            parent, out.option[t] = joint.parent[u], joint.option[u]
+            parent = joint.parent[u]
+            out.option[t] = joint.option[u]
             for i in range(4):
                 singletons.mean[t, i] = joint.mean[u, i]
                 for j in range(4):
@@ -97,7 +100,8 @@ def _concatenate(singletons: Tracks, joint: JointTracks, track_label: IntArray, 
         if n_labels == 0 or out.kept_labels[n_labels - 1] != label:
             out.kept_labels[n_labels] = label
             n_labels += 1
-        out.parent[t], out.label[t] = parent, n_labels - 1
+        out.parent[t] = parent
+        out.label[t] = n_labels - 1
     return n_labels
 
 
@@ -107,14 +111,17 @@ def concatenate(singletons: Tracks, joint: JointTracks, track_label: IntArray) -
 
     Tracks of a label are adjacent in both.
     """
-    single_clusters, n = singletons.clusters, singletons.parent.size + joint.kept.size
+    single_clusters = singletons.clusters
+    n = singletons.parent.size + joint.kept.size
     clusters = allocate_clusters(
         single_clusters.first.size + joint.clusters.first.size - 2,
         single_clusters.logw.size + joint.clusters.logw.size,
         single_clusters.items.size + joint.clusters.items.size,
     )
-    parent, option = np.empty(n, np.int64), np.empty(n, np.int64)
-    label, kept_labels = np.empty(n, np.int64), np.empty(n, np.int64)
+    parent = np.empty(n, np.int64)
+    option = np.empty(n, np.int64)
+    label = np.empty(n, np.int64)
+    kept_labels = np.empty(n, np.int64)
     count = _concatenate(
         singletons,
         joint,
@@ -140,7 +147,9 @@ def _look_up_options(
     for i in range(option.size):
         while options.start[t + 1] <= option[i]:
             t += 1
-        parent[i], meas[i], label[i] = t, options.meas[option[i]], track_label[t]
+        parent[i] = t
+        meas[i] = options.meas[option[i]]
+        label[i] = track_label[t]
 
 
 @leaf
@@ -191,7 +200,9 @@ def joint_update(
         option.size,
         marginals,
     )
-    parent, meas, label = np.empty_like(option), np.empty_like(option), np.empty_like(option)
+    parent = np.empty_like(option)
+    meas = np.empty_like(option)
+    label = np.empty_like(option)
     _look_up_options(options, track_label, option, parent, meas, label)
     joint_mean, joint_cov = update_tracks(mean, cov, parent, meas, z, meas_model)
     if marginals.p_exists.size > 0:

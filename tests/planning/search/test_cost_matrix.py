@@ -41,7 +41,8 @@ def cases(draw):
 
 def costs_of(smap, way):
     """Cost in cells of a way, node by node, with tight moves counted dearly; also whether it is legal."""
-    cost, legal = 0.0, True
+    cost = 0.0
+    legal = True
     for a, b in itertools.pairwise(way):
         move = list(smap.offsets).index(b - a)
         legal &= bool(smap.moves[a] >> move & 1)
@@ -56,7 +57,8 @@ def costs_of(smap, way):
 def test_one_search_to_all_and_a_search_for_each_pair_find_ways_of_the_same_cost(case):
     grid, clearance_m, starts, goals = case
     smap = search_map(grid, clearance_m)
-    a, b = places(grid, smap, starts), places(grid, smap, goals)
+    a = places(grid, smap, starts)
+    b = places(grid, smap, goals)
     filled = [
         cost_matrix._one_to_all(grid, smap, a, b, clearance_m),
         cost_matrix._pairwise(grid, smap, a, b, clearance_m),
@@ -88,7 +90,8 @@ def test_one_search_to_all_and_a_search_for_each_pair_find_ways_of_the_same_cost
 def test_the_way_there_is_as_long_as_the_way_back(case):
     grid, _, starts, goals = case
     smap = search_map(grid)
-    a, b = places(grid, smap, starts), places(grid, smap, goals)
+    a = places(grid, smap, starts)
+    b = places(grid, smap, goals)
     there, _ = cost_matrix.metric_paths(grid, smap, a, b, 0.0)
     back, _ = cost_matrix.metric_paths(grid, smap, b, a, 0.0)
     np.testing.assert_allclose(there, back.T, rtol=0, atol=1e-8)
