@@ -26,8 +26,8 @@ _GATE_CHI2: Final = 4.0**2
 """Squared Mahalanobis distance up to which a detection may belong to a track."""
 _OUTSIDE_GATE: Final = 1e6
 _CONFIRM_HITS = 2
+"""A track is confirmed by so many detections in `_CONFIRM_SCANS`, else it ends."""
 _CONFIRM_SCANS = 3
-"""A track is confirmed by so many detections in so many scans, else it ends."""
 _MAX_MISSES: Final = 3
 """A confirmed track ends after so many scans in a row without a detection."""
 

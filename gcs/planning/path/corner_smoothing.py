@@ -32,8 +32,9 @@ nearer by d^2 / 2R only.
 _SHORTFALL_TOLERANCE = 1e-3
 """Tolerated shortfall, in radii: 4 cm at 40 m."""
 _MAX_STEP = 0.2
+"""First step of a corner, in radii."""
 _MIN_STEP = 0.007
-"""First and last step of a corner, in radii."""
+"""Last step of a corner, in radii."""
 _DIRECTIONS = 4
 _SWEEPS = 40
 _MAX_HALF_ANGLE_TAN = math.tan(0.475 * math.pi)

@@ -37,10 +37,10 @@ from gcs.planning.path.corner_smoothing import (
 from gcs.planning.path.corner_splitting import MAX_TURN_RAD, split_corners
 from gcs.planning.path.initial_turn import is_turn_safe, plan_initial_turn, start_clearance, turn_to
 
+# Turns that cannot be flown: none, a corner, the initial turn; or the sum of both.
 FLYABLE = 0
 SHARP_CORNER = 1
 SHARP_START = 2
-"""Turns that cannot be flown: none, a corner, the initial turn; or the sum of both."""
 
 _CORNER_COST = 0.06
 """Cost that removing a corner may add, in cells."""

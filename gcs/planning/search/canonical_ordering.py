@@ -47,19 +47,20 @@ _MOVE_OF = {step: move for move, step in enumerate(_STEPS)}
 NO_MOVE = 8
 """Arrival move of the start node."""
 
+# The packed 32-bit word of a node: arrival move, row of the table of remaining moves, tight moves. One load
+# fetches all.
 ARRIVAL_MASK = 15
 ORDER_BIT = 4
 TIGHT_BIT = 20
 LIST_MASK = (1 << TIGHT_BIT) - 1
-"""The packed 32-bit word of a node: arrival move (`ARRIVAL_MASK`), row of the table of remaining moves, and
-tight moves (from `TIGHT_BIT`). One load fetches all.
-"""
+"""Arrival move and row: the index of the list of remaining moves."""
 MAX_MOVES = 8
 """Greatest number of remaining moves: all eight, at the start node."""
 
 _UNIFORM = 0
+"""First row of the canonical moves with uniform costs, by the byte of legal moves."""
 _ALL = 256
-"""Table offsets of the rows for a byte of legal moves: canonical with uniform costs, and all moves."""
+"""First row of all legal moves."""
 MAX_TABLE_ROWS = 1 << 16
 _SLOTS = 1 << 17
 _TIE = 1e-9
@@ -84,11 +85,11 @@ def _uniform_table() -> ByteArray:
         for move, (r, c) in enumerate(_STEPS):
             keep = 1 << move
             if r and c:
-                keep |= 1 << _MOVE_OF[r, 0] | 1 << _MOVE_OF[0, c]
+                keep |= (1 << _MOVE_OF[r, 0]) | (1 << _MOVE_OF[0, c])
             else:
                 for side_r, side_c in ((c, r), (-c, -r)):
-                    if not legal >> _MOVE_OF[side_r - r, side_c - c] & 1:
-                        keep |= 1 << _MOVE_OF[side_r, side_c] | 1 << _MOVE_OF[side_r + r, side_c + c]
+                    if not (legal >> _MOVE_OF[side_r - r, side_c - c]) & 1:
+                        keep |= (1 << _MOVE_OF[side_r, side_c]) | (1 << _MOVE_OF[side_r + r, side_c + c])
             table[_UNIFORM + legal, move] = keep & legal
         table[_UNIFORM + legal, NO_MOVE] = legal
         table[_ALL + legal] = legal
@@ -200,7 +201,8 @@ def prune_moves(
 
 def pack_nodes(order: npt.NDArray[Any], tight: ByteArray) -> UInt32Array:
     """Pack row indices and tight moves into the 32-bit words of nodes."""
-    return order.astype(np.uint32) << np.uint32(ORDER_BIT) | tight.astype(np.uint32) << np.uint32(TIGHT_BIT)
+    rows = order.astype(np.uint32) << np.uint32(ORDER_BIT)
+    return rows | (tight.astype(np.uint32) << np.uint32(TIGHT_BIT))
 
 
 def list_moves(answers: ByteArray) -> UInt32Array:

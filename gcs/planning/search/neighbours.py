@@ -83,14 +83,13 @@ def search_map(grid: Grid, clearance_m: float = 0.0, shifts_nodes: bool = False)
             grid.blocked, clearance, _SHIFT_ROWS, _SHIFT_COLS
         )
         tight_moves[inner] = find_tight_moves(
-            *(
-                grid.blocked,
-                clearance,
-                moves[inner].copy(),
-                tight_nodes[inner].copy(),
-                node_shift[inner].copy(),
-            ),
-            *(_SHIFT_ROWS, _SHIFT_COLS),
+            grid.blocked,
+            clearance,
+            moves[inner].copy(),
+            tight_nodes[inner].copy(),
+            node_shift[inner].copy(),
+            _SHIFT_ROWS,
+            _SHIFT_COLS,
         )
     else:
         tight_nodes[inner] = grid.inflate(clearance_m).blocked & ~grid.blocked
@@ -109,7 +108,7 @@ def search_map(grid: Grid, clearance_m: float = 0.0, shifts_nodes: bool = False)
     if has_tight_moves:
         mixed = _around(tight_moves > 0) & _around(~blocked & (tight_moves != moves))
         order, remaining = prune_moves(
-            *(moves.ravel(), tight_moves.ravel(), mixed.ravel(), offsets, UNIFORM_TABLE, MAX_TABLE_ROWS)
+            moves.ravel(), tight_moves.ravel(), mixed.ravel(), offsets, UNIFORM_TABLE, MAX_TABLE_ROWS
         )
     return SearchMap(
         moves.ravel(),
@@ -125,11 +124,6 @@ def search_map(grid: Grid, clearance_m: float = 0.0, shifts_nodes: bool = False)
         has_tight_moves,
         shifts_nodes,
     )
-
-
-def kernel_arrays(smap: SearchMap) -> tuple[UInt32Array, bool, IntArray]:
-    """Return the first arguments of the search kernels."""
-    return smap.move_lists, smap.has_tight_moves, smap.offsets
 
 
 def cells(smap: SearchMap, flat: IntArray) -> FloatArray:

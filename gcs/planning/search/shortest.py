@@ -9,8 +9,9 @@ import numpy as np
 
 from gcs.model import FloatArray, IntArray
 from gcs.planning.map.grid import Grid, Node
-from gcs.planning.search.astar import astar_paper, borrow_search
+from gcs.planning.search.astar import astar_paper
 from gcs.planning.search.canonical_ordering import DIAGONAL
+from gcs.planning.search.grid_search import borrow_search
 from gcs.planning.search.neighbours import flat_index, search_map
 
 SearchCost: TypeAlias = Literal["metric", "paper"]

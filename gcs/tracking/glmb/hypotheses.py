@@ -30,9 +30,9 @@ from gcs.jit import inlined
 from gcs.model import FloatArray, IntArray
 from gcs.tracking.numerics.sorting import head
 
+# Values of `AssociationOptions.meas` that are no detection: missed; dead or not born.
 MISSED = -1
 ABSENT = -2
-"""Values of `AssociationOptions.meas` that are no detection: missed; dead or not born."""
 
 
 class Clusters(NamedTuple):

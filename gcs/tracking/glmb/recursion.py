@@ -72,9 +72,9 @@ from gcs.tracking.glmb.scan_update import PosteriorTracks, joint_update
 from gcs.tracking.models import coordinated_turn, measurement_model
 from gcs.tracking.models.coordinated_turn import TurnModel
 
+# Probabilities above which a label counts in the estimate of a sensor's detection probability.
 _CERTAIN_EXISTENCE = 0.95
 _CERTAIN_IN_FOV = 0.999
-"""Probabilities above which a label counts in the estimate of a sensor's detection probability."""
 
 
 class Posterior(NamedTuple):

@@ -34,8 +34,9 @@ _CLUTTER_AGREEMENT_FACTOR = 1.5
 _DETECTION_DEVIATION = 0.1
 _DETECTION_AGREEMENT = 0.05
 _PRIOR_SCANS = 10.0
+"""Scans that an announced clutter rate counts for in a correction."""
 _PRIOR_OBJECTS = 20.0
-"""Scans and detected objects that an announced value counts for in a correction."""
+"""Detected objects that an announced detection probability counts for in a correction."""
 _MAX_CLUTTER_CORRECTION = 50.0
 """Largest factor of a correction of the clutter rate."""
 _MIN_DETECTION = 0.05

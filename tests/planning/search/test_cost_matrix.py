@@ -16,7 +16,7 @@ from gcs.planning.path.shortcut import connect_to_grid
 from gcs.planning.search import cost_matrix
 from gcs.planning.search.canonical_ordering import TIGHT_MOVE_COST
 from gcs.planning.search.dijkstra import dijkstra_buffers, one_to_all
-from gcs.planning.search.neighbours import kernel_arrays, search_map
+from gcs.planning.search.neighbours import search_map
 from gcs.planning.search.shortest import distances_m
 
 DIAGONAL = np.sqrt(2.0)
@@ -118,8 +118,9 @@ def test_costs_with_clearance_are_those_of_dijkstra_over_all_legal_moves(case, s
     graph = coo_matrix((w, (i, j)), shape=(size, size)).tocsr()
     field = np.empty(size)
     none = np.empty(0, dtype=np.int64)
+    lists = smap.move_lists, smap.has_tight_moves, smap.offsets
     work = np.empty(size, np.uint8), smap.packed.copy(), *dijkstra_buffers(smap)
-    one_to_all(*kernel_arrays(smap), np.array([source]), np.zeros(1), none, field, *work)
+    one_to_all(*lists, np.array([source]), np.zeros(1), none, field, *work)
     np.testing.assert_allclose(field, dijkstra(graph, indices=source), rtol=0, atol=1e-8)
 
 
