@@ -91,16 +91,12 @@ def clearance_shortfall(
     v = math.hypot(vx, vy)
     if u == 0.0 or v == 0.0:
         return 0.0
-    ux = ux / u
-    uy = uy / u
-    vx = vx / v
-    vy = vy / v
+    ux, uy = ux / u, uy / u
+    vx, vy = vx / v, vy / v
     side = math.copysign(1.0, half)
     back = radius * abs(half)
-    ax = px - back * ux
-    ay = py - back * uy
-    bx = px + back * vx
-    by = py + back * vy
+    ax, ay = px - back * ux, py - back * uy
+    bx, by = px + back * vx, py + back * vy
     # From the ends of the arc to its centre: obstacles within `clearance` of the arc lie there.
     mx = -side * uy
     my = side * ux
@@ -197,8 +193,7 @@ def _move_corner(
     """Move corner i by a step to where it costs least; return True if it moved."""
     x, y = points[i, 0], points[i, 1]
     least = cost(blocked, points, clearances, i - 2, i + 2, radius, own_cell, np.inf) - 1e-9
-    best_x = x
-    best_y = y
+    best_x, best_y = x, y
     moved = False
     ignored_cell = own_cell if i == 1 else NO_CELL
     hit = NO_CELL
@@ -212,10 +207,8 @@ def _move_corner(
         here = cost(blocked, points, clearances, i - 2, i + 2, radius, own_cell, least)
         if here >= least:
             continue
-        ax = points[i - 1, 0]
-        ay = points[i - 1, 1]
-        px = points[i, 0]
-        py = points[i, 1]
+        ax, ay = points[i - 1, 0], points[i - 1, 1]
+        px, py = points[i, 0], points[i, 1]
         seen = blocking_cell(blocked, ax, ay, px, py, clearances[i - 1], ignored_cell, hit)
         if seen >= 0:
             hit = seen
@@ -226,8 +219,7 @@ def _move_corner(
             beyond = seen
             continue
         least = here
-        best_x = px
-        best_y = py
+        best_x, best_y = px, py
         moved = True
     points[i, 0] = best_x
     points[i, 1] = best_y

@@ -76,8 +76,7 @@ def connect_to_grid(
         nodes[i, 0] = (row + 1) * stride + col + 1
         gaps[i, 0] = math.hypot(x - col, y - row)
         found = 1
-        west = int(col if x >= col else col - 1)
-        south = int(row if y >= row else row - 1)
+        west, south = int(col if x >= col else col - 1), int(row if y >= row else row - 1)
         for r in range(south, south + 2):
             for c in range(west, west + 2):
                 if (r == row and c == col) or not (0 <= r < rows and 0 <= c < cols) or blocked[r, c]:

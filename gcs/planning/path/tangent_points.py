@@ -11,6 +11,7 @@ Positions in cells: x = column, y = row.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +37,25 @@ E2Y = 6
 ROWS = 7
 
 
+class _Edges(NamedTuple):
+    """Directions of the two edges of a candidate."""
+
+    e1x: float
+    e1y: float
+    e2x: float
+    e2y: float
+
+
+class _Leg(NamedTuple):
+    """Leg of the path: its begin, its direction, and the distance along the path up to it."""
+
+    x: float
+    y: float
+    ux: float
+    uy: float
+    along: float
+
+
 @inlined
 def _is_free(blocked: BoolArray, row: int, col: int) -> bool:
     """Return True if a cell is free or outside the map."""
@@ -46,17 +66,17 @@ def _is_free(blocked: BoolArray, row: int, col: int) -> bool:
 @inlined
 def _add(
     blocked: BoolArray, clearance: float, found: FloatArray, known: BoolArray, count: int, x: float,
-    y: float, along: float, e1x: float, e1y: float, e2x: float, e2y: float,
+    y: float, along: float, edges: _Edges,
 ) -> int:  # fmt: skip
     """Write a candidate if it is on the map and has the clearance; return the new count."""
     if count < found.shape[0] and is_free_at(blocked, x, y) and is_clear_at(blocked, x, y, clearance):
         found[count, X] = x
         found[count, Y] = y
         found[count, ALONG] = along
-        found[count, E1X] = e1x
-        found[count, E1Y] = e1y
-        found[count, E2X] = e2x
-        found[count, E2Y] = e2y
+        found[count, E1X] = edges.e1x
+        found[count, E1Y] = edges.e1y
+        found[count, E2X] = edges.e2x
+        found[count, E2Y] = edges.e2y
         known[count] = False
         count += 1
     return count
@@ -65,12 +85,11 @@ def _add(
 @leaf
 def _wrap(
     blocked: BoolArray, clearance: float, found: FloatArray, known: BoolArray, count: int, row: int,
-    col: int, ax: float, ay: float, ux: float, uy: float, start_along: float,
+    col: int, leg: _Leg,
 ) -> int:  # fmt: skip
     """Add the candidates of the convex corners of one cell; return the new count."""
     for corner in range(4):
-        sx = 2 * (corner >> 1) - 1
-        sy = 2 * (corner & 1) - 1
+        sx, sy = 2 * (corner >> 1) - 1, 2 * (corner & 1) - 1
         if not (
             _is_free(blocked, row + sy, col)
             and _is_free(blocked, row, col + sx)
@@ -78,20 +97,17 @@ def _wrap(
         ):
             continue
         x, y = col + 0.5 * sx, row + 0.5 * sy
-        along = start_along + (x - ax) * ux + (y - ay) * uy
+        along = leg.along + (x - leg.x) * leg.ux + (y - leg.y) * leg.uy
         far = _CORNER_OFFSET if clearance <= 0.0 else clearance
-        count = _add(
-            blocked, clearance, found, known, count, x + far * sx, y + far * sy, along, -sx, 0.0, 0.0, -sy
-        )
+        edges = _Edges(-1.0 * sx, 0.0, 0.0, -1.0 * sy)
+        count = _add(blocked, clearance, found, known, count, x + far * sx, y + far * sy, along, edges)
         if clearance > 0.0:
             c = far * _COS
             s = far * _SIN
-            count = _add(
-                blocked, clearance, found, known, count, x + c * sx, y + s * sy, along, 0.0, -sy, -sx, sy
-            )
-            count = _add(
-                blocked, clearance, found, known, count, x + s * sx, y + c * sy, along, -sx, 0.0, sx, -sy
-            )
+            edges = _Edges(0.0, -1.0 * sy, -1.0 * sx, 1.0 * sy)
+            count = _add(blocked, clearance, found, known, count, x + c * sx, y + s * sy, along, edges)
+            edges = _Edges(-1.0 * sx, 0.0, 1.0 * sx, -1.0 * sy)
+            count = _add(blocked, clearance, found, known, count, x + s * sx, y + c * sy, along, edges)
     return count
 
 
@@ -108,10 +124,8 @@ def tangent_points(
         length += math.hypot(vertices[i + 1, 0] - vertices[i, 0], vertices[i + 1, 1] - vertices[i, 1])
     found = np.empty((size + int(8.0 * (wide + 1.0) * (length + 4.0 * wide)), ROWS))
     known = np.empty(found.shape[0], np.bool_)
-    low_x = vertices[0, 0]
-    low_y = vertices[0, 1]
-    high_x = vertices[0, 0]
-    high_y = vertices[0, 1]
+    low_x, low_y = vertices[0, 0], vertices[0, 1]
+    high_x, high_y = vertices[0, 0], vertices[0, 1]
     for i in range(size):
         low_x = min(low_x, vertices[i, 0])
         high_x = max(high_x, vertices[i, 0])
@@ -156,7 +170,9 @@ def tangent_points(
                     and abs((col - ax) * uy - (row - ay) * ux) < wide
                 ):
                     seen[row - south, col - west] = True
-                    count = _wrap(blocked, clearance, found, known, count, row, col, ax, ay, ux, uy, along)
+                    count = _wrap(
+                        blocked, clearance, found, known, count, row, col, _Leg(ax, ay, ux, uy, along)
+                    )
         along += leg
     order = np.empty(count, np.int64)
     along_way = np.empty(count)

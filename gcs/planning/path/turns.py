@@ -35,7 +35,7 @@ from gcs.planning.path.corner_smoothing import (
     turn_fits,
 )
 from gcs.planning.path.corner_splitting import MAX_TURN_RAD, split_corners
-from gcs.planning.path.initial_turn import is_turn_safe, plan_initial_turn, start_clearance, turn_to
+from gcs.planning.path.initial_turn import Pose, is_turn_safe, plan_initial_turn, start_clearance, turn_to
 
 # Turns that cannot be flown: none, a corner, the initial turn; or the sum of both.
 FLYABLE = 0
@@ -161,10 +161,8 @@ def _reduce_corners(
         if not is_better:
             margin = min(clearances[i - 1], clearances[i])
             ignored_cell = own_cell if i == 1 else NO_CELL
-            ax = points[i - 1, 0]
-            ay = points[i - 1, 1]
-            bx = points[i + 1, 0]
-            by = points[i + 1, 1]
+            ax, ay = points[i - 1, 0], points[i - 1, 1]
+            bx, by = points[i + 1, 0], points[i + 1, 1]
             if clear_leg(blocked, ax, ay, bx, by, margin, ignored_cell):
                 fewer, fewer_clearances = _drop_corner(points, clearances, i)
                 is_better = (
@@ -240,10 +238,8 @@ def make_flyable(
     points = split_corners(blocked, points, clearances, radius)
     if legs > 0 and (heading[0] != 0.0 or heading[1] != 0.0):
         angle = math.atan2(heading[1], heading[0])
-        x = points[0, 0]
-        y = points[0, 1]
-        to_x = points[1, 0]
-        to_y = points[1, 1]
+        x, y = points[0, 0], points[0, 1]
+        to_x, to_y = points[1, 0], points[1, 1]
         margin = start_clearance(blocked, min(clearance, clearances[0]), x, y)
         straight = math.hypot(to_x - x, to_y - y)
         problem += SHARP_START
@@ -252,7 +248,7 @@ def make_flyable(
             tried = margin * 0.5 ** (attempt % _CLEARANCE_HALVINGS)
             if attempt < _CLEARANCE_HALVINGS:
                 if is_turn_safe(blocked, tried, x, y, angle, to_x, to_y, radius, own_cell):
-                    length += turn_to(x, y, angle, to_x, to_y, radius)[2] - straight
+                    length += turn_to(Pose(x, y, angle), to_x, to_y, radius)[2] - straight
                     problem -= SHARP_START
                     break
                 continue

@@ -2,8 +2,8 @@
 
 The search expands the open node with the least estimate f = g + h: the cost so far plus a guess of the rest.
 The paper's cost (Hill, Thomas & Larson) is the number of nodes traversed plus the Euclidean distance to the
-goal, so a diagonal counts 1. The heuristic may overestimate. Paths may then be longer than the shortest, and a
-node may be reopened. The result depends on the order among equal estimates: greatest g, then lowest index.
+goal, so a diagonal counts 1. The heuristic may overestimate. Paths may then be longer than the shortest, and
+a node may be reopened. The result depends on the order among equal estimates: greatest g, then lowest index.
 
 Shortest paths between places, with buckets in place of the heap: `gcs.planning.search.bucket_astar`.
 """

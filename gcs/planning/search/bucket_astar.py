@@ -1,9 +1,9 @@
 """A* on buckets from one place to another: the shortest path on the grid.
 
 The octile distance is the heuristic, so the path is the shortest. The open set is a ring of buckets by
-estimated cost (after R. B. Dial, CACM 12, 1969). Each bucket is a stack, so equal estimates are expanded depth
-first. A bucket holds more than one estimate, so a node may be reached by a longer path first and is then
-reopened. Only moves of the canonical ordering are expanded (`gcs.planning.search.canonical_ordering`).
+estimated cost (after R. B. Dial, CACM 12, 1969). Each bucket is a stack, so equal estimates are expanded
+depth first. A bucket holds more than one estimate, so a node may be reached by a longer path first and is
+then reopened. Only moves of the canonical ordering are expanded (`gcs.planning.search.canonical_ordering`).
 
 A* on a heap, without these: `gcs.planning.search.astar`.
 """

@@ -66,8 +66,8 @@ class GridSearch:
         count = -1
         while count < 0:
             count, cost, flown, expanded = bucket_astar(
-                smap.move_lists, smap.has_tight_moves, smap.offsets, smap.stride, nodes, costs, goals, goal_costs,
-                self._reached, self._packed, self._entries, self._path,
+                smap.move_lists, smap.has_tight_moves, smap.offsets, smap.stride, nodes, costs, goals,
+                goal_costs, self._reached, self._packed, self._entries, self._path,
             )  # fmt: skip
             if count < 0:
                 self._entries = np.empty((2 * len(self._entries), 2), dtype=np.int32)

@@ -45,9 +45,7 @@ class _ProductBuffers(NamedTuple):
 
 @spliced
 def _cluster_product(
-    start: IntArray,
-    items: IntArray,
-    logw: FloatArray,
+    left: Clusters,
     low: int,
     high: int,
     clusters: Clusters,
@@ -56,7 +54,7 @@ def _cluster_product(
     buffers: _ProductBuffers,
     out: Clusters,
 ) -> int:
-    """Write the best products of hypotheses `low` to `high` - 1 and those of an independent cluster g.
+    """Write the best products of hypotheses `low` to `high` - 1 of `left` and those of cluster g, independent.
 
     Both lists are sorted, so at least (i + 1)(j + 1) - 1 pairs are no worse than the pair (i, j), and the
     best `limits.max_hypotheses` pairs lie under that hyperbola. Returns the number of hypotheses.
@@ -66,10 +64,10 @@ def _cluster_product(
     g_low = clusters.first[g]
     columns = clusters.first[g + 1] - clusters.first[g]
     count = ZERO
-    floor = logw[low] + clusters.logw[g_low] + limits.log_prune
+    floor = left.logw[low] + clusters.logw[g_low] + limits.log_prune
     for i in range(rows):
         for j in range(min(columns, max_pairs // (i + 1))):
-            w = logw[low + i] + clusters.logw[g_low + j]
+            w = left.logw[low + i] + clusters.logw[g_low + j]
             if w < floor:
                 break
             buffers.logw[count] = w
@@ -85,8 +83,8 @@ def _cluster_product(
         pair = buffers.order.index[h]
         a = buffers.left[pair]
         b = buffers.right[pair]
-        for i in range(start[a], start[a + 1]):
-            out.items[size] = items[i]
+        for i in range(left.start[a], left.start[a + 1]):
+            out.items[size] = left.items[i]
             size += 1
         for i in range(clusters.start[b], clusters.start[b + 1]):
             out.items[size] = clusters.items[i]
@@ -200,24 +198,20 @@ def _multiply_unions(
         low = first[g]
         high = first[g + 1]
         second = unions.next_cluster[g]
-        start = clusters.start
-        items = clusters.items
-        logw = clusters.logw
+        left = clusters
         use_first = True
         while second >= 0:
             product = buffers.first_buffer if use_first else buffers.second_buffer
-            high = _cluster_product(start, items, logw, low, high, clusters, second, limits, buffers, product)
-            start = product.start
-            items = product.items
-            logw = product.logw
+            high = _cluster_product(left, low, high, clusters, second, limits, buffers, product)
+            left = product
             low = 0
             use_first = not use_first
             second = unions.next_cluster[second]
         for h in range(low, high):
-            out.logw[n] = logw[h]
+            out.logw[n] = left.logw[h]
             size = out.start[n]
-            for i in range(start[h], start[h + 1]):
-                out.items[size] = items[i]
+            for i in range(left.start[h], left.start[h + 1]):
+                out.items[size] = left.items[i]
                 size += 1
             n += 1
             out.start[n] = size

@@ -66,39 +66,6 @@ def _number_tracks(
     return max_number
 
 
-@inlined
-def _is_dependent(
-    choice: IntArray,
-    n_hyps: int,
-    marginal: FloatArray,
-    n_tracks: IntArray,
-    weight: FloatArray,
-    low: int,
-    p: int,
-    q: int,
-    joint: FloatArray,
-    max_dependence: float,
-) -> bool:
-    """Return True if labels p and q are further than `max_dependence` from independence.
-
-    The distance is the total variation. `joint` is scratch: two tables, used in turns, because most
-    hypotheses add to the same few cells and would wait for each other.
-    """
-    for a in range(n_tracks[p] + 1):
-        for b in range(n_tracks[q] + 1):
-            joint[0, a, b] = joint[1, a, b] = 0.0
-    for h in range(0, n_hyps - 1, 2):
-        joint[0, choice[h, p], choice[h, q]] += weight[low + h]
-        joint[1, choice[h + 1, p], choice[h + 1, q]] += weight[low + h + 1]
-    if n_hyps % 2 == 1:
-        joint[0, choice[n_hyps - 1, p], choice[n_hyps - 1, q]] += weight[low + n_hyps - 1]
-    distance = 0.0
-    for a in range(n_tracks[p] + 1):
-        for b in range(n_tracks[q] + 1):
-            distance += abs(joint[0, a, b] + joint[1, a, b] - marginal[p, a] * marginal[q, b])
-    return 0.5 * distance > max_dependence
-
-
 class _LabelNumbers(NamedTuple):
     """Output of `_number_labels`."""
 
@@ -121,6 +88,34 @@ class _SplitBuffers(NamedTuple):
     number: IntArray
     weight: FloatArray
     unique: UniqueBuffers
+
+
+@inlined
+def _is_dependent(
+    p: int, q: int, low: int, n_hyps: int, max_dependence: float, buffers: _SplitBuffers
+) -> bool:
+    """Return True if labels p and q are further than `max_dependence` from independence.
+
+    The distance is the total variation, over `n_hyps` hypotheses from `low` on. `joint` is scratch: two
+    tables, used in turns, because most hypotheses add to the same few cells and would wait for each other.
+    """
+    choice = buffers.choice
+    joint = buffers.joint
+    weight = buffers.weight
+    for a in range(buffers.n_tracks[p] + 1):
+        for b in range(buffers.n_tracks[q] + 1):
+            joint[0, a, b] = joint[1, a, b] = 0.0
+    for h in range(0, n_hyps - 1, 2):
+        joint[0, choice[h, p], choice[h, q]] += weight[low + h]
+        joint[1, choice[h + 1, p], choice[h + 1, q]] += weight[low + h + 1]
+    if n_hyps % 2 == 1:
+        joint[0, choice[n_hyps - 1, p], choice[n_hyps - 1, q]] += weight[low + n_hyps - 1]
+    distance = 0.0
+    for a in range(buffers.n_tracks[p] + 1):
+        for b in range(buffers.n_tracks[q] + 1):
+            product = buffers.marginal[p, a] * buffers.marginal[q, b]
+            distance += abs(joint[0, a, b] + joint[1, a, b] - product)
+    return 0.5 * distance > max_dependence
 
 
 @spliced
@@ -163,18 +158,7 @@ def _find_dependent_sets(clusters: Clusters, g: int, n: int, limits: Limits, buf
             if (
                 is_undecided[q]
                 and set_of[p] != set_of[q]
-                and _is_dependent(
-                    choice,
-                    high - low,
-                    marginal,
-                    n_tracks,
-                    buffers.weight,
-                    low,
-                    p,
-                    q,
-                    buffers.joint,
-                    limits.max_dependence,
-                )
+                and _is_dependent(p, q, low, high - low, limits.max_dependence, buffers)
             ):
                 a = set_of[p]
                 b = set_of[q]

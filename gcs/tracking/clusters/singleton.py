@@ -27,8 +27,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf, prefetch_row, spliced
-from gcs.tracking.glmb.hypotheses import ABSENT, AssociationOptions, Clusters
-from gcs.tracking.glmb.kalman import update_track
+from gcs.tracking.glmb.hypotheses import (
+    ABSENT,
+    AssociationOptions,
+    Clusters,
+    allocate_clusters,
+    trim_clusters,
+)
+from gcs.tracking.glmb.kalman import Prediction, update_track
 from gcs.tracking.glmb.merging import cholesky4, outside_axis_gate, within_gate
 from gcs.tracking.glmb.params import Limits
 from gcs.tracking.numerics.fast_math import log_in_place
@@ -201,6 +207,13 @@ class _Representatives(NamedTuple):
     order: SortBuffers
 
 
+class _Work(NamedTuple):
+    """Scratch for one label."""
+
+    components: _Components
+    reps: _Representatives
+
+
 @leaf
 def _compute_bounds(
     clusters: Clusters, singletons: IntArray, options: AssociationOptions, max_hypotheses: int
@@ -225,12 +238,10 @@ def _compute_bounds(
 def _update_and_merge(
     n: int,
     kept: int,
-    components: _Components,
-    reps: _Representatives,
-    mean: FloatArray,
-    cov: FloatArray,
-    z: FloatArray,
+    work: _Work,
+    predicted: Prediction,
     meas: IntArray,
+    z: FloatArray,
     meas_model: LinearisedMeasurement,
     max_distance2: float,
     out: Tracks,
@@ -240,6 +251,7 @@ def _update_and_merge(
     Representatives are tracks n, n + 1 ... and the empty hypothesis. Returns their number and the number of
     tracks.
     """
+    components, reps = work
     count = ZERO
     at = n
     for k in range(kept):
@@ -252,7 +264,7 @@ def _update_and_merge(
             continue
         o = components.option[c]
         p = components.parent[c]
-        update_track(mean, cov, p, meas[o], z, meas_model, out.mean, out.cov, at)
+        update_track(predicted.mean, predicted.cov, p, meas[o], z, meas_model, out.mean, out.cov, at)
         representative = -1
         for d in range(count):
             if reps.row[d] == _EMPTY or max_distance2 <= 0.0:
@@ -298,58 +310,55 @@ def _add_marginals(
                 marginals.p_detected[label] += weight
 
 
+@inlined
+def _prefetch_detection(
+    clusters: Clusters, singletons: IntArray, i: int, options: AssociationOptions, z: FloatArray
+) -> None:
+    """Prefetch the likeliest detection of singleton i."""
+    if i < singletons.size:
+        track = clusters.items[clusters.start[clusters.first[singletons[i]]]]
+        detection = options.meas[options.start[track]]
+        if detection >= 0:
+            prefetch_row(z, detection)
+
+
 @leaf
 def _update_singletons(
-    clusters: Clusters,
+    predicted: Prediction,
     singletons: IntArray,
     options: AssociationOptions,
-    mean: FloatArray,
-    cov: FloatArray,
-    track_label: IntArray,
     z: FloatArray,
     meas_model: LinearisedMeasurement,
     limits: Limits,
-    max_distance2: float,
     marginals: DetectionMarginals,
-    components: _Components,
-    reps: _Representatives,
+    work: _Work,
     out: Tracks,
 ) -> tuple[int, int, int]:
     """Update all singletons; return the number of clusters, hypotheses and tracks that are kept."""
+    clusters = predicted.clusters
     meas = options.meas
-    first = out.clusters.first
-    start = out.clusters.start
-    items = out.clusters.items
-    logw = out.clusters.logw
+    components, reps = work
+    first, start, items, logw = out.clusters
     first[0] = start[0] = n_clusters = n = h = ZERO
     for i in range(singletons.size):
-        if i + _PREFETCH_LABELS < singletons.size:
-            next_detection = meas[
-                options.start[
-                    clusters.items[clusters.start[clusters.first[singletons[i + _PREFETCH_LABELS]]]]
-                ]
-            ]
-            if next_detection >= 0:
-                prefetch_row(z, next_detection)
+        _prefetch_detection(clusters, singletons, i + _PREFETCH_LABELS, options, z)
         kept = _weigh_components(clusters, singletons[i], options, limits, components)
         existence = 0.0
         for k in range(kept):
             if components.option[components.order.index[k]] != _EMPTY:
                 existence += components.weight[k]
         if marginals.p_exists.size > 0:
-            _add_marginals(kept, components, meas, track_label, marginals)
+            _add_marginals(kept, components, meas, predicted.track_label, marginals)
         if existence == 0.0 or existence < limits.min_existence:
             continue
-        count, n = _update_and_merge(
-            n, kept, components, reps, mean, cov, z, meas, meas_model, max_distance2, out
-        )
+        count, n = _update_and_merge(n, kept, work, predicted, meas, z, meas_model, limits.merge_chi2, out)
         if count == 1:
             logw[h] = reps.weight[0]
             items[start[h]] = n - 1
             start[h + 1] = start[h] + 1
             first[n_clusters + 1] = h + 1
-            n_clusters = n_clusters + 1
-            h = h + 1
+            n_clusters += 1
+            h += 1
             continue
         argsort_descending(reps.weight, ZERO, count, reps.order)
         for k in range(count):
@@ -368,72 +377,52 @@ def _update_singletons(
 
 @kernel
 def update_singletons(
-    clusters: Clusters,
+    predicted: Prediction,
     singletons: IntArray,
     options: AssociationOptions,
-    mean: FloatArray,
-    cov: FloatArray,
-    track_label: IntArray,
     z: FloatArray,
     meas_model: LinearisedMeasurement,
     limits: Limits,
-    max_distance2: float,
     n_spare_rows: int,
     marginals: DetectionMarginals,
 ) -> Tracks:
-    """Predict and update the `singletons`: indices of clusters of one label without competitors.
+    """Update the `singletons`: indices of predicted clusters of one label without competitors.
 
     `marginals` are added to, unless they are empty. Means and covariances get `n_spare_rows` rows more.
     """
-    n_tracks, n_hyps, max_hypotheses = _compute_bounds(clusters, singletons, options, limits.max_hypotheses)
+    n_tracks, n_hyps, max_components = _compute_bounds(
+        predicted.clusters, singletons, options, limits.max_hypotheses
+    )
     components = _Components(
-        np.empty(max_hypotheses, np.int64),
-        np.empty(max_hypotheses, np.int64),
-        np.empty(max_hypotheses),
-        allocate_sort(max_hypotheses),
-        np.empty(max_hypotheses),
+        np.empty(max_components, np.int64),
+        np.empty(max_components, np.int64),
+        np.empty(max_components),
+        allocate_sort(max_components),
+        np.empty(max_components),
     )
     reps = _Representatives(
-        np.empty((max_hypotheses, 4)),
-        np.empty((max_hypotheses, 4, 4)),
-        np.empty(max_hypotheses, np.bool_),
-        np.empty(max_hypotheses),
-        np.empty(max_hypotheses, np.int64),
-        allocate_sort(max_hypotheses),
+        np.empty((max_components, 4)),
+        np.empty((max_components, 4, 4)),
+        np.empty(max_components, np.bool_),
+        np.empty(max_components),
+        np.empty(max_components, np.int64),
+        allocate_sort(max_components),
     )
-    out_first = np.empty(singletons.size + 1, np.int64)
-    out_start = np.empty(n_hyps + 1, np.int64)
-    out_groups = Clusters(out_first, out_start, np.empty(n_hyps, np.int64), np.empty(n_hyps))
-    parent = np.empty(n_tracks, np.int64)
-    option = np.empty(n_tracks, np.int64)
     rows = n_tracks + n_spare_rows
-    out = Tracks(out_groups, parent, option, np.empty((rows, 4)), np.empty((rows, 4, 4)))
-    n_clusters, h, n = _update_singletons(
-        clusters,
-        singletons,
-        options,
-        mean,
-        cov,
-        track_label,
-        z,
-        meas_model,
-        limits,
-        max_distance2,
-        marginals,
-        components,
-        reps,
-        out,
+    out = Tracks(
+        allocate_clusters(singletons.size, n_hyps, n_hyps),
+        np.empty(n_tracks, np.int64),
+        np.empty(n_tracks, np.int64),
+        np.empty((rows, 4)),
+        np.empty((rows, 4, 4)),
     )
-    n_items = out_start[h]
+    n_clusters, h, n = _update_singletons(
+        predicted, singletons, options, z, meas_model, limits, marginals, _Work(components, reps), out
+    )
     return Tracks(
-        Clusters(
-            head(out_first, n_clusters + 1),
-            head(out_start, h + 1),
-            head(out_groups.items, n_items),
-            head(out_groups.logw, h),
-        ),
-        head(parent, n),
-        head(option, n),
+        trim_clusters(out.clusters, n_clusters, h),
+        head(out.parent, n),
+        head(out.option, n),
         out.mean,
         out.cov,
     )

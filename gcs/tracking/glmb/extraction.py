@@ -54,6 +54,19 @@ class Estimates(NamedTuple):
     cardinality: FloatArray
 
 
+class _Average(NamedTuple):
+    """Scratch to average the states of a label."""
+
+    centre: FloatArray
+    """(1, 4) state of its representative track."""
+    total_cov: FloatArray
+    """(1, 4, 4) covariance of the difference of another track."""
+    cholesky: FloatArray
+    """(1, 4, 4) factor of that."""
+    shift: FloatArray
+    """(4,) sum of the differences from the centre."""
+
+
 @leaf
 def _average_states(
     probability: FloatArray,
@@ -61,13 +74,11 @@ def _average_states(
     representative: IntArray,
     mean: FloatArray,
     cov: FloatArray,
-    centre: FloatArray,
-    total_cov: FloatArray,
-    cholesky: FloatArray,
-    shift: FloatArray,
+    average: _Average,
     out_mean: FloatArray,
     out_cov: FloatArray,
 ) -> None:
+    centre, total_cov, cholesky, shift = average
     for row in range(representative.size):
         t = representative[row]
         for i in range(4):
@@ -123,22 +134,8 @@ def average_states(
     """
     out_mean = np.empty((representative.size, 4))
     out_cov = np.empty((representative.size, 4, 4))
-    centre = np.empty((1, 4))
-    total_cov = np.empty((1, 4, 4))
-    cholesky = np.empty((1, 4, 4))
-    _average_states(
-        probability,
-        track_label,
-        representative,
-        mean,
-        cov,
-        centre,
-        total_cov,
-        cholesky,
-        np.empty(4),
-        out_mean,
-        out_cov,
-    )
+    average = _Average(np.empty((1, 4)), np.empty((1, 4, 4)), np.empty((1, 4, 4)), np.empty(4))
+    _average_states(probability, track_label, representative, mean, cov, average, out_mean, out_cov)
     return out_mean, out_cov
 
 

@@ -26,6 +26,7 @@ from gcs.jit import inlined, leaf, spliced
 from gcs.tracking.glmb.gating import innovation_cov
 from gcs.tracking.glmb.hypotheses import Clusters, allocate_clusters
 from gcs.tracking.models.measurement_model import LinearisedMeasurement, wrap_angle
+from gcs.tracking.models.survival import Survival
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray, IntArray
@@ -44,16 +45,16 @@ class Prediction(NamedTuple):
     log_death: FloatArray
 
 
-class Survival(NamedTuple):
-    """Log-probabilities of survival and death between scans."""
+class Interval(NamedTuple):
+    """The time since the last scan: motion, survival and births."""
 
-    log_survival: float
-    log_death: float
-    log_survival_lost: float
-    """Of a track whose position variance exceeds `max_variance_m2`."""
-    log_death_lost: float
-    max_variance_m2: float
-    """Along the worse axis."""
+    dt_s: float
+    Q: FloatArray
+    """(4, 4) process noise (see `constant_velocity`)."""
+    survival: Survival
+    scan: int
+    """Number of this scan."""
+    births: BirthComponents
 
 
 @leaf
@@ -82,16 +83,16 @@ def predict_track(
 
 
 @leaf
-def _predict_tracks(
-    mean: FloatArray, cov: FloatArray, dt_s: float, Q: FloatArray, survival: Survival, out: Prediction
-) -> None:
+def _predict_tracks(mean: FloatArray, cov: FloatArray, interval: Interval, out: Prediction) -> None:
     for t in range(mean.shape[0]):
-        predict_track(mean, cov, t, dt_s, Q, out.mean, out.cov)
-        out.log_survival[t] = survival.log_survival
-        out.log_death[t] = survival.log_death
+        predict_track(mean, cov, t, interval.dt_s, interval.Q, out.mean, out.cov)
+        survival = interval.survival
         if max(out.cov[t, 0, 0], out.cov[t, 1, 1]) > survival.max_variance_m2:
             out.log_survival[t] = survival.log_survival_lost
             out.log_death[t] = survival.log_death_lost
+        else:
+            out.log_survival[t] = survival.log_survival
+            out.log_death[t] = survival.log_death
 
 
 @leaf
@@ -145,15 +146,11 @@ def predict_with_births(
     labels: IntArray,
     mean: FloatArray,
     cov: FloatArray,
-    dt_s: float,
-    Q: FloatArray,
-    survival: Survival,
-    scan: int,
-    births: BirthComponents,
+    interval: Interval,
 ) -> Prediction:
-    """Predict all tracks by `dt_s` and append the births of this scan."""
+    """Predict all tracks and append the births of this scan."""
     n = track_label.size
-    n_births = births.mean.shape[0]
+    n_births = interval.births.mean.shape[0]
     n_labels = labels.shape[0]
     out = Prediction(
         allocate_clusters(
@@ -166,8 +163,8 @@ def predict_with_births(
         np.empty(n + n_births),
         np.empty(n + n_births),
     )
-    _predict_tracks(mean, cov, dt_s, Q, survival, out)
-    _append_births(clusters, track_label, labels, scan, births, out)
+    _predict_tracks(mean, cov, interval, out)
+    _append_births(clusters, track_label, labels, interval.scan, interval.births, out)
     return out
 
 

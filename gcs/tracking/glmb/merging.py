@@ -9,12 +9,12 @@ tracks become one. Existence and cardinality do not change.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf
-from gcs.tracking.glmb.hypotheses import Clusters, item_key
+from gcs.tracking.glmb.hypotheses import Clusters, allocate_clusters, item_key, trim_clusters
 from gcs.tracking.numerics.fast_math import exp_into
 from gcs.tracking.numerics.sorting import (
     SortBuffers,
@@ -22,7 +22,6 @@ from gcs.tracking.numerics.sorting import (
     allocate_sort,
     allocate_unique,
     argsort_descending,
-    head,
     unique_hypotheses,
 )
 
@@ -96,6 +95,23 @@ def outside_axis_gate(
     return False
 
 
+class _MergeBuffers(NamedTuple):
+    """Buffers to find the similar ones of n tracks in H hypotheses."""
+
+    hyp_probability: FloatArray
+    """(H,)."""
+    track_probability: FloatArray
+    """(n,) 0 before."""
+    representative: IntArray
+    """(n,) the track itself, or a more probable similar track of its label."""
+    cholesky: FloatArray
+    """(n, 4, 4) scratch."""
+    is_factored: BoolArray
+    """(n,) scratch."""
+    order: SortBuffers
+    """Scratch."""
+
+
 @leaf
 def _find_representatives(
     clusters: Clusters,
@@ -103,19 +119,11 @@ def _find_representatives(
     cov: FloatArray,
     track_label: IntArray,
     max_distance2: float,
-    hyp_probability: FloatArray,
-    track_probability: FloatArray,
-    cholesky: FloatArray,
-    is_factored: BoolArray,
-    order: SortBuffers,
-    representative: IntArray,
+    buffers: _MergeBuffers,
     representatives: IntArray,
 ) -> None:
-    """Fill `representative`: of each track, itself or a more probable similar track of its label.
-
-    Also fills `hyp_probability` (H,) and adds to `track_probability` (n,), which is 0 before. All else is
-    scratch.
-    """
+    """Fill the probabilities and `representative`; `representatives` (n,) is scratch."""
+    hyp_probability, track_probability, representative, cholesky, is_factored, order = buffers
     exp_into(clusters.logw, hyp_probability)
     for h in range(clusters.logw.size):
         w = hyp_probability[h]
@@ -263,40 +271,24 @@ def merge_similar_tracks(
     Tracks of a label are adjacent. A merged track is in no hypothesis of the result.
     """
     n = track_label.size
-    hyp_probability = np.empty(clusters.logw.size)
-    track_probability = np.zeros(n)
-    representative = np.empty(n, np.int64)
-    mixture = np.empty(n, np.int64)
-    cholesky = np.empty((n, 4, 4))
-    is_factored = np.empty(n, np.bool_)
-    order = allocate_sort(n)
-    _find_representatives(
-        clusters,
-        mean,
-        cov,
-        track_label,
-        max_distance2,
-        hyp_probability,
-        track_probability,
-        cholesky,
-        is_factored,
-        order,
-        representative,
-        mixture,
+    buffers = _MergeBuffers(
+        np.empty(clusters.logw.size),
+        np.zeros(n),
+        np.empty(n, np.int64),
+        np.empty((n, 4, 4)),
+        np.empty(n, np.bool_),
+        allocate_sort(n),
     )
+    mixture = np.empty(n, np.int64)
+    _find_representatives(clusters, mean, cov, track_label, max_distance2, buffers, mixture)
+    representative = buffers.representative
     count = _number_mixtures(representative, mixture)
     total = np.zeros(count)
     centre = np.zeros((count, 4))
     spread = np.zeros((count, 4, 4))
-    _moment_match(mean, cov, track_probability, representative, mixture, total, centre, spread)
-    out = Clusters(
-        np.empty(clusters.first.size, np.int64),
-        np.empty(clusters.start.size, np.int64),
-        np.empty(clusters.items.size, np.int64),
-        np.empty(clusters.logw.size),
-    )
-    _merge_hypotheses(
-        clusters, hyp_probability, representative, allocate_unique(_max_cluster_hypotheses(clusters)), out
-    )
-    n = out.first[out.first.size - 1]
-    return Clusters(out.first, head(out.start, n + 1), head(out.items, out.start[n]), head(out.logw, n))
+    _moment_match(mean, cov, buffers.track_probability, representative, mixture, total, centre, spread)
+    n_clusters = clusters.first.size - 1
+    out = allocate_clusters(n_clusters, clusters.logw.size, clusters.items.size)
+    unique = allocate_unique(_max_cluster_hypotheses(clusters))
+    _merge_hypotheses(clusters, buffers.hyp_probability, representative, unique, out)
+    return trim_clusters(out, n_clusters, out.first[n_clusters])

@@ -63,7 +63,7 @@ from gcs.tracking.clusters.singleton import DetectionMarginals, update_singleton
 from gcs.tracking.glmb.gating import association_options
 from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
 from gcs.tracking.glmb.joint_association import update_clusters
-from gcs.tracking.glmb.kalman import Survival, predict_with_births
+from gcs.tracking.glmb.kalman import Interval, Prediction, predict_with_births
 from gcs.tracking.glmb.marginals import track_probabilities
 from gcs.tracking.glmb.merging import merge_similar_tracks
 from gcs.tracking.glmb.params import BirthComponents, GlmbParams, Limits
@@ -71,6 +71,7 @@ from gcs.tracking.glmb.scan_detections import Measurements, order_measurements
 from gcs.tracking.glmb.scan_update import PosteriorTracks, joint_update
 from gcs.tracking.models import coordinated_turn, measurement_model
 from gcs.tracking.models.coordinated_turn import TurnModel
+from gcs.tracking.models.survival import Survival
 
 # Probabilities above which a label counts in the estimate of a sensor's detection probability.
 _CERTAIN_EXISTENCE = 0.95
@@ -113,18 +114,6 @@ class Posterior(NamedTuple):
             np.empty((0, 6)),
             np.empty(0, np.bool_),
         )
-
-
-class Interval(NamedTuple):
-    """The time since the last scan: motion, survival and births."""
-
-    dt_s: float
-    Q: FloatArray
-    """(4, 4) process noise (see `constant_velocity`)."""
-    survival: Survival
-    scan: int
-    """Number of this scan."""
-    births: BirthComponents
 
 
 class DetectionSummary(NamedTuple):
@@ -222,21 +211,17 @@ def update_step(
     mean = prior.mean
     cov = prior.cov
     turn = prior.turn
-    dt_s = interval.dt_s
-    Q = interval.Q
     has_turns = turns.rate_std_rad_s > 0.0
     if has_turns:
-        if dt_s > 0.0:
+        births = interval.births
+        if interval.dt_s > 0.0:
             mean, cov, turn = coordinated_turn.predict(
-                mean, cov, turn, Q, dt_s, turns.rate_std_rad_s, turns.time_s
+                mean, cov, turn, interval.Q, interval.dt_s, turns.rate_std_rad_s, turns.time_s
             )
-        turn = coordinated_turn.append_births(turn, interval.births.log_survival.size, turns.rate_std_rad_s)
-        dt_s = 0.0
-        Q = np.zeros((4, 4))
-    predicted = predict_with_births(
-        prior.clusters, prior.track_label, prior.labels, mean, cov, dt_s, Q, interval.survival, interval.scan,
-        interval.births,
-    )  # fmt: skip
+        turn = coordinated_turn.append_births(turn, births.log_survival.size, turns.rate_std_rad_s)
+        # The motion is predicted; survival and births are left.
+        interval = Interval(0.0, np.zeros((4, 4)), interval.survival, interval.scan, births)
+    predicted = predict_with_births(prior.clusters, prior.track_label, prior.labels, mean, cov, interval)
     measured = order_measurements(scan)
     meas_model = measurement_model.linearise(sensor, predicted.mean, predicted.cov)
     start, meas, logw = association_options(
@@ -247,10 +232,7 @@ def update_step(
     n_labels = predicted.labels.shape[0]
     sizes = (measured.rows.size, n_labels, scan.z.shape[0]) if is_summarised else (0, 0, 0)
     marginals = DetectionMarginals(np.zeros(sizes[0]), np.zeros(sizes[1]), np.zeros(sizes[1]))
-    updated = joint_update(
-        predicted.clusters, options, predicted.track_label, n_labels, predicted.mean, predicted.cov,
-        measured.z, meas_model, limits, rng, marginals,
-    )  # fmt: skip
+    updated = joint_update(predicted, options, measured.z, meas_model, limits, rng, marginals)
     explained = np.empty(sizes[2])
     detected = 0.0
     in_view = 0.0
@@ -312,26 +294,13 @@ def warm_up_parts() -> list[Call]:
     clusters = Clusters.example()
     options = AssociationOptions(np.arange(2), zeros, ones)
     marginals = DetectionMarginals(ones, ones, ones)
+    predicted = Prediction(clusters, zeros, np.zeros((1, 2), np.int64), mean, cov, ones, ones)
     return [
         (update_clusters, clusters, options, 1, limits, np.zeros(1, np.uint64)),
         (merge_clusters, clusters, options, zeros, 1, limits),
         (renumber, clusters, 1),
         (track_probabilities, clusters, 1),
-        (
-            update_singletons,
-            clusters,
-            zeros,
-            options,
-            mean,
-            cov,
-            zeros,
-            z,
-            meas_model,
-            limits,
-            0.1,
-            1,
-            marginals,
-        ),
+        (update_singletons, predicted, zeros, options, z, meas_model, limits, 1, marginals),
         (merge_similar_tracks, clusters, mean, cov, zeros, 0.1),
         (split_clusters, clusters, zeros, 1, limits),
     ]

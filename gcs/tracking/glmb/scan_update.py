@@ -28,7 +28,7 @@ from gcs.tracking.clusters.factorisation import renumber, split_clusters
 from gcs.tracking.clusters.singleton import DetectionMarginals, Tracks, update_singletons
 from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters, allocate_clusters
 from gcs.tracking.glmb.joint_association import update_clusters
-from gcs.tracking.glmb.kalman import update_tracks
+from gcs.tracking.glmb.kalman import Prediction, update_tracks
 from gcs.tracking.glmb.marginals import track_probabilities
 from gcs.tracking.glmb.merging import merge_similar_tracks
 from gcs.tracking.glmb.params import Limits
@@ -166,12 +166,8 @@ def _add_marginals(
 
 @inlined
 def joint_update(
-    clusters: Clusters,
+    predicted: Prediction,
     options: AssociationOptions,
-    track_label: IntArray,
-    n_labels: int,
-    mean: FloatArray,
-    cov: FloatArray,
     z: FloatArray,
     meas_model: LinearisedMeasurement,
     limits: Limits,
@@ -182,32 +178,20 @@ def joint_update(
 
     `rng` (1,) uint64 advances. `marginals` are added to, unless they are empty.
     """
-    singletons, joint_clusters = merge_clusters(clusters, options, track_label, z.shape[0], limits)
+    track_label = predicted.track_label
+    singletons, joint_clusters = merge_clusters(predicted.clusters, options, track_label, z.shape[0], limits)
     joint_clusters, option = renumber(
         update_clusters(joint_clusters, options, z.shape[0], limits, rng), options.meas.size
     )
-    tracks = update_singletons(
-        clusters,
-        singletons,
-        options,
-        mean,
-        cov,
-        track_label,
-        z,
-        meas_model,
-        limits,
-        limits.merge_chi2,
-        option.size,
-        marginals,
-    )
+    tracks = update_singletons(predicted, singletons, options, z, meas_model, limits, option.size, marginals)
     parent = np.empty_like(option)
     meas = np.empty_like(option)
     label = np.empty_like(option)
     _look_up_options(options, track_label, option, parent, meas, label)
-    joint_mean, joint_cov = update_tracks(mean, cov, parent, meas, z, meas_model)
+    mean, cov = update_tracks(predicted.mean, predicted.cov, parent, meas, z, meas_model)
     if marginals.p_exists.size > 0:
         _add_marginals(track_probabilities(joint_clusters, meas.size), meas, label, marginals)
-    joint_clusters = merge_similar_tracks(joint_clusters, joint_mean, joint_cov, label, limits.merge_chi2)
+    joint_clusters = merge_similar_tracks(joint_clusters, mean, cov, label, limits.merge_chi2)
+    n_labels = predicted.labels.shape[0]
     joint_clusters, kept = renumber(split_clusters(joint_clusters, label, n_labels, limits), option.size)
-    joint = JointTracks(joint_clusters, parent, option, joint_mean, joint_cov, kept)
-    return concatenate(tracks, joint, track_label)
+    return concatenate(tracks, JointTracks(joint_clusters, parent, option, mean, cov, kept), track_label)

@@ -30,7 +30,8 @@ import numpy as np
 
 from gcs.jit import Call
 from gcs.model import BoolArray, FloatArray, IntArray, Label, Sensor, read_only
-from gcs.tracking.glmb.recursion import Interval, Posterior, UpdateResult
+from gcs.tracking.glmb.kalman import Interval
+from gcs.tracking.glmb.recursion import Posterior, UpdateResult
 from gcs.tracking.models import constant_velocity
 from gcs.tracking.models.coordinated_turn import TurnModel
 from gcs.tracking.models.sensor_geometry import MAX_DETECTION_PROBABILITY
