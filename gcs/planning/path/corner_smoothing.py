@@ -22,6 +22,7 @@ import numpy as np
 from gcs.jit import called, inlined, leaf
 from gcs.model import BoolArray, FloatArray
 from gcs.planning.map.line_of_sight import NO_CELL, blocking_cell, is_free_at
+from gcs.planning.path.points import leg_vector, set_point
 
 _SHORT_LEG_WEIGHT = 4.0
 """Cost of a length that turns lack of their leg."""
@@ -39,12 +40,6 @@ _DIRECTIONS = 4
 _SWEEPS = 40
 _MAX_HALF_ANGLE_TAN = math.tan(0.475 * math.pi)
 """Tangent of half the sharpest angle that is distinguished."""
-
-
-@inlined
-def leg_vector(points: FloatArray, i: int) -> tuple[float, float]:
-    """Return leg i, from its begin to its end."""
-    return points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
 
 
 @called
@@ -200,8 +195,7 @@ def _move_corner(
     beyond = NO_CELL
     for k in range(_DIRECTIONS):
         angle = 2.0 * math.pi * (k + turned) / _DIRECTIONS
-        points[i, 0] = x + step * math.cos(angle)
-        points[i, 1] = y + step * math.sin(angle)
+        set_point(points, i, x + step * math.cos(angle), y + step * math.sin(angle))
         if not is_free_at(blocked, points[i, 0], points[i, 1]):
             continue
         here = cost(blocked, points, clearances, i - 2, i + 2, radius, own_cell, least)
@@ -221,8 +215,7 @@ def _move_corner(
         least = here
         best_x, best_y = px, py
         moved = True
-    points[i, 0] = best_x
-    points[i, 1] = best_y
+    set_point(points, i, best_x, best_y)
     return moved
 
 

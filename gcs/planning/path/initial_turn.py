@@ -17,12 +17,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gcs.jit import called, kernel, leaf
+from gcs.jit import ZERO, called, kernel, leaf
 from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.planning.map.grid import TOUCH
 from gcs.planning.map.line_of_sight import clear_leg, clearance_at, is_free_at
 from gcs.planning.path.corner_splitting import MAX_TURN_RAD
 from gcs.planning.path.dubins import WORD_TURNS, dubins_words
+from gcs.planning.path.points import copy_point, set_point
 
 MAX_ARC_RAD = 1.8 * math.pi
 """Longest turn. Nearly a full circle is a detour or a rounding error."""
@@ -191,8 +192,7 @@ def _trace_word(
                     and clear_leg(blocked, last_x, last_y, corner_x, corner_y, margin, own_cell)
                 ):
                     return -1
-                corners[count, 0] = corner_x
-                corners[count, 1] = corner_y
+                set_point(corners, count, corner_x, corner_y)
                 last_x, last_y = corner_x, corner_y
                 count += 1
             turned = angle + side * length / parts
@@ -274,14 +274,11 @@ def plan_initial_turn(
                 count -= 1
             size = points.shape[0]
             result = np.empty((size + count, 2))
-            result[0, 0] = points[0, 0]
-            result[0, 1] = points[0, 1]
+            copy_point(points, ZERO, result, ZERO)
             for k in range(count):
-                result[1 + k, 0] = corners[k, 0]
-                result[1 + k, 1] = corners[k, 1]
+                copy_point(corners, k, result, 1 + k)
             for k in range(1, size):
-                result[count + k, 0] = points[k, 0]
-                result[count + k, 1] = points[k, 1]
+                copy_point(points, k, result, count + k)
             return result, radius * lengths[best]
         lengths[best] = np.inf
     return points, np.inf

@@ -26,6 +26,7 @@ import numpy as np
 from gcs.jit import called, inlined, kernel
 from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.planning.map.line_of_sight import NO_CELL, clear_leg, clearance_at
+from gcs.planning.path.points import copy_point
 from gcs.planning.path.string_pulling import pull_string
 from gcs.planning.path.turns import FLYABLE, SHARP_CORNER, SHARP_START, make_flyable
 
@@ -231,8 +232,7 @@ def shorten(
         )
     result = np.empty((count, 2))
     for i in range(count):
-        result[i, 0] = points[kept[i], 0]
-        result[i, 1] = points[kept[i], 1]
+        copy_point(points, kept[i], result, i)
     return result
 
 

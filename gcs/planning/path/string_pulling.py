@@ -29,6 +29,7 @@ from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.planning.map.grid import TOUCH
 from gcs.planning.map.line_of_sight import NO_CELL, blocking_cell, clear_leg, is_free_at, leg_clearance
 from gcs.planning.path.initial_turn import Pose, is_turn_clear, start_clearance, turn_to
+from gcs.planning.path.points import copy_point, set_point
 from gcs.planning.path.tangent_points import E1X, E1Y, E2X, E2Y, X, Y, tangent_points
 
 _WINDOW = 48
@@ -252,8 +253,7 @@ def _slide_corner(
         else:
             bad = step
         step = 0.5 * (good + bad)
-    vertices[i, 0] = x + good * (aim_x - x)
-    vertices[i, 1] = y + good * (aim_y - y)
+    set_point(vertices, i, x + good * (aim_x - x), y + good * (aim_y - y))
     return good * math.hypot(aim_x - x, aim_y - y)
 
 
@@ -278,8 +278,7 @@ def _slide_corners(
             if clear_leg(blocked, ax, ay, bx, by, clearance, own_cell if i == 1 else NO_CELL):
                 count -= 1
                 for k in range(i, count):
-                    vertices[k, 0] = vertices[k + 1, 0]
-                    vertices[k, 1] = vertices[k + 1, 1]
+                    copy_point(vertices, k + 1, vertices, k)
                     settled[k] = settled[k + 1]
                 moved = 1.0
                 settled[i - 1] = False
@@ -322,8 +321,7 @@ def _pull_stretch(
     count = path.size
     pulled = np.empty((count, 2))
     for i in range(count):
-        pulled[i, 0] = found[X, path[count - 1 - i]]
-        pulled[i, 1] = found[Y, path[count - 1 - i]]
+        set_point(pulled, i, found[X, path[count - 1 - i]], found[Y, path[count - 1 - i]])
     return pulled[
         : _slide_corners(blocked, clearance, pulled, count, least, own_cell, np.zeros(count, np.bool_))
     ].copy()
@@ -398,11 +396,9 @@ def pull_string(
         before = result
         result = np.empty((size + part.shape[0] - 1, 2))
         for i in range(size - 1):
-            result[i, 0] = before[i, 0]
-            result[i, 1] = before[i, 1]
+            copy_point(before, i, result, i)
         for i in range(part.shape[0]):
-            result[size - 1 + i, 0] = part[i, 0]
-            result[size - 1 + i, 1] = part[i, 1]
+            copy_point(part, i, result, size - 1 + i)
         size += part.shape[0] - 1
         first = last
     return result

@@ -29,13 +29,13 @@ from gcs.planning.path.corner_smoothing import (
     cost,
     half_angle_tan,
     leg_fits,
-    leg_vector,
     smooth_corners,
     turn_angle,
     turn_fits,
 )
 from gcs.planning.path.corner_splitting import MAX_TURN_RAD, split_corners
 from gcs.planning.path.initial_turn import Pose, is_turn_safe, plan_initial_turn, start_clearance, turn_to
+from gcs.planning.path.points import copy_point, leg_vector, set_point
 
 # Turns that cannot be flown: none, a corner, the initial turn; or the sum of both.
 FLYABLE = 0
@@ -96,8 +96,7 @@ def _drop_corner(points: FloatArray, clearances: FloatArray, i: int) -> tuple[Fl
     fewer_clearances = np.empty(size - 2)
     for k in range(size - 1):
         at = k if k < i else k + 1
-        fewer[k, 0] = points[at, 0]
-        fewer[k, 1] = points[at, 1]
+        copy_point(points, at, fewer, k)
     for k in range(size - 2):
         fewer_clearances[k] = clearances[k] if k < i else clearances[k + 1]
     fewer_clearances[i - 1] = min(clearances[i - 1], clearances[i])
@@ -122,8 +121,7 @@ def _join_corners(
     if ahead <= 0.0 or behind >= 0.0:
         return points, clearances
     fewer, fewer_clearances = _drop_corner(points, clearances, i + 1)
-    fewer[i, 0] = points[i, 0] + ahead * ux
-    fewer[i, 1] = points[i, 1] + ahead * uy
+    set_point(fewer, i, points[i, 0] + ahead * ux, points[i, 1] + ahead * uy)
     if not is_free_at(blocked, fewer[i, 0], fewer[i, 1]):
         return points, clearances
     for k in range(i - 1, i + 1):

@@ -54,7 +54,7 @@ def _cluster_product(
     buffers: _ProductBuffers,
     out: Clusters,
 ) -> int:
-    """Write the best products of hypotheses `low` to `high` - 1 of `left` and those of cluster g, independent.
+    """Write the best products of hypotheses `low` to `high` - 1 of `left` and of another cluster g.
 
     Both lists are sorted, so at least (i + 1)(j + 1) - 1 pairs are no worse than the pair (i, j), and the
     best `limits.max_hypotheses` pairs lie under that hyperbola. Returns the number of hypotheses.

@@ -127,8 +127,7 @@ def allocate_contention(n_hyps: int, n_tracks: int, n_options: int, n_detections
 @inlined
 def _find_owners(options: AssociationOptions, track_label: IntArray, contention: Contention) -> None:
     """Fill `owner`."""
-    start = options.start
-    meas = options.meas
+    start, meas, _ = options
     owner = contention.owner
     for j in range(owner.size):
         owner[j] = contention.last_entry[j] = _NO_LABEL
@@ -143,8 +142,7 @@ def _find_owners(options: AssociationOptions, track_label: IntArray, contention:
 @inlined
 def _find_rivals(options: AssociationOptions, track_label: IntArray, contention: Contention) -> None:
     """Fill `has_rivals`."""
-    start = options.start
-    meas = options.meas
+    start, meas, _ = options
     owner = contention.owner
     first = 0
     while first < track_label.size:
@@ -179,8 +177,7 @@ def _compute_track_probabilities(clusters: Clusters, contention: Contention) -> 
 @inlined
 def _list_rivals(options: AssociationOptions, track_label: IntArray, contention: Contention) -> int:
     """List the rivals and their entries; return the number of rivals."""
-    start = options.start
-    meas = options.meas
+    start, meas, logw = options
     owner = contention.owner
     count = 0
     n = 0
@@ -198,7 +195,7 @@ def _list_rivals(options: AssociationOptions, track_label: IntArray, contention:
         while t < track_label.size and track_label[t] == label:
             absent -= contention.track_probability[t]
             for o in range(start[t], start[t + 1]):
-                weight = contention.track_probability[t] * math.exp(options.logw[o])
+                weight = contention.track_probability[t] * math.exp(logw[o])
                 j = meas[o]
                 if j < 0 or owner[j] != _SEVERAL_LABELS:
                     uncontested_weight += weight

@@ -243,9 +243,7 @@ def _measure_clusters(
 @leaf
 def _fill_split(clusters: Clusters, limits: Limits, buffers: _SplitBuffers, out: Clusters) -> tuple[int, int]:
     """Fill `out` with the split clusters; return the number of clusters and hypotheses."""
-    first = clusters.first
-    start = clusters.start
-    items = clusters.items
+    first, start, items, logw = clusters
     count = 0
     n_hyps = 0
     size = 0
@@ -267,7 +265,7 @@ def _fill_split(clusters: Clusters, limits: Limits, buffers: _SplitBuffers, out:
                     for i in range(start[h], start[h + 1]):
                         out.items[size] = items[i]
                         size += 1
-                    out.logw[n_hyps] = clusters.logw[h]
+                    out.logw[n_hyps] = logw[h]
                     out.start[n_hyps + 1] = size
                     n_hyps += 1
             elif members == 1:

@@ -97,9 +97,7 @@ def _branch_and_bound(
     The bound gives the remaining tracks their best options as if no other track competed for them.
     """
     pool, capacity, slots, options, limits, scratch = search
-    start = options.start
-    meas = options.meas
-    logw = options.logw
+    start, meas, logw = options
     is_assigned = scratch.is_assigned
     assignment = scratch.assignment
     total = scratch.partial_logw
@@ -144,8 +142,7 @@ def _assign_greedily(
     tracks: IntArray, options: AssociationOptions, is_assigned: BoolArray, assignment: IntArray
 ) -> float:
     """Give each track in turn its best free option; return their log-weight."""
-    start = options.start
-    meas = options.meas
+    start, meas, logw = options
     total = 0.0
     for i in range(tracks.size):
         o = start[tracks[i]]
@@ -154,7 +151,7 @@ def _assign_greedily(
         assignment[i] = o
         if meas[o] >= 0:
             is_assigned[meas[o]] = True
-        total += options.logw[o]
+        total += logw[o]
     return total
 
 
@@ -177,8 +174,7 @@ def _count_assignments(
     Conflicts are ignored, and losses are counted in the bins of `count`, rounded down: the result is an upper
     bound.
     """
-    start = options.start
-    logw = options.logw
+    start, _, logw = options
     count[:] = 0.0
     count[0] = 1.0
     per_step = count.size / slack
@@ -204,8 +200,7 @@ def _gibbs_draw(
     first: int, end: int, options: AssociationOptions, is_assigned: BoolArray, rng: KeyArray
 ) -> int:
     """Draw one of the free options of a track in proportion to its weight."""
-    meas = options.meas
-    logw = options.logw
+    _, meas, logw = options
     while meas[first] >= 0 and is_assigned[meas[first]]:
         first += 1
     total = 0.0
@@ -281,9 +276,7 @@ def _compute_bounds(
     Returns the most tracks of a cluster, its largest capacity, the bounds on hypotheses and items of the
     result, and the most hypotheses of a cluster.
     """
-    first = clusters.first
-    start = clusters.start
-    items = clusters.items
+    first, start, items, logw = clusters
     max_cluster_size = 0
     max_capacity = 0
     n_out_hypotheses = 0
@@ -294,7 +287,7 @@ def _compute_bounds(
         size = 1
         for h in range(first[g], first[g + 1]):
             n_joint = 1.0
-            best_logw = clusters.logw[h]
+            best_logw = logw[h]
             size = max(size, start[h + 1] - start[h])
             for i in range(start[h], start[h + 1]):
                 o = options.start[items[i]]

@@ -43,9 +43,7 @@ def _representative_hypothesis(
     One hypothesis is used for all labels. The best track of each label by itself would put two labels at one
     object while their identities are ambiguous.
     """
-    first = clusters.first
-    start = clusters.start
-    items = clusters.items
+    first, start, items, _ = clusters
     chosen = first[g]
     largest = -1
     for h in range(first[g], first[g + 1]):
@@ -134,9 +132,7 @@ def _accumulate_marginals(
 
     `weight` (L + 1,) and `other` (L + 1,) are 0 before; `other` alternates with `out.cardinality`.
     """
-    first = clusters.first
-    start = clusters.start
-    items = clusters.items
+    first, start, items, _ = clusters
     # Only `smallest` to `largest` objects are probable so far; the tails left out are below 1e-12.
     n = smallest = largest = ZERO
     before = out.cardinality

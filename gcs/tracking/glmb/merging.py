@@ -233,9 +233,7 @@ def _merge_hypotheses(
     out: Clusters,
 ) -> None:
     """Replace tracks by their representatives and merge hypotheses that become equal."""
-    first = clusters.first
-    start = clusters.start
-    items = clusters.items
+    first, start, items, logw = clusters
     n = 0
     out.first[0] = out.start[0] = 0
     for g in range(first.size - 1):
@@ -252,7 +250,7 @@ def _merge_hypotheses(
             count = unique_hypotheses(count, hyp_probability, first[g], unique)
         for k in range(count):
             h = unique.which[k] if changed else first[g] + k
-            out.logw[n] = unique.logw[k] if changed else clusters.logw[h]
+            out.logw[n] = unique.logw[k] if changed else logw[h]
             size = out.start[n]
             for i in range(start[h], start[h + 1]):
                 out.items[size] = representative[items[i]]
