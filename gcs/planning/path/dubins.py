@@ -66,13 +66,8 @@ def dubins_words(
             half = math.acos(gap / 4.0)
             middle = math.pi + 2.0 * half
             along = bearing + first * (half + 0.5 * math.pi)
-        if word < 4:
-            pieces[word, 0] = _swept(first * (along - angle0))
-            pieces[word, 1] = middle
-            pieces[word, 2] = _swept(last * (angle1 - along))
-        else:
-            leaves = along - first * middle
-            pieces[word, 0] = _swept(first * (along - angle0))
-            pieces[word, 1] = middle
-            pieces[word, 2] = _swept(first * (angle1 - leaves))
+        leaves = along if word < 4 else along - first * middle
+        pieces[word, 0] = _swept(first * (along - angle0))
+        pieces[word, 1] = middle
+        pieces[word, 2] = _swept(last * (angle1 - leaves))
     return pieces

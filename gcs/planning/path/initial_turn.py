@@ -47,12 +47,10 @@ class Pose(NamedTuple):
 
 
 class Arc(NamedTuple):
-    """Arc that begins at a pose."""
+    """Arc that begins at a pose: side (+1 left, -1 right), angle and radius."""
 
     side: float
-    """+1 for a left turn, -1 for a right one."""
     sweep: float
-    """Angle."""
     radius: float
 
 

@@ -58,27 +58,23 @@ def _turn(ux: float, uy: float, u: float, vx: float, vy: float, v: float) -> flo
 
 
 class _Obstacles(NamedTuple):
-    """The map, and the clearances in cells."""
+    """The map, and the clearances of legs and of the initial turn in cells."""
 
     blocked: BoolArray
     clearance: float
     start_clearance: float
-    """Of the initial turn."""
 
 
 class _Vehicle(NamedTuple):
-    """The vehicle at the start of the path."""
+    """The vehicle at the start of the path; arguments of `pull_string`."""
 
     heading: FloatArray
-    """(2,) unit vector, zeros if unknown."""
     radius: float
-    """Turn radius in cells, 0 if any turn can be flown."""
     own_cell: int
-    """Flat cell that does not block the first leg, -1 for none."""
 
 
 class _Candidates(NamedTuple):
-    """Candidate vertices in order (`gcs.planning.path.tangent_points`), all (n,)."""
+    """Candidates in order (`gcs.planning.path.tangent_points`), all (n,): position, edges, on the known path."""
 
     x: FloatArray
     y: FloatArray
@@ -87,21 +83,25 @@ class _Candidates(NamedTuple):
     e2x: FloatArray
     e2y: FloatArray
     known: BoolArray
-    """True for vertices of the known path."""
 
 
 class _Paths(NamedTuple):
-    """Cheapest path to each candidate, all (n,)."""
+    """Cheapest path to each candidate, all (n,).
+
+    ===========  ==================================================================
+    cost         cost of the path
+    came_from    predecessor, -1 for the start
+    leg_in       length of the last leg
+    used_in      length that the turn at its begin uses of it
+    lower_bound  bound of the cost of the present candidate over each predecessor
+    ===========  ==================================================================
+    """
 
     cost: FloatArray
     came_from: IntArray
-    """Predecessor, -1 for the start."""
     leg_in: FloatArray
-    """Length of the last leg."""
     used_in: FloatArray
-    """Length that the turn at its begin uses of it."""
     lower_bound: FloatArray
-    """Lower bound of the cost of the present candidate over each predecessor."""
 
 
 @leaf

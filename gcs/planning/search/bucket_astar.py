@@ -55,53 +55,57 @@ class _Moves(NamedTuple):
     has_tight_moves: bool
     offsets: IntArray
     stride: int
+    per_row: float
 
 
 class _Ends(NamedTuple):
-    """Nodes that connect the two places to the grid (-1: none), and their distances in cells."""
+    """Nodes that connect the two places to the grid, (j,) and (k,), and their distances in cells; -1: none."""
 
     nodes: IntArray
-    """(j,)"""
     costs: FloatArray
     goals: IntArray
-    """(k,)"""
     goal_costs: FloatArray
 
 
 class _Aim(NamedTuple):
-    """Goal node that the estimates aim at."""
+    """Goal node that the estimates aim at. Bucket 0 begins at the estimate `base`.
+
+    Another goal node may be the last one if its estimate is less than `slack` worse.
+    """
 
     row: int
     col: int
     slack: float
-    """Another goal node may be the last one if its estimate is less than this worse."""
     base: float
-    """Estimate at which bucket 0 begins."""
 
 
 class _Work(NamedTuple):
-    """Work arrays."""
+    """Work arrays.
+
+    =======  =============  =======  ============================================================
+    reached  (flat nodes,)  float64  cost so far plus one; 0 means not reached
+    packed   (flat nodes,)  uint32   packed words; arrival moves are written to them
+    entries  (n, 2)         int32    node and next entry of its bucket; they list the nodes to reset
+    head     (ring,)        int64    first entry of each bucket, -1 for none
+    =======  =============  =======  ============================================================
+    """
 
     reached: FloatArray
-    """(flat nodes,) cost so far plus one; 0 means not reached."""
     packed: UInt32Array
-    """(flat nodes,) packed words; arrival moves are written to them."""
     entries: Int32Array
-    """(n, 2) node and next entry of its bucket. They stay: they list the nodes to reset."""
     head: IntArray
-    """(ring,) first entry of each bucket, -1 for none."""
 
 
 @inlined
-def _row_of(node: int, stride: int) -> int:
+def _row_of(node: int, per_row: float) -> int:
     """Return the row of a flat node, by a multiplication: a division takes longer than all else."""
-    return int((node + 0.5) * (1.0 / stride))
+    return int((node + 0.5) * per_row)
 
 
 @inlined
 def _distance(node: int, stride: int, row: int, col: int) -> float:
     """Return the octile distance of a flat node from a row and column."""
-    at = _row_of(node, stride)
+    at = _row_of(node, 1.0 / stride)
     return octile(abs(at - row), abs(node - at * stride - col))
 
 
@@ -111,7 +115,7 @@ def _find_aim(ends: _Ends, stride: int) -> _Aim:
     aim = int64(-1)
     for k in range(ends.goals.size):
         aim = ends.goals[k] if aim < 0 else aim
-    row = _row_of(aim, stride)
+    row = _row_of(aim, 1.0 / stride)
     col = aim - row * stride
     slack = -np.inf
     for k in range(ends.goals.size):
@@ -153,7 +157,7 @@ def _push_start(ends: _Ends, aim: _Aim, stride: int, work: _Work) -> int:
 @inlined
 def _expand(moves: _Moves, aim: _Aim, node: int, limit: float, bucket: int, work: _Work, used: int) -> int:
     """Relax the moves of a node to estimates below `limit`; return the number of entries."""
-    row = _row_of(node, moves.stride)
+    row = _row_of(node, moves.per_row)
     col = node - row * moves.stride - aim.col
     row -= aim.row
     here = work.reached[node]
@@ -201,7 +205,7 @@ def _search(moves: _Moves, ends: _Ends, aim: _Aim, work: _Work) -> tuple[int, fl
                 continue
             work.packed[node] = word | _CLOSED_BIT
             expanded += 1
-            row = _row_of(node, moves.stride)
+            row = _row_of(node, moves.per_row)
             if abs(row - aim.row) <= 1 and abs(node - row * moves.stride - aim.col) <= 1:
                 for k in range(ends.goals.size):
                     cost = work.reached[node] - 1.0 + ends.goal_costs[k]
@@ -260,7 +264,7 @@ def bucket_astar(
         has_goal |= goals[k] >= 0
     if not has_goal:
         return 0, np.inf, np.inf, 0
-    moves = _Moves(move_lists, has_tight_moves, offsets, stride)
+    moves = _Moves(move_lists, has_tight_moves, offsets, stride, 1.0 / stride)
     ends = _Ends(nodes, costs, goals, goal_costs)
     work = _Work(reached, packed, entries, np.full(64 if has_tight_moves else 16, -1))
     last, best, used, expanded = _search(moves, ends, _find_aim(ends, stride), work)

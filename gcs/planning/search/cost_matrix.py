@@ -45,16 +45,20 @@ _ASTAR_SHARE = 0.8
 
 
 class Endpoints(NamedTuple):
-    """Positions of n agents or targets in cells, and their connections to the grid (`path.shortcut`)."""
+    """Positions of n agents or targets in cells, and their connections to the grid (`path.shortcut`).
+
+    ======  ======  =======  =========================================================
+    xy      (n, 2)  float64  column and row
+    nodes   (n, 4)  int64    flat nodes that connect a place to the grid, -1 for none
+    gaps    (n, 4)  float64  distances to these nodes
+    inside  (n,)    bool     True for places inside an obstacle
+    ======  ======  =======  =========================================================
+    """
 
     xy: FloatArray
-    """(n, 2) column and row."""
     nodes: IntArray
-    """(n, 4) flat nodes that connect a place to the grid, -1 for none."""
     gaps: FloatArray
-    """(n, 4) distances to these nodes."""
     inside: BoolArray
-    """(n,) True for places inside an obstacle."""
 
 
 def metric_paths(

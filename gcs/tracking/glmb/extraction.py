@@ -55,16 +55,14 @@ class Estimates(NamedTuple):
 
 
 class _Average(NamedTuple):
-    """Scratch to average the states of a label."""
+    """Scratch for one label: state of its representative track, and of another track the covariance of the
+    difference with its factor; the sum of the differences.
+    """
 
     centre: FloatArray
-    """(1, 4) state of its representative track."""
     total_cov: FloatArray
-    """(1, 4, 4) covariance of the difference of another track."""
     cholesky: FloatArray
-    """(1, 4, 4) factor of that."""
     shift: FloatArray
-    """(4,) sum of the differences from the centre."""
 
 
 @leaf

@@ -96,20 +96,24 @@ def outside_axis_gate(
 
 
 class _MergeBuffers(NamedTuple):
-    """Buffers to find the similar ones of n tracks in H hypotheses."""
+    """Buffers to find the similar ones of n tracks in H hypotheses.
+
+    =================  =========  =======  ==============================================
+    hyp_probability    (H,)       float64
+    track_probability  (n,)       float64  0 before
+    representative     (n,)       int64    the track itself, or a more probable similar one
+    cholesky           (n, 4, 4)  float64  scratch
+    is_factored        (n,)       bool     scratch
+    order              (n,)                scratch
+    =================  =========  =======  ==============================================
+    """
 
     hyp_probability: FloatArray
-    """(H,)."""
     track_probability: FloatArray
-    """(n,) 0 before."""
     representative: IntArray
-    """(n,) the track itself, or a more probable similar track of its label."""
     cholesky: FloatArray
-    """(n, 4, 4) scratch."""
     is_factored: BoolArray
-    """(n,) scratch."""
     order: SortBuffers
-    """Scratch."""
 
 
 @leaf

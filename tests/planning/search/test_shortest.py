@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from grid_paths import find_path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -15,7 +16,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from gcs.planning.map.grid import Grid, free_grid, random_obstacles
-from gcs.planning.search.shortest import distances_m, find_path, nearest_free
+from gcs.planning.search.shortest import distances_m, nearest_free
 
 MOVES = [m for m in itertools.product((-1, 0, 1), repeat=2) if m != (0, 0)]
 
