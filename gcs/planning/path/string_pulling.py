@@ -74,7 +74,7 @@ class _Vehicle(NamedTuple):
 
 
 class _Candidates(NamedTuple):
-    """Candidates in order (`gcs.planning.path.tangent_points`), all (n,): position, edges, on the known path."""
+    """Candidates in order (`gcs.planning.path.tangent_points`), all (n,): position, edges, known vertex."""
 
     x: FloatArray
     y: FloatArray

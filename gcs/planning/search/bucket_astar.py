@@ -59,7 +59,7 @@ class _Moves(NamedTuple):
 
 
 class _Ends(NamedTuple):
-    """Nodes that connect the two places to the grid, (j,) and (k,), and their distances in cells; -1: none."""
+    """Nodes that connect the two places to the grid (-1: none), (j,) and (k,), and their distances."""
 
     nodes: IntArray
     costs: FloatArray

@@ -170,10 +170,6 @@ def _weigh_components(
             components.parent[kept] = components.parent[i]
             components.logw[kept] = components.logw[i]
             kept += 1
-    if kept == 1:
-        components.order.index[0] = 0
-        components.weight[0] = 1.0
-        return kept
     argsort_descending(components.logw, ZERO, kept, components.order)
     kept = min(kept, limits.max_hypotheses)
     total = 0.0
@@ -353,14 +349,6 @@ def _update_singletons(
         if existence == 0.0 or existence < limits.min_existence:
             continue
         count, n = _update_and_merge(n, kept, work, predicted, meas, z, meas_model, limits.merge_chi2, out)
-        if count == 1:
-            logw[h] = reps.weight[0]
-            items[start[h]] = n - 1
-            start[h + 1] = start[h] + 1
-            first[n_clusters + 1] = h + 1
-            n_clusters += 1
-            h += 1
-            continue
         argsort_descending(reps.weight, ZERO, count, reps.order)
         for k in range(count):
             d = reps.order.index[k]

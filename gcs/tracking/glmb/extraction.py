@@ -55,8 +55,10 @@ class Estimates(NamedTuple):
 
 
 class _Average(NamedTuple):
-    """Scratch for one label: state of its representative track, and of another track the covariance of the
-    difference with its factor; the sum of the differences.
+    """Scratch for one label.
+
+    The state of its representative track; of another track the covariance of the difference, and its factor;
+    and the sum of the differences.
     """
 
     centre: FloatArray

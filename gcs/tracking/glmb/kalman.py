@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from gcs.jit import inlined, leaf, spliced
+from gcs.jit import ZERO, inlined, leaf, spliced
 from gcs.tracking.glmb.gating import innovation_cov
-from gcs.tracking.glmb.hypotheses import Clusters, allocate_clusters
+from gcs.tracking.glmb.hypotheses import Clusters, allocate_clusters, append_clusters
 from gcs.tracking.models.measurement_model import LinearisedMeasurement, wrap_angle
 from gcs.tracking.models.survival import Survival
 
@@ -105,19 +105,10 @@ def _append_births(
     out: Prediction,
 ) -> None:
     """Append the births to the predicted tracks, each with a cluster of its own."""
-    n_clusters = clusters.first.size - 1
-    n_hyps = clusters.logw.size
-    n_items = clusters.items.size
+    out.clusters.first[0] = out.clusters.start[0] = 0
+    n_clusters, n_hyps, n_items = append_clusters(clusters, ZERO, ZERO, ZERO, ZERO, out.clusters)
     n = track_label.size
     n_labels = labels.shape[0]
-    out.clusters.first[0] = out.clusters.start[0] = 0
-    for i in range(n_clusters):
-        out.clusters.first[i + 1] = clusters.first[i + 1]
-    for i in range(n_hyps):
-        out.clusters.start[i + 1] = clusters.start[i + 1]
-        out.clusters.logw[i] = clusters.logw[i]
-    for i in range(n_items):
-        out.clusters.items[i] = clusters.items[i]
     for i in range(n):
         out.track_label[i] = track_label[i]
     for i in range(n_labels):

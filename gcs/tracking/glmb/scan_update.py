@@ -26,7 +26,7 @@ from gcs.jit import ZERO, inlined, leaf
 from gcs.tracking.clusters.cluster_product import merge_clusters
 from gcs.tracking.clusters.factorisation import renumber, split_clusters
 from gcs.tracking.clusters.singleton import DetectionMarginals, Tracks, update_singletons
-from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters, allocate_clusters
+from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters, allocate_clusters, append_clusters
 from gcs.tracking.glmb.joint_association import update_clusters
 from gcs.tracking.glmb.kalman import Prediction, update_tracks
 from gcs.tracking.glmb.marginals import track_probabilities
@@ -63,27 +63,12 @@ class PosteriorTracks(NamedTuple):
 
 
 @leaf
-def _append_clusters(
-    clusters: Clusters, g: int, h: int, size: int, first_item: int, out: Clusters
-) -> tuple[int, int, int]:
-    """Append clusters behind g clusters, h hypotheses and `size` items of `out`; return the new numbers."""
-    for i in range(clusters.items.size):
-        out.items[size + i] = first_item + clusters.items[i]
-    for i in range(clusters.logw.size):
-        out.logw[h + i] = clusters.logw[i]
-        out.start[h + i + 1] = size + clusters.start[i + 1]
-    for i in range(clusters.first.size - 1):
-        out.first[g + i + 1] = h + clusters.first[i + 1]
-    return g + clusters.first.size - 1, h + clusters.logw.size, size + clusters.items.size
-
-
-@leaf
 def _concatenate(singletons: Tracks, joint: JointTracks, track_label: IntArray, out: PosteriorTracks) -> int:
     """Fill `out`, and the spare rows of `singletons`; return the number of kept labels."""
     out.clusters.first[0] = out.clusters.start[0] = n_labels = ZERO
-    g, h, size = _append_clusters(singletons.clusters, ZERO, ZERO, ZERO, ZERO, out.clusters)
+    g, h, size = append_clusters(singletons.clusters, ZERO, ZERO, ZERO, ZERO, out.clusters)
     n = singletons.parent.size
-    _append_clusters(joint.clusters, g, h, size, n, out.clusters)
+    append_clusters(joint.clusters, g, h, size, n, out.clusters)
     for t in range(n + joint.kept.size):
         if t < n:
             parent = singletons.parent[t]
