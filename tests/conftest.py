@@ -31,6 +31,7 @@ STARTS_PROCESSES = {
     "system",
     "test_cli.py",
     "test_docs.py",
+    "test_jit.py",
 }
 """Folders and files with tests that call kernels in other processes, or import them when they run."""
 
