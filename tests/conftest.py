@@ -1,9 +1,12 @@
-"""Before the first test: kernels compiled, or loaded, once. Makes importable what several folders share.
+"""Compiles the kernels before the first test that calls them. Makes importable what several folders share.
 
 Examples of Hypothesis have no time limit: machines differ.
 """
 
+import fcntl
 import sys
+from collections.abc import Generator
+from functools import lru_cache
 from pathlib import Path
 
 import pytest
@@ -18,13 +21,38 @@ settings.register_profile("any machine", deadline=None, suppress_health_check=[H
 settings.load_profile("any machine")
 
 
-def pytest_sessionstart(session: pytest.Session) -> None:
+STARTS_PROCESSES = {
+    "cli",
+    "console",
+    "faults",
+    "io",
+    "service",
+    "sim_vehicles",
+    "system",
+    "test_cli.py",
+    "test_docs.py",
+    "test_jit.py",
+}
+"""Folders and files with tests that call kernels in other processes, or import them when they run."""
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """Compile outside of every test: their time limits are not made for a first start."""
-    if hasattr(session.config, "workerinput") or session.config.option.collectonly:
-        return
+    folder = item.path.relative_to(Path(__file__).parent).parts[0]
+    if "gcs.jit" in sys.modules or folder in STARTS_PROCESSES:
+        load_kernels_once()
+    return (yield)
+
+
+@lru_cache
+def load_kernels_once() -> None:
+    """Load the kernels, or compile them in the first worker to come here, while the others wait."""
     from gcs.cli.warm_up_progress import ALL, load_kernels
 
-    load_kernels(Console(stderr=True), *ALL)
+    with Path(__file__).open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        load_kernels(Console(stderr=True), *ALL)
 
 
 @pytest.fixture(autouse=True)

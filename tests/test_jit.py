@@ -164,3 +164,13 @@ def test_no_plan_compiles_anything_after_the_warm_up():
     program = Path(__file__).parent / "planning" / "in_flight.py"
     done = subprocess.run([sys.executable, "-P", program], capture_output=True, text=True, check=True)
     assert done.stdout == ""
+
+
+def test_a_test_that_calls_no_kernel_waits_for_no_compilation(tmp_path):
+    """In a fresh clone one pure test takes a second, not minutes."""
+    run(
+        "import pytest, sys; sys.exit(pytest.main(['-n', '0', '-p', 'no:cacheprovider', "
+        f"{str(Path(__file__).parent / 'test_geo.py')!r}]))",
+        tmp_path,
+    )
+    assert not list((tmp_path / "cache").rglob("*.nb?"))

@@ -8,7 +8,7 @@ Reading order:
 - `clusters`: labels that compete for detections are merged into clusters, associated and split again.
 - `glmb.marginals`, `glmb.extraction`: existence, cardinality and state estimates.
 - `trajectories`: whole paths from association histories, filtered and smoothed.
-- `models`: motion, sensor geometry, measurement models, clutter, adaptive birth, sensor estimation.
+- `models`: motion, survival, sensor geometry, measurement models, clutter, adaptive birth, sensor estimation.
 - `metrics`: OSPA, OSPA(2), GOSPA and others.
 - `numerics`: sorting, exponentials and logarithms for kernels.
 

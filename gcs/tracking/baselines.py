@@ -25,8 +25,9 @@ from gcs.tracking.models.sensor_geometry import covers, noise_m2
 _GATE_CHI2: Final = 4.0**2
 """Squared Mahalanobis distance up to which a detection may belong to a track."""
 _OUTSIDE_GATE: Final = 1e6
-_CONFIRM_HITS, _CONFIRM_SCANS = 2, 3
-"""A track is confirmed by so many detections in so many scans, else it ends."""
+_CONFIRM_HITS = 2
+"""A track is confirmed by so many detections in `_CONFIRM_SCANS`, else it ends."""
+_CONFIRM_SCANS = 3
 _MAX_MISSES: Final = 3
 """A confirmed track ends after so many scans in a row without a detection."""
 
@@ -53,7 +54,9 @@ class _Track:
         self.label = label
         self.is_confirmed = False
         self.filter = KalmanFilter(4, 2)
-        self.filter.x, self.filter.P, self.filter.H = mean.copy(), cov.copy(), np.eye(2, 4)
+        self.filter.x = mean.copy()
+        self.filter.P = cov.copy()
+        self.filter.H = np.eye(2, 4)
         self._scans: list[int] = []
         self._means: list[FloatArray] = []
         self._covs: list[FloatArray] = []
@@ -85,7 +88,9 @@ class _Track:
     def path(self, *, smooth: bool, lag_scans: int | None) -> BaselinePath:
         """Return the states up to the last detection; see `_Baseline.paths`."""
         n = self._n_until_hit
-        means, covs, motions = np.array(self._means[:n]), np.array(self._covs[:n]), self._motions[:n]
+        means = np.array(self._means[:n])
+        covs = np.array(self._covs[:n])
+        motions = self._motions[:n]
 
         def smoothed(first: int, end: int) -> FloatArray:
             F, Q = zip(*motions[first:end], strict=True)
@@ -138,7 +143,8 @@ class _Baseline:
         )
         for track in self._tracks:
             track.filter.predict(F=motion.F, Q=motion.Q)
-        self._t_ns, self.scans = t_ns, self.scans + 1
+        self._t_ns = t_ns
+        self.scans = self.scans + 1
         return motion
 
     def _start(self, label: Label, z_m: FloatArray, R: FloatArray, births: Sequence[Birth]) -> _Track | None:
@@ -170,7 +176,8 @@ class NearestNeighbourTracker(_Baseline):
             return
         z_m = z_m[np.isfinite(z_m).all(axis=1)]
         R = noise_m2(sensor, z_m)
-        motion, scan = self._predict(t_ns), self.scans - 1
+        motion = self._predict(t_ns)
+        scan = self.scans - 1
         pairs = self._assign(z_m, R)
         for i, track in enumerate(self._tracks):
             if i in pairs:
@@ -215,7 +222,8 @@ class TrueAssociationTracker(_Baseline):
             return
         is_own = np.isfinite(z_m).all(axis=1) & np.isfinite(origin) & (origin > 0)
         R = noise_m2(sensor, z_m)
-        motion, scan = self._predict(t_ns), self.scans - 1
+        motion = self._predict(t_ns)
+        scan = self.scans - 1
         row_of = {int(origin[i]): int(i) for i in np.flatnonzero(is_own)}
         for track in self._tracks:
             row = row_of.pop(track.label[1], None)

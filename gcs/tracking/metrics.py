@@ -51,7 +51,8 @@ class Gospa:
 
 
 def _distances(x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-    x, y = np.reshape(x_m, (-1, 1, 2)), np.reshape(y_m, (1, -1, 2))
+    x = np.reshape(x_m, (-1, 1, 2))
+    y = np.reshape(y_m, (1, -1, 2))
     return np.asarray(np.hypot(x[..., 0] - y[..., 0], x[..., 1] - y[..., 1]))
 
 
@@ -71,7 +72,8 @@ def _assignment_cost(cost: FloatArray) -> float:
 
 def _ospa_from_distances(distances: FloatArray, c_m: float, p: float) -> Ospa:
     """Return OSPA from distances (m, n) already cut off at `c_m`."""
-    fewer, more = min(distances.shape), max(distances.shape)
+    fewer = min(distances.shape)
+    more = max(distances.shape)
     if more == 0:
         return Ospa(0.0, 0.0, 0.0)
     local = _assignment_cost(distances**p) if fewer else 0.0
@@ -90,7 +92,8 @@ def ospa2(
     """Return OSPA(2) of two sets of tracks over a window; element k is what exists at time k."""
     x, y = _stack_tracks(x_m), _stack_tracks(y_m)
     gap = np.hypot(*np.moveaxis(x[:, None] - y[None, :], -1, 0))
-    here_x, here_y = ~np.isnan(x[:, None, :, 0]), ~np.isnan(y[None, :, :, 0])
+    here_x = ~np.isnan(x[:, None, :, 0])
+    here_y = ~np.isnan(y[None, :, :, 0])
     cut = np.where(here_x & here_y, np.minimum(gap, c_m), np.where(here_x | here_y, c_m, 0.0))
     either = np.maximum((here_x | here_y).sum(axis=-1), 1)
     return _ospa_from_distances(cut.sum(axis=-1) / either, c_m, p)
@@ -112,8 +115,10 @@ def gospa(x_m: FloatArray, y_m: FloatArray, c_m: float = 50.0, p: float = 2.0) -
     cost = np.minimum(distances, c_m) ** p
     rows, cols = _optimal_assignment(cost)
     is_localised = distances[rows, cols] < c_m
-    local, pairs = float(cost[rows, cols][is_localised].sum()), int(is_localised.sum())
-    missed, false = distances.shape[1] - pairs, distances.shape[0] - pairs
+    local = float(cost[rows, cols][is_localised].sum())
+    pairs = int(is_localised.sum())
+    missed = distances.shape[1] - pairs
+    false = distances.shape[0] - pairs
     total = local + c_m**p / 2.0 * (missed + false)
     return Gospa(float(total ** (1.0 / p)), float(local ** (1.0 / p)), missed, false)
 

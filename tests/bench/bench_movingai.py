@@ -24,13 +24,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from grid_paths import find_path
 
 from gcs.errors import ConfigError
 from gcs.files import read_text
 from gcs.planning.map.grid import Grid, Node
 from gcs.planning.map.movingai import MAX_BYTES, read_map
 from gcs.planning.planner import warm_up
-from gcs.planning.search.shortest import find_path
 
 RELATIVE_TOLERANCE = 5e-6
 """Half of the sixth digit, at most."""

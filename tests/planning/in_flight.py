@@ -25,7 +25,6 @@ for seed in range(3):
     for options in OPTIONS:
         planner.plan_routes(grid, AGENTS, TARGETS, {}, options)
         planner.plan_routes(grid, AGENTS, dict([*TARGETS.items()][:1]), {}, options)
-    shortest.find_path(grid, (1, 1), (19, 18))
     shortest.distances_m(grid, (3, 3))
     line_of_sight.line_of_sight(grid, (0.0, 0.0), (300.0, 200.0), 5.0)
 for kernel in dict.fromkeys(call[0] for call in planner.warm_up_calls()):

@@ -45,10 +45,8 @@ class ReferenceGlmb:
         """Predict and update with a scan (see `Glmb.update`)."""
         dt_s = 0.0 if self._t_ns is None else (t_ns - self._t_ns) / NS_PER_S
         self._t_ns = t_ns
-        F, Q = (
-            constant_velocity.transition(dt_s),
-            self.params.process_noise(dt_s),
-        )
+        F = constant_velocity.transition(dt_s)
+        Q = self.params.process_noise(dt_s)
         live = self.params.survival_probability_per_s**dt_s
         predicted = {track: (F @ m, F @ P @ F.T + Q, live) for track, (m, P) in self._states.items()}
         self._states = {}

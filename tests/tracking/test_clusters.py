@@ -13,7 +13,8 @@ from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
 from gcs.tracking.glmb.params import GlmbParams
 
 LIMITS = GlmbParams(1.0, max_hypotheses=1000, prune_weight=1e-300, min_existence=0.01).limits()
-MISSED, ABSENT = -1, -2
+MISSED = -1
+ABSENT = -2
 
 
 def flat_clusters(clusters):
@@ -44,7 +45,10 @@ def listed_clusters(clusters):
 def competition(seed):
     """Labels of one to three tracks, each a cluster, with options for few detections."""
     rng = np.random.default_rng(seed)
-    clusters, options, labels, t = [], [], [], 0
+    clusters = []
+    options = []
+    labels = []
+    t = 0
     for label in range(40):
         n = rng.integers(1, 4)
         weight = rng.dirichlet(np.ones(n + 1))
@@ -74,7 +78,8 @@ def in_conflict(clusters, options, labels, bound):
         for w, tracks in cluster:
             for t in tracks:
                 probability[t] += math.exp(w)
-    uncontested, weights = defaultdict(lambda: 1.0), defaultdict(lambda: defaultdict(float))
+    uncontested = defaultdict(lambda: 1.0)
+    weights = defaultdict(lambda: defaultdict(float))
     for t, label in enumerate(labels):
         uncontested[label] -= probability[t]
         for o in range(options.start[t], options.start[t + 1]):
@@ -83,7 +88,8 @@ def in_conflict(clusters, options, labels, bound):
                 uncontested[label] += weight
             else:
                 weights[label][int(options.meas[o])] += weight
-    contested, before = set(), None
+    contested = set()
+    before = None
     while contested != before:
         before = set(contested)
         q = {}

@@ -47,7 +47,9 @@ def test_any_sequence_of_scans_leaves_a_sound_picture(scans):
         Birth(np.array([0.0, x, 1.0, 0.0]), np.diag([100.0, 100.0, 20.0, 20.0]), p)
         for x, p in [(0, 0.03), (9, 1)]
     ]
-    t_ns, late, bad = 0, 0, 0
+    t_ns = 0
+    late = 0
+    bad = 0
     for step_ns, z, p_d, clutter, noise_m, born in scans:
         now_ns = t_ns + step_ns
         detector = Sensor("s", p_d, clutter, np.eye(2) * noise_m**2, (-250.0, -250.0, 250.0, 250.0))

@@ -16,7 +16,8 @@ def neighbours(seed, kind=list):
     """Scans of a dozen objects a gate or two apart, with births among them at every scan."""
     rng = np.random.default_rng(seed)
     place = rng.uniform(0.0, SIDE_M, (12, 2))
-    wide, narrow = np.diag([100.0, 100.0, 25.0, 25.0]), np.diag([10.0, 10.0, 4.0, 4.0])
+    wide = np.diag([100.0, 100.0, 25.0, 25.0])
+    narrow = np.diag([10.0, 10.0, 4.0, 4.0])
     born = kind(Birth(np.array([*p, 0.0, 0.0]), narrow, 0.9) for p in place)
     again = kind(Birth(np.array([*p, 0.0, 0.0]), wide, 0.05) for p in rng.uniform(0.0, SIDE_M, (3, 2)))
     for k in range(6):
@@ -34,7 +35,8 @@ def tracked(scans, **limits):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_separate_clusters_have_the_existence_of_joint_association(seed):
-    apart, together = tracked(neighbours(seed)), tracked(neighbours(seed), max_conflict=0.0)
+    apart = tracked(neighbours(seed))
+    together = tracked(neighbours(seed), max_conflict=0.0)
     for one, other in zip(apart, together, strict=True):
         ours = {track.label: track.existence for track in one.picture(0).tracks}
         theirs = {track.label: track.existence for track in other.picture(0).tracks}
@@ -50,7 +52,8 @@ def test_births_may_be_a_list_or_a_tuple():
 
 def test_estimates_equal_the_picture():
     for tracker in tracked(neighbours(1)):
-        found, picture = tracker.estimates(), tracker.picture(0)
+        found = tracker.estimates()
+        picture = tracker.picture(0)
         rows = list(zip(*found[:5], strict=True))
         assert len(rows) == len(picture.tracks) > 0
         assert [tuple(row[0].tolist()) for row in rows] == sorted(track.label for track in picture.tracks)
@@ -69,7 +72,8 @@ def test_no_gate_misses_a_detection(m):
     rows = np.arange(m)
     gating.sort_into_strips(z, rows)
     z = z[rows]
-    n, gate_chi2 = 30, 9.0
+    n = 30
+    gate_chi2 = 9.0
     mean = np.hstack([rng.uniform(-20.0, 220.0, (n, 2)), np.zeros((n, 2))])
     cov = np.array([np.diag([*rng.uniform(1.0, 900.0, 2), 1.0, 1.0]) for _ in range(n)])
     view = linearise(sensor_model(SENSOR), mean, cov)

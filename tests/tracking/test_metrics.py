@@ -110,7 +110,8 @@ def test_ospa_and_gospa_are_those_of_stone_soup():
     peer = pytest.importorskip("stonesoup.metricgenerator.ospametric", reason="of the bench extra")
     from stonesoup.types.state import State
 
-    rng, now = np.random.default_rng(4), datetime(2026, 1, 1)  # noqa: DTZ001  theirs has no zone
+    rng = np.random.default_rng(4)
+    now = datetime(2026, 1, 1)  # noqa: DTZ001  theirs has no zone
     for _ in range(100):
         x, y = (rng.uniform(-150, 150, (n, 2)) for n in rng.integers(1, 9, 2))
         c = float(rng.uniform(10, 200))
@@ -125,7 +126,8 @@ def test_ospa_and_gospa_are_those_of_stone_soup():
 
 
 def test_ospa2_sees_swapped_labels_that_ospa_does_not():
-    near, far = np.array([0.0, 0.0]), np.array([60.0, 0.0])
+    near = np.array([0.0, 0.0])
+    far = np.array([60.0, 0.0])
     truth = [{"a": near, "b": far}] * 4
     swapped = [{1: near, 2: far}] * 2 + [{1: far, 2: near}] * 2
     assert ospa([near, far], [far, near]).total_m == 0.0
@@ -153,7 +155,9 @@ def test_crossing_names_are_two_switches_and_keeping_them_none():
 
 def test_a_new_label_after_a_gap_is_a_switch_and_the_old_one_is_not():
     truth = [at(0.0)] * 4
-    there, gone, other = {"a": np.zeros(2)}, {}, {"b": np.zeros(2)}
+    there = {"a": np.zeros(2)}
+    gone = {}
+    other = {"b": np.zeros(2)}
     assert identity_switches([there, gone, there, there], truth) == 0
     assert identity_switches([there, gone, other, other], truth) == 1
     assert identity_switches([there, other, there, other], truth) == 3

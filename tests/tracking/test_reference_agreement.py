@@ -39,7 +39,8 @@ def run_both(seed, dts_s, **overrides):
     """Objects that meet, scans of two sensors, some at the same time; second births at the third scan."""
     rng = np.random.default_rng(seed)
     params = GlmbParams(**{**EXACT, **overrides})
-    fast, exact = Glmb("targets", params, seed), ReferenceGlmb(params)
+    fast = Glmb("targets", params, seed)
+    exact = ReferenceGlmb(params)
     t_ns = 0
     for k, dt_s in enumerate(dts_s):
         t_ns += int(dt_s * NS_PER_S)
@@ -136,7 +137,8 @@ def test_enumeration_of_a_dense_scene_is_exact_within_its_bound(seed):
 def test_dropping_improbable_tracks_keeps_existence(seed):
     rng = np.random.default_rng(seed)
     params = GlmbParams(**{**EXACT, "tail_share": 1e-3})
-    fast, exact = Glmb("targets", params, 1), ReferenceGlmb(params)
+    fast = Glmb("targets", params, 1)
+    exact = ReferenceGlmb(params)
     for k in range(4):
         z = np.vstack([rng.normal([3.0 * k, 0.0], 4.0, (1, 2)), rng.normal(0.0, 30.0, (2, 2))])
         for tracker in (fast, exact):

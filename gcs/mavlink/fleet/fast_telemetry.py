@@ -86,7 +86,9 @@ _EXTENDED: Final[int] = dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
 _NAVIGATION: Final[int] = dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT
 _FIX_3D: Final[int] = dialect.GPS_FIX_TYPE_3D_FIX
 _AUTOPILOT: Final = AUTOPILOT_COMPONENT_ID
-_BOOT_WRAP_MS: Final = 1 << 32
+_BOOT_RANGE_MS: Final = 1 << 32
+"""The time since boot begins again at zero after 49 days."""
+_SEQUENCE_RANGE: Final = 1 << 8
 _NS_PER_MS: Final = 1_000_000
 _SYSTEM_IDS: Final = 256
 _MESSAGE_IDS: Final = 512
@@ -113,15 +115,25 @@ def _number(data: Bytes, begin: int, offset: int, size: int, width: int) -> int:
     """Return a little-endian unsigned number."""
     value = jit.int64(0)
     for k in range(width):
-        value |= _byte(data, begin, offset + k, size) << 8 * k
+        value |= _byte(data, begin, offset + k, size) << (8 * k)
     return value
 
 
 @jit.leaf
 def _signed(data: Bytes, begin: int, offset: int, size: int, width: int) -> int:
     value = _number(data, begin, offset, size, width)
-    half = jit.int64(1) << 8 * width - 1
+    half = jit.int64(1) << (8 * width - 1)
     return (value ^ half) - half
+
+
+@jit.inlined
+def _lead(count: int, before: int, count_range: int) -> int:
+    """Return by how much a counter is ahead of an earlier value, 0 to `count_range` - 1.
+
+    `count_range` is a power of two, at which the counter begins again at zero. A value from before has a lead
+    of half of it or more.
+    """
+    return (count - before) & (count_range - 1)
 
 
 @jit.leaf
@@ -133,8 +145,10 @@ def _is_near(lat: int, lon: int, origin: FloatArray) -> bool:
     around = math.radians(abs(lat * 1e-7 - origin[0]) + abs(lon * 1e-7 - origin[1]))
     if _EARTH_RADIUS_M * around < _SURE_FRACTION * origin[2]:
         return True
-    lat1, lat0 = math.radians(lat * 1e-7), math.radians(origin[0])
-    half_lat, half_lon = (lat0 - lat1) / 2.0, math.radians(origin[1] - lon * 1e-7) / 2.0
+    lat1 = math.radians(lat * 1e-7)
+    lat0 = math.radians(origin[0])
+    half_lat = (lat0 - lat1) / 2.0
+    half_lon = math.radians(origin[1] - lon * 1e-7) / 2.0
     chord = math.sin(half_lat) ** 2 + math.cos(lat1) * math.cos(lat0) * math.sin(half_lon) ** 2
     return 2.0 * _EARTH_RADIUS_M * math.asin(min(1.0, math.sqrt(chord))) < _SURE_FRACTION * origin[2]
 
@@ -158,9 +172,8 @@ def _is_plausible(
         return False
     north_m = (lat - record[LAT_1E7DEG]) * _M_PER_1E7
     east_m = (lon - record[LON_1E7DEG]) * _M_PER_1E7
-    reach_m = _SURE_FRACTION * (
-        max_speed_m_s * (boot_ms - record[BOOT_MS] & _BOOT_WRAP_MS - 1) * 1e-3 + POSITION_SLACK_M
-    )
+    elapsed_ms = _lead(boot_ms, record[BOOT_MS], _BOOT_RANGE_MS)
+    reach_m = _SURE_FRACTION * (max_speed_m_s * elapsed_ms * 1e-3 + POSITION_SLACK_M)
     if north_m * north_m + east_m * east_m < reach_m * reach_m:
         return True
     east_m *= math.cos(math.radians(lat * 1e-7))
@@ -174,8 +187,8 @@ def _apply_position(
     """Store a position that is newer and plausible; return True if it was stored."""
     boot_ms = _number(data, begin, 0, size, 4)
     if record[BOOT_MS] != NONE:
-        ahead_ms = boot_ms - record[BOOT_MS] & _BOOT_WRAP_MS - 1
-        if ahead_ms == 0 or ahead_ms >= _BOOT_WRAP_MS // 2:
+        ahead_ms = _lead(boot_ms, record[BOOT_MS], _BOOT_RANGE_MS)
+        if ahead_ms == 0 or ahead_ms >= _BOOT_RANGE_MS // 2:
             return False
     if record[BEST_FIX] != NONE and record[BEST_FIX] < _FIX_3D:
         return False
@@ -188,9 +201,15 @@ def _apply_position(
     v_north, v_east = _signed(data, begin, 20, size, 2), _signed(data, begin, 22, size, 2)
     if not _is_plausible(record, boot_ms, t_ns, lat, lon, v_east * v_east + v_north * v_north, origin[3]):
         return False
-    record[BOOT_MS], record[BOOT_OFFSET_NS], record[IN_LATE_RUN] = boot_ms, t_ns - boot_ms * _NS_PER_MS, 0
-    record[POSITION_NS], record[LAT_1E7DEG], record[LON_1E7DEG], record[ALT_MM] = t_ns, lat, lon, alt
-    record[V_NORTH_CM_S], record[V_EAST_CM_S] = v_north, v_east
+    record[BOOT_MS] = boot_ms
+    record[BOOT_OFFSET_NS] = t_ns - boot_ms * _NS_PER_MS
+    record[IN_LATE_RUN] = 0
+    record[POSITION_NS] = t_ns
+    record[LAT_1E7DEG] = lat
+    record[LON_1E7DEG] = lon
+    record[ALT_MM] = alt
+    record[V_NORTH_CM_S] = v_north
+    record[V_EAST_CM_S] = v_east
     record[V_DOWN_CM_S] = _signed(data, begin, 24, size, 2)
     record[HEADING_CDEG] = _number(data, begin, 26, size, 2)
     record[POSITIONS] += 1
@@ -206,11 +225,11 @@ def _count(record: IntArray, sequence: int, t_ns: int) -> int:
     if record[LAST_SEQUENCE] == NONE:
         record[LAST_SEQUENCE] = sequence
         return 0
-    ahead = sequence - record[LAST_SEQUENCE] & 255
-    if 0 < ahead < 128:
+    ahead = _lead(sequence, record[LAST_SEQUENCE], _SEQUENCE_RANGE)
+    if 0 < ahead < _SEQUENCE_RANGE // 2:
         record[LOST] += ahead - 1
         record[LAST_SEQUENCE] = sequence
-    elif ahead >= 128:
+    elif ahead >= _SEQUENCE_RANGE // 2:
         record[LOST] = max(0, before - 1)
     return record[LOST] - before
 
@@ -233,7 +252,8 @@ def _apply_frames(
         if frames[at, CHECKED] == 0:
             at += 1
             continue
-        index, message_id = lookup[frames[at, SYSTEM]], frames[at, MESSAGE_ID]
+        index = lookup[frames[at, SYSTEM]]
+        message_id = frames[at, MESSAGE_ID]
         if index == NONE or frames[at, COMPONENT] != _AUTOPILOT:
             break
         record = table[index]
@@ -342,7 +362,8 @@ class VehicleTable:
 def warm_up_calls() -> list[jit.Call]:
     """Return one call of each kernel, including those for framing and batches."""
     frames = np.zeros((2, CHECKED + 1), np.int32)
-    lookup, table = np.full(_SYSTEM_IDS + _MESSAGE_IDS, NONE, np.int64), np.zeros((1, WIDTH), np.int64)
+    lookup = np.full(_SYSTEM_IDS + _MESSAGE_IDS, NONE, np.int64)
+    table = np.zeros((1, WIDTH), np.int64)
     return [
         *fast_scan.warm_up_calls(),
         *batches.warm_up_calls(),

@@ -30,7 +30,8 @@ def shifted_nodes(
     `shift_rows`, `shift_cols` (9,): shifts from the node; the first is zero.
     """
     rows, cols = blocked.shape
-    place, tight = np.zeros((rows, cols), np.uint8), np.zeros((rows, cols), np.bool_)
+    place = np.zeros((rows, cols), np.uint8)
+    tight = np.zeros((rows, cols), np.bool_)
     for row in range(rows):
         for col in range(cols):
             if blocked[row, col] or is_clear_at(blocked, float(col), float(row), clearance):
@@ -43,7 +44,8 @@ def shifted_nodes(
                     continue
                 margin = clearance_at(blocked, x, y, clearance + 0.5)
                 if margin > best:
-                    best, place[row, col] = margin, k
+                    best = margin
+                    place[row, col] = k
             tight[row, col] = best == 0.0
     return place, tight
 
@@ -62,7 +64,8 @@ def find_tight_moves(
                 if not (moves[row, col] >> move) & 1:
                     continue
                 r, c = row + int(2.0 * shift_rows[move + 1]), col + int(2.0 * shift_cols[move + 1])
-                a, b = place[row, col], place[r, c]
+                a = place[row, col]
+                b = place[r, c]
                 if tight[row, col] or tight[r, c]:
                     is_near = True
                 elif a == 0 and b == 0 and (move < 4 or clearance < _MAX_CLEARANCE_BY_ENDS):
@@ -83,8 +86,10 @@ def find_tight_moves(
 
 def warm_up_calls() -> list[Call]:
     """Return one call of every kernel with the types of a plan."""
-    blocked, tight = free_grid((2, 2), 10.0).blocked, np.zeros((2, 2), np.bool_)
-    bits, places = np.zeros((2, 2), np.uint8), np.zeros(9)
+    blocked = free_grid((2, 2), 10.0).blocked
+    tight = np.zeros((2, 2), np.bool_)
+    bits = np.zeros((2, 2), np.uint8)
+    places = np.zeros(9)
     return [
         (shifted_nodes, blocked, 1.0, places, places),
         (find_tight_moves, blocked, 1.0, bits, tight, bits, places, places),

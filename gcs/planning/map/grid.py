@@ -98,7 +98,9 @@ class Grid:
 
     def nearest_inside(self, point_m: Point) -> Point:
         """Return the point of the map that is nearest to a point."""
-        (rows, cols), half_m, (west, south) = self.shape, 0.5 * self.spacing_m, self.origin_m
+        (rows, cols) = self.shape
+        half_m = 0.5 * self.spacing_m
+        (west, south) = self.origin_m
         east_m = min(max(point_m[0], west - half_m), west + cols * self.spacing_m - half_m)
         north_m = min(max(point_m[1], south - half_m), south + rows * self.spacing_m - half_m)
         return east_m, north_m
@@ -119,7 +121,8 @@ class Grid:
         rows, cols = self.shape
         east = self.origin_m[0] + self.spacing_m * np.arange(cols)[np.newaxis, :]
         north = self.origin_m[1] + self.spacing_m * np.arange(rows)[:, np.newaxis]
-        half, touch = self.spacing_m / 2.0, TOUCH * self.spacing_m
+        half = self.spacing_m / 2.0
+        touch = TOUCH * self.spacing_m
         for x, y, radius in discs_m:
             gap = np.hypot(
                 np.maximum(np.abs(east - x) - half, 0.0), np.maximum(np.abs(north - y) - half, 0.0)

@@ -33,12 +33,15 @@ def _leg_square(x0: float, y0: float, x1: float, y1: float, col: float, row: flo
     """Return the distance of a leg from the square of a cell."""
     dx, dy = x1 - x0, y1 - y0
     # Clip the leg by the two slabs of the square.
-    low, high = 0.0, 1.0
+    low = 0.0
+    high = 1.0
     for axis in range(2):
         start, step, centre = (x0, dx, col) if axis == 0 else (y0, dy, row)
         if step != 0.0:
-            a, b = (centre - 0.5 - start) / step, (centre + 0.5 - start) / step
-            low, high = max(low, min(a, b)), min(high, max(a, b))
+            a = (centre - 0.5 - start) / step
+            b = (centre + 0.5 - start) / step
+            low = max(low, min(a, b))
+            high = min(high, max(a, b))
         elif abs(start - centre) > 0.5:
             high = -1.0
     if low <= high:
@@ -46,7 +49,8 @@ def _leg_square(x0: float, y0: float, x1: float, y1: float, col: float, row: flo
     best = min(_point_square(x0, y0, col, row), _point_square(x1, y1, col, row))
     norm2 = dx * dx + dy * dy
     for corner in range(4):
-        x, y = col - 0.5 + (corner >> 1), row - 0.5 + (corner & 1)
+        x = col - 0.5 + (corner >> 1)
+        y = row - 0.5 + (corner & 1)
         along = 0.0 if norm2 == 0.0 else min(max(((x - x0) * dx + (y - y0) * dy) / norm2, 0.0), 1.0)
         best = min(best, math.hypot(x - x0 - along * dx, y - y0 - along * dy))
     return best
@@ -68,11 +72,13 @@ def leg_clearance(
     last = min(rows - 1, math.floor(max(y0, y1) + wide))
     for row in range(first, last + 1):
         if abs(dy) < 1e-12:
-            low, high = min(x0, x1), max(x0, x1)
+            low = min(x0, x1)
+            high = max(x0, x1)
         else:
             ta = min(max((row - wide - y0) / dy, 0.0), 1.0)
             tb = min(max((row + wide - y0) / dy, 0.0), 1.0)
-            low, high = x0 + min(ta * dx, tb * dx), x0 + max(ta * dx, tb * dx)
+            low = x0 + min(ta * dx, tb * dx)
+            high = x0 + max(ta * dx, tb * dx)
         for col in range(max(0, math.ceil(low - wide)), min(cols - 1, math.floor(high + wide)) + 1):
             if blocked[row, col] and row * cols + col != ignored_cell:
                 best = min(best, _leg_square(x0, y0, x1, y1, col, row))
@@ -98,7 +104,8 @@ def blocking_cell(
     # The distance from the line through the leg is a lower bound, which excludes most cells. It is exact for
     # a square that lies alongside the leg.
     near_line = limit * length + 0.5 * (abs(dx) + abs(dy))
-    maybe, end = near_line + TOUCH * length, _HALF_SQUARE * length
+    maybe = near_line + TOUCH * length
+    end = _HALF_SQUARE * length
     per_row = 0.0 if abs(dy) < 1e-12 else 1.0 / dy
     first = max(0, math.ceil(min(y0, y1) - wide))
     last = min(rows - 1, math.floor(max(y0, y1) + wide))
@@ -110,11 +117,13 @@ def blocking_cell(
         else:
             at = row
             if per_row == 0.0:
-                low, high = min(x0, x1), max(x0, x1)
+                low = min(x0, x1)
+                high = max(x0, x1)
             else:
                 ta = min(max((row - wide - y0) * per_row, 0.0), 1.0)
                 tb = min(max((row + wide - y0) * per_row, 0.0), 1.0)
-                low, high = x0 + min(ta * dx, tb * dx), x0 + max(ta * dx, tb * dx)
+                low = x0 + min(ta * dx, tb * dx)
+                high = x0 + max(ta * dx, tb * dx)
             left = max(0, math.ceil(low - wide))
             right = min(cols - 1, math.floor(high + wide))
         for col in range(left, right + 1):
@@ -154,7 +163,8 @@ def is_free_at(blocked: BoolArray, x: float, y: float) -> bool:
 def is_clear_at(blocked: BoolArray, x: float, y: float, clearance: float) -> bool:
     """Return True if a point keeps `clearance` cells from every blocked cell."""
     rows, cols = blocked.shape
-    limit, wide = max(clearance - TOUCH, TOUCH), clearance + 0.5 + 2.0 * TOUCH
+    limit = max(clearance - TOUCH, TOUCH)
+    wide = clearance + 0.5 + 2.0 * TOUCH
     for row in range(max(0, math.ceil(y - wide)), min(rows - 1, math.floor(y + wide)) + 1):
         for col in range(max(0, math.ceil(x - wide)), min(cols - 1, math.floor(x + wide)) + 1):
             if blocked[row, col] and _point_square(x, y, col, row) < limit:

@@ -15,7 +15,8 @@ import numpy as np
 from gcs.errors import ConfigError
 from gcs.planning.map.grid import Grid
 
-_FREE_CHARS, _BLOCKED_CHARS = b".GS", b"@OTW"
+_FREE_CHARS = b".GS"
+_BLOCKED_CHARS = b"@OTW"
 _MAX_CELLS = 16_777_216
 """4096 x 4096; the largest maps of the benchmark have 2048 x 2048."""
 _MAX_LINES = 65_536
@@ -46,7 +47,8 @@ def read_map(text: str, source: str) -> Grid:
             source, "line 1", "expected a Moving AI map: type, height, width and map, a line each"
         )
     try:
-        height, width = int(header["height"]), int(header["width"])
+        height = int(header["height"])
+        width = int(header["width"])
     except (KeyError, ValueError):
         raise ConfigError(
             source, "header", "expected `height` and `width` with a whole number each"

@@ -46,7 +46,8 @@ def _follow(steps: Int32Array, x0: float, y0: float, x1: float, y1: float) -> No
     else:
         low, high = (np.clip(rows + half, min(y0, y1), max(y0, y1)) for half in (-0.5, 0.5))
         ends = x0 + (np.stack((low, high)) - y0) * ((x1 - x0) / (y1 - y0))
-        left, right = ends.min(axis=0), ends.max(axis=0)
+        left = ends.min(axis=0)
+        right = ends.max(axis=0)
     first = np.ceil(np.clip(left - 0.5 + _TOUCH, 0, last_col)).astype(np.int64)
     behind = np.floor(np.clip(right + 0.5 - _TOUCH, -1, last_col - 1)).astype(np.int64) + 1
     some = first < behind

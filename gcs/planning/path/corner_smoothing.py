@@ -22,6 +22,7 @@ import numpy as np
 from gcs.jit import called, inlined, leaf
 from gcs.model import BoolArray, FloatArray
 from gcs.planning.map.line_of_sight import NO_CELL, blocking_cell, is_free_at
+from gcs.planning.path.points import leg_vector, set_point
 
 _SHORT_LEG_WEIGHT = 4.0
 """Cost of a length that turns lack of their leg."""
@@ -31,18 +32,14 @@ nearer by d^2 / 2R only.
 """
 _SHORTFALL_TOLERANCE = 1e-3
 """Tolerated shortfall, in radii: 4 cm at 40 m."""
-_MAX_STEP, _MIN_STEP = 0.2, 0.007
-"""First and last step of a corner, in radii."""
+_MAX_STEP = 0.2
+"""First step of a corner, in radii."""
+_MIN_STEP = 0.007
+"""Last step of a corner, in radii."""
 _DIRECTIONS = 4
 _SWEEPS = 40
 _MAX_HALF_ANGLE_TAN = math.tan(0.475 * math.pi)
 """Tangent of half the sharpest angle that is distinguished."""
-
-
-@inlined
-def leg_vector(points: FloatArray, i: int) -> tuple[float, float]:
-    """Return leg i, from its begin to its end."""
-    return points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
 
 
 @called
@@ -60,7 +57,8 @@ def half_angle_tan(points: FloatArray, i: int) -> float:
         return 0.0
     ux, uy = points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]
     vx, vy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
-    along, across = ux * vx + uy * vy, ux * vy - uy * vx
+    along = ux * vx + uy * vy
+    across = ux * vy - uy * vx
     whole = math.sqrt((ux * ux + uy * uy) * (vx * vx + vy * vy))
     # tan(a/2) = sin(a) / (1 + cos(a))
     half = abs(across) / max(whole + along, 1e-12 + 1e-6 * whole)
@@ -84,14 +82,21 @@ def clearance_shortfall(
     px, py = points[i, 0], points[i, 1]
     ux, uy = px - points[i - 1, 0], py - points[i - 1, 1]
     vx, vy = points[i + 1, 0] - px, points[i + 1, 1] - py
-    u, v = math.hypot(ux, uy), math.hypot(vx, vy)
+    u = math.hypot(ux, uy)
+    v = math.hypot(vx, vy)
     if u == 0.0 or v == 0.0:
         return 0.0
-    ux, uy, vx, vy = ux / u, uy / u, vx / v, vy / v
-    side, back = math.copysign(1.0, half), radius * abs(half)
-    ax, ay, bx, by = px - back * ux, py - back * uy, px + back * vx, py + back * vy
+    ux, uy = ux / u, uy / u
+    vx, vy = vx / v, vy / v
+    side = math.copysign(1.0, half)
+    back = radius * abs(half)
+    ax, ay = px - back * ux, py - back * uy
+    bx, by = px + back * vx, py + back * vy
     # From the ends of the arc to its centre: obstacles within `clearance` of the arc lie there.
-    mx, my, nx, ny = -side * uy, side * ux, -side * vy, side * vx
+    mx = -side * uy
+    my = side * ux
+    nx = -side * vy
+    ny = side * vx
     cx, cy = ax + radius * mx, ay + radius * my
     inner = max(radius - clearance, 0.0)
     depth = min(clearance, radius)
@@ -105,7 +110,8 @@ def clearance_shortfall(
             if not blocked[row, col] or row * cols + col == own_cell:
                 continue
             for corner in range(4):
-                x, y = col - 0.5 + (corner >> 1) - cx, row - 0.5 + (corner & 1) - cy
+                x = col - 0.5 + (corner >> 1) - cx
+                y = row - 0.5 + (corner & 1) - cy
                 far2 = x * x + y * y
                 if far2 <= (inner + worst) * (inner + worst):
                     continue
@@ -126,11 +132,14 @@ def cost(
     own_cell: int, most: float,
 ) -> float:  # fmt: skip
     """Return the cost of legs `first` to `beyond` - 1 and their corners; above `most` not in full."""
-    first, beyond = max(first, 0), min(beyond, points.shape[0] - 1)
-    total, half = 0.0, half_angle_tan(points, first)
+    first = max(first, 0)
+    beyond = min(beyond, points.shape[0] - 1)
+    total = 0.0
+    half = half_angle_tan(points, first)
     for leg in range(first, beyond):
         length = math.hypot(points[leg + 1, 0] - points[leg, 0], points[leg + 1, 1] - points[leg, 1])
-        before, half = abs(half), half_angle_tan(points, leg + 1)
+        before = abs(half)
+        half = half_angle_tan(points, leg + 1)
         need = radius * (before + abs(half))
         if 0 < leg < points.shape[0] - 2:
             need = max(need, radius)
@@ -140,7 +149,8 @@ def cost(
     for i in range(first + 1, beyond):
         if total >= most:
             break
-        margin, ignored_cell = min(clearances[i - 1], clearances[i]), own_cell if i == 1 else NO_CELL
+        margin = min(clearances[i - 1], clearances[i])
+        ignored_cell = own_cell if i == 1 else NO_CELL
         half = half_angle_tan(points, i)
         near = clearance_shortfall(blocked, points, i, half, radius, margin, ignored_cell)
         total += _SHORTFALL_WEIGHT * near + math.sqrt(radius * near)
@@ -164,7 +174,8 @@ def turn_fits(
     """Return True if the turn at corner i fits its legs and keeps their clearance."""
     if not (leg_fits(points, i - 1, radius) and leg_fits(points, i, radius)):
         return False
-    margin, ignored_cell = min(clearances[i - 1], clearances[i]), own_cell if i == 1 else NO_CELL
+    margin = min(clearances[i - 1], clearances[i])
+    ignored_cell = own_cell if i == 1 else NO_CELL
     near = clearance_shortfall(blocked, points, i, half_angle_tan(points, i), radius, margin, ignored_cell)
     return near <= _SHORTFALL_TOLERANCE * radius
 
@@ -177,17 +188,21 @@ def _move_corner(
     """Move corner i by a step to where it costs least; return True if it moved."""
     x, y = points[i, 0], points[i, 1]
     least = cost(blocked, points, clearances, i - 2, i + 2, radius, own_cell, np.inf) - 1e-9
-    best_x, best_y, moved = x, y, False
-    ignored_cell, hit, beyond = own_cell if i == 1 else NO_CELL, NO_CELL, NO_CELL
+    best_x, best_y = x, y
+    moved = False
+    ignored_cell = own_cell if i == 1 else NO_CELL
+    hit = NO_CELL
+    beyond = NO_CELL
     for k in range(_DIRECTIONS):
         angle = 2.0 * math.pi * (k + turned) / _DIRECTIONS
-        points[i, 0], points[i, 1] = x + step * math.cos(angle), y + step * math.sin(angle)
+        set_point(points, i, x + step * math.cos(angle), y + step * math.sin(angle))
         if not is_free_at(blocked, points[i, 0], points[i, 1]):
             continue
         here = cost(blocked, points, clearances, i - 2, i + 2, radius, own_cell, least)
         if here >= least:
             continue
-        ax, ay, px, py = points[i - 1, 0], points[i - 1, 1], points[i, 0], points[i, 1]
+        ax, ay = points[i - 1, 0], points[i - 1, 1]
+        px, py = points[i, 0], points[i, 1]
         seen = blocking_cell(blocked, ax, ay, px, py, clearances[i - 1], ignored_cell, hit)
         if seen >= 0:
             hit = seen
@@ -197,8 +212,10 @@ def _move_corner(
         if seen >= 0:
             beyond = seen
             continue
-        least, best_x, best_y, moved = here, px, py, True
-    points[i, 0], points[i, 1] = best_x, best_y
+        least = here
+        best_x, best_y = px, py
+        moved = True
+    set_point(points, i, best_x, best_y)
     return moved
 
 

@@ -43,14 +43,17 @@ def dubins_words(
     pieces = np.full((6, 3), np.inf)
     for word in range(6):
         # A right turn first is a left turn first in the mirror.
-        first, last = WORD_TURNS[word, 0], WORD_TURNS[word, 2]
+        first = WORD_TURNS[word, 0]
+        last = WORD_TURNS[word, 2]
         ax, ay = x0 - first * radius * math.sin(angle0), y0 + first * radius * math.cos(angle0)
         bx, by = x1 - last * radius * math.sin(angle1), y1 + last * radius * math.cos(angle1)
         dx, dy = (bx - ax) / radius, (by - ay) / radius
-        gap, bearing = math.hypot(dx, dy), math.atan2(dy, dx)
+        gap = math.hypot(dx, dy)
+        bearing = math.atan2(dy, dx)
         if word < 2:
             # On one circle there is no line, and its bearing would be a rounding error's.
-            along, middle = bearing if gap > 1e-9 else angle0, gap
+            along = bearing if gap > 1e-9 else angle0
+            middle = gap
         elif word < 4:
             if gap < 2.0:
                 continue
@@ -63,13 +66,8 @@ def dubins_words(
             half = math.acos(gap / 4.0)
             middle = math.pi + 2.0 * half
             along = bearing + first * (half + 0.5 * math.pi)
-        if word < 4:
-            pieces[word, 0] = _swept(first * (along - angle0))
-            pieces[word, 1] = middle
-            pieces[word, 2] = _swept(last * (angle1 - along))
-        else:
-            leaves = along - first * middle
-            pieces[word, 0] = _swept(first * (along - angle0))
-            pieces[word, 1] = middle
-            pieces[word, 2] = _swept(first * (angle1 - leaves))
+        leaves = along if word < 4 else along - first * middle
+        pieces[word, 0] = _swept(first * (along - angle0))
+        pieces[word, 1] = middle
+        pieces[word, 2] = _swept(last * (angle1 - leaves))
     return pieces

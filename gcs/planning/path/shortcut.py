@@ -26,6 +26,7 @@ import numpy as np
 from gcs.jit import called, inlined, kernel
 from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.planning.map.line_of_sight import NO_CELL, clear_leg, clearance_at
+from gcs.planning.path.points import copy_point
 from gcs.planning.path.string_pulling import pull_string
 from gcs.planning.path.turns import FLYABLE, SHARP_CORNER, SHARP_START, make_flyable
 
@@ -53,10 +54,13 @@ def connect_to_grid(
     """
     rows, cols = blocked.shape
     count = places.shape[0]
-    nodes, gaps, inside = np.empty((count, 4), np.int64), np.empty((count, 4)), np.empty(count, np.bool_)
+    nodes = np.empty((count, 4), np.int64)
+    gaps = np.empty((count, 4))
+    inside = np.empty(count, np.bool_)
     for i in range(count):
         for k in range(4):
-            nodes[i, k], gaps[i, k] = -1, 0.0
+            nodes[i, k] = -1
+            gaps[i, k] = 0.0
         x, y = places[i, 0], places[i, 1]
         col, row = _cell(x, cols), _cell(y, rows)
         inside[i] = blocked[row, col]
@@ -66,10 +70,14 @@ def connect_to_grid(
                 for c in range(cols):
                     gap = math.hypot(x - c, y - r)
                     if gap < best and largest_component[(r + 1) * stride + c + 1]:
-                        best, nodes[i, 0], gaps[i, 0] = gap, (r + 1) * stride + c + 1, gap
+                        best = gap
+                        nodes[i, 0] = (r + 1) * stride + c + 1
+                        gaps[i, 0] = gap
             continue
-        nodes[i, 0], gaps[i, 0] = (row + 1) * stride + col + 1, math.hypot(x - col, y - row)
-        found, west, south = 1, int(col if x >= col else col - 1), int(row if y >= row else row - 1)
+        nodes[i, 0] = (row + 1) * stride + col + 1
+        gaps[i, 0] = math.hypot(x - col, y - row)
+        found = 1
+        west, south = int(col if x >= col else col - 1), int(row if y >= row else row - 1)
         for r in range(south, south + 2):
             for c in range(west, west + 2):
                 if (r == row and c == col) or not (0 <= r < rows and 0 <= c < cols) or blocked[r, c]:
@@ -79,7 +87,8 @@ def connect_to_grid(
                     and abs(y - r) < 1.0
                     and clear_leg(blocked, x, y, float(c), float(r), 0.0, NO_CELL)
                 ):
-                    nodes[i, found], gaps[i, found] = (r + 1) * stride + c + 1, math.hypot(x - c, y - r)
+                    nodes[i, found] = (r + 1) * stride + c + 1
+                    gaps[i, found] = math.hypot(x - c, y - r)
                     found += 1
         has_open = False
         for k in range(found):
@@ -131,7 +140,8 @@ def _trim_ends(
     ends_at_place: bool, own_cell: int,
 ) -> int:  # fmt: skip
     """Write the points to keep to `kept` and return their number; step 1 of the module."""
-    first, size = 1, points.shape[0]
+    first = 1
+    size = points.shape[0]
     kept[0] = 0
     while first + 1 < size:
         dx, dy = points[first, 0] - points[0, 0], points[first, 1] - points[0, 1]
@@ -147,7 +157,9 @@ def _trim_ends(
         kept[count] = i
         count += 1
     if ends_at_place and count >= 3:
-        a, b, c = kept[count - 3], kept[count - 2], kept[count - 1]
+        a = kept[count - 3]
+        b = kept[count - 2]
+        c = kept[count - 1]
         gap = math.hypot(points[c, 0] - points[b, 0], points[c, 1] - points[b, 1])
         if gap < _MIN_FIRST_LEG_CELLS and _is_visible_from_ends(blocked, clearance, points, a, c, own_cell):
             kept[count - 2] = c
@@ -160,7 +172,9 @@ def _merge_collinear(points: FloatArray, kept: IntArray, n: int) -> int:
     """Keep the ends and corners of the n points of `kept`; return their number."""
     count = 1
     for i in range(1, n - 1):
-        a, b, c = kept[count - 1], kept[i], kept[i + 1]
+        a = kept[count - 1]
+        b = kept[i]
+        c = kept[i + 1]
         ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
         vx, vy = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
         if not (abs(ux * vy - uy * vx) < 1e-9 and ux * vx + uy * vy >= 0.0):
@@ -218,7 +232,7 @@ def shorten(
         )
     result = np.empty((count, 2))
     for i in range(count):
-        result[i, 0], result[i, 1] = points[kept[i], 0], points[kept[i], 1]
+        copy_point(points, kept[i], result, i)
     return result
 
 
@@ -279,7 +293,8 @@ def shape_path(
     waypoints = shorten(blocked, clearance, points, heading, own_cell, ends_at_place, kind != "grid")
     if kind != "grid" and len(waypoints) > 1:
         waypoints = pull_string(blocked, clearance, waypoints, heading, radius, radius, own_cell)
-    length, problem = float(np.hypot(*np.diff(waypoints, axis=0).T).sum()), FLYABLE
+    length = float(np.hypot(*np.diff(waypoints, axis=0).T).sum())
+    problem = FLYABLE
     if radius > 0.0 and len(waypoints) > 1:
         turned, flown, problem = make_flyable(blocked, clearance, waypoints, heading, radius, own_cell)
         # No leg may lead through an obstacle: rather no explicit turn, or the path without turns.
@@ -289,7 +304,8 @@ def shape_path(
             )
             problem += SHARP_START
         if legs_are_clear(blocked, turned, own_cell):
-            waypoints, length = turned, float(flown)
+            waypoints = turned
+            length = float(flown)
         else:
             problem = SHARP_START + SHARP_CORNER
     return ShapedPath(

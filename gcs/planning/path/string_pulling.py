@@ -20,6 +20,7 @@ Positions in cells: x = column, y = row. Line of sight is exact.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,8 @@ from gcs.jit import called, inlined, kernel, leaf
 from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.planning.map.grid import TOUCH
 from gcs.planning.map.line_of_sight import NO_CELL, blocking_cell, clear_leg, is_free_at, leg_clearance
-from gcs.planning.path.initial_turn import is_turn_clear, start_clearance, turn_to
+from gcs.planning.path.initial_turn import Pose, is_turn_clear, start_clearance, turn_to
+from gcs.planning.path.points import copy_point, set_point
 from gcs.planning.path.tangent_points import E1X, E1Y, E2X, E2Y, X, Y, tangent_points
 
 _WINDOW = 48
@@ -55,108 +57,165 @@ def _turn(ux: float, uy: float, u: float, vx: float, vy: float, v: float) -> flo
     return math.sqrt(max(1.0 - cos, 0.0) / max(1.0 + cos, 1e-4))
 
 
+class _Obstacles(NamedTuple):
+    """The map, and the clearances of legs and of the initial turn in cells."""
+
+    blocked: BoolArray
+    clearance: float
+    start_clearance: float
+
+
+class _Vehicle(NamedTuple):
+    """The vehicle at the start of the path; arguments of `pull_string`."""
+
+    heading: FloatArray
+    radius: float
+    own_cell: int
+
+
+class _Candidates(NamedTuple):
+    """Candidates in order (`gcs.planning.path.tangent_points`), all (n,): position, edges, known vertex."""
+
+    x: FloatArray
+    y: FloatArray
+    e1x: FloatArray
+    e1y: FloatArray
+    e2x: FloatArray
+    e2y: FloatArray
+    known: BoolArray
+
+
+class _Paths(NamedTuple):
+    """Cheapest path to each candidate, all (n,).
+
+    ===========  ==================================================================
+    cost         cost of the path
+    came_from    predecessor, -1 for the start
+    leg_in       length of the last leg
+    used_in      length that the turn at its begin uses of it
+    lower_bound  bound of the cost of the present candidate over each predecessor
+    ===========  ==================================================================
+    """
+
+    cost: FloatArray
+    came_from: IntArray
+    leg_in: FloatArray
+    used_in: FloatArray
+    lower_bound: FloatArray
+
+
 @leaf
 def _start_cost(
-    blocked: BoolArray, clearance: float, x: float, y: float, to_x: float, to_y: float,
-    heading: FloatArray, radius: float, own_cell: int,
-) -> float:  # fmt: skip
+    obstacles: _Obstacles, vehicle: _Vehicle, x: float, y: float, to_x: float, to_y: float
+) -> float:
     """Return the additional cost of a start on the vehicle's course over the straight line.
 
     That is the added length of the turn, or a full circle if the turn is blocked or cannot reach the place.
     """
-    if heading[0] == 0.0 and heading[1] == 0.0:
+    if vehicle.heading[0] == 0.0 and vehicle.heading[1] == 0.0:
         return 0.0
-    angle = math.atan2(heading[1], heading[0])
-    if not is_turn_clear(blocked, clearance, x, y, angle, to_x, to_y, radius, own_cell):
-        return 2.0 * math.pi * radius
-    return turn_to(x, y, angle, to_x, to_y, radius)[2] - math.hypot(to_x - x, to_y - y)
+    pose = Pose(x, y, math.atan2(vehicle.heading[1], vehicle.heading[0]))
+    if not is_turn_clear(
+        obstacles.blocked, obstacles.start_clearance, pose, to_x, to_y, vehicle.radius, vehicle.own_cell
+    ):
+        return 2.0 * math.pi * vehicle.radius
+    return turn_to(pose, to_x, to_y, vehicle.radius)[2] - math.hypot(to_x - x, to_y - y)
 
 
-@leaf
-def _lower_bounds(
-    x: FloatArray, y: FloatArray, e1x: FloatArray, e1y: FloatArray, e2x: FloatArray, e2y: FloatArray,
-    cost: FloatArray, first: int, beyond: int, j: int, least: FloatArray,
-) -> None:  # fmt: skip
-    """Bound the cost of candidate j over its predecessors from `first` on; inf if a leg is not tangent.
+@inlined
+def _lower_bound(of: _Candidates, cost: FloatArray, i: int, j: int) -> float:
+    """Bound the cost of candidate j over its predecessor i; inf if the leg is not tangent.
 
     Branch-free arithmetic, so that it is vectorised. A known vertex has no edges.
     """
-    for i in range(first, beyond):
-        dx, dy = x[j] - x[i], y[j] - y[i]
-        leaves = (dx * e1y[i] - dy * e1x[i]) * (dx * e2y[i] - dy * e2x[i]) >= -1e-9
-        arrives = (dx * e1y[j] - dy * e1x[j]) * (dx * e2y[j] - dy * e2x[j]) >= -1e-9
-        beeline = cost[i] + _ROUNDING_FACTOR * math.sqrt(dx * dx + dy * dy) + _CORNER_COST
-        least[i] = beeline if leaves & arrives else np.inf
+    dx, dy = of.x[j] - of.x[i], of.y[j] - of.y[i]
+    leaves = (dx * of.e1y[i] - dy * of.e1x[i]) * (dx * of.e2y[i] - dy * of.e2x[i]) >= -1e-9
+    arrives = (dx * of.e1y[j] - dy * of.e1x[j]) * (dx * of.e2y[j] - dy * of.e2x[j]) >= -1e-9
+    beeline = cost[i] + _ROUNDING_FACTOR * math.sqrt(dx * dx + dy * dy) + _CORNER_COST
+    return beeline if leaves & arrives else np.inf
+
+
+@inlined
+def _relax(
+    obstacles: _Obstacles, vehicle: _Vehicle, of: _Candidates, paths: _Paths, i: int, j: int,
+    is_known_leg: bool, hit: int,
+) -> int:  # fmt: skip
+    """Let the path to candidate j come from i if that is cheaper; return the last cell that blocked a leg."""
+    dx, dy = of.x[j] - of.x[i], of.y[j] - of.y[i]
+    leg = math.hypot(dx, dy)
+    cost = paths.cost[i] + leg + _CORNER_COST
+    need = 0.0
+    if not is_known_leg and (leg < 1e-9 or cost >= paths.cost[j]):
+        return hit
+    if vehicle.radius > 0.0:
+        cost += _SHORT_LEG_WEIGHT * max(vehicle.radius - leg, 0.0)
+        if i == 0:
+            cost += _start_cost(obstacles, vehicle, of.x[0], of.y[0], of.x[j], of.y[j])
+        elif leg > 0.0:
+            p = paths.came_from[i]
+            turn = _turn(of.x[i] - of.x[p], of.y[i] - of.y[p], paths.leg_in[i], dx, dy, leg)
+            need = vehicle.radius * turn
+            missing_before = max(need + paths.used_in[i] - paths.leg_in[i], 0.0)
+            cost += _SHORT_LEG_WEIGHT * (missing_before + max(need - leg, 0.0))
+    if cost >= paths.cost[j]:
+        return hit
+    ignored_cell = vehicle.own_cell if i == 0 else NO_CELL
+    seen = blocking_cell(
+        obstacles.blocked, of.x[i], of.y[i], of.x[j], of.y[j], obstacles.clearance, ignored_cell, hit
+    )
+    if seen >= 0:
+        hit = seen
+        if not is_known_leg or cost + (_TIGHT_LEG_WEIGHT - 1.0) * leg >= paths.cost[j]:
+            return hit
+        cost += (_TIGHT_LEG_WEIGHT - 1.0) * leg
+    paths.cost[j] = cost
+    paths.came_from[j] = i
+    paths.leg_in[j] = leg
+    paths.used_in[j] = need
+    return hit
 
 
 @leaf
-def _relax_candidates(
-    blocked: BoolArray, clearance: float, x: FloatArray, y: FloatArray, e1x: FloatArray, e1y: FloatArray,
-    e2x: FloatArray, e2y: FloatArray, known: BoolArray, heading: FloatArray, radius: float, own_cell: int,
-    cost: FloatArray, came_from: IntArray, leg_in: FloatArray, used_in: FloatArray, least: FloatArray,
-) -> None:  # fmt: skip
-    """Find the cheapest path to each candidate and its predecessor; arguments as of `_cheapest_path`."""
+def _relax_candidates(obstacles: _Obstacles, vehicle: _Vehicle, of: _Candidates, paths: _Paths) -> None:
+    """Find the cheapest path to each candidate, in order."""
     last_known = 0
-    margin = start_clearance(blocked, clearance, x[0], y[0])
-    cost[0], came_from[0] = 0.0, -1
-    for j in range(1, x.size):
-        cost[j], came_from[j] = np.inf, -1
-        first, hit = max(0, j - _WINDOW), NO_CELL
-        _lower_bounds(x, y, e1x, e1y, e2x, e2y, cost, first, j, j, least)
+    paths.cost[0] = 0.0
+    paths.came_from[0] = -1
+    for j in range(1, of.x.size):
+        paths.cost[j] = np.inf
+        paths.came_from[j] = -1
+        first = max(0, j - _WINDOW)
+        hit = NO_CELL
+        for i in range(first, j):
+            paths.lower_bound[i] = _lower_bound(of, paths.cost, i, j)
         if last_known < first:
-            _lower_bounds(x, y, e1x, e1y, e2x, e2y, cost, last_known, last_known + 1, j, least)
+            paths.lower_bound[last_known] = _lower_bound(of, paths.cost, last_known, j)
         for k in range(first - 1 if last_known < first else first, j):
             i = k if k >= first else last_known
-            forced = known[j] and i == last_known
-            if not forced and least[i] >= cost[j]:
-                continue
-            dx, dy = x[j] - x[i], y[j] - y[i]
-            leg = math.hypot(dx, dy)
-            here, need = cost[i] + leg + _CORNER_COST, 0.0
-            if not forced and (leg < 1e-9 or here >= cost[j]):
-                continue
-            if radius > 0.0:
-                here += _SHORT_LEG_WEIGHT * max(radius - leg, 0.0)
-                if i == 0:
-                    here += _start_cost(blocked, margin, x[0], y[0], x[j], y[j], heading, radius, own_cell)
-                elif leg > 0.0:
-                    p = came_from[i]
-                    need = radius * _turn(x[i] - x[p], y[i] - y[p], leg_in[i], dx, dy, leg)
-                    here += _SHORT_LEG_WEIGHT * (
-                        max(need + used_in[i] - leg_in[i], 0.0) + max(need - leg, 0.0)
-                    )
-            if here >= cost[j]:
-                continue
-            ignored_cell = own_cell if i == 0 else NO_CELL
-            seen = blocking_cell(blocked, x[i], y[i], x[j], y[j], clearance, ignored_cell, hit)
-            if seen >= 0:
-                hit = seen
-                if not forced or here + (_TIGHT_LEG_WEIGHT - 1.0) * leg >= cost[j]:
-                    continue
-                here += (_TIGHT_LEG_WEIGHT - 1.0) * leg
-            cost[j], came_from[j], leg_in[j], used_in[j] = here, i, leg, need
-        if known[j]:
+            is_known_leg = of.known[j] and i == last_known
+            if is_known_leg or paths.lower_bound[i] < paths.cost[j]:
+                hit = _relax(obstacles, vehicle, of, paths, i, j, is_known_leg, hit)
+        if of.known[j]:
             last_known = j
 
 
 @called
 def _cheapest_path(
-    blocked: BoolArray, clearance: float, found: FloatArray, known: BoolArray, heading: FloatArray,
-    radius: float, own_cell: int,
-) -> IntArray:  # fmt: skip
+    blocked: BoolArray, clearance: float, found: FloatArray, known: BoolArray, vehicle: _Vehicle
+) -> IntArray:
     """Return the cheapest path through ordered candidates, from first to last: their indices, backwards."""
     size = known.size
-    cost, came_from, least = np.empty(size), np.empty(size, np.int64), np.empty(size)
-    leg_in, used_in = np.zeros(size), np.zeros(size)
-    _relax_candidates(
-        *(blocked, clearance, found[X], found[Y], found[E1X], found[E1Y], found[E2X], found[E2Y], known),
-        *(heading, radius, own_cell, cost, came_from, leg_in, used_in, least),
-    )
-    path, count, node = np.empty(size, np.int64), 0, size - 1
+    candidates = _Candidates(found[X], found[Y], found[E1X], found[E1Y], found[E2X], found[E2Y], known)
+    paths = _Paths(np.empty(size), np.empty(size, np.int64), np.zeros(size), np.zeros(size), np.empty(size))
+    margin = start_clearance(blocked, clearance, found[X, 0], found[Y, 0])
+    _relax_candidates(_Obstacles(blocked, clearance, margin), vehicle, candidates, paths)
+    path = np.empty(size, np.int64)
+    count = 0
+    node = size - 1
     while node >= 0:
         path[count] = node
         count += 1
-        node = came_from[node]
+        node = paths.came_from[node]
     return path[:count]
 
 
@@ -166,20 +225,27 @@ def _slide_corner(
     least: float, own_cell: int,
 ) -> float:  # fmt: skip
     """Move corner i towards a place while it sees its neighbours; return the distance moved, in cells."""
-    ax, ay, bx, by = vertices[i - 1, 0], vertices[i - 1, 1], vertices[i + 1, 0], vertices[i + 1, 1]
+    ax, ay = vertices[i - 1, 0], vertices[i - 1, 1]
+    bx, by = vertices[i + 1, 0], vertices[i + 1, 1]
     x, y = vertices[i, 0], vertices[i, 1]
     ignored_cell = own_cell if i == 1 else NO_CELL
-    good, bad, step, hit, beyond = 0.0, 1.0, 1.0, NO_CELL, NO_CELL
+    good = 0.0
+    bad = 1.0
+    step = 1.0
+    hit = NO_CELL
+    beyond = NO_CELL
     for _ in range(_HALVINGS):
         px, py = x + step * (aim_x - x), y + step * (aim_y - y)
         clear = is_free_at(blocked, px, py)
         clear = clear and math.hypot(px - ax, py - ay) >= least and math.hypot(px - bx, py - by) >= least
         if clear:
             seen = blocking_cell(blocked, ax, ay, px, py, clearance, ignored_cell, hit)
-            clear, hit = seen < 0, seen if seen >= 0 else hit
+            clear = seen < 0
+            hit = seen if seen >= 0 else hit
         if clear:
             seen = blocking_cell(blocked, px, py, bx, by, clearance, NO_CELL, beyond)
-            clear, beyond = seen < 0, seen if seen >= 0 else beyond
+            clear = seen < 0
+            beyond = seen if seen >= 0 else beyond
         if clear:
             good = step
             if step == 1.0:
@@ -187,7 +253,7 @@ def _slide_corner(
         else:
             bad = step
         step = 0.5 * (good + bad)
-    vertices[i, 0], vertices[i, 1] = x + good * (aim_x - x), y + good * (aim_y - y)
+    set_point(vertices, i, x + good * (aim_x - x), y + good * (aim_y - y))
     return good * math.hypot(aim_x - x, aim_y - y)
 
 
@@ -201,26 +267,25 @@ def _slide_corners(
     `settled` (count,), all false: corners that did not move, and whose neighbours did not.
     """
     for _ in range(_SWEEPS):
-        moved, i = 0.0, 1
+        moved = 0.0
+        i = 1
         while i < count - 1:
             if settled[i]:
                 i += 1
                 continue
-            ax, ay, bx, by = vertices[i - 1, 0], vertices[i - 1, 1], vertices[i + 1, 0], vertices[i + 1, 1]
+            ax, ay = vertices[i - 1, 0], vertices[i - 1, 1]
+            bx, by = vertices[i + 1, 0], vertices[i + 1, 1]
             if clear_leg(blocked, ax, ay, bx, by, clearance, own_cell if i == 1 else NO_CELL):
                 count -= 1
                 for k in range(i, count):
-                    vertices[k, 0], vertices[k, 1], settled[k] = (
-                        vertices[k + 1, 0],
-                        vertices[k + 1, 1],
-                        settled[k + 1],
-                    )
-                moved, settled[i - 1], settled[i] = 1.0, False, False
+                    copy_point(vertices, k + 1, vertices, k)
+                    settled[k] = settled[k + 1]
+                moved = 1.0
+                settled[i - 1] = False
+                settled[i] = False
                 continue
-            a, b = (
-                math.hypot(vertices[i, 0] - ax, vertices[i, 1] - ay),
-                math.hypot(vertices[i, 0] - bx, vertices[i, 1] - by),
-            )
+            a = math.hypot(vertices[i, 0] - ax, vertices[i, 1] - ay)
+            b = math.hypot(vertices[i, 0] - bx, vertices[i, 1] - by)
             floor = min(least, a, b)
             share = a / max(a + b, 1e-12)
             total_moved = _slide_corner(
@@ -252,11 +317,11 @@ def _pull_stretch(
 ) -> FloatArray:  # fmt: skip
     """Shorten a path of legs with one clearance; see `pull_string`."""
     found, known = tangent_points(blocked, clearance, vertices)
-    path = _cheapest_path(blocked, clearance, found, known, heading, radius, own_cell)
+    path = _cheapest_path(blocked, clearance, found, known, _Vehicle(heading, radius, own_cell))
     count = path.size
     pulled = np.empty((count, 2))
     for i in range(count):
-        pulled[i, 0], pulled[i, 1] = found[X, path[count - 1 - i]], found[Y, path[count - 1 - i]]
+        set_point(pulled, i, found[X, path[count - 1 - i]], found[Y, path[count - 1 - i]])
     return pulled[
         : _slide_corners(blocked, clearance, pulled, count, least, own_cell, np.zeros(count, np.bool_))
     ].copy()
@@ -278,13 +343,15 @@ def _leg_clearances(blocked: BoolArray, clearance: float, vertices: FloatArray, 
             clearance,
             ignored_cell,
         )
-    last, since = -1, 0.0
+    last = -1
+    since = 0.0
     for i in range(legs):
         if clearances[i] < clearance - TOUCH:
             if last >= 0 and since < _MIN_TIGHT_GAP:
                 for k in range(last + 1, i):
                     clearances[k] = min(clearances[last], clearances[i])
-            last, since = i, 0.0
+            last = i
+            since = 0.0
         else:
             since += _gap(vertices, i, i + 1)
     return clearances
@@ -305,11 +372,14 @@ def pull_string(
     Stretches with less clearance are shortened separately and keep the clearance that they have.
     """
     clearances = _leg_clearances(blocked, clearance, vertices, own_cell)
-    legs, first, size = clearances.size, 0, 1
+    legs = clearances.size
+    first = 0
+    size = 1
     result = np.empty((0, 2))
     unknown = np.zeros(2)
     while first < legs:
-        margin, is_tight = clearances[first], clearances[first] < clearance - TOUCH
+        margin = clearances[first]
+        is_tight = clearances[first] < clearance - TOUCH
         last = first + 1
         while last < legs and (clearances[last] < clearance - TOUCH) == is_tight:
             margin = min(margin, clearances[last])
@@ -323,11 +393,12 @@ def pull_string(
             least,
             own_cell if first == 0 else NO_CELL,
         )
-        before, result = result, np.empty((size + part.shape[0] - 1, 2))
+        before = result
+        result = np.empty((size + part.shape[0] - 1, 2))
         for i in range(size - 1):
-            result[i, 0], result[i, 1] = before[i, 0], before[i, 1]
+            copy_point(before, i, result, i)
         for i in range(part.shape[0]):
-            result[size - 1 + i, 0], result[size - 1 + i, 1] = part[i, 0], part[i, 1]
+            copy_point(part, i, result, size - 1 + i)
         size += part.shape[0] - 1
         first = last
     return result

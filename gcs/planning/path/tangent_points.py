@@ -11,6 +11,7 @@ Positions in cells: x = column, y = row.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,10 +23,37 @@ _CORRIDOR_CELLS = 2.5
 _CORNER_OFFSET = 1e-6
 """In cells: offset of a leg from an obstacle corner without clearance."""
 _OCTAGON = 1.0 / math.cos(math.pi / 8.0)
-_COS, _SIN = _OCTAGON * math.cos(math.pi / 8.0), _OCTAGON * math.sin(math.pi / 8.0)
+_COS = _OCTAGON * math.cos(math.pi / 8.0)
+_SIN = _OCTAGON * math.sin(math.pi / 8.0)
 
 # Rows of the candidate array: position, distance along the path, and the directions of the two edges.
-X, Y, ALONG, E1X, E1Y, E2X, E2Y, ROWS = 0, 1, 2, 3, 4, 5, 6, 7
+X = 0
+Y = 1
+ALONG = 2
+E1X = 3
+E1Y = 4
+E2X = 5
+E2Y = 6
+ROWS = 7
+
+
+class _Edges(NamedTuple):
+    """Directions of the two edges of a candidate."""
+
+    e1x: float
+    e1y: float
+    e2x: float
+    e2y: float
+
+
+class _Leg(NamedTuple):
+    """Leg of the path: its begin, its direction, and the distance along the path up to it."""
+
+    x: float
+    y: float
+    ux: float
+    uy: float
+    along: float
 
 
 @inlined
@@ -38,12 +66,17 @@ def _is_free(blocked: BoolArray, row: int, col: int) -> bool:
 @inlined
 def _add(
     blocked: BoolArray, clearance: float, found: FloatArray, known: BoolArray, count: int, x: float,
-    y: float, along: float, e1x: float, e1y: float, e2x: float, e2y: float,
+    y: float, along: float, edges: _Edges,
 ) -> int:  # fmt: skip
     """Write a candidate if it is on the map and has the clearance; return the new count."""
     if count < found.shape[0] and is_free_at(blocked, x, y) and is_clear_at(blocked, x, y, clearance):
-        found[count, X], found[count, Y], found[count, ALONG] = x, y, along
-        found[count, E1X], found[count, E1Y], found[count, E2X], found[count, E2Y] = e1x, e1y, e2x, e2y
+        found[count, X] = x
+        found[count, Y] = y
+        found[count, ALONG] = along
+        found[count, E1X] = edges.e1x
+        found[count, E1Y] = edges.e1y
+        found[count, E2X] = edges.e2x
+        found[count, E2Y] = edges.e2y
         known[count] = False
         count += 1
     return count
@@ -52,7 +85,7 @@ def _add(
 @leaf
 def _wrap(
     blocked: BoolArray, clearance: float, found: FloatArray, known: BoolArray, count: int, row: int,
-    col: int, ax: float, ay: float, ux: float, uy: float, start_along: float,
+    col: int, leg: _Leg,
 ) -> int:  # fmt: skip
     """Add the candidates of the convex corners of one cell; return the new count."""
     for corner in range(4):
@@ -64,19 +97,17 @@ def _wrap(
         ):
             continue
         x, y = col + 0.5 * sx, row + 0.5 * sy
-        along = start_along + (x - ax) * ux + (y - ay) * uy
+        along = leg.along + (x - leg.x) * leg.ux + (y - leg.y) * leg.uy
         far = _CORNER_OFFSET if clearance <= 0.0 else clearance
-        count = _add(
-            blocked, clearance, found, known, count, x + far * sx, y + far * sy, along, -sx, 0.0, 0.0, -sy
-        )
+        edges = _Edges(-1.0 * sx, 0.0, 0.0, -1.0 * sy)
+        count = _add(blocked, clearance, found, known, count, x + far * sx, y + far * sy, along, edges)
         if clearance > 0.0:
-            c, s = far * _COS, far * _SIN
-            count = _add(
-                blocked, clearance, found, known, count, x + c * sx, y + s * sy, along, 0.0, -sy, -sx, sy
-            )
-            count = _add(
-                blocked, clearance, found, known, count, x + s * sx, y + c * sy, along, -sx, 0.0, sx, -sy
-            )
+            c = far * _COS
+            s = far * _SIN
+            edges = _Edges(0.0, -1.0 * sy, -1.0 * sx, 1.0 * sy)
+            count = _add(blocked, clearance, found, known, count, x + c * sx, y + s * sy, along, edges)
+            edges = _Edges(-1.0 * sx, 0.0, 1.0 * sx, -1.0 * sy)
+            count = _add(blocked, clearance, found, known, count, x + s * sx, y + c * sy, along, edges)
     return count
 
 
@@ -86,30 +117,33 @@ def tangent_points(
 ) -> tuple[FloatArray, BoolArray]:
     """Return the candidates along a path in order, (`ROWS`, n), and True for vertices of the path."""
     rows, cols = blocked.shape
-    size, wide = vertices.shape[0], clearance + _CORRIDOR_CELLS
+    size = vertices.shape[0]
+    wide = clearance + _CORRIDOR_CELLS
     length = 0.0
     for i in range(size - 1):
         length += math.hypot(vertices[i + 1, 0] - vertices[i, 0], vertices[i + 1, 1] - vertices[i, 1])
     found = np.empty((size + int(8.0 * (wide + 1.0) * (length + 4.0 * wide)), ROWS))
     known = np.empty(found.shape[0], np.bool_)
-    low_x, low_y, high_x, high_y = vertices[0, 0], vertices[0, 1], vertices[0, 0], vertices[0, 1]
+    low_x, low_y = vertices[0, 0], vertices[0, 1]
+    high_x, high_y = vertices[0, 0], vertices[0, 1]
     for i in range(size):
-        low_x, high_x = min(low_x, vertices[i, 0]), max(high_x, vertices[i, 0])
-        low_y, high_y = min(low_y, vertices[i, 1]), max(high_y, vertices[i, 1])
+        low_x = min(low_x, vertices[i, 0])
+        high_x = max(high_x, vertices[i, 0])
+        low_y = min(low_y, vertices[i, 1])
+        high_y = max(high_y, vertices[i, 1])
     # Visited cells, within the bounding box of the corridor.
     west, south = max(0, math.floor(low_x - wide)), max(0, math.floor(low_y - wide))
     east, north = min(cols - 1, math.ceil(high_x + wide)), min(rows - 1, math.ceil(high_y + wide))
     seen = np.zeros((max(north - south, 0) + 1, max(east - west, 0) + 1), np.bool_)
-    count, along = 0, 0.0
+    count = 0
+    along = 0.0
     for i in range(size):
         for k in range(ROWS):
             found[count, k] = 0.0
-        found[count, X], found[count, Y], found[count, ALONG], known[count] = (
-            vertices[i, 0],
-            vertices[i, 1],
-            along,
-            True,
-        )
+        found[count, X] = vertices[i, 0]
+        found[count, Y] = vertices[i, 1]
+        found[count, ALONG] = along
+        known[count] = True
         count += 1
         if i == size - 1:
             break
@@ -122,11 +156,13 @@ def tangent_points(
             min(rows - 1, math.floor(max(ay, ay + dy) + wide)) + 1,
         ):
             if abs(dy) < 1e-12:
-                low, high = min(ax, ax + dx), max(ax, ax + dx)
+                low = min(ax, ax + dx)
+                high = max(ax, ax + dx)
             else:
                 ta = min(max((row - wide - ay) / dy, 0.0), 1.0)
                 tb = min(max((row + wide - ay) / dy, 0.0), 1.0)
-                low, high = ax + min(ta * dx, tb * dx), ax + max(ta * dx, tb * dx)
+                low = ax + min(ta * dx, tb * dx)
+                high = ax + max(ta * dx, tb * dx)
             for col in range(max(0, math.ceil(low - wide)), min(cols - 1, math.floor(high + wide)) + 1):
                 if (
                     blocked[row, col]
@@ -134,12 +170,16 @@ def tangent_points(
                     and abs((col - ax) * uy - (row - ay) * ux) < wide
                 ):
                     seen[row - south, col - west] = True
-                    count = _wrap(blocked, clearance, found, known, count, row, col, ax, ay, ux, uy, along)
+                    count = _wrap(
+                        blocked, clearance, found, known, count, row, col, _Leg(ax, ay, ux, uy, along)
+                    )
         along += leg
-    order, along_way = np.empty(count, np.int64), np.empty(count)
+    order = np.empty(count, np.int64)
+    along_way = np.empty(count)
     size = _sort(found, known, count, length, order, along_way)
     # Corners beyond the ends are left out.
-    result, is_known = np.empty((ROWS, size)), np.empty(size, np.bool_)
+    result = np.empty((ROWS, size))
+    is_known = np.empty(size, np.bool_)
     for i in range(size):
         is_known[i] = known[order[i]]
         for row in range(ROWS):
@@ -162,8 +202,10 @@ def _sort(
             continue
         k = size
         while k > 0 and along[k - 1] > key:
-            order[k], along[k] = order[k - 1], along[k - 1]
+            order[k] = order[k - 1]
+            along[k] = along[k - 1]
             k -= 1
-        order[k], along[k] = i, key
+        order[k] = i
+        along[k] = key
         size += 1
     return size

@@ -29,16 +29,18 @@ from gcs.planning.path.corner_smoothing import (
     cost,
     half_angle_tan,
     leg_fits,
-    leg_vector,
     smooth_corners,
     turn_angle,
     turn_fits,
 )
 from gcs.planning.path.corner_splitting import MAX_TURN_RAD, split_corners
-from gcs.planning.path.initial_turn import is_turn_safe, plan_initial_turn, start_clearance, turn_to
+from gcs.planning.path.initial_turn import Pose, is_turn_safe, plan_initial_turn, start_clearance, turn_to
+from gcs.planning.path.points import copy_point, leg_vector, set_point
 
-FLYABLE, SHARP_CORNER, SHARP_START = 0, 1, 2
-"""Turns that cannot be flown: none, a corner, the initial turn; or the sum of both."""
+# Turns that cannot be flown: none, a corner, the initial turn; or the sum of both.
+FLYABLE = 0
+SHARP_CORNER = 1
+SHARP_START = 2
 
 _CORNER_COST = 0.06
 """Cost that removing a corner may add, in cells."""
@@ -90,10 +92,11 @@ class TurnAnticipation:
 def _drop_corner(points: FloatArray, clearances: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
     """Return the points without i. The new leg has the lesser clearance of the two that it replaces."""
     size = points.shape[0]
-    fewer, fewer_clearances = np.empty((size - 1, 2)), np.empty(size - 2)
+    fewer = np.empty((size - 1, 2))
+    fewer_clearances = np.empty(size - 2)
     for k in range(size - 1):
         at = k if k < i else k + 1
-        fewer[k, 0], fewer[k, 1] = points[at, 0], points[at, 1]
+        copy_point(points, at, fewer, k)
     for k in range(size - 2):
         fewer_clearances[k] = clearances[k] if k < i else clearances[k + 1]
     fewer_clearances[i - 1] = min(clearances[i - 1], clearances[i])
@@ -113,11 +116,12 @@ def _join_corners(
     if abs(across) < 1e-9:
         return points, clearances
     gx, gy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
-    ahead, behind = (gx * vy - gy * vx) / across, (gx * uy - gy * ux) / across
+    ahead = (gx * vy - gy * vx) / across
+    behind = (gx * uy - gy * ux) / across
     if ahead <= 0.0 or behind >= 0.0:
         return points, clearances
     fewer, fewer_clearances = _drop_corner(points, clearances, i + 1)
-    fewer[i, 0], fewer[i, 1] = points[i, 0] + ahead * ux, points[i, 1] + ahead * uy
+    set_point(fewer, i, points[i, 0] + ahead * ux, points[i, 1] + ahead * uy)
     if not is_free_at(blocked, fewer[i, 0], fewer[i, 1]):
         return points, clearances
     for k in range(i - 1, i + 1):
@@ -143,7 +147,8 @@ def _reduce_corners(
 
     Also returns the corners that changed.
     """
-    i, changed = 1, np.zeros(points.shape[0], np.bool_)
+    i = 1
+    changed = np.zeros(points.shape[0], np.bool_)
     while i < points.shape[0] - 1:
         most = cost(blocked, points, clearances, i - 2, i + 3, radius, own_cell, np.inf) + _CORNER_COST
         fewer, fewer_clearances = _join_corners(blocked, points, clearances, i, own_cell)
@@ -152,15 +157,18 @@ def _reduce_corners(
             is_better and cost(blocked, fewer, fewer_clearances, i - 2, i + 2, radius, own_cell, most) < most
         )
         if not is_better:
-            margin, ignored_cell = min(clearances[i - 1], clearances[i]), own_cell if i == 1 else NO_CELL
-            ax, ay, bx, by = points[i - 1, 0], points[i - 1, 1], points[i + 1, 0], points[i + 1, 1]
+            margin = min(clearances[i - 1], clearances[i])
+            ignored_cell = own_cell if i == 1 else NO_CELL
+            ax, ay = points[i - 1, 0], points[i - 1, 1]
+            bx, by = points[i + 1, 0], points[i + 1, 1]
             if clear_leg(blocked, ax, ay, bx, by, margin, ignored_cell):
                 fewer, fewer_clearances = _drop_corner(points, clearances, i)
                 is_better = (
                     cost(blocked, fewer, fewer_clearances, i - 2, i + 2, radius, own_cell, most) < most
                 )
         if is_better:
-            points, clearances = fewer, fewer_clearances
+            points = fewer
+            clearances = fewer_clearances
             for k in range(i, points.shape[0]):
                 changed[k] = changed[k + 1]
             changed[i - 1] = changed[i] = changed[i + 1] = True
@@ -205,7 +213,8 @@ def make_flyable(
     along the arcs in cells, and the turns that cannot be flown (`FLYABLE` ...).
     """
     legs = vertices.shape[0] - 1
-    clearances, problem = np.empty(legs), FLYABLE
+    clearances = np.empty(legs)
+    problem = FLYABLE
     for i in range(legs):
         ignored_cell = own_cell if i == 0 else NO_CELL
         clearances[i] = leg_clearance(
@@ -227,7 +236,8 @@ def make_flyable(
     points = split_corners(blocked, points, clearances, radius)
     if legs > 0 and (heading[0] != 0.0 or heading[1] != 0.0):
         angle = math.atan2(heading[1], heading[0])
-        x, y, to_x, to_y = points[0, 0], points[0, 1], points[1, 0], points[1, 1]
+        x, y = points[0, 0], points[0, 1]
+        to_x, to_y = points[1, 0], points[1, 1]
         margin = start_clearance(blocked, min(clearance, clearances[0]), x, y)
         straight = math.hypot(to_x - x, to_y - y)
         problem += SHARP_START
@@ -236,7 +246,7 @@ def make_flyable(
             tried = margin * 0.5 ** (attempt % _CLEARANCE_HALVINGS)
             if attempt < _CLEARANCE_HALVINGS:
                 if is_turn_safe(blocked, tried, x, y, angle, to_x, to_y, radius, own_cell):
-                    length += turn_to(x, y, angle, to_x, to_y, radius)[2] - straight
+                    length += turn_to(Pose(x, y, angle), to_x, to_y, radius)[2] - straight
                     problem -= SHARP_START
                     break
                 continue

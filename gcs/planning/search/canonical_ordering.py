@@ -47,16 +47,20 @@ _MOVE_OF = {step: move for move, step in enumerate(_STEPS)}
 NO_MOVE = 8
 """Arrival move of the start node."""
 
-ARRIVAL_MASK, ORDER_BIT, TIGHT_BIT = 15, 4, 20
+# The packed 32-bit word of a node: arrival move, row of the table of remaining moves, tight moves. One load
+# fetches all.
+ARRIVAL_MASK = 15
+ORDER_BIT = 4
+TIGHT_BIT = 20
 LIST_MASK = (1 << TIGHT_BIT) - 1
-"""The packed 32-bit word of a node: arrival move (`ARRIVAL_MASK`), row of the table of remaining moves, and
-tight moves (from `TIGHT_BIT`). One load fetches all.
-"""
+"""Arrival move and row: the index of the list of remaining moves."""
 MAX_MOVES = 8
 """Greatest number of remaining moves: all eight, at the start node."""
 
-_UNIFORM, _ALL = 0, 256
-"""Table offsets of the rows for a byte of legal moves: canonical with uniform costs, and all moves."""
+_UNIFORM = 0
+"""First row of the canonical moves with uniform costs, by the byte of legal moves."""
+_ALL = 256
+"""First row of all legal moves."""
 MAX_TABLE_ROWS = 1 << 16
 _SLOTS = 1 << 17
 _TIE = 1e-9
@@ -81,11 +85,11 @@ def _uniform_table() -> ByteArray:
         for move, (r, c) in enumerate(_STEPS):
             keep = 1 << move
             if r and c:
-                keep |= 1 << _MOVE_OF[r, 0] | 1 << _MOVE_OF[0, c]
+                keep |= (1 << _MOVE_OF[r, 0]) | (1 << _MOVE_OF[0, c])
             else:
                 for side_r, side_c in ((c, r), (-c, -r)):
-                    if not legal >> _MOVE_OF[side_r - r, side_c - c] & 1:
-                        keep |= 1 << _MOVE_OF[side_r, side_c] | 1 << _MOVE_OF[side_r + r, side_c + c]
+                    if not (legal >> _MOVE_OF[side_r - r, side_c - c]) & 1:
+                        keep |= (1 << _MOVE_OF[side_r, side_c]) | (1 << _MOVE_OF[side_r + r, side_c + c])
             table[_UNIFORM + legal, move] = keep & legal
         table[_UNIFORM + legal, NO_MOVE] = legal
         table[_ALL + legal] = legal
@@ -130,9 +134,11 @@ def _cost(tight: ByteArray, node: int, move: int) -> float:
 def _is_needed(moves: ByteArray, tight: ByteArray, offsets: IntArray, p: int, x: int, d: int, e: int) -> bool:
     """Return True if move e from x remains when move d led from p to x."""
     last = _cost(tight, x, e)
-    cost, needed = _cost(tight, p, d) + last, True
+    cost = _cost(tight, p, d) + last
+    needed = True
     for k in range(_FIRST_ALTERNATIVE[8 * d + e], _FIRST_ALTERNATIVE[8 * d + e + 1]):
-        one, two = _ALTERNATIVES[k, 0], _ALTERNATIVES[k, 1]
+        one = _ALTERNATIVES[k, 0]
+        two = _ALTERNATIVES[k, 1]
         if _has_move(moves, p, one) and (two == NO_MOVE or _has_move(moves, p + offsets[one], two)):
             end = _cost(tight, p, one) if two == NO_MOVE else _cost(tight, p + offsets[one], two)
             other = end if two == NO_MOVE else _cost(tight, p, one) + end
@@ -152,12 +158,14 @@ def prune_moves(
     indexed by their legal moves. All legal moves remain at nodes for which a table of `max_rows` has no row
     left.
     """
-    order, size = np.empty(moves.size, np.uint16), answers.shape[0]
+    order = np.empty(moves.size, np.uint16)
+    size = answers.shape[0]
     table = np.empty((max_rows, 9), np.uint8)
     for k in range(size):
         for d in range(9):
             table[k, d] = answers[k, d]
-    slots, keys = np.zeros(_SLOTS, np.int32), np.empty(max_rows, np.uint64)
+    slots = np.zeros(_SLOTS, np.int32)
+    keys = np.empty(max_rows, np.uint64)
     for x in range(moves.size):
         legal = int64(moves[x])
         order[x] = _UNIFORM + legal
@@ -167,7 +175,8 @@ def prune_moves(
         for d in range(8):
             if not (legal >> _BACK[d]) & 1:
                 continue
-            keep, p = 0, x - offsets[d]
+            keep = 0
+            p = x - offsets[d]
             for e in range(8):
                 if (legal >> e) & 1 and e != _BACK[d] and _is_needed(moves, tight, offsets, p, x, d, e):
                     keep |= 1 << e
@@ -180,7 +189,9 @@ def prune_moves(
             if size == max_rows:
                 order[x] = _ALL + legal
                 continue
-            slots[slot], keys[size], table[size, NO_MOVE] = size, key, legal
+            slots[slot] = size
+            keys[size] = key
+            table[size, NO_MOVE] = legal
             for d in range(8):
                 table[size, d] = (key >> np.uint64(8 * d)) & np.uint64(255)
             size += 1
@@ -190,7 +201,8 @@ def prune_moves(
 
 def pack_nodes(order: npt.NDArray[Any], tight: ByteArray) -> UInt32Array:
     """Pack row indices and tight moves into the 32-bit words of nodes."""
-    return order.astype(np.uint32) << np.uint32(ORDER_BIT) | tight.astype(np.uint32) << np.uint32(TIGHT_BIT)
+    rows = order.astype(np.uint32) << np.uint32(ORDER_BIT)
+    return rows | (tight.astype(np.uint32) << np.uint32(TIGHT_BIT))
 
 
 def list_moves(answers: ByteArray) -> UInt32Array:
@@ -200,7 +212,8 @@ def list_moves(answers: ByteArray) -> UInt32Array:
     """
     sets = np.zeros((len(answers), ARRIVAL_MASK + 1), dtype=np.uint32)
     sets[:, : answers.shape[1]] = answers
-    counts, lists = np.zeros_like(sets), np.zeros_like(sets)
+    counts = np.zeros_like(sets)
+    lists = np.zeros_like(sets)
     for move in range(8):
         is_in = (sets >> np.uint32(move)) & np.uint32(1)
         lists |= np.where(is_in > 0, np.uint32(move) << (4 + 3 * counts), np.uint32(0)).astype(np.uint32)
@@ -210,5 +223,6 @@ def list_moves(answers: ByteArray) -> UInt32Array:
 
 def warm_up_calls() -> list[Call]:
     """Return one call of the kernel with the types of a plan."""
-    moves, offsets = np.zeros(4, np.uint8), np.zeros(8, np.int64)
+    moves = np.zeros(4, np.uint8)
+    offsets = np.zeros(8, np.int64)
     return [(prune_moves, moves, moves, moves > 0, offsets, UNIFORM_TABLE, MAX_TABLE_ROWS)]

@@ -11,8 +11,7 @@ overwritten by the next search, so memory stays small and in the cache.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -20,10 +19,12 @@ from gcs.jit import Call, kernel
 from gcs.model import BoolArray, ByteArray, FloatArray, IntArray
 from gcs.planning.map.grid import Grid, free_grid
 from gcs.planning.path.shortcut import is_adjacent_and_visible
-from gcs.planning.search.astar import astar, astar_paper, borrow_search
+from gcs.planning.search.astar import astar_paper
+from gcs.planning.search.bucket_astar import bucket_astar
 from gcs.planning.search.canonical_ordering import NO_MOVE, move_length
 from gcs.planning.search.dijkstra import costs_at, dijkstra_buffers, one_to_all, trace_back
-from gcs.planning.search.neighbours import SearchMap, cells, flat_index, kernel_arrays, search_map
+from gcs.planning.search.grid_search import borrow_search
+from gcs.planning.search.neighbours import SearchMap, cells, flat_index, search_map
 
 PathLookup: TypeAlias = Callable[[int, int], IntArray]
 """Function that returns the flat nodes of the path of agent i to target j, in order of flight.
@@ -31,8 +32,9 @@ PathLookup: TypeAlias = Callable[[int, int], IntArray]
 Empty for adjacent places in line of sight.
 """
 
-_NO_PATH, _DIRECT = -1, -2
-"""Instead of the index of the connecting node at the end of a path: no path, or a direct leg."""
+# Instead of the index of the connecting node at the end of a path: no path, or a direct leg.
+_NO_PATH = -1
+_DIRECT = -2
 
 # Search times (2-core AMD EPYC, random obstacles), to choose between A* and one-to-all searches.
 _CALL_US = 20.0
@@ -42,20 +44,15 @@ _ASTAR_SHARE = 0.8
 """Expanded nodes of A*, divided by the squared distance in cells and the share of blocked nodes."""
 
 
-@dataclass(frozen=True, eq=False)
-class Endpoints:
+class Endpoints(NamedTuple):
     """Positions of n agents or targets in cells, and their connections to the grid (`path.shortcut`).
 
-    Attributes
-    ----------
-    xy : ndarray, shape (n, 2)
-        Column and row.
-    nodes : ndarray of int, shape (n, 4)
-        Flat nodes that connect a place to the grid, -1 for none.
-    gaps : ndarray, shape (n, 4)
-        Distances to these nodes.
-    inside : ndarray of bool, shape (n,)
-        True for places inside an obstacle.
+    ======  ======  =======  =========================================================
+    xy      (n, 2)  float64  column and row
+    nodes   (n, 4)  int64    flat nodes that connect a place to the grid, -1 for none
+    gaps    (n, 4)  float64  distances to these nodes
+    inside  (n,)    bool     True for places inside an obstacle
+    ======  ======  =======  =========================================================
     """
 
     xy: FloatArray
@@ -74,11 +71,15 @@ def metric_paths(
     if is_pairwise_faster(smap, starts.xy, goals.xy):
         lengths, path = _pairwise(grid, smap, starts, goals, clearance_m)
     elif len(goals.xy) < len(starts.xy):
-        turned, back = _one_to_all(grid, smap, goals, starts, clearance_m)
-        lengths, path = turned.T, lambda i, j: back(j, i)[::-1]
+        lengths, path = _reverse(*_one_to_all(grid, smap, goals, starts, clearance_m))
     else:
         lengths, path = _one_to_all(grid, smap, starts, goals, clearance_m)
     return lengths * grid.spacing_m, path
+
+
+def _reverse(lengths: FloatArray, path: PathLookup) -> tuple[FloatArray, PathLookup]:
+    """Return the paths in the other direction."""
+    return lengths.T, lambda i, j: path(j, i)[::-1]
 
 
 def is_pairwise_faster(smap: SearchMap, starts_xy: FloatArray, goals_xy: FloatArray) -> bool:
@@ -104,9 +105,11 @@ def _one_to_all(
     grid: Grid, smap: SearchMap, near: Endpoints, far: Endpoints, clearance_m: float
 ) -> tuple[FloatArray, PathLookup]:
     """Return paths in cells from each of `near` to each of `far`."""
-    size, n = smap.moves.size, len(near.xy)
+    size = smap.moves.size
+    n = len(near.xy)
     came_by = np.empty((n, size), dtype=np.uint8)
-    field, costs, clearance = np.empty(size), np.empty((n, *far.nodes.shape)), clearance_m / grid.spacing_m
+    field = np.empty(size)
+    costs = np.empty((n, *far.nodes.shape))
     wanted = far.nodes[far.nodes >= 0]
     parts = smap.component[wanted]
     with borrow_search(grid, clearance_m, smap.shifts_nodes) as search:
@@ -119,8 +122,14 @@ def _one_to_all(
                 field[:] = np.inf
             costs_at(field, far.nodes, costs[i])
     lengths, via = _path_ends(
-        *(grid.blocked, clearance, near.xy, near.inside, far.xy, far.gaps, far.inside, costs),
-        *(smap.has_tight_moves, smap.offsets, came_by, near.nodes, near.gaps, far.nodes),
+        grid.blocked,
+        clearance_m / grid.spacing_m,
+        near,
+        far,
+        costs,
+        smap.has_tight_moves,
+        smap.offsets,
+        came_by,
     )
     buffer = np.empty(size, dtype=np.int64)
 
@@ -138,60 +147,69 @@ def _pairwise(
     lengths = np.full((len(starts.xy), len(goals.xy)), np.inf)
     paths: dict[tuple[int, int], IntArray] = {}
     clearance = clearance_m / grid.spacing_m
-    parts = [[set(smap.component[row[row >= 0]].tolist()) for row in side.nodes] for side in (starts, goals)]
+    start_parts, goal_parts = (
+        [set(smap.component[row[row >= 0]].tolist()) for row in side.nodes] for side in (starts, goals)
+    )
     with borrow_search(grid, clearance_m, smap.shifts_nodes) as search:
         for i, j in np.ndindex(lengths.shape):
-            a, b = starts.xy[i], goals.xy[j]
-            if not (starts.inside[i] or goals.inside[j]) and is_adjacent_and_visible(
-                grid.blocked, clearance, a, b
-            ):
-                lengths[i, j], paths[i, j] = np.hypot(*(b - a)), np.empty(0, dtype=np.int64)
+            a = starts.xy[i]
+            b = goals.xy[j]
+            is_inside = starts.inside[i] or goals.inside[j]
+            if not is_inside and is_adjacent_and_visible(grid.blocked, clearance, a, b):
+                lengths[i, j] = np.hypot(*(b - a))
+                paths[i, j] = np.empty(0, dtype=np.int64)
                 continue
-            ends = (starts.nodes[i], starts.gaps[i], goals.nodes[j], goals.gaps[j])
-            if parts[0][i].isdisjoint(parts[1][j]):
+            if start_parts[i].isdisjoint(goal_parts[j]):
                 continue
-            nodes, cost, flown, _ = search.path(*ends)
-            if nodes.size:
+            nodes, cost, length, _ = search.path(
+                starts.nodes[i], starts.gaps[i], goals.nodes[j], goals.gaps[j]
+            )
+            if not nodes.size:
+                continue
+            paths[i, j] = nodes
+            lengths[i, j] = cost
+            if smap.has_tight_moves:
                 # The search cost counts tight moves several times; the assignment compares lengths.
-                gaps = ends[1][ends[0] == nodes[0]][0] + ends[3][ends[2] == nodes[-1]][0]
-                paths[i, j], lengths[i, j] = nodes, flown + gaps if smap.has_tight_moves else cost
+                first_gap = starts.gaps[i][starts.nodes[i] == nodes[0]][0]
+                last_gap = goals.gaps[j][goals.nodes[j] == nodes[-1]][0]
+                lengths[i, j] = length + (first_gap + last_gap)
     return lengths, lambda i, j: paths[i, j]
 
 
 @kernel
 def _path_ends(
-    blocked: BoolArray, clearance: float, near: FloatArray, near_inside: BoolArray, far: FloatArray,
-    far_off: FloatArray, far_inside: BoolArray, costs: FloatArray, has_tight_moves: bool,
-    offsets: IntArray, came_by: ByteArray, near_nodes: IntArray, near_off: FloatArray, far_nodes: IntArray,
+    blocked: BoolArray, clearance: float, near: Endpoints, far: Endpoints, costs: FloatArray,
+    has_tight_moves: bool, offsets: IntArray, came_by: ByteArray,
 ) -> tuple[FloatArray, IntArray]:  # fmt: skip
     """Return the path length in cells of all pairs, (n, m), and the index of the last connecting node."""
-    n, m = near.shape[0], far.shape[0]
-    lengths, via = np.empty((n, m)), np.empty((n, m), np.int64)
-    for i in range(n):
-        for j in range(m):
-            lengths[i, j], via[i, j] = np.inf, _NO_PATH
-            if not (near_inside[i] or far_inside[j]) and is_adjacent_and_visible(
-                blocked, clearance, near[i], far[j]
-            ):
-                lengths[i, j] = np.hypot(far[j, 0] - near[i, 0], far[j, 1] - near[i, 1])
+    lengths = np.empty((near.inside.size, far.inside.size))
+    via = np.empty((near.inside.size, far.inside.size), np.int64)
+    for i in range(near.inside.size):
+        for j in range(far.inside.size):
+            lengths[i, j] = np.inf
+            via[i, j] = _NO_PATH
+            is_inside = near.inside[i] or far.inside[j]
+            if not is_inside and is_adjacent_and_visible(blocked, clearance, near.xy[i], far.xy[j]):
+                lengths[i, j] = np.hypot(far.xy[j, 0] - near.xy[i, 0], far.xy[j, 1] - near.xy[i, 1])
                 via[i, j] = _DIRECT
                 continue
             for k in range(costs.shape[2]):
-                if costs[i, j, k] + far_off[j, k] < lengths[i, j]:
-                    lengths[i, j] = costs[i, j, k] + far_off[j, k]
+                if costs[i, j, k] + far.gaps[j, k] < lengths[i, j]:
+                    lengths[i, j] = costs[i, j, k] + far.gaps[j, k]
                     via[i, j] = k
             if has_tight_moves and via[i, j] >= 0:
                 # The search cost counts tight moves several times; the assignment compares lengths.
-                node, flown = far_nodes[j, via[i, j]], far_off[j, via[i, j]]
+                node = far.nodes[j, via[i, j]]
+                length = far.gaps[j, via[i, j]]
                 while came_by[i, node] != NO_MOVE:
                     move = came_by[i, node]
-                    flown += move_length(move, False)
+                    length += move_length(move, False)
                     node -= offsets[move]
-                for k in range(near_nodes.shape[1]):
-                    if near_nodes[i, k] == node:
-                        flown += near_off[i, k]
+                for k in range(near.nodes.shape[1]):
+                    if near.nodes[i, k] == node:
+                        length += near.gaps[i, k]
                         break
-                lengths[i, j] = flown
+                lengths[i, j] = length
     return lengths, via
 
 
@@ -211,11 +229,8 @@ def paper_paths(
             if first < 0 or last < 0:
                 continue
             count = 0
-            if (
-                starts.inside[i]
-                or goals.inside[j]
-                or not is_adjacent_and_visible(grid.blocked, clearance, a, b)
-            ):
+            is_inside = starts.inside[i] or goals.inside[j]
+            if is_inside or not is_adjacent_and_visible(grid.blocked, clearance, a, b):
                 count, _ = astar_paper(
                     smap.moves, smap.tight_moves, smap.offsets, smap.stride, first, last, buffer
                 )
@@ -237,30 +252,22 @@ def warm_up_calls() -> list[Call]:
     """Return one call of every search kernel with the types of a plan."""
     grid = free_grid((2, 2), 10.0)
     smap = search_map(grid)
-    size, node = smap.moves.size, flat_index(smap, (0, 0))
-    nodes, gaps = np.full((1, 4), node), np.zeros((1, 4))
-    xy, inside = np.zeros((1, 2)), np.zeros(1, np.bool_)
-    buffer, field, came_by = np.empty(size, np.int64), np.zeros(size), np.full((1, size), NO_MOVE, np.uint8)
-    entries, searched = np.empty((2 * size, 2), np.int32), kernel_arrays(smap)
-    empty = np.zeros(size), smap.packed.copy(), entries, buffer
+    size = smap.moves.size
+    node = flat_index(smap, (0, 0))
+    nodes = np.full(4, node)
+    gaps = np.zeros(4)
+    ends = Endpoints(np.zeros((1, 2)), nodes[None], gaps[None], np.zeros(1, np.bool_))
+    path = np.empty(size, np.int64)
+    field = np.zeros(size)
+    came_by = np.full((1, size), NO_MOVE, np.uint8)
+    lists = smap.move_lists, smap.has_tight_moves, smap.offsets
+    packed = smap.packed.copy()
+    entries = np.empty((2 * size, 2), np.int32)
     return [
-        (astar, *searched, smap.stride, nodes[0], gaps[0], nodes[0], gaps[0], *empty),
-        (
-            *(_path_ends, grid.blocked, 0.0, xy, inside, xy, gaps, inside, np.zeros((1, 1, 4))),
-            *(smap.has_tight_moves, smap.offsets, came_by, nodes, gaps, nodes),
-        ),
-        (costs_at, field, nodes, gaps),
-        (trace_back, smap.offsets, came_by[0], node, buffer),
-        (
-            one_to_all,
-            *searched,
-            nodes[0],
-            gaps[0],
-            nodes[0],
-            field,
-            came_by[0],
-            empty[1],
-            *dijkstra_buffers(smap),
-        ),
-        (astar_paper, smap.moves, smap.tight_moves, smap.offsets, smap.stride, node, node, buffer),
+        (bucket_astar, *lists, smap.stride, nodes, gaps, nodes, gaps, np.zeros(size), packed, entries, path),
+        (_path_ends, grid.blocked, 0.0, ends, ends, np.zeros((1, 1, 4)), *lists[1:], came_by),
+        (costs_at, field, ends.nodes, ends.gaps),
+        (trace_back, smap.offsets, came_by[0], node, path),
+        (one_to_all, *lists, nodes, gaps, nodes, field, came_by[0], packed, *dijkstra_buffers(smap)),
+        (astar_paper, smap.moves, smap.tight_moves, smap.offsets, smap.stride, node, node, path),
     ]

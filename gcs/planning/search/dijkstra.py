@@ -61,17 +61,20 @@ def _relax_bucket(
 ) -> int:  # fmt: skip
     """Relax the moves of all nodes of a bucket; return the change in the number of queued nodes."""
     ring = height.size - 1
-    slot, live = bucket & ring, 0
+    slot = bucket & ring
+    live = 0
     count = height[slot]
     for first in range(0, count, _CHUNK):
         beyond = min(first + _CHUNK, count)
         size = _list_moves(move_lists, packed, stack, slot, first, beyond, float(bucket), field, edges)
         for k in range(size):
             edge = int64(edges[k])
-            node, move = edge >> 3, edge & 7
+            node = edge >> 3
+            move = edge & 7
             there = node + offsets[move]
             factor = TIGHT_MOVE_COST if (packed[node] >> (TIGHT_BIT + move)) & 1 else 1.0
-            cost, before = field[node] + factor * _COSTS[move], field[there]
+            cost = field[node] + factor * _COSTS[move]
+            before = field[there]
             if cost < before:
                 field[there] = cost
                 packed[there] = (packed[there] & ~ARRIVAL_MASK) | move
@@ -92,17 +95,25 @@ def _relax_uniform_bucket(
     field: FloatArray, packed: UInt32Array, edges: Int32Array,
 ) -> int:  # fmt: skip
     """Do the same without tight moves, a quarter faster: a move leads to one of the next two buckets."""
-    slot, next_slot, far_slot = bucket & 3, (bucket + 1) & 3, (bucket + 2) & 3
-    count, near_height, far_height = height[slot], height[next_slot], height[far_slot]
-    low, middle, high = float(bucket), bucket + 2.0, bucket + 3.0
+    slot = bucket & 3
+    next_slot = (bucket + 1) & 3
+    far_slot = (bucket + 2) & 3
+    count = height[slot]
+    near_height = height[next_slot]
+    far_height = height[far_slot]
+    low = float(bucket)
+    middle = bucket + 2.0
+    high = bucket + 3.0
     for first in range(0, count, _CHUNK):
         beyond = min(first + _CHUNK, count)
         size = _list_moves(move_lists, packed, stack, slot, first, beyond, low, field, edges)
         for k in range(size):
             edge = int64(edges[k])
-            node, move = edge >> 3, edge & 7
+            node = edge >> 3
+            move = edge & 7
             there = node + offsets[move]
-            cost, before = field[node] + _COSTS[move], field[there]
+            cost = field[node] + _COSTS[move]
+            before = field[there]
             if cost < before:
                 field[there] = cost
                 packed[there] = (packed[there] & ~ARRIVAL_MASK) | move
@@ -113,7 +124,9 @@ def _relax_uniform_bucket(
                 stack[far_slot, far_height] = there
                 far_height += (cost >= middle) & (before >= high)
     live = near_height - height[next_slot] + far_height - height[far_slot] - count
-    height[slot], height[next_slot], height[far_slot] = 0, near_height, far_height
+    height[slot] = 0
+    height[next_slot] = near_height
+    height[far_slot] = far_height
     return live
 
 
@@ -138,23 +151,33 @@ def one_to_all(
     `dijkstra_buffers`. Ends when all reachable `goals` are final. Returns the cost below which the field is
     final: inf if all of it is. Unreachable nodes have the cost inf, and nothing in `came_by`.
     """
-    ring, size, stride = stack.shape[0] - 1, field.size, offsets[1]
+    ring = stack.shape[0] - 1
+    size = field.size
+    stride = offsets[1]
     height = np.zeros(ring + 1, np.int64)
-    live, bucket, final, low, high = 0, 1 << 60, 0, size, -1
+    live = 0
+    bucket = 1 << 60
+    final = 0
+    low = size
+    high = -1
     for i in range(nodes.size):
         if nodes[i] >= 0:
-            low, high = min(low, nodes[i]), max(high, nodes[i])
+            low = min(low, nodes[i])
+            high = max(high, nodes[i])
     # Rows are initialised just before the search can reach them: a bucket leads one row on.
-    low, high = max(0, low - 4 * stride), min(size, high + 4 * stride)
+    low = max(0, low - 4 * stride)
+    high = min(size, high + 4 * stride)
     field[low:high] = np.inf
     for i in range(nodes.size):
         node = nodes[i]
         if node >= 0 and costs[i] < field[node]:
-            field[node], packed[node] = costs[i], (packed[node] & ~ARRIVAL_MASK) | NO_MOVE
+            field[node] = costs[i]
+            packed[node] = (packed[node] & ~ARRIVAL_MASK) | NO_MOVE
             b = int(costs[i])
             stack[b & ring, height[b & ring]] = node
             height[b & ring] += 1
-            live, bucket = live + 1, min(bucket, b)
+            live = live + 1
+            bucket = min(bucket, b)
     end = np.inf
     while live > 0:
         if has_tight_moves:
@@ -167,9 +190,12 @@ def one_to_all(
         if goals.size > 0 and final == goals.size:
             end = float(bucket)
             break
-        field[max(0, low - stride) : low], field[high : high + stride] = np.inf, np.inf
-        low, high = max(0, low - stride), min(size, high + stride)
-    field[:low], field[high:] = np.inf, np.inf
+        field[max(0, low - stride) : low] = np.inf
+        field[high : high + stride] = np.inf
+        low = max(0, low - stride)
+        high = min(size, high + stride)
+    field[:low] = np.inf
+    field[high:] = np.inf
     for node in range(low, high):
         came_by[node] = packed[node] & ARRIVAL_MASK
     return end
@@ -178,7 +204,8 @@ def one_to_all(
 @kernel
 def trace_back(offsets: IntArray, came_by: ByteArray, goal: int, path: IntArray) -> int:
     """Write the nodes from `goal` back to the start to `path`; return their number."""
-    node, count = goal, 0
+    node = goal
+    count = 0
     while True:
         path[count] = node
         count += 1

@@ -73,21 +73,23 @@ def search_map(grid: Grid, clearance_m: float = 0.0, shifts_nodes: bool = False)
     blocked = np.ones((rows + 2, stride), dtype=np.bool_)
     blocked[1:-1, 1:-1] = grid.blocked
     moves = _legal_moves(blocked)
-    tight_nodes, tight_moves, node_shift = np.zeros_like(blocked), np.zeros_like(moves), np.zeros_like(moves)
-    clearance, inner = clearance_m / grid.spacing_m, (slice(1, -1), slice(1, -1))
+    tight_nodes = np.zeros_like(blocked)
+    tight_moves = np.zeros_like(moves)
+    node_shift = np.zeros_like(moves)
+    clearance = clearance_m / grid.spacing_m
+    inner = (slice(1, -1), slice(1, -1))
     if shifts_nodes and clearance > 0.5:
         node_shift[inner], tight_nodes[inner] = shifted_nodes(
             grid.blocked, clearance, _SHIFT_ROWS, _SHIFT_COLS
         )
         tight_moves[inner] = find_tight_moves(
-            *(
-                grid.blocked,
-                clearance,
-                moves[inner].copy(),
-                tight_nodes[inner].copy(),
-                node_shift[inner].copy(),
-            ),
-            *(_SHIFT_ROWS, _SHIFT_COLS),
+            grid.blocked,
+            clearance,
+            moves[inner].copy(),
+            tight_nodes[inner].copy(),
+            node_shift[inner].copy(),
+            _SHIFT_ROWS,
+            _SHIFT_COLS,
         )
     else:
         tight_nodes[inner] = grid.inflate(clearance_m).blocked & ~grid.blocked
@@ -106,7 +108,7 @@ def search_map(grid: Grid, clearance_m: float = 0.0, shifts_nodes: bool = False)
     if has_tight_moves:
         mixed = _around(tight_moves > 0) & _around(~blocked & (tight_moves != moves))
         order, remaining = prune_moves(
-            *(moves.ravel(), tight_moves.ravel(), mixed.ravel(), offsets, UNIFORM_TABLE, MAX_TABLE_ROWS)
+            moves.ravel(), tight_moves.ravel(), mixed.ravel(), offsets, UNIFORM_TABLE, MAX_TABLE_ROWS
         )
     return SearchMap(
         moves.ravel(),
@@ -122,11 +124,6 @@ def search_map(grid: Grid, clearance_m: float = 0.0, shifts_nodes: bool = False)
         has_tight_moves,
         shifts_nodes,
     )
-
-
-def kernel_arrays(smap: SearchMap) -> tuple[UInt32Array, bool, IntArray]:
-    """Return the first arguments of the search kernels."""
-    return smap.move_lists, smap.has_tight_moves, smap.offsets
 
 
 def cells(smap: SearchMap, flat: IntArray) -> FloatArray:

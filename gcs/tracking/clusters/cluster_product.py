@@ -45,9 +45,7 @@ class _ProductBuffers(NamedTuple):
 
 @spliced
 def _cluster_product(
-    start: IntArray,
-    items: IntArray,
-    logw: FloatArray,
+    left: Clusters,
     low: int,
     high: int,
     clusters: Clusters,
@@ -56,34 +54,43 @@ def _cluster_product(
     buffers: _ProductBuffers,
     out: Clusters,
 ) -> int:
-    """Write the best products of hypotheses `low` to `high` - 1 and those of an independent cluster g.
+    """Write the best products of hypotheses `low` to `high` - 1 of `left` and of another cluster g.
 
     Both lists are sorted, so at least (i + 1)(j + 1) - 1 pairs are no worse than the pair (i, j), and the
     best `limits.max_hypotheses` pairs lie under that hyperbola. Returns the number of hypotheses.
     """
-    max_pairs, rows = limits.max_hypotheses, min(high - low, limits.max_hypotheses)
-    g_low, columns = clusters.first[g], clusters.first[g + 1] - clusters.first[g]
-    count, floor = ZERO, logw[low] + clusters.logw[g_low] + limits.log_prune
+    max_pairs = limits.max_hypotheses
+    rows = min(high - low, limits.max_hypotheses)
+    g_low = clusters.first[g]
+    columns = clusters.first[g + 1] - clusters.first[g]
+    count = ZERO
+    floor = left.logw[low] + clusters.logw[g_low] + limits.log_prune
     for i in range(rows):
         for j in range(min(columns, max_pairs // (i + 1))):
-            w = logw[low + i] + clusters.logw[g_low + j]
+            w = left.logw[low + i] + clusters.logw[g_low + j]
             if w < floor:
                 break
-            buffers.logw[count], buffers.left[count], buffers.right[count] = w, low + i, g_low + j
+            buffers.logw[count] = w
+            buffers.left[count] = low + i
+            buffers.right[count] = g_low + j
             count += 1
     argsort_descending(buffers.logw, ZERO, count, buffers.order)
-    n, total, size = min(count, max_pairs), 0.0, 0
+    n = min(count, max_pairs)
+    total = 0.0
+    size = 0
     out.start[0] = 0
     for h in range(n):
         pair = buffers.order.index[h]
-        a, b = buffers.left[pair], buffers.right[pair]
-        for i in range(start[a], start[a + 1]):
-            out.items[size] = items[i]
+        a = buffers.left[pair]
+        b = buffers.right[pair]
+        for i in range(left.start[a], left.start[a + 1]):
+            out.items[size] = left.items[i]
             size += 1
         for i in range(clusters.start[b], clusters.start[b + 1]):
             out.items[size] = clusters.items[i]
             size += 1
-        out.start[h + 1], out.logw[h] = size, buffers.logw[pair]
+        out.start[h + 1] = size
+        out.logw[h] = buffers.logw[pair]
         total += math.exp(out.logw[h])
     log_total = math.log(total)
     for h in range(n):
@@ -138,29 +145,41 @@ def _link_unions(
     Returns the number of singletons, the hypotheses and items of all unions and of the largest one, and the
     pairs of a product.
     """
-    first, n_clusters = clusters.first, clusters.first.size - 1
+    first = clusters.first
+    n_clusters = clusters.first.size - 1
     pairs = 1
     for g in range(n_clusters):
-        root, count = find_root(out.parent, g), first[g + 1] - first[g]
-        out.parent[g], out.next_cluster[g], out.last[g] = root, -1, g
-        out.max_hyps[g], out.max_size[g] = count, _max_size(clusters.start, first[g], first[g + 1])
+        root = find_root(out.parent, g)
+        count = first[g + 1] - first[g]
+        out.parent[g] = root
+        out.next_cluster[g] = -1
+        out.last[g] = g
+        out.max_hyps[g] = count
+        out.max_size[g] = _max_size(clusters.start, first[g], first[g + 1])
         if root != g:
-            out.next_cluster[out.last[root]], out.last[root] = g, g
+            out.next_cluster[out.last[root]] = g
+            out.last[root] = g
             pairs = max(pairs, _max_pairs(out.max_hyps[root], count, limits.max_hypotheses))
             out.max_hyps[root] = min(out.max_hyps[root] * count, limits.max_hypotheses)
             out.max_size[root] += out.max_size[g]
-    n_singletons, n_hyps, n_items, hyps, items = 0, 0, 0, 0, 0
+    n_singletons = 0
+    n_hyps = 0
+    n_items = 0
+    hyps = 0
+    items = 0
     for g in range(n_clusters):
         if out.parent[g] != g:
             continue
         if out.next_cluster[g] < 0 and _is_single_label(clusters, g, track_label):
-            singletons[n_singletons], out.parent[g] = g, -1
+            singletons[n_singletons] = g
+            out.parent[g] = -1
             n_singletons += 1
             continue
         n_hyps += out.max_hyps[g]
         n_items += out.max_hyps[g] * out.max_size[g]
         if out.next_cluster[g] >= 0:
-            hyps, items = max(hyps, out.max_hyps[g]), max(items, out.max_hyps[g] * out.max_size[g])
+            hyps = max(hyps, out.max_hyps[g])
+            items = max(items, out.max_hyps[g] * out.max_size[g])
     return n_singletons, n_hyps, n_items, hyps, items, pairs
 
 
@@ -170,22 +189,29 @@ def _multiply_unions(
 ) -> tuple[int, int]:
     """Fill `out` with the product of each union; return the number of clusters and hypotheses."""
     first = clusters.first
-    count, n = 0, 0
+    count = 0
+    n = 0
     out.first[0] = out.start[0] = 0
     for g in range(first.size - 1):
         if unions.parent[g] != g:
             continue
-        low, high, second = first[g], first[g + 1], unions.next_cluster[g]
-        start, items, logw, use_first = clusters.start, clusters.items, clusters.logw, True
+        low = first[g]
+        high = first[g + 1]
+        second = unions.next_cluster[g]
+        left = clusters
+        use_first = True
         while second >= 0:
             product = buffers.first_buffer if use_first else buffers.second_buffer
-            high = _cluster_product(start, items, logw, low, high, clusters, second, limits, buffers, product)
-            start, items, logw, low, use_first = product.start, product.items, product.logw, 0, not use_first
+            high = _cluster_product(left, low, high, clusters, second, limits, buffers, product)
+            left = product
+            low = 0
+            use_first = not use_first
             second = unions.next_cluster[second]
         for h in range(low, high):
-            out.logw[n], size = logw[h], out.start[n]
-            for i in range(start[h], start[h + 1]):
-                out.items[size] = items[i]
+            out.logw[n] = left.logw[h]
+            size = out.start[n]
+            for i in range(left.start[h], left.start[h + 1]):
+                out.items[size] = left.items[i]
                 size += 1
             n += 1
             out.start[n] = size

@@ -53,7 +53,8 @@ from gcs.model import BoolArray, FloatArray, IntArray
 from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
 from gcs.tracking.numerics.fast_math import exp_into
 
-_NO_LABEL, _SEVERAL_LABELS = -1, -2
+_NO_LABEL = -1
+_SEVERAL_LABELS = -2
 _MAX_ROUNDS = 64
 """Rounds in which the contested set may grow; a few suffice, and a scan must end."""
 
@@ -126,7 +127,8 @@ def allocate_contention(n_hyps: int, n_tracks: int, n_options: int, n_detections
 @inlined
 def _find_owners(options: AssociationOptions, track_label: IntArray, contention: Contention) -> None:
     """Fill `owner`."""
-    start, meas, owner = options.start, options.meas, contention.owner
+    start, meas, _ = options
+    owner = contention.owner
     for j in range(owner.size):
         owner[j] = contention.last_entry[j] = _NO_LABEL
     for t in range(track_label.size):
@@ -140,10 +142,12 @@ def _find_owners(options: AssociationOptions, track_label: IntArray, contention:
 @inlined
 def _find_rivals(options: AssociationOptions, track_label: IntArray, contention: Contention) -> None:
     """Fill `has_rivals`."""
-    start, meas, owner = options.start, options.meas, contention.owner
+    start, meas, _ = options
+    owner = contention.owner
     first = 0
     while first < track_label.size:
-        end, rivals = first, False
+        end = first
+        rivals = False
         while end < track_label.size and track_label[end] == track_label[first]:
             for o in range(start[end], start[end + 1]):
                 rivals |= meas[o] >= 0 and owner[meas[o]] == _SEVERAL_LABELS
@@ -173,23 +177,34 @@ def _compute_track_probabilities(clusters: Clusters, contention: Contention) -> 
 @inlined
 def _list_rivals(options: AssociationOptions, track_label: IntArray, contention: Contention) -> int:
     """List the rivals and their entries; return the number of rivals."""
-    start, meas, owner = options.start, options.meas, contention.owner
-    count, n, t = 0, 0, 0
+    start, meas, logw = options
+    owner = contention.owner
+    count = 0
+    n = 0
+    t = 0
     while t < track_label.size:
         if not contention.has_rivals[t]:
             t += 1
             continue
-        label, absent, uncontested_weight, contention.begin[count] = track_label[t], 1.0, 0.0, n
-        contention.rival_cluster[count], contention.is_queued[count] = contention.track_cluster[t], False
+        label = track_label[t]
+        absent = 1.0
+        uncontested_weight = 0.0
+        contention.begin[count] = n
+        contention.rival_cluster[count] = contention.track_cluster[t]
+        contention.is_queued[count] = False
         while t < track_label.size and track_label[t] == label:
             absent -= contention.track_probability[t]
             for o in range(start[t], start[t + 1]):
-                weight, j = contention.track_probability[t] * math.exp(options.logw[o]), meas[o]
+                weight = contention.track_probability[t] * math.exp(logw[o])
+                j = meas[o]
                 if j < 0 or owner[j] != _SEVERAL_LABELS:
                     uncontested_weight += weight
                     continue
-                contention.meas[n], contention.rival[n], contention.weight[n] = j, count, weight
-                contention.previous_entry[n], contention.last_entry[j] = contention.last_entry[j], n
+                contention.meas[n] = j
+                contention.rival[n] = count
+                contention.weight[n] = weight
+                contention.previous_entry[n] = contention.last_entry[j]
+                contention.last_entry[j] = n
                 n += 1
             t += 1
         contention.uncontested_weight[count] = max(absent, 0.0) + uncontested_weight
@@ -204,12 +219,10 @@ def _update_rival(r: int, max_conflict: float, n_newly_contested: int, contentio
 
     `n_newly_contested` are there before; returns their number after.
     """
-    meas, scratch, contested, strongest_q = (
-        contention.meas,
-        contention.scratch,
-        contention.contested,
-        contention.strongest_q,
-    )
+    meas = contention.meas
+    scratch = contention.scratch
+    contested = contention.contested
+    strongest_q = contention.strongest_q
     fallback = contention.uncontested_weight[r]
     for i in range(contention.begin[r], contention.begin[r + 1]):
         scratch[meas[i]] += contention.weight[i]
@@ -222,14 +235,16 @@ def _update_rival(r: int, max_conflict: float, n_newly_contested: int, contentio
         if q > strongest_q[j]:
             if strongest_q[j] > 0.0 and contention.strongest_rival[j] != r:
                 contention.second_q[j] = strongest_q[j]
-            strongest_q[j], contention.strongest_rival[j] = q, r
+            strongest_q[j] = q
+            contention.strongest_rival[j] = r
         elif contention.strongest_rival[j] != r:
             contention.second_q[j] = max(contention.second_q[j], q)
     for i in range(contention.begin[r], contention.begin[r + 1]):
         j = meas[i]
         scratch[j] = 0.0
         if not contested[j] and strongest_q[j] * contention.second_q[j] > max_conflict:
-            contested[j], contention.newly_contested[n_newly_contested] = True, j
+            contested[j] = True
+            contention.newly_contested[n_newly_contested] = j
             n_newly_contested += 1
     return n_newly_contested
 
@@ -249,7 +264,8 @@ def find_contending_clusters(
     _find_owners(options, track_label, contention)
     _find_rivals(options, track_label, contention)
     _compute_track_probabilities(clusters, contention)
-    n_rivals, n_newly_contested = _list_rivals(options, track_label, contention), 0
+    n_rivals = _list_rivals(options, track_label, contention)
+    n_newly_contested = 0
     for r in range(n_rivals):
         n_newly_contested = _update_rival(r, max_conflict, n_newly_contested, contention)
     for _ in range(_MAX_ROUNDS):
@@ -258,10 +274,8 @@ def find_contending_clusters(
             i = contention.last_entry[contention.newly_contested[k]]
             while i >= 0:
                 if not contention.is_queued[contention.rival[i]]:
-                    contention.queue[n_queued], contention.is_queued[contention.rival[i]] = (
-                        contention.rival[i],
-                        True,
-                    )
+                    contention.queue[n_queued] = contention.rival[i]
+                    contention.is_queued[contention.rival[i]] = True
                     n_queued += 1
                 i = contention.previous_entry[i]
         n_newly_contested = 0

@@ -66,39 +66,6 @@ def _number_tracks(
     return max_number
 
 
-@inlined
-def _is_dependent(
-    choice: IntArray,
-    n_hyps: int,
-    marginal: FloatArray,
-    n_tracks: IntArray,
-    weight: FloatArray,
-    low: int,
-    p: int,
-    q: int,
-    joint: FloatArray,
-    max_dependence: float,
-) -> bool:
-    """Return True if labels p and q are further than `max_dependence` from independence.
-
-    The distance is the total variation. `joint` is scratch: two tables, used in turns, because most
-    hypotheses add to the same few cells and would wait for each other.
-    """
-    for a in range(n_tracks[p] + 1):
-        for b in range(n_tracks[q] + 1):
-            joint[0, a, b] = joint[1, a, b] = 0.0
-    for h in range(0, n_hyps - 1, 2):
-        joint[0, choice[h, p], choice[h, q]] += weight[low + h]
-        joint[1, choice[h + 1, p], choice[h + 1, q]] += weight[low + h + 1]
-    if n_hyps % 2 == 1:
-        joint[0, choice[n_hyps - 1, p], choice[n_hyps - 1, q]] += weight[low + n_hyps - 1]
-    distance = 0.0
-    for a in range(n_tracks[p] + 1):
-        for b in range(n_tracks[q] + 1):
-            distance += abs(joint[0, a, b] + joint[1, a, b] - marginal[p, a] * marginal[q, b])
-    return 0.5 * distance > max_dependence
-
-
 class _LabelNumbers(NamedTuple):
     """Output of `_number_labels`."""
 
@@ -123,17 +90,45 @@ class _SplitBuffers(NamedTuple):
     unique: UniqueBuffers
 
 
+@inlined
+def _is_dependent(
+    p: int, q: int, low: int, n_hyps: int, max_dependence: float, buffers: _SplitBuffers
+) -> bool:
+    """Return True if labels p and q are further than `max_dependence` from independence.
+
+    The distance is the total variation, over `n_hyps` hypotheses from `low` on. `joint` is scratch: two
+    tables, used in turns, because most hypotheses add to the same few cells and would wait for each other.
+    """
+    choice = buffers.choice
+    joint = buffers.joint
+    weight = buffers.weight
+    for a in range(buffers.n_tracks[p] + 1):
+        for b in range(buffers.n_tracks[q] + 1):
+            joint[0, a, b] = joint[1, a, b] = 0.0
+    for h in range(0, n_hyps - 1, 2):
+        joint[0, choice[h, p], choice[h, q]] += weight[low + h]
+        joint[1, choice[h + 1, p], choice[h + 1, q]] += weight[low + h + 1]
+    if n_hyps % 2 == 1:
+        joint[0, choice[n_hyps - 1, p], choice[n_hyps - 1, q]] += weight[low + n_hyps - 1]
+    distance = 0.0
+    for a in range(buffers.n_tracks[p] + 1):
+        for b in range(buffers.n_tracks[q] + 1):
+            product = buffers.marginal[p, a] * buffers.marginal[q, b]
+            distance += abs(joint[0, a, b] + joint[1, a, b] - product)
+    return 0.5 * distance > max_dependence
+
+
 @spliced
 def _find_dependent_sets(clusters: Clusters, g: int, n: int, limits: Limits, buffers: _SplitBuffers) -> None:
     """Fill `set_of` for the n labels of cluster g."""
-    start, low, high = clusters.start, clusters.first[g], clusters.first[g + 1]
-    choice, marginal, n_tracks, set_of, is_undecided = (
-        buffers.choice,
-        buffers.marginal,
-        buffers.n_tracks,
-        buffers.set_of,
-        buffers.is_undecided,
-    )
+    start = clusters.start
+    low = clusters.first[g]
+    high = clusters.first[g + 1]
+    choice = buffers.choice
+    marginal = buffers.marginal
+    n_tracks = buffers.n_tracks
+    set_of = buffers.set_of
+    is_undecided = buffers.is_undecided
     for p in range(n):
         n_tracks[p] = 0
     max_number = _number_tracks(
@@ -163,20 +158,10 @@ def _find_dependent_sets(clusters: Clusters, g: int, n: int, limits: Limits, buf
             if (
                 is_undecided[q]
                 and set_of[p] != set_of[q]
-                and _is_dependent(
-                    choice,
-                    high - low,
-                    marginal,
-                    n_tracks,
-                    buffers.weight,
-                    low,
-                    p,
-                    q,
-                    buffers.joint,
-                    limits.max_dependence,
-                )
+                and _is_dependent(p, q, low, high - low, limits.max_dependence, buffers)
             ):
-                a, b = set_of[p], set_of[q]
+                a = set_of[p]
+                b = set_of[q]
                 for r in range(n):
                     if set_of[r] == max(a, b):
                         set_of[r] = min(a, b)
@@ -188,7 +173,8 @@ def _marginal_of_label(p: int, buffers: _SplitBuffers) -> int:
 
     Returns the number of hypotheses.
     """
-    unique, count = buffers.unique, ZERO
+    unique = buffers.unique
+    count = ZERO
     for a in range(buffers.n_tracks[p] + 1):
         if buffers.marginal[p, a] > 0.0:
             unique.weight[count] = buffers.marginal[p, a]
@@ -204,7 +190,9 @@ def _marginal_of_set(clusters: Clusters, g: int, p: int, buffers: _SplitBuffers)
 
     Returns the number of hypotheses.
     """
-    low, high, unique = clusters.first[g], clusters.first[g + 1], buffers.unique
+    low = clusters.first[g]
+    high = clusters.first[g + 1]
+    unique = buffers.unique
     for h in range(low, high):
         key = np.uint64(0)
         for i in range(clusters.start[h], clusters.start[h + 1]):
@@ -217,11 +205,9 @@ def _marginal_of_set(clusters: Clusters, g: int, p: int, buffers: _SplitBuffers)
 @leaf
 def _number_labels(clusters: Clusters, g: int, track_label: IntArray, numbers: _LabelNumbers) -> int:
     """Number the labels of cluster g; return how many."""
-    items, begin, end = (
-        clusters.items,
-        clusters.start[clusters.first[g]],
-        clusters.start[clusters.first[g + 1]],
-    )
+    items = clusters.items
+    begin = clusters.start[clusters.first[g]]
+    end = clusters.start[clusters.first[g + 1]]
     n = 0
     for i in range(begin, end):
         label = track_label[items[i]]
@@ -237,24 +223,30 @@ def _measure_clusters(
     clusters: Clusters, track_label: IntArray, numbers: _LabelNumbers
 ) -> tuple[int, int, int, int]:
     """Return the most labels and hypotheses of a cluster, tracks of a label, and the total hypotheses."""
-    labels, hyps, tracks, run, capacity = 1, 1, 1, 0, 0
+    labels = 1
+    hyps = 1
+    tracks = 1
+    run = 0
+    capacity = 0
     for t in range(track_label.size):
         run = run + 1 if t > 0 and track_label[t] == track_label[t - 1] else 1
         tracks = max(tracks, run)
     for g in range(clusters.first.size - 1):
-        count, n = (
-            clusters.first[g + 1] - clusters.first[g],
-            _number_labels(clusters, g, track_label, numbers),
-        )
-        labels, hyps, capacity = max(labels, n), max(hyps, count), capacity + n * count
+        count = clusters.first[g + 1] - clusters.first[g]
+        n = _number_labels(clusters, g, track_label, numbers)
+        labels = max(labels, n)
+        hyps = max(hyps, count)
+        capacity = capacity + n * count
     return labels, hyps, tracks, capacity
 
 
 @leaf
 def _fill_split(clusters: Clusters, limits: Limits, buffers: _SplitBuffers, out: Clusters) -> tuple[int, int]:
     """Fill `out` with the split clusters; return the number of clusters and hypotheses."""
-    first, start, items = clusters.first, clusters.start, clusters.items
-    count, n_hyps, size = 0, 0, 0
+    first, start, items, logw = clusters
+    count = 0
+    n_hyps = 0
+    size = 0
     out.first[0] = out.start[0] = 0
     exp_into(clusters.logw, buffers.weight)
     for g in range(first.size - 1):
@@ -273,14 +265,16 @@ def _fill_split(clusters: Clusters, limits: Limits, buffers: _SplitBuffers, out:
                     for i in range(start[h], start[h + 1]):
                         out.items[size] = items[i]
                         size += 1
-                    out.logw[n_hyps], out.start[n_hyps + 1] = clusters.logw[h], size
+                    out.logw[n_hyps] = logw[h]
+                    out.start[n_hyps + 1] = size
                     n_hyps += 1
             elif members == 1:
                 for k in range(_marginal_of_label(p, buffers)):
                     if buffers.unique.which[k] >= 0:
                         out.items[size] = items[buffers.unique.which[k]]
                         size += 1
-                    out.logw[n_hyps], out.start[n_hyps + 1] = buffers.unique.logw[k], size
+                    out.logw[n_hyps] = buffers.unique.logw[k]
+                    out.start[n_hyps + 1] = size
                     n_hyps += 1
             else:
                 for k in range(_marginal_of_set(clusters, g, p, buffers)):
@@ -289,7 +283,8 @@ def _fill_split(clusters: Clusters, limits: Limits, buffers: _SplitBuffers, out:
                         if buffers.set_of[buffers.item_label[i]] == p:
                             out.items[size] = items[i]
                             size += 1
-                    out.logw[n_hyps], out.start[n_hyps + 1] = buffers.unique.logw[k], size
+                    out.logw[n_hyps] = buffers.unique.logw[k]
+                    out.start[n_hyps + 1] = size
                     n_hyps += 1
             count += 1
             out.first[count] = n_hyps
@@ -299,8 +294,10 @@ def _fill_split(clusters: Clusters, limits: Limits, buffers: _SplitBuffers, out:
 @kernel
 def split_clusters(clusters: Clusters, track_label: IntArray, n_labels: int, limits: Limits) -> Clusters:
     """Split each cluster into sets of dependent labels, without labels of too little existence."""
-    item_label, local = np.empty(clusters.items.size, np.int64), np.empty(n_labels, np.int64)
-    number, weight = np.zeros(track_label.size, np.int64), np.empty(clusters.logw.size)
+    item_label = np.empty(clusters.items.size, np.int64)
+    local = np.empty(n_labels, np.int64)
+    number = np.zeros(track_label.size, np.int64)
+    weight = np.empty(clusters.logw.size)
     local[:] = -1
     labels, hyps, tracks, capacity = _measure_clusters(
         clusters, track_label, _LabelNumbers(item_label, local)
@@ -332,7 +329,8 @@ def _renumber_items(old: IntArray, number: IntArray, used: IntArray, items: IntA
     count = 0
     for o in range(number.size):
         if number[o]:
-            number[o], used[count] = count, o
+            number[o] = count
+            used[count] = o
             count += 1
     for i in range(items.size):
         items[i] = number[old[i]]
@@ -342,7 +340,8 @@ def _renumber_items(old: IntArray, number: IntArray, used: IntArray, items: IntA
 @kernel
 def renumber(clusters: Clusters, n_options: int) -> tuple[Clusters, IntArray]:
     """Renumber the used options 0, 1, 2 ... in their order; also return these options."""
-    number, used = np.zeros(n_options, np.int64), np.empty(n_options, np.int64)
+    number = np.zeros(n_options, np.int64)
+    used = np.empty(n_options, np.int64)
     items = np.empty(clusters.items.size, np.int64)
     count = _renumber_items(clusters.items, number, used, items)
     return Clusters(clusters.first, clusters.start, items, clusters.logw), head(used, count)

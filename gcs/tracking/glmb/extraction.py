@@ -54,6 +54,19 @@ class Estimates(NamedTuple):
     cardinality: FloatArray
 
 
+class _Average(NamedTuple):
+    """Scratch for one label.
+
+    The state of its representative track; of another track the covariance of the difference, and its factor;
+    and the sum of the differences.
+    """
+
+    centre: FloatArray
+    total_cov: FloatArray
+    cholesky: FloatArray
+    shift: FloatArray
+
+
 @leaf
 def _average_states(
     probability: FloatArray,
@@ -61,20 +74,20 @@ def _average_states(
     representative: IntArray,
     mean: FloatArray,
     cov: FloatArray,
-    centre: FloatArray,
-    total_cov: FloatArray,
-    cholesky: FloatArray,
-    shift: FloatArray,
+    average: _Average,
     out_mean: FloatArray,
     out_cov: FloatArray,
 ) -> None:
+    centre, total_cov, cholesky, shift = average
     for row in range(representative.size):
         t = representative[row]
         for i in range(4):
-            centre[0, i], shift[i] = mean[t, i], 0.0
+            centre[0, i] = mean[t, i]
+            shift[i] = 0.0
             for j in range(4):
                 out_cov[row, i, j] = cov[t, i, j]
-        first, end = t, t + 1
+        first = t
+        end = t + 1
         while first > 0 and track_label[first - 1] == track_label[t]:
             first -= 1
         while end < track_label.size and track_label[end] == track_label[t]:
@@ -119,21 +132,10 @@ def average_states(
 
     `probability` of each track is that of `marginals`; tracks of a label are adjacent.
     """
-    out_mean, out_cov = np.empty((representative.size, 4)), np.empty((representative.size, 4, 4))
-    centre, total_cov, cholesky = np.empty((1, 4)), np.empty((1, 4, 4)), np.empty((1, 4, 4))
-    _average_states(
-        probability,
-        track_label,
-        representative,
-        mean,
-        cov,
-        centre,
-        total_cov,
-        cholesky,
-        np.empty(4),
-        out_mean,
-        out_cov,
-    )
+    out_mean = np.empty((representative.size, 4))
+    out_cov = np.empty((representative.size, 4, 4))
+    average = _Average(np.empty((1, 4)), np.empty((1, 4, 4)), np.empty((1, 4, 4)), np.empty(4))
+    _average_states(probability, track_label, representative, mean, cov, average, out_mean, out_cov)
     return out_mean, out_cov
 
 
@@ -150,7 +152,8 @@ def _select_labels(
     """Sort the labels to report by birth, and fill which are estimated; return how many to report."""
     for i in range(marginals.estimated.size):
         track = marginals.estimated[i]
-        marginals.representative[track_label[track]], estimated[track_label[track]] = track, True
+        marginals.representative[track_label[track]] = track
+        estimated[track_label[track]] = True
     count = ZERO
     for label in range(estimated.size):
         # Labels that are not reported are sorted last.
@@ -175,8 +178,10 @@ def _fill_estimates(
     for i in range(track.size):
         label = order.index[i]
         track[i] = marginals.representative[label]
-        label_out[i, 0], label_out[i, 1] = labels[label, 0], labels[label, 1]
-        existence_out[i], estimated_out[i] = marginals.existence[label], estimated[label]
+        label_out[i, 0] = labels[label, 0]
+        label_out[i, 1] = labels[label, 1]
+        existence_out[i] = marginals.existence[label]
+        estimated_out[i] = estimated[label]
 
 
 @kernel
@@ -191,11 +196,13 @@ def extract_estimates(
     """Return the estimates of labels in the MAP estimate or with an existence of at least `min_existence`."""
     marginals = compute_marginals(clusters, track_label, labels.shape[0])
     n_labels = labels.shape[0]
-    estimated, order = np.zeros(n_labels, np.bool_), allocate_sort(n_labels)
+    estimated = np.zeros(n_labels, np.bool_)
+    order = allocate_sort(n_labels)
     n = _select_labels(
         marginals, track_label, labels, min_existence, estimated, np.empty(n_labels, np.int64), order
     )
-    track, out = np.empty(n, np.int64), (np.empty((n, 2), np.int64), np.empty(n), np.empty(n, np.bool_))
+    track = np.empty(n, np.int64)
+    out = (np.empty((n, 2), np.int64), np.empty(n), np.empty(n, np.bool_))
     _fill_estimates(marginals, labels, estimated, order, track, out)
     means, covs = average_states(marginals.probability, track_label, track, mean, cov)
     return Estimates(out[0], means, covs, out[1], out[2], marginals.cardinality)
@@ -203,5 +210,7 @@ def extract_estimates(
 
 def warm_up_calls() -> list[Call]:
     """Return one call of every kernel, with the types of a tracker."""
-    zeros, ids, clusters = np.zeros(1, np.int64), np.zeros((1, 2), np.int64), Clusters.example()
+    zeros = np.zeros(1, np.int64)
+    ids = np.zeros((1, 2), np.int64)
+    clusters = Clusters.example()
     return [(extract_estimates, clusters, zeros, ids, np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), 1e-3)]

@@ -20,13 +20,15 @@ import numpy as np
 
 from gcs import jit
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
-from gcs.tracking.glmb import extraction, kalman, recursion
+from gcs.tracking.glmb import extraction, recursion
 from gcs.tracking.glmb.extraction import Estimates
 from gcs.tracking.glmb.filter_state import GlmbState, check_state
-from gcs.tracking.glmb.params import SURE, Birth, BirthComponents, GlmbParams
-from gcs.tracking.glmb.recursion import DetectionSummary, Interval
+from gcs.tracking.glmb.kalman import Interval
+from gcs.tracking.glmb.params import Birth, BirthComponents, GlmbParams
+from gcs.tracking.glmb.recursion import DetectionSummary
 from gcs.tracking.glmb.scan_detections import scan_measurements
 from gcs.tracking.models import clutter, coordinated_turn, measurement_model
+from gcs.tracking.models.survival import survival_probability, survival_terms
 from gcs.tracking.trajectories.recovery import Histories
 
 __all__ = [
@@ -138,10 +140,13 @@ class Glmb:
         state.t_ns = measured_t_ns
         if births is not self._births:
             # Constant births are one tuple, the same object at each scan; other sequences might change.
-            self._births, self._birth_components = tuple(births), BirthComponents.from_births(births)
+            self._births = tuple(births)
+            self._birth_components = BirthComponents.from_births(births)
         if sensor is not self._sensor:
-            self._sensor, self._sensor_model = sensor, measurement_model.sensor_model(sensor)
-        interval, rng = self._interval(dt_s), np.array([state.rng], dtype=np.uint64)
+            self._sensor = sensor
+            self._sensor_model = measurement_model.sensor_model(sensor)
+        interval = self._interval(dt_s)
+        rng = np.array([state.rng], dtype=np.uint64)
         result = recursion.update_step(
             state.posterior,
             interval,
@@ -152,7 +157,8 @@ class Glmb:
             self._summarise_detections,
             rng,
         )
-        state.posterior, state.rng = result.posterior, int(rng[0])
+        state.posterior = result.posterior
+        state.rng = int(rng[0])
         state.bad_detections += result.n_unusable
         if self._summarise_detections:
             self.detection_summary = result.summary
@@ -216,22 +222,11 @@ class Glmb:
         """Return motion, survival and births since the last scan."""
         params = self.params
         Q = _process_noise(dt_s, params.accel_psd_m2_s3, params.piecewise_accel_std_m_s2)
-        survival = _survival_terms(self._survival_probability(dt_s), float(params.lost_std_m))
+        survival = survival_terms(self._survival_probability(dt_s), float(params.lost_std_m))
         return Interval(dt_s, Q, survival, self.state.scans, self._birth_components)
 
     def _survival_probability(self, dt_s: float) -> float:
-        return float(max(min(self.params.survival_probability_per_s, 1.0) ** dt_s, 1.0 - SURE))
-
-
-@lru_cache(maxsize=64)
-def _survival_terms(survival: float, lost_std_m: float) -> kalman.Survival:
-    """Return the survival terms; lost tracks die almost surely."""
-    survive = np.array([survival, 1.0 - SURE])
-    log_survival = np.log(survive)
-    log_death = np.log1p(-survive, out=np.full(2, -np.inf), where=survive < 1.0)
-    return kalman.Survival(
-        log_survival[0], log_death[0], log_survival[1], log_death[1], lost_std_m * lost_std_m
-    )
+        return survival_probability(self.params.survival_probability_per_s, dt_s)
 
 
 @lru_cache(maxsize=64)

@@ -50,8 +50,10 @@ def check_state(state: GlmbState, *, has_turns: bool) -> None:
         If it is no valid state of a filter with or without turns.
     """
     posterior = state.posterior
-    labels, track_label = posterior.labels, posterior.track_label
-    n_labels, n_tracks = labels.size // 2, track_label.size
+    labels = posterior.labels
+    track_label = posterior.track_label
+    n_labels = labels.size // 2
+    n_tracks = track_label.size
     _check(0 <= state.scans < _MAX_SCANS and 0 <= state.rng < 2**64, "scans")
     _check_array(labels, np.int64, (n_labels, 2), "labels")
     _check(bool((labels >= 0).all() and (labels[:, 0] < state.scans).all()), "labels")

@@ -19,7 +19,8 @@ edge           (s,)                   float64  least first coordinate of each st
 second         (m,)                   float64  second coordinate of each detection
 entry          (8 s + 1,)             int32    guide to `edge`
 inner          (s (width + 1),)       int32    guides to `second` in each strip
-per_unit       (s,)                   float64  guide entries per unit of the second coordinate
+per_unit       (s + 1,)               float64  guide entries per unit of the second coordinate in each
+                                               strip; the last one, of the first coordinate
 =============  =====================  =======  ===================================================
 """
 
@@ -31,7 +32,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from gcs.jit import ZERO, inlined, leaf
-from gcs.tracking.glmb.hypotheses import ABSENT, MISSED
+from gcs.tracking.glmb.hypotheses import ABSENT, MISSED, AssociationOptions
 from gcs.tracking.models.measurement_model import LinearisedMeasurement, wrap_angle
 from gcs.tracking.numerics.sorting import SortBuffers, allocate_sort, argsort_descending
 
@@ -69,7 +70,8 @@ def _sort_rows_ascending(
 ) -> None:
     """Sort `rows[first]` to `rows[end - 1]` by a coordinate, the least first."""
     for i in range(first, end):
-        work.row[i - first], work.value[i - first] = rows[i], -z[rows[i], axis]
+        work.row[i - first] = rows[i]
+        work.value[i - first] = -z[rows[i], axis]
     argsort_descending(work.value, ZERO, end - first, work.order)
     for i in range(first, end):
         rows[i] = work.row[work.order.index[i - first]]
@@ -131,11 +133,15 @@ def _bisect_left(value: FloatArray, low: int, high: int, least: float) -> int:
 def _sort_options(meas: IntArray, logw: FloatArray, start: int, end: int) -> None:
     """Sort options by weight, the best first, stable (insertion: the lists are short)."""
     for i in range(start + 1, end):
-        m, w, j = meas[i], logw[i], i
+        m = meas[i]
+        w = logw[i]
+        j = i
         while j > start and logw[j - 1] < w:
-            meas[j], logw[j] = meas[j - 1], logw[j - 1]
+            meas[j] = meas[j - 1]
+            logw[j] = logw[j - 1]
             j -= 1
-        meas[j], logw[j] = m, w
+        meas[j] = m
+        logw[j] = w
 
 
 @inlined
@@ -158,8 +164,13 @@ def innovation_cov(
     cov: FloatArray, t: int, meas_model: LinearisedMeasurement, u: int
 ) -> tuple[float, float, float]:
     """Return the elements 00, 01 and 11 of A P A' + R of track t; u is the row of A and R."""
-    p, q, r, s = meas_model.A[u, 0, 0], meas_model.A[u, 0, 1], meas_model.A[u, 1, 0], meas_model.A[u, 1, 1]
-    x, xy, y = cov[t, 0, 0], cov[t, 0, 1], cov[t, 1, 1]
+    p = meas_model.A[u, 0, 0]
+    q = meas_model.A[u, 0, 1]
+    r = meas_model.A[u, 1, 0]
+    s = meas_model.A[u, 1, 1]
+    x = cov[t, 0, 0]
+    xy = cov[t, 0, 1]
+    y = cov[t, 1, 1]
     return (
         p * p * x + 2.0 * p * q * xy + q * q * y + meas_model.noise[u, 0, 0],
         p * r * x + (p * s + q * r) * xy + q * s * y + meas_model.noise[u, 0, 1],
@@ -179,91 +190,143 @@ class _Strips(NamedTuple):
 
 
 @leaf
-def _index_strips(z: FloatArray, to: _Strips) -> float:
-    """Fill the strips; return the entries of `entry` per unit of the first coordinate."""
-    m, width, count = z.shape[0], to.width, to.edge.size
+def _index_strips(z: FloatArray, to: _Strips) -> None:
+    """Fill the strips."""
+    m = z.shape[0]
+    width = to.width
+    count = to.edge.size
     for s in range(count):
-        low, high = s * width, min((s + 1) * width, m)
+        low = s * width
+        high = min((s + 1) * width, m)
         to.edge[s] = np.inf
         for j in range(low, high):
-            to.edge[s], to.second[j] = min(to.edge[s], z[j, 0]), z[j, 1]
+            to.edge[s] = min(to.edge[s], z[j, 0])
+            to.second[j] = z[j, 1]
         to.per_unit[s] = _guide(to.second, low, high, to.inner, s * (width + 1), width)
-    return _guide(to.edge, 0, count, to.entry, 0, _GUIDE_ENTRIES_PER_STRIP * count) if count > 0 else 0.0
+    if count > 0:
+        to.per_unit[count] = _guide(to.edge, 0, count, to.entry, 0, _GUIDE_ENTRIES_PER_STRIP * count)
+
+
+@inlined
+def _first_strip(strip: _Strips, least: float) -> int:
+    """Return the first strip that may have a detection with a first coordinate of `least` or more."""
+    n = strip.edge.size
+    e = _guide_entry(least, strip.edge[0], strip.per_unit[n], _GUIDE_ENTRIES_PER_STRIP * n)
+    return max(0, _bisect_left(strip.edge, strip.entry[e], strip.entry[e + 1], least) - 1)
+
+
+@inlined
+def _first_in_strip(strip: _Strips, s: int, least: float) -> int:
+    """Return a detection of strip s such that those before it have a second coordinate below `least`."""
+    per_unit = strip.per_unit[s]
+    e = s * (strip.width + 1) + _guide_entry(least, strip.second[s * strip.width], per_unit, strip.width)
+    first = strip.inner[e]
+    if strip.inner[e + 1] - first > _MAX_LINEAR_SEARCH:
+        first = _bisect_left(strip.second, first, strip.inner[e + 1], least)
+    return first
+
+
+class _Tracks(NamedTuple):
+    """Predicted tracks (see `kalman.Prediction`)."""
+
+    cov: FloatArray
+    log_survival: FloatArray
+    log_death: FloatArray
+
+
+class _Detections(NamedTuple):
+    """Detections of the scan (see `association_options`)."""
+
+    z: FloatArray
+    log_clutter: FloatArray
+    strip: _Strips
+
+
+@inlined
+def _list_detections(
+    t: int, tracks: _Tracks, meas_model: LinearisedMeasurement, gate_chi2: float, detections: _Detections,
+    log_detected: float, options: AssociationOptions, count: int,
+) -> int:  # fmt: skip
+    """Add the options of track t for the detections in its gate behind `count`; return the new count."""
+    z = detections.z
+    strip = detections.strip
+    x, y = meas_model.z_hat[t, 0], meas_model.z_hat[t, 1]
+    a, b, c = innovation_cov(tracks.cov, t, meas_model, 0 if meas_model.A.shape[0] == 1 else t)
+    det = a * c - b * b
+    log_scale = log_detected - 0.5 * math.log(det) + tracks.log_survival[t]
+    half_width = math.sqrt(gate_chi2 * a)
+    half_height = math.sqrt(gate_chi2 * c)
+    s = _first_strip(strip, x - half_width)
+    while s < strip.edge.size and strip.edge[s] <= x + half_width:
+        j = s * strip.width
+        if not meas_model.has_bearing:
+            j = _first_in_strip(strip, s, y - half_height)
+        while j < min((s + 1) * strip.width, z.shape[0]):
+            dx, dy = z[j, 0] - x, z[j, 1] - y
+            if meas_model.has_bearing:
+                dy = wrap_angle(dy)
+            elif dy > half_height:
+                break
+            d2 = (c * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / det
+            if d2 <= gate_chi2:
+                options.meas[count] = j
+                options.logw[count] = log_scale - 0.5 * d2 - detections.log_clutter[j]
+                count += 1
+            j += 1
+        s += 1
+    return count
+
+
+@inlined
+def _keep_likeliest(options: AssociationOptions, first: int, end: int, best: FloatArray) -> int:
+    """Keep at most `MAX_GATED_DETECTIONS` of the options from `first` on; return the new end."""
+    if end - first <= MAX_GATED_DETECTIONS:
+        return end
+    least = _nth_best(options.logw, first, end, best)
+    count = first
+    for i in range(first, end):
+        if options.logw[i] >= least and count < first + MAX_GATED_DETECTIONS:
+            options.meas[count] = options.meas[i]
+            options.logw[count] = options.logw[i]
+            count += 1
+    return count
 
 
 @leaf
 def _fill_options(
-    cov: FloatArray,
-    log_survival: FloatArray,
-    log_death: FloatArray,
-    z: FloatArray,
+    tracks: _Tracks,
     meas_model: LinearisedMeasurement,
-    log_clutter: FloatArray,
     gate_chi2: float,
-    strip: _Strips,
-    strips_per_unit: float,
+    detections: _Detections,
     best: FloatArray,
-    start: IntArray,
-    meas: IntArray,
-    logw: FloatArray,
+    options: AssociationOptions,
     t: int,
 ) -> int:
-    """List the options of tracks from t on; return the first track without space, or n."""
-    n, m, width, n_strips = cov.shape[0], z.shape[0], strip.width, strip.edge.size
-    step = 0 if meas_model.A.shape[0] == 1 else 1
+    """List the options of tracks from t on; return the first track without space, or the number of tracks."""
+    start, meas, logw = options
+    m = detections.z.shape[0]
     p_d = meas_model.p_d
-    log_detected, log_missed = math.log(p_d) - math.log(2.0 * math.pi), math.log1p(-p_d)
-    while t < n and logw.size - start[t] >= m + 2:
-        first = count = start[t]
-        is_visible = p_d > 0.0 and meas_model.p_in_fov[t] > MIN_P_IN_FOV
+    log_detected = math.log(p_d) - math.log(2.0 * math.pi)
+    log_missed = math.log1p(-p_d)
+    while t < tracks.log_death.size and logw.size - start[t] >= m + 2:
+        count = start[t]
+        p_in_fov = meas_model.p_in_fov[t]
+        is_visible = p_d > 0.0 and p_in_fov > MIN_P_IN_FOV
         if is_visible and m > 0:
-            x, y = meas_model.z_hat[t, 0], meas_model.z_hat[t, 1]
-            a, b, c = innovation_cov(cov, t, meas_model, t * step)
-            det = a * c - b * b
-            log_scale = log_detected - 0.5 * math.log(det) + log_survival[t]
-            half_width, half_height = math.sqrt(gate_chi2 * a), math.sqrt(gate_chi2 * c)
-            e = _guide_entry(
-                x - half_width, strip.edge[0], strips_per_unit, _GUIDE_ENTRIES_PER_STRIP * n_strips
+            count = _list_detections(
+                t, tracks, meas_model, gate_chi2, detections, log_detected, options, count
             )
-            s = max(0, _bisect_left(strip.edge, strip.entry[e], strip.entry[e + 1], x - half_width) - 1)
-            while s < n_strips and strip.edge[s] <= x + half_width:
-                j, high = s * width, min((s + 1) * width, m)
-                if not meas_model.has_bearing:
-                    e = s * (width + 1) + _guide_entry(
-                        y - half_height, strip.second[j], strip.per_unit[s], width
-                    )
-                    j = strip.inner[e]
-                    if strip.inner[e + 1] - j > _MAX_LINEAR_SEARCH:
-                        j = _bisect_left(strip.second, j, strip.inner[e + 1], y - half_height)
-                while j < high:
-                    dx, dy = z[j, 0] - x, z[j, 1] - y
-                    if meas_model.has_bearing:
-                        dy = wrap_angle(dy)
-                    elif dy > half_height:
-                        break
-                    d2 = (c * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / det
-                    if d2 <= gate_chi2:
-                        meas[count], logw[count] = j, log_scale - 0.5 * d2 - log_clutter[j]
-                        count += 1
-                    j += 1
-                s += 1
-            if count - first > MAX_GATED_DETECTIONS:
-                least = _nth_best(logw, first, count, best)
-                end, count = count, first
-                for i in range(first, end):
-                    if logw[i] >= least and count < first + MAX_GATED_DETECTIONS:
-                        meas[count], logw[count] = meas[i], logw[i]
-                        count += 1
-        meas[count], logw[count] = MISSED, log_survival[t]
+            count = _keep_likeliest(options, start[t], count, best)
+        meas[count] = MISSED
+        logw[count] = tracks.log_survival[t]
         if is_visible:
-            logw[count] += (
-                log_missed if meas_model.p_in_fov[t] == 1.0 else math.log1p(-p_d * meas_model.p_in_fov[t])
-            )
+            logw[count] += log_missed if p_in_fov == 1.0 else math.log1p(-p_d * p_in_fov)
         count += 1
-        if log_death[t] > -np.inf:
-            meas[count], logw[count] = ABSENT, log_death[t]
+        if tracks.log_death[t] > -np.inf:
+            meas[count] = ABSENT
+            logw[count] = tracks.log_death[t]
             count += 1
-        _sort_options(meas, logw, first, count)
+        _sort_options(meas, logw, start[t], count)
         start[t + 1] = count
         t += 1
     return t
@@ -291,7 +354,8 @@ def association_options(
     `z` (m, 2) is in sensor coordinates and in the order of `sort_into_strips`. `log_clutter` (m,) is the
     log of the clutter intensity in the same units.
     """
-    n, m = cov.shape[0], z.shape[0]
+    n = cov.shape[0]
+    m = z.shape[0]
     width = max(1, int(math.sqrt(m)))
     count = (m + width - 1) // width
     strip = _Strips(
@@ -300,22 +364,27 @@ def association_options(
         np.empty(m),
         np.empty(_GUIDE_ENTRIES_PER_STRIP * count + 1, np.int32),
         np.empty(count * (width + 1), np.int32),
-        np.empty(count),
+        np.empty(count + 1),
     )
-    per_unit = _index_strips(z, strip)
+    _index_strips(z, strip)
+    tracks = _Tracks(cov, log_survival, log_death)
+    detections = _Detections(z, log_clutter, strip)
     # Enough for most scenes, and for the next track to gate all detections; doubled when it runs out.
-    capacity, t = 5 * n + m + 2, ZERO
-    start, meas, logw = np.zeros(n + 1, np.int64), np.empty(capacity, np.int64), np.empty(capacity)
+    capacity = 5 * n + m + 2
+    t = ZERO
+    start = np.zeros(n + 1, np.int64)
+    meas = np.empty(capacity, np.int64)
+    logw = np.empty(capacity)
     best = np.empty(MAX_GATED_DETECTIONS)
     while t < n:
-        t = _fill_options(
-            cov, log_survival, log_death, z, meas_model, log_clutter, gate_chi2,
-            strip, per_unit, best, start, meas, logw, t,
-        )  # fmt: skip
+        options = AssociationOptions(start, meas, logw)
+        t = _fill_options(tracks, meas_model, gate_chi2, detections, best, options, t)
         if t < n:
             capacity *= 2
-            new_meas, new_logw = np.empty(capacity, np.int64), np.empty(capacity)
+            new_meas = np.empty(capacity, np.int64)
+            new_logw = np.empty(capacity)
             _copy(meas, start[t], new_meas)
             _copy(logw, start[t], new_logw)
-            meas, logw = new_meas, new_logw
+            meas = new_meas
+            logw = new_logw
     return start, meas[: start[n]], logw[: start[n]]

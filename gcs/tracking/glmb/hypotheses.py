@@ -26,12 +26,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gcs.jit import inlined
+from gcs.jit import inlined, leaf
 from gcs.model import FloatArray, IntArray
 from gcs.tracking.numerics.sorting import head
 
-MISSED, ABSENT = -1, -2
-"""Values of `AssociationOptions.meas` that are no detection: missed; dead or not born."""
+# Values of `AssociationOptions.meas` that are no detection: missed; dead or not born.
+MISSED = -1
+ABSENT = -2
 
 
 class Clusters(NamedTuple):
@@ -82,6 +83,21 @@ def allocate_clusters(n_clusters: int, n_hyps: int, n_items: int) -> Clusters:
         np.empty(n_items, np.int64),
         np.empty(n_hyps),
     )
+
+
+@leaf
+def append_clusters(
+    clusters: Clusters, g: int, h: int, size: int, first_item: int, out: Clusters
+) -> tuple[int, int, int]:
+    """Append clusters behind g clusters, h hypotheses and `size` items of `out`; return the new numbers."""
+    for i in range(clusters.items.size):
+        out.items[size + i] = first_item + clusters.items[i]
+    for i in range(clusters.logw.size):
+        out.logw[h + i] = clusters.logw[i]
+        out.start[h + i + 1] = size + clusters.start[i + 1]
+    for i in range(clusters.first.size - 1):
+        out.first[g + i + 1] = h + clusters.first[i + 1]
+    return g + clusters.first.size - 1, h + clusters.logw.size, size + clusters.items.size
 
 
 @inlined

@@ -69,7 +69,8 @@ def _find_slot(slot: IntArray, slots: int, keys: KeyArray, key: np.uint64) -> in
 def _keep_best(pool: HypothesisPool, count: int, slots: int, max_kept: int) -> tuple[int, float]:
     """Keep the `max_kept` best components; return their number and the worst log-weight of these."""
     argsort_descending(pool.logw, ZERO, count, pool.order)
-    order, is_kept = pool.order.index, pool.is_kept
+    order = pool.order.index
+    is_kept = pool.is_kept
     kept = min(max_kept, count)
     worst = pool.logw[order[kept - 1]]
     # Rows move down in their old order, so no row is overwritten before it is copied.
@@ -80,7 +81,9 @@ def _keep_best(pool: HypothesisPool, count: int, slots: int, max_kept: int) -> t
     i = 0
     for k in range(count):
         if is_kept[k]:
-            pool.logw[i], pool.key[i], pool.size[i] = pool.logw[k], pool.key[k], pool.size[k]
+            pool.logw[i] = pool.logw[k]
+            pool.key[i] = pool.key[k]
+            pool.size[i] = pool.size[k]
             for j in range(pool.size[k]):
                 pool.items[i, j] = pool.items[k, j]
             pool.slot[_find_slot(pool.slot, slots, pool.key, pool.key[i])] = i
@@ -114,7 +117,8 @@ def add_candidate(
     at = _find_slot(pool.slot, slots, pool.key, key)
     found = pool.slot[at]
     if found >= 0:
-        high, low = max(pool.logw[found], logw), min(pool.logw[found], logw)
+        high = max(pool.logw[found], logw)
+        low = min(pool.logw[found], logw)
         pool.logw[found] = high + math.log1p(math.exp(low - high))
         return count, floor
     if count == capacity:
@@ -129,5 +133,7 @@ def add_candidate(
             pool.items[count, size] = assignment[i]
             size += 1
     pool.slot[at] = count
-    pool.logw[count], pool.key[count], pool.size[count] = logw, key, size
+    pool.logw[count] = logw
+    pool.key[count] = key
+    pool.size[count] = size
     return count + 1, floor

@@ -97,11 +97,14 @@ def _branch_and_bound(
     The bound gives the remaining tracks their best options as if no other track competed for them.
     """
     pool, capacity, slots, options, limits, scratch = search
-    start, meas, logw = options.start, options.meas, options.logw
-    is_assigned, assignment = scratch.is_assigned, scratch.assignment
-    total, best_remaining = scratch.partial_logw, scratch.best_remaining
+    start, meas, logw = options
+    is_assigned = scratch.is_assigned
+    assignment = scratch.assignment
+    total = scratch.partial_logw
+    best_remaining = scratch.best_remaining
     n = tracks.size
-    best_remaining[n], total[0] = 0.0, parent_logw
+    best_remaining[n] = 0.0
+    total[0] = parent_logw
     for d in range(n - 1, -1, -1):
         assignment[d] = start[tracks[d]] - 1
         best_remaining[d] = best_remaining[d + 1] + logw[start[tracks[d]]]
@@ -114,7 +117,9 @@ def _branch_and_bound(
             )
             d -= 1
             continue
-        first, end, o = start[tracks[d]], start[tracks[d] + 1], assignment[d]
+        first = start[tracks[d]]
+        end = start[tracks[d] + 1]
+        o = assignment[d]
         if o >= first and meas[o] >= 0:
             is_assigned[meas[o]] = False
         o += 1
@@ -137,7 +142,7 @@ def _assign_greedily(
     tracks: IntArray, options: AssociationOptions, is_assigned: BoolArray, assignment: IntArray
 ) -> float:
     """Give each track in turn its best free option; return their log-weight."""
-    start, meas = options.start, options.meas
+    start, meas, logw = options
     total = 0.0
     for i in range(tracks.size):
         o = start[tracks[i]]
@@ -146,7 +151,7 @@ def _assign_greedily(
         assignment[i] = o
         if meas[o] >= 0:
             is_assigned[meas[o]] = True
-        total += options.logw[o]
+        total += logw[o]
     return total
 
 
@@ -169,12 +174,13 @@ def _count_assignments(
     Conflicts are ignored, and losses are counted in the bins of `count`, rounded down: the result is an upper
     bound.
     """
-    start, logw = options.start, options.logw
+    start, _, logw = options
     count[:] = 0.0
     count[0] = 1.0
     per_step = count.size / slack
     for i in range(tracks.size):
-        first, end = start[tracks[i]], start[tracks[i] + 1]
+        first = start[tracks[i]]
+        end = start[tracks[i] + 1]
         for b in range(count.size - 1, -1, -1):
             total = 0.0
             for o in range(first, end):
@@ -194,14 +200,15 @@ def _gibbs_draw(
     first: int, end: int, options: AssociationOptions, is_assigned: BoolArray, rng: KeyArray
 ) -> int:
     """Draw one of the free options of a track in proportion to its weight."""
-    meas, logw = options.meas, options.logw
+    _, meas, logw = options
     while meas[first] >= 0 and is_assigned[meas[first]]:
         first += 1
     total = 0.0
     for o in range(first, end):
         if meas[o] < 0 or not is_assigned[meas[o]]:
             total += math.exp(logw[o] - logw[first])
-    remaining, choice = _random_uniform(rng) * total, first
+    remaining = _random_uniform(rng) * total
+    choice = first
     for o in range(first, end):
         if meas[o] < 0 or not is_assigned[meas[o]]:
             choice = o
@@ -223,8 +230,11 @@ def _gibbs_sample(
 ) -> tuple[int, float]:
     """Add the distinct components that the Gibbs sampler visits, from the greedy one on."""
     pool, capacity, slots, options, limits, scratch = search
-    is_assigned, assignment, visited = scratch.is_assigned, scratch.assignment, scratch.visited
-    start, meas = options.start, options.meas
+    is_assigned = scratch.is_assigned
+    assignment = scratch.assignment
+    visited = scratch.visited
+    start = options.start
+    meas = options.meas
     n = tracks.size
     _assign_greedily(tracks, options, is_assigned, assignment)
     size = power_of_two(2 * gibbs_sweeps + 2)
@@ -232,7 +242,8 @@ def _gibbs_sample(
         visited[i] = 0
     mask = np.uint64(size - 1)
     for _ in range(gibbs_sweeps):
-        logw, key = parent_logw, np.uint64(1)
+        logw = parent_logw
+        key = np.uint64(1)
         for i in range(n):
             logw += options.logw[assignment[i]]
             key += item_key(assignment[i])
@@ -265,23 +276,32 @@ def _compute_bounds(
     Returns the most tracks of a cluster, its largest capacity, the bounds on hypotheses and items of the
     result, and the most hypotheses of a cluster.
     """
-    first, start, items = clusters.first, clusters.start, clusters.items
-    max_cluster_size, max_capacity, n_out_hypotheses, n_out_items, max_cluster_hypotheses = 0, 0, 0, 0, 0
+    first, start, items, logw = clusters
+    max_cluster_size = 0
+    max_capacity = 0
+    n_out_hypotheses = 0
+    n_out_items = 0
+    max_cluster_hypotheses = 0
     for g in range(first.size - 1):
-        total, size = 0.0, 1
+        total = 0.0
+        size = 1
         for h in range(first[g], first[g + 1]):
-            n_joint, best_logw = 1.0, clusters.logw[h]
+            n_joint = 1.0
+            best_logw = logw[h]
             size = max(size, start[h + 1] - start[h])
             for i in range(start[h], start[h + 1]):
                 o = options.start[items[i]]
                 n_joint *= options.start[items[i] + 1] - o
                 best_logw += options.logw[o]
-            bounds.n_joint[h], bounds.best_logw[h] = n_joint, best_logw
+            bounds.n_joint[h] = n_joint
+            bounds.best_logw[h] = best_logw
             total += n_joint
-        bounds.capacity[g], bounds.max_size[g] = int(min(total, 4.0 * max_hypotheses)) + 1, size
+        bounds.capacity[g] = int(min(total, 4.0 * max_hypotheses)) + 1
+        bounds.max_size[g] = size
         n_out_hypotheses += min(bounds.capacity[g], max_hypotheses)
         n_out_items += min(bounds.capacity[g], max_hypotheses) * size
-        max_cluster_size, max_capacity = max(max_cluster_size, size), max(max_capacity, bounds.capacity[g])
+        max_cluster_size = max(max_cluster_size, size)
+        max_capacity = max(max_capacity, bounds.capacity[g])
         max_cluster_hypotheses = max(max_cluster_hypotheses, first[g + 1] - first[g])
     return max_cluster_size, max_capacity, n_out_hypotheses, n_out_items, max_cluster_hypotheses
 
@@ -298,11 +318,13 @@ def _fill_pool(
     rng: KeyArray,
 ) -> int:
     """Put the posterior components of cluster g into the pool; return their number."""
-    capacity, slots = bound.capacity[g], power_of_two(2 * bound.capacity[g])
+    capacity = bound.capacity[g]
+    slots = power_of_two(2 * bound.capacity[g])
     for i in range(slots):
         pool.slot[i] = -1
     search = _Search(pool, capacity, slots, options, limits, scratch)
-    count, floor = ZERO, -np.inf
+    count = ZERO
+    floor = -np.inf
     argsort_descending(bound.best_logw, clusters.first[g], clusters.first[g + 1], scratch.order)
     for k in range(clusters.first[g + 1] - clusters.first[g]):
         h = scratch.order.index[k]
@@ -338,17 +360,21 @@ def _update_clusters(
     out: Clusters,
 ) -> int:
     """Fill `out` with the posterior components of all clusters; return their number."""
-    n, logw = 0, out.logw
+    n = 0
+    logw = out.logw
     out.first[0] = out.start[0] = 0
     for g in range(clusters.first.size - 1):
         count = _fill_pool(clusters, g, options, limits, bound, pool, scratch, rng)
         argsort_descending(pool.logw, ZERO, count, pool.order)
-        best_logw, low, total = pool.logw[pool.order.index[0]], n, 0.0
+        best_logw = pool.logw[pool.order.index[0]]
+        low = n
+        total = 0.0
         for k in range(count):
             i = pool.order.index[k]
             if n == low + limits.max_hypotheses or pool.logw[i] < best_logw + limits.log_prune:
                 break
-            logw[n], out.start[n + 1] = pool.logw[i] - best_logw, out.start[n] + pool.size[i]
+            logw[n] = pool.logw[i] - best_logw
+            out.start[n + 1] = out.start[n] + pool.size[i]
             for j in range(pool.size[i]):
                 out.items[out.start[n] + j] = pool.items[i, j]
             total += math.exp(logw[n])
@@ -368,7 +394,8 @@ def update_clusters(
 
     `rng` (1,) uint64 advances.
     """
-    n_clusters, n_hyps = clusters.first.size - 1, clusters.logw.size
+    n_clusters = clusters.first.size - 1
+    n_hyps = clusters.logw.size
     bound = _Bounds(
         np.empty(n_hyps), np.empty(n_hyps), np.empty(n_clusters, np.int64), np.empty(n_clusters, np.int64)
     )

@@ -22,10 +22,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from gcs.jit import inlined, leaf, spliced
+from gcs.jit import ZERO, inlined, leaf, spliced
 from gcs.tracking.glmb.gating import innovation_cov
-from gcs.tracking.glmb.hypotheses import Clusters, allocate_clusters
+from gcs.tracking.glmb.hypotheses import Clusters, allocate_clusters, append_clusters
 from gcs.tracking.models.measurement_model import LinearisedMeasurement, wrap_angle
+from gcs.tracking.models.survival import Survival
 
 if TYPE_CHECKING:
     from gcs.model import FloatArray, IntArray
@@ -44,16 +45,16 @@ class Prediction(NamedTuple):
     log_death: FloatArray
 
 
-class Survival(NamedTuple):
-    """Log-probabilities of survival and death between scans."""
+class Interval(NamedTuple):
+    """The time since the last scan: motion, survival and births."""
 
-    log_survival: float
-    log_death: float
-    log_survival_lost: float
-    """Of a track whose position variance exceeds `max_variance_m2`."""
-    log_death_lost: float
-    max_variance_m2: float
-    """Along the worse axis."""
+    dt_s: float
+    Q: FloatArray
+    """(4, 4) process noise (see `constant_velocity`)."""
+    survival: Survival
+    scan: int
+    """Number of this scan."""
+    births: BirthComponents
 
 
 @leaf
@@ -82,14 +83,16 @@ def predict_track(
 
 
 @leaf
-def _predict_tracks(
-    mean: FloatArray, cov: FloatArray, dt_s: float, Q: FloatArray, survival: Survival, out: Prediction
-) -> None:
+def _predict_tracks(mean: FloatArray, cov: FloatArray, interval: Interval, out: Prediction) -> None:
     for t in range(mean.shape[0]):
-        predict_track(mean, cov, t, dt_s, Q, out.mean, out.cov)
-        out.log_survival[t], out.log_death[t] = survival.log_survival, survival.log_death
+        predict_track(mean, cov, t, interval.dt_s, interval.Q, out.mean, out.cov)
+        survival = interval.survival
         if max(out.cov[t, 0, 0], out.cov[t, 1, 1]) > survival.max_variance_m2:
-            out.log_survival[t], out.log_death[t] = survival.log_survival_lost, survival.log_death_lost
+            out.log_survival[t] = survival.log_survival_lost
+            out.log_death[t] = survival.log_death_lost
+        else:
+            out.log_survival[t] = survival.log_survival
+            out.log_death[t] = survival.log_death
 
 
 @leaf
@@ -102,28 +105,25 @@ def _append_births(
     out: Prediction,
 ) -> None:
     """Append the births to the predicted tracks, each with a cluster of its own."""
-    n_clusters, n_hyps, n_items = clusters.first.size - 1, clusters.logw.size, clusters.items.size
-    n, n_labels = track_label.size, labels.shape[0]
     out.clusters.first[0] = out.clusters.start[0] = 0
-    for i in range(n_clusters):
-        out.clusters.first[i + 1] = clusters.first[i + 1]
-    for i in range(n_hyps):
-        out.clusters.start[i + 1], out.clusters.logw[i] = clusters.start[i + 1], clusters.logw[i]
-    for i in range(n_items):
-        out.clusters.items[i] = clusters.items[i]
+    n_clusters, n_hyps, n_items = append_clusters(clusters, ZERO, ZERO, ZERO, ZERO, out.clusters)
+    n = track_label.size
+    n_labels = labels.shape[0]
     for i in range(n):
         out.track_label[i] = track_label[i]
     for i in range(n_labels):
-        out.labels[i, 0], out.labels[i, 1] = labels[i, 0], labels[i, 1]
+        out.labels[i, 0] = labels[i, 0]
+        out.labels[i, 1] = labels[i, 1]
     for b in range(births.mean.shape[0]):
-        out.clusters.first[n_clusters + b + 1], out.clusters.start[n_hyps + b + 1] = (
-            n_hyps + b + 1,
-            n_items + b + 1,
-        )
-        out.clusters.logw[n_hyps + b], out.clusters.items[n_items + b] = 0.0, n + b
+        out.clusters.first[n_clusters + b + 1] = n_hyps + b + 1
+        out.clusters.start[n_hyps + b + 1] = n_items + b + 1
+        out.clusters.logw[n_hyps + b] = 0.0
+        out.clusters.items[n_items + b] = n + b
         out.track_label[n + b] = n_labels + b
-        out.labels[n_labels + b, 0], out.labels[n_labels + b, 1] = scan, b
-        out.log_survival[n + b], out.log_death[n + b] = births.log_survival[b], births.log_death[b]
+        out.labels[n_labels + b, 0] = scan
+        out.labels[n_labels + b, 1] = b
+        out.log_survival[n + b] = births.log_survival[b]
+        out.log_death[n + b] = births.log_death[b]
         for i in range(4):
             out.mean[n + b, i] = births.mean[b, i]
             for j in range(4):
@@ -137,14 +137,12 @@ def predict_with_births(
     labels: IntArray,
     mean: FloatArray,
     cov: FloatArray,
-    dt_s: float,
-    Q: FloatArray,
-    survival: Survival,
-    scan: int,
-    births: BirthComponents,
+    interval: Interval,
 ) -> Prediction:
-    """Predict all tracks by `dt_s` and append the births of this scan."""
-    n, n_births, n_labels = track_label.size, births.mean.shape[0], labels.shape[0]
+    """Predict all tracks and append the births of this scan."""
+    n = track_label.size
+    n_births = interval.births.mean.shape[0]
+    n_labels = labels.shape[0]
     out = Prediction(
         allocate_clusters(
             clusters.first.size - 1 + n_births, clusters.logw.size + n_births, clusters.items.size + n_births
@@ -156,8 +154,8 @@ def predict_with_births(
         np.empty(n + n_births),
         np.empty(n + n_births),
     )
-    _predict_tracks(mean, cov, dt_s, Q, survival, out)
-    _append_births(clusters, track_label, labels, scan, births, out)
+    _predict_tracks(mean, cov, interval, out)
+    _append_births(clusters, track_label, labels, interval.scan, interval.births, out)
     return out
 
 
@@ -220,9 +218,16 @@ def update_track(
     dx, dy = z[j, 0] - meas_model.z_hat[p, 0], z[j, 1] - meas_model.z_hat[p, 1]
     if meas_model.has_bearing:
         dy = wrap_angle(dy)
-    p00, p10, p11 = cov[p, 0, 0], cov[p, 1, 0], cov[p, 1, 1]
-    p20, p21, p22 = cov[p, 2, 0], cov[p, 2, 1], cov[p, 2, 2]
-    p30, p31, p32, p33 = cov[p, 3, 0], cov[p, 3, 1], cov[p, 3, 2], cov[p, 3, 3]
+    p00 = cov[p, 0, 0]
+    p10 = cov[p, 1, 0]
+    p11 = cov[p, 1, 1]
+    p20 = cov[p, 2, 0]
+    p21 = cov[p, 2, 1]
+    p22 = cov[p, 2, 2]
+    p30 = cov[p, 3, 0]
+    p31 = cov[p, 3, 1]
+    p32 = cov[p, 3, 2]
+    p33 = cov[p, 3, 3]
     k00, k01 = _gain_row(p00, p10, meas_model, u, a, b, c, det)
     k10, k11 = _gain_row(p10, p11, meas_model, u, a, b, c, det)
     k20, k21 = _gain_row(p20, p21, meas_model, u, a, b, c, det)
@@ -236,11 +241,16 @@ def update_track(
     a20, a21 = _residual_row(2, k20, k21, meas_model, u)
     a30, a31 = _residual_row(3, k30, k31, meas_model, u)
     # (I - K H) P: two columns, and of the others the elements below the diagonal.
-    b00, b01 = a00 * p00 + a01 * p10, a00 * p10 + a01 * p11
-    b10, b11 = a10 * p00 + a11 * p10, a10 * p10 + a11 * p11
-    b20, b21 = a20 * p00 + a21 * p10 + p20, a20 * p10 + a21 * p11 + p21
-    b30, b31 = a30 * p00 + a31 * p10 + p30, a30 * p10 + a31 * p11 + p31
-    b22, b32 = a20 * p20 + a21 * p21 + p22, a30 * p20 + a31 * p21 + p32
+    b00 = a00 * p00 + a01 * p10
+    b01 = a00 * p10 + a01 * p11
+    b10 = a10 * p00 + a11 * p10
+    b11 = a10 * p10 + a11 * p11
+    b20 = a20 * p00 + a21 * p10 + p20
+    b21 = a20 * p10 + a21 * p11 + p21
+    b30 = a30 * p00 + a31 * p10 + p30
+    b31 = a30 * p10 + a31 * p11 + p31
+    b22 = a20 * p20 + a21 * p21 + p22
+    b32 = a30 * p20 + a31 * p21 + p32
     b33 = a30 * p30 + a31 * p31 + p33
     q = cov_out
     q[i, 0, 0] = _add_noise_term(b00 * a00 + b01 * a01, k00, k01, meas_model, u, k00, k01)
@@ -280,6 +290,7 @@ def update_tracks(
     meas_model: LinearisedMeasurement,
 ) -> tuple[FloatArray, FloatArray]:
     """Return means and covariances of the updates of tracks `parent` with detections `meas` (or MISSED)."""
-    mean_out, cov_out = np.empty((parent.size, 4)), np.empty((parent.size, 4, 4))
+    mean_out = np.empty((parent.size, 4))
+    cov_out = np.empty((parent.size, 4, 4))
     _update_tracks(mean, cov, parent, meas, z, meas_model, mean_out, cov_out)
     return mean_out, cov_out

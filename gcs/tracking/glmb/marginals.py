@@ -43,15 +43,17 @@ def _representative_hypothesis(
     One hypothesis is used for all labels. The best track of each label by itself would put two labels at one
     object while their identities are ambiguous.
     """
-    first, start, items = clusters.first, clusters.start, clusters.items
-    chosen, largest = first[g], -1
+    first, start, items, _ = clusters
+    chosen = first[g]
+    largest = -1
     for h in range(first[g], first[g + 1]):
         likely = 0
         for i in range(start[h], start[h + 1]):
             if existence[track_label[items[i]]] > 0.5:
                 likely += 1
         if likely > largest:
-            chosen, largest = h, likely
+            chosen = h
+            largest = likely
     return chosen
 
 
@@ -88,13 +90,14 @@ def _convolve(
 ) -> None:
     """Convolve `old` (`smallest` to `largest`) with `weight` (0 to `max_size`) into `new`."""
     if max_size == 1:
-        w0, w1, n = weight[0], weight[1], largest - smallest
-        new[smallest], new[largest + 1] = w0 * old[smallest], w1 * old[largest]
-        lower, upper, to = (
-            old[smallest:largest],
-            old[smallest + 1 : largest + 1],
-            new[smallest + 1 : largest + 1],
-        )
+        w0 = weight[0]
+        w1 = weight[1]
+        n = largest - smallest
+        new[smallest] = w0 * old[smallest]
+        new[largest + 1] = w1 * old[largest]
+        lower = old[smallest:largest]
+        upper = old[smallest + 1 : largest + 1]
+        to = new[smallest + 1 : largest + 1]
         for k in range(n):
             to[k] = w0 * upper[k] + w1 * lower[k]
         return
@@ -129,14 +132,17 @@ def _accumulate_marginals(
 
     `weight` (L + 1,) and `other` (L + 1,) are 0 before; `other` alternates with `out.cardinality`.
     """
-    first, start, items = clusters.first, clusters.start, clusters.items
+    first, start, items, _ = clusters
     # Only `smallest` to `largest` objects are probable so far; the tails left out are below 1e-12.
     n = smallest = largest = ZERO
-    before, after = out.cardinality, other
+    before = out.cardinality
+    after = other
     before[0] = 1.0
     exp_into(clusters.logw, hyp_probability)
     for g in range(first.size - 1):
-        low, high, max_size = first[g], first[g + 1], ZERO
+        low = first[g]
+        high = first[g + 1]
+        max_size = ZERO
         for h in range(low, high):
             w = hyp_probability[h]
             max_size = max(max_size, start[h + 1] - start[h])
@@ -178,9 +184,12 @@ def _accumulate_marginals(
 @inlined
 def compute_marginals(clusters: Clusters, track_label: IntArray, n_labels: int) -> Marginals:
     """Return the marginals of the clusters."""
-    existence, probability = np.zeros(n_labels), np.zeros(track_label.size)
-    representative, estimated = np.empty(n_labels, np.int64), np.empty(n_labels, np.int64)
-    even, odd = np.zeros(n_labels + 1), np.zeros(n_labels + 1)
+    existence = np.zeros(n_labels)
+    probability = np.zeros(track_label.size)
+    representative = np.empty(n_labels, np.int64)
+    estimated = np.empty(n_labels, np.int64)
+    even = np.zeros(n_labels + 1)
+    odd = np.zeros(n_labels + 1)
     representative[:] = -1
     out = Marginals(existence, representative, estimated, even, probability)
     n = _accumulate_marginals(
@@ -193,7 +202,8 @@ def compute_marginals(clusters: Clusters, track_label: IntArray, n_labels: int) 
 @kernel
 def track_probabilities(clusters: Clusters, n_tracks: int) -> FloatArray:
     """Return the probability of each track (n,): that of the hypotheses that hold it."""
-    probability, hyp_probability = np.zeros(n_tracks), np.empty(clusters.logw.size)
+    probability = np.zeros(n_tracks)
+    hyp_probability = np.empty(clusters.logw.size)
     exp_into(clusters.logw, hyp_probability)
     for h in range(clusters.logw.size):
         for i in range(clusters.start[h], clusters.start[h + 1]):
@@ -204,8 +214,10 @@ def track_probabilities(clusters: Clusters, n_tracks: int) -> FloatArray:
 @kernel
 def map_tracks(clusters: Clusters) -> IntArray:
     """Return the tracks of the best hypothesis with the most probable cardinality of each cluster."""
-    chosen, n = np.empty(clusters.items.size, np.int64), ZERO
-    weight, hyp_probability = np.zeros(clusters.items.size + 1), np.empty(clusters.logw.size)
+    chosen = np.empty(clusters.items.size, np.int64)
+    n = ZERO
+    weight = np.zeros(clusters.items.size + 1)
+    hyp_probability = np.empty(clusters.logw.size)
     exp_into(clusters.logw, hyp_probability)
     for g in range(clusters.first.size - 1):
         max_size = _cardinality_weights(clusters, g, hyp_probability, weight)

@@ -9,12 +9,12 @@ tracks become one. Existence and cardinality do not change.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from gcs.jit import ZERO, inlined, kernel, leaf
-from gcs.tracking.glmb.hypotheses import Clusters, item_key
+from gcs.tracking.glmb.hypotheses import Clusters, allocate_clusters, item_key, trim_clusters
 from gcs.tracking.numerics.fast_math import exp_into
 from gcs.tracking.numerics.sorting import (
     SortBuffers,
@@ -22,7 +22,6 @@ from gcs.tracking.numerics.sorting import (
     allocate_sort,
     allocate_unique,
     argsort_descending,
-    head,
     unique_hypotheses,
 )
 
@@ -37,16 +36,25 @@ def cholesky4(cov: FloatArray, t: int, cholesky: FloatArray, at: int) -> None:
     Written out by element: loops over so small a matrix take several times as long.
     """
     l00 = math.sqrt(max(cov[t, 0, 0], 1e-300))
-    l10, l20, l30 = cov[t, 1, 0] / l00, cov[t, 2, 0] / l00, cov[t, 3, 0] / l00
+    l10 = cov[t, 1, 0] / l00
+    l20 = cov[t, 2, 0] / l00
+    l30 = cov[t, 3, 0] / l00
     l11 = math.sqrt(max(cov[t, 1, 1] - l10 * l10, 1e-300))
-    l21, l31 = (cov[t, 2, 1] - l20 * l10) / l11, (cov[t, 3, 1] - l30 * l10) / l11
+    l21 = (cov[t, 2, 1] - l20 * l10) / l11
+    l31 = (cov[t, 3, 1] - l30 * l10) / l11
     l22 = math.sqrt(max(cov[t, 2, 2] - l20 * l20 - l21 * l21, 1e-300))
     l32 = (cov[t, 3, 2] - l30 * l20 - l31 * l21) / l22
     l33 = math.sqrt(max(cov[t, 3, 3] - l30 * l30 - l31 * l31 - l32 * l32, 1e-300))
     cholesky[at, 0, 0] = l00
-    cholesky[at, 1, 0], cholesky[at, 1, 1] = l10, l11
-    cholesky[at, 2, 0], cholesky[at, 2, 1], cholesky[at, 2, 2] = l20, l21, l22
-    cholesky[at, 3, 0], cholesky[at, 3, 1], cholesky[at, 3, 2], cholesky[at, 3, 3] = l30, l31, l32, l33
+    cholesky[at, 1, 0] = l10
+    cholesky[at, 1, 1] = l11
+    cholesky[at, 2, 0] = l20
+    cholesky[at, 2, 1] = l21
+    cholesky[at, 2, 2] = l22
+    cholesky[at, 3, 0] = l30
+    cholesky[at, 3, 1] = l31
+    cholesky[at, 3, 2] = l32
+    cholesky[at, 3, 3] = l33
 
 
 @inlined
@@ -87,6 +95,27 @@ def outside_axis_gate(
     return False
 
 
+class _MergeBuffers(NamedTuple):
+    """Buffers to find the similar ones of n tracks in H hypotheses.
+
+    =================  =========  =======  ==============================================
+    hyp_probability    (H,)       float64
+    track_probability  (n,)       float64  0 before
+    representative     (n,)       int64    the track itself, or a more probable similar one
+    cholesky           (n, 4, 4)  float64  scratch
+    is_factored        (n,)       bool     scratch
+    order              (n,)                scratch
+    =================  =========  =======  ==============================================
+    """
+
+    hyp_probability: FloatArray
+    track_probability: FloatArray
+    representative: IntArray
+    cholesky: FloatArray
+    is_factored: BoolArray
+    order: SortBuffers
+
+
 @leaf
 def _find_representatives(
     clusters: Clusters,
@@ -94,37 +123,32 @@ def _find_representatives(
     cov: FloatArray,
     track_label: IntArray,
     max_distance2: float,
-    hyp_probability: FloatArray,
-    track_probability: FloatArray,
-    cholesky: FloatArray,
-    is_factored: BoolArray,
-    order: SortBuffers,
-    representative: IntArray,
+    buffers: _MergeBuffers,
     representatives: IntArray,
 ) -> None:
-    """Fill `representative`: of each track, itself or a more probable similar track of its label.
-
-    Also fills `hyp_probability` (H,) and adds to `track_probability` (n,), which is 0 before. All else is
-    scratch.
-    """
+    """Fill the probabilities and `representative`; `representatives` (n,) is scratch."""
+    hyp_probability, track_probability, representative, cholesky, is_factored, order = buffers
     exp_into(clusters.logw, hyp_probability)
     for h in range(clusters.logw.size):
         w = hyp_probability[h]
         for i in range(clusters.start[h], clusters.start[h + 1]):
             track_probability[clusters.items[i]] += w
-    n, first = track_label.size, ZERO
+    n = track_label.size
+    first = ZERO
     while first < n:
         end = first
         while end < n and track_label[end] == track_label[first]:
             end += 1
         count = 0
         if end == first + 1:
-            representative[first], first = first, end
+            representative[first] = first
+            first = end
             continue
         argsort_descending(track_probability, first, end, order)
         for k in range(end - first):
             t = order.index[k]
-            representative[t], is_factored[t] = t, False
+            representative[t] = t
+            is_factored[t] = False
             for i in range(count):
                 d = representatives[i]
                 if not is_factored[d]:
@@ -213,7 +237,7 @@ def _merge_hypotheses(
     out: Clusters,
 ) -> None:
     """Replace tracks by their representatives and merge hypotheses that become equal."""
-    first, start, items = clusters.first, clusters.start, clusters.items
+    first, start, items, logw = clusters
     n = 0
     out.first[0] = out.start[0] = 0
     for g in range(first.size - 1):
@@ -230,7 +254,8 @@ def _merge_hypotheses(
             count = unique_hypotheses(count, hyp_probability, first[g], unique)
         for k in range(count):
             h = unique.which[k] if changed else first[g] + k
-            out.logw[n], size = unique.logw[k] if changed else clusters.logw[h], out.start[n]
+            out.logw[n] = unique.logw[k] if changed else logw[h]
+            size = out.start[n]
             for i in range(start[h], start[h + 1]):
                 out.items[size] = representative[items[i]]
                 size += 1
@@ -248,35 +273,24 @@ def merge_similar_tracks(
     Tracks of a label are adjacent. A merged track is in no hypothesis of the result.
     """
     n = track_label.size
-    hyp_probability, track_probability = np.empty(clusters.logw.size), np.zeros(n)
-    representative, mixture = np.empty(n, np.int64), np.empty(n, np.int64)
-    cholesky, is_factored = np.empty((n, 4, 4)), np.empty(n, np.bool_)
-    order = allocate_sort(n)
-    _find_representatives(
-        clusters,
-        mean,
-        cov,
-        track_label,
-        max_distance2,
-        hyp_probability,
-        track_probability,
-        cholesky,
-        is_factored,
-        order,
-        representative,
-        mixture,
-    )
-    count = _number_mixtures(representative, mixture)
-    total, centre, spread = np.zeros(count), np.zeros((count, 4)), np.zeros((count, 4, 4))
-    _moment_match(mean, cov, track_probability, representative, mixture, total, centre, spread)
-    out = Clusters(
-        np.empty(clusters.first.size, np.int64),
-        np.empty(clusters.start.size, np.int64),
-        np.empty(clusters.items.size, np.int64),
+    buffers = _MergeBuffers(
         np.empty(clusters.logw.size),
+        np.zeros(n),
+        np.empty(n, np.int64),
+        np.empty((n, 4, 4)),
+        np.empty(n, np.bool_),
+        allocate_sort(n),
     )
-    _merge_hypotheses(
-        clusters, hyp_probability, representative, allocate_unique(_max_cluster_hypotheses(clusters)), out
-    )
-    n = out.first[out.first.size - 1]
-    return Clusters(out.first, head(out.start, n + 1), head(out.items, out.start[n]), head(out.logw, n))
+    mixture = np.empty(n, np.int64)
+    _find_representatives(clusters, mean, cov, track_label, max_distance2, buffers, mixture)
+    representative = buffers.representative
+    count = _number_mixtures(representative, mixture)
+    total = np.zeros(count)
+    centre = np.zeros((count, 4))
+    spread = np.zeros((count, 4, 4))
+    _moment_match(mean, cov, buffers.track_probability, representative, mixture, total, centre, spread)
+    n_clusters = clusters.first.size - 1
+    out = allocate_clusters(n_clusters, clusters.logw.size, clusters.items.size)
+    unique = allocate_unique(_max_cluster_hypotheses(clusters))
+    _merge_hypotheses(clusters, buffers.hyp_probability, representative, unique, out)
+    return trim_clusters(out, n_clusters, out.first[n_clusters])

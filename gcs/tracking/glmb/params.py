@@ -11,9 +11,7 @@ import numpy as np
 
 from gcs.model import FloatArray
 from gcs.tracking.models import constant_velocity
-
-SURE = 1.0 - 1e-9
-"""Largest probability in the model: a certain model could not be corrected."""
+from gcs.tracking.models.survival import SURE
 
 
 class Limits(NamedTuple):

@@ -63,7 +63,7 @@ from gcs.tracking.clusters.singleton import DetectionMarginals, update_singleton
 from gcs.tracking.glmb.gating import association_options
 from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
 from gcs.tracking.glmb.joint_association import update_clusters
-from gcs.tracking.glmb.kalman import Survival, predict_with_births
+from gcs.tracking.glmb.kalman import Interval, Prediction, predict_with_births
 from gcs.tracking.glmb.marginals import track_probabilities
 from gcs.tracking.glmb.merging import merge_similar_tracks
 from gcs.tracking.glmb.params import BirthComponents, GlmbParams, Limits
@@ -71,9 +71,11 @@ from gcs.tracking.glmb.scan_detections import Measurements, order_measurements
 from gcs.tracking.glmb.scan_update import PosteriorTracks, joint_update
 from gcs.tracking.models import coordinated_turn, measurement_model
 from gcs.tracking.models.coordinated_turn import TurnModel
+from gcs.tracking.models.survival import Survival
 
-_CERTAIN_EXISTENCE, _CERTAIN_IN_FOV = 0.95, 0.999
-"""Probabilities above which a label counts in the estimate of a sensor's detection probability."""
+# Probabilities above which a label counts in the estimate of a sensor's detection probability.
+_CERTAIN_EXISTENCE = 0.95
+_CERTAIN_IN_FOV = 0.999
 
 
 class Posterior(NamedTuple):
@@ -101,7 +103,8 @@ class Posterior(NamedTuple):
     @classmethod
     def empty(cls) -> Posterior:
         """Return the state before the first scan: no labels."""
-        none, ids = np.zeros(1, np.int64), np.empty(0, np.int64)
+        none = np.zeros(1, np.int64)
+        ids = np.empty(0, np.int64)
         return cls(
             Clusters(none, none, ids, np.empty(0)),
             ids,
@@ -111,18 +114,6 @@ class Posterior(NamedTuple):
             np.empty((0, 6)),
             np.empty(0, np.bool_),
         )
-
-
-class Interval(NamedTuple):
-    """The time since the last scan: motion, survival and births."""
-
-    dt_s: float
-    Q: FloatArray
-    """(4, 4) process noise (see `constant_velocity`)."""
-    survival: Survival
-    scan: int
-    """Number of this scan."""
-    births: BirthComponents
 
 
 class DetectionSummary(NamedTuple):
@@ -195,10 +186,12 @@ def _gather_outputs(
     """Fill detection and weight of each track, and the labels that are kept with their certainty."""
     meas, logw, labels_out, is_certain = out
     for i in range(updated.option.size):
-        meas[i], logw[i] = options.meas[updated.option[i]], options.logw[updated.option[i]]
+        meas[i] = options.meas[updated.option[i]]
+        logw[i] = options.logw[updated.option[i]]
     for i in range(updated.kept_labels.size):
         label = updated.kept_labels[i]
-        labels_out[i, 0], labels_out[i, 1] = labels[label, 0], labels[label, 1]
+        labels_out[i, 0] = labels[label, 0]
+        labels_out[i, 1] = labels[label, 1]
     for i in range(is_certain.size):
         is_certain[i] = p_exists[updated.kept_labels[i]] > _CERTAIN_EXISTENCE
 
@@ -215,39 +208,41 @@ def update_step(
     rng: KeyArray,
 ) -> UpdateResult:
     """Predict and update the posterior with one scan; `rng` (1,) uint64 advances."""
-    mean, cov, turn, dt_s, Q = prior.mean, prior.cov, prior.turn, interval.dt_s, interval.Q
+    mean = prior.mean
+    cov = prior.cov
+    turn = prior.turn
     has_turns = turns.rate_std_rad_s > 0.0
     if has_turns:
-        if dt_s > 0.0:
+        births = interval.births
+        if interval.dt_s > 0.0:
             mean, cov, turn = coordinated_turn.predict(
-                mean, cov, turn, Q, dt_s, turns.rate_std_rad_s, turns.time_s
+                mean, cov, turn, interval.Q, interval.dt_s, turns.rate_std_rad_s, turns.time_s
             )
-        turn = coordinated_turn.append_births(turn, interval.births.log_survival.size, turns.rate_std_rad_s)
-        dt_s, Q = 0.0, np.zeros((4, 4))
-    predicted = predict_with_births(
-        prior.clusters, prior.track_label, prior.labels, mean, cov, dt_s, Q, interval.survival, interval.scan,
-        interval.births,
-    )  # fmt: skip
+        turn = coordinated_turn.append_births(turn, births.log_survival.size, turns.rate_std_rad_s)
+        # The motion is predicted; survival and births are left.
+        interval = Interval(0.0, np.zeros((4, 4)), interval.survival, interval.scan, births)
+    predicted = predict_with_births(prior.clusters, prior.track_label, prior.labels, mean, cov, interval)
     measured = order_measurements(scan)
     meas_model = measurement_model.linearise(sensor, predicted.mean, predicted.cov)
     start, meas, logw = association_options(
         predicted.cov, predicted.log_survival, predicted.log_death, measured.z, meas_model,
         measured.log_clutter, limits.gate_chi2,
     )  # fmt: skip
-    options, n_labels = AssociationOptions(start, meas, logw), predicted.labels.shape[0]
+    options = AssociationOptions(start, meas, logw)
+    n_labels = predicted.labels.shape[0]
     sizes = (measured.rows.size, n_labels, scan.z.shape[0]) if is_summarised else (0, 0, 0)
     marginals = DetectionMarginals(np.zeros(sizes[0]), np.zeros(sizes[1]), np.zeros(sizes[1]))
-    updated = joint_update(
-        predicted.clusters, options, predicted.track_label, n_labels, predicted.mean, predicted.cov,
-        measured.z, meas_model, limits, rng, marginals,
-    )  # fmt: skip
-    explained, detected, in_view = np.empty(sizes[2]), 0.0, 0.0
+    updated = joint_update(predicted, options, measured.z, meas_model, limits, rng, marginals)
+    explained = np.empty(sizes[2])
+    detected = 0.0
+    in_view = 0.0
     if is_summarised:
         detected, in_view = _summarise_detections(
             prior.is_certain, predicted.track_label, meas_model.p_in_fov, np.empty(n_labels), marginals,
             measured.rows, explained,
         )  # fmt: skip
-    n, n_kept = updated.parent.size, updated.kept_labels.size
+    n = updated.parent.size
+    n_kept = updated.kept_labels.size
     out = (
         np.empty(n, np.int64),
         np.empty(n),
@@ -270,13 +265,16 @@ def update_step(
 
 def warm_up_calls() -> list[Call]:
     """Return one call of the kernel of a scan, with the types of a tracker."""
-    births, origin = BirthComponents.from_births(()), np.zeros((1, 2))
+    births = BirthComponents.from_births(())
+    origin = np.zeros((1, 2))
     interval = Interval(1.0, np.eye(4), Survival(0.0, 0.0, 0.0, 0.0, 1.0), 0, births)
     scan = Measurements(origin, origin, np.zeros(1))
     sensor = measurement_model.SensorModel(
         False, np.eye(2).reshape(1, 2, 2), np.zeros((2, 2)), np.zeros(2), 0.0, 0.9
     )
-    rng, limits, turns = np.zeros(1, np.uint64), GlmbParams(1.0).limits(), TurnModel(0.0, 1.0)
+    rng = np.zeros(1, np.uint64)
+    limits = GlmbParams(1.0).limits()
+    turns = TurnModel(0.0, 1.0)
     return [(update_step, Posterior.empty(), interval, scan, sensor, limits, turns, False, rng)]
 
 
@@ -285,34 +283,24 @@ def warm_up_parts() -> list[Call]:
 
     Two processes compile this list from both ends (see `gcs.jit`), so the kernels in the middle are short.
     """
-    ones, zeros, z, limits = np.ones(1), np.zeros(1, np.int64), np.zeros((1, 2)), GlmbParams(1.0).limits()
-    mean, cov, matrix = np.zeros((1, 4)), np.eye(4).reshape(1, 4, 4), np.eye(2).reshape(1, 2, 2)
+    ones = np.ones(1)
+    zeros = np.zeros(1, np.int64)
+    z = np.zeros((1, 2))
+    limits = GlmbParams(1.0).limits()
+    mean = np.zeros((1, 4))
+    cov = np.eye(4).reshape(1, 4, 4)
+    matrix = np.eye(2).reshape(1, 2, 2)
     meas_model = measurement_model.LinearisedMeasurement(z, matrix, matrix, ones, 0.9, has_bearing=False)
-    clusters, options, marginals = (
-        Clusters.example(),
-        AssociationOptions(np.arange(2), zeros, ones),
-        DetectionMarginals(ones, ones, ones),
-    )
+    clusters = Clusters.example()
+    options = AssociationOptions(np.arange(2), zeros, ones)
+    marginals = DetectionMarginals(ones, ones, ones)
+    predicted = Prediction(clusters, zeros, np.zeros((1, 2), np.int64), mean, cov, ones, ones)
     return [
         (update_clusters, clusters, options, 1, limits, np.zeros(1, np.uint64)),
         (merge_clusters, clusters, options, zeros, 1, limits),
         (renumber, clusters, 1),
         (track_probabilities, clusters, 1),
-        (
-            update_singletons,
-            clusters,
-            zeros,
-            options,
-            mean,
-            cov,
-            zeros,
-            z,
-            meas_model,
-            limits,
-            0.1,
-            1,
-            marginals,
-        ),
+        (update_singletons, predicted, zeros, options, z, meas_model, limits, 1, marginals),
         (merge_similar_tracks, clusters, mean, cov, zeros, 0.1),
         (split_clusters, clusters, zeros, 1, limits),
     ]

@@ -72,18 +72,24 @@ def scan_measurements(sensor: Sensor, z_m: FloatArray, clutter_per_m2: FloatArra
 @inlined
 def order_measurements(scan: Measurements) -> OrderedMeasurements:
     """Select the detections with finite coordinates and clutter intensity, and sort them."""
-    step, rows, n = 0 if scan.log_clutter.size == 1 else 1, np.empty(scan.z.shape[0], np.int64), ZERO
+    step = 0 if scan.log_clutter.size == 1 else 1
+    rows = np.empty(scan.z.shape[0], np.int64)
+    n = ZERO
     for j in range(scan.z.shape[0]):
-        x, y, clutter = scan.z[j, 0], scan.z[j, 1], scan.log_clutter[j * step]
+        x, y = scan.z[j, 0], scan.z[j, 1]
+        clutter = scan.log_clutter[j * step]
         if np.isfinite(x) and np.isfinite(y) and np.isfinite(clutter):
             rows[n] = j
             n += 1
     rows = head(rows, n)
     sort_into_strips(scan.z, rows)
-    z, position_m, log_clutter = np.empty((n, 2)), np.empty((n, 2)), np.empty(n)
+    z = np.empty((n, 2))
+    position_m = np.empty((n, 2))
+    log_clutter = np.empty(n)
     for i in range(n):
         j = rows[i]
         log_clutter[i] = scan.log_clutter[j * step]
         for axis in range(2):
-            z[i, axis], position_m[i, axis] = scan.z[j, axis], scan.position_m[j, axis]
+            z[i, axis] = scan.z[j, axis]
+            position_m[i, axis] = scan.position_m[j, axis]
     return OrderedMeasurements(z, position_m, log_clutter, rows)

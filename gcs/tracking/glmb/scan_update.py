@@ -26,9 +26,9 @@ from gcs.jit import ZERO, inlined, leaf
 from gcs.tracking.clusters.cluster_product import merge_clusters
 from gcs.tracking.clusters.factorisation import renumber, split_clusters
 from gcs.tracking.clusters.singleton import DetectionMarginals, Tracks, update_singletons
-from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters, allocate_clusters
+from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters, allocate_clusters, append_clusters
 from gcs.tracking.glmb.joint_association import update_clusters
-from gcs.tracking.glmb.kalman import update_tracks
+from gcs.tracking.glmb.kalman import Prediction, update_tracks
 from gcs.tracking.glmb.marginals import track_probabilities
 from gcs.tracking.glmb.merging import merge_similar_tracks
 from gcs.tracking.glmb.params import Limits
@@ -63,32 +63,20 @@ class PosteriorTracks(NamedTuple):
 
 
 @leaf
-def _append_clusters(
-    clusters: Clusters, g: int, h: int, size: int, first_item: int, out: Clusters
-) -> tuple[int, int, int]:
-    """Append clusters behind g clusters, h hypotheses and `size` items of `out`; return the new numbers."""
-    for i in range(clusters.items.size):
-        out.items[size + i] = first_item + clusters.items[i]
-    for i in range(clusters.logw.size):
-        out.logw[h + i], out.start[h + i + 1] = clusters.logw[i], size + clusters.start[i + 1]
-    for i in range(clusters.first.size - 1):
-        out.first[g + i + 1] = h + clusters.first[i + 1]
-    return g + clusters.first.size - 1, h + clusters.logw.size, size + clusters.items.size
-
-
-@leaf
 def _concatenate(singletons: Tracks, joint: JointTracks, track_label: IntArray, out: PosteriorTracks) -> int:
     """Fill `out`, and the spare rows of `singletons`; return the number of kept labels."""
     out.clusters.first[0] = out.clusters.start[0] = n_labels = ZERO
-    g, h, size = _append_clusters(singletons.clusters, ZERO, ZERO, ZERO, ZERO, out.clusters)
+    g, h, size = append_clusters(singletons.clusters, ZERO, ZERO, ZERO, ZERO, out.clusters)
     n = singletons.parent.size
-    _append_clusters(joint.clusters, g, h, size, n, out.clusters)
+    append_clusters(joint.clusters, g, h, size, n, out.clusters)
     for t in range(n + joint.kept.size):
         if t < n:
-            parent, out.option[t] = singletons.parent[t], singletons.option[t]
+            parent = singletons.parent[t]
+            out.option[t] = singletons.option[t]
         else:
             u = joint.kept[t - n]
-            parent, out.option[t] = joint.parent[u], joint.option[u]
+            parent = joint.parent[u]
+            out.option[t] = joint.option[u]
             for i in range(4):
                 singletons.mean[t, i] = joint.mean[u, i]
                 for j in range(4):
@@ -97,7 +85,8 @@ def _concatenate(singletons: Tracks, joint: JointTracks, track_label: IntArray, 
         if n_labels == 0 or out.kept_labels[n_labels - 1] != label:
             out.kept_labels[n_labels] = label
             n_labels += 1
-        out.parent[t], out.label[t] = parent, n_labels - 1
+        out.parent[t] = parent
+        out.label[t] = n_labels - 1
     return n_labels
 
 
@@ -107,14 +96,17 @@ def concatenate(singletons: Tracks, joint: JointTracks, track_label: IntArray) -
 
     Tracks of a label are adjacent in both.
     """
-    single_clusters, n = singletons.clusters, singletons.parent.size + joint.kept.size
+    single_clusters = singletons.clusters
+    n = singletons.parent.size + joint.kept.size
     clusters = allocate_clusters(
         single_clusters.first.size + joint.clusters.first.size - 2,
         single_clusters.logw.size + joint.clusters.logw.size,
         single_clusters.items.size + joint.clusters.items.size,
     )
-    parent, option = np.empty(n, np.int64), np.empty(n, np.int64)
-    label, kept_labels = np.empty(n, np.int64), np.empty(n, np.int64)
+    parent = np.empty(n, np.int64)
+    option = np.empty(n, np.int64)
+    label = np.empty(n, np.int64)
+    kept_labels = np.empty(n, np.int64)
     count = _concatenate(
         singletons,
         joint,
@@ -140,7 +132,9 @@ def _look_up_options(
     for i in range(option.size):
         while options.start[t + 1] <= option[i]:
             t += 1
-        parent[i], meas[i], label[i] = t, options.meas[option[i]], track_label[t]
+        parent[i] = t
+        meas[i] = options.meas[option[i]]
+        label[i] = track_label[t]
 
 
 @leaf
@@ -157,12 +151,8 @@ def _add_marginals(
 
 @inlined
 def joint_update(
-    clusters: Clusters,
+    predicted: Prediction,
     options: AssociationOptions,
-    track_label: IntArray,
-    n_labels: int,
-    mean: FloatArray,
-    cov: FloatArray,
     z: FloatArray,
     meas_model: LinearisedMeasurement,
     limits: Limits,
@@ -173,30 +163,20 @@ def joint_update(
 
     `rng` (1,) uint64 advances. `marginals` are added to, unless they are empty.
     """
-    singletons, joint_clusters = merge_clusters(clusters, options, track_label, z.shape[0], limits)
+    track_label = predicted.track_label
+    singletons, joint_clusters = merge_clusters(predicted.clusters, options, track_label, z.shape[0], limits)
     joint_clusters, option = renumber(
         update_clusters(joint_clusters, options, z.shape[0], limits, rng), options.meas.size
     )
-    tracks = update_singletons(
-        clusters,
-        singletons,
-        options,
-        mean,
-        cov,
-        track_label,
-        z,
-        meas_model,
-        limits,
-        limits.merge_chi2,
-        option.size,
-        marginals,
-    )
-    parent, meas, label = np.empty_like(option), np.empty_like(option), np.empty_like(option)
+    tracks = update_singletons(predicted, singletons, options, z, meas_model, limits, option.size, marginals)
+    parent = np.empty_like(option)
+    meas = np.empty_like(option)
+    label = np.empty_like(option)
     _look_up_options(options, track_label, option, parent, meas, label)
-    joint_mean, joint_cov = update_tracks(mean, cov, parent, meas, z, meas_model)
+    mean, cov = update_tracks(predicted.mean, predicted.cov, parent, meas, z, meas_model)
     if marginals.p_exists.size > 0:
         _add_marginals(track_probabilities(joint_clusters, meas.size), meas, label, marginals)
-    joint_clusters = merge_similar_tracks(joint_clusters, joint_mean, joint_cov, label, limits.merge_chi2)
+    joint_clusters = merge_similar_tracks(joint_clusters, mean, cov, label, limits.merge_chi2)
+    n_labels = predicted.labels.shape[0]
     joint_clusters, kept = renumber(split_clusters(joint_clusters, label, n_labels, limits), option.size)
-    joint = JointTracks(joint_clusters, parent, option, joint_mean, joint_cov, kept)
-    return concatenate(tracks, joint, track_label)
+    return concatenate(tracks, JointTracks(joint_clusters, parent, option, mean, cov, kept), track_label)

@@ -1,1 +1,1 @@
-"""Models of motion, sensors, clutter and births."""
+"""Models of motion, survival, sensors, clutter and births."""

@@ -97,12 +97,14 @@ class AdaptiveBirth:
 
     def births(self, t_ns: int) -> list[Birth]:
         """Remove and return the birth components for a scan measured at `t_ns`."""
-        last, self._state.unexplained = self._state.unexplained, None
+        last = self._state.unexplained
+        self._state.unexplained = None
         if last is None or t_ns < last.t_ns:
             return []
         dt_s = (t_ns - last.t_ns) / NS_PER_S
         speed = np.diag([0.0, 0.0, 1.0, 1.0]) * self._speed_std_m_s**2
-        F, Q = constant_velocity.transition(dt_s), self._process_noise(dt_s)
+        F = constant_velocity.transition(dt_s)
+        Q = self._process_noise(dt_s)
         found = []
         for position, noise, probability in zip(
             last.positions_m, last.noise_m2, last.probability, strict=True

@@ -35,7 +35,8 @@ def intensity_per_m2(
         total = 0.0
         for i in range(mean.shape[0]):
             x, y = z[j, 0] - mean[i, 0], z[j, 1] - mean[i, 1]
-            s00, s11 = cov[i, 0, 0] + noise[j, 0, 0], cov[i, 1, 1] + noise[j, 1, 1]
+            s00 = cov[i, 0, 0] + noise[j, 0, 0]
+            s11 = cov[i, 1, 1] + noise[j, 1, 1]
             if x * x > _MAX_CHI2 * s00 or y * y > _MAX_CHI2 * s11:
                 continue
             s01 = cov[i, 0, 1] + noise[j, 0, 1]

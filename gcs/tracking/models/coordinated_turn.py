@@ -46,7 +46,8 @@ def _arc(w: float, dt: float) -> tuple[float, float, float, float]:
     a = w * dt
     if abs(a) < _SMALL_ANGLE:
         return dt, 0.5 * a * dt, -a * dt * dt / 3.0, 0.5 * dt * dt
-    s, c = math.sin(a), math.cos(a)
+    s = math.sin(a)
+    c = math.cos(a)
     return s / w, (1.0 - c) / w, (dt * c * w - s) / (w * w), (dt * s * w - (1.0 - c)) / (w * w)
 
 
@@ -54,19 +55,26 @@ def _arc(w: float, dt: float) -> tuple[float, float, float, float]:
 def _linearise(w: float, vx: float, vy: float, dt: float, F: FloatArray, g: FloatArray) -> None:
     """Write the Jacobians of the four states by themselves (F) and by w (g)."""
     along, across, d_along, d_aside = _arc(w, dt)
-    s, c = math.sin(w * dt), math.cos(w * dt)
+    s = math.sin(w * dt)
+    c = math.cos(w * dt)
     F[0, 2] = F[1, 3] = along
-    F[0, 3], F[1, 2] = -across, across
+    F[0, 3] = -across
+    F[1, 2] = across
     F[2, 2] = F[3, 3] = c
-    F[2, 3], F[3, 2] = -s, s
-    g[0], g[1] = d_along * vx - d_aside * vy, d_aside * vx + d_along * vy
-    g[2], g[3] = -dt * (s * vx + c * vy), dt * (c * vx - s * vy)
+    F[2, 3] = -s
+    F[3, 2] = s
+    g[0] = d_along * vx - d_aside * vy
+    g[1] = d_aside * vx + d_along * vy
+    g[2] = -dt * (s * vx + c * vy)
+    g[3] = dt * (c * vx - s * vy)
 
 
 @inlined
 def _limit_correlation(cov: FloatArray, turn: FloatArray, t: int) -> None:
     """Shrink the covariance with w to what positive definiteness allows."""
-    lower, whitened, total = np.empty((4, 4)), np.empty(4), 0.0
+    lower = np.empty((4, 4))
+    whitened = np.empty(4)
+    total = 0.0
     for i in range(4):
         value = turn[t, 2 + i]
         for j in range(i + 1):
@@ -100,9 +108,15 @@ def predict(
     `Q` is that of `constant_velocity`.
     """
     n = mean.shape[0]
-    mean_out, cov_out, turn_out = np.empty((n, 4)), np.empty((n, 4, 4)), np.empty((n, 6))
-    F, FP, Fc, g = np.eye(4), np.empty((4, 4)), np.empty(4), np.empty(4)
-    lateral, cross = np.zeros((4, 4)), np.zeros(4)
+    mean_out = np.empty((n, 4))
+    cov_out = np.empty((n, 4, 4))
+    turn_out = np.empty((n, 6))
+    F = np.eye(4)
+    FP = np.empty((4, 4))
+    Fc = np.empty(4)
+    g = np.empty(4)
+    lateral = np.zeros((4, 4))
+    cross = np.zeros(4)
     keep = math.exp(-dt / rate_time_s)
     stationary = rate_std_rad_s * rate_std_rad_s
     # The noise of the rate also turns the velocity: a triple integral of white noise.
@@ -110,10 +124,12 @@ def predict(
     q = 2.0 * stationary / rate_time_s
     for t in range(n):
         _limit_correlation(cov, turn, t)
-        w, variance = turn[t, 0], turn[t, 1]
+        w = turn[t, 0]
+        variance = turn[t, 1]
         _linearise(w, mean[t, 2], mean[t, 3], dt, F, g)
         for i in range(4):
-            predicted, coupled = 0.0, 0.0
+            predicted = 0.0
+            coupled = 0.0
             for j in range(4):
                 predicted += F[i, j] * mean[t, j]
                 coupled += F[i, j] * turn[t, 2 + j]
@@ -121,10 +137,12 @@ def predict(
                 for k in range(4):
                     total += F[i, k] * cov[t, k, j]
                 FP[i, j] = total
-            mean_out[t, i], Fc[i] = predicted, coupled
+            mean_out[t, i] = predicted
+            Fc[i] = coupled
         for i in range(2):  # lateral: J v at the end
             side_i = -mean_out[t, 3] if i == 0 else mean_out[t, 2]
-            cross[i], cross[2 + i] = q * short**3 / 6.0 * side_i, q * short**2 / 2.0 * side_i
+            cross[i] = q * short**3 / 6.0 * side_i
+            cross[2 + i] = q * short**2 / 2.0 * side_i
             for j in range(2):
                 side = side_i * (-mean_out[t, 3] if j == 0 else mean_out[t, 2])
                 lateral[i, j] = q * short**5 / 20.0 * side
@@ -158,13 +176,15 @@ def update(
     step = 0 if meas_model.A.shape[0] == 1 else 1
     PH = np.empty((4, 2))
     for i in range(n):
-        p, j = parent[i], meas[i]
+        p = parent[i]
+        j = meas[i]
         for r in range(6):
             out[i, r] = turn[p, r]
         if j < 0:
             continue
         u = p * step
-        H, R = meas_model.A[u], meas_model.noise[u]
+        H = meas_model.A[u]
+        R = meas_model.noise[u]
         for r in range(4):
             for k in range(2):
                 PH[r, k] = cov[p, r, 0] * H[k, 0] + cov[p, r, 1] * H[k, 1]
@@ -174,7 +194,8 @@ def update(
         det = a * c - b * b
         h0 = H[0, 0] * turn[p, 2] + H[0, 1] * turn[p, 3]
         h1 = H[1, 0] * turn[p, 2] + H[1, 1] * turn[p, 3]
-        g0, g1 = (h0 * c - h1 * b) / det, (h1 * a - h0 * b) / det
+        g0 = (h0 * c - h1 * b) / det
+        g1 = (h1 * a - h0 * b) / det
         dx, dy = z[j, 0] - meas_model.z_hat[p, 0], z[j, 1] - meas_model.z_hat[p, 1]
         if meas_model.has_bearing:
             dy = wrap_angle(dy)
@@ -189,7 +210,8 @@ def update(
 def jacobians(mean: FloatArray, dt: FloatArray, rate_time_s: float) -> FloatArray:
     """Return the Jacobians (n, 5, 5) of [p, v, w] over each `dt` (n,) at `mean` (n, 5)."""
     out = np.zeros((mean.shape[0], 5, 5))
-    F, g = np.eye(4), np.empty(4)
+    F = np.eye(4)
+    g = np.empty(4)
     for k in range(mean.shape[0]):
         _linearise(mean[k, 4], mean[k, 2], mean[k, 3], dt[k], F, g)
         for i in range(4):

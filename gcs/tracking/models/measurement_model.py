@@ -93,7 +93,9 @@ def _fill_positions(
     for i in range(2):
         everywhere &= fov[i, 0] == -np.inf and fov[i, 1] == np.inf
     for t in range(p_in_fov.size):
-        z_hat[t, 0], z_hat[t, 1], p_in_fov[t] = mean[t, 0], mean[t, 1], 1.0
+        z_hat[t, 0] = mean[t, 0]
+        z_hat[t, 1] = mean[t, 1]
+        p_in_fov[t] = 1.0
         if not everywhere:
             for i in range(2):
                 p_in_fov[t] *= _probability_between(mean[t, i], math.sqrt(cov[t, i, i]), fov[i, 0], fov[i, 1])
@@ -102,7 +104,8 @@ def _fill_positions(
 @called
 def _position(mean: FloatArray, cov: FloatArray, fov: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return expected measurements of a position sensor, and the probability to be in `fov`."""
-    z_hat, p_in_fov = np.empty((mean.shape[0], 2)), np.empty(mean.shape[0])
+    z_hat = np.empty((mean.shape[0], 2))
+    p_in_fov = np.empty(mean.shape[0])
     _fill_positions(mean, cov, fov, z_hat, p_in_fov)
     return z_hat, p_in_fov
 
@@ -113,28 +116,45 @@ def _range_bearing(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the unscented model of each track; `fov` bounds range and relative bearing."""
     n = mean.shape[0]
-    z_hat, A, noise, p_in_fov = np.empty((n, 2)), np.empty((n, 2, 2)), np.empty((n, 2, 2)), np.empty(n)
-    dp, dz = np.zeros((5, 2)), np.zeros((5, 2))
+    z_hat = np.empty((n, 2))
+    A = np.empty((n, 2, 2))
+    noise = np.empty((n, 2, 2))
+    p_in_fov = np.empty(n)
+    dp = np.zeros((5, 2))
+    dz = np.zeros((5, 2))
     for t in range(n):
         x, y = mean[t, 0] - place[0], mean[t, 1] - place[1]
-        r0, b0 = math.hypot(x, y), math.atan2(x, y)
+        r0 = math.hypot(x, y)
+        b0 = math.atan2(x, y)
         l00 = math.sqrt(3.0 * max(cov[t, 0, 0], 1e-12))
         l10 = 3.0 * cov[t, 1, 0] / l00
         l11 = math.sqrt(max(3.0 * cov[t, 1, 1] - l10 * l10, 1e-12))
-        dp[1, 0], dp[1, 1], dp[2, 1] = l00, l10, l11
-        dp[3, 0], dp[3, 1], dp[4, 1] = -l00, -l10, -l11
-        m0, m1 = 0.0, 0.0
+        dp[1, 0] = l00
+        dp[1, 1] = l10
+        dp[2, 1] = l11
+        dp[3, 0] = -l00
+        dp[3, 1] = -l10
+        dp[4, 1] = -l11
+        m0 = 0.0
+        m1 = 0.0
         for i in range(1, 5):
             px, py = x + dp[i, 0], y + dp[i, 1]
-            dz[i, 0], dz[i, 1] = math.hypot(px, py) - r0, wrap_angle(math.atan2(px, py) - b0)
+            dz[i, 0] = math.hypot(px, py) - r0
+            dz[i, 1] = wrap_angle(math.atan2(px, py) - b0)
             m0 += dz[i, 0] / 6.0
             m1 += dz[i, 1] / 6.0
         # Regression on the position through the factor: A L = C' L'^-1, column by column.
-        c00, c01 = (dz[1, 0] - dz[3, 0]) / 2.0, (dz[2, 0] - dz[4, 0]) / 2.0
-        c10, c11 = (dz[1, 1] - dz[3, 1]) / 2.0, (dz[2, 1] - dz[4, 1]) / 2.0
-        A[t, 0, 1], A[t, 1, 1] = c01 / l11, c11 / l11
-        A[t, 0, 0], A[t, 1, 0] = (c00 - A[t, 0, 1] * l10) / l00, (c10 - A[t, 1, 1] * l10) / l00
-        s00, s01, s11 = 0.0, 0.0, 0.0
+        c00 = (dz[1, 0] - dz[3, 0]) / 2.0
+        c01 = (dz[2, 0] - dz[4, 0]) / 2.0
+        c10 = (dz[1, 1] - dz[3, 1]) / 2.0
+        c11 = (dz[2, 1] - dz[4, 1]) / 2.0
+        A[t, 0, 1] = c01 / l11
+        A[t, 1, 1] = c11 / l11
+        A[t, 0, 0] = (c00 - A[t, 0, 1] * l10) / l00
+        A[t, 1, 0] = (c10 - A[t, 1, 1] * l10) / l00
+        s00 = 0.0
+        s01 = 0.0
+        s11 = 0.0
         for i in range(5):
             u = 1.0 / 3.0 if i == 0 else 1.0 / 6.0
             s00 += u * (dz[i, 0] - m0) ** 2
@@ -143,7 +163,8 @@ def _range_bearing(
         noise[t, 0, 0] = R[0, 0, 0] + max(s00 - (c00 * c00 + c01 * c01) / 3.0, 0.0)
         noise[t, 1, 1] = R[0, 1, 1] + max(s11 - (c10 * c10 + c11 * c11) / 3.0, 0.0)
         noise[t, 0, 1] = noise[t, 1, 0] = R[0, 0, 1] + s01 - (c00 * c10 + c01 * c11) / 3.0
-        z_hat[t, 0], z_hat[t, 1] = r0 + m0, wrap_angle(b0 + m1)
+        z_hat[t, 0] = r0 + m0
+        z_hat[t, 1] = wrap_angle(b0 + m1)
         p_in_fov[t] = _probability_between(z_hat[t, 0], math.sqrt(s00), fov[0, 0], fov[0, 1])
         if fov[1, 1] < math.pi:
             p_in_fov[t] *= _probability_between(
@@ -161,7 +182,8 @@ def linearise(sensor_model: SensorModel, mean: FloatArray, cov: FloatArray) -> L
         )
     else:
         z_hat, p_in_fov = _position(mean, cov, sensor_model.fov)
-        A, noise = np.zeros((1, 2, 2)), sensor_model.noise
+        A = np.zeros((1, 2, 2))
+        noise = sensor_model.noise
         A[0, 0, 0] = A[0, 1, 1] = 1.0
     return LinearisedMeasurement(z_hat, A, noise, p_in_fov, sensor_model.p_d, sensor_model.is_polar)
 

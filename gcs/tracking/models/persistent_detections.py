@@ -78,7 +78,8 @@ class PersistentDetections:
         self._predict(t_ns)
         unexplained = np.flatnonzero(explained < _UNEXPLAINED)
         unexplained = np.sort(unexplained[np.argsort(explained[unexplained], kind="stable")[:_MAX_CHAINS]])
-        z, noise = z_m[unexplained], sensor_geometry.noise_m2(sensor, z_m[unexplained])
+        z = z_m[unexplained]
+        noise = sensor_geometry.noise_m2(sensor, z_m[unexplained])
         clutter = np.maximum(sensor_geometry.clutter_per_m2(sensor, z), _MIN_CLUTTER_PER_M2)
         is_assigned = self._associate(z, noise, clutter, sensor)
         self._keep((self.score >= 0.0) & (self.cov[:, [0, 1], [0, 1]].max(axis=1) <= _MAX_STD_M**2))
@@ -90,7 +91,8 @@ class PersistentDetections:
     def _predict(self, t_ns: int) -> None:
         dt_s = (t_ns - self.t_ns) / NS_PER_S if self.score.size else 0.0
         self.t_ns = t_ns
-        F, Q = constant_velocity.transition(dt_s), constant_velocity.process_noise(dt_s, _ACCEL_PSD_M2_S3)
+        F = constant_velocity.transition(dt_s)
+        Q = constant_velocity.process_noise(dt_s, _ACCEL_PSD_M2_S3)
         self.mean = self.mean @ F.T
         self.cov = F @ self.cov @ F.T + Q
 
@@ -111,7 +113,8 @@ class PersistentDetections:
             pair = _first_of_each(pair[np.argsort(-ratio[pair], kind="stable")], chain)
             pair = _first_of_each(pair[np.argsort(-self.score[chain[pair]], kind="stable")], detection)
             hit = chain[pair]
-            is_assigned[detection[pair]], missed[hit] = True, False
+            is_assigned[detection[pair]] = True
+            missed[hit] = False
             self.score[hit] = np.minimum(self.score[hit] + ratio[pair], _MAX_SCORE)
             K = self.cov[hit, :, :2] @ np.linalg.inv(S[pair])
             self.mean[hit] += (K @ innovation[pair][:, :, None])[:, :, 0]
@@ -128,8 +131,10 @@ class PersistentDetections:
         return chain, detection, innovation[chain, detection], self.cov[chain, :2, :2] + noise[detection]
 
     def _keep(self, kept: BoolArray) -> None:
-        self.mean, self.cov = self.mean[kept], self.cov[kept]
-        self.score, self.found = self.score[kept], self.found[kept]
+        self.mean = self.mean[kept]
+        self.cov = self.cov[kept]
+        self.score = self.score[kept]
+        self.found = self.found[kept]
 
     def _begin(self, z: FloatArray, noise: FloatArray) -> None:
         n = min(len(z), _MAX_CHAINS - self.score.size)

@@ -27,14 +27,20 @@ from gcs.tracking.models.sensor_geometry import expected_clutter
 
 _MEMORY_SCANS = 60.0
 _CERTAIN_STD = 5.0
-_MIN_SCANS, _MIN_OBJECTS = 10.0, 30.0
-_CLUTTER_FACTOR, _CLUTTER_AGREEMENT_FACTOR = 2.0, 1.5
-_DETECTION_DEVIATION, _DETECTION_AGREEMENT = 0.1, 0.05
-_PRIOR_SCANS, _PRIOR_OBJECTS = 10.0, 20.0
-"""Scans and detected objects that an announced value counts for in a correction."""
+_MIN_SCANS = 10.0
+_MIN_OBJECTS = 30.0
+_CLUTTER_FACTOR = 2.0
+_CLUTTER_AGREEMENT_FACTOR = 1.5
+_DETECTION_DEVIATION = 0.1
+_DETECTION_AGREEMENT = 0.05
+_PRIOR_SCANS = 10.0
+"""Scans that an announced clutter rate counts for in a correction."""
+_PRIOR_OBJECTS = 20.0
+"""Detected objects that an announced detection probability counts for in a correction."""
 _MAX_CLUTTER_CORRECTION = 50.0
 """Largest factor of a correction of the clutter rate."""
-_MIN_DETECTION, _MAX_DETECTION = 0.05, 0.999
+_MIN_DETECTION = 0.05
+_MAX_DETECTION = 0.999
 
 
 Quantity: TypeAlias = Literal["clutter", "detection"]
@@ -98,7 +104,8 @@ class SensorEstimation:
     def findings(self, sensor: Sensor) -> list[Finding]:
         """Return the changes in agreement with the sensor's announced values."""
         found = []
-        clutter, detection = self.clutter.value, self.detected.value
+        clutter = self.clutter.value
+        detection = self.detected.value
         announced = expected_clutter(sensor)
         if math.isfinite(announced) and self.clutter.n >= _MIN_SCANS:
             off = abs(clutter - announced) > _CERTAIN_STD * math.sqrt(max(announced, 1e-3) / self.clutter.n)

@@ -114,7 +114,8 @@ def noise_m2(sensor: Sensor, z_m: FloatArray) -> FloatArray:
     if sensor.polar is None:
         return np.broadcast_to(sensor.noise_cov_m2, (len(z_m), 2, 2))
     range_m, bearing_rad = sensor_coordinates(sensor, z_m).T
-    sin, cos = np.sin(bearing_rad), np.cos(bearing_rad)
+    sin = np.sin(bearing_rad)
+    cos = np.cos(bearing_rad)
     along = np.stack([sin, cos], axis=-1)
     across = np.stack([cos, -sin], axis=-1)
     return np.asarray(

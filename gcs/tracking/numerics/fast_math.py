@@ -18,8 +18,10 @@ from gcs.jit import leaf
 from gcs.model import FloatArray
 
 _PER_LN2 = 1.4426950408889634
-_LN2_HIGH, _LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10
-"""log 2 in two parts; multiples of the first are exact."""
+_LN2_HIGH = 0.693147180369123816490
+"""log 2 in short: multiples are exact."""
+_LN2_LOW = 1.90821492927058770002e-10
+"""The rest of log 2."""
 _TO_INTEGER = 6755399441055744.0
 """1.5 * 2^52: a number added to it loses its fraction, and its integer part is in the low bits."""
 _ROOT_HALF = 0x3FE6A09E667F3BCD

@@ -50,7 +50,8 @@ def allocate_sort(n: int) -> SortBuffers:
 def _insertion_sort(value: FloatArray | IntArray, n: int, order: IntArray) -> None:
     """Sort n indices by insertion: fast if all are near their places."""
     for i in range(1, n):
-        x, j = order[i], i
+        x = order[i]
+        j = i
         while j > 0 and value[order[j - 1]] < value[x]:
             order[j] = order[j - 1]
             j -= 1
@@ -60,16 +61,20 @@ def _insertion_sort(value: FloatArray | IntArray, n: int, order: IntArray) -> No
 @leaf
 def _merge_sort(value: FloatArray | IntArray, n: int, to: SortBuffers) -> None:
     """Sort n indices by merging runs."""
-    order, merged, run = to.index, to.other, 1
+    order = to.index
+    merged = to.other
+    run = 1
     while run < n:
         for low in range(0, n, 2 * run):
-            mid, high = min(low + run, n), min(low + 2 * run, n)
+            mid = min(low + run, n)
+            high = min(low + 2 * run, n)
             if mid == high or not value[order[mid - 1]] < value[order[mid]]:
                 # Already in order.
                 for k in range(low, high):
                     merged[k] = order[k]
                 continue
-            i, j = low, mid
+            i = low
+            j = mid
             for k in range(low, high):
                 if j == high or (i < mid and not value[order[i]] < value[order[j]]):
                     merged[k] = order[i]
@@ -90,7 +95,9 @@ def _bucket_sort(
 
     Returns True if no step has more than a few values.
     """
-    begin, step, per_unit = to.begin, to.other, (n - 0.5) / (most - least)
+    begin = to.begin
+    step = to.other
+    per_unit = (n - 0.5) / (most - least)
     for b in range(n + 1):
         begin[b] = 0
     for i in range(n):
@@ -112,7 +119,8 @@ def _argsort_many(value: FloatArray | IntArray, first: int, n: int, to: SortBuff
     least = most = value[first]
     for i in range(n):
         to.index[i] = first + i
-        least, most = min(least, value[first + i]), max(most, value[first + i])
+        least = min(least, value[first + i])
+        most = max(most, value[first + i])
     if 0.0 < most - least < np.inf and _bucket_sort(value, first, n, least, most, to):
         _insertion_sort(value, n, to.index)
     else:
@@ -189,7 +197,8 @@ def rank_by_weight(count: int, to: UniqueBuffers) -> None:
     argsort_descending(to.weight, ZERO, count, to.order)
     order = to.order.index
     for k in range(count):
-        to.which[k], to.logw[k] = to.example[order[k]], to.weight[order[k]]
+        to.which[k] = to.example[order[k]]
+        to.logw[k] = to.weight[order[k]]
 
 
 @leaf
@@ -198,13 +207,16 @@ def unique_hypotheses(n: int, weight: FloatArray, first: int, to: UniqueBuffers)
     slots = power_of_two(2 * n)
     for i in range(slots):
         to.slot[i] = -1
-    count, mask = ZERO, slots - 1
+    count = ZERO
+    mask = slots - 1
     for h in range(n):
         at = int64(to.key[h] & np.uint64(mask))
         while to.slot[at] >= 0 and to.key[to.example[to.slot[at]] - first] != to.key[h]:
             at = (at + 1) & mask
         if to.slot[at] < 0:
-            to.slot[at], to.weight[count], to.example[count] = count, 0.0, first + h
+            to.slot[at] = count
+            to.weight[count] = 0.0
+            to.example[count] = first + h
             count += 1
         to.weight[to.slot[at]] += weight[first + h]
     rank_by_weight(count, to)

@@ -51,7 +51,9 @@ class HistoryTree(NamedTuple):
     def allocate(cls, n: int) -> HistoryTree:
         """Return a tree of n free nodes."""
         references, parent, scan, birth, meas = np.zeros((5, n), np.int64)
-        z_m, logw, free = np.zeros((n, 2)), np.zeros(n), np.arange(n)
+        z_m = np.zeros((n, 2))
+        logw = np.zeros(n)
+        free = np.arange(n)
         return cls(references, parent, scan, birth, meas, z_m, logw, free, np.full(1, n))
 
     def larger(self, n: int) -> HistoryTree:
@@ -96,14 +98,20 @@ def _fill_nodes(
     tree.n_free[0] -= to.size
     for i in range(to.size):
         node = tree.free[tree.n_free[0] + i]
-        to[i], born = node, parent[i] - nodes_before.size
-        tree.references[node], tree.scan[node], tree.birth[node] = 1, scan, born
-        tree.parent[node], tree.meas[node], tree.logw[node] = NO_NODE, meas[i], logw[i]
+        to[i] = node
+        born = parent[i] - nodes_before.size
+        tree.references[node] = 1
+        tree.scan[node] = scan
+        tree.birth[node] = born
+        tree.parent[node] = NO_NODE
+        tree.meas[node] = meas[i]
+        tree.logw[node] = logw[i]
         if born < 0:
             tree.parent[node] = nodes_before[parent[i]]
             tree.references[nodes_before[parent[i]]] += 1
         if meas[i] >= 0:
-            tree.z_m[node, 0], tree.z_m[node, 1] = position_m[meas[i], 0], position_m[meas[i], 1]
+            tree.z_m[node, 0] = position_m[meas[i], 0]
+            tree.z_m[node, 1] = position_m[meas[i], 1]
 
 
 @leaf
@@ -117,8 +125,10 @@ def _record_estimated(
 ) -> None:
     """Fill label and node of each estimated track, and add a reference to the node."""
     for i in range(tracks.size):
-        label, nodes[i] = posterior.track_label[tracks[i]], nodes_before[tracks[i]]
-        labels[i, 0], labels[i, 1] = posterior.labels[label, 0], posterior.labels[label, 1]
+        label = posterior.track_label[tracks[i]]
+        nodes[i] = nodes_before[tracks[i]]
+        labels[i, 0] = posterior.labels[label, 0]
+        labels[i, 1] = posterior.labels[label, 1]
         tree.references[nodes[i]] += 1
 
 
@@ -143,7 +153,8 @@ def extend_tree(
     _fill_nodes(tree, nodes_before, scan, parent, meas, logw, position_m, new)
     _release_nodes(tree, nodes_before)
     tracks = map_tracks(posterior.clusters)
-    labels, nodes = np.empty((tracks.size, 2), np.int64), np.empty(tracks.size, np.int64)
+    labels = np.empty((tracks.size, 2), np.int64)
+    nodes = np.empty(tracks.size, np.int64)
     _record_estimated(tree, new, tracks, posterior, labels, nodes)
     return new, labels, nodes
 

@@ -30,7 +30,8 @@ import numpy as np
 
 from gcs.jit import Call
 from gcs.model import BoolArray, FloatArray, IntArray, Label, Sensor, read_only
-from gcs.tracking.glmb.recursion import Interval, Posterior, UpdateResult
+from gcs.tracking.glmb.kalman import Interval
+from gcs.tracking.glmb.recursion import Posterior, UpdateResult
 from gcs.tracking.models import constant_velocity
 from gcs.tracking.models.coordinated_turn import TurnModel
 from gcs.tracking.models.sensor_geometry import MAX_DETECTION_PROBABILITY
@@ -172,7 +173,8 @@ class Histories:
 
     def _chain(self, label: Label) -> IntArray:
         """Return the nodes of a label, birth first."""
-        chain, node = [], self._estimated[label]
+        chain = []
+        node = self._estimated[label]
         while node != NO_NODE:
             chain.append(node)
             node = int(self._tree.parent[node])
@@ -215,7 +217,9 @@ class Histories:
             length = int(np.flatnonzero(is_detected)[-1]) + 1 if is_detected.any() else 0
             if not length:
                 return chain[:0], is_detected[:0], -math.inf
-            chain, is_detected, shared = chain[:length], is_detected[:length], shared[:length]
+            chain = chain[:length]
+            is_detected = is_detected[:length]
+            shared = shared[:length]
         first = self._scans[int(self._tree.scan[chain[0]])]
         probability = first.births[int(self._tree.birth[chain[0]])].probability
         born = min(max(probability, 1e-9), 1.0 - 1e-9)
@@ -264,7 +268,8 @@ class Histories:
 
 def warm_up_calls() -> list[Call]:
     """Return one call of every kernel, with the types of a tracker."""
-    none, tree = np.empty(0, np.int64), HistoryTree.allocate(1)
+    none = np.empty(0, np.int64)
+    tree = HistoryTree.allocate(1)
     return [
         (extend_tree, tree, none, 0, Posterior.empty(), none, none, np.empty(0), np.empty((0, 2))),
         (release_nodes, tree, none),

@@ -66,7 +66,8 @@ def _store(
         for j in range(4):
             covs[at, k, i, j] = cov[0, i, j]
     if means.shape[2] == 5:
-        means[at, k, 4], covs[at, k, 4, 4] = turn[0, 0], turn[0, 1]
+        means[at, k, 4] = turn[0, 0]
+        covs[at, k, 4, 4] = turn[0, 1]
         for i in range(4):
             covs[at, k, i, 4] = covs[at, k, 4, i] = turn[0, 2 + i]
 
@@ -88,17 +89,25 @@ def filter_path(
     measurement of the sensor `sensor_index` (n,), NaN for a miss. `sensors` is a `SensorModel` of arrays,
     one row per sensor.
     """
-    n, has_turns, one = dt_s.size, turns.rate_std_rad_s > 0.0, np.zeros(1, np.int64)
+    n = dt_s.size
+    has_turns = turns.rate_std_rad_s > 0.0
+    one = np.zeros(1, np.int64)
     d = 5 if has_turns else 4
-    means, covs = np.empty((2, n, d)), np.empty((2, n, d, d))
-    x, P, w = mean.reshape(1, 4).copy(), cov.reshape(1, 4, 4).copy(), np.zeros((1, 6))
+    means = np.empty((2, n, d))
+    covs = np.empty((2, n, d, d))
+    x = mean.reshape(1, 4).copy()
+    P = cov.reshape(1, 4, 4).copy()
+    w = np.zeros((1, 6))
     w[0, 1] = turns.rate_std_rad_s * turns.rate_std_rad_s
     for k in range(n):
         if k > 0 and dt_s[k] > 0.0:
             if has_turns:
                 x, P, w = coordinated_turn.predict(x, P, w, Q[k], dt_s[k], turns.rate_std_rad_s, turns.time_s)
             else:
-                before_x, before_P, x, P = x, P, np.empty((1, 4)), np.empty((1, 4, 4))
+                before_x = x
+                before_P = P
+                x = np.empty((1, 4))
+                P = np.empty((1, 4, 4))
                 predict_track(before_x, before_P, ZERO, dt_s[k], Q[k], x, P)
         _store(x, P, w, ZERO, k, means, covs)
         if not np.isnan(z[k, 0]):
@@ -108,7 +117,10 @@ def filter_path(
                 sensors.centre_rad[s], sensors.p_d[s],
             )  # fmt: skip
             meas_model = linearise(sensor, x, P)
-            before_x, before_P, x, P = x, P, np.empty((1, 4)), np.empty((1, 4, 4))
+            before_x = x
+            before_P = P
+            x = np.empty((1, 4))
+            P = np.empty((1, 4, 4))
             update_track(before_x, before_P, ZERO, ZERO, z[k : k + 1], meas_model, x, P, ZERO)
             if has_turns:
                 w = coordinated_turn.update(before_P, w, one, one, z[k : k + 1], meas_model)
@@ -121,7 +133,8 @@ def warm_up_calls() -> list[Call]:
     sensor = measurement_model.sensor_model(Sensor("", 0.9, 1e-6, np.eye(2), (0.0, 0.0, 1.0, 1.0)))
     sensors = SensorModel._make(np.array([field]) for field in sensor)
     zeros = np.zeros(1, np.int64)
-    z, Q = np.zeros((1, 2)), np.eye(4).reshape(1, 4, 4)
+    z = np.zeros((1, 2))
+    Q = np.eye(4).reshape(1, 4, 4)
     return [(filter_path, np.zeros(4), np.eye(4), np.ones(1), Q, z, zeros, sensors, TurnModel(0.0, 1.0))]
 
 
@@ -157,7 +170,8 @@ def run_filter(
 def smooth_states(run: FilterResult, lag_scans: int | None = None) -> tuple[FloatArray, FloatArray]:
     """Return means (n, d) and covariances (n, d, d) given all scans, or those up to `lag_scans` later."""
     n = len(run.mean)
-    mean, cov = run.mean.copy(), run.cov.copy()
+    mean = run.mean.copy()
+    cov = run.cov.copy()
     if n < 2:
         return mean, cov
     G = np.swapaxes(np.linalg.solve(run.predicted_cov[1:], run.F @ run.cov[:-1]), 1, 2)

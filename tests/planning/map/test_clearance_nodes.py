@@ -51,7 +51,8 @@ def test_a_gap_of_two_cells_is_flown_through_its_middle(clearance_m):
     """Two cells of 40 m leave 40 m on either side, between the rows of nodes; the way round is far longer."""
     wall = [(row, 10) for row in range(30) if row not in (14, 15)]
     grid = free_grid((30, 21), 40.0).with_obstacles(cells=wall)
-    agents, targets = {1: AgentState(40.0, 580.0)}, {(0, 1): (760.0, 580.0)}
+    agents = {1: AgentState(40.0, 580.0)}
+    targets = {(0, 1): (760.0, 580.0)}
     for shape in ("pulled", "flyable"):
         result = plan_routes(grid, agents, targets, {}, PlanOptions(shape=shape, clearance_m=clearance_m))
         assert not [note for note in result.notes if "nearer" in note]
@@ -64,7 +65,8 @@ def test_a_gap_that_is_too_narrow_is_no_gap():
     """The detour by the wide gap is taken, as along the grid."""
     wall = [(row, 10) for row in range(30) if row not in (14, 15, 18, 19, 20, 21)]
     grid = free_grid((30, 21), 40.0).with_obstacles(cells=wall)
-    agents, targets = {1: AgentState(40.0, 580.0)}, {(0, 1): (760.0, 580.0)}
+    agents = {1: AgentState(40.0, 580.0)}
+    targets = {(0, 1): (760.0, 580.0)}
     [route] = plan_routes(grid, agents, targets, {}, PlanOptions(shape="pulled", clearance_m=50.0)).routes
     assert max(north for _, north in route.points_m.tolist()) >= 17.5 * 40.0 + 50.0 - 1e-6
     assert math.isclose(route.points_m[-1][1], 580.0)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from grid_paths import find_path
 
 from gcs.errors import ConfigError
 from gcs.planning.map.movingai import read_map
-from gcs.planning.search.shortest import find_path
 
 MAP = """type octile
 height 6

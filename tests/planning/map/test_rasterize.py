@@ -16,7 +16,8 @@ SIZE = 12
 def polygons(draw):
     """A polygon around a place, often larger or smaller than the grid or off it, maybe with a hole."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    centre, count = rng.uniform(-20.0, 140.0, 2), rng.integers(3, 9)
+    centre = rng.uniform(-20.0, 140.0, 2)
+    count = rng.integers(3, 9)
     angles = np.sort(rng.uniform(0.0, 2 * np.pi, count))
     radii = rng.uniform(0.2, 1.0, count) * draw(st.sampled_from([3.0, 30.0, 150.0]))
     ring = centre + radii[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
@@ -42,7 +43,8 @@ def test_a_cell_is_blocked_just_when_a_keep_out_polygon_overlaps_it_and_free_jus
     if not polygon.is_valid or polygon.area < 1e-6:
         return
     overlap = shapely.area(shapely.intersection(cells(), polygon))
-    kept_out, within = grid.with_obstacles(polygons_m=[rings]).blocked, ~grid.within([rings]).blocked
+    kept_out = grid.with_obstacles(polygons_m=[rings]).blocked
+    within = ~grid.within([rings]).blocked
     assert kept_out[overlap > 1e-6].all()
     assert not kept_out[shapely.distance(cells(), polygon) > 0.0].any()
     assert not within[overlap < 100.0 - 1e-6].any()

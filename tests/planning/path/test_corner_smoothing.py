@@ -37,7 +37,9 @@ def leg_clearance_of(blocked, x0, y0, x1, y1, reach):
 @kernel
 def eased(blocked, points, clearances, radius):
     """The corners, what they cost before and after, and how many are flown before and after."""
-    moved, flown, size = points.copy(), np.zeros(2, np.int64), points.shape[0]
+    moved = points.copy()
+    flown = np.zeros(2, np.int64)
+    size = points.shape[0]
     before = cost(blocked, points, clearances, 0, size, radius, -1, np.inf)
     smooth_corners(blocked, moved, clearances, radius, -1, np.ones(size, np.bool_))
     after = cost(blocked, moved, clearances, 0, size, radius, -1, np.inf)
@@ -52,7 +54,8 @@ def arc(points: np.ndarray, radius: float, count: int = 400) -> np.ndarray:
     (ux, uy), (vx, vy) = np.diff(points, axis=0)
     turn = math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
     begins = points[1] - radius * math.tan(abs(turn) / 2.0) * np.array([ux, uy]) / math.hypot(ux, uy)
-    heading, side = math.atan2(uy, ux), math.copysign(1.0, turn)
+    heading = math.atan2(uy, ux)
+    side = math.copysign(1.0, turn)
     angles = heading + side * np.linspace(0.0, abs(turn), count)
     centre = begins + side * radius * np.array([-math.sin(heading), math.cos(heading)])
     return centre + side * radius * np.column_stack((np.sin(angles), -np.cos(angles)))
@@ -114,7 +117,8 @@ def test_easing_takes_nothing_from_the_legs_and_makes_the_way_no_dearer(seed, re
 def test_corners_around_a_block_are_moved_until_a_vehicle_can_fly_them():
     blocked = np.zeros((20, 20), np.bool_)
     blocked[8:12, 8:12] = True
-    reach, radius = 0.5, 1.0
+    reach = 0.5
+    radius = 1.0
     points = np.array([[7.0, 2.0], [7.0, 12.0], [12.0, 12.0], [12.0, 2.0]])
     moved, _, _, flown = eased(blocked, points, np.full(3, reach), radius)
     assert flown.tolist() == [0, 2]
@@ -129,7 +133,8 @@ def test_on_open_maps_no_corner_comes_nearer_than_the_clearance(threshold, share
     kept = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
-        start, goal = (40.0, 2000.0 * rng.random()), (1900.0, 2000.0 * rng.random())
+        start = (40.0, 2000.0 * rng.random())
+        goal = (1900.0, 2000.0 * rng.random())
         grid = random_obstacles(free_grid((51, 51), 40.0), threshold, rng, [start, goal], 120.0)
         options = PlanOptions(shape="flyable", clearance_m=20.0, turn_radius_m=40.0)
         found = plan_routes(grid, {1: AgentState(*start, math.pi / 2)}, {(0, 0): goal}, {}, options)

@@ -46,8 +46,10 @@ def case(seed, shape, blocked, dear):
 
 
 def field_from(smap, near, order, remaining, source):
-    field, came = np.empty(near.size), np.empty(near.size, np.uint8)
-    known, buffers = pack_nodes(order, near), dijkstra_buffers(smap._replace(has_tight_moves=True))
+    field = np.empty(near.size)
+    came = np.empty(near.size, np.uint8)
+    known = pack_nodes(order, near)
+    buffers = dijkstra_buffers(smap._replace(has_tight_moves=True))
     start = np.array([source]), np.zeros(1), NONE
     one_to_all(list_moves(remaining), True, smap.offsets, *start, field, came, known, *buffers)
     return field

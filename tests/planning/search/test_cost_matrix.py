@@ -16,7 +16,7 @@ from gcs.planning.path.shortcut import connect_to_grid
 from gcs.planning.search import cost_matrix
 from gcs.planning.search.canonical_ordering import TIGHT_MOVE_COST
 from gcs.planning.search.dijkstra import dijkstra_buffers, one_to_all
-from gcs.planning.search.neighbours import kernel_arrays, search_map
+from gcs.planning.search.neighbours import search_map
 from gcs.planning.search.shortest import distances_m
 
 DIAGONAL = np.sqrt(2.0)
@@ -41,7 +41,8 @@ def cases(draw):
 
 def costs_of(smap, way):
     """Cost in cells of a way, node by node, with tight moves counted dearly; also whether it is legal."""
-    cost, legal = 0.0, True
+    cost = 0.0
+    legal = True
     for a, b in itertools.pairwise(way):
         move = list(smap.offsets).index(b - a)
         legal &= bool(smap.moves[a] >> move & 1)
@@ -56,7 +57,8 @@ def costs_of(smap, way):
 def test_one_search_to_all_and_a_search_for_each_pair_find_ways_of_the_same_cost(case):
     grid, clearance_m, starts, goals = case
     smap = search_map(grid, clearance_m)
-    a, b = places(grid, smap, starts), places(grid, smap, goals)
+    a = places(grid, smap, starts)
+    b = places(grid, smap, goals)
     filled = [
         cost_matrix._one_to_all(grid, smap, a, b, clearance_m),
         cost_matrix._pairwise(grid, smap, a, b, clearance_m),
@@ -88,7 +90,8 @@ def test_one_search_to_all_and_a_search_for_each_pair_find_ways_of_the_same_cost
 def test_the_way_there_is_as_long_as_the_way_back(case):
     grid, _, starts, goals = case
     smap = search_map(grid)
-    a, b = places(grid, smap, starts), places(grid, smap, goals)
+    a = places(grid, smap, starts)
+    b = places(grid, smap, goals)
     there, _ = cost_matrix.metric_paths(grid, smap, a, b, 0.0)
     back, _ = cost_matrix.metric_paths(grid, smap, b, a, 0.0)
     np.testing.assert_allclose(there, back.T, rtol=0, atol=1e-8)
@@ -115,8 +118,9 @@ def test_costs_with_clearance_are_those_of_dijkstra_over_all_legal_moves(case, s
     graph = coo_matrix((w, (i, j)), shape=(size, size)).tocsr()
     field = np.empty(size)
     none = np.empty(0, dtype=np.int64)
+    lists = smap.move_lists, smap.has_tight_moves, smap.offsets
     work = np.empty(size, np.uint8), smap.packed.copy(), *dijkstra_buffers(smap)
-    one_to_all(*kernel_arrays(smap), np.array([source]), np.zeros(1), none, field, *work)
+    one_to_all(*lists, np.array([source]), np.zeros(1), none, field, *work)
     np.testing.assert_allclose(field, dijkstra(graph, indices=source), rtol=0, atol=1e-8)
 
 

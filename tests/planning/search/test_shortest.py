@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from grid_paths import find_path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -15,7 +16,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from gcs.planning.map.grid import Grid, free_grid, random_obstacles
-from gcs.planning.search.shortest import distances_m, find_path, nearest_free
+from gcs.planning.search.shortest import distances_m, nearest_free
 
 MOVES = [m for m in itertools.product((-1, 0, 1), repeat=2) if m != (0, 0)]
 
@@ -31,7 +32,8 @@ def neighbours(blocked, node):
 
 def plain_astar_cost(blocked, start, goal):
     """A textbook A* on heapq: nothing shared with the code under test."""
-    heap, cost = [(0.0, 0.0, start)], {start: 0.0}
+    heap = [(0.0, 0.0, start)]
+    cost = {start: 0.0}
     while heap:
         _, here, node = heapq.heappop(heap)
         if node == goal:
@@ -41,7 +43,8 @@ def plain_astar_cost(blocked, start, goal):
         for there, step in neighbours(blocked, node):
             if here + step < cost.get(there, math.inf) - 1e-12:
                 cost[there] = here + step
-                dr, dc = abs(there[0] - goal[0]), abs(there[1] - goal[1])
+                dr = abs(there[0] - goal[0])
+                dc = abs(there[1] - goal[1])
                 ahead = max(dr, dc) + (math.sqrt(2) - 1) * min(dr, dc)
                 heapq.heappush(heap, (here + step + ahead, here + step, there))
     return math.inf
@@ -85,7 +88,8 @@ def test_distances_to_all_nodes_are_those_of_dijkstra(blocked, data):
 @settings(max_examples=150)
 @given(maps(), st.data())
 def test_a_path_is_as_short_as_the_map_allows_and_legal_move_by_move(blocked, data):
-    start, goal = node_in(data, blocked), node_in(data, blocked)
+    start = node_in(data, blocked)
+    goal = node_in(data, blocked)
     blocked[start] = blocked[goal] = False
     path = find_path(Grid((0.0, 0.0), 1.0, blocked), start, goal)
     best = plain_astar_cost(blocked, start, goal)
@@ -102,10 +106,12 @@ def test_a_path_is_as_short_as_the_map_allows_and_legal_move_by_move(blocked, da
 @settings(max_examples=60)
 @given(maps(), st.data())
 def test_the_papers_cost_finds_a_way_whenever_there_is_one_and_never_a_shorter_one(blocked, data):
-    start, goal = node_in(data, blocked), node_in(data, blocked)
+    start = node_in(data, blocked)
+    goal = node_in(data, blocked)
     blocked[start] = blocked[goal] = False
     grid = Grid((0.0, 0.0), 1.0, blocked)
-    metric, paper = find_path(grid, start, goal), find_path(grid, start, goal, "paper")
+    metric = find_path(grid, start, goal)
+    paper = find_path(grid, start, goal, "paper")
     assert (metric is None) == (paper is None)
     if metric is not None and paper is not None:
         assert paper.length_m >= metric.length_m - 1e-9
@@ -185,7 +191,8 @@ def test_a_map_of_one_node():
 @settings(max_examples=30)
 @given(hnp.arrays(bool, (12, 12)), st.data())
 def test_the_same_question_has_the_same_answer(blocked, data):
-    start, goal = node_in(data, blocked), node_in(data, blocked)
+    start = node_in(data, blocked)
+    goal = node_in(data, blocked)
     for cost in ("metric", "paper"):
         one = find_path(Grid((0.0, 0.0), 1.0, blocked), start, goal, cost)
         two = find_path(Grid((0.0, 0.0), 1.0, blocked.copy()), start, goal, cost)

@@ -8,7 +8,8 @@ from gcs.model import NS_PER_S, Sensor
 from gcs.tracking.glmb import extraction, marginals
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
 
-NEAR, FAR = 4.0, 400.0
+NEAR = 4.0
+FAR = 400.0
 
 
 def mixture(rng, labels=4, most=6):
@@ -51,17 +52,20 @@ def test_an_estimate_is_the_mixture_of_the_tracks_that_agree(seed):
 
 def test_no_estimate_lies_between_two_possible_positions():
     mean = np.array([[0.0, 0.0, 0.0, 0.0], [100.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0]])
-    cov, label = np.tile(np.eye(4) * 4.0, (3, 1, 1)), np.zeros(3, np.int64)
+    cov = np.tile(np.eye(4) * 4.0, (3, 1, 1))
+    label = np.zeros(3, np.int64)
     found, _ = extraction.average_states(np.array([0.3, 0.3, 0.3]), label, np.zeros(1, np.int64), mean, cov)
     assert found[0, 0] == 1.0
 
 
 def test_in_clutter_estimates_are_better_than_the_best_track_and_consistent():
-    distances, nees = [], []
+    distances = []
+    nees = []
     sensor = Sensor("s", 0.8, 3e-4, np.eye(2) * 25.0, (-1e4, -1e4, 1e4, 1e4))
     birth = Birth(np.zeros(4), np.diag([25.0, 25.0, 200.0, 200.0]), 0.9)
     for seed in range(10):
-        rng, of = np.random.default_rng(seed), Glmb("targets", GlmbParams(accel_psd_m2_s3=4.0), 1)
+        rng = np.random.default_rng(seed)
+        of = Glmb("targets", GlmbParams(accel_psd_m2_s3=4.0), 1)
         x = np.array([0.0, 0.0, 10.0, 0.0])
         for k in range(40):
             z = x[None, :2][rng.random(1) < 0.8] + rng.normal(0.0, 5.0, (1, 2))

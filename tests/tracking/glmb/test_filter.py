@@ -58,7 +58,8 @@ def test_four_objects_there_at_the_first_scan_are_all_picked_up_at_once():
 
 
 def test_existence_after_misses_is_bayes_rule_and_recovers():
-    p_s, p_d = 0.99, 0.98
+    p_s = 0.99
+    p_d = 0.98
     of, t_ns = followed(5)
     alive = existence(of)[(0, 0)]
     for _ in range(2):
@@ -100,7 +101,8 @@ def test_an_object_outside_the_field_of_view_is_not_missed():
 
 def test_a_second_sensor_at_the_same_time_costs_no_survival_and_adds_its_accuracy():
     of, t_ns = followed(3)
-    before, (track,) = existence(of)[(0, 0)], of.picture(0).tracks
+    before = existence(of)[(0, 0)]
+    (track,) = of.picture(0).tracks
     of.update(t_ns, np.empty((0, 2)), sensor(p_d=0.0, name="off"))
     assert existence(of)[(0, 0)] == pytest.approx(before, abs=1e-9)
     precise = sensor(0.9, noise_m=0.5, name="lidar")
@@ -117,14 +119,16 @@ def test_empty_predictions_do_not_change_the_picture():
     once.update(t_ns + 2 * NS_PER_S, np.empty((0, 2)), blind)
     for k in range(1, 9):
         often.update(t_ns + k * NS_PER_S // 4, np.empty((0, 2)), blind)
-    (a,), (b,) = once.picture(0).tracks, often.picture(0).tracks
+    (a,) = once.picture(0).tracks
+    (b,) = often.picture(0).tracks
     np.testing.assert_allclose(a.mean, b.mean)
     np.testing.assert_allclose(a.cov, b.cov, rtol=1e-9, atol=1e-9)
     assert a.existence == pytest.approx(b.existence, rel=1e-6)
 
 
 def test_a_detection_explained_by_something_else_raises_existence_less():
-    detector, rate = sensor(), np.array([5e-6, 2e-3])
+    detector = sensor()
+    rate = np.array([5e-6, 2e-3])
     for density in rate:
         of = tracker()
         of.update(0, PLACES[:1], detector, births(PLACES[:1]), np.array([density]))
@@ -212,13 +216,12 @@ def test_a_birth_component_without_an_object_makes_no_tracks():
 def linear_gaussian_scene(seed, scans=40):
     """Yield (z, truth) of a truth that obeys the filter's model: births at known places, deaths, misses."""
     rng = np.random.default_rng(seed)
-    alive, velocity = np.empty((0, 2)), np.empty((0, 2))
+    alive = np.empty((0, 2))
+    velocity = np.empty((0, 2))
     for k in range(scans):
         stays = rng.random(len(alive)) < 0.99
-        alive, velocity = (
-            alive[stays] + velocity[stays],
-            velocity[stays] + rng.normal(0, 0.5, (stays.sum(), 2)),
-        )
+        alive = alive[stays] + velocity[stays]
+        velocity = velocity[stays] + rng.normal(0, 0.5, (stays.sum(), 2))
         new = PLACES[rng.random(4) < (0.9 if k == 0 else 0.03)]
         alive = np.vstack([alive, new + rng.normal(0, 10, new.shape)])
         velocity = np.vstack([velocity, rng.normal(0, 20**0.5, new.shape)])
@@ -228,7 +231,8 @@ def linear_gaussian_scene(seed, scans=40):
 
 def test_pictures_are_accurate_and_the_count_is_unbiased_where_the_model_holds():
     detector = sensor(0.95, noise_m=5.0)
-    distances, errors = [], []
+    distances = []
+    errors = []
     for seed in range(8):
         of = tracker(seed, accel_psd_m2_s3=0.36)
         for k, (z, truth) in enumerate(linear_gaussian_scene(seed)):
@@ -257,7 +261,8 @@ def busy_run(seed, scans=60):
 
 
 def test_the_same_seed_and_scans_give_the_same_bytes():
-    (_, one), (_, two) = busy_run(3), busy_run(3)
+    (_, one) = busy_run(3)
+    (_, two) = busy_run(3)
     for a, b in zip(one, two, strict=True):
         assert a.cardinality.tobytes() == b.cardinality.tobytes()
         assert [t.label for t in a.tracks] == [t.label for t in b.tracks]
@@ -276,7 +281,8 @@ def test_state_does_not_grow_over_a_thousand_scans():
         of.update(k * NS_PER_S, z, sensor(clutter=30.0), births())
         posterior = of.state.posterior
         held.append((len(posterior.labels), posterior.mean.shape[0], posterior.clusters.logw.size))
-    early, late = np.array(held[20:200]), np.array(held[-180:])
+    early = np.array(held[20:200])
+    late = np.array(held[-180:])
     assert (late.mean(axis=0) < 1.5 * early.mean(axis=0) + 5).all()
     assert len(of.estimate()) == 4
 

@@ -31,7 +31,9 @@ def crowd(seed, n_labels):
         np.array([t for tracks in hypotheses for t in tracks], np.int64),
         logw,
     )
-    start, meas, weight = [0], [], []
+    start = [0]
+    meas = []
+    weight = []
     for _ in range(2 * n_labels):
         gated = rng.permutation(DETECTIONS)[: rng.integers(0, 6)]
         own = [*((rng.normal(2.0, 3.0), int(j)) for j in gated), (-4.0, MISSED)]
@@ -47,12 +49,14 @@ def ranked(hypotheses, logw, options):
 
     def of(tracks, base):
         n = len(tracks)
-        cost, option = np.full((n, DETECTIONS + n), np.inf), {}
+        cost = np.full((n, DETECTIONS + n), np.inf)
+        option = {}
         for row, t in enumerate(tracks):
             for o in range(options.start[t], options.start[t + 1]):
                 j = options.meas[o]
                 column = j if j >= 0 else DETECTIONS + row
-                cost[row, column], option[row, column] = -options.logw[o], o
+                cost[row, column] = -options.logw[o]
+                option[row, column] = o
         for total, columns in ranked_assignments(cost):
             yield base - total, frozenset(int(option[at]) for at in enumerate(columns))
 

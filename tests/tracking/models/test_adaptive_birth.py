@@ -27,7 +27,8 @@ def scan(rng, clutter, objects=()):
 
 def follow(clutter, objects, scans, seed, sensors=None):
     """Numbers in the estimate, scan by scan; `objects(k)` gives the true places."""
-    rng, births = np.random.default_rng(seed), unknown()
+    rng = np.random.default_rng(seed)
+    births = unknown()
     tracker = Glmb("targets", GlmbParams(accel_psd_m2_s3=1.0), 1, summarise_detections=True)
     found = []
     for k in range(scans):
@@ -72,7 +73,8 @@ def test_births_add_up_to_the_rate_however_many_detections_and_sensors_there_are
     rng = np.random.default_rng(0)
     for n_sensors in (1, 3):
         for n in (50, 500):
-            births, total = unknown(per_s=0.2), 0.0
+            births = unknown(per_s=0.2)
+            total = 0.0
             for k in range(1, 21):
                 for i in range(n_sensors):
                     z = rng.uniform(0.0, SIDE_M, (n, 2))
@@ -82,7 +84,8 @@ def test_births_add_up_to_the_rate_however_many_detections_and_sensors_there_are
 
 
 def test_explained_detections_give_no_birth_and_no_birth_exceeds_the_cap():
-    births, z = unknown(per_s=5.0, most=0.1), np.array([[10.0, 10.0], [500.0, 500.0]])
+    births = unknown(per_s=5.0, most=0.1)
+    z = np.array([[10.0, 10.0], [500.0, 500.0]])
     births.add_scan(0, z, sensor(1), np.array([1.0, 0.2]))
     (only,) = births.births(NS_PER_S)
     assert only.mean[:2] == pytest.approx((500.0, 500.0))
@@ -104,9 +107,12 @@ def test_a_birth_is_predicted_to_the_next_scan():
 def test_an_object_outside_every_field_of_view_fades():
     """It lives by survival alone, as one track, and is given up when its place is no more than a guess."""
     params = GlmbParams(accel_psd_m2_s3=1.0, lost_std_m=300.0)
-    rng, births = np.random.default_rng(3), unknown()
+    rng = np.random.default_rng(3)
+    births = unknown()
     tracker = Glmb("targets", params, 1, summarise_detections=True)
-    radar, numbers, existence = sensor(5), [], []
+    radar = sensor(5)
+    numbers = []
+    existence = []
     for k in range(140):
         place = np.array([1500.0 + 20.0 * k, 1000.0])
         z = scan(rng, 5, [place] if place[0] <= SIDE_M else [])

@@ -25,7 +25,8 @@ def test_noise_and_transition_agree_with_filterpy(dt_s):
 
 @given(first=DT, second=DT)
 def test_two_steps_are_one_long_step(first, second):
-    F, Q = constant_velocity.transition(second), constant_velocity.process_noise(second, 4.0)
+    F = constant_velocity.transition(second)
+    Q = constant_velocity.process_noise(second, 4.0)
     both = F @ constant_velocity.process_noise(first, 4.0) @ F.T + Q
     np.testing.assert_allclose(
         both, constant_velocity.process_noise(first + second, 4.0), rtol=1e-9, atol=1e-9

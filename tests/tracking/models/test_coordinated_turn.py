@@ -21,7 +21,8 @@ def moved(x, dt):
     px, py, vx, vy, w = x
     if abs(w) < 1e-12:
         return np.array([px + vx * dt, py + vy * dt, vx, vy, w])
-    s, c = math.sin(w * dt), math.cos(w * dt)
+    s = math.sin(w * dt)
+    c = math.cos(w * dt)
     return np.array(
         [
             px + (s * vx - (1.0 - c) * vy) / w,
@@ -77,7 +78,8 @@ def test_the_update_is_the_kalman_update_of_five_states():
     x, P = random_track(rng)
     mean, cov, turn = split(x, P)
     place = mean[:, :2] + 4.0
-    view, first = linearise(sensor_model(SENSOR), mean, cov), np.zeros(1, np.int64)
+    view = linearise(sensor_model(SENSOR), mean, cov)
+    first = np.zeros(1, np.int64)
     new_mean, new_cov = kalman.update_tracks(mean, cov, first, first, place, view)
     new_turn = coordinated_turn.update(cov, turn, first, first, place, view)
     H = np.eye(2, 5)
@@ -115,7 +117,8 @@ def test_the_joint_covariance_stays_positive_definite_at_any_pace(seed, steps):
         meas = first if seen else first - 1
         mean_after, cov_after = kalman.update_tracks(mean, cov, first, meas, z, view)
         turn = coordinated_turn.update(cov, turn, first, meas, z, view)
-        mean, cov = mean_after, cov_after
+        mean = mean_after
+        cov = cov_after
         P = joint(cov[0], turn[0])
         assert np.isfinite(P).all()
         scale = np.sqrt(np.diag(P))
@@ -125,7 +128,8 @@ def test_the_joint_covariance_stays_positive_definite_at_any_pace(seed, steps):
 def velocity_error(params, seeds, radius_m=45.0, speed_m_s=15.0):
     errors = []
     for seed in seeds:
-        rng, tracker = np.random.default_rng(seed), Glmb("agents", params, 1)
+        rng = np.random.default_rng(seed)
+        tracker = Glmb("agents", params, 1)
         for k in range(40):
             a = k * speed_m_s / radius_m
             place = radius_m * np.array([math.cos(a) - 1.0, math.sin(a)])
@@ -149,7 +153,8 @@ def test_a_loiter_circle_is_followed_much_closer_than_by_straight_motion():
 def loitering(seed, **params):
     """Tracker of an aircraft that circles among misses and clutter; states shown by scan, and the truth."""
     params = {"accel_psd_m2_s3": 1.0, "turn_rate_std_rad_s": 0.3, "turn_time_s": 10.0} | params
-    rng, tracker = np.random.default_rng(seed), Glmb("agents", GlmbParams(**params), 1, keep_histories=True)
+    rng = np.random.default_rng(seed)
+    tracker = Glmb("agents", GlmbParams(**params), 1, keep_histories=True)
     angle = np.arange(40) / 3.0
     truth = 45.0 * np.column_stack([np.cos(angle) - 1.0, np.sin(angle)])
     shown = {}

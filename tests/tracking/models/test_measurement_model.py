@@ -67,7 +67,9 @@ def test_the_update_is_that_of_filterpys_unscented_filter_also_across_south(seed
     peer = UnscentedKalmanFilter(
         4, 2, 1.0, range_bearing, lambda x, _: x, points, z_mean_fn=mean_about(mean), residual_z=residual
     )
-    peer.x, peer.P, peer.R = mean.copy(), cov.copy(), np.diag([25.0, 1e-4])
+    peer.x = mean.copy()
+    peer.P = cov.copy()
+    peer.R = np.diag([25.0, 1e-4])
     peer.sigmas_f = points.sigma_points(peer.x, peer.P)
     peer.update(range_bearing(place))
     found, found_cov = updated(radar(), mean, cov, place)
@@ -92,7 +94,9 @@ def test_a_sharp_track_is_updated_as_by_filterpys_extended_filter():
         cov = spd(rng, 4, np.array([0.3, 0.3, 1.0, 1.0]))
         place = mean[:2] + rng.normal(0.0, 0.5, 2)
         peer = ExtendedKalmanFilter(4, 2)
-        peer.x, peer.P, peer.R = mean.copy(), cov.copy(), np.diag([25.0, 1e-4])
+        peer.x = mean.copy()
+        peer.P = cov.copy()
+        peer.R = np.diag([25.0, 1e-4])
         peer.update(range_bearing(place), jacobian, range_bearing, residual=residual)
         found, found_cov = updated(radar(), mean, cov, place)
         np.testing.assert_allclose(found, peer.x, atol=2e-3)
@@ -144,14 +148,16 @@ def test_the_probability_in_view_is_the_integral_of_the_gaussian(sensor):
     """Against sampling: the edges of the field, its corners, and a sector that lies across south."""
     rng = np.random.default_rng(1)
     for centre in [(0.0, -300.0), (30.0, -880.0), (200.0, -500.0), (990.0, 980.0), (-1020.0, 0.0)]:
-        mean, cov = np.array([*centre, 0.0, 0.0]), np.diag([20.0**2, 25.0**2, 1.0, 1.0])
+        mean = np.array([*centre, 0.0, 0.0])
+        cov = np.diag([20.0**2, 25.0**2, 1.0, 1.0])
         draws = rng.multivariate_normal(mean[:2], cov[:2, :2], 20_000)
         found = linearise(sensor_model(sensor), mean[None], cov[None]).p_in_fov[0]
         assert found == pytest.approx(sensor_geometry.covers(sensor, draws).mean(), abs=0.05)
 
 
 def test_noise_on_the_map_lies_along_and_across_the_line_of_sight():
-    rng, sensor = np.random.default_rng(2), radar(place=(40.0, 10.0), std=(3.0, 0.01))
+    rng = np.random.default_rng(2)
+    sensor = radar(place=(40.0, 10.0), std=(3.0, 0.01))
     place = np.array([640.0, 810.0])
     z = sensor_geometry.sensor_coordinates(sensor, place[None])[0] + rng.normal(0.0, (3.0, 0.01), (50_000, 2))
     draws = np.column_stack([40.0 + z[:, 0] * np.sin(z[:, 1]), 10.0 + z[:, 0] * np.cos(z[:, 1])])
@@ -187,7 +193,8 @@ def test_an_object_that_passes_south_of_a_radar_keeps_its_label():
 
 
 def test_radars_of_crossing_sight_see_sharper_than_each_alone():
-    far, here = radar(place=(0.0, 2000.0), std=(3.0, 0.03)), radar(place=(2000.0, 0.0), std=(3.0, 0.03))
+    far = radar(place=(0.0, 2000.0), std=(3.0, 0.03))
+    here = radar(place=(2000.0, 0.0), std=(3.0, 0.03))
     spread = [
         np.trace(fly(those, lambda t: (20.0 * t, 10.0)).estimate()[0].cov[:2, :2])
         for those in ([far], [here], [far, here])

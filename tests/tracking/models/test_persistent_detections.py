@@ -24,7 +24,9 @@ def scan(rng, clutter, objects=(), detection=0.95):
 
 def found(clutter, objects, scans, seed, detection=0.95, one=None):
     """Numbers of the scans at which chains became persistent, and where."""
-    rng, persistent, news = np.random.default_rng(seed), PersistentDetections(), []
+    rng = np.random.default_rng(seed)
+    persistent = PersistentDetections()
+    news = []
     for k in range(scans):
         z = scan(rng, clutter, objects(k), detection)
         new = persistent.process_scan(k * NS_PER_S, z, one or sensor(clutter, detection), np.zeros(len(z)))
@@ -78,7 +80,8 @@ def test_an_unobserved_chain_lasts_until_its_position_is_lost():
 
 
 def test_a_flood_of_detections_is_bounded():
-    rng, persistent = np.random.default_rng(1), PersistentDetections()
+    rng = np.random.default_rng(1)
+    persistent = PersistentDetections()
     for k in range(3):
         z = rng.uniform(0.0, SIDE_M, (20_000, 2))
         persistent.process_scan(k * NS_PER_S, z, sensor(20_000), np.zeros(len(z)))

@@ -17,7 +17,8 @@ def sensor(p_d=0.9, clutter=10.0):
 
 def findings(announced, p_d, clutter, scans, seed=0, calibration=None):
     """What is found in a stream of Poisson clutter and eight objects in view."""
-    rng, calibration = np.random.default_rng(seed), calibration or SensorEstimation()
+    rng = np.random.default_rng(seed)
+    calibration = calibration or SensorEstimation()
     found = []
     for _ in range(scans):
         calibration.add_scan(float(rng.poisson(clutter)), float(rng.binomial(8, p_d)), 8.0)
@@ -75,7 +76,9 @@ def test_a_corrected_radar_keeps_its_geometry_and_gets_its_clutter():
 @pytest.mark.parametrize(("p_d", "clutter"), [(0.9, 10.0), (0.6, 10.0), (0.9, 40.0)])
 def test_a_detection_summary_estimates_the_true_sensor(p_d, clutter):
     """Announced 0.9 and 10; the truth is another. Estimated through the tracker, not from the truth."""
-    rng, detector, calibration = np.random.default_rng(4), sensor(), SensorEstimation()
+    rng = np.random.default_rng(4)
+    detector = sensor()
+    calibration = SensorEstimation()
     tracker = Glmb("targets", GlmbParams(accel_psd_m2_s3=0.25), 1, summarise_detections=True)
     places = rng.uniform(200.0, 800.0, (8, 2))
     for k in range(150):

@@ -57,7 +57,8 @@ def test_weights_of_equal_hypotheses_add(pairs):
     for k, w in pairs:
         sums[k] = sums.get(k, 0.0) + w
     n, which, logw = joined(keys, weights, 2)
-    which, logw = which[:n], logw[:n]
+    which = which[:n]
+    logw = logw[:n]
     found = {pairs[h - 2][0]: math.exp(w) for h, w in zip(which.tolist(), logw.tolist(), strict=True)}
     assert found.keys() == sums.keys()
     assert all(math.isclose(found[k], sums[k], rel_tol=1e-12) for k in sums)

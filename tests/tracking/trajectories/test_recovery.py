@@ -29,7 +29,8 @@ def tracker(keep=True, **params):
 def noisy_run(seed, scans=25, p_d=0.9, clutter=20, keep=True, **params):
     """Three objects that leave the places of birth, one of them dying near the end, seen through clutter."""
     rng = np.random.default_rng(seed)
-    of, state = tracker(keep, **params), np.column_stack([PLACES, rng.normal(0, 8, (3, 2))])
+    of = tracker(keep, **params)
+    state = np.column_stack([PLACES, rng.normal(0, 8, (3, 2))])
     for k in range(scans):
         alive = state[: 2 if k > scans - 8 else 3]
         seen = alive[rng.random(len(alive)) < p_d, :2]
@@ -76,7 +77,8 @@ def test_paths_have_no_gaps_and_no_detection_is_of_two_of_them(seed):
 
 
 def test_an_object_confirmed_late_has_a_path_from_its_birth_on():
-    of, first = tracker(), None
+    of = tracker()
+    first = None
     for k in range(6):
         z = PLACES[:1] if k != 1 else np.empty((0, 2))
         of.update(k * NS_PER_S, z, sensor(0.5, 20.0), births(0.001) if k == 0 else [])
@@ -110,7 +112,8 @@ def test_a_path_of_clutter_is_dropped():
 
 
 def test_histories_do_not_change_the_estimates():
-    plain, keeping = noisy_run(3, keep=False), noisy_run(3)
+    plain = noisy_run(3, keep=False)
+    keeping = noisy_run(3)
     assert plain.histories is None
     for a, b in zip(plain.picture(0).tracks, keeping.picture(0).tracks, strict=True):
         assert (a.label, a.existence, a.estimated) == (b.label, b.existence, b.estimated)
@@ -128,7 +131,8 @@ def test_smoothed_paths_are_nearer_to_the_truth():
         (path,) = of.histories.paths(**how)
         return float(np.hypot(*(path.mean[:, :2] - truth).T).mean())
 
-    lagged, whole = error_m(smooth=True, lag_scans=3), error_m(smooth=True)
+    lagged = error_m(smooth=True, lag_scans=3)
+    whole = error_m(smooth=True)
     assert whole < 0.8 * error_m()
     assert whole < lagged < error_m()
 
@@ -169,7 +173,8 @@ def test_empty_scans_and_late_ones_leave_no_trace():
 def nodes_beyond_the_paths(scans):
     """Most nodes ever held that are on no kept label's history, in a long run among clutter."""
     rng = np.random.default_rng(11)
-    of, most = tracker(), 0
+    of = tracker()
+    most = 0
     for k in range(scans):
         alive = PLACES[rng.random(3) < 0.9]
         z = np.vstack([alive + rng.normal(0, 5, alive.shape), rng.uniform(0, 2000, (20, 2))])

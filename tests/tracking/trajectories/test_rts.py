@@ -30,13 +30,15 @@ def history(seed, n, missed=0.3):
 def joint_posterior(mean, steps, upto):
     """Mean (n, 4) of all states given the detections of the first `upto` steps: one big linear system."""
     n = len(steps)
-    information, vector = np.zeros((4 * n, 4 * n)), np.zeros(4 * n)
+    information = np.zeros((4 * n, 4 * n))
+    vector = np.zeros(4 * n)
     information[:4, :4] += np.linalg.inv(PRIOR)
     vector[:4] += np.linalg.inv(PRIOR) @ mean
     for k, step in enumerate(steps):
         here = slice(4 * k, 4 * k + 4)
         if k:
-            W, before = np.linalg.inv(step.Q), slice(4 * k - 4, 4 * k)
+            W = np.linalg.inv(step.Q)
+            before = slice(4 * k - 4, 4 * k)
             information[before, before] += step.F.T @ W @ step.F
             information[before, here] -= step.F.T @ W
             information[here, before] -= W @ step.F
@@ -53,7 +55,8 @@ def joint_posterior(mean, steps, upto):
 def test_each_state_is_the_posterior_of_its_scans(seed, n, lag):
     mean, steps = history(seed, n)
     run = run_filter(mean, PRIOR, steps)
-    lagged, whole = smooth_states(run, lag)[0], smooth_states(run)[0]
+    lagged = smooth_states(run, lag)[0]
+    whole = smooth_states(run)[0]
     for k in range(n):
         for result, upto in ((run.mean, k + 1), (lagged, k + 1 + lag), (whole, n)):
             np.testing.assert_allclose(result[k], joint_posterior(mean, steps, upto)[k], atol=1e-5)
@@ -63,8 +66,11 @@ def test_filter_and_smoother_agree_with_filterpy():
     mean, steps = history(4, 30, missed=0.0)
     run = run_filter(mean, PRIOR, steps)
     kalman = KalmanFilter(4, 2)
-    kalman.x, kalman.P, kalman.H = mean.copy(), PRIOR.copy(), np.eye(2, 4)
-    means, covs = [], []
+    kalman.x = mean.copy()
+    kalman.P = PRIOR.copy()
+    kalman.H = np.eye(2, 4)
+    means = []
+    covs = []
     for k, step in enumerate(steps):
         if k:
             kalman.predict(F=step.F, Q=step.Q)
