@@ -8,15 +8,24 @@ const MAX_ASKED = 300; // characters of a text
 const LEVELS = { alarm: 2, warning: 1 };
 
 // Proposed plans have a panel of their own, and a refused order is shown beside its button.
-const isElsewhere = ({ kind, level }) => kind === "Proposal" || (kind === "OrderAnswer" && level === "warning");
+const isElsewhere = ({ kind, level }) =>
+  kind === "Proposal" || (kind === "OrderAnswer" && level === "warning");
 
 // Names an entry also after a replay has gone to another time, which numbers all entries anew.
 const nameOf = ({ t_s: at, text }) => `${at} ${text}`;
 
 // Link to what the alarm means and what to do.
-const helpOn = ({ n, text }) => el("a", {
-  href: `/alarms?about=${encodeURIComponent(text.slice(0, MAX_ASKED))}`, target: "_blank", rel: "noopener", "data-name": `help-${n}`,
-}, "What to do");
+const helpOn = ({ n, text }) =>
+  el(
+    "a",
+    {
+      href: `/alarms?about=${encodeURIComponent(text.slice(0, MAX_ASKED))}`,
+      target: "_blank",
+      rel: "noopener",
+      "data-name": `help-${n}`,
+    },
+    "What to do",
+  );
 
 export class Alarms {
   constructor(root, feed, panels) {
@@ -84,40 +93,68 @@ export class Alarms {
     const worst = entries[0];
     const list = this.panels.roots.alarms;
     const parts = [this.root, list];
-    const focused = parts.some((one) => one.contains(document.activeElement)) ? document.activeElement.dataset.name : null;
+    const focused = parts.some((one) => one.contains(document.activeElement))
+      ? document.activeElement.dataset.name
+      : null;
     const button = (name, text, action, more = {}) =>
       el("button", { "data-name": name, onclick: action, ...more }, text);
     const bar = el(
       "div",
       { class: `bar ${worst ? worst.level : "quiet"}${isNew ? " new" : ""}` },
-      el("span", { class: "text", title: worst?.text }, worst ? `${duration(worst.t_s)}  ${worst.text}` : "No open alarm"),
+      el(
+        "span",
+        { class: "text", title: worst?.text },
+        worst ? `${duration(worst.t_s)}  ${worst.text}` : "No open alarm",
+      ),
     );
     if (worst) {
       bar.append(helpOn(worst));
-      const more = el("button", {
-        "data-name": "more", "aria-expanded": String(this.isListed), onclick: () => this.panels.toggle("alarms"),
-      }, `${entries.length} open`);
+      const more = el(
+        "button",
+        {
+          "data-name": "more",
+          "aria-expanded": String(this.isListed),
+          onclick: () => this.panels.toggle("alarms"),
+        },
+        `${entries.length} open`,
+      );
       const acknowledge = button("acknowledge", "Acknowledge", () => this.acknowledge([worst]));
       acknowledge.append(el("kbd", {}, "K"));
       bar.append(more, acknowledge);
     }
-    bar.append(button("mute", this.muted ? "Sound off" : "Sound on", () => this.mute(), {
-      "aria-pressed": String(!this.muted), title: "Sound of alarms",
-    }));
+    bar.append(
+      button("mute", this.muted ? "Sound off" : "Sound on", () => this.mute(), {
+        "aria-pressed": String(!this.muted),
+        title: "Sound of alarms",
+      }),
+    );
     this.root.replaceChildren(bar);
     list.replaceChildren(...(this.isListed ? [this.list(entries, button)] : []));
     this.panels.count("alarms", entries.length);
-    if (focused) parts.map((one) => one.querySelector(`[data-name="${focused}"]`)).find(Boolean)?.focus();
+    if (focused)
+      parts
+        .map((one) => one.querySelector(`[data-name="${focused}"]`))
+        .find(Boolean)
+        ?.focus();
   }
 
   list(entries, button) {
     const rows = entries.map((entry) =>
-      el("li", { class: entry.level },
+      el(
+        "li",
+        { class: entry.level },
         el("span", { class: "text" }, `${duration(entry.t_s)}  ${entry.text}`),
         helpOn(entry),
-        button(`one-${entry.n}`, "Acknowledge", () => this.acknowledge([entry]))));
+        button(`one-${entry.n}`, "Acknowledge", () => this.acknowledge([entry])),
+      ),
+    );
     if (!entries.length) return el("p", { class: "empty" }, "No open alarm.");
-    const all = el("li", {}, el("span", { class: "text" }), button("all", "Acknowledge all", () => this.acknowledge(entries)));
+    const all = el(
+      "li",
+      {},
+      el("span", { class: "text" }),
+      button("all", "Acknowledge all", () => this.acknowledge(entries)),
+    );
     return el("ul", {}, all, ...rows);
   }
 

@@ -70,10 +70,20 @@ class Chart {
       if (this.pressedX !== null && this.isDragged) axis.drawn = [this.timeAt(this.pressedX), at];
       axis.point(at);
     });
-    this.canvas.addEventListener("pointerup", () => { this.pressedX = null; if (axis.drawn) axis.zoom(axis.drawn); });
-    this.canvas.addEventListener("pointercancel", () => { this.pressedX = axis.drawn = null; });
-    this.canvas.addEventListener("pointerleave", () => { this.y = null; axis.point(null); });
-    this.canvas.addEventListener("click", (event) => { if (!this.isDragged) seek(Math.min(axis.to, Math.max(0, this.timeAt(event.offsetX)))); });
+    this.canvas.addEventListener("pointerup", () => {
+      this.pressedX = null;
+      if (axis.drawn) axis.zoom(axis.drawn);
+    });
+    this.canvas.addEventListener("pointercancel", () => {
+      this.pressedX = axis.drawn = null;
+    });
+    this.canvas.addEventListener("pointerleave", () => {
+      this.y = null;
+      axis.point(null);
+    });
+    this.canvas.addEventListener("click", (event) => {
+      if (!this.isDragged) seek(Math.min(axis.to, Math.max(0, this.timeAt(event.offsetX))));
+    });
     this.pressedX = null;
     axis.addEventListener("change", () => this.draw());
   }
@@ -91,12 +101,16 @@ class Chart {
   // The time whose values are written: under the pointer, else now.
   get shown() {
     const { pointed, now, span } = this.axis;
-    return this.axis.shows(pointed) ? pointed : now ?? span[1];
+    return this.axis.shows(pointed) ? pointed : (now ?? span[1]);
   }
 
   index(values) {
     const at = Math.min(values.length - 1, Math.floor(this.shown / this.axis.width));
-    for (let index = at; index >= 0 && (at - index) * this.axis.width <= Math.max(GAP_S, 3 * this.axis.width); index--) {
+    for (
+      let index = at;
+      index >= 0 && (at - index) * this.axis.width <= Math.max(GAP_S, 3 * this.axis.width);
+      index--
+    ) {
       if (values[index] !== null) return index;
     }
     return -1;
@@ -124,7 +138,10 @@ class Chart {
     for (let at = step * Math.ceil(from / step); at <= to; at += step) {
       const x = Math.round(this.x(at)) + 0.5;
       ctx.strokeStyle = this.theme.colour("grid");
-      stroke(ctx, [[x, TOP], [x, height - BOTTOM]]);
+      stroke(ctx, [
+        [x, TOP],
+        [x, height - BOTTOM],
+      ]);
       ctx.fillStyle = this.theme.colour("dim");
       ctx.fillText(duration(at), x, height - 4);
     }
@@ -140,10 +157,16 @@ class Chart {
       ctx.fillRect(this.x(drawn[0]), TOP, this.x(drawn[1]) - this.x(drawn[0]), height - TOP - BOTTOM);
       ctx.globalAlpha = 1;
     }
-    for (const [at, colour] of [[now, "advisory"], [pointed, "dim"]]) {
+    for (const [at, colour] of [
+      [now, "advisory"],
+      [pointed, "dim"],
+    ]) {
       if (!this.axis.shows(at)) continue;
       ctx.strokeStyle = this.theme.colour(colour);
-      stroke(ctx, [[this.x(at), TOP], [this.x(at), height - BOTTOM]]);
+      stroke(ctx, [
+        [this.x(at), TOP],
+        [this.x(at), height - BOTTOM],
+      ]);
     }
   }
 
@@ -172,12 +195,21 @@ export class LineChart extends Chart {
     const height = TOP + LINES_PX + BOTTOM;
     const ctx = this.begin(height);
     if (!ctx) return;
-    const top = niceTop(Math.max(...this.lines.map(({ values, spread }) => values.reduce((most, value, i) => Math.max(most, (value ?? 0) + (spread?.[i] ?? 0)), this.least))));
+    const top = niceTop(
+      Math.max(
+        ...this.lines.map(({ values, spread }) =>
+          values.reduce((most, value, i) => Math.max(most, (value ?? 0) + (spread?.[i] ?? 0)), this.least),
+        ),
+      ),
+    );
     const y = (value) => TOP + LINES_PX * (1 - value / top.max);
     ctx.textAlign = "right";
     for (let value = 0; value <= top.max * 1.001; value += top.step) {
       ctx.strokeStyle = this.theme.colour("grid");
-      stroke(ctx, [[LEFT, y(value)], [this.width - RIGHT, y(value)]]);
+      stroke(ctx, [
+        [LEFT, y(value)],
+        [this.width - RIGHT, y(value)],
+      ]);
       ctx.fillStyle = this.theme.colour("dim");
       ctx.fillText(String(Number(value.toPrecision(3))), LEFT - 5, y(value) + 3);
     }
@@ -207,7 +239,8 @@ export class LineChart extends Chart {
       for (const run of runs) {
         ctx.beginPath();
         for (const index of run) ctx.lineTo(at(index), y(values[index] + (spread[index] ?? 0)));
-        for (const index of [...run].reverse()) ctx.lineTo(at(index), y(Math.max(0, values[index] - (spread[index] ?? 0))));
+        for (const index of [...run].reverse())
+          ctx.lineTo(at(index), y(Math.max(0, values[index] - (spread[index] ?? 0))));
         ctx.fill();
       }
     }
@@ -217,7 +250,10 @@ export class LineChart extends Chart {
     if (wide) ctx.globalAlpha = 0.35;
     ctx.setLineDash(dash ?? []);
     for (const run of runs) {
-      stroke(ctx, run.map((index) => [at(index), y(values[index])]));
+      stroke(
+        ctx,
+        run.map((index) => [at(index), y(values[index])]),
+      );
       if (run.length === 1) ctx.fillRect(at(run[0]) - 1.5, y(values[run[0]]) - 1.5, 3, 3);
     }
     ctx.setLineDash([]);
@@ -235,7 +271,8 @@ export class LineChart extends Chart {
   legend({ name, values, colour, dash, spread, wide }) {
     const index = this.index(values);
     const number = (value) => value.toFixed(this.digits);
-    const text = index < 0 ? "–" : number(values[index]) + (spread?.[index] ? ` ± ${number(spread[index])}` : "");
+    const text =
+      index < 0 ? "–" : number(values[index]) + (spread?.[index] ? ` ± ${number(spread[index])}` : "");
     return el("span", {}, swatch(this.theme.colour(colour), dash, wide), `${name} `, el("b", {}, text));
   }
 }
@@ -265,17 +302,31 @@ export class RowChart extends Chart {
       row.values.forEach((value, index) => {
         if (value === null) return;
         let next = index + 1;
-        while (next < row.values.length && row.values[next] === null && (next - index) * width < Math.max(3, 2 * width)) next++;
+        while (
+          next < row.values.length &&
+          row.values[next] === null &&
+          (next - index) * width < Math.max(3, 2 * width)
+        )
+          next++;
         ctx.globalAlpha = Math.max(0.06, value);
         if (!this.axis.shows(index * width) && !this.axis.shows(next * width)) return;
-        const [from, to] = [index, next].map((bin) => Math.round(Math.min(this.width - RIGHT, Math.max(LEFT, this.x(bin * width)))));
+        const [from, to] = [index, next].map((bin) =>
+          Math.round(Math.min(this.width - RIGHT, Math.max(LEFT, this.x(bin * width)))),
+        );
         ctx.fillRect(from, y + 1, Math.max(1, to - from), rowPx - (rowPx === ROW_PX ? 3 : 1));
       });
       ctx.globalAlpha = 1;
     });
     this.end(ctx, height);
     const index = pointed ? this.index(pointed.values) : -1;
-    this.name([el("span", {}, pointed ? `${pointed.name} ` : "point at a track to read its value", el("b", {}, index < 0 ? "" : pointed.values[index].toFixed(2)))]);
+    this.name([
+      el(
+        "span",
+        {},
+        pointed ? `${pointed.name} ` : "point at a track to read its value",
+        el("b", {}, index < 0 ? "" : pointed.values[index].toFixed(2)),
+      ),
+    ]);
   }
 }
 
@@ -293,7 +344,11 @@ export class MarkChart extends Chart {
     const row = this.kinds[Math.floor(((this.y ?? -1) - TOP) / 16)]?.[0];
     const within = this.timeAt(8) - this.timeAt(0);
     const apart = (mark) => Math.abs(mark.t_s - this.axis.pointed);
-    return this.axis.pointed === null ? null : this.marks.filter((mark) => mark.kind === row && apart(mark) < within).sort((a, b) => apart(a) - apart(b))[0];
+    return this.axis.pointed === null
+      ? null
+      : this.marks
+          .filter((mark) => mark.kind === row && apart(mark) < within)
+          .sort((a, b) => apart(a) - apart(b))[0];
   }
 
   draw() {
@@ -304,11 +359,14 @@ export class MarkChart extends Chart {
     this.kinds.forEach(([kind, { colour, shape }], number) => {
       const y = TOP + number * 16 + 8;
       ctx.fillStyle = ctx.strokeStyle = this.theme.colour(colour);
-      for (const mark of this.marks) if (mark.kind === kind && this.axis.shows(mark.t_s)) drawMark(ctx, shape, this.x(mark.t_s), y, 4);
+      for (const mark of this.marks)
+        if (mark.kind === kind && this.axis.shows(mark.t_s)) drawMark(ctx, shape, this.x(mark.t_s), y, 4);
     });
     this.end(ctx, height);
     const mark = this.near();
-    const key = this.kinds.map(([, { title, colour, shape }]) => el("span", {}, symbol(this.theme.colour(colour), shape), title));
+    const key = this.kinds.map(([, { title, colour, shape }]) =>
+      el("span", {}, symbol(this.theme.colour(colour), shape), title),
+    );
     this.name(mark ? [el("span", {}, this.text(mark))] : key);
   }
 }
@@ -320,7 +378,10 @@ function swatch(colour, dash, wide) {
   ctx.lineWidth = wide ? 5 : 2;
   if (wide) ctx.globalAlpha = 0.4;
   ctx.setLineDash(dash ?? []);
-  stroke(ctx, [[0, 4], [18, 4]]);
+  stroke(ctx, [
+    [0, 4],
+    [18, 4],
+  ]);
   return canvas;
 }
 

@@ -16,21 +16,63 @@ export class Charts {
     this.wasOpen = false;
     this.axis = new TimeAxis();
     const isReplay = () => feed.data.mission?.kind === "replay";
-    const common = [this.axis, theme, (at) => { if (isReplay()) seek(at); }];
-    const whole = el("button", { hidden: true, onclick: () => this.axis.zoom(null) }, "Whole run", el("kbd", {}, "W"));
-    this.axis.addEventListener("zoom", () => { whole.hidden = !this.axis.zoomed; });
-    root.append(el("h2", {}, "Charts", el("span", { class: "space" }), whole,
-      el("button", { "aria-label": "Close the charts", onclick: () => panels.toggle("charts") }, "Close", el("kbd", {}, "G"))));
+    const common = [
+      this.axis,
+      theme,
+      (at) => {
+        if (isReplay()) seek(at);
+      },
+    ];
+    const whole = el(
+      "button",
+      { hidden: true, onclick: () => this.axis.zoom(null) },
+      "Whole run",
+      el("kbd", {}, "W"),
+    );
+    this.axis.addEventListener("zoom", () => {
+      whole.hidden = !this.axis.zoomed;
+    });
+    root.append(
+      el(
+        "h2",
+        {},
+        "Charts",
+        el("span", { class: "space" }),
+        whole,
+        el(
+          "button",
+          { "aria-label": "Close the charts", onclick: () => panels.toggle("charts") },
+          "Close",
+          el("kbd", {}, "G"),
+        ),
+      ),
+    );
     this.events = new MarkChart(root, "Events", ...common);
     this.objects = new LineChart(root, "Number of objects (± 1σ)", "", ...common, { digits: 1 });
     this.ospa = new LineChart(root, "OSPA of positions (c = 100 m, p = 1)", "m", ...common, { digits: 1 });
     this.rate = new LineChart(root, "Messages received", "1/s", ...common, { digits: 1 });
     this.loss = new LineChart(root, "Messages lost", "%", ...common, { digits: 1 });
     this.battery = new LineChart(root, "Battery", "%", ...common, { least: 100 });
-    this.work = new LineChart(root, "Longest computing time (in a replay: of what was played)", "ms", ...common, { digits: 1 });
+    this.work = new LineChart(
+      root,
+      "Longest computing time (in a replay: of what was played)",
+      "ms",
+      ...common,
+      { digits: 1 },
+    );
     this.targets = new RowChart(root, "Existence probability of target tracks", ...common);
     this.agents = new RowChart(root, "Existence probability of agent tracks", ...common);
-    this.charts = [this.events, this.objects, this.ospa, this.rate, this.loss, this.battery, this.work, this.targets, this.agents];
+    this.charts = [
+      this.events,
+      this.objects,
+      this.ospa,
+      this.rate,
+      this.loss,
+      this.battery,
+      this.work,
+      this.targets,
+      this.agents,
+    ];
     feed.on(["replay", "head"], () => this.showTime());
     marks.addEventListener("change", () => this.showMarks());
     selection.addEventListener("change", () => this.show());
@@ -63,8 +105,13 @@ export class Charts {
       const reply = await fetch("api/charts");
       this.data = await reply.json();
       this.show();
-    } catch { /* the server is away: the header says so */ }
-    this.timer = setTimeout(() => { this.timer = null; this.load(); }, POLL_MS);
+    } catch {
+      /* the server is away: the header says so */
+    }
+    this.timer = setTimeout(() => {
+      this.timer = null;
+      this.load();
+    }, POLL_MS);
   }
 
   showTime() {
@@ -81,7 +128,11 @@ export class Charts {
   }
 
   draw() {
-    if (this.isOpen) this.frame ??= requestAnimationFrame(() => { this.frame = null; for (const chart of this.charts) chart.draw(); });
+    if (this.isOpen)
+      this.frame ??= requestAnimationFrame(() => {
+        this.frame = null;
+        for (const chart of this.charts) chart.draw();
+      });
   }
 
   show() {
@@ -89,20 +140,39 @@ export class Charts {
     if (!this.isOpen || !data) return;
     this.axis.width = data.width_s;
     this.showMarks();
-    const kinds = [["agents", "vehicle", null], ["targets", "target", [6, 3]]];
-    this.objects.show(kinds.flatMap(([kind, colour, dash]) => [
-      ...(data.true[kind] ? [{ name: `${kind}, true`, values: data.true[kind], colour, wide: true }] : []),
-      ...(data.objects[kind] ? [{ name: kind, values: data.objects[kind], spread: data.spread[kind], colour, dash }] : []),
-    ]));
-    this.ospa.show(kinds.filter(([kind]) => data.ospa[kind]).map(([kind, colour, dash]) => ({ name: kind, values: data.ospa[kind], colour, dash })));
-    const tracks = (kind, colour) => Object.entries(data.existence[kind]).map(([name, values]) => ({ name, values, colour }));
+    const kinds = [
+      ["agents", "vehicle", null],
+      ["targets", "target", [6, 3]],
+    ];
+    this.objects.show(
+      kinds.flatMap(([kind, colour, dash]) => [
+        ...(data.true[kind] ? [{ name: `${kind}, true`, values: data.true[kind], colour, wide: true }] : []),
+        ...(data.objects[kind]
+          ? [{ name: kind, values: data.objects[kind], spread: data.spread[kind], colour, dash }]
+          : []),
+      ]),
+    );
+    this.ospa.show(
+      kinds
+        .filter(([kind]) => data.ospa[kind])
+        .map(([kind, colour, dash]) => ({ name: kind, values: data.ospa[kind], colour, dash })),
+    );
+    const tracks = (kind, colour) =>
+      Object.entries(data.existence[kind]).map(([name, values]) => ({ name, values, colour }));
     this.targets.show(tracks("targets", "target"));
     this.agents.show(tracks("agents", "vehicle"));
     this.rate.show(this.vehicleLines(data.rate));
     this.loss.show(this.vehicleLines(data.loss));
     this.battery.show(this.vehicleLines(data.battery));
-    const works = [["scan", "step with a scan", "series-1", null], ["plan", "step with a plan", "series-2", [6, 3]]];
-    this.work.show(works.filter(([kind]) => data.work[kind]).map(([kind, name, colour, dash]) => ({ name, values: data.work[kind], colour, dash })));
+    const works = [
+      ["scan", "step with a scan", "series-1", null],
+      ["plan", "step with a plan", "series-2", [6, 3]],
+    ];
+    this.work.show(
+      works
+        .filter(([kind]) => data.work[kind])
+        .map(([kind, name, colour, dash]) => ({ name, values: data.work[kind], colour, dash })),
+    );
   }
 
   // Selected vehicles are on top. Colours and dashes go by number, so that they stay.
@@ -112,8 +182,12 @@ export class Charts {
     const chosen = names.filter((name) => this.selection.has(ids.get(name)));
     const isNamed = (name) => (chosen.length ? chosen.includes(name) : names.length <= MAX_LINES);
     const lines = names.map((name, index) => ({
-      name: `vehicle ${name}`, tag: isNamed(name) ? name : "", values: values[name], faint: !isNamed(name),
-      colour: COLOURS[index % COLOURS.length], dash: DASHES[Math.floor(index / COLOURS.length) % DASHES.length],
+      name: `vehicle ${name}`,
+      tag: isNamed(name) ? name : "",
+      values: values[name],
+      faint: !isNamed(name),
+      colour: COLOURS[index % COLOURS.length],
+      dash: DASHES[Math.floor(index / COLOURS.length) % DASHES.length],
     }));
     return lines.sort((a, b) => b.faint - a.faint);
   }

@@ -29,15 +29,42 @@ export class Commands {
     for (const [action, title, key, style] of BUTTONS) {
       const label = el("span", {}, title);
       this.labels[action] = [label, title];
-      this.add(root, el("button", { class: style, "data-action": action, onclick: () => this.give(action) }, label, el("kbd", {}, key)));
+      this.add(
+        root,
+        el(
+          "button",
+          { class: style, "data-action": action, onclick: () => this.give(action) },
+          label,
+          el("kbd", {}, key),
+        ),
+      );
     }
-    this.add(root, el("button", { "data-action": "zone", onclick: drawZone }, "No-fly zone", el("kbd", {}, "N")));
-    this.goOn = el("button", { "data-action": "continue", title: "Send free agents to targets that need one", onclick: () => this.continueMission() }, "Continue mission");
+    this.add(
+      root,
+      el("button", { "data-action": "zone", onclick: drawZone }, "No-fly zone", el("kbd", {}, "N")),
+    );
+    this.goOn = el(
+      "button",
+      {
+        "data-action": "continue",
+        title: "Send free agents to targets that need one",
+        onclick: () => this.continueMission(),
+      },
+      "Continue mission",
+    );
     this.add(root, this.goOn);
     const result = el("span", { class: "result", role: "status" });
     root.append(result);
     orders.showIn(result);
-    this.add(root, el("button", { class: "stop", "data-action": "hold-all", onclick: () => this.holdAll() }, "Hold all", el("kbd", {}, "shift+space")));
+    this.add(
+      root,
+      el(
+        "button",
+        { class: "stop", "data-action": "hold-all", onclick: () => this.holdAll() },
+        "Hold all",
+        el("kbd", {}, "shift+space"),
+      ),
+    );
     feed.on(["mission", "vehicles", "head"], () => this.show());
     feed.addEventListener("lost", () => this.show());
     selection.addEventListener("change", () => this.show());
@@ -61,8 +88,12 @@ export class Commands {
   show() {
     const chosen = this.chosen();
     const names = chosen.map((one) => one.name);
-    const text = names.length > MAX_NAMED ? `${names.slice(0, MAX_NAMED).join(", ")} +${names.length - MAX_NAMED}` : names.join(", ");
-    for (const [label, title] of Object.values(this.labels)) setText(label, text ? `${title} ${text}` : title);
+    const text =
+      names.length > MAX_NAMED
+        ? `${names.slice(0, MAX_NAMED).join(", ")} +${names.length - MAX_NAMED}`
+        : names.join(", ");
+    for (const [label, title] of Object.values(this.labels))
+      setText(label, text ? `${title} ${text}` : title);
     for (const button of this.buttons) {
       const needsVehicles = button.dataset.action in this.labels;
       button.disabled = !this.mayOperate || (needsVehicles && !chosen.length);
@@ -96,7 +127,11 @@ export class Commands {
   // Says why an order is not sent: a key pressed in vain must not pass unnoticed.
   isRefused(what) {
     if (this.mayOperate) return false;
-    const why = !this.feed.connected ? "no connection" : this.feed.role === "view" ? "this token may view only" : "this is a replay";
+    const why = !this.feed.connected
+      ? "no connection"
+      : this.feed.role === "view"
+        ? "this token may view only"
+        : "this is a replay";
     this.orders.say(`${what}: ${why}, NOT sent`, true);
     return true;
   }

@@ -11,13 +11,23 @@ import { toLocal } from "./tiles.js";
 
 const PAGES = { A: "/index.html", B: "/b/" };
 
-const agents = (status) => ({ vehicles }) => vehicles?.filter((one) => one.status === status).length;
-const figure = (name) => ({ replay }) => replay?.figures[name];
+const agents =
+  (status) =>
+  ({ vehicles }) =>
+    vehicles?.filter((one) => one.status === status).length;
+const figure =
+  (name) =>
+  ({ replay }) =>
+    replay?.figures[name];
 const FIGURES = [
-  ["Agents active", agents("active")], ["arrived", agents("arrived")], ["lost", agents("lost")],
+  ["Agents active", agents("active")],
+  ["arrived", agents("arrived")],
+  ["lost", agents("lost")],
   ["Targets", ({ targets }) => targets?.length],
-  ["OSPA agents, m", figure("ospa_agents_m"), 1], ["OSPA targets, m", figure("ospa_targets_m"), 1],
-  ["Re-tasks", figure("retasks")], ["Failed uploads", figure("failed_uploads")],
+  ["OSPA agents, m", figure("ospa_agents_m"), 1],
+  ["OSPA targets, m", figure("ospa_targets_m"), 1],
+  ["Re-tasks", figure("retasks")],
+  ["Failed uploads", figure("failed_uploads")],
 ];
 
 // What the replay bar reads, of both recordings: their position, which is the later one, and their marks.
@@ -33,7 +43,15 @@ class Both extends EventTarget {
     if (states.length < this.panes.length) return {};
     const most = (name) => Math.max(...states.map((one) => one[name] ?? one.at_s));
     const every = (name) => states.every((one) => one[name]);
-    return { replay: { ...states[0], at_s: most("at_s"), duration_s: most("duration_s"), ended: every("ended"), back: every("back") } };
+    return {
+      replay: {
+        ...states[0],
+        at_s: most("at_s"),
+        duration_s: most("duration_s"),
+        ended: every("ended"),
+        back: every("back"),
+      },
+    };
   }
 
   on(_names, callback) {
@@ -47,7 +65,8 @@ class Both extends EventTarget {
   }
 
   gather() {
-    const named = ({ name, marks }, row) => marks.all.map((mark) => ({ ...mark, text: `${name}: ${mark.text}`, height: 0.25 + 0.5 * row }));
+    const named = ({ name, marks }, row) =>
+      marks.all.map((mark) => ({ ...mark, text: `${name}: ${mark.text}`, height: 0.25 + 0.5 * row }));
     this.all = this.panes.flatMap((pane, row) => (pane.marks ? named(pane, row) : []));
     this.dispatchEvent(new Event("change"));
   }
@@ -60,10 +79,18 @@ class Comparison {
     this.both = new Both(this.panes);
     this.replay = new Replay(document.getElementById("replay"), this.both, this.both, this.theme);
     this.linked = true;
-    this.linkButton = el("button", { title: "A map moves with the other", "aria-pressed": "true", onclick: () => this.toggleLink() }, "Link maps");
-    document.getElementById("actions").append(
-      this.linkButton, el("button", { title: "Dark or light", onclick: () => this.theme.toggle() }, "Theme"),
-      el("button", { title: "Keys (?)", onclick: () => showKeys(KEYS) }, "Keys"));
+    this.linkButton = el(
+      "button",
+      { title: "A map moves with the other", "aria-pressed": "true", onclick: () => this.toggleLink() },
+      "Link maps",
+    );
+    document
+      .getElementById("actions")
+      .append(
+        this.linkButton,
+        el("button", { title: "Dark or light", onclick: () => this.theme.toggle() }, "Theme"),
+        el("button", { title: "Keys (?)", onclick: () => showKeys(KEYS) }, "Keys"),
+      );
     this.cells = this.table(document.getElementById("figures"));
   }
 
@@ -71,7 +98,12 @@ class Comparison {
     const file = el("span", { class: "file" });
     const state = el("span", { class: "fair", role: "status" });
     const frame = el("iframe", { title: `Recording ${name}`, src });
-    const element = el("section", { class: "pane", "aria-label": `Recording ${name}` }, el("h2", {}, el("b", {}, name), file, state), frame);
+    const element = el(
+      "section",
+      { class: "pane", "aria-label": `Recording ${name}` },
+      el("h2", {}, el("b", {}, name), file, state),
+      frame,
+    );
     return { name, file, state, frame, element };
   }
 
@@ -82,7 +114,12 @@ class Comparison {
     };
     const head = (text) => el("span", { role: "columnheader" }, text);
     row(head("At this time"), ...this.panes.map(({ name }) => head(name)), head("B − A"));
-    return FIGURES.map(([text]) => row(el("span", { role: "rowheader" }, text), ...Array.from({ length: 3 }, () => el("span", { role: "cell" }))));
+    return FIGURES.map(([text]) =>
+      row(
+        el("span", { role: "rowheader" }, text),
+        ...Array.from({ length: 3 }, () => el("span", { role: "cell" })),
+      ),
+    );
   }
 
   start() {
@@ -97,7 +134,8 @@ class Comparison {
     parts.marks.addEventListener("change", () => this.both.gather());
     parts.marks.want();
     parts.feed.addEventListener("data", (event) => this.show(pane, event.detail.names));
-    if (pane === this.panes[0]) listenToKeys({ ...parts.actions, "?": () => showKeys(KEYS) }, parts.feed, parts.selection);
+    if (pane === this.panes[0])
+      listenToKeys({ ...parts.actions, "?": () => showKeys(KEYS) }, parts.feed, parts.selection);
   }
 
   show(pane, names) {
@@ -110,7 +148,10 @@ class Comparison {
       this.hasBegun = true;
       this.align();
     }
-    this.frame ??= requestAnimationFrame(() => { this.frame = null; this.showFigures(); });
+    this.frame ??= requestAnimationFrame(() => {
+      this.frame = null;
+      this.showFigures();
+    });
   }
 
   showFigures() {

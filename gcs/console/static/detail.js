@@ -25,7 +25,9 @@ export class Detail {
       this.begin();
     });
     panels.addEventListener("change", () => this.begin());
-    feed.addEventListener("data", ({ detail }) => { if (detail.fresh) this.load(); });
+    feed.addEventListener("data", ({ detail }) => {
+      if (detail.fresh) this.load();
+    });
     setInterval(() => this.load(), PERIOD_MS);
   }
 
@@ -33,9 +35,23 @@ export class Detail {
     this.title = el("h2");
     this.list = el("dl");
     this.items = el("tbody");
-    const heads = [["item", ""], ["command", "left"], ["east", ""], ["north", ""], ["alt m", ""]];
-    this.table = el("table", { class: "dense" },
-      el("thead", {}, el("tr", {}, ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text)))), this.items);
+    const heads = [
+      ["item", ""],
+      ["command", "left"],
+      ["east", ""],
+      ["north", ""],
+      ["alt m", ""],
+    ];
+    this.table = el(
+      "table",
+      { class: "dense" },
+      el(
+        "thead",
+        {},
+        el("tr", {}, ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text))),
+      ),
+      this.items,
+    );
     this.empty = el("p", { class: "empty" }, "Select one vehicle to see all that is known of it.");
     this.content = el("div", {}, this.title, this.list, this.table);
     this.root.append(this.empty, this.content);
@@ -70,7 +86,9 @@ export class Detail {
     }
     let record = null;
     try {
-      const reply = await fetch(`api/vehicles/${encodeURIComponent(vehicle.name)}`, { signal: AbortSignal.timeout(3 * PERIOD_MS) });
+      const reply = await fetch(`api/vehicles/${encodeURIComponent(vehicle.name)}`, {
+        signal: AbortSignal.timeout(3 * PERIOD_MS),
+      });
       if (reply.ok) record = await reply.json();
     } catch {
       // The header tells that the connection is lost; the record stays as it was.
@@ -84,11 +102,19 @@ export class Detail {
     if (!this.record) return;
     setText(this.title, `Vehicle ${this.record.name}`);
     const rows = [
-      ["authority", this.authority()], ["link", this.link()], ["mission", this.mission()], ["upload", this.upload()],
-      ["pinned to", [this.record.pinned ?? "no target"]], ["return", this.returning()], ["position", this.position()],
+      ["authority", this.authority()],
+      ["link", this.link()],
+      ["mission", this.mission()],
+      ["upload", this.upload()],
+      ["pinned to", [this.record.pinned ?? "no target"]],
+      ["return", this.returning()],
+      ["position", this.position()],
     ];
-    if (this.record.takeoff_problem) rows.push(["take-off", [bad(`not clear: ${this.record.takeoff_problem}`)]]);
-    this.list.replaceChildren(...rows.flatMap(([name, parts]) => [el("dt", {}, name), el("dd", {}, ...parts)]));
+    if (this.record.takeoff_problem)
+      rows.push(["take-off", [bad(`not clear: ${this.record.takeoff_problem}`)]]);
+    this.list.replaceChildren(
+      ...rows.flatMap(([name, parts]) => [el("dt", {}, name), el("dd", {}, ...parts)]),
+    );
     this.showItems();
   }
 
@@ -96,7 +122,12 @@ export class Detail {
     const { claims } = this.record;
     if (!claims.length) return ["ours"];
     return claims.map(({ authority, reason, since_s: since }, index) =>
-      el("div", { class: index || authority === "ours" ? "" : "fair" }, `${authority} for ${duration(since)}: ${reason}`));
+      el(
+        "div",
+        { class: index || authority === "ours" ? "" : "fair" },
+        `${authority} for ${duration(since)}: ${reason}`,
+      ),
+    );
   }
 
   link() {
@@ -115,7 +146,9 @@ export class Detail {
   mission() {
     const { mission } = this.record;
     if (!mission) return [fair("unknown")];
-    const words = [`${mission.items.length} items to ${mission.target}, verified${mission.verified_s === null ? "" : ` ${duration(mission.verified_s)} ago`}`];
+    const words = [
+      `${mission.items.length} items to ${mission.target}, verified${mission.verified_s === null ? "" : ` ${duration(mission.verified_s)} ago`}`,
+    ];
     if (mission.audited) words.push(fair(", being audited"));
     if (mission.inconsistent) words.push(bad(", may be inconsistent"));
     return words;
@@ -138,7 +171,10 @@ export class Detail {
 
   position() {
     const { doubted, cusum, alarm_cusum: limit, refused } = this.record.position;
-    const words = [doubted ? bad("doubted") : "consistent with the sensors", `, CUSUM ${number(cusum, 1)} of ${limit}`];
+    const words = [
+      doubted ? bad("doubted") : "consistent with the sensors",
+      `, CUSUM ${number(cusum, 1)} of ${limit}`,
+    ];
     const reasons = Object.entries(refused).map(([reason, count]) => `${count} ${reason}`);
     if (reasons.length) words.push(fair(`, reports refused: ${reasons.join(", ")}`));
     return words;
@@ -148,11 +184,19 @@ export class Detail {
     const { mission } = this.record;
     this.table.hidden = !mission;
     if (!mission) return;
-    this.items.replaceChildren(...mission.items.map(({ seq, command, at, alt_m: alt }) => {
-      const isCurrent = seq === mission.current;
-      return el("tr", { class: isCurrent ? "current" : "", "aria-current": isCurrent ? "step" : null },
-        el("td", {}, isCurrent ? `▶ ${seq}` : String(seq)), el("td", { class: "left" }, command.replaceAll("_", " ").toLowerCase()),
-        el("td", {}, at ? number(at[0]) : "–"), el("td", {}, at ? number(at[1]) : "–"), el("td", {}, at ? number(alt) : "–"));
-    }));
+    this.items.replaceChildren(
+      ...mission.items.map(({ seq, command, at, alt_m: alt }) => {
+        const isCurrent = seq === mission.current;
+        return el(
+          "tr",
+          { class: isCurrent ? "current" : "", "aria-current": isCurrent ? "step" : null },
+          el("td", {}, isCurrent ? `▶ ${seq}` : String(seq)),
+          el("td", { class: "left" }, command.replaceAll("_", " ").toLowerCase()),
+          el("td", {}, at ? number(at[0]) : "–"),
+          el("td", {}, at ? number(at[1]) : "–"),
+          el("td", {}, at ? number(alt) : "–"),
+        );
+      }),
+    );
   }
 }

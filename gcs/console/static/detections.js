@@ -48,7 +48,11 @@ export class Detections {
       const y = Math.round(view.y(z[index + 1]));
       if (x < 0 || y < 0 || x >= width - 1 || y >= height - 1) continue;
       const first = y * width + x;
-      this.pixels[first] = this.pixels[first + 1] = this.pixels[first + width] = this.pixels[first + width + 1] = pixel;
+      this.pixels[first] =
+        this.pixels[first + 1] =
+        this.pixels[first + width] =
+        this.pixels[first + width + 1] =
+          pixel;
     }
   }
 }

@@ -50,12 +50,18 @@ export class Obstacles {
 
   draw(ctx, view) {
     if (!this.image) return;
-    const { origin_m: [east, north], spacing_m: cell, shape: [rows, columns] } = this.map;
+    const {
+      origin_m: [east, north],
+      spacing_m: cell,
+      shape: [rows, columns],
+    } = this.map;
     ctx.imageSmoothingEnabled = false;
     ctx.drawImage(
       this.image,
-      view.x(east - cell / 2), view.y(north + (rows - 0.5) * cell),
-      columns * cell * view.scale, rows * cell * view.scale,
+      view.x(east - cell / 2),
+      view.y(north + (rows - 0.5) * cell),
+      columns * cell * view.scale,
+      rows * cell * view.scale,
     );
   }
 }
@@ -68,7 +74,12 @@ function ring(ctx, view, points) {
 
 export function border(ctx, view, mission, colour) {
   const [width, height] = mission.size_m;
-  ring(ctx, view, [[0, 0], [width, 0], [width, height], [0, height]]);
+  ring(ctx, view, [
+    [0, 0],
+    [width, 0],
+    [width, height],
+    [0, height],
+  ]);
   ctx.strokeStyle = colour("line");
   ctx.lineWidth = 1;
   ctx.stroke();
@@ -95,7 +106,9 @@ export function zones(ctx, view, closed, colour) {
       label = [east, north];
     } else {
       ring(ctx, view, zone.polygon);
-      label = [0, 1].map((axis) => zone.polygon.reduce((sum, point) => sum + point[axis], 0) / zone.polygon.length);
+      label = [0, 1].map(
+        (axis) => zone.polygon.reduce((sum, point) => sum + point[axis], 0) / zone.polygon.length,
+      );
     }
     ctx.fillStyle = ctx.strokeStyle = colour("warning");
     ctx.globalAlpha = 0.16;
@@ -104,7 +117,11 @@ export function zones(ctx, view, closed, colour) {
     ctx.lineWidth = 1.5;
     ctx.stroke();
     ctx.textAlign = "center";
-    ctx.fillText(zone.name.length > MAX_NAME ? `${zone.name.slice(0, MAX_NAME)}…` : zone.name, view.x(label[0]), view.y(label[1]) + 4);
+    ctx.fillText(
+      zone.name.length > MAX_NAME ? `${zone.name.slice(0, MAX_NAME)}…` : zone.name,
+      view.x(label[0]),
+      view.y(label[1]) + 4,
+    );
   }
 }
 
@@ -134,7 +151,12 @@ export function fieldsOfView(ctx, view, sensors, colour) {
   for (const one of Object.values(sensors)) {
     if (one.box) {
       const [west, south, east, north] = one.box;
-      ring(ctx, view, [[west, south], [east, south], [east, north], [west, north]]);
+      ring(ctx, view, [
+        [west, south],
+        [east, south],
+        [east, north],
+        [west, north],
+      ]);
     } else {
       sector(ctx, view, one);
     }

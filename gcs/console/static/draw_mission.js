@@ -3,7 +3,9 @@
 const SIZE = 4;
 
 export function onboardMission(ctx, view, mission, labels, colour) {
-  const placed = mission.items.filter(({ at, seq }) => at && seq >= Math.min(mission.first, mission.current ?? mission.first));
+  const placed = mission.items.filter(
+    ({ at, seq }) => at && seq >= Math.min(mission.first, mission.current ?? mission.first),
+  );
   ctx.strokeStyle = ctx.fillStyle = colour("advisory");
   ctx.lineWidth = 1.5;
   ctx.setLineDash([6, 3]);

@@ -32,7 +32,11 @@ export function routes(ctx, view, planned, style) {
     ctx.globalAlpha = style.selected.size && !style.selected.has(route.id) ? 0.35 : 0.9;
     ctx.beginPath();
     const one = style.from.get(route.id);
-    line(ctx, view, one ? [one.at, ...route.points.slice(Math.min(one.passed, route.points.length - 1))] : route.points);
+    line(
+      ctx,
+      view,
+      one ? [one.at, ...route.points.slice(Math.min(one.passed, route.points.length - 1))] : route.points,
+    );
     ctx.stroke();
     meeting(ctx, view, route, style.loiter[route.id]);
   }
@@ -65,7 +69,8 @@ function ellipses(ctx, view, mean, [xx, xy, yy]) {
   const [x, y] = [view.x(mean[0]), view.y(mean[1])];
   ctx.beginPath();
   for (const sigmas of [SIGMAS, 1]) {
-    const radius = (variance) => Math.min(4000, Math.max(1.5, sigmas * Math.sqrt(Math.max(variance, 0)) * view.scale));
+    const radius = (variance) =>
+      Math.min(4000, Math.max(1.5, sigmas * Math.sqrt(Math.max(variance, 0)) * view.scale));
     const [a, b] = [radius(middle + spread), radius(middle - spread)];
     if (sigmas === 1 && a < MIN_INNER_PX) return;
     ctx.moveTo(x + a * Math.cos(turn), y + a * Math.sin(turn));
@@ -111,7 +116,8 @@ export function targetTracks(ctx, view, tracks, confirmed, labels, colour, optio
     if (target?.agents.length || target?.reached_by.length) ctx.fill();
     ctx.stroke();
     if (target?.ignored) stroke(ctx, [x - 10, y + 7], [x + 10, y - 7]);
-    if (options.labels || isSelected) labels.draw(label(name, target), x + 9, y + 4, isSelected, target?.ignored);
+    if (options.labels || isSelected)
+      labels.draw(label(name, target), x + 9, y + 4, isSelected, target?.ignored);
   });
   ctx.globalAlpha = 1;
 }
@@ -136,7 +142,8 @@ export function pins(ctx, view, list, targets, colour) {
   ctx.setLineDash([2, 4]);
   for (const { at, status, pinned } of list) {
     const target = targets.get(pinned);
-    if (at && target && status === "active") stroke(ctx, [view.x(at[0]), view.y(at[1])], [view.x(target.at[0]), view.y(target.at[1])]);
+    if (at && target && status === "active")
+      stroke(ctx, [view.x(at[0]), view.y(at[1])], [view.x(target.at[0]), view.y(target.at[1])]);
   }
   ctx.setLineDash([]);
 }
@@ -165,7 +172,8 @@ export function vehicles(ctx, view, list, selection, labels, colour, options) {
     if (selection.has(vehicle.id)) halo(ctx, x, y, colour("advisory"));
     ctx.fillStyle = colour(tint);
     arrow(ctx, x, y, vehicle.course);
-    if (vehicle.late) ctx.stroke(); // hollow: its position is old
+    if (vehicle.late)
+      ctx.stroke(); // hollow: its position is old
     else ctx.fill();
     labels.draw(vehicle.name, x + 10, y - 5, tint !== "vehicle" || selection.has(vehicle.id));
   }
@@ -176,7 +184,8 @@ export function altitudes(ctx, view, list, labels, colour) {
   ctx.textAlign = "left";
   ctx.fillStyle = colour("dim");
   for (const { at, alt_m, status } of list) {
-    if (at && alt_m !== null && status !== "lost") labels.draw(`${alt_m.toFixed(0)} m`, view.x(at[0]) + 10, view.y(at[1]) + 9);
+    if (at && alt_m !== null && status !== "lost")
+      labels.draw(`${alt_m.toFixed(0)} m`, view.x(at[0]) + 10, view.y(at[1]) + 9);
   }
 }
 

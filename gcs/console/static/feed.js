@@ -14,7 +14,8 @@ export class Feed extends EventTarget {
     this.heardAt = 0;
     this.retryMs = MIN_RETRY_MS;
     this.toldAt = 0;
-    for (const kind of ["pointerdown", "keydown"]) document.addEventListener(kind, () => this.tellUse(), { capture: true });
+    for (const kind of ["pointerdown", "keydown"])
+      document.addEventListener(kind, () => this.tellUse(), { capture: true });
   }
 
   connect() {

@@ -30,5 +30,7 @@ export function metres(value) {
 
 export function megabytes(value) {
   if (value === null || value === undefined) return "–";
-  return value < 1000 ? `${value.toFixed(value < 10 ? 1 : 0)} MB` : `${(value / 1000).toFixed(value < 10000 ? 1 : 0)} GB`;
+  return value < 1000
+    ? `${value.toFixed(value < 10 ? 1 : 0)} MB`
+    : `${(value / 1000).toFixed(value < 10000 ? 1 : 0)} GB`;
 }

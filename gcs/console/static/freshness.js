@@ -11,7 +11,9 @@ export class Freshness extends EventTarget {
     super();
     this.feed = feed;
     feed.addEventListener("lost", () => this.check());
-    feed.addEventListener("data", () => { if (this.problem) this.check(); });
+    feed.addEventListener("data", () => {
+      if (this.problem) this.check();
+    });
     setInterval(() => this.check(), PERIOD_MS);
     this.problem = "";
   }

@@ -13,9 +13,17 @@ const STYLES = { silent: "bad", late: "fair", "": "" };
 function sensorParts(sensors) {
   if (!sensors.length) return [el("span", { class: "fair" }, "none yet")];
   const sorted = [...sensors].sort((a, b) => URGENCY[a.state] - URGENCY[b.state]);
-  const parts = sorted.slice(0, MAX_SENSORS).map(({ name, age_s: age, state }) =>
-    el("span", { class: `sensor ${STYLES[state]}`, title: name }, `${name} ${age === null ? "never" : seconds(age)}${state && ` ${state.toUpperCase()}`}`));
-  if (sensors.length > MAX_SENSORS) parts.push(el("span", { class: "sensor" }, `+${sensors.length - MAX_SENSORS}`));
+  const parts = sorted
+    .slice(0, MAX_SENSORS)
+    .map(({ name, age_s: age, state }) =>
+      el(
+        "span",
+        { class: `sensor ${STYLES[state]}`, title: name },
+        `${name} ${age === null ? "never" : seconds(age)}${state && ` ${state.toUpperCase()}`}`,
+      ),
+    );
+  if (sensors.length > MAX_SENSORS)
+    parts.push(el("span", { class: "sensor" }, `+${sensors.length - MAX_SENSORS}`));
   return parts;
 }
 
@@ -35,7 +43,10 @@ export function showHeader(root, feed, theme, freshness) {
   const item = (label) => {
     const value = el("span");
     const element = el("span", { class: "item" }, el("span", {}, label), value);
-    const show = ([text, style]) => { setText(value, text); setClass(value, style); };
+    const show = ([text, style]) => {
+      setText(value, text);
+      setClass(value, style);
+    };
     return { element, value, show };
   };
   const name = el("h1", { class: "name" });
@@ -48,17 +59,31 @@ export function showHeader(root, feed, theme, freshness) {
   const stations = item("other stations");
   const link = el("span", { class: "item", role: "status" });
   const help = el("button", { id: "help", title: "Keys (?)" }, "Keys");
-  const preflight = el("a", { href: "/preflight.html", target: "_blank", rel: "noopener", hidden: true }, "Preflight");
+  const preflight = el(
+    "a",
+    { href: "/preflight.html", target: "_blank", rel: "noopener", hidden: true },
+    "Preflight",
+  );
   const mode = el("button", { id: "theme", title: "Dark or light", onclick: () => theme.toggle() }, "Theme");
   root.append(
-    name, tag, utc.element, elapsed.element, scans.element, lag.element, recording.element, stations.element,
-    link, el("span", { class: "space" }), el("span", { class: "actions" }, preflight, mode, help),
+    name,
+    tag,
+    utc.element,
+    elapsed.element,
+    scans.element,
+    lag.element,
+    recording.element,
+    stations.element,
+    link,
+    el("span", { class: "space" }),
+    el("span", { class: "actions" }, preflight, mode, help),
   );
 
   feed.on(["mission"], ({ mission }) => {
     setText(name, mission.name);
     name.title = mission.name;
-    const kind = mission.kind === "live" ? (mission.speed === 1 ? "LIVE" : `LIVE ×${mission.speed}`) : "REPLAY";
+    const kind =
+      mission.kind === "live" ? (mission.speed === 1 ? "LIVE" : `LIVE ×${mission.speed}`) : "REPLAY";
     setText(tag, feed.role === "view" ? `${kind}, VIEW ONLY` : kind);
     preflight.hidden = !mission.preflight;
     document.title = `${mission.name} – swarm-gcs`;

@@ -23,7 +23,8 @@ export class Labels {
   cells(width, x, y) {
     const row = Math.floor(y / CELL_Y);
     const cells = [];
-    for (let column = Math.floor(x / CELL_X); column <= Math.floor((x + width) / CELL_X); column++) cells.push(row * 1000 + column);
+    for (let column = Math.floor(x / CELL_X); column <= Math.floor((x + width) / CELL_X); column++)
+      cells.push(row * 1000 + column);
     return cells;
   }
 }

@@ -8,7 +8,8 @@ const NEAR_END_PX = 30;
 
 export function showLog(root, feed) {
   const lists = { events: el("ol"), orders: el("ol") };
-  const panel = (list, name) => el("div", { class: "panel", role: "tabpanel", tabindex: "0", "aria-label": name }, list);
+  const panel = (list, name) =>
+    el("div", { class: "panel", role: "tabpanel", tabindex: "0", "aria-label": name }, list);
   const panels = { events: panel(lists.events, "Events"), orders: panel(lists.orders, "Orders") };
   const tabs = {};
   const choose = (chosen) => {
@@ -18,18 +19,28 @@ export function showLog(root, feed) {
     }
     panels[chosen].scrollTop = panels[chosen].scrollHeight;
   };
-  for (const [name, title] of [["events", "Events"], ["orders", "Orders"]]) {
+  for (const [name, title] of [
+    ["events", "Events"],
+    ["orders", "Orders"],
+  ]) {
     tabs[name] = el("button", { role: "tab", onclick: () => choose(name) }, title);
   }
-  root.append(el("div", { class: "tabs", role: "tablist" }, ...Object.values(tabs)), panels.events, panels.orders);
+  root.append(
+    el("div", { class: "tabs", role: "tablist" }, ...Object.values(tabs)),
+    panels.events,
+    panels.orders,
+  );
   choose("events");
 
   const append = (name, entries, fresh) => {
     const [list, scrolled] = [lists[name], panels[name]];
     const isAtEnd = scrolled.scrollHeight - scrolled.scrollTop - scrolled.clientHeight < NEAR_END_PX;
     if (fresh) list.replaceChildren();
-    list.append(...entries.map(({ t_s, level, text }) =>
-      el("li", { class: level }, el("time", {}, duration(t_s)), el("span", {}, text))));
+    list.append(
+      ...entries.map(({ t_s, level, text }) =>
+        el("li", { class: level }, el("time", {}, duration(t_s)), el("span", {}, text)),
+      ),
+    );
     while (list.childElementCount > MAX_SHOWN) list.firstElementChild.remove();
     if (isAtEnd || fresh) scrolled.scrollTop = scrolled.scrollHeight;
   };
@@ -38,8 +49,16 @@ export function showLog(root, feed) {
     if (fresh) last = 0;
     const entries = log.filter((entry) => entry.n > last);
     last = log.at(-1)?.n ?? last;
-    append("events", entries.filter((entry) => entry.kind !== "OrderAnswer"), fresh);
-    append("orders", entries.filter((entry) => entry.kind === "OrderAnswer"), fresh);
+    append(
+      "events",
+      entries.filter((entry) => entry.kind !== "OrderAnswer"),
+      fresh,
+    );
+    append(
+      "orders",
+      entries.filter((entry) => entry.kind === "OrderAnswer"),
+      fresh,
+    );
     const count = lists.orders.childElementCount;
     setText(tabs.orders, count ? `Orders (${count})` : "Orders");
   });

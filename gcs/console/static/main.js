@@ -18,11 +18,11 @@ import { Panels } from "./panels.js";
 import { Plan } from "./plan.js";
 import { Replay } from "./replay.js";
 import { Selection } from "./selection.js";
-import { showStrip } from "./strip.js";
 import { TargetOrders } from "./target_orders.js";
 import { showTargets } from "./targets.js";
 import { Theme } from "./theme.js";
 import { Measure, Zones } from "./tools.js";
+import { showVehicles } from "./vehicle_table.js";
 
 const { comparison } = window.parent; // of two recordings: each page is in a frame
 const part = (id) => document.getElementById(id);
@@ -48,7 +48,7 @@ const charts = new Charts(part("charts"), feed, marks, selection, theme, panels,
 new Detail(part("detail"), feed, selection, map, panels);
 showHeader(part("head"), feed, theme, freshness);
 showOld(part("map"), freshness);
-showStrip(part("vehicles"), feed, selection);
+showVehicles(part("vehicles"), feed, selection);
 showTargets(part("targets"), feed, map, selection, zones);
 showLog(part("log"), feed);
 part("help").addEventListener("click", () => showKeys(KEYS));
@@ -68,7 +68,9 @@ const actions = {
   c: () => plan.focus("yes"),
   x: () => plan.focus("no"),
   k: () => alarms.acknowledgeWorst(),
-  n: () => { if (commands.mayOperate) zones.open(); },
+  n: () => {
+    if (commands.mayOperate) zones.open();
+  },
   z: () => map.fitSwarm(),
   0: () => map.fitAll(),
   f: () => map.follow(),
@@ -76,12 +78,21 @@ const actions = {
   g: () => panels.toggle("charts"),
   w: () => charts.zoom(),
   m: measure,
-  p: inReplay(() => replay.toggle(), () => targetOrders.pin()),
+  p: inReplay(
+    () => replay.toggle(),
+    () => targetOrders.pin(),
+  ),
   t: () => targetOrders.selectNext(1),
   "shift+t": () => targetOrders.selectNext(-1),
   i: () => targetOrders.toggleIgnored(),
-  ",": inReplay(() => replay.jump(-1), () => targetOrders.changePriority(-1)),
-  ".": inReplay(() => replay.jump(1), () => targetOrders.changePriority(1)),
+  ",": inReplay(
+    () => replay.jump(-1),
+    () => targetOrders.changePriority(-1),
+  ),
+  ".": inReplay(
+    () => replay.jump(1),
+    () => targetOrders.changePriority(1),
+  ),
   u: () => targetOrders.unpin(),
   v: () => panels.toggle("detail"),
   "+": () => map.zoom(1.4),
@@ -95,7 +106,10 @@ const actions = {
   arrowup: pan(0, PAN_PX),
   arrowdown: pan(0, -PAN_PX),
   "?": () => showKeys(KEYS),
-  escape: () => { if (map.tool) map.use(null); else selection.clear(); },
+  escape: () => {
+    if (map.tool) map.use(null);
+    else selection.clear();
+  },
 };
 
 listenToKeys(actions, feed, selection);

@@ -1,7 +1,7 @@
 // Map: canvas, layers, and what is drawn in which order.
 
-import { el } from "./dom.js";
 import { Detections } from "./detections.js";
+import { el } from "./dom.js";
 import * as ground from "./draw_ground.js";
 import { onboardMission } from "./draw_mission.js";
 import * as swarm from "./draw_swarm.js";
@@ -18,8 +18,15 @@ const MAX_TRAIL = 1500;
 const TRAIL_STEP_M = 5;
 const LAYERS = {
   tiles: "Map tiles",
-  trails: "Trails", routes: "Routes", ellipses: "Tracked ellipses (1σ, 3σ)", detections: "Detections", altitudes: "Altitudes",
-  labels: "Target labels", tentative: "Unconfirmed targets", views: "Fields of view", fence: "Fence and homes",
+  trails: "Trails",
+  routes: "Routes",
+  ellipses: "Tracked ellipses (1σ, 3σ)",
+  detections: "Detections",
+  altitudes: "Altitudes",
+  labels: "Target labels",
+  tentative: "Unconfirmed targets",
+  views: "Fields of view",
+  fence: "Fence and homes",
 };
 
 const HIDDEN = new Set(["views", "tentative"]); // until the user shows them
@@ -46,22 +53,42 @@ export class SwarmMap {
   }
 
   build() {
-    this.canvas = el("canvas", { role: "img", "aria-label": "Map of vehicles, targets and routes; the tables have the same data" });
+    this.canvas = el("canvas", {
+      role: "img",
+      "aria-label": "Map of vehicles, targets and routes; the tables have the same data",
+    });
     this.ctx = this.canvas.getContext("2d", { alpha: false });
     this.place = el("div", { class: "place" });
     this.hint = el("div", { class: "hint", hidden: true });
-    this.panel = el("div", { class: "layers", hidden: true }, ...Object.entries(LAYERS).map(([name, text]) => {
-      const box = el("input", { type: "checkbox", onchange: () => this.setLayer(name, box.checked) });
-      box.checked = this.layers[name];
-      return el("label", {}, box, text);
-    }));
-    const button = (text, key, action, title) => el("button", { title: `${title} (${key})`, onclick: action }, text);
-    this.followButton = button("Follow", "F", () => this.follow(), "Keep the selected vehicles, or the swarm, in view");
+    this.panel = el(
+      "div",
+      { class: "layers", hidden: true },
+      ...Object.entries(LAYERS).map(([name, text]) => {
+        const box = el("input", { type: "checkbox", onchange: () => this.setLayer(name, box.checked) });
+        box.checked = this.layers[name];
+        return el("label", {}, box, text);
+      }),
+    );
+    const button = (text, key, action, title) =>
+      el("button", { title: `${title} (${key})`, onclick: action }, text);
+    this.followButton = button(
+      "Follow",
+      "F",
+      () => this.follow(),
+      "Keep the selected vehicles, or the swarm, in view",
+    );
     this.layersButton = button("Layers", "L", () => this.toggleLayers(), "Choose what is drawn");
-    this.tools = el("div", { class: "tools" },
-      button("+", "+", () => this.zoom(1.4), "Zoom in"), button("−", "-", () => this.zoom(1 / 1.4), "Zoom out"),
-      button("Swarm", "Z", () => this.fitSwarm(), "Zoom to the swarm"), button("All", "0", () => this.fitAll(), "Zoom to the mission's area"),
-      this.followButton, this.layersButton, button("Measure", "M", () => this.onmeasure?.(), "Measure a distance"));
+    this.tools = el(
+      "div",
+      { class: "tools" },
+      button("+", "+", () => this.zoom(1.4), "Zoom in"),
+      button("−", "-", () => this.zoom(1 / 1.4), "Zoom out"),
+      button("Swarm", "Z", () => this.fitSwarm(), "Zoom to the swarm"),
+      button("All", "0", () => this.fitAll(), "Zoom to the mission's area"),
+      this.followButton,
+      this.layersButton,
+      button("Measure", "M", () => this.onmeasure?.(), "Measure a distance"),
+    );
     this.root.append(this.canvas, this.tools, this.panel, this.hint, this.place);
   }
 
@@ -93,7 +120,10 @@ export class SwarmMap {
   }
 
   say(text, actions = []) {
-    this.hint.replaceChildren(text ?? "", ...actions.map(([label, act]) => el("button", { onclick: act }, label)));
+    this.hint.replaceChildren(
+      text ?? "",
+      ...actions.map(([label, act]) => el("button", { onclick: act }, label)),
+    );
     this.hint.hidden = !text;
     this.hint.querySelector("button")?.focus();
   }
@@ -162,7 +192,9 @@ export class SwarmMap {
   places() {
     const vehicles = this.feed.data.vehicles ?? [];
     const chosen = this.selection.among(vehicles);
-    return (chosen.length ? chosen : vehicles).filter((one) => one.at && one.status !== "lost").map((one) => one.at);
+    return (chosen.length ? chosen : vehicles)
+      .filter((one) => one.at && one.status !== "lost")
+      .map((one) => one.at);
   }
 
   fitSwarm() {
@@ -173,7 +205,13 @@ export class SwarmMap {
 
   fitAll() {
     const [width, height] = this.feed.data.mission?.size_m ?? [1000, 1000];
-    this.view.fit([[0, 0], [width, height]], 24);
+    this.view.fit(
+      [
+        [0, 0],
+        [width, height],
+      ],
+      24,
+    );
     this.moved(false);
   }
 
@@ -189,7 +227,8 @@ export class SwarmMap {
 
   centreSwarm() {
     const places = this.places();
-    if (places.length) this.centre([0, 1].map((axis) => places.reduce((sum, at) => sum + at[axis], 0) / places.length));
+    if (places.length)
+      this.centre([0, 1].map((axis) => places.reduce((sum, at) => sum + at[axis], 0) / places.length));
   }
 
   // Moves the map only if a place is out of view.
@@ -244,13 +283,18 @@ export class SwarmMap {
     if (layers.detections && !this.detections.isEmpty) this.detections.draw(ctx, view, colour("detection"));
     if (layers.trails) swarm.trails(ctx, view, this.trails, colour);
     if (layers.routes) this.drawRoutes(vehicles, routes, proposal, mission);
-    if (layers.ellipses && this.feed.data.agents_tracks) swarm.agentTracks(ctx, view, this.feed.data.agents_tracks, colour);
+    if (layers.ellipses && this.feed.data.agents_tracks)
+      swarm.agentTracks(ctx, view, this.feed.data.agents_tracks, colour);
     const confirmed = new Map(targets.map((one) => [one.name, one]));
     const labels = new Labels(ctx);
     if (this.mission) onboardMission(ctx, view, this.mission, labels, colour);
     swarm.pins(ctx, view, vehicles, confirmed, colour);
     swarm.vehicles(ctx, view, vehicles, this.selection, labels, colour, { font: FONT });
-    if (this.feed.data.targets_tracks) swarm.targetTracks(ctx, view, this.feed.data.targets_tracks, confirmed, labels, colour, { ...layers, selected: this.selection.target });
+    if (this.feed.data.targets_tracks)
+      swarm.targetTracks(ctx, view, this.feed.data.targets_tracks, confirmed, labels, colour, {
+        ...layers,
+        selected: this.selection.target,
+      });
     if (layers.altitudes) swarm.altitudes(ctx, view, vehicles, labels, colour);
     this.tool?.draw(ctx, view, colour);
     this.drawBox();
@@ -279,11 +323,20 @@ export class SwarmMap {
 
   drawRoutes(vehicles, routes, proposal, mission) {
     const { colour } = this.theme;
-    const from = new Map(vehicles.filter((one) => one.at && one.status === "active").map((one) => [one.id, one]));
+    const from = new Map(
+      vehicles.filter((one) => one.at && one.status === "active").map((one) => [one.id, one]),
+    );
     const waiting = new Map([...from].map(([id, one]) => [id, { ...one, passed: 0 }]));
     const common = { from, selected: this.selection.ids, loiter: mission.loiter_radii_m };
     swarm.routes(this.ctx, this.view, routes, { ...common, colour: colour("route"), width: 1.5 });
-    if (proposal) swarm.routes(this.ctx, this.view, proposal.routes, { ...common, from: waiting, colour: colour("caution"), width: 2, dash: [8, 5] });
+    if (proposal)
+      swarm.routes(this.ctx, this.view, proposal.routes, {
+        ...common,
+        from: waiting,
+        colour: colour("caution"),
+        width: 2,
+        dash: [8, 5],
+      });
   }
 
   drawBox() {

@@ -58,7 +58,9 @@ export class Marks extends EventTarget {
         if (marks.length) this.all.push(...marks);
         if (marks.length || complete) this.dispatchEvent(new Event("change"));
       }
-    } catch { /* the server is away: the feed says so */ }
+    } catch {
+      /* the server is away: the feed says so */
+    }
     this.timer = null;
     this.plan(this.feed.data.mission?.kind === "live" ? LIVE_MS : POLL_MS);
   }
@@ -84,8 +86,27 @@ export function drawMark(ctx, shape, x, y, size) {
   if (shape === "dot") ctx.arc(x, y, size * 0.8, 0, 2 * Math.PI);
   else if (shape === "square") ctx.rect(x - size * 0.7, y - size * 0.7, size * 1.4, size * 1.4);
   else {
-    const corners = { up: [[0, -1], [1, 0.8], [-1, 0.8]], down: [[0, 1], [1, -0.8], [-1, -0.8]], diamond: [[0, -1.1], [1.1, 0], [0, 1.1], [-1.1, 0]] };
-    corners[shape].forEach(([right, down], index) => ctx[index ? "lineTo" : "moveTo"](x + right * size, y + down * size));
+    const corners = {
+      up: [
+        [0, -1],
+        [1, 0.8],
+        [-1, 0.8],
+      ],
+      down: [
+        [0, 1],
+        [1, -0.8],
+        [-1, -0.8],
+      ],
+      diamond: [
+        [0, -1.1],
+        [1.1, 0],
+        [0, 1.1],
+        [-1.1, 0],
+      ],
+    };
+    corners[shape].forEach(([right, down], index) =>
+      ctx[index ? "lineTo" : "moveTo"](x + right * size, y + down * size),
+    );
   }
   ctx.closePath();
   ctx.fill();

@@ -52,9 +52,14 @@ export class Orders {
     const answers = this.feed.data.answers.filter((one) => one.order_id === this.lastId);
     if (!answers.length) return;
     const own = answers.filter((one) => one.vehicle !== null || BAD.has(one.state) || answers.length === 1);
-    const texts = own.map((one) => `${one.vehicle === null ? "" : `${one.vehicle} `}${one.state}: ${one.detail}`);
+    const texts = own.map(
+      (one) => `${one.vehicle === null ? "" : `${one.vehicle} `}${one.state}: ${one.detail}`,
+    );
     const waiting = answers.at(-1).waiting;
     if (waiting.length) texts.push(`waiting for ${waiting.join(", ")}`);
-    this.say(`${answers[0].action}: ${texts.join("; ")}`, answers.some((one) => BAD.has(one.state)));
+    this.say(
+      `${answers[0].action}: ${texts.join("; ")}`,
+      answers.some((one) => BAD.has(one.state)),
+    );
   }
 }

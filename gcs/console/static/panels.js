@@ -14,9 +14,15 @@ export class Panels extends EventTarget {
     for (const [name, title] of Object.entries(TITLES)) {
       this.roots[name] = document.getElementById(ROOTS[name]);
       this.roots[name].setAttribute("role", "tabpanel");
-      this.tabs[name] = el("button", { id: `tab-${name}`, role: "tab", "aria-controls": ROOTS[name], onclick: () => this.show(name) }, title);
+      this.tabs[name] = el(
+        "button",
+        { id: `tab-${name}`, role: "tab", "aria-controls": ROOTS[name], onclick: () => this.show(name) },
+        title,
+      );
     }
-    root.prepend(el("div", { class: "tabs", role: "tablist", "aria-label": "Panels" }, ...Object.values(this.tabs)));
+    root.prepend(
+      el("div", { class: "tabs", role: "tablist", "aria-label": "Panels" }, ...Object.values(this.tabs)),
+    );
     this.show("targets");
   }
 

@@ -9,7 +9,9 @@ const READING_MS = 1000;
 
 function named(routes) {
   if (!routes.length) return "none";
-  return routes.length > MAX_NAMED ? `${routes.length} vehicles` : routes.map((route) => route.name).join(", ");
+  return routes.length > MAX_NAMED
+    ? `${routes.length} vehicles`
+    : routes.map((route) => route.name).join(", ");
 }
 
 export class Plan {
@@ -28,23 +30,39 @@ export class Plan {
     this.title = el("h2");
     this.why = el("div", { class: "why" });
     const heads = [
-      ["", "left"], ["vehicle", "left"], ["target", "left"], ["length", ""], ["was", "c-was"], ["arrives", ""],
-      ["separation", ""], ["clearance", ""],
+      ["", "left"],
+      ["vehicle", "left"],
+      ["target", "left"],
+      ["length", ""],
+      ["was", "c-was"],
+      ["arrives", ""],
+      ["separation", ""],
+      ["clearance", ""],
     ];
     this.body = el("tbody");
-    const head = el("tr", {}, ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text)));
+    const head = el(
+      "tr",
+      {},
+      ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text)),
+    );
     this.yes = el("button", { class: "main", onclick: () => this.confirm() });
     this.no = el("button", { onclick: () => this.reject() });
     this.root.append(
-      this.title, this.why, el("table", {}, el("thead", {}, head), this.body),
+      this.title,
+      this.why,
+      el("table", {}, el("thead", {}, head), this.body),
       el("div", { class: "actions" }, this.yes, this.no),
     );
     this.rows = new Rows(
       this.body,
       (route) => {
         const box = el("input", {
-          type: "checkbox", "aria-label": `vehicle ${route.name}`,
-          onchange: () => { this.unchecked[box.checked ? "delete" : "add"](route.id); this.show(); },
+          type: "checkbox",
+          "aria-label": `vehicle ${route.name}`,
+          onchange: () => {
+            this.unchecked[box.checked ? "delete" : "add"](route.id);
+            this.show();
+          },
         });
         const cells = heads.map(([, align]) => el("td", { class: align }));
         cells[0].append(box);
@@ -53,8 +71,13 @@ export class Plan {
       (row, route) => {
         row.box.checked = !this.unchecked.has(route.id);
         const texts = [
-          route.name, route.target + (route.short ? " (stops short)" : ""), metres(route.length_m), metres(route.shown_length_m),
-          duration(route.arrival_s), route.separation_m === null ? "alone" : metres(route.separation_m), metres(route.clearance_m),
+          route.name,
+          route.target + (route.short ? " (stops short)" : ""),
+          metres(route.length_m),
+          metres(route.shown_length_m),
+          duration(route.arrival_s),
+          route.separation_m === null ? "alone" : metres(route.separation_m),
+          metres(route.clearance_m),
         ];
         texts.forEach((text, index) => setText(row.cells[index + 1], text));
         setClass(row.cells[2], route.short ? "left fair" : "left");

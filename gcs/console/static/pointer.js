@@ -12,7 +12,8 @@ export class Pointer {
     this.pressed = new Map(); // by pointer, of fingers too
     this.start = null;
     this.isDrawing = false; // a tool has the pointer until it is released
-    const listen = (type, handler, options) => map.canvas.addEventListener(type, (event) => handler.call(this, event), options);
+    const listen = (type, handler, options) =>
+      map.canvas.addEventListener(type, (event) => handler.call(this, event), options);
     listen("pointerdown", this.down);
     listen("pointermove", this.move);
     listen("pointerup", this.up);
@@ -95,7 +96,8 @@ export class Pointer {
   selectAt(event) {
     const { selection } = this.map;
     const distance = ({ x, y }) => Math.hypot(x - event.offsetX, y - event.offsetY);
-    const nearest = (list) => list.filter((one) => distance(one) < HIT_PX).sort((a, b) => distance(a) - distance(b))[0];
+    const nearest = (list) =>
+      list.filter((one) => distance(one) < HIT_PX).sort((a, b) => distance(a) - distance(b))[0];
     const vehicle = nearest(this.drawn());
     const target = nearest(this.drawnTargets());
     if (vehicle) selection.toggle(vehicle.id, event.shiftKey || event.ctrlKey || event.metaKey);

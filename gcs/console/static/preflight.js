@@ -19,14 +19,23 @@ function nameOf(vehicle) {
 
 function row({ name, level, value, wanted, remedy }) {
   const isGood = level === "ok";
-  return el("tr", {}, el("td", {}, name), el("td", { class: STYLES[level] }, level), el("td", {}, value),
-    el("td", {}, isGood || !wanted ? "" : `expected: ${wanted}`), el("td", {}, isGood ? "" : remedy));
+  return el(
+    "tr",
+    {},
+    el("td", {}, name),
+    el("td", { class: STYLES[level] }, level),
+    el("td", {}, value),
+    el("td", {}, isGood || !wanted ? "" : `expected: ${wanted}`),
+    el("td", {}, isGood ? "" : remedy),
+  );
 }
 
 function table(vehicle, checks) {
   const problems = checks.filter((one) => one.level !== "ok");
   const shown = part("brief").checked ? problems : checks;
-  const count = problems.length ? `${problems.length} of ${checks.length} checks not ok` : `${checks.length} checks ok`;
+  const count = problems.length
+    ? `${problems.length} of ${checks.length} checks not ok`
+    : `${checks.length} checks ok`;
   return [
     el("h2", {}, `${nameOf(vehicle)}: ${count}`),
     el("table", { class: "checks" }, el("tbody", {}, ...shown.map(row))),
@@ -50,11 +59,19 @@ function show() {
   setText(part("verdict"), `${at} UTC: ${verdict}, ${result.warnings} warnings`);
   setClass(part("verdict"), result.refused ? "bad" : result.warnings ? "fair" : "arrived");
   const vehicles = [...new Set(result.checks.map((one) => one.vehicle))];
-  part("checks").replaceChildren(...vehicles.flatMap((vehicle) => table(vehicle, result.checks.filter((one) => one.vehicle === vehicle))));
+  part("checks").replaceChildren(
+    ...vehicles.flatMap((vehicle) =>
+      table(
+        vehicle,
+        result.checks.filter((one) => one.vehicle === vehicle),
+      ),
+    ),
+  );
 }
 
 async function load(method = "GET") {
-  const body = method === "POST" ? { method, headers: { "content-type": "application/json" }, body: "{}" } : {};
+  const body =
+    method === "POST" ? { method, headers: { "content-type": "application/json" }, body: "{}" } : {};
   try {
     const reply = await fetch("/api/preflight", body);
     const content = await reply.json();

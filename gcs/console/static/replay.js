@@ -21,17 +21,33 @@ export class Replay {
     this.dragging = false;
     this.sent = null; // position that was asked for, until the replay has followed
     this.seeks = 0;
-    const button = (text, label, action) => el("button", { "aria-label": label, title: label, onclick: action }, text);
+    const button = (text, label, action) =>
+      el("button", { "aria-label": label, title: label, onclick: action }, text);
     this.play = el("button", { class: "play", title: "Play or pause (P)", onclick: () => this.toggle() });
     this.at = el("span", { class: "at" });
-    this.slider = el("input", { type: "range", min: "0", step: "0.1", "aria-label": "Position in the recording" });
+    this.slider = el("input", {
+      type: "range",
+      min: "0",
+      step: "0.1",
+      "aria-label": "Position in the recording",
+    });
     this.canvas = el("canvas", { class: "marks", "aria-hidden": "true" });
     this.tip = el("div", { class: "tip", hidden: true });
-    this.speed = el("select", { "aria-label": "Speed", onchange: () => this.send({ speed: Number(this.speed.value) }) },
-      ...SPEEDS.map((speed) => el("option", { value: speed }, `×${speed}`)));
+    this.speed = el(
+      "select",
+      { "aria-label": "Speed", onchange: () => this.send({ speed: Number(this.speed.value) }) },
+      ...SPEEDS.map((speed) => el("option", { value: speed }, `×${speed}`)),
+    );
     this.problem = el("span", { class: "bad", role: "status" });
-    root.append(this.play, button("|◂", "Event before (,)", () => this.jump(-1)), button("▸|", "Next event (.)", () => this.jump(1)),
-      el("div", { class: "bar" }, this.canvas, this.slider, this.tip), this.at, this.speed, this.problem);
+    root.append(
+      this.play,
+      button("|◂", "Event before (,)", () => this.jump(-1)),
+      button("▸|", "Next event (.)", () => this.jump(1)),
+      el("div", { class: "bar" }, this.canvas, this.slider, this.tip),
+      this.at,
+      this.speed,
+      this.problem,
+    );
     this.listen();
   }
 
@@ -46,7 +62,9 @@ export class Replay {
       this.seek(Number(this.slider.value));
     });
     this.canvas.addEventListener("pointermove", (event) => this.point(event));
-    this.canvas.addEventListener("pointerleave", () => { this.tip.hidden = true; });
+    this.canvas.addEventListener("pointerleave", () => {
+      this.tip.hidden = true;
+    });
     this.canvas.addEventListener("click", (event) => {
       const mark = this.markAt(event);
       this.seek(mark ? this.before(mark) : this.timeAt(event));
@@ -107,7 +125,10 @@ export class Replay {
   }
 
   toggle() {
-    if (this.isShown) this.send(this.state.ended && this.state.back ? { paused: false, at_s: 0 } : { paused: !this.state.paused });
+    if (this.isShown)
+      this.send(
+        this.state.ended && this.state.back ? { paused: false, at_s: 0 } : { paused: !this.state.paused },
+      );
   }
 
   // Goes some seconds on or back. Repeated keys add up before the replay has followed.
@@ -137,8 +158,10 @@ export class Replay {
     if (!this.isShown) return;
     const now = this.now + BEFORE_S;
     const times = this.marks.all.map((mark) => mark.t_s);
-    const found = direction > 0 ? times.filter((at) => at > now + 0.2) : times.filter((at) => at < now - PASSED_S);
-    if (found.length) this.seek(this.before({ t_s: direction > 0 ? Math.min(...found) : Math.max(...found) }));
+    const found =
+      direction > 0 ? times.filter((at) => at > now + 0.2) : times.filter((at) => at < now - PASSED_S);
+    if (found.length)
+      this.seek(this.before({ t_s: direction > 0 ? Math.min(...found) : Math.max(...found) }));
     else this.seek(direction > 0 ? this.duration : 0);
   }
 
@@ -150,13 +173,17 @@ export class Replay {
     setText(this.problem, "");
     try {
       const reply = await fetch("/api/replay", {
-        method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(request),
+        method: "POST",
+        headers: { "content-type": "application/json" },
+        body: JSON.stringify(request),
       });
       if (!reply.ok) {
         setText(this.problem, (await reply.json()).error);
         this.show();
       }
-    } catch { /* the server is away: the header says so */ }
+    } catch {
+      /* the server is away: the header says so */
+    }
   }
 
   x(at) {
@@ -168,7 +195,10 @@ export class Replay {
   }
 
   markAt(event) {
-    return this.marks.near(this.timeAt(event), (HIT_PX / Math.max(1, this.canvas.clientWidth - 2 * THUMB_PX)) * this.duration);
+    return this.marks.near(
+      this.timeAt(event),
+      (HIT_PX / Math.max(1, this.canvas.clientWidth - 2 * THUMB_PX)) * this.duration,
+    );
   }
 
   point(event) {
@@ -190,7 +220,8 @@ export class Replay {
     for (const [name, { colour, shape }] of Object.entries(KINDS).reverse()) {
       ctx.fillStyle = ctx.strokeStyle = this.theme.colour(colour);
       for (const mark of this.marks.all) {
-        if (mark.kind === name) drawMark(ctx, shape, this.x(mark.t_s), height * (mark.height ?? 0.5), MARK_PX);
+        if (mark.kind === name)
+          drawMark(ctx, shape, this.x(mark.t_s), height * (mark.height ?? 0.5), MARK_PX);
       }
     }
   }

@@ -16,7 +16,10 @@ export class TargetOrders {
     this.build();
     feed.on(["targets", "vehicles", "mission"], () => this.show());
     feed.addEventListener("lost", () => this.show());
-    selection.addEventListener("change", () => { this.wished = null; this.show(); });
+    selection.addEventListener("change", () => {
+      this.wished = null;
+      this.show();
+    });
   }
 
   build() {
@@ -26,14 +29,26 @@ export class TargetOrders {
     };
     this.about = el("strong");
     this.ignore = button("I", () => this.toggleIgnored());
-    this.priority = el("select", { "aria-label": "Priority", onchange: () => this.order("priority", { priority: Number(this.priority.value) }) },
+    this.priority = el(
+      "select",
+      {
+        "aria-label": "Priority",
+        onchange: () => this.order("priority", { priority: Number(this.priority.value) }),
+      },
       el("option", { value: "", disabled: true }, "–"),
-      ...Array.from({ length: MAX_PRIORITY + 1 }, (_, value) => el("option", { value: String(value) }, String(value))));
+      ...Array.from({ length: MAX_PRIORITY + 1 }, (_, value) =>
+        el("option", { value: String(value) }, String(value)),
+      ),
+    );
     this.pinned = button("P", () => this.pin());
     this.unpinned = button("U", () => this.unpin());
     this.root.append(
-      this.about, this.ignore.element, el("label", {}, "Priority", this.priority),
-      this.pinned.element, this.unpinned.element, el("span", { class: "space" }),
+      this.about,
+      this.ignore.element,
+      el("label", {}, "Priority", this.priority),
+      this.pinned.element,
+      this.unpinned.element,
+      el("span", { class: "space" }),
       el("button", { title: "Select no target", onclick: () => this.selection.setTarget(null) }, "Close"),
     );
   }
@@ -46,7 +61,9 @@ export class TargetOrders {
   unpinnable() {
     const vehicles = this.feed.data.vehicles ?? [];
     const chosen = this.selection.among(vehicles).filter((one) => one.pinned);
-    return chosen.length ? chosen : vehicles.filter((one) => one.pinned && one.pinned === this.selection.target);
+    return chosen.length
+      ? chosen
+      : vehicles.filter((one) => one.pinned && one.pinned === this.selection.target);
   }
 
   show() {
@@ -55,7 +72,12 @@ export class TargetOrders {
     this.root.hidden = !this.selection.target || isReplay;
     if (this.root.hidden) return;
     const mayOrder = this.commands.mayOperate && Boolean(target);
-    setText(this.about, target ? `${target.name}, existence ${number(target.existence, 2)}` : `${this.selection.target} is no target any more`);
+    setText(
+      this.about,
+      target
+        ? `${target.name}, existence ${number(target.existence, 2)}`
+        : `${this.selection.target} is no target any more`,
+    );
     setText(this.ignore.label, target?.ignored ? "Attend" : "Ignore");
     if (document.activeElement !== this.priority) this.priority.value = String(target?.priority ?? "");
     const chosen = this.selection.among(this.feed.data.vehicles ?? []).map((one) => one.name);
@@ -71,7 +93,9 @@ export class TargetOrders {
     const names = (this.feed.data.targets ?? []).map((one) => one.name);
     if (!names.length) return;
     const at = names.indexOf(this.selection.target);
-    this.selection.setTarget(names[at < 0 ? (step > 0 ? 0 : names.length - 1) : (at + step + names.length) % names.length]);
+    this.selection.setTarget(
+      names[at < 0 ? (step > 0 ? 0 : names.length - 1) : (at + step + names.length) % names.length],
+    );
   }
 
   order(action, fields = {}) {

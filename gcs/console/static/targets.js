@@ -7,11 +7,16 @@ const DENSE_ROWS = 12;
 const MAX_ROWS = 100;
 
 // Targets without an agent first, ignored ones last.
-const rank = ({ agents, reached_by: reached, ignored }) => (ignored ? 3 : reached.length ? 2 : agents.length ? 1 : 0);
+const rank = ({ agents, reached_by: reached, ignored }) =>
+  ignored ? 3 : reached.length ? 2 : agents.length ? 1 : 0;
 
 // What was ordered about a target.
 export function ordered({ ignored, priority, pinned }) {
-  const parts = [ignored && "ignored", priority !== null && `priority ${priority}`, pinned.length && `pinned ${pinned.join(", ")}`];
+  const parts = [
+    ignored && "ignored",
+    priority !== null && `priority ${priority}`,
+    pinned.length && `pinned ${pinned.join(", ")}`,
+  ];
   return parts.filter(Boolean).join(", ");
 }
 
@@ -26,7 +31,15 @@ export function showTargets(root, feed, map, selection, editor) {
   const title = el("span", {}, "Targets");
   const stale = el("span", { class: "fair" });
   const body = el("tbody");
-  const heads = [["target", "left"], ["existence", ""], ["east", ""], ["north", ""], ["m/s", ""], ["agents", "left"], ["by order", "left"]];
+  const heads = [
+    ["target", "left"],
+    ["existence", ""],
+    ["east", ""],
+    ["north", ""],
+    ["m/s", ""],
+    ["agents", "left"],
+    ["by order", "left"],
+  ];
   const head = el("tr", {}, ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text)));
   const table = el("table", {}, el("thead", {}, head), body);
   const zones = el("div");
@@ -40,18 +53,34 @@ export function showTargets(root, feed, map, selection, editor) {
         selection.setTarget(selection.target === target.name ? null : target.name);
         map.show(element.place);
       };
-      const element = el("tr", {
-        tabindex: "0",
-        "data-target": target.name,
-        onclick: choose,
-        onkeydown: (event) => { if (event.key === "Enter") choose(); },
-      }, ...cells);
+      const element = el(
+        "tr",
+        {
+          tabindex: "0",
+          "data-target": target.name,
+          onclick: choose,
+          onkeydown: (event) => {
+            if (event.key === "Enter") choose();
+          },
+        },
+        ...cells,
+      );
       return { element, cells };
     },
     (row, target) => {
       row.element.place = target.at;
-      const who = target.reached_by.length ? `reached by ${target.reached_by.join(", ")}` : target.agents.join(", ") || "none";
-      const texts = [target.name, number(target.existence, 2), number(target.at[0]), number(target.at[1]), number(target.speed_m_s, 1), who, ordered(target)];
+      const who = target.reached_by.length
+        ? `reached by ${target.reached_by.join(", ")}`
+        : target.agents.join(", ") || "none";
+      const texts = [
+        target.name,
+        number(target.existence, 2),
+        number(target.at[0]),
+        number(target.at[1]),
+        number(target.speed_m_s, 1),
+        who,
+        ordered(target),
+      ];
       texts.forEach((text, index) => setText(row.cells[index], text));
       const isOpen = !target.agents.length && !target.ignored;
       setClass(row.cells[5], `left ${target.reached_by.length ? "arrived" : isOpen ? "fair" : ""}`);
@@ -59,12 +88,16 @@ export function showTargets(root, feed, map, selection, editor) {
     },
   );
   const mark = () => {
-    for (const [name, row] of rows.rows) row.element.setAttribute("aria-selected", String(selection.target === name));
+    for (const [name, row] of rows.rows)
+      row.element.setAttribute("aria-selected", String(selection.target === name));
   };
   selection.addEventListener("change", mark);
   feed.on(["head"], ({ head }) => setText(stale, staleness(head.sensors)));
   feed.on(["targets"], ({ targets }) => {
-    setText(title, `Targets: ${targets.length}${targets.length > MAX_ROWS ? `, the first ${MAX_ROWS} shown` : ""}`);
+    setText(
+      title,
+      `Targets: ${targets.length}${targets.length > MAX_ROWS ? `, the first ${MAX_ROWS} shown` : ""}`,
+    );
     table.hidden = !targets.length;
     table.classList.toggle("unordered", !targets.some(ordered));
     table.classList.toggle("dense", targets.length > DENSE_ROWS);
@@ -78,6 +111,10 @@ export function showTargets(root, feed, map, selection, editor) {
       el("button", { title: name, onclick: () => editor.edit(name), disabled }, `Edit ${name}`),
       el("button", { title: name, onclick: () => editor.reopen(name), disabled }, `Open ${name}`),
     ]);
-    zones.replaceChildren(...(closed.length ? [el("h2", {}, `No-fly zones: ${closed.length}`), el("div", { class: "actions" }, ...buttons)] : []));
+    zones.replaceChildren(
+      ...(closed.length
+        ? [el("h2", {}, `No-fly zones: ${closed.length}`), el("div", { class: "actions" }, ...buttons)]
+        : []),
+    );
   });
 }

@@ -53,7 +53,8 @@ export class Tiles {
     if ((columns[1] - columns[0] + 1) * (rows[1] - rows[0] + 1) > MAX_TILES) return;
     ctx.imageSmoothingEnabled = true;
     for (let row = rows[0]; row <= rows[1]; row++) {
-      for (let column = columns[0]; column <= columns[1]; column++) this.drawTile(ctx, view, origin, zoom, column, row);
+      for (let column = columns[0]; column <= columns[1]; column++)
+        this.drawTile(ctx, view, origin, zoom, column, row);
     }
   }
 

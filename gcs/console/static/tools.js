@@ -28,7 +28,11 @@ export class Measure {
     const bearing = ((Math.atan2(e1 - e0, n1 - n0) * 180) / Math.PI + 360) % 360;
     ctx.fillStyle = colour("text");
     ctx.textAlign = "left";
-    ctx.fillText(`${metres(Math.hypot(e1 - e0, n1 - n0))}  ${bearing.toFixed(0)}°`, view.x(e1) + 12, view.y(n1) - 8);
+    ctx.fillText(
+      `${metres(Math.hypot(e1 - e0, n1 - n0))}  ${bearing.toFixed(0)}°`,
+      view.x(e1) + 12,
+      view.y(n1) - 8,
+    );
   }
 }
 
@@ -74,7 +78,8 @@ class ZonePolygon {
 
   click(place) {
     const [first] = this.points;
-    const isClosing = this.points.length > 2 && Math.hypot(place[0] - first[0], place[1] - first[1]) * this.view.scale < 14;
+    const isClosing =
+      this.points.length > 2 && Math.hypot(place[0] - first[0], place[1] - first[1]) * this.view.scale < 14;
     if (isClosing) this.done({ polygon: this.points.map((point) => point.map(Math.round)) });
     else this.points.push(place);
   }
@@ -85,7 +90,8 @@ class ZonePolygon {
 
   draw(ctx, view, colour) {
     this.view = view;
-    if (this.points.length) stroke(ctx, view, this.pointer ? [...this.points, this.pointer] : this.points, colour("warning"));
+    if (this.points.length)
+      stroke(ctx, view, this.pointer ? [...this.points, this.pointer] : this.points, colour("warning"));
   }
 }
 
@@ -119,15 +125,23 @@ export class Zones {
       return [el("label", {}, label), input];
     };
     const name = field("Name", this.freeName());
-    const numbers = [field("Centre east, m", east), field("Centre north, m", north), field("Radius, m", drawn?.circle?.[2] ?? 100)];
+    const numbers = [
+      field("Centre east, m", east),
+      field("Centre north, m", north),
+      field("Radius, m", drawn?.circle?.[2] ?? 100),
+    ];
     const problem = el("div", { class: "problem", role: "alert" });
     const fields = el("div", { class: "fields" }, ...name, ...(drawn?.polygon ? [] : numbers.flat()));
-    const text = drawn?.polygon ? `A polygon with ${drawn.polygon.length} corners.` : "Routes around the area are planned at once.";
+    const text = drawn?.polygon
+      ? `A polygon with ${drawn.polygon.length} corners.`
+      : "Routes around the area are planned at once.";
     const close = () => {
       const circle = numbers.map(([, input]) => Number(input.value));
       const shape = drawn?.polygon ? { polygon: drawn.polygon } : { circle };
-      if (!/^[A-Za-z0-9_.-]{1,64}$/.test(name[1].value)) setText(problem, "Name: letters, digits, _ . - only.");
-      else if (!drawn?.polygon && !(circle.every(Number.isFinite) && circle[2] > 0)) setText(problem, "Expected numbers, and a radius above 0.");
+      if (!/^[A-Za-z0-9_.-]{1,64}$/.test(name[1].value))
+        setText(problem, "Name: letters, digits, _ . - only.");
+      else if (!drawn?.polygon && !(circle.every(Number.isFinite) && circle[2] > 0))
+        setText(problem, "Expected numbers, and a radius above 0.");
       else {
         this.orders.give("no-fly-zone", { no_fly_zone: { name: name[1].value, ...shape } });
         dialog.close();
@@ -135,14 +149,23 @@ export class Zones {
     };
     const draw = (Tool) => () => {
       dialog.close();
-      this.map.use(new Tool((shape) => { this.map.use(null); this.open(shape); }));
+      this.map.use(
+        new Tool((shape) => {
+          this.map.use(null);
+          this.open(shape);
+        }),
+      );
     };
-    const dialog = openDialog("No-fly zone", [el("p", {}, text), fields, problem], [
-      el("button", { onclick: draw(ZoneCircle) }, "Draw a circle"),
-      el("button", { onclick: draw(ZonePolygon) }, "Draw a polygon"),
-      el("button", { onclick: () => dialog.close() }, "Cancel"),
-      el("button", { class: "danger", onclick: close }, "Close this area"),
-    ]);
+    const dialog = openDialog(
+      "No-fly zone",
+      [el("p", {}, text), fields, problem],
+      [
+        el("button", { onclick: draw(ZoneCircle) }, "Draw a circle"),
+        el("button", { onclick: draw(ZonePolygon) }, "Draw a polygon"),
+        el("button", { onclick: () => dialog.close() }, "Cancel"),
+        el("button", { class: "danger", onclick: close }, "Close this area"),
+      ],
+    );
     name[1].focus();
   }
 

@@ -42,7 +42,12 @@ export class View {
     if (!points.length) return;
     const easts = points.map((point) => point[0]);
     const norths = points.map((point) => point[1]);
-    const [west, east, south, north] = [Math.min(...easts), Math.max(...easts), Math.min(...norths), Math.max(...norths)];
+    const [west, east, south, north] = [
+      Math.min(...easts),
+      Math.max(...easts),
+      Math.min(...norths),
+      Math.max(...norths),
+    ];
     this.east = (west + east) / 2;
     this.north = (south + north) / 2;
     const across = Math.max(1, this.width - 2 * margin) / Math.max(east - west, 100);

@@ -14,7 +14,10 @@ export class ZoneEdit {
     this.corners = zone.disc ? [] : zone.polygon.map((corner) => [...corner]);
     this.grabbed = null;
     this.view = null;
-    this.actions = [["Send", () => done(this.shape())], ["Cancel", cancel]];
+    this.actions = [
+      ["Send", () => done(this.shape())],
+      ["Cancel", cancel],
+    ];
   }
 
   shape() {
@@ -26,15 +29,22 @@ export class ZoneEdit {
   handles() {
     if (this.disc) {
       const [east, north, radius] = this.disc;
-      return [[east, north], [east + radius, north]];
+      return [
+        [east, north],
+        [east + radius, north],
+      ];
     }
-    const middle = [0, 1].map((axis) => this.corners.reduce((sum, corner) => sum + corner[axis], 0) / this.corners.length);
+    const middle = [0, 1].map(
+      (axis) => this.corners.reduce((sum, corner) => sum + corner[axis], 0) / this.corners.length,
+    );
     return [middle, ...this.corners];
   }
 
   // Returns false if no handle is near: then the map is dragged.
   down(place) {
-    const distances = this.handles().map((handle) => Math.hypot(handle[0] - place[0], handle[1] - place[1]) * this.view.scale);
+    const distances = this.handles().map(
+      (handle) => Math.hypot(handle[0] - place[0], handle[1] - place[1]) * this.view.scale,
+    );
     const nearest = Math.min(...distances);
     this.grabbed = nearest < HIT_PX ? distances.indexOf(nearest) : null;
     return this.grabbed !== null;
@@ -42,7 +52,8 @@ export class ZoneEdit {
 
   move(place) {
     if (this.grabbed === 0) this.shift(place);
-    else if (this.disc) this.disc[2] = Math.max(MIN_RADIUS_M, Math.hypot(place[0] - this.disc[0], place[1] - this.disc[1]));
+    else if (this.disc)
+      this.disc[2] = Math.max(MIN_RADIUS_M, Math.hypot(place[0] - this.disc[0], place[1] - this.disc[1]));
     else this.corners[this.grabbed - 1] = place;
   }
 
@@ -64,8 +75,12 @@ export class ZoneEdit {
     ctx.strokeStyle = ctx.fillStyle = colour("advisory");
     ctx.lineWidth = 2;
     ctx.beginPath();
-    if (this.disc) ctx.arc(view.x(this.disc[0]), view.y(this.disc[1]), this.disc[2] * view.scale, 0, 2 * Math.PI);
-    else this.corners.forEach(([east, north], index) => ctx[index ? "lineTo" : "moveTo"](view.x(east), view.y(north)));
+    if (this.disc)
+      ctx.arc(view.x(this.disc[0]), view.y(this.disc[1]), this.disc[2] * view.scale, 0, 2 * Math.PI);
+    else
+      this.corners.forEach(([east, north], index) =>
+        ctx[index ? "lineTo" : "moveTo"](view.x(east), view.y(north)),
+      );
     ctx.closePath();
     ctx.stroke();
     for (const [east, north] of this.handles()) {

@@ -17,7 +17,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 _STYLES: Final = ("console.css", "details.css", "charts.css")
-_IMPORT: Final = re.compile(r'^import (?:\* as (\w+)|\{ (.+) \}) from "\./(\w+\.js)";$', re.MULTILINE)
+_IMPORT: Final = re.compile(r'^import (?:\* as (\w+)|\{([^}]+)\}) from "\./(\w+\.js)";$', re.MULTILINE)
 _EXPORT: Final = re.compile(r"^export (?=(?:(?:async )?function|class|const) (\w+))", re.MULTILINE)
 _KEPT: Final = {"cache-control": "private, max-age=31536000, immutable"}
 
@@ -79,5 +79,5 @@ def _block(name: str, text: str) -> str:
 
 
 def _read(found: re.Match[str]) -> str:
-    names = found[1] or "{ " + found[2].replace(" as ", ": ") + " }"
+    names = found[1] or "{" + found[2].replace(" as ", ": ") + "}"
     return f'const {names} = modules["{found[3]}"];'

@@ -1,7 +1,7 @@
-// Vehicle strip: one row for each vehicle, those that need attention first.
+// Table of vehicles: one row for each vehicle, those that need attention first.
 
 import { el, Rows, setClass, setText } from "./dom.js";
-import { DENSE_ROWS, FIXES, duration, number, seconds } from "./format.js";
+import { DENSE_ROWS, duration, FIXES, number, seconds } from "./format.js";
 
 const COLUMNS = [
   ["id", "id", "id", (v) => v.name],
@@ -13,8 +13,21 @@ const COLUMNS = [
   ["layer", "layer", "", (v) => [v.target && v.status === "active" ? String(v.layer) : "–", "faint"]],
   ["speed", "m/s", "", (v) => number(v.speed_m_s)],
   ["battery", "batt", "", (v) => [v.battery === null ? "–" : `${v.battery} %`, v.battery_low ? "bad" : ""]],
-  ["fix", "fix", "", (v) => [v.fix === null ? "–" : (FIXES[v.fix] ?? String(v.fix)), v.fix !== null && v.fix < 3 ? "bad" : "faint"]],
-  ["heard", "heard", "", (v) => [v.heard_s === null ? "never" : seconds(v.heard_s), v.late ? "bad" : "faint"]],
+  [
+    "fix",
+    "fix",
+    "",
+    (v) => [
+      v.fix === null ? "–" : (FIXES[v.fix] ?? String(v.fix)),
+      v.fix !== null && v.fix < 3 ? "bad" : "faint",
+    ],
+  ],
+  [
+    "heard",
+    "heard",
+    "",
+    (v) => [v.heard_s === null ? "never" : seconds(v.heard_s), v.late ? "bad" : "faint"],
+  ],
   ["loss", "loss", "", (v) => [`${(100 * v.loss).toFixed(1)} %`, v.loss > 0.2 ? "fair" : "faint"]],
   ["target", "target", "", target],
   ["eta", "ETA", "", (v) => duration(v.eta_s)],
@@ -31,14 +44,19 @@ function mission(vehicle) {
   if (vehicle.status === "lost") return ["–", "faint"];
   if (vehicle.problems?.length) return [vehicle.problems.join("; "), "bad"];
   if (vehicle.reason) return [vehicle.reason, "fair"];
-  if (vehicle.upload) return [vehicle.upload === "upload" ? "uploading" : `upload: ${vehicle.upload}`, "active"];
+  if (vehicle.upload)
+    return [vehicle.upload === "upload" ? "uploading" : `upload: ${vehicle.upload}`, "active"];
   if (vehicle.failed) return ["upload failed", "bad"];
   return [vehicle.verified ? "verified" : "–", "faint"];
 }
 
-export function showStrip(root, feed, selection) {
+export function showVehicles(root, feed, selection) {
   const count = el("h2", {}, "Vehicles");
-  const head = el("tr", {}, ...COLUMNS.map(([name, title, align]) => el("th", { class: `c-${name} ${align}`, scope: "col" }, title)));
+  const head = el(
+    "tr",
+    {},
+    ...COLUMNS.map(([name, title, align]) => el("th", { class: `c-${name} ${align}`, scope: "col" }, title)),
+  );
   const body = el("tbody");
   const table = el("table", {}, el("thead", {}, head), body);
   root.append(count, table);
@@ -47,14 +65,18 @@ export function showStrip(root, feed, selection) {
     body,
     (vehicle) => {
       const cells = COLUMNS.map(() => el("td"));
-      const element = el("tr", {
-        tabindex: "0",
-        "data-id": vehicle.id,
-        onclick: (event) => selection.toggle(vehicle.id, event.shiftKey || event.ctrlKey || event.metaKey),
-        onkeydown: (event) => {
-          if (event.key === "Enter") selection.toggle(vehicle.id, event.shiftKey || event.ctrlKey);
+      const element = el(
+        "tr",
+        {
+          tabindex: "0",
+          "data-id": vehicle.id,
+          onclick: (event) => selection.toggle(vehicle.id, event.shiftKey || event.ctrlKey || event.metaKey),
+          onkeydown: (event) => {
+            if (event.key === "Enter") selection.toggle(vehicle.id, event.shiftKey || event.ctrlKey);
+          },
         },
-      }, ...cells);
+        ...cells,
+      );
       return { element, cells };
     },
     (row, vehicle) => {
@@ -73,8 +95,17 @@ export function showStrip(root, feed, selection) {
     for (const [id, row] of rows.rows) row.element.setAttribute("aria-selected", String(selection.has(id)));
   };
   feed.on(["vehicles"], ({ vehicles }) => {
-    const counts = ["active", "arrived", "lost", "down"].map((name) => [name, vehicles.filter((one) => one.status === name).length]);
-    setText(count, `Vehicles: ${counts.filter(([, n]) => n).map(([name, n]) => `${n} ${name}`).join(", ")}`);
+    const counts = ["active", "arrived", "lost", "down"].map((name) => [
+      name,
+      vehicles.filter((one) => one.status === name).length,
+    ]);
+    setText(
+      count,
+      `Vehicles: ${counts
+        .filter(([, n]) => n)
+        .map(([name, n]) => `${n} ${name}`)
+        .join(", ")}`,
+    );
     table.classList.toggle("dense", vehicles.length > DENSE_ROWS);
     rows.show(vehicles, (vehicle) => vehicle.id);
     mark();
