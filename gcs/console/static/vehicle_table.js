@@ -1,114 +1,182 @@
-// Table of vehicles: one row for each vehicle, those that need attention first.
+// Table of vehicles: one row for each, those that need attention first.
 
-import { el, Rows, setClass, setText } from "./dom.js";
-import { DENSE_ROWS, duration, FIXES, number, seconds } from "./format.js";
+/**
+ * @import { Vehicle } from "../page_types.d.ts"
+ * @import { Feed } from "./feed.js"
+ * @import { Selection } from "./selection.js"
+ *
+ * @typedef {[text: string, style: string]} Cell
+ * @typedef {{ name: string, title: string, style: string, cell: (vehicle: Vehicle) => Cell | string }} Column
+ */
 
+import { el, Rows, setClass, setText, tableOf } from "./dom.js";
+import { duration, number, seconds } from "./format.js";
+
+const DENSE_ROWS = 24; // from so many vehicles on, rows are low
+const FIXES = ["none", "none", "2D", "3D", "DGPS", "float", "RTK", "static"];
+const MIN_FIX = 3;
+const MAX_LOSS = 0.2;
+/** @type {Vehicle["status"][]} */
+const STATUSES = ["active", "arrived", "lost", "down"];
+
+/** @type {Column[]} */
 const COLUMNS = [
-  ["id", "id", "id", (v) => v.name],
-  ["status", "status", "left", (v) => (v.doubted ? ["doubted", "bad"] : [v.status, v.status])],
-  ["authority", "authority", "left", (v) => [v.authority, v.authority === "ours" ? "faint" : "fair"]],
-  ["mode", "mode", "left", (v) => v.mode || "–"],
-  ["armed", "armed", "left", (v) => (v.armed ? "armed" : "–")],
-  ["alt", "alt m", "", (v) => number(v.alt_m)],
-  ["layer", "layer", "", (v) => [v.target && v.status === "active" ? String(v.layer) : "–", "faint"]],
-  ["speed", "m/s", "", (v) => number(v.speed_m_s)],
-  ["battery", "batt", "", (v) => [v.battery === null ? "–" : `${v.battery} %`, v.battery_low ? "bad" : ""]],
-  [
-    "fix",
-    "fix",
-    "",
-    (v) => [
-      v.fix === null ? "–" : (FIXES[v.fix] ?? String(v.fix)),
-      v.fix !== null && v.fix < 3 ? "bad" : "faint",
-    ],
-  ],
-  [
-    "heard",
-    "heard",
-    "",
-    (v) => [v.heard_s === null ? "never" : seconds(v.heard_s), v.late ? "bad" : "faint"],
-  ],
-  ["loss", "loss", "", (v) => [`${(100 * v.loss).toFixed(1)} %`, v.loss > 0.2 ? "fair" : "faint"]],
-  ["target", "target", "", target],
-  ["eta", "ETA", "", (v) => duration(v.eta_s)],
-  ["mission", "mission", "left wide", mission],
+  { name: "id", title: "id", style: "id", cell: (one) => one.name },
+  {
+    name: "status",
+    title: "status",
+    style: "left",
+    cell: (one) => (one.doubted ? ["doubted", "bad"] : [one.status, one.status]),
+  },
+  {
+    name: "authority",
+    title: "authority",
+    style: "left",
+    cell: (one) => [one.authority, one.authority === "ours" ? "faint" : "fair"],
+  },
+  { name: "mode", title: "mode", style: "left", cell: (one) => one.mode || "–" },
+  { name: "armed", title: "armed", style: "left", cell: (one) => (one.armed ? "armed" : "–") },
+  { name: "alt", title: "alt m", style: "", cell: (one) => number(one.alt_m) },
+  { name: "layer", title: "layer", style: "", cell: layerCell },
+  { name: "speed", title: "m/s", style: "", cell: (one) => number(one.speed_m_s) },
+  {
+    name: "battery",
+    title: "batt",
+    style: "",
+    cell: (one) => [number(one.battery, 0, " %"), one.battery_low ? "bad" : ""],
+  },
+  { name: "fix", title: "fix", style: "", cell: fixCell },
+  { name: "heard", title: "heard", style: "", cell: heardCell },
+  {
+    name: "loss",
+    title: "loss",
+    style: "",
+    cell: (one) => [number(100 * one.loss, 1, " %"), one.loss > MAX_LOSS ? "fair" : "faint"],
+  },
+  { name: "target", title: "target", style: "", cell: targetCell },
+  { name: "eta", title: "ETA", style: "", cell: (one) => duration(one.eta_s) },
+  { name: "mission", title: "mission", style: "left wide", cell: missionCell },
 ];
 
-function target(vehicle) {
-  const shown = vehicle.target ?? (vehicle.proposed ? `${vehicle.proposed}?` : "–");
-  if (!vehicle.pinned) return shown;
-  return vehicle.pinned === vehicle.target ? `pin ${shown}` : [`${shown}, pin ${vehicle.pinned}`, "fair"];
+/**
+ * @param {Vehicle} vehicle
+ * @returns {Cell}
+ */
+function layerCell({ target, status, layer }) {
+  return [target && status === "active" ? String(layer) : "–", "faint"];
 }
 
-function mission(vehicle) {
-  if (vehicle.status === "lost") return ["–", "faint"];
-  if (vehicle.problems?.length) return [vehicle.problems.join("; "), "bad"];
-  if (vehicle.reason) return [vehicle.reason, "fair"];
-  if (vehicle.upload)
-    return [vehicle.upload === "upload" ? "uploading" : `upload: ${vehicle.upload}`, "active"];
-  if (vehicle.failed) return ["upload failed", "bad"];
-  return [vehicle.verified ? "verified" : "–", "faint"];
+/**
+ * @param {Vehicle} vehicle
+ * @returns {Cell}
+ */
+function fixCell({ fix }) {
+  if (fix === null) return ["–", "faint"];
+  return [FIXES[fix] ?? String(fix), fix < MIN_FIX ? "bad" : "faint"];
 }
 
+/**
+ * @param {Vehicle} vehicle
+ * @returns {Cell}
+ */
+function heardCell({ heard_s: heard, late }) {
+  return [heard === null ? "never" : seconds(heard), late ? "bad" : "faint"];
+}
+
+/**
+ * @param {Vehicle} vehicle
+ * @returns {Cell | string}
+ */
+export function targetCell({ target, proposed, pinned }) {
+  const shown = target ?? (proposed ? `${proposed}?` : "–");
+  if (!pinned) return shown;
+  return pinned === target ? `pin ${shown}` : [`${shown}, pin ${pinned}`, "fair"];
+}
+
+/**
+ * @param {Vehicle} vehicle
+ * @returns {Cell}
+ */
+export function missionCell({ status, problems, reason, upload, failed, verified }) {
+  if (status === "lost") return ["–", "faint"];
+  if (problems.length) return [problems.join("; "), "bad"];
+  if (reason) return [reason, "fair"];
+  if (upload) return [upload === "upload" ? "uploading" : `upload: ${upload}`, "active"];
+  if (failed) return ["upload failed", "bad"];
+  return [verified ? "verified" : "–", "faint"];
+}
+
+/** @param {Vehicle[]} vehicles */
+function countsOf(vehicles) {
+  const counts = STATUSES.map((status) => ({
+    status,
+    count: vehicles.filter((one) => one.status === status).length,
+  }));
+  return counts
+    .filter(({ count }) => count)
+    .map(({ status, count }) => `${count} ${status}`)
+    .join(", ");
+}
+
+/**
+ * @param {HTMLElement} root
+ * @param {Feed} feed
+ * @param {Selection} selection
+ */
 export function showVehicles(root, feed, selection) {
-  const count = el("h2", {}, "Vehicles");
-  const head = el(
-    "tr",
-    {},
-    ...COLUMNS.map(([name, title, align]) => el("th", { class: `c-${name} ${align}`, scope: "col" }, title)),
-  );
+  const title = el("h2", {}, "Vehicles");
   const body = el("tbody");
-  const table = el("table", {}, el("thead", {}, head), body);
-  root.append(count, table);
+  const table = tableOf(
+    COLUMNS.map(({ name, title: head, style }) => [head, `c-${name} ${style}`]),
+    body,
+  );
+  root.append(title, table);
 
+  /** @type {Rows<Vehicle, number, ReturnType<typeof makeRow>>} */
   const rows = new Rows(
     body,
-    (vehicle) => {
-      const cells = COLUMNS.map(() => el("td"));
-      const element = el(
-        "tr",
-        {
-          tabindex: "0",
-          "data-id": vehicle.id,
-          onclick: (event) => selection.toggle(vehicle.id, event.shiftKey || event.ctrlKey || event.metaKey),
-          onkeydown: (event) => {
-            if (event.key === "Enter") selection.toggle(vehicle.id, event.shiftKey || event.ctrlKey);
-          },
-        },
-        ...cells,
-      );
-      return { element, cells };
-    },
-    (row, vehicle) => {
-      setClass(row.element, ["lost", "down"].includes(vehicle.status) ? "gone" : "");
-      COLUMNS.forEach(([name, , align, value], index) => {
-        const shown = value(vehicle);
-        const [text, style] = Array.isArray(shown) ? shown : [shown, ""];
-        setText(row.cells[index], text);
-        setClass(row.cells[index], `c-${name} ${align} ${style}`);
-        if (name === "mission") row.cells[index].title = text;
-      });
-    },
+    (vehicle) => makeRow(vehicle, selection),
+    updateRow,
+    ({ id }) => id,
   );
-
-  const mark = () => {
-    for (const [id, row] of rows.rows) row.element.setAttribute("aria-selected", String(selection.has(id)));
-  };
-  feed.on(["vehicles"], ({ vehicles }) => {
-    const counts = ["active", "arrived", "lost", "down"].map((name) => [
-      name,
-      vehicles.filter((one) => one.status === name).length,
-    ]);
-    setText(
-      count,
-      `Vehicles: ${counts
-        .filter(([, n]) => n)
-        .map(([name, n]) => `${n} ${name}`)
-        .join(", ")}`,
-    );
+  const mark = () => rows.mark((id) => selection.has(id));
+  feed.on("vehicles", (vehicles) => {
+    setText(title, `Vehicles: ${countsOf(vehicles)}`);
     table.classList.toggle("dense", vehicles.length > DENSE_ROWS);
-    rows.show(vehicles, (vehicle) => vehicle.id);
+    rows.show(vehicles);
     mark();
   });
   selection.addEventListener("change", mark);
+}
+
+/**
+ * @param {Vehicle} vehicle
+ * @param {Selection} selection
+ */
+function makeRow({ id }, selection) {
+  const cells = COLUMNS.map(() => el("td"));
+  const attributes = {
+    tabindex: 0,
+    "data-id": id,
+    onclick: (/** @type {MouseEvent} */ event) => selection.toggle(id, event),
+    onkeydown: (/** @type {KeyboardEvent} */ event) => {
+      if (event.key === "Enter") selection.toggle(id, event);
+    },
+  };
+  return { element: el("tr", attributes, ...cells), cells };
+}
+
+/**
+ * @param {ReturnType<typeof makeRow>} row
+ * @param {Vehicle} vehicle
+ */
+function updateRow({ element, cells }, vehicle) {
+  setClass(element, vehicle.status === "lost" || vehicle.status === "down" ? "gone" : "");
+  for (const [index, { name, style, cell }] of COLUMNS.entries()) {
+    const shown = cell(vehicle);
+    const [text, more] = typeof shown === "string" ? [shown, ""] : shown;
+    setText(cells[index], text);
+    setClass(cells[index], `c-${name} ${style} ${more}`);
+    if (name === "mission") cells[index].title = text;
+  }
 }
