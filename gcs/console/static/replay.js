@@ -202,7 +202,7 @@ export class Replay {
     const now = this.now + BEFORE_S;
     const marks = this.marks.all;
     const next = marks.find((mark) => mark.t_s > now + AHEAD_S);
-    const last = marks.findLast((mark) => mark.t_s < now - PASSED_S);
+    const last = marks.filter((mark) => mark.t_s < now - PASSED_S).at(-1);
     if (direction > 0) this.seek(next ? timeBefore(next) : this.duration);
     else this.seek(last ? timeBefore(last) : 0);
   }

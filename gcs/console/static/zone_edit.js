@@ -75,7 +75,7 @@ export class ZoneEdit {
     const [middle] = this.handles();
     if (this.grabbed === 0) this.shift(place[0] - middle[0], place[1] - middle[1]);
     else if (this.disc) this.disc = [...middle, Math.max(MIN_RADIUS_M, distance(place, middle))];
-    else this.corners = this.corners.with(this.grabbed - 1, place);
+    else this.corners = this.corners.map((corner, index) => (index + 1 === this.grabbed ? place : corner));
   }
 
   /**

@@ -16,7 +16,9 @@ from typing import Final
 from starlette.requests import Request
 from starlette.responses import Response
 
-_STYLES: Final = ("console.css", "details.css", "charts.css")
+_STYLES: Final = (
+    "base", "layout", "header", "alarms", "map", "vehicles", "panels", "charts", "log", "replay", "commands",
+)  # fmt: skip
 _IMPORT: Final = re.compile(r'^import (?:\* as (\w+)|\{([^}]+)\}) from "\./(\w+\.js)";$', re.MULTILINE)
 _EXPORT: Final = re.compile(r"^export (?=(?:(?:async )?function|class|const) (\w+))", re.MULTILINE)
 _KEPT: Final = {"cache-control": "private, max-age=31536000, immutable"}
@@ -31,7 +33,7 @@ class StaticFiles:
         found["page.js"] = script(
             {name: text.decode() for name, text in found.items() if name.endswith(".js")}
         )
-        found["page.css"] = b"".join(found[name] for name in _STYLES)
+        found["page.css"] = b"".join(found[f"{name}.css"] for name in _STYLES)
         digest = hashlib.sha256(b"".join(found[name] for name in sorted(found)))
         self.version = digest.hexdigest()[:12]
         """Changes with every change of a file."""
