@@ -62,7 +62,8 @@ export class Commands {
       const { title, key, style } = COMMANDS[action];
       const label = el("span", {}, title);
       const attributes = { class: style, "data-action": action, onclick: () => this.give(action) };
-      return { title, label, element: el("button", attributes, label, el("kbd", {}, key)) };
+      const element = el("button", attributes, label, key ? el("kbd", {}, key) : null);
+      return { title, label, element };
     });
     const zone = el(
       "button",

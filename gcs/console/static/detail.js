@@ -15,7 +15,7 @@ import { FrameRate } from "./frame_rate.js";
 const PERIOD_MS = 1000;
 /** @type {[string, string][]} */
 const HEADS = [
-  ["item", ""],
+  ["item", "left"],
   ["command", "left"],
   ["east", ""],
   ["north", ""],
@@ -214,7 +214,7 @@ function itemRows({ items, current }) {
     return el(
       "tr",
       attributes,
-      el("td", {}, isCurrent ? `▶ ${seq}` : String(seq)),
+      el("td", { class: "left" }, isCurrent ? `▶ ${seq}` : String(seq)),
       el("td", { class: "left" }, command.replaceAll("_", " ").toLowerCase()),
       el("td", {}, number(at?.[0])),
       el("td", {}, number(at?.[1])),

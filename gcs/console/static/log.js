@@ -21,32 +21,48 @@ class LogPanel {
     this.tab = el("button", { role: "tab", onclick: choose }, title);
     const attributes = { class: "panel", role: "tabpanel", tabindex: 0, "aria-label": title };
     this.panel = el("div", attributes, this.list);
+    /** True until the user scrolls back. */
+    this.isAtEnd = true;
+    this.panel.addEventListener("scroll", () => {
+      const { scrollHeight, scrollTop, clientHeight } = this.panel;
+      this.isAtEnd = scrollHeight - scrollTop - clientHeight < NEAR_END_PX;
+    });
+    const resized = new ResizeObserver(() => this.followEnd());
+    resized.observe(this.panel);
+    resized.observe(this.list);
+  }
+
+  followEnd() {
+    if (this.isAtEnd) this.panel.scrollTop = this.panel.scrollHeight;
   }
 
   /** @param {boolean} isShown */
   show(isShown) {
     this.panel.hidden = !isShown;
     this.tab.setAttribute("aria-selected", String(isShown));
-    if (isShown) this.panel.scrollTop = this.panel.scrollHeight;
+    this.isAtEnd = true;
+    this.followEnd();
   }
 
   /**
-   * Append entries; the end stays in view if it was.
+   * Append entries; the end stays in view if it is.
    *
    * @param {LogEntry[]} entries
    * @param {boolean} isFresh
    */
   append(entries, isFresh) {
-    const { list, panel } = this;
-    const isAtEnd = panel.scrollHeight - panel.scrollTop - panel.clientHeight < NEAR_END_PX;
-    if (isFresh) list.replaceChildren();
+    const { list } = this;
+    if (isFresh) {
+      list.replaceChildren();
+      this.isAtEnd = true;
+    }
     list.append(
       ...entries.map(({ t_s: at, level, text }) =>
         el("li", { class: level }, el("time", {}, duration(at)), el("span", {}, text)),
       ),
     );
     while (list.childElementCount > MAX_SHOWN) list.firstElementChild?.remove();
-    if (isAtEnd || isFresh) panel.scrollTop = panel.scrollHeight;
+    this.followEnd();
   }
 }
 

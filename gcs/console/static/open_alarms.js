@@ -3,8 +3,7 @@
 
 /** @import { LogEntry } from "../page_types.d.ts" */
 
-/** Levels that stay open, and their urgency. */
-export const URGENCY = { alarm: 2, warning: 1, info: 0 };
+const URGENCY = { alarm: 2, warning: 1, info: 0 }; // 0: never open
 
 /**
  * Return what entries have in common that tell of the same thing: a newer one replaces an older one.
