@@ -34,7 +34,6 @@ export interface Sections {
   map: ObstacleMap;
   zones: Zone[];
   routes: Route[];
-  plan: { t_s: number; reason: string };
   agents_tracks: Tracks;
   targets_tracks: Tracks;
   fields_of_view: Record<string, FieldOfView>;

@@ -26,7 +26,6 @@ from gcs.model import (
     Order,
     OrderAnswer,
     Picture,
-    Plan,
     Proposal,
     Route,
     Scan,
@@ -180,8 +179,6 @@ class World:
                 news.setdefault("answers", []).append(self._answer(effect))
             if isinstance(effect, UploadReport) and effect.ok:
                 self._verified[effect.vehicle] = effect.mission_id, t_ns
-            if isinstance(effect, Plan):
-                self._put("plan", {"t_s": self._seconds(t_ns), "reason": effect.reason}, news)
             if isinstance(effect, Proposal) and not self._proposals.add_if_due(effect):
                 continue
             line = _line(effect)

@@ -1,7 +1,8 @@
 """Files of the page.
 
 The page's modules are served as one script and its styles as one sheet, for a browser needs longer for forty
-requests than for the content. Their path has a version, so that a browser may keep them.
+requests than for the content. Comments with types are left out there. Their path has a version, so that a
+browser may keep them.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ _STYLES: Final = (
 )  # fmt: skip
 _IMPORT: Final = re.compile(r'^import (?:\* as (\w+)|\{([^}]+)\}) from "\./(\w+\.js)";$', re.MULTILINE)
 _EXPORT: Final = re.compile(r"^export (?=(?:(?:async )?function|class|const) (\w+))", re.MULTILINE)
+_TYPES: Final = re.compile(r"^ */\*\*(?:(?!\*/).)*\*/\n", re.MULTILINE | re.DOTALL)
+"""Comments with the types of the modules, a quarter of their size."""
 _KEPT: Final = {"cache-control": "private, max-age=31536000, immutable"}
 
 
@@ -76,7 +79,7 @@ def _in_order(modules: dict[str, str], name: str) -> Iterator[str]:
 
 def _block(name: str, text: str) -> str:
     exports = ", ".join(found[1] for found in _EXPORT.finditer(text))
-    body = _EXPORT.sub("", _IMPORT.sub(_read, text))
+    body = _TYPES.sub("", _EXPORT.sub("", _IMPORT.sub(_read, text)))
     return f'{{ // {name}\n{body}modules["{name}"] = {{ {exports} }};\n}}'
 
 
