@@ -40,7 +40,7 @@ STATION: Final = 255
 ROUTES: Final = (
     "/", "/login", "/alarms", "/feed", "/api/status", "/api/plan", "/api/vehicles/1", "/api/vehicles/x",
     "/api/orders", "/api/orders/x", "/api/preflight", "/api/replay", "/api/marks", "/api/charts",
-    "/api/openapi.json", "/tiles/1/2/3", "/metrics", "/page.js", "/console.css", "/icon.svg", "/b/feed",
+    "/api/openapi.json", "/tiles/1/2/3", "/metrics", "/page.js", "/base.css", "/icon.svg", "/b/feed",
     "/compare.html", "/preflight.html", "/nothing",
 )  # fmt: skip
 METHODS: Final = (

@@ -83,7 +83,8 @@ def opened(page: Page, url: str) -> None:
 
 def views(page: Page) -> list[list[float]]:
     """Return the place and scale of both maps."""
-    return page.evaluate("comparison.panes.map(({map: {view}}) => [view.east, view.north, view.scale])")
+    found = "comparison.panes.map(({parts: {map: {view}}}) => [view.east, view.north, view.scale])"
+    return page.evaluate(found)
 
 
 def test_one_time_line_moves_both_and_the_shorter_recording_stays_at_its_end(console, page):

@@ -27,8 +27,9 @@ def test_modules_keep_their_own_names_in_the_script():
     modules = {
         "main.js": 'import { twice as double, STEP } from "./a.js";\nimport * as b from "./b.js";\n'
         "const own = 1;\nconsole.log(double(STEP) + b.half(own));\n",
-        "a.js": "const own = 2;\nexport const STEP = 3;\nexport function twice(x) { return own * x; }\n",
-        "b.js": 'import { twice } from "./a.js";\nexport class Box {}\n'
+        "a.js": "const own = 2;\nexport const STEP = 3;\n"
+        "/** @param {number} x */\nexport function twice(x) { return own * x; }\n",
+        "b.js": 'import {\n  twice,\n} from "./a.js";\n/** @type {One} */ (own);\nexport class Box {}\n'
         "export const half = (x) => twice(x) / 4;\n",
     }
     text = script(modules).decode()
@@ -36,6 +37,8 @@ def test_modules_keep_their_own_names_in_the_script():
     assert text.count("// a.js") == 1
     assert 'const { twice: double, STEP } = modules["a.js"];' in text
     assert 'modules["b.js"] = { Box, half };' in text
+    assert "@param" not in text
+    assert '{\n  twice,\n} = modules["a.js"];\n/** @type {One} */ (own);\n' in text
 
 
 def test_the_first_picture_is_made_while_the_browser_loads_the_page(fly, launch):

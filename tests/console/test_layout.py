@@ -123,6 +123,22 @@ def test_map_vehicles_and_confirmation_are_there_at_every_size(fly, launch, page
     assert errors == []
 
 
+def test_the_newest_event_stays_in_view_when_the_window_gets_narrower(fly, launch, page):
+    rest = "one => one.scrollHeight - one.scrollTop - one.clientHeight"
+    page.route_web_socket("**/feed", crowd)
+    page.set_viewport_size({"width": 1600, "height": 900})
+    with fly() as flight:
+        launch(flight)
+        page.goto(flight.url)
+        log = page.locator("#log .panel").first
+        expect(log).to_contain_text("no scan of sensor")
+        assert log.evaluate(rest) < 30
+        page.set_viewport_size({"width": 1024, "height": 768})
+        page.wait_for_function("document.querySelector('#log').clientWidth < 600")
+        page.wait_for_timeout(500)
+        assert log.evaluate(rest) < 30
+
+
 def test_a_lost_service_is_shown_over_the_map(fly, launch, page):
     with fly() as flight:
         launch(flight)

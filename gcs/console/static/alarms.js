@@ -1,34 +1,35 @@
-// Alarm banner: the worst open alarm, the number of the others, acknowledgement and sound.
-// An alarm is open until it is acknowledged on this screen; a repeated one replaces the older one.
+// Alarms: a bar with the worst open one, and the panel with all.
 
+/**
+ * @import { LogEntry } from "../page_types.d.ts"
+ * @import { Feed } from "./feed.js"
+ * @import { Panels } from "./panels.js"
+ */
+
+import { AlarmSound } from "./alarm_sound.js";
 import { el } from "./dom.js";
 import { duration } from "./format.js";
-
-const LEVELS = { alarm: 2, warning: 1 };
-
-// Proposed plans have a panel of their own, and a refused order is shown beside its button.
-const isElsewhere = ({ kind, level }) => kind === "Proposal" || (kind === "OrderAnswer" && level === "warning");
-
-// Names an entry also after a replay has gone to another time, which numbers all entries anew.
-const nameOf = ({ t_s: at, text }) => `${at} ${text}`;
-
-// Link to what the alarm means and what to do.
-const helpOn = ({ n, code }) => el("a", {
-  href: `/alarms#${code}`, target: "_blank", rel: "noopener", "data-name": `help-${n}`,
-}, "What to do");
+import { OpenAlarms } from "./open_alarms.js";
 
 export class Alarms {
+  /**
+   * @param {HTMLElement} root
+   * @param {Feed} feed
+   * @param {Panels} panels
+   */
   constructor(root, feed, panels) {
     this.root = root;
     this.panels = panels;
-    this.open = new Map();
-    this.seen = 0;
-    this.acknowledged = new Set();
-    this.muted = localStorage.getItem("muted") === "yes";
-    this.audio = null;
-    feed.on(["log"], (data, fresh) => this.add(data, fresh));
-    document.addEventListener("pointerdown", () => this.allowSound(), { once: true });
-    document.addEventListener("keydown", () => this.allowSound(), { once: true });
+    this.alarms = new OpenAlarms(sessionStorage);
+    this.sound = new AlarmSound();
+    feed.on("log", (log, isFresh) => {
+      const { mission } = feed.data;
+      if (isFresh) this.alarms.begin(`${mission?.name} ${mission?.begun}`);
+      const worst = this.alarms.add(log);
+      const isNew = worst > 0 && !isFresh;
+      if (isNew) this.sound.play(worst);
+      this.show(isNew);
+    });
     panels.addEventListener("change", () => this.show());
     this.show();
   }
@@ -37,110 +38,108 @@ export class Alarms {
     return this.panels.current === "alarms";
   }
 
-  add(data, fresh) {
-    if (fresh) this.begin(data.mission);
-    let worst = 0;
-    for (const entry of data.log) {
-      if (entry.n <= this.seen) continue;
-      this.seen = entry.n;
-      for (const key of entry.ends) this.open.delete(key);
-      if (!(entry.level in LEVELS) || isElsewhere(entry) || this.acknowledged.has(nameOf(entry))) continue;
-      this.open.set(entry.key || nameOf(entry), entry);
-      worst = Math.max(worst, LEVELS[entry.level]);
-    }
-    if (worst && !fresh) this.sound(worst);
-    this.show(worst > 0 && !fresh);
-  }
-
-  // A new run, or the same one after a lost connection.
-  begin(mission) {
-    this.store = `acknowledged ${mission.name} ${mission.begun}`;
-    this.acknowledged = new Set(JSON.parse(sessionStorage.getItem(this.store) ?? "[]"));
-    this.open.clear();
-    this.seen = 0;
-  }
-
-  sorted() {
-    return [...this.open.values()].sort((a, b) => LEVELS[b.level] - LEVELS[a.level] || b.n - a.n);
-  }
-
+  /** @param {LogEntry[]} entries */
   acknowledge(entries) {
-    const numbers = new Set(entries.map((entry) => entry.n));
-    for (const [key, entry] of this.open) {
-      if (numbers.has(entry.n)) this.open.delete(key);
-    }
-    for (const entry of entries) this.acknowledged.add(nameOf(entry));
-    if (this.store) sessionStorage.setItem(this.store, JSON.stringify([...this.acknowledged]));
-    if (!this.open.size && this.isListed) this.panels.show("targets");
+    this.alarms.acknowledge(entries);
+    if (!this.alarms.open.size && this.isListed) this.panels.show("targets");
     this.show();
   }
 
   acknowledgeWorst() {
-    this.acknowledge(this.sorted().slice(0, 1));
-  }
-
-  show(isNew = false) {
-    const entries = this.sorted();
-    const worst = entries[0];
-    const list = this.panels.roots.alarms;
-    const parts = [this.root, list];
-    const focused = parts.some((one) => one.contains(document.activeElement)) ? document.activeElement.dataset.name : null;
-    const button = (name, text, action, more = {}) =>
-      el("button", { "data-name": name, onclick: action, ...more }, text);
-    const bar = el(
-      "div",
-      { class: `bar ${worst ? worst.level : "quiet"}${isNew ? " new" : ""}` },
-      el("span", { class: "text", title: worst?.text }, worst ? `${duration(worst.t_s)}  ${worst.text}` : "No open alarm"),
-    );
-    if (worst) {
-      bar.append(helpOn(worst));
-      const more = el("button", {
-        "data-name": "more", "aria-expanded": String(this.isListed), onclick: () => this.panels.toggle("alarms"),
-      }, `${entries.length} open`);
-      const acknowledge = button("acknowledge", "Acknowledge", () => this.acknowledge([worst]));
-      acknowledge.append(el("kbd", {}, "K"));
-      bar.append(more, acknowledge);
-    }
-    bar.append(button("mute", this.muted ? "Sound off" : "Sound on", () => this.mute(), {
-      "aria-pressed": String(!this.muted), title: "Sound of alarms",
-    }));
-    this.root.replaceChildren(bar);
-    list.replaceChildren(...(this.isListed ? [this.list(entries, button)] : []));
-    this.panels.count("alarms", entries.length);
-    if (focused) parts.map((one) => one.querySelector(`[data-name="${focused}"]`)).find(Boolean)?.focus();
-  }
-
-  list(entries, button) {
-    const rows = entries.map((entry) =>
-      el("li", { class: entry.level },
-        el("span", { class: "text" }, `${duration(entry.t_s)}  ${entry.text}`),
-        helpOn(entry),
-        button(`one-${entry.n}`, "Acknowledge", () => this.acknowledge([entry]))));
-    if (!entries.length) return el("p", { class: "empty" }, "No open alarm.");
-    const all = el("li", {}, el("span", { class: "text" }), button("all", "Acknowledge all", () => this.acknowledge(entries)));
-    return el("ul", {}, all, ...rows);
+    this.acknowledge(this.alarms.sorted().slice(0, 1));
   }
 
   mute() {
-    this.muted = !this.muted;
-    localStorage.setItem("muted", this.muted ? "yes" : "no");
+    this.sound.toggle();
     this.show();
   }
 
-  // Browsers play no sound before the user has touched the page.
-  allowSound() {
-    this.audio ??= new AudioContext();
+  /** Show the bar and the list; the focus stays on the button of the same name. */
+  show(isNew = false) {
+    const entries = this.alarms.sorted();
+    const list = this.panels.roots.alarms;
+    const focused = [this.root, list].flatMap(focusedName)[0];
+    this.root.replaceChildren(this.bar(entries, isNew));
+    list.replaceChildren(...(this.isListed ? [this.list(entries)] : []));
+    this.panels.count("alarms", entries.length);
+    if (!focused) return;
+    const again = [this.root, list].flatMap((part) => [...part.querySelectorAll("[data-name]")]);
+    const button = again.find((one) => one instanceof HTMLElement && one.dataset.name === focused);
+    if (button instanceof HTMLElement) button.focus();
   }
 
-  sound(level) {
-    if (this.muted || !this.audio) return;
-    const start = this.audio.currentTime;
-    for (let beep = 0; beep < level; beep++) {
-      const tone = new OscillatorNode(this.audio, { frequency: level === 2 ? 880 : 560 });
-      const gain = new GainNode(this.audio, { gain: 0.08 });
-      tone.connect(gain).connect(this.audio.destination);
-      tone.start(start + beep * 0.22);
-      tone.stop(start + beep * 0.22 + 0.14);
-    }
+  /**
+   * @param {LogEntry[]} entries
+   * @param {boolean} isNew
+   */
+  bar(entries, isNew) {
+    const [worst] = entries;
+    const text = worst ? lineOf(worst) : "No open alarm";
+    const style = `bar ${worst ? worst.level : "quiet"}${isNew ? " new" : ""}`;
+    const bar = el("div", { class: style }, el("span", { class: "text", title: worst?.text }, text));
+    if (worst) bar.append(helpOn(worst), ...this.worstButtons(worst, entries.length));
+    const mute = button("mute", this.sound.isMuted ? "Sound off" : "Sound on", () => this.mute());
+    mute.setAttribute("aria-pressed", String(!this.sound.isMuted));
+    mute.title = "Sound of alarms";
+    bar.append(mute);
+    return bar;
   }
+
+  /**
+   * @param {LogEntry} worst
+   * @param {number} count
+   */
+  worstButtons(worst, count) {
+    const more = button("more", `${count} open`, () => this.panels.toggle("alarms"));
+    more.setAttribute("aria-expanded", String(this.isListed));
+    const acknowledge = button("acknowledge", "Acknowledge", () => this.acknowledge([worst]));
+    acknowledge.append(el("kbd", {}, "K"));
+    return [more, acknowledge];
+  }
+
+  /** @param {LogEntry[]} entries */
+  list(entries) {
+    if (!entries.length) return el("p", { class: "empty" }, "No open alarm.");
+    const rows = entries.map((entry) =>
+      el(
+        "li",
+        { class: entry.level },
+        el("span", { class: "text" }, lineOf(entry)),
+        helpOn(entry),
+        button(`one-${entry.n}`, "Acknowledge", () => this.acknowledge([entry])),
+      ),
+    );
+    const all = button("all", "Acknowledge all", () => this.acknowledge(entries));
+    return el("ul", {}, el("li", {}, el("span", { class: "text" }), all), ...rows);
+  }
+}
+
+/** @param {LogEntry} entry */
+function lineOf({ t_s: at, text }) {
+  return `${duration(at)}  ${text}`;
+}
+
+/**
+ * Return the link to what an alarm means and what to do.
+ *
+ * @param {LogEntry} entry
+ */
+function helpOn({ n, code }) {
+  const attributes = { href: `/alarms#${code}`, target: "_blank", rel: "noopener", "data-name": `help-${n}` };
+  return el("a", attributes, "What to do");
+}
+
+/**
+ * @param {string} name keeps the focus when the button is made anew
+ * @param {string} text
+ * @param {() => void} action
+ */
+function button(name, text, action) {
+  return el("button", { "data-name": name, onclick: action }, text);
+}
+
+/** @param {HTMLElement} part */
+function focusedName(part) {
+  const { activeElement: active } = document;
+  return active instanceof HTMLElement && part.contains(active) ? (active.dataset.name ?? []) : [];
 }

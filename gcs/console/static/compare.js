@@ -1,155 +1,282 @@
 // Two recordings side by side: the page of each in a frame, one time line, linked maps, and what differs.
 
+/**
+ * @import { Figures, Mission, Point, ReplayState, Vehicle } from "../page_types.d.ts"
+ * @import { Feed, FeedData, Names } from "./feed.js"
+ * @import { Actions } from "./keys.js"
+ * @import { SwarmMap } from "./map.js"
+ * @import { Marks } from "./marks.js"
+ * @import { PlacedMark } from "./replay.js"
+ * @import { Selection } from "./selection.js"
+ *
+ * @typedef {object} Parts what the page in a frame gives
+ * @property {Feed} feed
+ * @property {SwarmMap} map
+ * @property {Marks} marks
+ * @property {Selection} selection
+ * @property {Actions} actions
+ *
+ * @typedef {object} Figure
+ * @property {string} title
+ * @property {(data: FeedData) => number | null | undefined} value
+ * @property {number} digits
+ */
+
+import { oncePerFrame } from "./canvas.js";
 import { showKeys } from "./dialogs.js";
-import { el, setText } from "./dom.js";
+import { el, part, setText } from "./dom.js";
 import { duration, number } from "./format.js";
+import { toLocal } from "./geodesy.js";
 import { KEYS, listenToKeys } from "./keys.js";
-import { Marks } from "./marks.js";
 import { Replay } from "./replay.js";
 import { Theme } from "./theme.js";
-import { toLocal } from "./tiles.js";
 
-const PAGES = { A: "/index.html", B: "/b/" };
-
-const agents = (status) => ({ vehicles }) => vehicles?.filter((one) => one.status === status).length;
-const figure = (name) => ({ replay }) => replay?.figures[name];
+/** @type {Figure[]} */
 const FIGURES = [
-  ["Agents active", agents("active")], ["arrived", agents("arrived")], ["lost", agents("lost")],
-  ["Targets", ({ targets }) => targets?.length],
-  ["OSPA agents, m", figure("ospa_agents_m"), 1], ["OSPA targets, m", figure("ospa_targets_m"), 1],
-  ["Re-tasks", figure("retasks")], ["Failed uploads", figure("failed_uploads")],
+  { title: "Agents active", value: agents("active"), digits: 0 },
+  { title: "arrived", value: agents("arrived"), digits: 0 },
+  { title: "lost", value: agents("lost"), digits: 0 },
+  { title: "Targets", value: ({ head, targets }) => head && targets.length, digits: 0 },
+  { title: "OSPA agents, m", value: figure("ospa_agents_m"), digits: 1 },
+  { title: "OSPA targets, m", value: figure("ospa_targets_m"), digits: 1 },
+  { title: "Re-tasks", value: figure("retasks"), digits: 0 },
+  { title: "Failed uploads", value: figure("failed_uploads"), digits: 0 },
 ];
 
-// What the replay bar reads, of both recordings: their position, which is the later one, and their marks.
+/**
+ * @param {Vehicle["status"]} status
+ * @returns {Figure["value"]}
+ */
+function agents(status) {
+  return ({ head, vehicles }) => head && vehicles.filter((one) => one.status === status).length;
+}
+
+/**
+ * @param {keyof Figures} name
+ * @returns {Figure["value"]}
+ */
+function figure(name) {
+  return ({ replay }) => replay?.figures?.[name];
+}
+
+class Pane {
+  /**
+   * @param {string} name
+   * @param {string} src
+   */
+  constructor(name, src) {
+    this.name = name;
+    this.file = el("span", { class: "file" });
+    this.state = el("span", { class: "fair", role: "status" });
+    this.frame = el("iframe", { title: `Recording ${name}`, src });
+    this.element = el(
+      "section",
+      { class: "pane", "aria-label": `Recording ${name}` },
+      el("h2", {}, el("b", {}, name), this.file, this.state),
+      this.frame,
+    );
+    /**
+     * Null until the page in the frame has loaded.
+     *
+     * @type {Parts | null}
+     */
+    this.parts = null;
+  }
+
+  get mission() {
+    return this.parts?.feed.data.mission ?? null;
+  }
+
+  show() {
+    const { mission, replay } = this.parts?.feed.data ?? {};
+    setText(this.file, mission?.title ?? "");
+    this.file.title = mission?.title ?? "";
+    setText(this.state, replay?.ended ? `ended at ${duration(replay.at_s)}` : "");
+  }
+}
+
+/** What the replay bar reads, of both recordings: their position, which is the later one, and their marks. */
 class Both extends EventTarget {
+  /** @param {Pane[]} panes */
   constructor(panes) {
     super();
     this.panes = panes;
+    /** @type {PlacedMark[]} */
     this.all = [];
   }
 
   get data() {
-    const states = this.panes.map((pane) => pane.feed?.data.replay).filter(Boolean);
-    if (states.length < this.panes.length) return {};
-    const most = (name) => Math.max(...states.map((one) => one[name] ?? one.at_s));
-    const every = (name) => states.every((one) => one[name]);
-    return { replay: { ...states[0], at_s: most("at_s"), duration_s: most("duration_s"), ended: every("ended"), back: every("back") } };
+    const states = this.panes.flatMap((pane) => pane.parts?.feed.data.replay ?? []);
+    return states.length < this.panes.length ? {} : { replay: joined(states) };
   }
 
-  on(_names, callback) {
+  /**
+   * @param {"replay"} _name
+   * @param {() => void} callback
+   */
+  on(_name, callback) {
     this.addEventListener("data", callback);
   }
 
-  want() {} // the marks of both are wanted from the start
+  /** Nothing to do: the marks of both are wanted from the start. */
+  want() {}
 
-  near(at, within) {
-    return Marks.prototype.near.call(this, at, within);
-  }
+  release() {}
 
+  /** Collect the marks of both, in two rows, by time. */
   gather() {
-    const named = ({ name, marks }, row) => marks.all.map((mark) => ({ ...mark, text: `${name}: ${mark.text}`, height: 0.25 + 0.5 * row }));
-    this.all = this.panes.flatMap((pane, row) => (pane.marks ? named(pane, row) : []));
+    const found = this.panes.flatMap(({ name, parts }, row) =>
+      (parts?.marks.all ?? []).map((mark) => ({
+        ...mark,
+        text: `${name}: ${mark.text}`,
+        height: 0.25 + 0.5 * row,
+      })),
+    );
+    this.all = found.sort((a, b) => a.t_s - b.t_s);
     this.dispatchEvent(new Event("change"));
   }
 }
 
-class Comparison {
+/**
+ * Return the state of two replays as one.
+ *
+ * @param {ReplayState[]} states
+ * @returns {ReplayState}
+ */
+function joined(states) {
+  return {
+    ...states[0],
+    at_s: Math.max(...states.map((one) => one.at_s)),
+    duration_s: Math.max(...states.map((one) => one.duration_s ?? one.at_s)),
+    ended: states.every((one) => one.ended),
+    back: states.every((one) => one.back),
+  };
+}
+
+/** The pages in the frames look for it in their parent. */
+export class Comparison {
   constructor() {
     this.theme = new Theme();
-    this.panes = Object.entries(PAGES).map(([name, src]) => this.pane(name, src));
+    this.panes = [new Pane("A", "/index.html"), new Pane("B", "/b/")];
     this.both = new Both(this.panes);
-    this.replay = new Replay(document.getElementById("replay"), this.both, this.both, this.theme);
-    this.linked = true;
-    this.linkButton = el("button", { title: "A map moves with the other", "aria-pressed": "true", onclick: () => this.toggleLink() }, "Link maps");
-    document.getElementById("actions").append(
-      this.linkButton, el("button", { title: "Dark or light", onclick: () => this.theme.toggle() }, "Theme"),
-      el("button", { title: "Keys (?)", onclick: () => showKeys(KEYS) }, "Keys"));
-    this.cells = this.table(document.getElementById("figures"));
+    this.replay = new Replay(part("replay"), this.both, this.both, this.theme);
+    this.isLinked = true;
+    this.hasBegun = false;
+    this.showFiguresSoon = oncePerFrame(() => this.showFigures());
+    const linked = { title: "A map moves with the other", "aria-pressed": "true" };
+    this.linkButton = el("button", { ...linked, onclick: () => this.toggleLink() }, "Link maps");
+    part("actions").append(
+      this.linkButton,
+      el("button", { title: "Dark or light", onclick: () => this.theme.toggle() }, "Theme"),
+      el("button", { title: "Keys (?)", onclick: () => showKeys(KEYS) }, "Keys"),
+    );
+    this.cells = this.table(part("figures"));
   }
 
-  pane(name, src) {
-    const file = el("span", { class: "file" });
-    const state = el("span", { class: "fair", role: "status" });
-    const frame = el("iframe", { title: `Recording ${name}`, src });
-    const element = el("section", { class: "pane", "aria-label": `Recording ${name}` }, el("h2", {}, el("b", {}, name), file, state), frame);
-    return { name, file, state, frame, element };
-  }
-
+  /** @param {HTMLElement} root */
   table(root) {
-    const row = (name, ...cells) => {
-      root.append(el("div", { role: "row" }, name, ...cells));
-      return cells;
-    };
+    /** @param {string} text */
     const head = (text) => el("span", { role: "columnheader" }, text);
-    row(head("At this time"), ...this.panes.map(({ name }) => head(name)), head("B − A"));
-    return FIGURES.map(([text]) => row(el("span", { role: "rowheader" }, text), ...Array.from({ length: 3 }, () => el("span", { role: "cell" }))));
-  }
-
-  start() {
-    document.querySelector("main").append(...this.panes.map(({ element }) => element));
-  }
-
-  // A page in a frame has loaded, and gives its parts.
-  add(frame, parts) {
-    const pane = this.panes.find((one) => one.frame === frame);
-    Object.assign(pane, parts);
-    parts.map.onmove = () => this.moveOther(pane);
-    parts.marks.addEventListener("change", () => this.both.gather());
-    parts.marks.want();
-    parts.feed.addEventListener("data", (event) => this.show(pane, event.detail.names));
-    if (pane === this.panes[0]) listenToKeys({ ...parts.actions, "?": () => showKeys(KEYS) }, parts.feed, parts.selection);
-  }
-
-  show(pane, names) {
-    const { mission, replay } = pane.feed.data;
-    setText(pane.file, mission?.title ?? "");
-    pane.file.title = mission?.title ?? "";
-    setText(pane.state, replay?.ended ? `ended at ${duration(replay.at_s)}` : "");
-    if (this.both.data.replay && names.has("replay")) this.both.dispatchEvent(new Event("data"));
-    if (!this.hasBegun && this.panes.every((one) => one.feed?.data.mission)) {
-      this.hasBegun = true;
-      this.align();
-    }
-    this.frame ??= requestAnimationFrame(() => { this.frame = null; this.showFigures(); });
-  }
-
-  showFigures() {
-    FIGURES.forEach(([, value, digits = 0], index) => {
-      const [a, b] = this.panes.map(({ feed }) => (feed ? value(feed.data) : null) ?? null);
-      const apart = a === null || b === null ? null : b - a;
-      const sign = apart > 0 ? "+" : apart < 0 ? "−" : "";
-      [a, b].forEach((one, column) => setText(this.cells[index][column], number(one, digits)));
-      setText(this.cells[index][2], apart === null ? "–" : sign + number(Math.abs(apart), digits));
+    const heads = ["At this time", ...this.panes.map(({ name }) => name), "B − A"].map(head);
+    root.append(el("div", { role: "row" }, ...heads));
+    return FIGURES.map(({ title }) => {
+      const cells = Array.from({ length: 3 }, () => el("span", { role: "cell" }));
+      root.append(el("div", { role: "row" }, el("span", { role: "rowheader" }, title), ...cells));
+      return cells;
     });
   }
 
+  start() {
+    document.querySelector("main")?.append(...this.panes.map(({ element }) => element));
+  }
+
+  /**
+   * Take the parts of a page that has loaded in a frame.
+   *
+   * @param {Element | null} frame
+   * @param {Parts} parts
+   */
+  add(frame, parts) {
+    const pane = this.panes.find((one) => one.frame === frame);
+    if (!pane) return;
+    pane.parts = parts;
+    parts.map.motion.addEventListener("move", () => this.moveOther(pane));
+    parts.marks.addEventListener("change", () => this.both.gather());
+    parts.marks.want();
+    parts.feed.onData((names) => this.show(pane, names));
+    const actions = { ...parts.actions, "?": () => showKeys(KEYS) };
+    if (pane === this.panes[0]) listenToKeys(actions, parts.feed, parts.selection);
+  }
+
+  /**
+   * @param {Pane} pane
+   * @param {Names} names
+   */
+  show(pane, names) {
+    pane.show();
+    if (this.both.data.replay && names.has("replay")) this.both.dispatchEvent(new Event("data"));
+    if (!this.hasBegun && this.panes.every((one) => one.mission)) {
+      this.hasBegun = true;
+      this.align();
+    }
+    this.showFiguresSoon();
+  }
+
+  showFigures() {
+    for (const [index, { value, digits }] of FIGURES.entries()) {
+      const [a, b] = this.panes.map(({ parts }) => (parts ? value(parts.feed.data) : null));
+      const texts = [number(a, digits), number(b, digits), differenceText(a, b, digits)];
+      for (const [column, text] of texts.entries()) setText(this.cells[index][column], text);
+    }
+  }
+
   toggleLink() {
-    this.linked = !this.linked;
-    this.linkButton.setAttribute("aria-pressed", String(this.linked));
+    this.isLinked = !this.isLinked;
+    this.linkButton.setAttribute("aria-pressed", String(this.isLinked));
     this.align();
   }
 
-  // Of what the two maps show, shows the larger part in both.
+  /** Show in both maps the larger part of what the two show. */
   align() {
     const [a, b] = this.panes;
-    if (this.hasBegun) this.moveOther(a.map.view.scale <= b.map.view.scale ? a : b);
+    if (!a.parts || !b.parts) return;
+    this.moveOther(a.parts.map.view.scale <= b.parts.map.view.scale ? a : b);
   }
 
+  /** @param {Pane} pane */
   moveOther(pane) {
-    if (!this.linked || !this.hasBegun) return;
     const other = this.panes.find((one) => one !== pane);
-    const [east, north] = offset(pane.feed.data.mission, other.feed.data.mission);
-    const { view } = pane.map;
-    other.map.look(view.east + east, view.north + north, view.scale);
+    if (!this.isLinked || !this.hasBegun || !pane.parts || !other?.parts) return;
+    if (!pane.mission || !other.mission) return;
+    const [east, north] = offset(pane.mission, other.mission);
+    const { view } = pane.parts.map;
+    other.parts.map.motion.look(view.east + east, view.north + north, view.scale);
   }
 }
 
-// Of one mission's origin from that of another. Areas that are far apart are laid over each other.
+/**
+ * @param {number | null | undefined} a
+ * @param {number | null | undefined} b
+ * @param {number} digits
+ */
+function differenceText(a, b, digits) {
+  if (a === null || a === undefined || b === null || b === undefined) return "–";
+  const sign = b > a ? "+" : b < a ? "−" : "";
+  return sign + number(Math.abs(b - a), digits);
+}
+
+/**
+ * Return one mission's origin in the frame of another; missions that are far apart are laid over each other.
+ *
+ * @param {Mission} mission
+ * @param {Mission} other
+ * @returns {Point}
+ */
 function offset(mission, other) {
-  const [lat, lon] = mission.origin_deg;
-  const place = toLocal([...other.origin_deg, other.origin_alt_m], lat, lon);
+  const place = toLocal(other, ...mission.origin_deg);
   return Math.hypot(...place) < Math.hypot(...other.size_m) ? place : [0, 0];
 }
 
-window.comparison = new Comparison();
-window.comparison.start(); // the frames look for it
+const comparison = new Comparison();
+Object.assign(window, { comparison });
+comparison.start(); // the frames look for it

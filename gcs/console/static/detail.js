@@ -1,50 +1,71 @@
-// Panel of one vehicle: everything of its record, and its onboard mission, which the map draws too.
+// Details of one vehicle: everything of its record, and its onboard mission, which the map draws too.
 
-import { el, setText } from "./dom.js";
+/**
+ * @import { OnboardMission, VehicleDetail } from "../page_types.d.ts"
+ * @import { Feed } from "./feed.js"
+ * @import { SwarmMap } from "./map.js"
+ * @import { Panels } from "./panels.js"
+ * @import { Selection } from "./selection.js"
+ */
+
+import { el, setText, tableOf } from "./dom.js";
 import { duration, number, seconds } from "./format.js";
+import { FrameRate } from "./frame_rate.js";
 
 const PERIOD_MS = 1000;
-const RATE_S = 2;
+/** @type {[string, string][]} */
+const HEADS = [
+  ["item", "left"],
+  ["command", "left"],
+  ["east", ""],
+  ["north", ""],
+  ["alt m", ""],
+];
 
+/** @param {string} text */
 const bad = (text) => el("span", { class: "bad" }, text);
+/** @param {string} text */
 const fair = (text) => el("span", { class: "fair" }, text);
 
 export class Detail {
+  /**
+   * @param {HTMLElement} root
+   * @param {Feed} feed
+   * @param {Selection} selection
+   * @param {SwarmMap} map
+   * @param {Panels} panels
+   */
   constructor(root, feed, selection, map, panels) {
-    this.root = root;
-    this.panels = panels;
     this.feed = feed;
     this.selection = selection;
     this.map = map;
+    this.panels = panels;
+    /** @type {VehicleDetail | null} */
     this.record = null;
-    this.before = null; // record of at least RATE_S ago, for the rate
-    this.rate = null; // frames a second of the run
-    this.build();
+    this.rate = new FrameRate();
+    this.title = el("h2");
+    this.list = el("dl");
+    this.items = el("tbody");
+    this.table = tableOf(HEADS, this.items, { class: "dense" });
+    this.empty = el("p", { class: "empty" }, "Select one vehicle to see all that is known of it.");
+    this.content = el("div", {}, this.title, this.list, this.table);
+    root.append(this.empty, this.content);
     selection.addEventListener("change", () => {
       panels.follow(selection.ids.size === 1);
       this.begin();
     });
     panels.addEventListener("change", () => this.begin());
-    feed.addEventListener("data", ({ detail }) => { if (detail.fresh) this.load(); });
+    feed.onData((_, isFresh) => {
+      if (isFresh) this.load();
+    });
     setInterval(() => this.load(), PERIOD_MS);
-  }
-
-  build() {
-    this.title = el("h2");
-    this.list = el("dl");
-    this.items = el("tbody");
-    const heads = [["item", ""], ["command", "left"], ["east", ""], ["north", ""], ["alt m", ""]];
-    this.table = el("table", { class: "dense" },
-      el("thead", {}, el("tr", {}, ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text)))), this.items);
-    this.empty = el("p", { class: "empty" }, "Select one vehicle to see all that is known of it.");
-    this.content = el("div", {}, this.title, this.list, this.table);
-    this.root.append(this.empty, this.content);
     this.show();
   }
 
+  /** The vehicle whose details are shown. */
   get vehicle() {
-    if (this.panels.current !== "detail" || this.selection.ids.size !== 1) return null;
-    return this.selection.among(this.feed.data.vehicles ?? [])[0] ?? null;
+    if (this.panels.current !== "detail" || this.selection.ids.size !== 1) return undefined;
+    return this.selection.among(this.feed.data.vehicles)[0];
   }
 
   begin() {
@@ -52,11 +73,9 @@ export class Detail {
     this.load();
   }
 
+  /** @param {VehicleDetail | null} record */
   keep(record) {
-    const passed = record && this.before?.id === record.id ? record.t_s - this.before.t_s : -1;
-    if (passed >= RATE_S) this.rate = (record.link.frames - this.before.link.frames) / passed;
-    else if (passed < 0) this.rate = null;
-    if (passed >= RATE_S || passed < 0) this.before = record;
+    this.rate.add(record);
     this.record = record;
     this.map.setMission(record?.mission ?? null);
     this.show();
@@ -68,91 +87,138 @@ export class Detail {
       if (this.record) this.keep(null);
       return;
     }
-    let record = null;
-    try {
-      const reply = await fetch(`api/vehicles/${encodeURIComponent(vehicle.name)}`, { signal: AbortSignal.timeout(3 * PERIOD_MS) });
-      if (reply.ok) record = await reply.json();
-    } catch {
-      // The header tells that the connection is lost; the record stays as it was.
-    }
+    const record = await fetchDetail(vehicle.name);
     if (record && record.id === this.vehicle?.id) this.keep(record);
   }
 
   show() {
-    this.content.hidden = !this.record;
-    this.empty.hidden = Boolean(this.record);
-    if (!this.record) return;
-    setText(this.title, `Vehicle ${this.record.name}`);
-    const rows = [
-      ["authority", this.authority()], ["link", this.link()], ["mission", this.mission()], ["upload", this.upload()],
-      ["pinned to", [this.record.pinned ?? "no target"]], ["return", this.returning()], ["position", this.position()],
-    ];
-    if (this.record.takeoff_problem) rows.push(["take-off", [bad(`not clear: ${this.record.takeoff_problem}`)]]);
-    this.list.replaceChildren(...rows.flatMap(([name, parts]) => [el("dt", {}, name), el("dd", {}, ...parts)]));
-    this.showItems();
+    const { record } = this;
+    this.content.hidden = !record;
+    this.empty.hidden = Boolean(record);
+    if (!record) return;
+    setText(this.title, `Vehicle ${record.name}`);
+    this.list.replaceChildren(
+      ...row("authority", authorityOf(record)),
+      ...row("link", linkOf(record, this.rate.perSecond)),
+      ...row("mission", missionOf(record)),
+      ...row("upload", uploadOf(record)),
+      ...row("pinned to", [record.pinned ?? "no target"]),
+      ...row("return", returnOf(record)),
+      ...row("position", positionOf(record)),
+    );
+    const problem = record.takeoff_problem;
+    if (problem) this.list.append(...row("take-off", [bad(`not clear: ${problem}`)]));
+    this.table.hidden = !record.mission;
+    if (record.mission) this.items.replaceChildren(...itemRows(record.mission));
   }
+}
 
-  authority() {
-    const { claims } = this.record;
-    if (!claims.length) return ["ours"];
-    return claims.map(({ authority, reason, since_s: since }, index) =>
-      el("div", { class: index || authority === "ours" ? "" : "fair" }, `${authority} for ${duration(since)}: ${reason}`));
+/**
+ * Return the record of a vehicle; null without a connection: the header says so, and the record that is shown
+ * stays.
+ *
+ * @param {string} name
+ * @returns {Promise<VehicleDetail | null>}
+ */
+async function fetchDetail(name) {
+  const signal = AbortSignal.timeout(3 * PERIOD_MS);
+  try {
+    const reply = await fetch(`api/vehicles/${encodeURIComponent(name)}`, { signal });
+    return reply.ok ? await reply.json() : null;
+  } catch {
+    return null;
   }
+}
 
-  link() {
-    const { link } = this.record;
-    if (!link.address) return [bad("never heard")];
-    const words = [
-      link.state === "alive" ? "heard" : bad(link.state),
-      ` at ${link.address}, ${this.rate === null ? "–" : number(this.rate)} frames/s, ${link.lost} of ${link.frames + link.lost} lost, `,
-      `${link.signed ? "signed" : "not signed"}, ${link.autopilot || "unknown firmware"}`,
-    ];
-    if (link.conflicts) words.push(bad(`, ${link.conflicts} frames from another address`));
-    if (link.reboots) words.push(fair(`, ${link.reboots} reboots`));
-    return words;
-  }
+/**
+ * @param {string} name
+ * @param {(Node | string)[]} parts
+ */
+function row(name, parts) {
+  return [el("dt", {}, name), el("dd", {}, ...parts)];
+}
 
-  mission() {
-    const { mission } = this.record;
-    if (!mission) return [fair("unknown")];
-    const words = [`${mission.items.length} items to ${mission.target}, verified${mission.verified_s === null ? "" : ` ${duration(mission.verified_s)} ago`}`];
-    if (mission.audited) words.push(fair(", being audited"));
-    if (mission.inconsistent) words.push(bad(", may be inconsistent"));
-    return words;
-  }
+/** @param {VehicleDetail} record */
+function authorityOf({ claims }) {
+  if (!claims.length) return ["ours"];
+  return claims.map(({ authority, reason, since_s: since }, index) => {
+    const style = index || authority === "ours" ? "" : "fair";
+    return el("div", { class: style }, `${authority} for ${duration(since)}: ${reason}`);
+  });
+}
 
-  upload() {
-    const { stage, since_s: since, failures, pause_s: pause } = this.record.upload;
-    const words = [stage ? `${stage}${since === null ? "" : ` for ${seconds(since)}`}` : "none"];
-    if (failures) words.push(bad(`, ${failures} failed`));
-    if (pause) words.push(fair(`, next attempt in ${seconds(pause)}`));
-    return words;
-  }
+/**
+ * @param {VehicleDetail} record
+ * @param {number | null} framesPerSecond
+ */
+function linkOf({ link }, framesPerSecond) {
+  if (!link.address) return [bad("never heard")];
+  const signed = link.signed ? "signed" : "not signed";
+  const lost = `${link.lost} of ${link.frames + link.lost} lost`;
+  const parts = [
+    link.state === "alive" ? "heard" : bad(link.state),
+    ` at ${link.address}, ${number(framesPerSecond)} frames/s, ${lost}, `,
+    `${signed}, ${link.autopilot || "unknown firmware"}`,
+  ];
+  if (link.conflicts) parts.push(bad(`, ${link.conflicts} frames from another address`));
+  if (link.reboots) parts.push(fair(`, ${link.reboots} reboots`));
+  return parts;
+}
 
-  returning() {
-    const { height, problem } = this.record.return;
-    const words = [height || "height not known: run gcs preflight"];
-    if (problem) words.push(fair(`, ${problem}`));
-    return words;
-  }
+/** @param {VehicleDetail} record */
+function missionOf({ mission }) {
+  if (!mission) return [fair("unknown")];
+  const { items, target, verified_s: verified } = mission;
+  const since = verified === null ? "" : ` ${duration(verified)} ago`;
+  /** @type {(Node | string)[]} */
+  const parts = [`${items.length} items to ${target}, verified${since}`];
+  if (mission.audited) parts.push(fair(", being audited"));
+  if (mission.inconsistent) parts.push(bad(", may be inconsistent"));
+  return parts;
+}
 
-  position() {
-    const { doubted, cusum, alarm_cusum: limit, refused } = this.record.position;
-    const words = [doubted ? bad("doubted") : "consistent with the sensors", `, CUSUM ${number(cusum, 1)} of ${limit}`];
-    const reasons = Object.entries(refused).map(([reason, count]) => `${count} ${reason}`);
-    if (reasons.length) words.push(fair(`, reports refused: ${reasons.join(", ")}`));
-    return words;
-  }
+/** @param {VehicleDetail} record */
+function uploadOf({ upload: { stage, since_s: since, failures, pause_s: pause } }) {
+  const time = since === null ? "" : ` for ${seconds(since)}`;
+  /** @type {(Node | string)[]} */
+  const parts = [stage ? stage + time : "none"];
+  if (failures) parts.push(bad(`, ${failures} failed`));
+  if (pause) parts.push(fair(`, next attempt in ${seconds(pause)}`));
+  return parts;
+}
 
-  showItems() {
-    const { mission } = this.record;
-    this.table.hidden = !mission;
-    if (!mission) return;
-    this.items.replaceChildren(...mission.items.map(({ seq, command, at, alt_m: alt }) => {
-      const isCurrent = seq === mission.current;
-      return el("tr", { class: isCurrent ? "current" : "", "aria-current": isCurrent ? "step" : null },
-        el("td", {}, isCurrent ? `▶ ${seq}` : String(seq)), el("td", { class: "left" }, command.replaceAll("_", " ").toLowerCase()),
-        el("td", {}, at ? number(at[0]) : "–"), el("td", {}, at ? number(at[1]) : "–"), el("td", {}, at ? number(alt) : "–"));
-    }));
-  }
+/** @param {VehicleDetail} record */
+function returnOf({ return: { height, problem } }) {
+  /** @type {(Node | string)[]} */
+  const parts = [height || "height not known: run gcs preflight"];
+  if (problem) parts.push(fair(`, ${problem}`));
+  return parts;
+}
+
+/** @param {VehicleDetail} record */
+function positionOf({ position: { doubted, cusum, alarm_cusum: limit, refused } }) {
+  const parts = [
+    doubted ? bad("doubted") : "consistent with the sensors",
+    `, CUSUM ${number(cusum, 1)} of ${limit}`,
+  ];
+  const reasons = Object.entries(refused).map(([reason, count]) => `${count} ${reason}`);
+  if (reasons.length) parts.push(fair(`, reports refused: ${reasons.join(", ")}`));
+  return parts;
+}
+
+/** @param {OnboardMission} mission */
+function itemRows({ items, current }) {
+  return items.map(({ seq, command, at, alt_m: alt }) => {
+    const isCurrent = seq === current;
+    const attributes = isCurrent ? { class: "current", "aria-current": "step" } : {};
+    return el(
+      "tr",
+      attributes,
+      el("td", { class: "left" }, isCurrent ? `▶ ${seq}` : String(seq)),
+      el("td", { class: "left" }, command.replaceAll("_", " ").toLowerCase()),
+      el("td", {}, number(at?.[0])),
+      el("td", {}, number(at?.[1])),
+      el("td", {}, at ? number(alt) : "–"),
+    );
+  });
 }

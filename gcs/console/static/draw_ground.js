@@ -1,15 +1,25 @@
 // What does not move: grid lines, obstacles, no-fly zones, fence, homes, rally points, fields of view.
 
+/**
+ * @import { FieldOfView, Mission, ObstacleMap, Sector, Zone } from "../page_types.d.ts"
+ * @import { Colour, Context } from "./canvas.js"
+ * @import { View } from "./view.js"
+ */
+
+import { beginDisc, beginRing, strokeLine } from "./canvas.js";
+import { metres } from "./format.js";
+import { centroid, roundLength } from "./geometry.js";
+
 const GRID_PX = 90;
+const SCALE_PX = 60;
 const MAX_NAME = 24; // characters of a zone's name on the map
 
-// Returns 1, 2 or 5 times a power of ten: the round length nearest above the given one.
-export function roundLength(metres) {
-  const power = 10 ** Math.floor(Math.log10(metres));
-  return [1, 2, 5, 10].map((step) => step * power).find((step) => step >= metres);
-}
-
-export function gridLines(ctx, view, colour) {
+/**
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Colour} colour
+ */
+export function drawGridLines(ctx, view, colour) {
   const step = roundLength(GRID_PX / view.scale);
   const [west, north] = view.place(0, 0);
   const [east, south] = view.place(view.width, view.height);
@@ -17,98 +27,137 @@ export function gridLines(ctx, view, colour) {
   ctx.lineWidth = 1;
   ctx.beginPath();
   for (let at = Math.ceil(west / step) * step; at < east; at += step) {
-    ctx.moveTo(Math.round(view.x(at)) + 0.5, 0);
-    ctx.lineTo(Math.round(view.x(at)) + 0.5, view.height);
+    const x = Math.round(view.x(at)) + 0.5;
+    ctx.moveTo(x, 0);
+    ctx.lineTo(x, view.height);
   }
   for (let at = Math.ceil(south / step) * step; at < north; at += step) {
-    ctx.moveTo(0, Math.round(view.y(at)) + 0.5);
-    ctx.lineTo(view.width, Math.round(view.y(at)) + 0.5);
+    const y = Math.round(view.y(at)) + 0.5;
+    ctx.moveTo(0, y);
+    ctx.lineTo(view.width, y);
   }
   ctx.stroke();
 }
 
-// Obstacle cells as a small image with one pixel for each cell.
+/** Obstacle cells as a small image with one pixel for each cell. */
 export class Obstacles {
   constructor() {
+    /** @type {OffscreenCanvas | null} */
     this.image = null;
+    /** @type {ObstacleMap | null} */
     this.map = null;
   }
 
+  /**
+   * @param {ObstacleMap} map
+   * @param {Colour} colour
+   */
   set(map, colour) {
-    this.map = map;
     const [rows, columns] = map.shape;
     const bits = Uint8Array.from(atob(map.blocked), (one) => one.charCodeAt(0));
-    this.image = new OffscreenCanvas(columns, rows);
-    const ctx = this.image.getContext("2d");
+    const image = new OffscreenCanvas(columns, rows);
+    const ctx = image.getContext("2d");
+    if (!ctx) return;
     ctx.fillStyle = colour("obstacle");
     for (let index = 0; index < rows * columns; index++) {
-      if (bits[index >> 3] & (1 << (index & 7))) {
+      if (bits[index >> 3] & (1 << (index & 7)))
         ctx.fillRect(index % columns, rows - 1 - Math.floor(index / columns), 1, 1);
-      }
     }
+    this.image = image;
+    this.map = map;
   }
 
+  /** @param {Colour} colour */
+  recolour(colour) {
+    if (this.map) this.set(this.map, colour);
+  }
+
+  /**
+   * @param {Context} ctx
+   * @param {View} view
+   */
   draw(ctx, view) {
-    if (!this.image) return;
-    const { origin_m: [east, north], spacing_m: cell, shape: [rows, columns] } = this.map;
+    if (!this.image || !this.map) return;
+    const [east, north] = this.map.origin_m;
+    const [rows, columns] = this.map.shape;
+    const cell = this.map.spacing_m;
     ctx.imageSmoothingEnabled = false;
     ctx.drawImage(
       this.image,
-      view.x(east - cell / 2), view.y(north + (rows - 0.5) * cell),
-      columns * cell * view.scale, rows * cell * view.scale,
+      view.x(east - cell / 2),
+      view.y(north + (rows - 0.5) * cell),
+      columns * cell * view.scale,
+      rows * cell * view.scale,
     );
   }
 }
 
-function ring(ctx, view, points) {
-  ctx.beginPath();
-  points.forEach(([east, north], index) => ctx[index ? "lineTo" : "moveTo"](view.x(east), view.y(north)));
-  ctx.closePath();
-}
-
-export function border(ctx, view, mission, colour) {
+/**
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Mission} mission
+ * @param {Colour} colour
+ */
+export function drawBorder(ctx, view, mission, colour) {
   const [width, height] = mission.size_m;
-  ring(ctx, view, [[0, 0], [width, 0], [width, height], [0, height]]);
+  beginRing(ctx, view, [
+    [0, 0],
+    [width, 0],
+    [width, height],
+    [0, height],
+  ]);
   ctx.strokeStyle = colour("line");
   ctx.lineWidth = 1;
   ctx.stroke();
 }
 
-export function fence(ctx, view, mission, colour) {
+/**
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Mission} mission
+ * @param {Colour} colour
+ */
+export function drawFence(ctx, view, mission, colour) {
   ctx.lineWidth = 1.5;
   ctx.setLineDash([10, 4]);
   for (const area of mission.fence) {
-    ring(ctx, view, area.ring);
+    beginRing(ctx, view, area.ring);
     ctx.strokeStyle = colour(area.stay_in ? "done" : "warning");
     ctx.stroke();
   }
   ctx.setLineDash([]);
 }
 
-export function zones(ctx, view, closed, colour) {
-  for (const zone of closed) {
-    let label;
-    if (zone.disc) {
-      const [east, north, radius] = zone.disc;
-      ctx.beginPath();
-      ctx.arc(view.x(east), view.y(north), radius * view.scale, 0, 2 * Math.PI);
-      label = [east, north];
-    } else {
-      ring(ctx, view, zone.polygon);
-      label = [0, 1].map((axis) => zone.polygon.reduce((sum, point) => sum + point[axis], 0) / zone.polygon.length);
-    }
-    ctx.fillStyle = ctx.strokeStyle = colour("warning");
+/**
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Zone[]} zones
+ * @param {Colour} colour
+ */
+export function drawZones(ctx, view, zones, colour) {
+  ctx.fillStyle = ctx.strokeStyle = colour("warning");
+  ctx.lineWidth = 1.5;
+  ctx.textAlign = "center";
+  for (const zone of zones) {
+    if (zone.disc) beginDisc(ctx, view, zone.disc);
+    else beginRing(ctx, view, zone.polygon);
     ctx.globalAlpha = 0.16;
     ctx.fill();
     ctx.globalAlpha = 1;
-    ctx.lineWidth = 1.5;
     ctx.stroke();
-    ctx.textAlign = "center";
-    ctx.fillText(zone.name.length > MAX_NAME ? `${zone.name.slice(0, MAX_NAME)}…` : zone.name, view.x(label[0]), view.y(label[1]) + 4);
+    const [east, north] = zone.disc ?? centroid(zone.polygon);
+    const name = zone.name.length > MAX_NAME ? `${zone.name.slice(0, MAX_NAME)}…` : zone.name;
+    ctx.fillText(name, view.x(east), view.y(north) + 4);
   }
 }
 
-export function homes(ctx, view, mission, colour) {
+/**
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Mission} mission
+ * @param {Colour} colour
+ */
+export function drawHomes(ctx, view, mission, colour) {
   ctx.strokeStyle = ctx.fillStyle = colour("dim");
   ctx.lineWidth = 1.2;
   for (const { at } of mission.homes) {
@@ -127,27 +176,66 @@ export function homes(ctx, view, mission, colour) {
   for (const at of mission.rally) ctx.fillText("R", view.x(at[0]), view.y(at[1]) + 4);
 }
 
-export function fieldsOfView(ctx, view, sensors, colour) {
+/**
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {FieldOfView[]} fields
+ * @param {Colour} colour
+ */
+export function drawFieldsOfView(ctx, view, fields, colour) {
   ctx.strokeStyle = colour("detection");
   ctx.globalAlpha = 0.5;
   ctx.lineWidth = 1;
-  for (const one of Object.values(sensors)) {
-    if (one.box) {
-      const [west, south, east, north] = one.box;
-      ring(ctx, view, [[west, south], [east, south], [east, north], [west, north]]);
+  for (const field of fields) {
+    if (field.box) {
+      const [west, south, east, north] = field.box;
+      beginRing(ctx, view, [
+        [west, south],
+        [east, south],
+        [east, north],
+        [west, north],
+      ]);
     } else {
-      sector(ctx, view, one);
+      beginSector(ctx, view, field);
     }
     ctx.stroke();
   }
   ctx.globalAlpha = 1;
 }
 
-function sector(ctx, view, { at, range_m: [near, far], bearing_rad: [centre, half] }) {
+/**
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Sector} sector
+ */
+function beginSector(ctx, view, { at, range_m: [near, far], bearing_rad: [centre, half] }) {
   const [x, y] = [view.x(at[0]), view.y(at[1])];
-  const turn = -Math.PI / 2; // bearings are clockwise from north, canvas angles clockwise from east
+  const middle = centre - Math.PI / 2; // bearings are clockwise from north, canvas angles clockwise from east
   ctx.beginPath();
-  ctx.arc(x, y, far * view.scale, centre - half + turn, centre + half + turn);
-  if (half < Math.PI) ctx.arc(x, y, near * view.scale, centre + half + turn, centre - half + turn, true);
+  ctx.arc(x, y, far * view.scale, middle - half, middle + half);
+  if (half < Math.PI) ctx.arc(x, y, near * view.scale, middle + half, middle - half, true);
   ctx.closePath();
+}
+
+/**
+ * Draw the bar that shows a round length.
+ *
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Colour} colour
+ */
+export function drawScaleBar(ctx, view, colour) {
+  const length = roundLength(SCALE_PX / view.scale);
+  const [x, y] = [12, view.height - 12];
+  const end = x + length * view.scale;
+  ctx.strokeStyle = ctx.fillStyle = colour("dim");
+  ctx.lineWidth = 1.5;
+  strokeLine(ctx, [
+    [x, y - 5],
+    [x, y],
+    [end, y],
+    [end, y - 5],
+  ]);
+  ctx.textAlign = "left";
+  ctx.fillText(metres(length), x + 4, y - 5);
 }

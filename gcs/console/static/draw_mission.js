@@ -1,20 +1,43 @@
 // Onboard mission of the vehicle whose details are shown: items with their numbers, the current one filled.
 
+/**
+ * @import { OnboardMission, Point } from "../page_types.d.ts"
+ * @import { Colour, Context } from "./canvas.js"
+ * @import { Labels } from "./labels.js"
+ * @import { View } from "./view.js"
+ */
+
+import { addLine } from "./canvas.js";
+
 const SIZE = 4;
 
-export function onboardMission(ctx, view, mission, labels, colour) {
-  const placed = mission.items.filter(({ at, seq }) => at && seq >= Math.min(mission.first, mission.current ?? mission.first));
+/**
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {OnboardMission} mission
+ * @param {Labels} labels
+ * @param {Colour} colour
+ */
+export function drawOnboardMission(ctx, view, mission, labels, colour) {
+  const first = Math.min(mission.first, mission.current ?? mission.first);
+  /** @type {{ seq: number, at: Point }[]} */
+  const placed = mission.items.flatMap(({ at, seq }) => (at && seq >= first ? [{ seq, at }] : []));
   ctx.strokeStyle = ctx.fillStyle = colour("advisory");
   ctx.lineWidth = 1.5;
   ctx.setLineDash([6, 3]);
   ctx.beginPath();
-  placed.forEach(({ at }, index) => ctx[index ? "lineTo" : "moveTo"](view.x(at[0]), view.y(at[1])));
+  addLine(
+    ctx,
+    view,
+    placed.map(({ at }) => at),
+  );
   ctx.stroke();
   ctx.setLineDash([]);
   ctx.textAlign = "left";
   for (const { seq, at } of placed) {
     const [x, y] = [view.x(at[0]), view.y(at[1])];
-    ctx[seq === mission.current ? "fillRect" : "strokeRect"](x - SIZE, y - SIZE, 2 * SIZE, 2 * SIZE);
+    if (seq === mission.current) ctx.fillRect(x - SIZE, y - SIZE, 2 * SIZE, 2 * SIZE);
+    else ctx.strokeRect(x - SIZE, y - SIZE, 2 * SIZE, 2 * SIZE);
     labels.draw(String(seq), x + 8, y - 6);
   }
 }

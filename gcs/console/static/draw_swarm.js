@@ -1,204 +1,176 @@
-// What moves: trails, routes, tracks, targets, vehicles.
+// What moves: trails, routes, vehicles, and the lines to the targets that they are pinned to.
 
-const SIGMAS = 3;
-const MIN_INNER_PX = 5; // of the ellipse of one standard deviation
-const IGNORED = 0.45; // opacity
-const SIZE = 6; // of a target's diamond, which hides smaller ellipses
+/**
+ * @import { Point, Route, Target, Trail, Vehicle } from "../page_types.d.ts"
+ * @import { Colour, Context } from "./canvas.js"
+ * @import { Labels } from "./labels.js"
+ * @import { Selection } from "./selection.js"
+ * @import { View } from "./view.js"
+ *
+ * @typedef {object} RouteStyle
+ * @property {string} colour
+ * @property {number} width
+ * @property {number[]} dash
+ * @property {Set<number>} selected vehicles
+ * @property {Record<string, number>} loiter radius of each vehicle
+ */
 
-export function trails(ctx, view, tracks, colour) {
+import { addLine, beginDisc, strokeLine } from "./canvas.js";
+
+const MIN_LOITER_PX = 6;
+
+/**
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Iterable<Trail>} trails
+ * @param {Colour} colour
+ */
+export function drawTrails(ctx, view, trails, colour) {
   ctx.strokeStyle = colour("vehicle");
   ctx.lineWidth = 1.2;
   ctx.globalAlpha = 0.45;
   ctx.beginPath();
-  for (const points of tracks.values()) line(ctx, view, points);
+  for (const trail of trails) addLine(ctx, view, trail);
   ctx.stroke();
   ctx.globalAlpha = 1;
 }
 
-// A gap in the data is null: the line ends there, and begins again.
-function line(ctx, view, points) {
-  let isBegun = false;
-  for (const point of points) {
-    if (point) ctx[isBegun ? "lineTo" : "moveTo"](view.x(point[0]), view.y(point[1]));
-    isBegun = Boolean(point);
-  }
-}
-
-export function routes(ctx, view, planned, style) {
+/**
+ * Draw routes; of vehicles that fly, only what is ahead. The server says how many points each has passed.
+ *
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Route[]} routes
+ * @param {Pick<Vehicle, "id" | "at" | "passed">[]} flying
+ * @param {RouteStyle} style
+ */
+export function drawRoutes(ctx, view, routes, flying, style) {
+  const vehicles = new Map(flying.map((one) => [one.id, one]));
   ctx.strokeStyle = style.colour;
-  for (const route of planned) {
-    ctx.setLineDash(style.dash ?? []);
+  for (const route of routes) {
+    const isFaint = style.selected.size > 0 && !style.selected.has(route.id);
+    ctx.globalAlpha = isFaint ? 0.35 : 0.9;
+    ctx.setLineDash(style.dash);
     ctx.lineWidth = style.width;
-    ctx.globalAlpha = style.selected.size && !style.selected.has(route.id) ? 0.35 : 0.9;
     ctx.beginPath();
-    const one = style.from.get(route.id);
-    line(ctx, view, one ? [one.at, ...route.points.slice(Math.min(one.passed, route.points.length - 1))] : route.points);
+    addLine(ctx, view, shownPart(route.points, vehicles.get(route.id)));
     ctx.stroke();
-    meeting(ctx, view, route, style.loiter[route.id]);
+    drawMeeting(ctx, view, route, style.loiter[route.id]);
   }
   ctx.setLineDash([]);
   ctx.globalAlpha = 1;
 }
 
-// Where vehicle and target will meet, and the circle that follows.
-function meeting(ctx, view, route, radius) {
-  const [east, north] = route.points.at(-1);
+/**
+ * @param {Point[]} points
+ * @param {Pick<Vehicle, "at" | "passed">} [vehicle]
+ */
+function shownPart(points, vehicle) {
+  if (!vehicle?.at) return points;
+  return [vehicle.at, ...points.slice(Math.min(vehicle.passed, points.length - 1))];
+}
+
+/**
+ * Draw where vehicle and target will meet, and the circle that follows.
+ *
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Route} route
+ * @param {number} radius
+ */
+function drawMeeting(ctx, view, route, radius) {
+  const [east, north] = route.points[route.points.length - 1];
   ctx.lineWidth = 1.2;
   ctx.setLineDash([]);
-  ctx.beginPath();
-  ctx.arc(view.x(east), view.y(north), 3, 0, 2 * Math.PI);
+  beginDisc(ctx, view, [east, north, 3 / view.scale]);
   ctx.stroke();
-  const centre = route.wait ?? [east, north];
-  if (radius * view.scale < 6) return;
+  if (radius * view.scale < MIN_LOITER_PX) return;
+  const [centreEast, centreNorth] = route.wait ?? [east, north];
   ctx.setLineDash([2, 3]);
-  ctx.beginPath();
-  ctx.arc(view.x(centre[0]), view.y(centre[1]), radius * view.scale, 0, 2 * Math.PI);
-  ctx.stroke();
-  ctx.setLineDash([]);
-}
-
-// Of one and of three standard deviations.
-function ellipses(ctx, view, mean, [xx, xy, yy]) {
-  const middle = (xx + yy) / 2;
-  const spread = Math.hypot((xx - yy) / 2, xy);
-  const turn = -0.5 * Math.atan2(2 * xy, xx - yy); // the canvas' y axis points south
-  const [x, y] = [view.x(mean[0]), view.y(mean[1])];
-  ctx.beginPath();
-  for (const sigmas of [SIGMAS, 1]) {
-    const radius = (variance) => Math.min(4000, Math.max(1.5, sigmas * Math.sqrt(Math.max(variance, 0)) * view.scale));
-    const [a, b] = [radius(middle + spread), radius(middle - spread)];
-    if (sigmas === 1 && a < MIN_INNER_PX) return;
-    ctx.moveTo(x + a * Math.cos(turn), y + a * Math.sin(turn));
-    ctx.ellipse(x, y, a, b, turn, 0, 2 * Math.PI);
-  }
-}
-
-const largest = ([xx, , yy], view) => SIGMAS * Math.sqrt(Math.max(xx, yy)) * view.scale;
-
-const opacity = (existence) => 0.2 + 0.8 * existence;
-
-export function agentTracks(ctx, view, tracks, colour) {
-  ctx.strokeStyle = colour("vehicle");
-  ctx.lineWidth = 1;
-  tracks.names.forEach((_, index) => {
-    if (!tracks.estimated[index]) return;
-    ctx.globalAlpha = 0.8 * opacity(tracks.existence[index]);
-    ellipses(ctx, view, tracks.means[index], tracks.covs[index]);
-    ctx.stroke();
-  });
-  ctx.globalAlpha = 1;
-}
-
-export function targetTracks(ctx, view, tracks, confirmed, labels, colour, options) {
-  ctx.lineWidth = 1.4;
-  ctx.textAlign = "left";
-  tracks.names.forEach((name, index) => {
-    const target = confirmed.get(name);
-    if (!target && !(options.tentative && tracks.estimated[index])) return;
-    const [x, y] = [view.x(tracks.means[index][0]), view.y(tracks.means[index][1])];
-    if (x < -50 || y < -50 || x > view.width + 50 || y > view.height + 50) return;
-    const isSelected = options.selected === name;
-    if (isSelected) halo(ctx, x, y, colour("advisory"));
-    ctx.globalAlpha = target?.ignored ? IGNORED : opacity(tracks.existence[index]);
-    ctx.strokeStyle = ctx.fillStyle = colour(target?.reached_by.length ? "done" : "target");
-    if (options.ellipses && !target?.ignored && largest(tracks.covs[index], view) > SIZE) {
-      ctx.lineWidth = 1;
-      ellipses(ctx, view, tracks.means[index], tracks.covs[index]);
-      ctx.stroke();
-    }
-    ctx.lineWidth = 1.6;
-    diamond(ctx, x, y, SIZE);
-    if (target?.agents.length || target?.reached_by.length) ctx.fill();
-    ctx.stroke();
-    if (target?.ignored) stroke(ctx, [x - 10, y + 7], [x + 10, y - 7]);
-    if (options.labels || isSelected) labels.draw(label(name, target), x + 9, y + 4, isSelected, target?.ignored);
-  });
-  ctx.globalAlpha = 1;
-}
-
-function label(name, target) {
-  if (!target) return name;
-  const rank = target.priority === null ? "" : ` p${target.priority}`;
-  return name + (target.reached_by.length ? " ✓" : "") + (target.ignored ? "" : rank);
-}
-
-function stroke(ctx, [x0, y0], [x1, y1]) {
-  ctx.beginPath();
-  ctx.moveTo(x0, y0);
-  ctx.lineTo(x1, y1);
+  beginDisc(ctx, view, [centreEast, centreNorth, radius]);
   ctx.stroke();
 }
 
-// Dotted lines from vehicles to the targets that they are pinned to.
-export function pins(ctx, view, list, targets, colour) {
+/**
+ * Draw dotted lines from vehicles to the targets that they are pinned to.
+ *
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Vehicle[]} vehicles
+ * @param {Map<string, Target>} targets
+ * @param {Colour} colour
+ */
+export function drawPins(ctx, view, vehicles, targets, colour) {
   ctx.strokeStyle = colour("advisory");
   ctx.lineWidth = 1.5;
   ctx.setLineDash([2, 4]);
-  for (const { at, status, pinned } of list) {
-    const target = targets.get(pinned);
-    if (at && target && status === "active") stroke(ctx, [view.x(at[0]), view.y(at[1])], [view.x(target.at[0]), view.y(target.at[1])]);
+  ctx.beginPath();
+  for (const { at, status, pinned } of vehicles) {
+    const target = pinned === null ? undefined : targets.get(pinned);
+    if (target && status === "active") addLine(ctx, view, [at, target.at]);
   }
+  ctx.stroke();
   ctx.setLineDash([]);
 }
 
-function diamond(ctx, x, y, size) {
-  ctx.beginPath();
-  ctx.moveTo(x, y - size);
-  ctx.lineTo(x + size, y);
-  ctx.lineTo(x, y + size);
-  ctx.lineTo(x - size, y);
-  ctx.closePath();
-}
-
-export function vehicles(ctx, view, list, selection, labels, colour, options) {
+/**
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Vehicle[]} vehicles
+ * @param {Selection} selection
+ * @param {Labels} labels
+ * @param {Colour} colour
+ */
+export function drawVehicles(ctx, view, vehicles, selection, labels, colour) {
+  const { font } = ctx;
   ctx.textAlign = "left";
-  ctx.font = `600 ${options.font}`;
-  for (const vehicle of list) {
-    if (["lost", "down"].includes(vehicle.status)) {
-      if (vehicle.lost_at) cross(ctx, view, vehicle, labels, colour("warning"));
+  ctx.font = `600 ${font}`;
+  for (const vehicle of vehicles) {
+    if (vehicle.status === "lost" || vehicle.status === "down") {
+      if (vehicle.lost_at) drawLost(ctx, view, vehicle, vehicle.lost_at, labels, colour("warning"));
       continue;
     }
     if (!vehicle.at) continue;
     const [x, y] = [view.x(vehicle.at[0]), view.y(vehicle.at[1])];
+    const isSelected = selection.has(vehicle.id);
     const tint = tintOf(vehicle);
-    ctx.fillStyle = ctx.strokeStyle = colour(tint);
-    if (selection.has(vehicle.id)) halo(ctx, x, y, colour("advisory"));
     ctx.fillStyle = colour(tint);
-    arrow(ctx, x, y, vehicle.course);
-    if (vehicle.late) ctx.stroke(); // hollow: its position is old
+    if (isSelected) drawHalo(ctx, x, y, colour("advisory"));
+    else ctx.strokeStyle = colour(tint);
+    beginArrow(ctx, x, y, vehicle.course ?? 0);
+    if (vehicle.late)
+      ctx.stroke(); // hollow: its position is old
     else ctx.fill();
-    labels.draw(vehicle.name, x + 10, y - 5, tint !== "vehicle" || selection.has(vehicle.id));
+    labels.draw(vehicle.name, x + 10, y - 5, tint !== "vehicle" || isSelected);
   }
-  ctx.font = options.font;
+  ctx.font = font;
 }
 
-export function altitudes(ctx, view, list, labels, colour) {
+/**
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Vehicle[]} vehicles
+ * @param {Labels} labels
+ * @param {Colour} colour
+ */
+export function drawAltitudes(ctx, view, vehicles, labels, colour) {
   ctx.textAlign = "left";
   ctx.fillStyle = colour("dim");
-  for (const { at, alt_m, status } of list) {
-    if (at && alt_m !== null && status !== "lost") labels.draw(`${alt_m.toFixed(0)} m`, view.x(at[0]) + 10, view.y(at[1]) + 9);
+  for (const { at, alt_m: alt, status } of vehicles) {
+    if (at && alt !== null && status !== "lost")
+      labels.draw(`${alt.toFixed(0)} m`, view.x(at[0]) + 10, view.y(at[1]) + 9);
   }
 }
 
-function tintOf(vehicle) {
-  if (vehicle.doubted) return "warning";
-  if (vehicle.late || vehicle.authority !== "ours") return "caution";
-  return vehicle.status === "arrived" ? "done" : "vehicle";
-}
-
-function arrow(ctx, x, y, course) {
-  const [sin, cos] = [Math.sin(course ?? 0), Math.cos(course ?? 0)];
-  const point = (right, forward) => [x + right * cos + forward * sin, y + right * sin - forward * cos];
-  ctx.lineWidth = 1.5;
-  ctx.beginPath();
-  ctx.moveTo(...point(0, 10));
-  ctx.lineTo(...point(6, -6));
-  ctx.lineTo(...point(0, -3));
-  ctx.lineTo(...point(-6, -6));
-  ctx.closePath();
-}
-
-function halo(ctx, x, y, tint) {
+/**
+ * Draw a ring around what is selected.
+ *
+ * @param {Context} ctx
+ * @param {number} x
+ * @param {number} y
+ * @param {string} tint
+ */
+export function drawHalo(ctx, x, y, tint) {
   ctx.strokeStyle = tint;
   ctx.lineWidth = 2;
   ctx.beginPath();
@@ -206,15 +178,53 @@ function halo(ctx, x, y, tint) {
   ctx.stroke();
 }
 
-function cross(ctx, view, vehicle, labels, tint) {
-  const [x, y] = [view.x(vehicle.lost_at[0]), view.y(vehicle.lost_at[1])];
+/** @param {Vehicle} vehicle */
+function tintOf(vehicle) {
+  if (vehicle.doubted) return "warning";
+  if (vehicle.late || vehicle.authority !== "ours") return "caution";
+  return vehicle.status === "arrived" ? "done" : "vehicle";
+}
+
+/**
+ * @param {Context} ctx
+ * @param {number} x
+ * @param {number} y
+ * @param {number} course
+ */
+function beginArrow(ctx, x, y, course) {
+  const [sin, cos] = [Math.sin(course), Math.cos(course)];
+  ctx.lineWidth = 1.5;
+  ctx.beginPath();
+  for (const [right, forward] of [
+    [0, 10],
+    [6, -6],
+    [0, -3],
+    [-6, -6],
+  ]) {
+    ctx.lineTo(x + right * cos + forward * sin, y + right * sin - forward * cos);
+  }
+  ctx.closePath();
+}
+
+/**
+ * Draw a cross where a vehicle was seen last.
+ *
+ * @param {Context} ctx
+ * @param {View} view
+ * @param {Vehicle} vehicle
+ * @param {Point} at
+ * @param {Labels} labels
+ * @param {string} tint
+ */
+function drawLost(ctx, view, { name, status }, at, labels, tint) {
+  const [x, y] = [view.x(at[0]), view.y(at[1])];
   ctx.strokeStyle = ctx.fillStyle = tint;
   ctx.lineWidth = 2;
-  ctx.beginPath();
-  ctx.moveTo(x - 6, y - 6);
-  ctx.lineTo(x + 6, y + 6);
-  ctx.moveTo(x + 6, y - 6);
-  ctx.lineTo(x - 6, y + 6);
-  ctx.stroke();
-  labels.draw(`${vehicle.name} lost`, x + 10, y + 4, true);
+  for (const side of [-6, 6]) {
+    strokeLine(ctx, [
+      [x - 6, y + side],
+      [x + 6, y - side],
+    ]);
+  }
+  labels.draw(`${name} ${status}`, x + 10, y + 4, true);
 }

@@ -1,20 +1,43 @@
 // Feed: a WebSocket that brings a snapshot, then updates. It connects again after a loss.
 
+/**
+ * @import { FeedMessage, Role, Sections, SectionsMessage } from "../page_types.d.ts"
+ *
+ * @typedef {"vehicles" | "targets" | "zones" | "routes" | "log" | "answers" | "trails"} ListName
+ * @typedef {Partial<Sections> & Pick<Sections, ListName>} FeedData lists are empty until they come
+ * @typedef {Set<keyof Sections>} Names
+ */
+
 const MIN_RETRY_MS = 500;
 const MAX_RETRY_MS = 5000;
 const MAX_LOG = 1000;
 const USE_MS = 5000;
 
+/** @returns {FeedData} */
+const withoutData = () => ({
+  vehicles: [],
+  targets: [],
+  zones: [],
+  routes: [],
+  log: [],
+  answers: [],
+  trails: {},
+});
+
 export class Feed extends EventTarget {
   constructor() {
     super();
-    this.data = { log: [], answers: [] };
+    this.data = withoutData();
+    /** @type {Role} */
     this.role = "view";
     this.connected = false;
     this.heardAt = 0;
     this.retryMs = MIN_RETRY_MS;
     this.toldAt = 0;
-    for (const kind of ["pointerdown", "keydown"]) document.addEventListener(kind, () => this.tellUse(), { capture: true });
+    /** @type {WebSocket | null} */
+    this.socket = null;
+    for (const kind of ["pointerdown", "keydown"])
+      document.addEventListener(kind, () => this.tellUse(), { capture: true });
   }
 
   connect() {
@@ -23,32 +46,33 @@ export class Feed extends EventTarget {
     const socket = new WebSocket(url);
     const decoder = new TextDecoder();
     socket.binaryType = "arraybuffer";
-    this.socket = socket;
     socket.onmessage = (event) => this.receive(JSON.parse(decoder.decode(event.data)));
     socket.onclose = () => this.lose();
+    this.socket = socket;
   }
 
+  /** @param {FeedMessage} message */
   receive(message) {
     this.heardAt = Date.now();
-    const { type, log = [], answers = [], ...sections } = message;
-    if (type === "role") {
-      this.role = message.role;
-      return;
-    }
-    const fresh = type === "snapshot";
-    if (fresh) {
-      this.data = { log, answers };
+    if (message.type === "role") this.role = message.role;
+    else this.take(message);
+  }
+
+  /** @param {SectionsMessage} message */
+  take({ type, log = [], answers = [], ...sections }) {
+    const isFresh = type === "snapshot";
+    if (isFresh) {
+      this.data = withoutData();
       this.connected = true;
       this.retryMs = MIN_RETRY_MS;
-    } else {
-      this.data.log = [...this.data.log, ...log].slice(-MAX_LOG);
-      this.data.answers = [...this.data.answers, ...answers].slice(-MAX_LOG);
     }
+    this.data.log = [...this.data.log, ...log].slice(-MAX_LOG);
+    this.data.answers = [...this.data.answers, ...answers].slice(-MAX_LOG);
     Object.assign(this.data, sections);
-    const names = new Set(Object.keys(sections));
-    if (fresh || log.length) names.add("log");
-    if (fresh || answers.length) names.add("answers");
-    this.dispatchEvent(new CustomEvent("data", { detail: { names, fresh } }));
+    const names = /** @type {Names} */ (new Set(Object.keys(sections)));
+    if (isFresh || log.length) names.add("log");
+    if (isFresh || answers.length) names.add("answers");
+    this.dispatchEvent(new CustomEvent("data", { detail: { names, isFresh } }));
   }
 
   lose() {
@@ -58,17 +82,48 @@ export class Feed extends EventTarget {
     this.retryMs = Math.min(MAX_RETRY_MS, this.retryMs * 1.5);
   }
 
-  // When too many pages are open, those that nobody uses are closed first.
+  /** Tell the server that somebody uses this page: of too many pages, unused ones are closed first. */
   tellUse() {
     if (this.socket?.readyState !== WebSocket.OPEN || Date.now() - this.toldAt < USE_MS) return;
     this.toldAt = Date.now();
     this.socket.send("used");
   }
 
-  // Calls back when one of the named sections has changed.
-  on(names, callback) {
+  /**
+   * Call back with the names of the sections that have changed, and whether all are new.
+   *
+   * @param {(names: Names, isFresh: boolean) => void} callback
+   */
+  onData(callback) {
     this.addEventListener("data", (event) => {
-      if (names.some((name) => event.detail.names.has(name))) callback(this.data, event.detail.fresh);
+      /** @type {{ names: Names, isFresh: boolean }} */
+      const { names, isFresh } = /** @type {CustomEvent} */ (event).detail;
+      callback(names, isFresh);
+    });
+  }
+
+  /**
+   * Call back with a section when it has changed.
+   *
+   * @template {keyof Sections} Name
+   * @param {Name} name
+   * @param {(section: Sections[Name], isFresh: boolean) => void} callback
+   */
+  on(name, callback) {
+    this.onData((names, isFresh) => {
+      if (names.has(name)) callback(/** @type {Sections[Name]} */ (this.data[name]), isFresh);
+    });
+  }
+
+  /**
+   * Call back when one of some sections has changed.
+   *
+   * @param {(keyof Sections)[]} some
+   * @param {() => void} callback
+   */
+  onAny(some, callback) {
+    this.onData((names) => {
+      if (some.some((name) => names.has(name))) callback();
     });
   }
 }

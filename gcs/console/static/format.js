@@ -1,34 +1,61 @@
-// Numbers as operators read them.
+// Numbers as operators read them. One that is not known is a dash.
 
-export const FIXES = ["none", "none", "2D", "3D", "DGPS", "float", "RTK", "static"];
+/** @typedef {number | null | undefined} Value */
 
-// From this many vehicles on, rows are low.
-export const DENSE_ROWS = 24;
-
+/**
+ * @param {Value} value
+ * @param {number} digits
+ * @param {string} unit
+ */
 export function number(value, digits = 0, unit = "") {
   return value === null || value === undefined ? "–" : value.toFixed(digits) + unit;
 }
 
+/** @param {Value} value */
 export function seconds(value) {
   if (value === null || value === undefined) return "–";
   return value < 100 ? `${value.toFixed(1)} s` : duration(value);
 }
 
+/** @param {Value} value */
 export function duration(value) {
   if (value === null || value === undefined) return "–";
   const whole = Math.max(0, Math.round(value));
   const hours = Math.floor(whole / 3600);
   const minutes = Math.floor(whole / 60) % 60;
-  const pad = (part) => String(part).padStart(2, "0");
-  return hours ? `${hours}:${pad(minutes)}:${pad(whole % 60)}` : `${minutes}:${pad(whole % 60)}`;
+  const rest = String(whole % 60).padStart(2, "0");
+  return hours ? `${hours}:${String(minutes).padStart(2, "0")}:${rest}` : `${minutes}:${rest}`;
 }
 
+/** @param {Value} value */
 export function metres(value) {
   if (value === null || value === undefined) return "–";
   return Math.abs(value) < 10000 ? `${value.toFixed(0)} m` : `${(value / 1000).toFixed(1)} km`;
 }
 
+/** @param {Value} value */
 export function megabytes(value) {
   if (value === null || value === undefined) return "–";
-  return value < 1000 ? `${value.toFixed(value < 10 ? 1 : 0)} MB` : `${(value / 1000).toFixed(value < 10000 ? 1 : 0)} GB`;
+  return value < 1000
+    ? `${value.toFixed(value < 10 ? 1 : 0)} MB`
+    : `${(value / 1000).toFixed(value < 10000 ? 1 : 0)} GB`;
+}
+
+/**
+ * Return the time of day, UTC.
+ *
+ * @param {number} timeMs since 1970
+ */
+export function utc(timeMs) {
+  return new Date(timeMs).toISOString().slice(11, 19);
+}
+
+/**
+ * Return names, or as many as there is room for.
+ *
+ * @param {string[]} names
+ * @param {number} max
+ */
+export function named(names, max) {
+  return names.length > max ? `${names.slice(0, max).join(", ")} +${names.length - max}` : names.join(", ");
 }

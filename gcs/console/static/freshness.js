@@ -1,19 +1,26 @@
 // Whether what is shown is fresh: a lost service must not look like a living one.
 
+/** @import { Feed } from "./feed.js" */
+
 import { el, setText } from "./dom.js";
-import { seconds } from "./format.js";
+import { seconds, utc } from "./format.js";
 
 const SILENT_MS = 2500;
 const PERIOD_MS = 1000;
 
+/** Dispatches "change" once a second, and as soon as something changes. */
 export class Freshness extends EventTarget {
+  /** @param {Feed} feed */
   constructor(feed) {
     super();
     this.feed = feed;
-    feed.addEventListener("lost", () => this.check());
-    feed.addEventListener("data", () => { if (this.problem) this.check(); });
-    setInterval(() => this.check(), PERIOD_MS);
+    /** Empty while the data is fresh. */
     this.problem = "";
+    feed.addEventListener("lost", () => this.check());
+    feed.onData(() => {
+      if (this.problem) this.check();
+    });
+    setInterval(() => this.check(), PERIOD_MS);
   }
 
   check() {
@@ -23,9 +30,9 @@ export class Freshness extends EventTarget {
     this.dispatchEvent(new Event("change"));
   }
 
-  // Time of the last data, UTC; empty if there was none.
+  /** Time of the last data, UTC; empty if there was none. */
   get since() {
-    return this.feed.heardAt ? new Date(this.feed.heardAt).toISOString().slice(11, 19) : "";
+    return this.feed.heardAt ? utc(this.feed.heardAt) : "";
   }
 
   get age() {
@@ -33,7 +40,12 @@ export class Freshness extends EventTarget {
   }
 }
 
-// Says so over the map, which turns grey.
+/**
+ * Say over the map that its data is old; the map turns grey.
+ *
+ * @param {HTMLElement} root
+ * @param {Freshness} freshness
+ */
 export function showOld(root, freshness) {
   const title = el("strong");
   const text = el("span");

@@ -1,46 +1,100 @@
 // Events of the run, and orders with their answers, newest last.
 
+/**
+ * @import { LogEntry } from "../page_types.d.ts"
+ * @import { Feed } from "./feed.js"
+ */
+
 import { el, setText } from "./dom.js";
 import { duration } from "./format.js";
 
 const MAX_SHOWN = 300;
 const NEAR_END_PX = 30;
 
-export function showLog(root, feed) {
-  const lists = { events: el("ol"), orders: el("ol") };
-  const panel = (list, name) => el("div", { class: "panel", role: "tabpanel", tabindex: "0", "aria-label": name }, list);
-  const panels = { events: panel(lists.events, "Events"), orders: panel(lists.orders, "Orders") };
-  const tabs = {};
-  const choose = (chosen) => {
-    for (const [name, one] of Object.entries(panels)) {
-      one.hidden = name !== chosen;
-      tabs[name].setAttribute("aria-selected", String(name === chosen));
-    }
-    panels[chosen].scrollTop = panels[chosen].scrollHeight;
-  };
-  for (const [name, title] of [["events", "Events"], ["orders", "Orders"]]) {
-    tabs[name] = el("button", { role: "tab", onclick: () => choose(name) }, title);
+class LogPanel {
+  /**
+   * @param {string} title
+   * @param {() => void} choose
+   */
+  constructor(title, choose) {
+    this.list = el("ol");
+    this.tab = el("button", { role: "tab", onclick: choose }, title);
+    const attributes = { class: "panel", role: "tabpanel", tabindex: 0, "aria-label": title };
+    this.panel = el("div", attributes, this.list);
+    /** True until the user scrolls back. */
+    this.isAtEnd = true;
+    this.panel.addEventListener("scroll", () => {
+      const { scrollHeight, scrollTop, clientHeight } = this.panel;
+      this.isAtEnd = scrollHeight - scrollTop - clientHeight < NEAR_END_PX;
+    });
+    const resized = new ResizeObserver(() => this.followEnd());
+    resized.observe(this.panel);
+    resized.observe(this.list);
   }
-  root.append(el("div", { class: "tabs", role: "tablist" }, ...Object.values(tabs)), panels.events, panels.orders);
-  choose("events");
 
-  const append = (name, entries, fresh) => {
-    const [list, scrolled] = [lists[name], panels[name]];
-    const isAtEnd = scrolled.scrollHeight - scrolled.scrollTop - scrolled.clientHeight < NEAR_END_PX;
-    if (fresh) list.replaceChildren();
-    list.append(...entries.map(({ t_s, level, text }) =>
-      el("li", { class: level }, el("time", {}, duration(t_s)), el("span", {}, text))));
-    while (list.childElementCount > MAX_SHOWN) list.firstElementChild.remove();
-    if (isAtEnd || fresh) scrolled.scrollTop = scrolled.scrollHeight;
+  followEnd() {
+    if (this.isAtEnd) this.panel.scrollTop = this.panel.scrollHeight;
+  }
+
+  /** @param {boolean} isShown */
+  show(isShown) {
+    this.panel.hidden = !isShown;
+    this.tab.setAttribute("aria-selected", String(isShown));
+    this.isAtEnd = true;
+    this.followEnd();
+  }
+
+  /**
+   * Append entries; the end stays in view if it is.
+   *
+   * @param {LogEntry[]} entries
+   * @param {boolean} isFresh
+   */
+  append(entries, isFresh) {
+    const { list } = this;
+    if (isFresh) {
+      list.replaceChildren();
+      this.isAtEnd = true;
+    }
+    list.append(
+      ...entries.map(({ t_s: at, level, text }) =>
+        el("li", { class: level }, el("time", {}, duration(at)), el("span", {}, text)),
+      ),
+    );
+    while (list.childElementCount > MAX_SHOWN) list.firstElementChild?.remove();
+    this.followEnd();
+  }
+}
+
+/**
+ * @param {HTMLElement} root
+ * @param {Feed} feed
+ */
+export function showLog(root, feed) {
+  /** @param {LogPanel} chosen */
+  const choose = (chosen) => {
+    for (const one of [events, orders]) one.show(one === chosen);
   };
+  const events = new LogPanel("Events", () => choose(events));
+  const orders = new LogPanel("Orders", () => choose(orders));
+  const tabs = el("div", { class: "tabs", role: "tablist" }, events.tab, orders.tab);
+  root.append(tabs, events.panel, orders.panel);
+  choose(events);
+
   let last = 0;
-  feed.on(["log"], ({ log }, fresh) => {
-    if (fresh) last = 0;
+  feed.on("log", (log, isFresh) => {
+    if (isFresh) last = 0;
     const entries = log.filter((entry) => entry.n > last);
     last = log.at(-1)?.n ?? last;
-    append("events", entries.filter((entry) => entry.kind !== "OrderAnswer"), fresh);
-    append("orders", entries.filter((entry) => entry.kind === "OrderAnswer"), fresh);
-    const count = lists.orders.childElementCount;
-    setText(tabs.orders, count ? `Orders (${count})` : "Orders");
+    events.append(
+      entries.filter((entry) => entry.kind !== "OrderAnswer"),
+      isFresh,
+    );
+    orders.append(
+      entries.filter((entry) => entry.kind === "OrderAnswer"),
+      isFresh,
+    );
+    const count = orders.list.childElementCount;
+    setText(orders.tab, count ? `Orders (${count})` : "Orders");
   });
 }

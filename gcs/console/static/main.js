@@ -1,11 +1,16 @@
 // The console: parts of the page, and what connects them.
 
+/**
+ * @import { Comparison } from "./compare.js"
+ * @import { Actions } from "./keys.js"
+ */
+
 import { Alarms } from "./alarms.js";
 import { Charts } from "./charts.js";
 import { Commands } from "./commands.js";
 import { Detail } from "./detail.js";
 import { showKeys } from "./dialogs.js";
-import { el } from "./dom.js";
+import { part } from "./dom.js";
 import { Feed } from "./feed.js";
 import { Freshness, showOld } from "./freshness.js";
 import { showHeader } from "./header.js";
@@ -18,14 +23,14 @@ import { Panels } from "./panels.js";
 import { Plan } from "./plan.js";
 import { Replay } from "./replay.js";
 import { Selection } from "./selection.js";
-import { showStrip } from "./strip.js";
 import { TargetOrders } from "./target_orders.js";
 import { showTargets } from "./targets.js";
 import { Theme } from "./theme.js";
-import { Measure, Zones } from "./tools.js";
+import { showVehicles } from "./vehicle_table.js";
+import { Zones } from "./zones.js";
 
-const { comparison } = window.parent; // of two recordings: each page is in a frame
-const part = (id) => document.getElementById(id);
+const parent = /** @type {Window & { comparison?: Comparison }} */ (window.parent);
+const { comparison } = parent; // of two recordings: each page is in a frame
 const PAN_PX = 60;
 
 const feed = new Feed();
@@ -45,19 +50,29 @@ const marks = new Marks(feed);
 const replay = comparison?.replay ?? new Replay(part("replay"), feed, marks, theme);
 const charts = new Charts(part("charts"), feed, marks, selection, theme, panels, (at) => replay.seek(at));
 
+const help = () => showKeys(KEYS);
 new Detail(part("detail"), feed, selection, map, panels);
-showHeader(part("head"), feed, theme, freshness);
+showHeader(part("head"), feed, theme, freshness, help);
 showOld(part("map"), freshness);
-showStrip(part("vehicles"), feed, selection);
+showVehicles(part("vehicles"), feed, selection);
 showTargets(part("targets"), feed, map, selection, zones);
 showLog(part("log"), feed);
-part("help").addEventListener("click", () => showKeys(KEYS));
 
-const measure = () => map.use(map.tool ? null : new Measure());
-const pan = (dx, dy) => () => map.pan(dx, dy);
+const { motion } = map;
+
+/**
+ * @param {number} dx
+ * @param {number} dy
+ */
+const pan = (dx, dy) => () => motion.pan(dx, dy);
+
+/**
+ * @param {() => void} action
+ * @param {() => void} live
+ */
 const inReplay = (action, live) => () => (replay.isShown ? action() : live());
-map.onmeasure = measure;
 
+/** @type {Actions} */
 const actions = {
   space: () => commands.give("hold"),
   "shift+space": () => commands.holdAll(),
@@ -65,27 +80,38 @@ const actions = {
   b: () => commands.give("return"),
   a: () => commands.give("arm"),
   d: () => commands.give("disarm"),
-  c: () => plan.focus("yes"),
-  x: () => plan.focus("no"),
+  c: () => plan.focus("confirm"),
+  x: () => plan.focus("reject"),
   k: () => alarms.acknowledgeWorst(),
-  n: () => { if (commands.mayOperate) zones.open(); },
-  z: () => map.fitSwarm(),
-  0: () => map.fitAll(),
-  f: () => map.follow(),
+  n: () => {
+    if (commands.mayOperate) zones.open();
+  },
+  z: () => motion.fitSwarm(),
+  0: () => motion.fitArea(),
+  f: () => motion.toggleFollow(),
   l: () => map.toggleLayers(),
   g: () => panels.toggle("charts"),
   w: () => charts.zoom(),
-  m: measure,
-  p: inReplay(() => replay.toggle(), () => targetOrders.pin()),
+  m: () => map.measure(),
+  p: inReplay(
+    () => replay.toggle(),
+    () => targetOrders.pin(),
+  ),
   t: () => targetOrders.selectNext(1),
   "shift+t": () => targetOrders.selectNext(-1),
   i: () => targetOrders.toggleIgnored(),
-  ",": inReplay(() => replay.jump(-1), () => targetOrders.changePriority(-1)),
-  ".": inReplay(() => replay.jump(1), () => targetOrders.changePriority(1)),
+  ",": inReplay(
+    () => replay.jump(-1),
+    () => targetOrders.changePriority(-1),
+  ),
+  ".": inReplay(
+    () => replay.jump(1),
+    () => targetOrders.changePriority(1),
+  ),
   u: () => targetOrders.unpin(),
   v: () => panels.toggle("detail"),
-  "+": () => map.zoom(1.4),
-  "-": () => map.zoom(1 / 1.4),
+  "+": () => motion.zoom(1.4),
+  "-": () => motion.zoom(1 / 1.4),
   home: () => replay.seek(0),
   end: () => replay.seek(replay.duration),
   "shift+arrowleft": inReplay(() => replay.step(-30), pan(PAN_PX, 0)),
@@ -94,10 +120,13 @@ const actions = {
   arrowright: inReplay(() => replay.step(5), pan(-PAN_PX, 0)),
   arrowup: pan(0, PAN_PX),
   arrowdown: pan(0, -PAN_PX),
-  "?": () => showKeys(KEYS),
-  escape: () => { if (map.tool) map.use(null); else selection.clear(); },
+  "?": help,
+  escape: () => {
+    if (map.tool) map.use(null);
+    else selection.clear();
+  },
 };
 
 listenToKeys(actions, feed, selection);
-document.documentElement.classList.toggle("framed", Boolean(comparison));
+document.documentElement.classList.toggle("framed", comparison !== undefined);
 comparison?.add(window.frameElement, { feed, map, marks, selection, actions });

@@ -1,46 +1,84 @@
 // Panels below the vehicles: one at a time, so that none covers another.
 
-import { el, setText } from "./dom.js";
+import { el, part, setText } from "./dom.js";
 
-const TITLES = { targets: "Targets", detail: "Details", alarms: "Alarms", charts: "Charts" };
-const ROOTS = { targets: "targets", detail: "detail", alarms: "alarm-list", charts: "charts" };
+/** @typedef {"targets" | "detail" | "alarms" | "charts"} PanelName */
 
+/** @type {Record<PanelName, { title: string, id: string }>} */
+const PANELS = {
+  targets: { title: "Targets", id: "targets" },
+  detail: { title: "Details", id: "detail" },
+  alarms: { title: "Alarms", id: "alarm-list" },
+  charts: { title: "Charts", id: "charts" },
+};
+const NAMES = /** @type {PanelName[]} */ (Object.keys(PANELS));
+
+/** Dispatches "change" when another panel is shown. */
 export class Panels extends EventTarget {
+  /** @param {HTMLElement} root */
   constructor(root) {
     super();
     this.root = root;
-    this.tabs = {};
-    this.roots = {};
-    for (const [name, title] of Object.entries(TITLES)) {
-      this.roots[name] = document.getElementById(ROOTS[name]);
-      this.roots[name].setAttribute("role", "tabpanel");
-      this.tabs[name] = el("button", { id: `tab-${name}`, role: "tab", "aria-controls": ROOTS[name], onclick: () => this.show(name) }, title);
-    }
-    root.prepend(el("div", { class: "tabs", role: "tablist", "aria-label": "Panels" }, ...Object.values(this.tabs)));
+    /** @type {PanelName} */
+    this.current = "targets";
+    this.tabs = ofEach((name) => this.tab(name));
+    this.roots = ofEach((name) => part(PANELS[name].id));
+    for (const one of Object.values(this.roots)) one.setAttribute("role", "tabpanel");
+    const tabs = Object.values(this.tabs);
+    root.prepend(el("div", { class: "tabs", role: "tablist", "aria-label": "Panels" }, ...tabs));
     this.show("targets");
   }
 
+  /** @param {PanelName} name */
+  tab(name) {
+    const { title, id } = PANELS[name];
+    const onclick = () => this.show(name);
+    return el("button", { id: `tab-${name}`, role: "tab", "aria-controls": id, onclick }, title);
+  }
+
+  /** @param {PanelName} name */
   show(name) {
     this.current = name;
     this.root.dataset.panel = name;
-    for (const [one, root] of Object.entries(this.roots)) {
-      root.hidden = one !== name;
+    for (const one of NAMES) {
+      this.roots[one].hidden = one !== name;
       this.tabs[one].setAttribute("aria-selected", String(one === name));
     }
     this.dispatchEvent(new Event("change"));
   }
 
+  /** @param {PanelName} name */
   toggle(name) {
     this.show(this.current === name ? "targets" : name);
   }
 
-  // What is selected comes to the front, but not before what was opened by hand.
+  /**
+   * Bring the details of what is selected to the front, but not before a panel that was opened by hand.
+   *
+   * @param {boolean} isSelected
+   */
   follow(isSelected) {
     if (isSelected && this.current === "targets") this.show("detail");
     else if (!isSelected && this.current === "detail") this.show("targets");
   }
 
-  count(name, number) {
-    setText(this.tabs[name], number ? `${TITLES[name]} (${number})` : TITLES[name]);
+  /**
+   * Write a number on a tab; nothing for 0.
+   *
+   * @param {PanelName} name
+   * @param {number} count
+   */
+  count(name, count) {
+    const { title } = PANELS[name];
+    setText(this.tabs[name], count ? `${title} (${count})` : title);
   }
+}
+
+/**
+ * @template Made
+ * @param {(name: PanelName) => Made} make
+ */
+function ofEach(make) {
+  const made = Object.fromEntries(NAMES.map((name) => [name, make(name)]));
+  return /** @type {Record<PanelName, Made>} */ (made);
 }

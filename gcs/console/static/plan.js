@@ -1,102 +1,150 @@
 // Proposed plan: why, who changes, and by how much. Only checked routes are confirmed, all at first.
 // After a new number the buttons wait, so that a press does not confirm a plan that came just before it.
 
-import { el, Rows, setClass, setText } from "./dom.js";
+/**
+ * @import { Proposal, ProposedRoute } from "../page_types.d.ts"
+ * @import { Commands } from "./commands.js"
+ * @import { Feed } from "./feed.js"
+ * @import { Orders } from "./orders.js"
+ */
+
+import { el, Rows, setClass, setText, tableOf } from "./dom.js";
 import { duration, metres } from "./format.js";
 
 const MAX_NAMED = 6;
 const READING_MS = 1000;
+/** @type {[string, string][]} */
+const HEADS = [
+  ["", "left"],
+  ["vehicle", "left"],
+  ["target", "left"],
+  ["length", ""],
+  ["was", "c-was"],
+  ["arrives", ""],
+  ["separation", ""],
+  ["clearance", ""],
+];
 
-function named(routes) {
+/** @param {ProposedRoute[]} routes */
+function namesOf(routes) {
   if (!routes.length) return "none";
-  return routes.length > MAX_NAMED ? `${routes.length} vehicles` : routes.map((route) => route.name).join(", ");
+  if (routes.length > MAX_NAMED) return `${routes.length} vehicles`;
+  return routes.map((route) => route.name).join(", ");
 }
 
 export class Plan {
+  /**
+   * @param {HTMLElement} root
+   * @param {Feed} feed
+   * @param {Orders} orders
+   * @param {Commands} commands
+   */
   constructor(root, feed, orders, commands) {
     this.root = root;
     this.feed = feed;
     this.orders = orders;
     this.commands = commands;
+    /** @type {number | null} */
     this.shownId = null;
+    this.shownAt = 0;
+    /** @type {Set<number>} */
     this.unchecked = new Set();
-    this.build();
-    feed.on(["proposal", "head"], () => this.show());
-  }
-
-  build() {
     this.title = el("h2");
     this.why = el("div", { class: "why" });
-    const heads = [
-      ["", "left"], ["vehicle", "left"], ["target", "left"], ["length", ""], ["was", "c-was"], ["arrives", ""],
-      ["separation", ""], ["clearance", ""],
-    ];
-    this.body = el("tbody");
-    const head = el("tr", {}, ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text)));
-    this.yes = el("button", { class: "main", onclick: () => this.confirm() });
-    this.no = el("button", { onclick: () => this.reject() });
-    this.root.append(
-      this.title, this.why, el("table", {}, el("thead", {}, head), this.body),
-      el("div", { class: "actions" }, this.yes, this.no),
-    );
+    this.confirm = el("button", {
+      class: "main",
+      onclick: () => this.give("confirm", { vehicles: this.chosen().map((route) => route.id) }),
+    });
+    this.reject = el("button", { onclick: () => this.give("reject") });
+    const body = el("tbody");
+    /** @type {Rows<ProposedRoute, number, ReturnType<Plan["makeRow"]>>} */
     this.rows = new Rows(
-      this.body,
-      (route) => {
-        const box = el("input", {
-          type: "checkbox", "aria-label": `vehicle ${route.name}`,
-          onchange: () => { this.unchecked[box.checked ? "delete" : "add"](route.id); this.show(); },
-        });
-        const cells = heads.map(([, align]) => el("td", { class: align }));
-        cells[0].append(box);
-        return { element: el("tr", {}, ...cells), cells, box };
-      },
-      (row, route) => {
-        row.box.checked = !this.unchecked.has(route.id);
-        const texts = [
-          route.name, route.target + (route.short ? " (stops short)" : ""), metres(route.length_m), metres(route.shown_length_m),
-          duration(route.arrival_s), route.separation_m === null ? "alone" : metres(route.separation_m), metres(route.clearance_m),
-        ];
-        texts.forEach((text, index) => setText(row.cells[index + 1], text));
-        setClass(row.cells[2], route.short ? "left fair" : "left");
-      },
+      body,
+      (route) => this.makeRow(route),
+      (row, route) => this.updateRow(row, route),
+      (route) => route.id,
     );
+    const actions = el("div", { class: "actions" }, this.confirm, this.reject);
+    root.append(this.title, this.why, tableOf(HEADS, body), actions);
+    feed.onAny(["proposal", "head"], () => this.show());
+  }
+
+  /** @param {ProposedRoute} route */
+  makeRow(route) {
+    const onchange = () => {
+      if (box.checked) this.unchecked.delete(route.id);
+      else this.unchecked.add(route.id);
+      this.show();
+    };
+    const box = el("input", { type: "checkbox", "aria-label": `vehicle ${route.name}`, onchange });
+    const cells = HEADS.map(([, name]) => el("td", { class: name }));
+    cells[0].append(box);
+    return { element: el("tr", {}, ...cells), cells, box };
+  }
+
+  /**
+   * @param {ReturnType<Plan["makeRow"]>} row
+   * @param {ProposedRoute} route
+   */
+  updateRow({ box, cells }, route) {
+    box.checked = !this.unchecked.has(route.id);
+    const texts = [
+      route.name,
+      route.target + (route.short ? " (stops short)" : ""),
+      metres(route.length_m),
+      metres(route.shown_length_m),
+      duration(route.arrival_s),
+      route.separation_m === null ? "alone" : metres(route.separation_m),
+      metres(route.clearance_m),
+    ];
+    for (const [index, text] of texts.entries()) setText(cells[index + 1], text);
+    setClass(cells[2], route.short ? "left fair" : "left");
   }
 
   show() {
     const { proposal } = this.feed.data;
     this.root.hidden = !proposal;
     if (!proposal) return;
-    if (proposal.id !== this.shownId) {
-      this.shownId = proposal.id;
-      this.shownAt = performance.now();
-      setTimeout(() => this.show(), READING_MS);
-      this.unchecked.clear();
-    }
+    if (proposal.id !== this.shownId) this.begin(proposal);
     setText(this.title, `Plan ${proposal.id} waits to be confirmed, for ${duration(proposal.age_s)}`);
     setText(this.why, proposal.reason);
-    this.rows.show(proposal.routes, (route) => route.id);
+    this.rows.show(proposal.routes);
     const chosen = this.chosen();
-    setText(this.yes, `Confirm plan ${proposal.id} for ${named(chosen)}`);
-    setText(this.no, `Reject plan ${proposal.id}`);
-    const isLocked = !this.commands.mayOperate || performance.now() - this.shownAt < READING_MS;
-    this.yes.disabled = !chosen.length || isLocked;
-    this.no.disabled = isLocked;
+    setText(this.confirm, `Confirm plan ${proposal.id} for ${namesOf(chosen)}`);
+    setText(this.reject, `Reject plan ${proposal.id}`);
+    const isNew = performance.now() - this.shownAt < READING_MS;
+    const isLocked = !this.commands.mayOperate || isNew;
+    this.confirm.disabled = !chosen.length || isLocked;
+    this.reject.disabled = isLocked;
   }
 
-  // Keys move the focus to a button; Enter presses it.
+  /** @param {Proposal} proposal */
+  begin(proposal) {
+    this.shownId = proposal.id;
+    this.shownAt = performance.now();
+    setTimeout(() => this.show(), READING_MS);
+    this.unchecked.clear();
+  }
+
+  /**
+   * Move the focus to a button; Enter presses it.
+   *
+   * @param {"confirm" | "reject"} name
+   */
   focus(name) {
     if (!this.root.hidden) this[name].focus();
   }
 
   chosen() {
-    return this.feed.data.proposal.routes.filter((route) => !this.unchecked.has(route.id));
+    const routes = this.feed.data.proposal?.routes ?? [];
+    return routes.filter((route) => !this.unchecked.has(route.id));
   }
 
-  confirm() {
-    this.orders.give("confirm", { plan_id: this.shownId, vehicles: this.chosen().map((route) => route.id) });
-  }
-
-  reject() {
-    this.orders.give("reject", { plan_id: this.shownId });
+  /**
+   * @param {"confirm" | "reject"} action
+   * @param {object} fields
+   */
+  give(action, fields = {}) {
+    this.orders.give(action, { plan_id: this.shownId, ...fields });
   }
 }

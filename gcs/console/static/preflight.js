@@ -1,6 +1,10 @@
 // Preflight page: one table for each vehicle, and one for the mission.
 
-import { el, setClass, setText } from "./dom.js";
+/** @import { Check, PreflightReply, PreflightResult } from "../page_types.d.ts" */
+
+import { el, part, setClass, setText } from "./dom.js";
+import { utc } from "./format.js";
+import { post } from "./requests.js";
 import { Theme } from "./theme.js";
 
 const STYLES = { ok: "arrived", warning: "fair", refused: "bad" };
@@ -8,25 +12,44 @@ const NETWORK = 256; // system ids of each network
 const POLL_MS = 2000;
 
 new Theme();
-const part = (id) => document.getElementById(id);
-let last = null;
+const run = /** @type {HTMLButtonElement} */ (part("run"));
+const brief = /** @type {HTMLInputElement} */ (part("brief"));
+const verdict = part("verdict");
+const tables = part("checks");
+/** @type {PreflightReply} */
+let last = { possible: true, running: false, result: null };
 
+/** @param {number | null} vehicle */
 function nameOf(vehicle) {
   if (vehicle === null) return "Mission";
   const network = Math.floor(vehicle / NETWORK);
   return `Vehicle ${network ? `${network}:` : ""}${vehicle % NETWORK}`;
 }
 
+/** @param {Check} check */
 function row({ name, level, value, wanted, remedy }) {
   const isGood = level === "ok";
-  return el("tr", {}, el("td", {}, name), el("td", { class: STYLES[level] }, level), el("td", {}, value),
-    el("td", {}, isGood || !wanted ? "" : `expected: ${wanted}`), el("td", {}, isGood ? "" : remedy));
+  return el(
+    "tr",
+    {},
+    el("td", {}, name),
+    el("td", { class: STYLES[level] }, level),
+    el("td", {}, value),
+    el("td", {}, isGood || !wanted ? "" : `expected: ${wanted}`),
+    el("td", {}, isGood ? "" : remedy),
+  );
 }
 
+/**
+ * @param {number | null} vehicle
+ * @param {Check[]} checks
+ */
 function table(vehicle, checks) {
   const problems = checks.filter((one) => one.level !== "ok");
-  const shown = part("brief").checked ? problems : checks;
-  const count = problems.length ? `${problems.length} of ${checks.length} checks not ok` : `${checks.length} checks ok`;
+  const shown = brief.checked ? problems : checks;
+  const count = problems.length
+    ? `${problems.length} of ${checks.length} checks not ok`
+    : `${checks.length} checks ok`;
   return [
     el("h2", {}, `${nameOf(vehicle)}: ${count}`),
     el("table", { class: "checks" }, el("tbody", {}, ...shown.map(row))),
@@ -35,45 +58,57 @@ function table(vehicle, checks) {
 
 function show() {
   const { possible, running, result } = last;
-  part("run").disabled = running || !possible;
-  setText(part("run"), running ? "Checking …" : "Check now");
-  if (!possible) setText(part("verdict"), "Only a service of gcs run can be checked.");
-  if (!result) return;
-  const at = new Date(result.at_ms).toISOString().slice(11, 19);
-  if (result.error) {
-    setText(part("verdict"), `${at} UTC: failed: ${result.error}`);
-    setClass(part("verdict"), "bad");
-    part("checks").replaceChildren();
-    return;
-  }
-  const verdict = result.refused ? `${result.refused} refused: do not fly` : "nothing refused";
-  setText(part("verdict"), `${at} UTC: ${verdict}, ${result.warnings} warnings`);
-  setClass(part("verdict"), result.refused ? "bad" : result.warnings ? "fair" : "arrived");
-  const vehicles = [...new Set(result.checks.map((one) => one.vehicle))];
-  part("checks").replaceChildren(...vehicles.flatMap((vehicle) => table(vehicle, result.checks.filter((one) => one.vehicle === vehicle))));
+  run.disabled = running || !possible;
+  setText(run, running ? "Checking …" : "Check now");
+  if (!possible) setText(verdict, "Only a service of gcs run can be checked.");
+  if (result) showResult(result);
 }
 
-async function load(method = "GET") {
-  const body = method === "POST" ? { method, headers: { "content-type": "application/json" }, body: "{}" } : {};
+/** @param {PreflightResult} result */
+function showResult(result) {
+  const time = `${utc(result.at_ms)} UTC`;
+  if (result.error !== undefined) {
+    showVerdict(`${time}: failed: ${result.error}`, "bad");
+    tables.replaceChildren();
+    return;
+  }
+  const { refused, warnings, checks } = result;
+  const found = refused ? `${refused} refused: do not fly` : "nothing refused";
+  showVerdict(`${time}: ${found}, ${warnings} warnings`, refused ? "bad" : warnings ? "fair" : "arrived");
+  const vehicles = [...new Set(checks.map((one) => one.vehicle))];
+  const of = vehicles.map((vehicle) => checks.filter((one) => one.vehicle === vehicle));
+  tables.replaceChildren(...vehicles.flatMap((vehicle, index) => table(vehicle, of[index])));
+}
+
+/**
+ * @param {string} text
+ * @param {string} style
+ */
+function showVerdict(text, style) {
+  setText(verdict, text);
+  setClass(verdict, style);
+}
+
+/** @param {Promise<Response>} asked */
+async function load(asked) {
   try {
-    const reply = await fetch("/api/preflight", body);
+    const reply = await asked;
     const content = await reply.json();
     if (!reply.ok) throw new Error(content.error);
     last = content;
     show();
-    if (last.running) setTimeout(load, POLL_MS);
+    if (last.running) setTimeout(() => load(fetch("/api/preflight")), POLL_MS);
   } catch (error) {
-    part("run").disabled = false;
-    setText(part("run"), "Check now");
-    setText(part("verdict"), `not checked: ${error.message}`);
-    setClass(part("verdict"), "bad");
+    run.disabled = false;
+    setText(run, "Check now");
+    showVerdict(`not checked: ${error instanceof Error ? error.message : error}`, "bad");
   }
 }
 
-part("run").addEventListener("click", () => {
-  last = { ...(last ?? { possible: true, result: null }), running: true };
+run.addEventListener("click", () => {
+  last = { ...last, running: true };
   show();
-  load("POST");
+  load(post("/api/preflight", {}));
 });
-part("brief").addEventListener("change", () => last && show());
-load();
+brief.addEventListener("change", show);
+load(fetch("/api/preflight"));

@@ -1,8 +1,27 @@
 // Replay bar: play, pause, speed, position, and the events of the recording.
 
+/**
+ * @import { Mark, MarkKind, ReplayState } from "../page_types.d.ts"
+ * @import { Theme } from "./theme.js"
+ *
+ * @typedef {Mark & { height?: number }} PlacedMark height: its place in the bar, 0 to 1
+ *
+ * @typedef {object} ReplayFeed
+ * @property {{ replay?: ReplayState | null }} data
+ * @property {(name: "replay", callback: () => void) => void} on
+ *
+ * @typedef {object} ReplayMarks
+ * @property {PlacedMark[]} all
+ * @property {() => void} want
+ * @property {() => void} release
+ * @property {(type: "change", callback: () => void) => void} addEventListener
+ */
+
+import { contextOf, fit } from "./canvas.js";
 import { el, setText } from "./dom.js";
 import { duration } from "./format.js";
-import { drawMark, KINDS, markText } from "./marks.js";
+import { drawMark, MARK_STYLES, markText, nearestMark } from "./marks.js";
+import { errorOf, post } from "./requests.js";
 
 const SPEEDS = [0.5, 1, 2, 5, 10, 50];
 const SEEK_MS = 300; // between seeks while the bar is dragged
@@ -11,50 +30,78 @@ const HIT_PX = 7;
 const MARK_PX = 4;
 const BEFORE_S = 1; // a jump shows what comes just before an event
 const PASSED_S = 2;
+const AHEAD_S = 0.2;
 
 export class Replay {
+  /**
+   * @param {HTMLElement} root
+   * @param {ReplayFeed} feed
+   * @param {ReplayMarks} marks
+   * @param {Theme} theme
+   */
   constructor(root, feed, marks, theme) {
     this.root = root;
     this.feed = feed;
     this.marks = marks;
     this.theme = theme;
-    this.dragging = false;
-    this.sent = null; // position that was asked for, until the replay has followed
+    this.isDragged = false;
+    /**
+     * Position that was asked for, until the replay has followed.
+     *
+     * @type {number | null}
+     */
+    this.sent = null;
     this.seeks = 0;
-    const button = (text, label, action) => el("button", { "aria-label": label, title: label, onclick: action }, text);
-    this.play = el("button", { class: "play", title: "Play or pause (P)", onclick: () => this.toggle() });
+    this.isSeekDue = false;
+    const titles = { title: "Play or pause (P)", onclick: () => this.toggle() };
+    this.play = el("button", { class: "play", ...titles });
     this.at = el("span", { class: "at" });
-    this.slider = el("input", { type: "range", min: "0", step: "0.1", "aria-label": "Position in the recording" });
+    const label = "Position in the recording";
+    this.slider = el("input", { type: "range", min: 0, step: 0.1, "aria-label": label });
     this.canvas = el("canvas", { class: "marks", "aria-hidden": "true" });
+    this.ctx = contextOf(this.canvas);
     this.tip = el("div", { class: "tip", hidden: true });
-    this.speed = el("select", { "aria-label": "Speed", onchange: () => this.send({ speed: Number(this.speed.value) }) },
-      ...SPEEDS.map((speed) => el("option", { value: speed }, `×${speed}`)));
+    this.speed = el(
+      "select",
+      { "aria-label": "Speed", onchange: () => this.send({ speed: Number(this.speed.value) }) },
+      ...SPEEDS.map((speed) => el("option", { value: speed }, `×${speed}`)),
+    );
     this.problem = el("span", { class: "bad", role: "status" });
-    root.append(this.play, button("|◂", "Event before (,)", () => this.jump(-1)), button("▸|", "Next event (.)", () => this.jump(1)),
-      el("div", { class: "bar" }, this.canvas, this.slider, this.tip), this.at, this.speed, this.problem);
+    root.append(
+      this.play,
+      button("|◂", "Event before (,)", () => this.jump(-1)),
+      button("▸|", "Next event (.)", () => this.jump(1)),
+      el("div", { class: "bar" }, this.canvas, this.slider, this.tip),
+      this.at,
+      this.speed,
+      this.problem,
+    );
     this.listen();
   }
 
   listen() {
-    this.slider.addEventListener("input", () => {
-      this.dragging = true;
-      this.showTime(Number(this.slider.value));
-      this.seekSoon(Number(this.slider.value));
+    const { canvas, slider } = this;
+    slider.addEventListener("input", () => {
+      this.isDragged = true;
+      this.showTime(Number(slider.value));
+      this.seekSoon();
     });
-    this.slider.addEventListener("change", () => {
-      this.dragging = false;
-      this.seek(Number(this.slider.value));
+    slider.addEventListener("change", () => {
+      this.isDragged = false;
+      this.seek(Number(slider.value));
     });
-    this.canvas.addEventListener("pointermove", (event) => this.point(event));
-    this.canvas.addEventListener("pointerleave", () => { this.tip.hidden = true; });
-    this.canvas.addEventListener("click", (event) => {
+    canvas.addEventListener("pointermove", (event) => this.point(event));
+    canvas.addEventListener("pointerleave", () => {
+      this.tip.hidden = true;
+    });
+    canvas.addEventListener("click", (event) => {
       const mark = this.markAt(event);
-      this.seek(mark ? this.before(mark) : this.timeAt(event));
+      this.seek(mark ? timeBefore(mark) : this.timeAt(event));
     });
-    new ResizeObserver(() => this.draw()).observe(this.canvas);
+    new ResizeObserver(() => this.draw()).observe(canvas);
     this.theme.addEventListener("change", () => this.draw());
     this.marks.addEventListener("change", () => this.draw());
-    this.feed.on(["replay"], () => this.show());
+    this.feed.on("replay", () => this.show());
   }
 
   get state() {
@@ -66,19 +113,22 @@ export class Replay {
   }
 
   get now() {
-    return this.sent ?? this.state.at_s;
+    return this.sent ?? this.state?.at_s ?? 0;
   }
 
   get duration() {
     return this.state?.duration_s || this.state?.at_s || 1;
   }
 
-  /** Select a speed, which may be one that was chosen on the command line. */
+  /**
+   * Select a speed, which may be one that was chosen on the command line.
+   *
+   * @param {number | null} speed
+   */
   showSpeed(speed) {
     const value = String(speed);
-    if (![...this.speed.options].some((option) => option.value === value)) {
+    if (![...this.speed.options].some((option) => option.value === value))
       this.speed.append(el("option", { value }, speed === null ? "max" : `×${speed}`));
-    }
     this.speed.value = value;
   }
 
@@ -86,7 +136,8 @@ export class Replay {
     const { state } = this;
     if (this.root.hidden === this.isShown) {
       this.root.hidden = !this.isShown;
-      this.marks[this.isShown ? "want" : "release"]();
+      if (this.isShown) this.marks.want();
+      else this.marks.release();
     }
     if (!state) return;
     setText(this.play, state.paused || state.ended ? "Play" : "Pause");
@@ -96,9 +147,10 @@ export class Replay {
       this.draw();
     }
     if (!this.seeks) this.sent = null;
-    if (!this.dragging) this.showTime(this.now);
+    if (!this.isDragged) this.showTime(this.now);
   }
 
+  /** @param {number} at */
   showTime(at) {
     this.slider.value = String(at);
     const text = `${duration(at)} / ${duration(this.duration)}`;
@@ -107,14 +159,21 @@ export class Replay {
   }
 
   toggle() {
-    if (this.isShown) this.send(this.state.ended && this.state.back ? { paused: false, at_s: 0 } : { paused: !this.state.paused });
+    const { state } = this;
+    if (!state) return;
+    this.send(state.ended && state.back ? { paused: false, at_s: 0 } : { paused: !state.paused });
   }
 
-  // Goes some seconds on or back. Repeated keys add up before the replay has followed.
+  /**
+   * Go some seconds on or back. Repeated keys add up before the replay has followed.
+   *
+   * @param {number} seconds
+   */
   step(seconds) {
     this.seek(this.now + seconds);
   }
 
+  /** @param {number} at */
   async seek(at) {
     if (!this.isShown) return;
     this.sent = Math.min(Math.max(0, at), this.duration);
@@ -124,74 +183,100 @@ export class Replay {
     this.seeks--;
   }
 
-  seekSoon(at) {
-    this.next = at;
-    this.timer ??= setTimeout(() => {
-      this.timer = null;
-      if (this.dragging && this.state.back) this.send({ at_s: this.next });
+  /** Seek to where the slider is then. */
+  seekSoon() {
+    if (this.isSeekDue) return;
+    this.isSeekDue = true;
+    setTimeout(() => {
+      this.isSeekDue = false;
+      if (this.isDragged && this.state?.back) this.send({ at_s: Number(this.slider.value) });
     }, SEEK_MS);
   }
 
-  // Jumps to just before the next event, or the one before.
+  /**
+   * Jump to just before the next event, or the one before.
+   *
+   * @param {1 | -1} direction
+   */
   jump(direction) {
-    if (!this.isShown) return;
     const now = this.now + BEFORE_S;
-    const times = this.marks.all.map((mark) => mark.t_s);
-    const found = direction > 0 ? times.filter((at) => at > now + 0.2) : times.filter((at) => at < now - PASSED_S);
-    if (found.length) this.seek(this.before({ t_s: direction > 0 ? Math.min(...found) : Math.max(...found) }));
-    else this.seek(direction > 0 ? this.duration : 0);
+    const marks = this.marks.all;
+    const next = marks.find((mark) => mark.t_s > now + AHEAD_S);
+    const last = marks.filter((mark) => mark.t_s < now - PASSED_S).at(-1);
+    if (direction > 0) this.seek(next ? timeBefore(next) : this.duration);
+    else this.seek(last ? timeBefore(last) : 0);
   }
 
-  before(mark) {
-    return Math.max(0, mark.t_s - BEFORE_S);
-  }
-
+  /** @param {{ speed?: number, paused?: boolean, at_s?: number }} request */
   async send(request) {
     setText(this.problem, "");
     try {
-      const reply = await fetch("/api/replay", {
-        method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(request),
-      });
-      if (!reply.ok) {
-        setText(this.problem, (await reply.json()).error);
-        this.show();
-      }
-    } catch { /* the server is away: the header says so */ }
+      const reply = await post("/api/replay", request);
+      if (reply.ok) return;
+      setText(this.problem, await errorOf(reply));
+      this.show();
+    } catch {
+      // The server is away: the header says so.
+    }
   }
 
+  get barWidth() {
+    return Math.max(1, this.canvas.clientWidth - 2 * THUMB_PX);
+  }
+
+  /** @param {number} at */
   x(at) {
-    return THUMB_PX + (this.canvas.clientWidth - 2 * THUMB_PX) * (at / this.duration);
+    return THUMB_PX + this.barWidth * (at / this.duration);
   }
 
+  /** @param {MouseEvent} event */
   timeAt(event) {
-    return ((event.offsetX - THUMB_PX) / (this.canvas.clientWidth - 2 * THUMB_PX)) * this.duration;
+    return ((event.offsetX - THUMB_PX) / this.barWidth) * this.duration;
   }
 
+  /** @param {MouseEvent} event */
   markAt(event) {
-    return this.marks.near(this.timeAt(event), (HIT_PX / Math.max(1, this.canvas.clientWidth - 2 * THUMB_PX)) * this.duration);
+    const within = (HIT_PX / this.barWidth) * this.duration;
+    return nearestMark(this.marks.all, this.timeAt(event), within);
   }
 
+  /** @param {PointerEvent} event */
   point(event) {
     const mark = this.markAt(event);
     this.tip.hidden = false;
     setText(this.tip, mark ? markText(mark) : duration(this.timeAt(event)));
     const maxLeft = this.canvas.clientWidth - this.tip.offsetWidth;
-    this.tip.style.left = `${Math.max(0, Math.min(maxLeft, event.offsetX - this.tip.offsetWidth / 2))}px`;
+    const left = Math.max(0, Math.min(maxLeft, event.offsetX - this.tip.offsetWidth / 2));
+    this.tip.style.left = `${left}px`;
   }
 
   draw() {
-    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const { canvas, ctx } = this;
+    const { clientWidth: width, clientHeight: height } = canvas;
     if (!width) return;
-    const ratio = window.devicePixelRatio || 1;
-    this.canvas.width = Math.round(width * ratio);
-    this.canvas.height = Math.round(height * ratio);
-    const ctx = this.canvas.getContext("2d");
-    ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
-    for (const [name, { colour, shape }] of Object.entries(KINDS).reverse()) {
+    fit(ctx, width, height);
+    const kinds = /** @type {MarkKind[]} */ (Object.keys(MARK_STYLES));
+    for (const kind of kinds.reverse()) {
+      const { colour, shape } = MARK_STYLES[kind];
       ctx.fillStyle = ctx.strokeStyle = this.theme.colour(colour);
       for (const mark of this.marks.all) {
-        if (mark.kind === name) drawMark(ctx, shape, this.x(mark.t_s), height * (mark.height ?? 0.5), MARK_PX);
+        if (mark.kind === kind)
+          drawMark(ctx, shape, this.x(mark.t_s), height * (mark.height ?? 0.5), MARK_PX);
       }
     }
   }
+}
+
+/** @param {Mark} mark */
+function timeBefore(mark) {
+  return Math.max(0, mark.t_s - BEFORE_S);
+}
+
+/**
+ * @param {string} text
+ * @param {string} label
+ * @param {() => void} action
+ */
+function button(text, label, action) {
+  return el("button", { "aria-label": label, title: label, onclick: action }, text);
 }

@@ -1,24 +1,36 @@
 // Selected vehicles, and the selected target.
 
+/** @import { Vehicle } from "../page_types.d.ts" */
+
 export class Selection extends EventTarget {
   constructor() {
     super();
+    /** @type {Set<number>} */
     this.ids = new Set();
+    /** @type {string | null} */
     this.target = null;
   }
 
+  /** @param {number} id */
   has(id) {
     return this.ids.has(id);
   }
 
+  /** @param {Iterable<number>} ids */
   set(ids) {
     this.ids = new Set(ids);
     this.dispatchEvent(new Event("change"));
   }
 
+  /** @param {string | null} name */
   setTarget(name) {
     this.target = name;
     this.dispatchEvent(new Event("change"));
+  }
+
+  /** @param {string} name */
+  toggleTarget(name) {
+    this.setTarget(this.target === name ? null : name);
   }
 
   clear() {
@@ -26,12 +38,23 @@ export class Selection extends EventTarget {
     this.set([]);
   }
 
-  toggle(id, add) {
-    const others = add ? [...this.ids].filter((one) => one !== id) : [];
-    this.set(this.ids.has(id) && (add || this.ids.size === 1) ? others : [...others, id]);
+  /**
+   * Select a vehicle, or no longer. A modifier key keeps the others.
+   *
+   * @param {number} id
+   * @param {{ shiftKey: boolean, ctrlKey: boolean, metaKey: boolean }} event
+   */
+  toggle(id, { shiftKey, ctrlKey, metaKey }) {
+    const keepsOthers = shiftKey || ctrlKey || metaKey;
+    const others = keepsOthers ? [...this.ids].filter((one) => one !== id) : [];
+    this.set(this.ids.has(id) && (keepsOthers || this.ids.size === 1) ? others : [...others, id]);
   }
 
-  // Forgets vehicles that are gone; returns the others in the order of their numbers.
+  /**
+   * Return the selected ones of vehicles, in the order of their numbers.
+   *
+   * @param {Vehicle[]} vehicles
+   */
   among(vehicles) {
     return vehicles.filter((one) => this.ids.has(one.id)).sort((a, b) => a.id - b.id);
   }

@@ -1,83 +1,157 @@
 // Targets, and the no-fly zones with the buttons that change and open each.
 
-import { el, Rows, setClass, setText } from "./dom.js";
+/**
+ * @import { SensorState, Target } from "../page_types.d.ts"
+ * @import { Feed } from "./feed.js"
+ * @import { SwarmMap } from "./map.js"
+ * @import { Selection } from "./selection.js"
+ * @import { Zones } from "./zones.js"
+ */
+
+import { el, Rows, setClass, setText, tableOf } from "./dom.js";
 import { number, seconds } from "./format.js";
 
-const DENSE_ROWS = 12;
+const DENSE_ROWS = 12; // from so many targets on, rows are low
 const MAX_ROWS = 100;
+const AGENTS_COLUMN = 5;
+/** @type {[string, string][]} */
+const HEADS = [
+  ["target", "left"],
+  ["existence", ""],
+  ["east", ""],
+  ["north", ""],
+  ["m/s", ""],
+  ["agents", "left"],
+  ["by order", "left"],
+];
 
-// Targets without an agent first, ignored ones last.
-const rank = ({ agents, reached_by: reached, ignored }) => (ignored ? 3 : reached.length ? 2 : agents.length ? 1 : 0);
-
-// What was ordered about a target.
-export function ordered({ ignored, priority, pinned }) {
-  const parts = [ignored && "ignored", priority !== null && `priority ${priority}`, pinned.length && `pinned ${pinned.join(", ")}`];
-  return parts.filter(Boolean).join(", ");
+/**
+ * Return the place of a target in the table: those without an agent first, ignored ones last.
+ *
+ * @param {Target} target
+ */
+function rankOf({ agents, reached_by: reached, ignored }) {
+  if (ignored) return 3;
+  if (reached.length) return 2;
+  return agents.length ? 1 : 0;
 }
 
-// How old the targets are, if no sensor tells of them in time.
-function staleness(sensors) {
+/**
+ * Return what was ordered about a target.
+ *
+ * @param {Pick<Target, "ignored" | "priority" | "pinned">} target
+ */
+export function orderedOf({ ignored, priority, pinned }) {
+  const parts = [];
+  if (ignored) parts.push("ignored");
+  if (priority !== null) parts.push(`priority ${priority}`);
+  if (pinned.length) parts.push(`pinned ${pinned.join(", ")}`);
+  return parts.join(", ");
+}
+
+/**
+ * Return how old the targets are, if no sensor tells of them in time.
+ *
+ * @param {Pick<SensorState, "age_s" | "state">[]} sensors
+ */
+export function stalenessOf(sensors) {
   if (sensors.some((one) => !one.state)) return "";
-  const ages = sensors.map((one) => one.age_s).filter((age) => age !== null);
+  const ages = sensors.flatMap(({ age_s: age }) => (age === null ? [] : [age]));
   return ages.length ? `, no scan for ${seconds(Math.min(...ages))}` : ", no scan yet";
 }
 
+/**
+ * @param {HTMLElement} root
+ * @param {Feed} feed
+ * @param {SwarmMap} map
+ * @param {Selection} selection
+ * @param {Zones} editor
+ */
 export function showTargets(root, feed, map, selection, editor) {
   const title = el("span", {}, "Targets");
   const stale = el("span", { class: "fair" });
   const body = el("tbody");
-  const heads = [["target", "left"], ["existence", ""], ["east", ""], ["north", ""], ["m/s", ""], ["agents", "left"], ["by order", "left"]];
-  const head = el("tr", {}, ...heads.map(([text, align]) => el("th", { class: align, scope: "col" }, text)));
-  const table = el("table", {}, el("thead", {}, head), body);
+  const table = tableOf(HEADS, body);
   const zones = el("div");
   root.append(el("h2", {}, title, stale), table, zones);
 
+  /** @param {string} name */
+  const choose = (name) => {
+    const target = feed.data.targets.find((one) => one.name === name);
+    selection.toggleTarget(name);
+    if (target) map.motion.show(target.at);
+  };
+  /** @type {Rows<Target, string, ReturnType<typeof makeRow>>} */
   const rows = new Rows(
     body,
-    (target) => {
-      const cells = heads.map(([, align]) => el("td", { class: align }));
-      const choose = () => {
-        selection.setTarget(selection.target === target.name ? null : target.name);
-        map.show(element.place);
-      };
-      const element = el("tr", {
-        tabindex: "0",
-        "data-target": target.name,
-        onclick: choose,
-        onkeydown: (event) => { if (event.key === "Enter") choose(); },
-      }, ...cells);
-      return { element, cells };
-    },
-    (row, target) => {
-      row.element.place = target.at;
-      const who = target.reached_by.length ? `reached by ${target.reached_by.join(", ")}` : target.agents.join(", ") || "none";
-      const texts = [target.name, number(target.existence, 2), number(target.at[0]), number(target.at[1]), number(target.speed_m_s, 1), who, ordered(target)];
-      texts.forEach((text, index) => setText(row.cells[index], text));
-      const isOpen = !target.agents.length && !target.ignored;
-      setClass(row.cells[5], `left ${target.reached_by.length ? "arrived" : isOpen ? "fair" : ""}`);
-      setClass(row.element, target.ignored ? "ignored" : "");
-    },
+    ({ name }) => makeRow(name, choose),
+    updateRow,
+    ({ name }) => name,
   );
-  const mark = () => {
-    for (const [name, row] of rows.rows) row.element.setAttribute("aria-selected", String(selection.target === name));
-  };
+  const mark = () => rows.mark((name) => selection.target === name);
   selection.addEventListener("change", mark);
-  feed.on(["head"], ({ head }) => setText(stale, staleness(head.sensors)));
-  feed.on(["targets"], ({ targets }) => {
-    setText(title, `Targets: ${targets.length}${targets.length > MAX_ROWS ? `, the first ${MAX_ROWS} shown` : ""}`);
+  feed.on("head", (head) => setText(stale, stalenessOf(head.sensors)));
+  feed.on("targets", (targets) => {
+    const more = targets.length > MAX_ROWS ? `, the first ${MAX_ROWS} shown` : "";
+    setText(title, `Targets: ${targets.length}${more}`);
     table.hidden = !targets.length;
-    table.classList.toggle("unordered", !targets.some(ordered));
+    table.classList.toggle("unordered", !targets.some(orderedOf));
     table.classList.toggle("dense", targets.length > DENSE_ROWS);
-    const sorted = [...targets].sort((a, b) => rank(a) - rank(b));
-    rows.show(sorted.slice(0, MAX_ROWS), (target) => target.name);
+    const sorted = [...targets].sort((a, b) => rankOf(a) - rankOf(b));
+    rows.show(sorted.slice(0, MAX_ROWS));
     mark();
   });
-  feed.on(["zones", "mission"], ({ zones: closed = [], mission }) => {
-    const disabled = mission.kind !== "live";
-    const buttons = closed.flatMap(({ name }) => [
-      el("button", { title: name, onclick: () => editor.edit(name), disabled }, `Edit ${name}`),
-      el("button", { title: name, onclick: () => editor.reopen(name), disabled }, `Open ${name}`),
-    ]);
-    zones.replaceChildren(...(closed.length ? [el("h2", {}, `No-fly zones: ${closed.length}`), el("div", { class: "actions" }, ...buttons)] : []));
-  });
+  feed.onAny(["zones", "mission"], () => zones.replaceChildren(...zoneParts(feed, editor)));
+}
+
+/**
+ * @param {string} name
+ * @param {(name: string) => void} choose
+ */
+function makeRow(name, choose) {
+  const cells = HEADS.map(([, style]) => el("td", { class: style }));
+  const attributes = {
+    tabindex: 0,
+    "data-target": name,
+    onclick: () => choose(name),
+    onkeydown: (/** @type {KeyboardEvent} */ event) => {
+      if (event.key === "Enter") choose(name);
+    },
+  };
+  return { element: el("tr", attributes, ...cells), cells };
+}
+
+/**
+ * @param {ReturnType<typeof makeRow>} row
+ * @param {Target} target
+ */
+function updateRow({ element, cells }, target) {
+  const { agents, reached_by: reached, ignored } = target;
+  const texts = [
+    target.name,
+    number(target.existence, 2),
+    number(target.at[0]),
+    number(target.at[1]),
+    number(target.speed_m_s, 1),
+    reached.length ? `reached by ${reached.join(", ")}` : agents.join(", ") || "none",
+    orderedOf(target),
+  ];
+  for (const [index, text] of texts.entries()) setText(cells[index], text);
+  const isOpen = !agents.length && !ignored;
+  setClass(cells[AGENTS_COLUMN], `left ${reached.length ? "arrived" : isOpen ? "fair" : ""}`);
+  setClass(element, ignored ? "ignored" : "");
+}
+
+/**
+ * @param {Feed} feed
+ * @param {Zones} editor
+ */
+function zoneParts({ data: { zones, mission } }, editor) {
+  if (!zones.length) return [];
+  const disabled = mission?.kind !== "live";
+  const buttons = zones.flatMap(({ name }) => [
+    el("button", { title: name, disabled, onclick: () => editor.edit(name) }, `Edit ${name}`),
+    el("button", { title: name, disabled, onclick: () => editor.reopen(name) }, `Open ${name}`),
+  ]);
+  return [el("h2", {}, `No-fly zones: ${zones.length}`), el("div", { class: "actions" }, ...buttons)];
 }

@@ -4,6 +4,10 @@ export class Theme extends EventTarget {
   constructor() {
     super();
     this.system = matchMedia("(prefers-color-scheme: light)");
+    /** @type {Map<string, string>} */
+    this.colours = new Map(); // reading a style is slow
+    /** @type {(name: string) => string} */
+    this.colour = (name) => this.colours.get(name) ?? this.read(name);
     this.system.addEventListener("change", () => this.apply());
     addEventListener("storage", () => this.apply()); // chosen in another page
     this.apply();
@@ -15,13 +19,15 @@ export class Theme extends EventTarget {
 
   apply() {
     document.documentElement.dataset.theme = this.name;
-    const style = getComputedStyle(document.documentElement);
-    const colours = new Map(); // reading a style is slow
-    this.colour = (name) => {
-      if (!colours.has(name)) colours.set(name, style.getPropertyValue(`--${name}`).trim());
-      return colours.get(name);
-    };
+    this.colours.clear();
     this.dispatchEvent(new Event("change"));
+  }
+
+  /** @param {string} name */
+  read(name) {
+    const colour = getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+    this.colours.set(name, colour);
+    return colour;
   }
 
   toggle() {

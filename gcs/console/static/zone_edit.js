@@ -1,75 +1,109 @@
 // Tool of the map: change the shape of a no-fly zone by its handles. Nothing is sent before "Send".
 
+/**
+ * @import { Disc, Point, Zone } from "../page_types.d.ts"
+ * @import { Colour, Context } from "./canvas.js"
+ * @import { View } from "./view.js"
+ * @import { Shape } from "./zone_tools.js"
+ */
+
+import { beginDisc, beginRing } from "./canvas.js";
+import { centroid, distance, whole } from "./geometry.js";
+
 const HANDLE_PX = 6;
 const HIT_PX = 16;
 const MIN_RADIUS_M = 5;
 
 export class ZoneEdit {
-  // `done` gets the new shape, as an order has it; `cancel` ends the tool.
+  /**
+   * @param {Zone} zone
+   * @param {(shape: Shape) => void} done
+   * @param {() => void} cancel
+   */
   constructor(zone, done, cancel) {
     this.hint = `Drag the handles of ${zone.name}.`;
-    this.drag = true;
-    this.name = zone.name;
-    this.disc = zone.disc ? [...zone.disc] : null;
-    this.corners = zone.disc ? [] : zone.polygon.map((corner) => [...corner]);
+    /** @type {Disc | null} */
+    this.disc = zone.disc;
+    /** @type {Point[]} */
+    this.corners = zone.polygon;
+    /** @type {number | null} */
     this.grabbed = null;
-    this.view = null;
-    this.actions = [["Send", () => done(this.shape())], ["Cancel", cancel]];
+    this.scale = 1; // pixels per metre
+    /** @type {[string, () => void][]} */
+    this.actions = [
+      ["Send", () => done(this.shape())],
+      ["Cancel", cancel],
+    ];
   }
 
+  /** @returns {Shape} */
   shape() {
-    if (this.disc) return { circle: this.disc.map(Math.round) };
-    return { polygon: this.corners.map((corner) => corner.map(Math.round)) };
+    if (!this.disc) return { polygon: this.corners.map(whole) };
+    const [east, north, radius] = this.disc;
+    return { circle: [...whole([east, north]), Math.round(radius)] };
   }
 
-  // The first handle moves the whole zone; that of a circle's edge sets its radius.
+  /**
+   * Return the handles. The first moves the whole zone; that of a circle's edge sets its radius.
+   *
+   * @returns {Point[]}
+   */
   handles() {
-    if (this.disc) {
-      const [east, north, radius] = this.disc;
-      return [[east, north], [east + radius, north]];
-    }
-    const middle = [0, 1].map((axis) => this.corners.reduce((sum, corner) => sum + corner[axis], 0) / this.corners.length);
-    return [middle, ...this.corners];
+    if (!this.disc) return [centroid(this.corners), ...this.corners];
+    const [east, north, radius] = this.disc;
+    return [
+      [east, north],
+      [east + radius, north],
+    ];
   }
 
-  // Returns false if no handle is near: then the map is dragged.
+  /**
+   * Grab the nearest handle; return false if none is near.
+   *
+   * @param {Point} place
+   */
   down(place) {
-    const distances = this.handles().map((handle) => Math.hypot(handle[0] - place[0], handle[1] - place[1]) * this.view.scale);
+    const distances = this.handles().map((handle) => distance(handle, place) * this.scale);
     const nearest = Math.min(...distances);
     this.grabbed = nearest < HIT_PX ? distances.indexOf(nearest) : null;
     return this.grabbed !== null;
   }
 
-  move(place) {
-    if (this.grabbed === 0) this.shift(place);
-    else if (this.disc) this.disc[2] = Math.max(MIN_RADIUS_M, Math.hypot(place[0] - this.disc[0], place[1] - this.disc[1]));
-    else this.corners[this.grabbed - 1] = place;
+  /** @param {Point} place */
+  drag(place) {
+    if (this.grabbed === null) return;
+    const [middle] = this.handles();
+    if (this.grabbed === 0) this.shift(place[0] - middle[0], place[1] - middle[1]);
+    else if (this.disc) this.disc = [...middle, Math.max(MIN_RADIUS_M, distance(place, middle))];
+    else this.corners = this.corners.map((corner, index) => (index + 1 === this.grabbed ? place : corner));
   }
 
-  shift(place) {
-    const [middle] = this.handles();
-    const by = [place[0] - middle[0], place[1] - middle[1]];
-    for (const point of this.disc ? [this.disc] : this.corners) {
-      point[0] += by[0];
-      point[1] += by[1];
-    }
+  /**
+   * @param {number} east
+   * @param {number} north
+   */
+  shift(east, north) {
+    if (this.disc) this.disc = [this.disc[0] + east, this.disc[1] + north, this.disc[2]];
+    this.corners = this.corners.map((corner) => [corner[0] + east, corner[1] + north]);
   }
 
   up() {
     this.grabbed = null;
   }
 
+  /**
+   * @param {Context} ctx
+   * @param {View} view
+   * @param {Colour} colour
+   */
   draw(ctx, view, colour) {
-    this.view = view;
+    this.scale = view.scale;
     ctx.strokeStyle = ctx.fillStyle = colour("advisory");
     ctx.lineWidth = 2;
-    ctx.beginPath();
-    if (this.disc) ctx.arc(view.x(this.disc[0]), view.y(this.disc[1]), this.disc[2] * view.scale, 0, 2 * Math.PI);
-    else this.corners.forEach(([east, north], index) => ctx[index ? "lineTo" : "moveTo"](view.x(east), view.y(north)));
-    ctx.closePath();
+    if (this.disc) beginDisc(ctx, view, this.disc);
+    else beginRing(ctx, view, this.corners);
     ctx.stroke();
-    for (const [east, north] of this.handles()) {
+    for (const [east, north] of this.handles())
       ctx.fillRect(view.x(east) - HANDLE_PX, view.y(north) - HANDLE_PX, 2 * HANDLE_PX, 2 * HANDLE_PX);
-    }
   }
 }

@@ -63,6 +63,8 @@ class Mark(msgspec.Struct, frozen=True):
     text: str
     code: str = ""
     """Code of its notice; empty for an order."""
+    key: str = ""
+    """Identity of the condition that it tells of."""
 
 
 class History:
@@ -217,7 +219,7 @@ def mark_of(t_s: float, record: Effect | Order) -> Mark | None:
         case _:
             return None
     notice = effect_notice(record)
-    return None if notice is None else Mark(round(t_s, 2), kind, notice.line, notice.code)
+    return None if notice is None else Mark(round(t_s, 2), kind, notice.line, notice.code, notice.key)
 
 
 def _order_text(order: Order) -> str:

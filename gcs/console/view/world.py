@@ -28,7 +28,6 @@ from gcs.model import (
     Order,
     OrderAnswer,
     Picture,
-    Plan,
     Proposal,
     Route,
     Scan,
@@ -189,7 +188,7 @@ class World:
         for mark in self._history.marks():
             if mark.t_s < begun_s:
                 level: Level = "alarm" if mark.kind in SEVERE else "info"
-                self._add_entry(LogEntry(0, mark.t_s, level, mark.text, mark.kind, mark.code))
+                self._add_entry(LogEntry(0, mark.t_s, level, mark.text, mark.kind, mark.code, mark.key))
 
     def _add_effects(self, effects: Iterable[tuple[int, Effect | Order]], news: dict[str, Any]) -> None:
         for t_ns, effect in effects:
@@ -202,8 +201,6 @@ class World:
                 news.setdefault("answers", []).append(self._answer(effect))
             if isinstance(effect, UploadReport) and effect.ok:
                 self._verified[effect.vehicle] = effect.mission_id, t_ns
-            if isinstance(effect, Plan):
-                self._put("plan", {"t_s": self._seconds(t_ns), "reason": effect.reason}, news)
             if isinstance(effect, Proposal) and not self._proposals.add_if_due(effect):
                 continue
             notice = effect_notice(effect)

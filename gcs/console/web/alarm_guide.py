@@ -25,7 +25,7 @@ _HEAD: Final = """<!doctype html>
     <meta name="viewport" content="width=device-width, initial-scale=1">
     <title>Alarms – swarm-gcs</title>
     <link rel="icon" href="/icon.svg" type="image/svg+xml">
-    <link rel="stylesheet" href="/console.css">
+    <link rel="stylesheet" href="/base.css">
     <link rel="stylesheet" href="/guide.css">
     <script type="module" src="/guide.js"></script>
   </head>

@@ -22,7 +22,7 @@ from gcs.console.web.access import Access, Role
 from gcs.console.web.attempts import Attempts, TooManyAttemptsError
 from gcs.console.web.listener import Listener
 
-OPEN_PATHS: Final = frozenset({"/login", "/console.css", "/login.js"})
+OPEN_PATHS: Final = frozenset({"/login", "/base.css", "/login.css", "/login.js"})
 """What is served without a token: the form that asks for it."""
 _COOKIE: Final = "swarm_gcs_token"
 _VIEW_PATHS: Final = frozenset({"/api/replay", "/b/api/replay"})

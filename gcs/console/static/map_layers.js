@@ -1,0 +1,54 @@
+// Layers of the map: which the user wants to see, and the panel that asks.
+
+import { el } from "./dom.js";
+
+/** @typedef {keyof typeof TITLES} LayerName */
+
+const TITLES = {
+  tiles: "Map tiles",
+  trails: "Trails",
+  routes: "Routes",
+  ellipses: "Tracked ellipses (1σ, 3σ)",
+  detections: "Detections",
+  altitudes: "Altitudes",
+  labels: "Target labels",
+  tentative: "Unconfirmed targets",
+  views: "Fields of view",
+  fence: "Fence and homes",
+};
+const HIDDEN = new Set(["views", "tentative"]); // until the user shows them
+
+export class MapLayers extends EventTarget {
+  constructor() {
+    super();
+    const names = /** @type {LayerName[]} */ (Object.keys(TITLES));
+    const defaults = Object.fromEntries(names.map((name) => [name, !HIDDEN.has(name)]));
+    /** @type {Record<LayerName, boolean>} */
+    this.shown = { ...defaults, ...JSON.parse(localStorage.getItem("layers") ?? "{}") };
+    this.panel = el("div", { class: "layers", hidden: true }, ...names.map((name) => this.choice(name)));
+  }
+
+  /** @param {LayerName} name */
+  choice(name) {
+    const box = el("input", { type: "checkbox", onchange: () => this.set(name, box.checked) });
+    box.checked = this.shown[name];
+    return el("label", {}, box, TITLES[name]);
+  }
+
+  /**
+   * @param {LayerName} name
+   * @param {boolean} isShown
+   */
+  set(name, isShown) {
+    this.shown[name] = isShown;
+    localStorage.setItem("layers", JSON.stringify(this.shown));
+    this.dispatchEvent(new Event("change"));
+  }
+
+  /** Open or close the panel; return whether it is open. */
+  toggle() {
+    this.panel.hidden = !this.panel.hidden;
+    if (!this.panel.hidden) this.panel.querySelector("input")?.focus();
+    return !this.panel.hidden;
+  }
+}

@@ -1,0 +1,41 @@
+// Trails: where each vehicle was. A gap is null: where it flew then is not known.
+
+/** @import { Trail, Vehicle } from "../page_types.d.ts" */
+
+import { distance } from "./geometry.js";
+
+const MAX_POINTS = 1500;
+const STEP_M = 5;
+
+export class Trails {
+  constructor() {
+    /** @type {Map<number, Trail>} */
+    this.trails = new Map();
+  }
+
+  all() {
+    return this.trails.values();
+  }
+
+  /**
+   * Begin with what was before this page.
+   *
+   * @param {Record<string, Trail>} trails
+   */
+  begin(trails) {
+    this.trails = new Map(Object.entries(trails).map(([id, trail]) => [Number(id), [...trail]]));
+  }
+
+  /** @param {Vehicle[]} vehicles */
+  add(vehicles) {
+    for (const { id, at, late, status } of vehicles) {
+      const trail = this.trails.get(id) ?? [];
+      const last = trail.at(-1);
+      if (late && last) trail.push(null);
+      if (!at || late || status === "lost") continue;
+      if (!last || distance(last, at) > STEP_M) trail.push(at);
+      if (trail.length > MAX_POINTS) trail.shift();
+      this.trails.set(id, trail);
+    }
+  }
+}

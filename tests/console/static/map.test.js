@@ -1,0 +1,108 @@
+// The map would show what is not so, or an order would close another area than the one that was drawn.
+
+/** @import { Point, Vehicle } from "../../../gcs/console/page_types.d.ts" */
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { drawRoutes } from "../../../gcs/console/static/draw_swarm.js";
+import { latOf, lonOf, tileColumn, tileRow, toLocal } from "../../../gcs/console/static/geodesy.js";
+import { centroid, roundLength } from "../../../gcs/console/static/geometry.js";
+import { lengthAndBearing } from "../../../gcs/console/static/measure.js";
+import { Trails } from "../../../gcs/console/static/trails.js";
+import { View } from "../../../gcs/console/static/view.js";
+
+/** Made by gcs.geo.LocalFrame(47.4, 8.5, 420).to_local. */
+const REFERENCE = [
+  { lat: 47.41, lon: 8.52, east: 1509.54385, north: 1112.054611 },
+  { lat: 47.38, lon: 8.47, east: -2265.601211, north: -2223.278868 },
+];
+
+/** @param {Partial<Vehicle>} more */
+const vehicle = (more) =>
+  /** @type {Vehicle} */ ({ id: 1, status: "active", late: false, at: null, ...more });
+
+/** Context that keeps the points of lines. */
+function recorder() {
+  /** @type {Point[]} */
+  const points = [];
+  const add = (/** @type {number} */ x, /** @type {number} */ y) => void points.push([x, y]);
+  const nothing = () => {};
+  const ctx = {
+    moveTo: add,
+    lineTo: add,
+    arc: nothing,
+    beginPath: nothing,
+    stroke: nothing,
+    setLineDash: nothing,
+  };
+  return { points, ctx: /** @type {CanvasRenderingContext2D} */ (/** @type {unknown} */ (ctx)) };
+}
+
+test("of a route only what is ahead of the vehicle is drawn", () => {
+  const { points, ctx } = recorder();
+  const view = Object.assign(new View(), { width: 0, height: 0, scale: 1 });
+  /** @type {Point[]} */
+  const route = [
+    [0, 0],
+    [100, 0],
+    [200, 0],
+  ];
+  const style = { colour: "", width: 1, dash: [], selected: new Set(), loiter: { 1: 0 } };
+  const routes = [{ id: 1, target: "T0.1", points: route, length_m: 200, layer: 0, wait: null }];
+  drawRoutes(ctx, view, routes, [vehicle({ at: [130, 0], passed: 2 })], style);
+  assert.deepEqual(
+    points.map(([x]) => x),
+    [130, 200],
+  );
+  points.length = 0;
+  drawRoutes(ctx, view, routes, [vehicle({ at: [230, 0], passed: 3 })], style);
+  assert.deepEqual(
+    points.map(([x]) => x),
+    [230, 200],
+  );
+});
+
+test("a trail ends where the vehicle was not heard, and begins again", () => {
+  const trails = new Trails();
+  trails.begin({ 1: [[0, 0]] });
+  trails.add([vehicle({ at: [10, 0] })]);
+  trails.add([vehicle({ at: [12, 0] })]);
+  trails.add([vehicle({ at: [20, 0], late: true })]);
+  trails.add([vehicle({ at: [30, 0], late: true })]);
+  trails.add([vehicle({ at: [40, 0] })]);
+  assert.deepEqual([...trails.all()], [[[0, 0], [10, 0], null, [40, 0]]]);
+});
+
+test("places are where the service's local frame has them", () => {
+  const mission = { origin_deg: /** @type {[number, number]} */ ([47.4, 8.5]), origin_alt_m: 420 };
+  for (const { lat, lon, east, north } of REFERENCE) {
+    const found = toLocal(mission, lat, lon);
+    assert.ok(Math.hypot(found[0] - east, found[1] - north) < 1e-3);
+  }
+});
+
+test("columns and rows of tiles have the corners from which they come", () => {
+  for (const zoom of [0, 7, 18]) {
+    assert.ok(Math.abs(lonOf(tileColumn(8.5, zoom), zoom) - 8.5) < 1e-9);
+    assert.ok(Math.abs(latOf(tileRow(47.4, zoom), zoom) - 47.4) < 1e-9);
+  }
+  assert.equal(Math.floor(tileColumn(8.5, 10)), 536);
+  assert.equal(Math.floor(tileRow(47.4, 10)), 358);
+});
+
+test("bearings are clockwise from north", () => {
+  assert.equal(lengthAndBearing([0, 0], [0, 100]), "100 m  0°");
+  assert.equal(lengthAndBearing([0, 0], [100, 0]), "100 m  90°");
+  assert.equal(lengthAndBearing([0, 0], [-100, 0]), "100 m  270°");
+});
+
+test("round lengths are 1, 2 or 5 times a power of ten", () => {
+  assert.deepEqual([0.3, 1, 3, 6, 170].map(roundLength), [0.5, 1, 5, 10, 200]);
+  assert.deepEqual(
+    centroid([
+      [0, 0],
+      [4, 2],
+    ]),
+    [2, 1],
+  );
+});
