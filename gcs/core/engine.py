@@ -306,18 +306,21 @@ class Engine(Stages):
         return effects + self._end(t_ns) + self.trackers.notices(event)
 
     def _check_flight(self, t_ns: int) -> list[Effect]:
-        """Check flight phases and health."""
-        effects = self._take_over(self.flight_phases.poll(t_ns))
-        for vehicle, agent in self.state.agents.items():
-            if agent.flight.phase.has_flown and agent.tasking.onboard is not None:
-                agent.routes.drop()
-                self.tasking.cancel(vehicle, t_ns)
-                self.tasking.forget_onboard(vehicle)  # it is not for a take-off from here
-        fit = {vehicle for vehicle, agent in self.state.agents.items() if not agent.flight.unfit}
-        effects += self.health.poll(t_ns)
-        for vehicle in sorted(fit):
-            if cause := self.state.agents[vehicle].flight.unfit:
-                self.replanner.note_unfit(vehicle, cause, t_ns)
+        """Check flight phases and health, each when it is due."""
+        effects: list[Effect] = []
+        if self.flight_phases.is_due(t_ns):
+            effects += self._take_over(self.flight_phases.check(t_ns))
+            for vehicle, agent in self.state.agents.items():
+                if agent.flight.phase.has_flown and agent.tasking.onboard is not None:
+                    agent.routes.drop()
+                    self.tasking.cancel(vehicle, t_ns)
+                    self.tasking.forget_onboard(vehicle)  # it is not for a take-off from here
+        if self.health.is_due(t_ns):
+            fit = {vehicle for vehicle, agent in self.state.agents.items() if not agent.flight.unfit}
+            effects += self.health.check(t_ns)
+            for vehicle in sorted(fit):
+                if cause := self.state.agents[vehicle].flight.unfit:
+                    self.replanner.note_unfit(vehicle, cause, t_ns)
         return effects
 
     def _take_over(self, effects: list[Effect]) -> list[Effect]:

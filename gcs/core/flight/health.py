@@ -79,10 +79,12 @@ class HealthMonitor:
             for airframe in [config.airframe_of(agent.vehicle)]
         }
 
-    def poll(self, t_ns: int) -> list[Effect]:
-        """Check all vehicles twice a second."""
-        if t_ns < self._state.next_health_t_ns:
-            return []
+    def is_due(self, t_ns: int) -> bool:
+        """Return True twice a second."""
+        return t_ns >= self._state.next_health_t_ns
+
+    def check(self, t_ns: int) -> list[Effect]:
+        """Check all vehicles."""
         self._state.next_health_t_ns = t_ns + _PERIOD_NS
         effects: list[Effect] = []
         for state in self._fleet.states():

@@ -81,10 +81,12 @@ class FlightPhases:
         self._frame: LocalFrame = config.local_frame
         self._lowest_m = config.mission.altitude_rel_m
 
-    def poll(self, t_ns: int) -> list[Effect]:
+    def is_due(self, t_ns: int) -> bool:
+        """Return True four times a second."""
+        return t_ns >= self._state.next_check_t_ns
+
+    def check(self, t_ns: int) -> list[Effect]:
         """Check all vehicles; return notices, and the new statuses of vehicles that came down."""
-        if t_ns < self._state.next_check_t_ns:
-            return []
         self._state.next_check_t_ns = t_ns + _PERIOD_NS
         effects: list[Effect] = []
         for state in self._fleet.states():
