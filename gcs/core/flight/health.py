@@ -58,6 +58,11 @@ _SENSOR_TEXTS: Final = {
 _PROPULSION_BIT: Final[int] = dialect.MAV_SYS_STATUS_SENSOR_PROPULSION
 _BATTERY_BIT: Final[int] = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
 _ESTIMATE_BITS: Final[int] = dialect.MAV_SYS_STATUS_AHRS | dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+_GLITCH_FLAGS: Final = {
+    dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: 0x8000,  # EKF_GPS_GLITCHING, which this dialect does not name
+    dialect.MAV_AUTOPILOT_PX4: dialect.ESTIMATOR_GPS_GLITCH,
+}
+"""Flag of a GPS position that the estimator rejects, by MAV_AUTOPILOT."""
 _FULL_THROTTLE_PERCENT: Final = 90
 _FALL_M_S: Final = 1.5
 """Sink rate at full throttle that means a failed engine or propeller."""
@@ -129,6 +134,8 @@ class HealthMonitor:
         flight, now = agent.flight, self._fleet.readings(state.system_id)
         if now.fix_type is not None and now.fix_type < dialect.GPS_FIX_TYPE_3D_FIX:
             yield HealthItem.GPS, "no 3D fix; it flies by its inertial estimate, and its position drifts"
+        elif (now.estimator_flags or 0) & _GLITCH_FLAGS.get(agent.link.autopilot, 0):
+            yield HealthItem.GPS, "its position jumps: the estimator rejects it, and may follow it later"
         if problem := _estimate_problem(now):
             yield HealthItem.ESTIMATE, problem
         failed = now.sensors_failed or 0

@@ -22,6 +22,13 @@ P, E = FlightPhase, FlightEvent
 ENABLED = dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 AWAY_M = 900.0
 """A vehicle of these tests is far from its home unless a test brings it there."""
+GLITCH = {ARDUPLANE: 0x8000, PX4: dialect.ESTIMATOR_GPS_GLITCH}
+
+
+def estimate(autopilot: int, flags: int):
+    if autopilot == PX4:
+        return dialect.MAVLink_estimator_status_message(0, flags, *[0.05] * 6, 1.0, 1.0)
+    return dialect.MAVLink_ekf_status_report_message(flags, 0.05, 0.05, 0.05, 0.05, 0.0)
 
 
 class Aeroplane(Stage):
@@ -231,6 +238,17 @@ def test_lost_gps_begins_makes_unfit_and_ends() -> None:
     assert "GPS: good again" in plane.notices()
     assert not plane.command.state.agents[1].flight.unfit
     assert not plane.command.state.agents[1].flight.problems
+
+
+@BOTH
+def test_a_jump_of_the_gps_position_is_told_before_the_estimator_follows_it(autopilot: int) -> None:
+    plane = Aeroplane(autopilot)
+    good = 0x33F
+    for flags, expected in ((good, 0), (good | GLITCH[autopilot], 1)):
+        for _ in range(4):
+            plane.hear(estimate(autopilot, flags))
+            plane.wait(0.5)
+        assert len([text for text in plane.alarms() if text.startswith("GPS: its position jumps")]) == expected
 
 
 def test_sinking_at_full_throttle_is_a_failed_engine_and_its_cause_is_told_when_it_is_down() -> None:
