@@ -3,8 +3,9 @@
 ``python tests/bench/bench_faults.py`` flies the table: every kind of fault, ArduPlane and PX4, in the
 climb, en route and near the target, three seeds each. ``--missions 1000`` flies random missions instead: a
 shipped scenario with a mixed swarm, and one to three random faults. Columns: how long after the vehicle's
-own telemetry showed the fault a notice named it; targets that another vehicle got within 5 s, of those for
-which one was in the air without a target; flights in which a steering message was sent to a vehicle in a
+own telemetry showed the fault a notice named it; targets that another vehicle got within 5 s of the time at
+which the own vehicle came down or left its mission for a failsafe's mode, of those for which one was in the
+air without a target; flights in which a steering message was sent to a vehicle in a
 mode that is not ours; vehicles that took off unasked; flights that were stuck: after ten minutes neither
 complete, nor with every vehicle landed, down, lost or waiting for the operator; and those that waited for
 the operator, since the vehicles left were in a failsafe, unfit or out of reach. ``--list`` prints the
@@ -45,8 +46,6 @@ FAILSAFES = {
     "FS_LONG_ACTN": 1.0, "FS_GCS_ENABL": 1.0, "BATT_FS_LOW_ACT": 1.0, "FENCE_ACTION": 1.0,
     "COM_LOW_BAT_ACT": 3.0, "NAV_RCL_ACT": 2.0, "NAV_DLL_ACT": 2.0, "GF_ACTION": 3.0,
 }  # fmt: skip
-NEEDS_ANOTHER = frozenset({"crash", "engine", "battery", "rc", "fence"})
-"""Kinds after which the vehicle cannot or may not fly on to its target."""
 FIELD = """
 name = "faults"
 [frame]
@@ -200,8 +199,9 @@ def result_of(job: Job, text: str, watches: list[FaultWatch]) -> Result:
     for watch in watches:
         if watch.shown_ns is not None:
             result.told_s.append((watch.kind, watch.delay_s(watch.told_ns, watch.shown_ns)))
-        if watch.target is not None and watch.spare and watch.kind in NEEDS_ANOTHER and watch.shown_ns:
-            result.reassigned_s.append(watch.delay_s(watch.reassigned_ns, watch.shown_ns))
+        if watch.target is not None and watch.spare and watch.left_ns is not None:
+            delay_s = watch.delay_s(watch.reassigned_ns, watch.left_ns)
+            result.reassigned_s.append(None if delay_s is None else max(delay_s, 0.0))
         result.steered += watch.steered
         result.unasked += watch.unasked
         result.notices += [f"{watch.kind} {watch.vehicle} {t_s:6.1f} {said}" for t_s, said in watch.texts]

@@ -101,6 +101,9 @@ class FaultWatch:
     end_ns: int | None = None
     """Time when the fault ended; None if it lasts."""
     shown_ns: int | None = None
+    left_ns: int | None = None
+    """Time since when the vehicle cannot or does not fly on to its target: without thrust, or in a failsafe's
+    mode; None as long as it flies its mission."""
     told_ns: int | None = None
     told_text: str = ""
     target: Label | None = None
@@ -165,6 +168,8 @@ class FaultWatch:
     def _show(self, vehicle: int, t_ns: int) -> None:
         if vehicle == self.vehicle and self.fault_ns is not None and self.shown_ns is None:
             self.shown_ns = t_ns
+            if self.kind in _GROUNDING:
+                self.left_ns = t_ns
 
     def _heartbeat(self, seen: Seen, vehicle: int, message: object, t_ns: int) -> None:
         seen.auto = PX4_AUTO if message.autopilot == mavlink.MAV_AUTOPILOT_PX4 else PLANE_AUTO
@@ -172,6 +177,8 @@ class FaultWatch:
             commanded_ns = seen.commanded_ns.get(message.custom_mode, -_OBEYED_NS)
             seen.is_ours = message.custom_mode == seen.auto or t_ns - commanded_ns < _OBEYED_NS
         seen.mode = message.custom_mode
+        if vehicle == self.vehicle and self.fault_ns is not None and not seen.is_ours:
+            self.left_ns = self.left_ns or t_ns
         seen.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         if seen.mode == seen.auto and seen.armed:
             seen.has_flown_auto = True
