@@ -17,6 +17,7 @@ from collections.abc import Container
 from gcs.core.authority.override_notices import overridden_text, unattended_targets
 from gcs.core.operator.arrived_agents import continue_mission
 from gcs.core.operator.records import OrderInProgress
+from gcs.core.operator.standstill import check_standstill
 from gcs.core.perception.never_heard import check_never_heard
 from gcs.core.restart import bridge_gap, is_settled
 from gcs.core.stages import Stages
@@ -224,6 +225,8 @@ class Engine(Stages):
         if t_ns >= self.state.control_due_t_ns:
             self.state.control_due_t_ns = t_ns + _CONTROL_PERIOD_NS
             self.control.update(t_ns)
+            if self.replanner.has_planned and not self.state.has_ended:
+                effects += check_standstill(self.state.agents, self.state.operator.standstill, t_ns)
         effects += self.override_notices.poll(t_ns)
         if not self.onboard_audit.awaited:
             effects += self.disarmed_in_auto.poll(

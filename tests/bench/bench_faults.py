@@ -7,9 +7,9 @@ own telemetry showed the fault a notice named it; targets that another vehicle g
 which the own vehicle came down or left its mission for a failsafe's mode, of those for which one was in the
 air without a target; flights in which a steering message was sent to a vehicle in a
 mode that is not ours; vehicles that took off unasked; flights that were stuck: after ten minutes neither
-complete, nor with every vehicle landed, down, lost or waiting for the operator; and those that waited for
-the operator, since the vehicles left were in a failsafe, unfit or out of reach. ``--list`` prints the
-notices of each flight that missed one of these bars.
+complete, nor with every vehicle landed, down or lost, nor told to stand still; and those that stood still:
+the alarm says that no vehicle left can be tasked, and why. ``--list`` prints the notices of each flight that
+missed one of these bars.
 """
 
 import argparse
@@ -20,11 +20,11 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from fault_watch import FaultWatch, quantile
+from fault_watch import FaultWatch, decoded, quantile
 
 from gcs.config import read_text
 from gcs.config.key_overrides import override_keys
-from gcs.model import NS_PER_S, Order
+from gcs.model import NS_PER_S, Notice, Order
 from sim_vehicles.campaign.campaign import warm_up
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.faults import FaultKind
@@ -42,6 +42,7 @@ TOLD_S, REASSIGNED_S = 3.0, 5.0
 AFTER_FAULT_S = 150.0
 LIMIT_S = 400.0
 MISSION_LIMIT_S = 600.0
+STANDSTILL_S = 30.0
 FAILSAFES = {
     "FS_LONG_ACTN": 1.0, "FS_GCS_ENABL": 1.0, "BATT_FS_LOW_ACT": 1.0, "FENCE_ACTION": 1.0,
     "COM_LOW_BAT_ACT": 3.0, "NAV_RCL_ACT": 2.0, "NAV_DLL_ACT": 2.0, "GF_ACTION": 3.0,
@@ -101,8 +102,8 @@ class Result:
     steered: list[str] = field(default_factory=list)
     unasked: list[int] = field(default_factory=list)
     stuck: str = ""
-    waits: bool = False
-    """True if it waits for an operator: the vehicles left are in failsafes, unfit or out of reach."""
+    stands_still: bool = False
+    """True if the operator was told that no vehicle can be tasked, and it was so until the end."""
     notices: list[str] = field(default_factory=list)
 
     @property
@@ -151,6 +152,7 @@ class Flight:
     def __init__(self, scenario: Scenario, seed: int, from_ground: bool = False) -> None:
         self.run = VirtualRun(scenario, seed, on_event=self._on_event, on_effect=self._on_effect)
         self.watches: list[FaultWatch] = []
+        self.stands_still_since_ns: int | None = None
         if from_ground:
             specs = [replace(spec, airborne=False) for spec in vehicle_specs(scenario, seed)]
             self.run.vehicles = {
@@ -158,18 +160,23 @@ class Flight:
             }
 
     def _on_event(self, event: object) -> None:
+        messages = decoded(event)
         for watch in self.watches:
-            watch.event(event)
+            watch.event(event, messages)
 
     def _on_effect(self, t_ns: int, effect: object) -> None:
+        if isinstance(effect, Notice) and effect.text.startswith("the mission stands still"):
+            self.stands_still_since_ns = t_ns
+        if isinstance(effect, Notice) and effect.text.startswith("the mission goes on"):
+            self.stands_still_since_ns = None
         for watch in self.watches:
             watch.effect(t_ns, effect)
 
     @property
-    def reachable(self) -> set[int]:
-        """Vehicles whose radio works."""
-        vehicles = self.run.vehicles.values()
-        return {one.system_id for one in vehicles if FaultKind.RADIO not in one.autopilot.faults}
+    def stands_still(self) -> bool:
+        """True if the operator was told so a while ago, and not that it goes on."""
+        since_ns = self.stands_still_since_ns
+        return since_ns is not None and self.run.t_ns - since_ns >= STANDSTILL_S * NS_PER_S
 
     @property
     def t_s(self) -> float:
@@ -271,7 +278,10 @@ def fly_random(job: Job) -> Result:
     due = random_faults(rng, numbers)
     ends: list[tuple[float, FaultWatch]] = []
     flight.watches += [FaultWatch(kind, vehicle) for _, kind, vehicle, _ in due]
+    changes_until_s = max(at_s + lasts_s for at_s, _, _, lasts_s in due)
     while flight.t_s < MISSION_LIMIT_S and not flight.run.ended:
+        if flight.stands_still and flight.t_s > changes_until_s + STANDSTILL_S:
+            break
         for (at_s, _, _, lasts_s), watch in zip(due, flight.watches, strict=True):
             if watch.fault_ns is None and flight.t_s >= at_s:
                 flight.break_down(watch)
@@ -283,17 +293,16 @@ def fly_random(job: Job) -> Result:
         flight.fly()
     faults = ", ".join(f"{kind} {vehicle} at {at_s:.0f} s" for at_s, kind, vehicle, _ in due)
     result = result_of(job, f"{name} seed {job.seed}: {faults}", flight.watches)
-    left = vehicles_left(flight)
-    agents = flight.run.command.state.agents
-    ours = [v for v in left if agents[v.system_id].control.is_ours and v.system_id in flight.reachable]
-    modes = ", ".join(f"{v.system_id} in {v.autopilot.mode.name}" for v in ours)
-    result.stuck = f"after {flight.t_s:.0f} s in the air and ours: {modes}" if ours else ""
-    result.waits = bool(left) and not ours
+    if flight.stands_still:
+        result.stands_still = True
+    elif left := vehicles_left(flight):
+        modes = ", ".join(f"{vehicle.system_id} in {vehicle.autopilot.mode.name}" for vehicle in left)
+        result.stuck = f"after {flight.t_s:.0f} s in the air: {modes}"
     return result
 
 
 def vehicles_left(flight: Flight) -> list[SimVehicle]:
-    """Return the vehicles in the air of a mission that did not end, without those that arrived."""
+    """Return the vehicles in the air of a mission that did not end, but those that arrived or are lost."""
     if flight.run.ended:
         return []
     last = flight.watches[0].statuses
@@ -333,14 +342,15 @@ def row(name: str, results: list[Result], kind: str = "") -> str:
         f"| {again_in_time} of {len(again)} | {quantile(again, 0.5)}, {quantile(again, 1.0)} "
         f"| {sum(bool(result.steered) for result in results)} "
         f"| {sum(bool(result.unasked) for result in results)} "
-        f"| {sum(bool(result.stuck) for result in results)} | {sum(result.waits for result in results)} |"
+        f"| {sum(bool(result.stuck) for result in results)} "
+        f"| {sum(result.stands_still for result in results)} |"
     )
 
 
 def print_table(results: list[Result], is_random: bool) -> None:
     print("| faults | flights | told within 3 s | delay, s: median, 95 %, most | re-assigned within 5 s "
           "| delay, s: median, most | sent against a mode | take-offs unasked | stuck "
-          "| waiting for the operator |")  # fmt: skip
+          "| told to stand still |")  # fmt: skip
     print("|---|---|---|---|---|---|---|---|---|---|")
     if is_random:
         for kind in KINDS:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -129,12 +130,11 @@ class FaultWatch:
         idle = {v for v, seen in self._seen.items() if v not in self.targets and seen.height_m > _HIGH_M}
         self.spare = bool(idle - {self.vehicle})
 
-    def event(self, event: object) -> None:
-        """Take an event of the engine."""
+    def event(self, event: object, messages: Messages | None = None) -> None:
+        """Take an event of the engine; `messages` are those of a datagram, if they are known already."""
         if isinstance(event, Datagram):
-            for frame in scan(event.data).frames:
-                if frame.component_id == 1:
-                    self._see(frame, event.t_ns)
+            for vehicle, number, message in decoded(event) if messages is None else messages:
+                self._see(vehicle, number, message, event.t_ns)
         elif isinstance(event, Order):
             self._take_order(event)
         if self.kind == "radio" and self.fault_ns is not None and self.shown_ns is None:
@@ -154,13 +154,9 @@ class FaultWatch:
         if order.action in ("resume", "hold", "return", "arm"):
             self._ordered |= set(vehicles)
 
-    def _see(self, frame: object, t_ns: int) -> None:
-        vehicle, number = frame.system_id, frame.message_id
+    def _see(self, vehicle: int, number: int, message: object, t_ns: int) -> None:
         seen = self._of(vehicle)
         seen.heard_ns = t_ns
-        if number not in _READERS:
-            return
-        message = frame.message()
         if message is None:
             return
         _READERS[number](self, seen, vehicle, message, t_ns)
@@ -319,6 +315,21 @@ _READERS = {
     230: FaultWatch._estimate,
     253: FaultWatch._text,
 }
+
+
+Messages: TypeAlias = list[tuple[int, int, object]]
+"""System id, number and message of each frame of an autopilot; None for a message that nobody reads."""
+
+
+def decoded(event: object) -> Messages:
+    """Return the messages of a datagram; none of another event."""
+    if not isinstance(event, Datagram):
+        return []
+    frames = [frame for frame in scan(event.data).frames if frame.component_id == 1]
+    return [
+        (frame.system_id, frame.message_id, frame.message() if frame.message_id in _READERS else None)
+        for frame in frames
+    ]
 
 
 def quantile(values: Iterable[float | None], part: float) -> str:

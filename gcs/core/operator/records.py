@@ -89,6 +89,15 @@ class Approval:
 
 
 @dataclass(slots=True)
+class Standstill:
+    """A mission that no agent can continue without the operator."""
+
+    since_t_ns: int | None = None
+    """None while it goes on."""
+    is_told: bool = False
+
+
+@dataclass(slots=True)
 class OperatorState:
     """The proposal that waits, and orders to several vehicles."""
 
@@ -99,6 +108,7 @@ class OperatorState:
     """Targets that are ignored or ranked by order."""
     order_count: int = 0
     """Number of the last order."""
+    standstill: Standstill = field(default_factory=Standstill)
 
     def is_ignored(self, target: Label) -> bool:
         """Return True if a target is ignored by order."""

@@ -76,8 +76,8 @@ class AutopilotProfile:
     split_mode: Callable[[int], tuple[int, int]]
     """Returns a heartbeat's custom_mode as (main, sub)."""
     critical_ends: bool
-    """True if MAV_STATE_CRITICAL lasts as long as the failsafe's mode; False if it lasts as long as the cause,
-    also when the failsafe changes no mode."""
+    """True if MAV_STATE_CRITICAL lasts as long as the failsafe's mode; False if it lasts as long as the
+    cause, also when the failsafe changes no mode."""
     failsafe_modes: frozenset[str]
     """Modes that failsafes choose."""
     failsafe_texts: tuple[FailsafeText, ...]

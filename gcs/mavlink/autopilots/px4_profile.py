@@ -15,8 +15,8 @@ bits 24-31), https://docs.px4.io/main/en/advanced_config/parameter_reference, an
 * There is no DO_SET_MISSION_CURRENT. MISSION_SET_CURRENT has no answer but MISSION_CURRENT.
 * Unused parameters are NaN: yaw 0 would be a course to keep. All are kept as floats.
 * After the last item it circles in Hold, the same mode as an operator's.
-* HEARTBEAT shows MAV_STATE_CRITICAL as long as a failsafe has chosen the mode (`vehicle_status.failsafe`). The
-  texts of the cause and of the action come as STATUSTEXT (`FailsafeBase::notifyUser`, `HealthAndArmingChecks`).
+* HEARTBEAT shows MAV_STATE_CRITICAL as long as a failsafe has chosen the mode (`vehicle_status.failsafe`).
+  Cause and action come as STATUSTEXT (`HealthAndArmingChecks`, `FailsafeBase::notifyUser`).
 """
 
 from __future__ import annotations
