@@ -196,7 +196,8 @@ class Flight:
         self.run.order(Order(t_ns, f"{action}-{t_ns}-{vehicles}", action, vehicles))
 
     def break_down(self, watch: FaultWatch) -> None:
-        watch.begin(self.run.t_ns)
+        broken = {one.vehicle for one in self.watches if one.fault_ns is not None}
+        watch.begin(self.run.t_ns, broken)
         self.vehicle(watch.vehicle).begin_fault(FaultKind(watch.kind))
 
 

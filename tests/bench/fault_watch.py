@@ -7,7 +7,7 @@ recording. Times are from the fault.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -110,7 +110,7 @@ class FaultWatch:
     target: Label | None = None
     """Target of the vehicle when the fault began."""
     spare: bool = False
-    """True if another vehicle was in the air without a target."""
+    """True if another vehicle was in the air without a target, in a mode of ours and without a fault."""
     reassigned_ns: int | None = None
     steered: list[str] = field(default_factory=list)
     """Steering messages that were sent while a mode that is not ours was shown."""
@@ -124,11 +124,15 @@ class FaultWatch:
     _enabled: dict[int, int] = field(default_factory=dict)
     _ordered: set[int] = field(default_factory=set)
 
-    def begin(self, t_ns: int) -> None:
-        """Note that the fault begins now."""
+    def begin(self, t_ns: int, broken: Container[int] = ()) -> None:
+        """Note that the fault begins now; `broken` vehicles have one already."""
         self.fault_ns, self.target = t_ns, self.targets.get(self.vehicle)
-        idle = {v for v, seen in self._seen.items() if v not in self.targets and seen.height_m > _HIGH_M}
-        self.spare = bool(idle - {self.vehicle})
+        others = {v: seen for v, seen in self._seen.items() if v != self.vehicle and v not in broken}
+        self.spare = any(
+            seen.is_ours and seen.height_m > _HIGH_M and self.statuses.get(v, "active") == "active"
+            for v, seen in others.items()
+            if v not in self.targets
+        )
 
     def event(self, event: object, messages: Messages | None = None) -> None:
         """Take an event of the engine; `messages` are those of a datagram, if they are known already."""
