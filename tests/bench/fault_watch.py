@@ -129,7 +129,9 @@ class FaultWatch:
         self.fault_ns, self.target = t_ns, self.targets.get(self.vehicle)
         others = {v: seen for v, seen in self._seen.items() if v != self.vehicle and v not in broken}
         self.spare = any(
-            seen.is_ours and seen.height_m > _HIGH_M and self.statuses.get(v, "active") == "active"
+            (seen.is_ours or not seen.has_flown_auto)
+            and seen.height_m > _HIGH_M
+            and self.statuses.get(v, "active") == "active"
             for v, seen in others.items()
             if v not in self.targets
         )
