@@ -256,13 +256,14 @@ def fly_moment(job: Job) -> Result:
 
 
 def random_faults(rng: np.random.Generator, agents: list[int]) -> list[tuple[float, str, int, float]]:
-    """Return (time, kind, vehicle, duration or 0) of one to three faults."""
-    faults = []
+    """Return (time, kind, vehicle, duration or 0) of one to three different faults."""
+    faults: dict[tuple[str, int], tuple[float, str, int, float]] = {}
     for _ in range(int(rng.integers(1, 4))):
         kind = str(rng.choice(KINDS))
         lasts_s = 0.0 if kind in ("crash", "fence") or rng.random() < 0.6 else float(rng.uniform(8.0, 40.0))
-        faults.append((float(rng.uniform(5.0, 90.0)), kind, int(rng.choice(agents)), lasts_s))
-    return sorted(faults)
+        at_s, vehicle = float(rng.uniform(5.0, 90.0)), int(rng.choice(agents))
+        faults[kind, vehicle] = (at_s, kind, vehicle, lasts_s)
+    return sorted(faults.values())
 
 
 def fly_random(job: Job) -> Result:
@@ -284,7 +285,8 @@ def fly_random(job: Job) -> Result:
         if flight.stands_still and flight.t_s > changes_until_s + STANDSTILL_S:
             break
         for (at_s, _, _, lasts_s), watch in zip(due, flight.watches, strict=True):
-            if watch.fault_ns is None and flight.t_s >= at_s:
+            flies = flight.vehicle(watch.vehicle).autopilot.flying  # a wreck does not break again
+            if watch.fault_ns is None and flight.t_s >= at_s and flies:
                 flight.break_down(watch)
                 ends += [(at_s + lasts_s, watch)] * bool(lasts_s)
         for at_s, watch in ends:
