@@ -2,14 +2,18 @@
 
 ``python tests/bench/bench_faults.py`` flies the table: every kind of fault, ArduPlane and PX4, in the
 climb, en route and near the target, three seeds each. ``--missions 1000`` flies random missions instead: a
-shipped scenario with a mixed swarm, and one to three random faults. Columns: how long after the vehicle's
-own telemetry showed the fault a notice named it; targets that another vehicle got within 5 s of the time at
-which the own vehicle came down or left its mission for a failsafe's mode, of those for which one was in the
-air without a target; flights in which a steering message was sent to a vehicle in a
-mode that is not ours; vehicles that took off unasked; flights that were stuck: after ten minutes neither
-complete, nor with every vehicle landed, down or lost, nor told to stand still; and those that stood still:
-the alarm says that no vehicle left can be tasked, and why. ``--list`` prints the notices of each flight that
-missed one of these bars.
+shipped scenario with a mixed swarm, and one to three random faults. Columns:
+
+* how long after the vehicle's own telemetry showed the fault a notice named it;
+* targets that another vehicle got within 5 s of the time at which the own vehicle came down or left its
+  mission for a failsafe's mode, of those for which one was in the air without a target;
+* flights in which a failsafe's mode was told as somebody's choice, in which a steering message was sent to a
+  vehicle in a mode that is not ours, and in which a vehicle took off unasked;
+* flights that were stuck: after ten minutes neither complete, nor with every vehicle landed, down or lost,
+  nor told to stand still;
+* flights that stood still: an alarm says that no vehicle left can be tasked, and why.
+
+``--list`` prints the notices of each flight that missed one of these bars.
 """
 
 import argparse
@@ -99,6 +103,7 @@ class Result:
     """Kind and delay of each fault that the vehicle showed; None for one that was not told."""
     reassigned_s: list[float | None] = field(default_factory=list)
     """Delay of each re-assignment that was possible; None for one that did not come."""
+    misattributed: list[str] = field(default_factory=list)
     steered: list[str] = field(default_factory=list)
     unasked: list[int] = field(default_factory=list)
     stuck: str = ""
@@ -116,6 +121,7 @@ class Result:
         steered = []
         if self.steered:
             steered = [f"sent against a mode: {self.steered[0]} (and {len(self.steered) - 1} more)"]
+        steered += [f"told as a person's choice: {text}" for text in self.misattributed]
         unasked = [f"vehicle {vehicle} took off unasked" for vehicle in self.unasked]
         return [*told, *again, *steered, *unasked, *([f"stuck: {self.stuck}"] * bool(self.stuck))]
 
@@ -210,6 +216,7 @@ def result_of(job: Job, text: str, watches: list[FaultWatch]) -> Result:
         if watch.target is not None and watch.spare and watch.left_ns is not None:
             delay_s = watch.delay_s(watch.reassigned_ns, watch.left_ns)
             result.reassigned_s.append(None if delay_s is None else max(delay_s, 0.0))
+        result.misattributed += [watch.misattributed] * bool(watch.misattributed)
         result.steered += watch.steered
         result.unasked += watch.unasked
         result.notices += [f"{watch.kind} {watch.vehicle} {t_s:6.1f} {said}" for t_s, said in watch.texts]
@@ -343,6 +350,7 @@ def row(name: str, results: list[Result], kind: str = "") -> str:
         f"| {name} | {len(results)} | {in_time} of {len(delays)} "
         f"| {quantile(delays, 0.5)}, {quantile(delays, 0.95)}, {quantile(delays, 1.0)} "
         f"| {again_in_time} of {len(again)} | {quantile(again, 0.5)}, {quantile(again, 1.0)} "
+        f"| {sum(bool(result.misattributed) for result in results)} "
         f"| {sum(bool(result.steered) for result in results)} "
         f"| {sum(bool(result.unasked) for result in results)} "
         f"| {sum(bool(result.stuck) for result in results)} "
@@ -352,9 +360,9 @@ def row(name: str, results: list[Result], kind: str = "") -> str:
 
 def print_table(results: list[Result], is_random: bool) -> None:
     print("| faults | flights | told within 3 s | delay, s: median, 95 %, most | re-assigned within 5 s "
-          "| delay, s: median, most | sent against a mode | take-offs unasked | stuck "
-          "| told to stand still |")  # fmt: skip
-    print("|---|---|---|---|---|---|---|---|---|---|")
+          "| delay, s: median, most | told as a person's choice | sent against a mode "
+          "| take-offs unasked | stuck | told to stand still |")  # fmt: skip
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
     if is_random:
         for kind in KINDS:
             having = [result for result in results if any(what == kind for what, _ in result.told_s)]

@@ -107,6 +107,8 @@ class FaultWatch:
     mode; None as long as it flies its mission."""
     told_ns: int | None = None
     told_text: str = ""
+    misattributed: str = ""
+    """Notice that takes a failsafe's mode for somebody's choice; empty if there is none."""
     target: Label | None = None
     """Target of the vehicle when the fault began."""
     spare: bool = False
@@ -263,6 +265,8 @@ class FaultWatch:
         if notice.vehicle != self.vehicle or self.fault_ns is None:
             return
         self.texts.append(((notice.t_ns - self.fault_ns) / NS_PER_S, f"{notice.level}: {notice.text}"))
+        if "not by this service" in notice.text and self.kind != "radio":  # its telemetry is not heard
+            self.misattributed = notice.text
         if self.told_ns is None and notice.level != "info" and TOLD[self.kind].search(notice.text):
             self.told_ns, self.told_text = notice.t_ns, notice.text
 

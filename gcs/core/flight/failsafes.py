@@ -56,6 +56,9 @@ class Failsafes:
             return ""
         said = [text for said_t_ns, text in agent.flight.texts if t_ns - said_t_ns <= _RECENT_NS]
         problems = [problem.cause for problem in agent.flight.problems.values() if problem.is_told]
+        has_returned = agent.link.returns > 0 and t_ns - agent.link.returned_t_ns <= _RECENT_NS
+        if has_returned and not said:
+            problems.append("its link was down")  # and its texts were not heard
         return "; ".join(said or problems) or "its autopilot names no cause"
 
 

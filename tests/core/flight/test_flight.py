@@ -10,12 +10,14 @@ from core.test_authority import ARDUPLANE, ARM, BOTH, PX4, SET_MODE, Stage
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.model import (
+    NS_PER_S,
     PHASE_TRANSITIONS,
     AgentStatus,
     FlightEvent,
     FlightPhase,
     HealthItem,
     Notice,
+    Tick,
 )
 
 P, E = FlightPhase, FlightEvent
@@ -383,6 +385,17 @@ def test_arduplanes_failsafe_whose_text_was_lost_on_the_way_is_told_by_its_heart
     plane.mode, plane.system_status = "RTL", dialect.MAV_STATE_CRITICAL
     plane.wait(4.0)
     assert told(plane, "RTL")[0].startswith("is in RTL by a failsafe: its autopilot names no cause")
+
+
+def test_a_failsafe_that_began_while_the_link_was_down_names_the_link() -> None:
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    for _ in range(20):
+        plane.t_ns += NS_PER_S // 2
+        plane.step(Tick(plane.t_ns))
+    plane.mode, plane.system_status = "RTL", dialect.MAV_STATE_CRITICAL
+    plane.wait(5.0)
+    assert "by a failsafe: its link was down." in told(plane, "RTL")[0]
 
 
 PX4_TEXTS = ["Low battery", "Geofence: approaching or outside geofence", "GNSS data fusion stopped"]
