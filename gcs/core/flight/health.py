@@ -110,8 +110,7 @@ class HealthMonitor:
             problem = flight.problems.setdefault(item, HealthProblem(cause, t_ns))
             problem.good_since_t_ns = None
             problem.seen_ns += _PERIOD_NS
-            if not problem.is_told:
-                problem.cause = cause
+            problem.cause = cause
             if not problem.is_told and problem.seen_ns > _TELL_NS[item]:
                 problem.is_told = True
                 text = f"{item.value}: {cause}"

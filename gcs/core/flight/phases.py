@@ -62,6 +62,10 @@ _SINK_M: Final = 15.0
 """Height below the planned one at which a sinking vehicle is reported."""
 _SINK_M_S: Final = 1.0
 _SINK_NS: Final = ns(1.5)
+_DIVE_M_S: Final = 8.0
+"""Sink rate that no autopilot commands (ArduPlane TECS_SINK_MAX, PX4 FW_T_SINK_MAX: 5 m/s)."""
+_STEERED_MODES: Final = frozenset({AUTO, LOITER, RTL, "TAKEOFF", "CIRCLE", "GUIDED"})
+"""Modes in which the autopilot controls the height."""
 _END_NS: Final = ns(6.0)
 """Without thrust an aeroplane sinks in waves: for some seconds it holds its height."""
 
@@ -226,7 +230,8 @@ class FlightPhases:
         vehicle, flight = state.system_id, self._agents[state.system_id].flight
         planned_m = self._planned_height_m(state)
         is_low = planned_m is not None and height_m < planned_m - _SINK_M
-        if not is_low or state.climb_m_s > -_SINK_M_S:
+        dives = state.mode in _STEERED_MODES and state.climb_m_s < -_DIVE_M_S
+        if not dives and (not is_low or state.climb_m_s > -_SINK_M_S):
             flight.sinks_since_t_ns = None
             if not flight.is_sinking or (is_low and t_ns - flight.sank_t_ns < _END_NS):
                 return []
@@ -239,7 +244,8 @@ class FlightPhases:
             return []
         flight.is_sinking = True
         down_s = max(height_m, 0.0) / -state.climb_m_s
-        text = f"sinks at {-state.climb_m_s:.0f} m/s: {height_m:.0f} m above home, {planned_m:.0f} m planned"
+        text = f"sinks at {-state.climb_m_s:.0f} m/s: {height_m:.0f} m above home"
+        text += "" if planned_m is None else f", {planned_m:.0f} m planned"
         text += f"; on the ground in {down_s:.0f} s. Let a pilot take it over, or prepare to recover it"
         return [Notice(t_ns, "alarm", text, vehicle)]
 

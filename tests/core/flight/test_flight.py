@@ -295,6 +295,36 @@ def test_a_vehicle_that_sinks_in_waves_is_one_alarm_and_one_all_clear() -> None:
     assert len([text for text in plane.notices() if text.startswith("no longer sinks")]) == 1
 
 
+@BOTH
+def test_a_dive_is_told_before_the_ground_also_on_the_way_home(autopilot: int) -> None:
+    plane = Aeroplane(autopilot, "RTL", height_m=120.0)
+    plane.wait(4.0)
+    plane.climb_m_s = -18.0
+    plane.wait(2.5)
+    assert [text for text in plane.alarms() if text.startswith("sinks at 18 m/s: ")]
+
+
+def test_a_pilots_dive_is_no_news() -> None:
+    plane = Aeroplane(ARDUPLANE, "FBWA", height_m=120.0)
+    plane.wait(4.0)
+    plane.climb_m_s = -18.0
+    plane.wait(2.5)
+    assert not [text for text in plane.alarms() if text.startswith("sinks")]
+
+
+def test_the_cause_of_a_problem_is_that_of_its_newest_telemetry() -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.percent = 14
+    plane.wait(4.0)
+    plane.percent, plane.failed = 98, dialect.MAV_SYS_STATUS_SENSOR_BATTERY
+    plane.wait(4.0)
+    plane.crash()
+    plane.wait(3.0)
+    (text,) = [text for text in plane.alarms() if text.startswith("came down")]
+    assert "(the autopilot reports that it is empty or faulty)" in text
+
+
 def test_a_fence_breach_of_arduplane_is_a_failsafe_although_its_text_is_a_notice() -> None:
     plane = Aeroplane(ARDUPLANE)
     plane.wait(4.0)
