@@ -68,6 +68,7 @@ PIPELINES: Final[dict[type[Event], Pipeline]] = {
     Tick: (
         on_tick.poll_links,
         on_tick.check_flight,
+        on_tick.check_health,
         on_tick.check_sensors,
         on_tick.keep_reports,
         process_due_scans,
@@ -78,6 +79,7 @@ PIPELINES: Final[dict[type[Event], Pipeline]] = {
         on_tick.audit_missions,
         on_tick.watch_takeoffs,
         on_tick.watch_separation,
+        on_tick.report_standstill,
         on_tick.report_overrides,
         on_tick.leave_auto_on_ground,
     ),

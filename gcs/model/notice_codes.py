@@ -196,9 +196,10 @@ class NoticeCode(StrEnum):
     SINKS = _vehicle(
         "sinks",
         _A,
-        "sinks at {sink_m_s:.0f} m/s: {height_m:.0f} m above home, {planned_m:.0f} m planned; on the "
+        "sinks at {sink_m_s:.0f} m/s: {height_m:.0f} m above home[, {planned_m:.0f} m planned]; on the "
         "ground in {down_s:.0f} s. Let a pilot take it over, or prepare to recover it",
-        "it sinks 15 m below its planned height without having been told to",
+        "it sinks 15 m below its planned height without having been told to, or faster than 8 m/s in a "
+        "mode of the autopilot",
         "a pilot takes it over; else see where it comes down",
     )
     SINKS_NO_LONGER = _vehicle(
@@ -216,8 +217,8 @@ class NoticeCode(StrEnum):
         "gps-problem",
         _A,
         "GPS: {cause}",
-        "GPS_RAW_INT shows no 3D fix: it flies by its inertial estimate, and its position drifts. After 5 "
-        "s it is unfit",
+        "GPS_RAW_INT shows no 3D fix: it flies by its inertial estimate, and its position drifts. Or a "
+        "glitch: the estimator rejects a position that jumps. After 5 s it is unfit",
         "return it by hand if it stays",
     )
     GPS_GOOD = _vehicle("gps-good", _I, "GPS: good again", ends="gps-problem")
@@ -792,6 +793,18 @@ class NoticeCode(StrEnum):
         "agents there",
         "targets that need agents after the end",
         "`gcs order continue` sends free agents",
+    )
+    STANDSTILL = _mission(
+        "standstill",
+        _A,
+        "the mission stands still, no agent can be tasked: {vehicles}. `gcs order resume` those that can "
+        "fly on; let a pilot land the others",
+        "every agent that is left circles after a failsafe, is unfit, not heard, or under other control; "
+        "the mission has not ended",
+        "resume those that can fly on; let a pilot land the others",
+    )
+    STANDSTILL_OVER = _mission(
+        "standstill-over", _I, "the mission goes on: {vehicles} can be tasked", ends="standstill"
     )
     ZONE_AHEAD = _vehicle(
         "zone-ahead",

@@ -7,8 +7,9 @@ recording. Times are from the fault.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -117,12 +118,17 @@ class FaultWatch:
     end_ns: int | None = None
     """Time when the fault ended; None if it lasts."""
     shown_ns: int | None = None
+    left_ns: int | None = None
+    """Time since when the vehicle cannot or does not fly on to its target: without thrust, or in a failsafe's
+    mode; None as long as it flies its mission."""
     told_ns: int | None = None
     told_text: str = ""
+    misattributed: str = ""
+    """Notice that takes a failsafe's mode for somebody's choice; empty if there is none."""
     target: Label | None = None
     """Target of the vehicle when the fault began."""
     spare: bool = False
-    """True if another vehicle was in the air without a target."""
+    """True if another vehicle was in the air without a target, in a mode of ours and without a fault."""
     reassigned_ns: int | None = None
     steered: list[str] = field(default_factory=list)
     """Steering messages that were sent while a mode that is not ours was shown."""
@@ -136,18 +142,23 @@ class FaultWatch:
     _enabled: dict[int, int] = field(default_factory=dict)
     _ordered: set[int] = field(default_factory=set)
 
-    def begin(self, t_ns: int) -> None:
-        """Note that the fault begins now."""
+    def begin(self, t_ns: int, broken: Container[int] = ()) -> None:
+        """Note that the fault begins now; `broken` vehicles have one already."""
         self.fault_ns, self.target = t_ns, self.targets.get(self.vehicle)
-        idle = {v for v, seen in self._seen.items() if v not in self.targets and seen.height_m > _HIGH_M}
-        self.spare = bool(idle - {self.vehicle})
+        others = {v: seen for v, seen in self._seen.items() if v != self.vehicle and v not in broken}
+        self.spare = any(
+            (seen.is_ours or not seen.has_flown_auto)
+            and seen.height_m > _HIGH_M
+            and self.statuses.get(v, "active") == "active"
+            for v, seen in others.items()
+            if v not in self.targets
+        )
 
-    def event(self, event: object) -> None:
-        """Take an event of the engine."""
+    def event(self, event: object, messages: Messages | None = None) -> None:
+        """Take an event of the engine; `messages` are those of a datagram, if they are known already."""
         if isinstance(event, Datagram):
-            for frame in scan(event.data).frames:
-                if frame.component_id == 1:
-                    self._see(frame, event.t_ns)
+            for vehicle, number, message in decoded(event) if messages is None else messages:
+                self._see(vehicle, number, message, event.t_ns)
         elif isinstance(event, Order):
             self._take_order(event)
         if self.kind == "radio" and self.fault_ns is not None and self.shown_ns is None:
@@ -167,13 +178,9 @@ class FaultWatch:
         if order.action in ("resume", "hold", "return", "arm"):
             self._ordered |= set(vehicles)
 
-    def _see(self, frame: object, t_ns: int) -> None:
-        vehicle, number = frame.system_id, frame.message_id
+    def _see(self, vehicle: int, number: int, message: object, t_ns: int) -> None:
         seen = self._of(vehicle)
         seen.heard_ns = t_ns
-        if number not in _READERS:
-            return
-        message = frame.message()
         if message is None:
             return
         _READERS[number](self, seen, vehicle, message, t_ns)
@@ -181,6 +188,8 @@ class FaultWatch:
     def _show(self, vehicle: int, t_ns: int) -> None:
         if vehicle == self.vehicle and self.fault_ns is not None and self.shown_ns is None:
             self.shown_ns = t_ns
+            if self.kind in _GROUNDING:
+                self.left_ns = t_ns
 
     def _heartbeat(self, seen: Seen, vehicle: int, message: object, t_ns: int) -> None:
         seen.auto = PX4_AUTO if message.autopilot == mavlink.MAV_AUTOPILOT_PX4 else PLANE_AUTO
@@ -188,6 +197,8 @@ class FaultWatch:
             commanded_ns = seen.commanded_ns.get(message.custom_mode, -_OBEYED_NS)
             seen.is_ours = message.custom_mode == seen.auto or t_ns - commanded_ns < _OBEYED_NS
         seen.mode = message.custom_mode
+        if vehicle == self.vehicle and self.fault_ns is not None and not seen.is_ours:
+            self.left_ns = self.left_ns or t_ns
         seen.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         if seen.mode == seen.auto and seen.armed:
             seen.has_flown_auto = True
@@ -270,6 +281,8 @@ class FaultWatch:
         if notice.vehicle != self.vehicle or self.fault_ns is None:
             return
         self.texts.append(((notice.t_ns - self.fault_ns) / NS_PER_S, f"{notice.level}: {notice.text}"))
+        if notice.code is NoticeCode.OVERRIDDEN and self.kind != "radio":  # its telemetry is not heard
+            self.misattributed = notice.text
         if self.told_ns is None and notice.code in TOLD[self.kind]:
             self.told_ns, self.told_text = notice.t_ns, notice.text
 
@@ -328,6 +341,21 @@ _READERS = {
     230: FaultWatch._estimate,
     253: FaultWatch._text,
 }
+
+
+Messages: TypeAlias = list[tuple[int, int, object]]
+"""System id, number and message of each frame of an autopilot; None for a message that nobody reads."""
+
+
+def decoded(event: object) -> Messages:
+    """Return the messages of a datagram; none of another event."""
+    if not isinstance(event, Datagram):
+        return []
+    frames = [frame for frame in scan(event.data).frames if frame.component_id == 1]
+    return [
+        (frame.system_id, frame.message_id, frame.message() if frame.message_id in _READERS else None)
+        for frame in frames
+    ]
 
 
 def quantile(values: Iterable[float | None], part: float) -> str:

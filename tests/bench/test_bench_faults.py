@@ -85,6 +85,25 @@ def test_a_fault_is_told_by_a_notice_of_its_own_cause_after_it_was_shown():
     assert (heard.watch.told_ns - shown_ns) / NS_PER_S == 2.0
 
 
+def test_a_target_needs_another_vehicle_from_when_its_own_leaves_the_mission_not_from_a_warning():
+    heard = Heard("rc")
+    heard.beat(AUTO)
+    heard.watch.begin(heard.t_ns)
+    heard.hear(mavlink.MAVLink_statustext_message(4, b"RC Short Failsafe On"))
+    assert heard.watch.shown_ns == heard.t_ns
+    heard.beat(AUTO)
+    assert heard.watch.left_ns is None
+    heard.beat(RTL)
+    assert heard.watch.left_ns == heard.t_ns
+
+
+def test_a_failsafe_that_is_told_as_a_persons_choice_counts():
+    heard = Heard("rc")
+    heard.watch.begin(heard.t_ns)
+    heard.watch.effect(0, Notice(1, "warning", "is in RTL, not by this service: a pilot chose that mode", 1))
+    assert heard.watch.misattributed
+
+
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 def test_a_dead_engine_en_route_is_shown_and_nobody_takes_off_unasked(autopilot, monkeypatch):
     monkeypatch.setattr(bench, "AFTER_FAULT_S", 20.0)

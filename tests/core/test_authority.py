@@ -47,6 +47,7 @@ class Stage:
 
     away_m, climb_m_s = 0.0, 0.0
     """Distance north of its first place, and vertical speed."""
+    system_status = dialect.MAV_STATE_ACTIVE
 
     def __init__(self, autopilot: int, mode: str, *, armed: bool, height_m: float, speed_m_s: float) -> None:
         self.command, self.t_ns = Engine(parse(MISSION, "x"), 1), S
@@ -68,7 +69,8 @@ class Stage:
         assert profile is not None
         main, sub = profile.mode_numbers(self.mode)
         custom = main << 16 | sub << 24 if self.autopilot == PX4 else main
-        self.hear(dialect.MAVLink_heartbeat_message(1, self.autopilot, 1 + 128 * self.armed, custom, 4, 3))
+        base, status = 1 + 128 * self.armed, self.system_status
+        self.hear(dialect.MAVLink_heartbeat_message(1, self.autopilot, base, custom, status, 3))
         self.hear(
             dialect.MAVLink_home_position_message(
                 330000000, -870000000, 70_000, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0

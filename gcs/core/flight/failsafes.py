@@ -1,34 +1,33 @@
 """Failsafes: modes that an autopilot chose by itself, told with the cause that it gives.
 
-A vehicle that changes its mode in a failsafe says so: its heartbeat is CRITICAL or EMERGENCY, or a STATUSTEXT
-names the failsafe or its cause (ArduPlane `events.cpp`, PX4 `commander/failsafe`). A person's choice shows
-neither.
+Two things show that a failsafe chose a mode. Both depend on the firmware (`gcs.mavlink.autopilots`).
+
+* HEARTBEAT shows MAV_STATE_CRITICAL or worse, in a mode that failsafes choose. A PX4 shows it as long as the
+  failsafe's mode lasts; an ArduPlane as long as the cause lasts, so that only the change of both at one time
+  counts.
+* A STATUSTEXT names the failsafe at the time of the change, and the failsafe chooses this mode. ArduPlane
+  only: each failsafe of PX4 shows in its heartbeat.
+
+Every other change is a person's or another station's, whatever the vehicle says meanwhile.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import Final
 
-from pymavlink.dialects.v20 import ardupilotmega as dialect
-
 from gcs.core.state import Agent
+from gcs.mavlink.autopilots import AutopilotProfile, FailsafeText
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.services.retry import ns
+from gcs.model import Authority
 
-_WORDS: Final = re.compile(
-    r"failsafe|battery|fence|gps|ekf|manual control lost|connection (to ground station )?lost|link loss|"
-    r"no (rc|manual)|engine|crash|termination",
-    re.IGNORECASE,
-)
-_QUIET: Final = re.compile(r"\b(off|cleared|regained|restored|active|preflight)\b", re.IGNORECASE)
-_MAX_SEVERITY: Final = 5
-"""MAV_SEVERITY_NOTICE, as of ArduPlane's fence breach; less severe texts report the ordinary course."""
 _MAX_TEXTS: Final = 4
 _MAX_LENGTH: Final = 80
 _RECENT_NS: Final = ns(10.0)
-_CRITICAL: Final = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY)
+"""Age of the texts that are named as causes. PX4 holds 5 s before it acts."""
+_TOGETHER_NS: Final = ns(1.5)
+"""Time between a failsafe's text and the heartbeat with its mode: a heartbeat may be lost."""
 
 
 class Failsafes:
@@ -39,21 +38,50 @@ class Failsafes:
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> None:
         """Keep a STATUSTEXT that names a failsafe or its cause."""
-        if message.get_type() != "STATUSTEXT" or message.severity > _MAX_SEVERITY:
+        profile = self._agents[vehicle].link.profile
+        if message.get_type() != "STATUSTEXT" or profile is None:
             return
         text = str(message.text)[:_MAX_LENGTH].rstrip()
-        if not _WORDS.search(text) or _QUIET.search(text):
+        failsafe = _failsafe_of(text, profile)
+        if failsafe is None or message.severity > failsafe.max_severity:
             return
         texts = [one for one in self._agents[vehicle].flight.texts if one[1] != text]
         self._agents[vehicle].flight.texts = [*texts, (t_ns, text)][-_MAX_TEXTS:]
 
     def cause(self, vehicle: int, t_ns: int) -> str:
-        """Return the cause of a failsafe at this time in the autopilot's words; empty if there is none."""
+        """Return the cause of the failsafe that chose a vehicle's mode; empty if none did."""
         agent = self._agents[vehicle]
-        told = [text for said_t_ns, text in agent.flight.texts if t_ns - said_t_ns <= _RECENT_NS]
+        profile = agent.link.profile
+        if profile is None or not (_is_shown(agent, profile) or _is_said(agent, profile)):
+            return ""
+        said = [text for said_t_ns, text in agent.flight.texts if t_ns - said_t_ns <= _RECENT_NS]
         problems = [problem.cause for problem in agent.flight.problems.values() if problem.is_told]
-        if told:
-            return "; ".join(told)
-        if agent.link.system_status in _CRITICAL:
-            return "; ".join(problems) or "its autopilot names no cause"
-        return ""
+        has_returned = agent.link.returns > 0 and t_ns - agent.link.returned_t_ns <= _RECENT_NS
+        if has_returned and not said:
+            problems.append("its link was down")  # and its texts were not heard
+        return "; ".join(said or problems) or "its autopilot names no cause"
+
+
+def _failsafe_of(text: str, profile: AutopilotProfile) -> FailsafeText | None:
+    return next((one for one in profile.failsafe_texts if one.pattern.match(text)), None)
+
+
+def _is_shown(agent: Agent, profile: AutopilotProfile) -> bool:
+    """Return True if the heartbeat shows that a failsafe chose the mode."""
+    record = agent.authority.mode
+    if not record.in_failsafe or record.mode not in profile.failsafe_modes:
+        return False
+    return profile.critical_ends or abs(record.failsafe_t_ns - _chosen_t_ns(agent)) <= _TOGETHER_NS
+
+
+def _is_said(agent: Agent, profile: AutopilotProfile) -> bool:
+    """Return True if a text shows that a failsafe chose the mode."""
+    mode, chosen_t_ns = agent.authority.mode.mode, _chosen_t_ns(agent)
+    said = [text for t_ns, text in agent.flight.texts if abs(t_ns - chosen_t_ns) <= _TOGETHER_NS]
+    failsafes = [_failsafe_of(text, profile) for text in said]
+    return any(failsafe is not None and mode in failsafe.modes for failsafe in failsafes)
+
+
+def _chosen_t_ns(agent: Agent) -> int:
+    """Return when the mode was first seen; 0 if nobody but this service chose it."""
+    return agent.claims.since_t_ns(Authority.OVERRIDDEN) or 0

@@ -64,6 +64,11 @@ _SENSOR_TEXTS: Final = {
 _PROPULSION_BIT: Final[int] = dialect.MAV_SYS_STATUS_SENSOR_PROPULSION
 _BATTERY_BIT: Final[int] = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
 _ESTIMATE_BITS: Final[int] = dialect.MAV_SYS_STATUS_AHRS | dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+_GLITCH_FLAGS: Final = {
+    dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: 0x8000,  # EKF_GPS_GLITCHING, which this dialect does not name
+    dialect.MAV_AUTOPILOT_PX4: dialect.ESTIMATOR_GPS_GLITCH,
+}
+"""Flag of a GPS position that the estimator rejects, by MAV_AUTOPILOT."""
 _FULL_THROTTLE_PERCENT: Final = 90
 _FALL_M_S: Final = 1.5
 """Sink rate at full throttle that means a failed engine or propeller."""
@@ -85,10 +90,12 @@ class HealthMonitor:
             for airframe in [config.airframe_of(agent.vehicle)]
         }
 
-    def poll(self, t_ns: int) -> list[Effect]:
-        """Check all vehicles twice a second."""
-        if t_ns < self._state.next_health_t_ns:
-            return []
+    def is_due(self, t_ns: int) -> bool:
+        """Return True twice a second."""
+        return t_ns >= self._state.next_health_t_ns
+
+    def check(self, t_ns: int) -> list[Effect]:
+        """Check all vehicles."""
         self._state.next_health_t_ns = t_ns + _PERIOD_NS
         effects: list[Effect] = []
         for state in self._fleet.states():
@@ -109,8 +116,7 @@ class HealthMonitor:
             problem = flight.problems.setdefault(item, HealthProblem(cause, t_ns))
             problem.good_since_t_ns = None
             problem.seen_ns += _PERIOD_NS
-            if not problem.is_told:
-                problem.cause = cause
+            problem.cause = cause
             if not problem.is_told and problem.seen_ns > _TELL_NS[item]:
                 problem.is_told = True
                 begins, _ = _CODES[item]
@@ -134,6 +140,8 @@ class HealthMonitor:
         flight, now = agent.flight, self._fleet.readings(state.system_id)
         if now.fix_type is not None and now.fix_type < dialect.GPS_FIX_TYPE_3D_FIX:
             yield HealthItem.GPS, "no 3D fix; it flies by its inertial estimate, and its position drifts"
+        elif (now.estimator_flags or 0) & _GLITCH_FLAGS.get(agent.link.autopilot, 0):
+            yield HealthItem.GPS, "its position jumps: the estimator rejects it, and may follow it later"
         if problem := _estimate_problem(now):
             yield HealthItem.ESTIMATE, problem
         failed = now.sensors_failed or 0

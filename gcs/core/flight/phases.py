@@ -63,6 +63,10 @@ _SINK_M: Final = 15.0
 """Height below the planned one at which a sinking vehicle is reported."""
 _SINK_M_S: Final = 1.0
 _SINK_NS: Final = ns(1.5)
+_DIVE_M_S: Final = 8.0
+"""Sink rate that no autopilot commands (ArduPlane TECS_SINK_MAX, PX4 FW_T_SINK_MAX: 5 m/s)."""
+_STEERED_MODES: Final = frozenset({AUTO, LOITER, RTL, "TAKEOFF", "CIRCLE", "GUIDED"})
+"""Modes in which the autopilot controls the height."""
 _END_NS: Final = ns(6.0)
 """Without thrust an aeroplane sinks in waves: for some seconds it holds its height."""
 
@@ -82,10 +86,12 @@ class FlightPhases:
         self._frame: LocalFrame = config.local_frame
         self._lowest_m = config.mission.altitude_rel_m
 
-    def poll(self, t_ns: int) -> list[Effect]:
+    def is_due(self, t_ns: int) -> bool:
+        """Return True four times a second."""
+        return t_ns >= self._state.next_check_t_ns
+
+    def check(self, t_ns: int) -> list[Effect]:
         """Check all vehicles; return notices, and the new statuses of vehicles that came down."""
-        if t_ns < self._state.next_check_t_ns:
-            return []
         self._state.next_check_t_ns = t_ns + _PERIOD_NS
         effects: list[Effect] = []
         for state in self._fleet.states():
@@ -227,7 +233,8 @@ class FlightPhases:
         vehicle, flight = state.system_id, self._agents[state.system_id].flight
         planned_m = self._planned_height_m(state)
         is_low = planned_m is not None and height_m < planned_m - _SINK_M
-        if not is_low or state.climb_m_s > -_SINK_M_S:
+        dives = state.mode in _STEERED_MODES and state.climb_m_s < -_DIVE_M_S
+        if not dives and (not is_low or state.climb_m_s > -_SINK_M_S):
             flight.sinks_since_t_ns = None
             if not flight.is_sinking or (is_low and t_ns - flight.sank_t_ns < _END_NS):
                 return []
@@ -239,11 +246,10 @@ class FlightPhases:
         if flight.is_sinking or t_ns - flight.sinks_since_t_ns < _SINK_NS:
             return []
         flight.is_sinking = True
-        assert planned_m is not None  # it is low
         parameters: dict[str, Parameter] = {
             "sink_m_s": -state.climb_m_s,
             "height_m": height_m,
-            "planned_m": planned_m,
+            "planned_m": "" if planned_m is None else planned_m,
             "down_s": max(height_m, 0.0) / -state.climb_m_s,
         }
         return [Notice(t_ns, NoticeCode.SINKS, vehicle, parameters)]

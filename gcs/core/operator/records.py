@@ -91,6 +91,16 @@ class Approval:
 
 
 @dataclass(slots=True)
+class Standstill:
+    """A mission that no agent can continue without the operator."""
+
+    since_t_ns: int | None = None
+    """None while it goes on."""
+    is_told: bool = False
+    next_check_t_ns: int = 0
+
+
+@dataclass(slots=True)
 class OperatorState:
     """The proposal that waits, and orders to several vehicles."""
 
@@ -101,6 +111,7 @@ class OperatorState:
     """Targets that are ignored or ranked by order."""
     order_count: int = 0
     """Number of the last order."""
+    standstill: Standstill = field(default_factory=Standstill)
 
     def is_ignored(self, target: Label) -> bool:
         """Return True if a target is ignored by order."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from gcs.core.operator.standstill import check_standstill
 from gcs.core.perception.never_heard import check_never_heard
 from gcs.core.pipelines.changes import apply_statuses
 from gcs.core.stages import Stages
@@ -19,16 +20,26 @@ def poll_links(stages: Stages, event: Tick) -> list[Effect]:
 
 
 def check_flight(stages: Stages, event: Tick) -> list[Effect]:
-    """Check flight phases and health."""
-    t_ns, agents = event.t_ns, stages.state.agents
-    effects = apply_statuses(stages, stages.flight_phases.poll(t_ns))
-    for vehicle, agent in agents.items():
+    """Check flight phases, four times a second: what has come down, and what flies again."""
+    t_ns = event.t_ns
+    if not stages.flight_phases.is_due(t_ns):
+        return []
+    effects = apply_statuses(stages, stages.flight_phases.check(t_ns))
+    for vehicle, agent in stages.state.agents.items():
         if agent.flight.phase.has_flown and agent.tasking.onboard is not None:
             agent.routes.drop()
             stages.tasking.cancel(vehicle, t_ns)
             stages.tasking.forget_onboard(vehicle)  # it is not for a take-off from here
+    return effects
+
+
+def check_health(stages: Stages, event: Tick) -> list[Effect]:
+    """Check the health of vehicles in flight, twice a second; plan for those that have become unfit."""
+    t_ns, agents = event.t_ns, stages.state.agents
+    if not stages.health.is_due(t_ns):
+        return []
     fit = {vehicle for vehicle, agent in agents.items() if not agent.flight.unfit}
-    effects += stages.health.poll(t_ns)
+    effects = stages.health.check(t_ns)
     for vehicle in sorted(fit):
         if cause := agents[vehicle].flight.unfit:
             stages.replanner.note_unfit(vehicle, cause, t_ns)
@@ -81,6 +92,14 @@ def watch_takeoffs(stages: Stages, event: Tick) -> list[Effect]:
 def watch_separation(stages: Stages, event: Tick) -> list[Effect]:
     """Look ahead over all pairs of vehicles in the air."""
     return stages.separation.check(event.t_ns)
+
+
+def report_standstill(stages: Stages, event: Tick) -> list[Effect]:
+    """Tell when no agent that is left can be tasked."""
+    state = stages.state
+    if state.has_ended or not stages.replanner.has_planned:
+        return []
+    return check_standstill(state.agents, state.operator.standstill, event.t_ns)
 
 
 def report_overrides(stages: Stages, event: Tick) -> list[Effect]:

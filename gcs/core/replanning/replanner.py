@@ -78,6 +78,11 @@ class Replanner:
             )
         ]
 
+    @property
+    def has_planned(self) -> bool:
+        """True after the first plan."""
+        return self._state.next_check_t_ns is not None
+
     def hurry(self, t_ns: int) -> None:
         """Check at once; before the first plan there is nothing to change."""
         if self._state.next_check_t_ns is not None:

@@ -12,7 +12,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.arduplane_profile import ARDUPLANE
-from gcs.mavlink.autopilots.profile import AutopilotProfile, FenceLimits
+from gcs.mavlink.autopilots.profile import AutopilotProfile, FailsafeText, FenceLimits
 from gcs.mavlink.autopilots.px4_profile import PX4
 from gcs.mavlink.frames.codec import Message
 
@@ -21,6 +21,7 @@ __all__ = [
     "PROFILES",
     "PX4",
     "AutopilotProfile",
+    "FailsafeText",
     "FenceLimits",
     "mode_name",
     "profile_of",

@@ -14,11 +14,15 @@ Sources: ArduPilot's `AP_Mission` (stored fields of an item, and their precision
 * The current waypoint is cached: MISSION_SET_CURRENT makes the vehicle take the new one, on a leg from its
   position. DO_SET_MISSION_CURRENT does so on a leg from the waypoint before, unless sent twice.
 * At a mission's end, and in AUTO without a mission, it returns to launch.
+* A failsafe changes the mode at the time of its text; HEARTBEAT is sent at once (`Plane::set_mode`). It shows
+  MAV_STATE_CRITICAL as long as the cause lasts, for an empty battery also when nothing is done about it, for
+  a breached fence not at all (`Plane::any_failsafe_triggered`).
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from ctypes import c_float
 from typing import Final
@@ -27,7 +31,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.autopilots.preflight_parameters import ARDUPLANE_PARAMETERS, arduplane_parameters_for
-from gcs.mavlink.autopilots.profile import AutopilotProfile, FenceLimits
+from gcs.mavlink.autopilots.profile import AutopilotProfile, FailsafeText, FenceLimits
 from gcs.mavlink.mission.items import Item
 
 _MAX_RADIUS_M: Final = 255.0
@@ -60,6 +64,27 @@ _MODES: Final = {
     25: "LOITER_ALT_QLAND",
     26: "AUTOLAND",
 }
+
+_ALERT: Final[int] = dialect.MAV_SEVERITY_ALERT
+_WARNING: Final[int] = dialect.MAV_SEVERITY_WARNING
+_NOTICE: Final[int] = dialect.MAV_SEVERITY_NOTICE
+_FAILSAFE_MODES: Final = frozenset(
+    {RTL, "CIRCLE", "FBWA", "FBWB", "AUTOLAND", "QLAND", "QRTL", "LOITER_ALT_QLAND"}
+)
+_FAILSAFE_TEXTS: Final = (
+    FailsafeText(re.compile("Throttle failsafe on"), _WARNING),
+    FailsafeText(re.compile("RC Short Failsafe On"), _WARNING),
+    FailsafeText(re.compile("RC Short Failsafe: switched to"), _WARNING, _FAILSAFE_MODES),
+    FailsafeText(re.compile("(RC Long|GCS) Failsafe On"), _WARNING, _FAILSAFE_MODES),
+    FailsafeText(re.compile(r"Battery \d+ is (low|critical)"), _WARNING, _FAILSAFE_MODES),
+    FailsafeText(re.compile(r"[\w ]*fences? breached", re.IGNORECASE), _NOTICE, frozenset({RTL, "GUIDED"})),
+    FailsafeText(
+        re.compile("Avoid: Performing action"),
+        _ALERT,
+        frozenset({RTL, LOITER, "AVOID_ADSB", "GUIDED", "QLOITER"}),
+    ),
+)
+"""From `events.cpp`, `radio.cpp`, `fence.cpp`, `avoidance_adsb.cpp` and `AP_BattMonitor.cpp`."""
 
 
 def _stored(item: Item) -> Item:
@@ -122,6 +147,9 @@ ARDUPLANE: Final = AutopilotProfile(
     takeoff_pitch_deg=15.0,
     modes={(number, 0): name for number, name in _MODES.items()},
     split_mode=lambda custom_mode: (custom_mode, 0),
+    critical_ends=False,
+    failsafe_modes=_FAILSAFE_MODES,
+    failsafe_texts=_FAILSAFE_TEXTS,
     stored=_stored,
     parameters=ARDUPLANE_PARAMETERS,
     fits=arduplane_parameters_for,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -30,6 +31,18 @@ class FenceLimits:
     max_alt_rel_m: float | None = None
     max_radius_m: float | None = None
     """Around home."""
+
+
+@dataclass(frozen=True, slots=True)
+class FailsafeText:
+    """STATUSTEXT that names a failsafe or its cause."""
+
+    pattern: re.Pattern[str]
+    """Matches the begin of the text."""
+    max_severity: int
+    """Highest MAV_SEVERITY with which it is sent."""
+    modes: frozenset[str] = frozenset()
+    """Modes that the failsafe chooses at the time of this text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +75,12 @@ class AutopilotProfile:
     """Name by (main, sub) mode, as in parameters 2 and 3 of DO_SET_MODE."""
     split_mode: Callable[[int], tuple[int, int]]
     """Returns a heartbeat's custom_mode as (main, sub)."""
+    critical_ends: bool
+    """True if MAV_STATE_CRITICAL lasts as long as the failsafe's mode; False if it lasts as long as the
+    cause, also when the failsafe changes no mode."""
+    failsafe_modes: frozenset[str]
+    """Modes that failsafes choose."""
+    failsafe_texts: tuple[FailsafeText, ...]
     stored: Callable[[Item], Item]
     """Returns the item as the firmware keeps it, in addition to `normalised`."""
     parameters: tuple[WantedParameter, ...]

@@ -15,11 +15,14 @@ bits 24-31), https://docs.px4.io/main/en/advanced_config/parameter_reference, an
 * There is no DO_SET_MISSION_CURRENT. MISSION_SET_CURRENT has no answer but MISSION_CURRENT.
 * Unused parameters are NaN: yaw 0 would be a course to keep. All are kept as floats.
 * After the last item it circles in Hold, the same mode as an operator's.
+* HEARTBEAT shows MAV_STATE_CRITICAL as long as a failsafe has chosen the mode (`vehicle_status.failsafe`).
+  Cause and action come as STATUSTEXT (`HealthAndArmingChecks`, `FailsafeBase::notifyUser`).
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -27,7 +30,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.autopilots.preflight_parameters import PX4_PARAMETERS, px4_parameters_for
-from gcs.mavlink.autopilots.profile import AutopilotProfile, FenceLimits
+from gcs.mavlink.autopilots.profile import AutopilotProfile, FailsafeText, FenceLimits
 from gcs.mavlink.mission.items import Item
 
 _MODES: Final = {
@@ -48,6 +51,14 @@ _MODES: Final = {
     (4, 8): "FOLLOW",
     (4, 9): "PRECLAND",
 }
+
+_CAUSES: Final = (
+    r"(Low|Critical|Emergency) battery|Battery \d+( missing| disconnected|:)|Geofence: |Failsafe activated|"
+    r"Connection to (ground station|mission computer) lost|High latency data link lost|"
+    r"GNSS (data fusion stopped|signal spoofed)|GPS jamming detected|Maximum flight time reached|"
+    r"Compass needs calibration - Land now|GNSS heading not reliable|ESC\d+: |Parachute system lost|"
+    r"Remote ID system lost|Mission cannot be completed"
+)
 
 
 def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
@@ -92,6 +103,9 @@ PX4: Final = AutopilotProfile(
     takeoff_pitch_deg=15.0,
     modes=_MODES,
     split_mode=lambda custom_mode: (custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF),
+    critical_ends=True,
+    failsafe_modes=frozenset(_MODES.values()) - {AUTO},
+    failsafe_texts=(FailsafeText(re.compile(_CAUSES), dialect.MAV_SEVERITY_INFO),),
     stored=_stored,
     parameters=PX4_PARAMETERS,
     fits=px4_parameters_for,

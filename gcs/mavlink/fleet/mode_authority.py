@@ -86,6 +86,8 @@ class ModeAuthority:
         record, mode = self.record, profile.mode_name(heartbeat.custom_mode)
         was_in_failsafe = record.in_failsafe
         record.in_failsafe = heartbeat.system_status >= dialect.MAV_STATE_CRITICAL
+        if record.in_failsafe and not was_in_failsafe:
+            record.failsafe_t_ns = t_ns
         if profile.atomic and mode == LOITER and record.in_failsafe and not was_in_failsafe:
             record.mode = record.commanded = ""  # PX4 holds before each failsafe
             record.tasked, at_end = True, False

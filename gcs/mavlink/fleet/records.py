@@ -42,6 +42,8 @@ class ModeRecord:
     """True if the vehicle is in RTL because its mission is complete."""
     in_failsafe: bool = False
     """True if the last heartbeat showed a failsafe (MAV_STATE_CRITICAL or worse)."""
+    failsafe_t_ns: int = 0
+    """Time of the first heartbeat that showed it."""
 
 
 @dataclass(slots=True)

@@ -9,12 +9,29 @@ import pytest
 from core.test_authority import ARDUPLANE, ARM, BOTH, PX4, SET_MODE, Stage
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.model import PHASE_TRANSITIONS, AgentStatus, FlightEvent, FlightPhase, HealthItem, Notice, NoticeCode
+from gcs.model import (
+    NS_PER_S,
+    PHASE_TRANSITIONS,
+    AgentStatus,
+    FlightEvent,
+    FlightPhase,
+    HealthItem,
+    Notice,
+    NoticeCode,
+    Tick,
+)
 
 P, E = FlightPhase, FlightEvent
 ENABLED = dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 AWAY_M = 900.0
 """A vehicle of these tests is far from its home unless a test brings it there."""
+GLITCH = {ARDUPLANE: 0x8000, PX4: dialect.ESTIMATOR_GPS_GLITCH}
+
+
+def estimate(autopilot: int, flags: int):
+    if autopilot == PX4:
+        return dialect.MAVLink_estimator_status_message(0, flags, *[0.05] * 6, 1.0, 1.0)
+    return dialect.MAVLink_ekf_status_report_message(flags, 0.05, 0.05, 0.05, 0.05, 0.0)
 
 
 class Aeroplane(Stage):
@@ -226,6 +243,19 @@ def test_lost_gps_begins_makes_unfit_and_ends() -> None:
     assert not plane.command.state.agents[1].flight.problems
 
 
+@BOTH
+def test_a_jump_of_the_gps_position_is_told_before_the_estimator_follows_it(autopilot: int) -> None:
+    plane = Aeroplane(autopilot)
+    good = 0x33F
+    for flags, expected in ((good, 0), (good | GLITCH[autopilot], 1)):
+        for _ in range(4):
+            plane.hear(estimate(autopilot, flags))
+            plane.wait(0.5)
+        assert (
+            len([text for text in plane.alarms() if text.startswith("GPS: its position jumps")]) == expected
+        )
+
+
 def test_sinking_at_full_throttle_is_a_failed_engine_and_its_cause_is_told_when_it_is_down() -> None:
     plane = Aeroplane(ARDUPLANE)
     plane.wait(4.0)
@@ -264,6 +294,36 @@ def test_a_vehicle_that_sinks_in_waves_is_one_alarm_and_one_all_clear() -> None:
     assert not [text for text in plane.notices() if text.startswith("no longer sinks")]
     plane.wait(6.0)
     assert len([text for text in plane.notices() if text.startswith("no longer sinks")]) == 1
+
+
+@BOTH
+def test_a_dive_is_told_before_the_ground_also_on_the_way_home(autopilot: int) -> None:
+    plane = Aeroplane(autopilot, "RTL", height_m=120.0)
+    plane.wait(4.0)
+    plane.climb_m_s = -18.0
+    plane.wait(2.5)
+    assert [text for text in plane.alarms() if text.startswith("sinks at 18 m/s: ")]
+
+
+def test_a_pilots_dive_is_no_news() -> None:
+    plane = Aeroplane(ARDUPLANE, "FBWA", height_m=120.0)
+    plane.wait(4.0)
+    plane.climb_m_s = -18.0
+    plane.wait(2.5)
+    assert not [text for text in plane.alarms() if text.startswith("sinks")]
+
+
+def test_the_cause_of_a_problem_is_that_of_its_newest_telemetry() -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.percent = 14
+    plane.wait(4.0)
+    plane.percent, plane.failed = 98, dialect.MAV_SYS_STATUS_SENSOR_BATTERY
+    plane.wait(4.0)
+    plane.crash()
+    plane.wait(3.0)
+    (text,) = [text for text in plane.alarms() if text.startswith("came down")]
+    assert "(the autopilot reports that it is empty or faulty)" in text
 
 
 def test_a_fence_breach_of_arduplane_is_a_failsafe_although_its_text_is_a_notice() -> None:
@@ -310,26 +370,123 @@ def test_a_battery_that_does_not_last_for_the_route_and_back_is_told_and_limits_
 # ---------------------------------------------------------------- failsafes
 
 
+def told(plane: Aeroplane, mode: str) -> list[str]:
+    return [text for text in plane.notices() if text.startswith(f"is in {mode}")]
+
+
 def test_a_failsafe_is_told_with_the_autopilots_cause_and_never_as_a_persons_choice() -> None:
     plane = Aeroplane(PX4)
     plane.wait(4.0)
     plane.say("Low battery\t")
     plane.say("Failsafe activated: entering Hold for 5 seconds\t")
-    plane.mode = "LOITER"
+    plane.mode, plane.system_status = "LOITER", dialect.MAV_STATE_CRITICAL
     plane.wait(2.0)
-    told = [text for text in plane.notices() if text.startswith("is in LOITER")]
-    assert len(told) == 1
-    assert "by a failsafe: Low battery; Failsafe activated: entering Hold for 5 seconds" in told[0]
+    (text,) = told(plane, "LOITER")
+    assert "by a failsafe: Low battery; Failsafe activated: entering Hold for 5 seconds" in text
     plane.mode = "LAND"
     plane.wait(2.0)
-    assert [text for text in plane.notices() if text.startswith("is in LAND by a failsafe")]
+    assert told(plane, "LAND")[0].startswith("is in LAND by a failsafe")
     assert not [text for text in plane.notices() if "operator" in text]
 
 
-def test_a_persons_choice_is_not_told_as_a_failsafe() -> None:
+def test_px4s_loss_of_the_ground_station_is_a_cause_although_its_text_is_an_information() -> None:
     plane = Aeroplane(PX4)
     plane.wait(4.0)
-    plane.say("Takeoff detected", 6)
+    plane.say("Connection to ground station lost\t", 6)
+    plane.mode, plane.system_status = "LOITER", dialect.MAV_STATE_CRITICAL
+    plane.wait(2.0)
+    assert "by a failsafe: Connection to ground station lost." in told(plane, "LOITER")[0]
+
+
+def test_arduplanes_long_failsafe_is_told_in_its_own_words() -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.say("RC Short Failsafe On", 4)
+    plane.system_status = dialect.MAV_STATE_CRITICAL
+    plane.wait(5.0)
+    plane.say("RC Long Failsafe On: RTL", 4)
+    plane.mode = "RTL"
+    plane.wait(4.0)
+    assert "by a failsafe: RC Short Failsafe On; RC Long Failsafe On: RTL." in told(plane, "RTL")[0]
+
+
+def test_arduplanes_failsafe_whose_text_was_lost_on_the_way_is_told_by_its_heartbeat() -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.mode, plane.system_status = "RTL", dialect.MAV_STATE_CRITICAL
+    plane.wait(4.0)
+    assert told(plane, "RTL")[0].startswith("is in RTL by a failsafe: its autopilot names no cause")
+
+
+def test_a_failsafe_that_began_while_the_link_was_down_names_the_link() -> None:
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    for _ in range(20):
+        plane.t_ns += NS_PER_S // 2
+        plane.step(Tick(plane.t_ns))
+    plane.mode, plane.system_status = "RTL", dialect.MAV_STATE_CRITICAL
+    plane.wait(5.0)
+    assert "by a failsafe: its link was down." in told(plane, "RTL")[0]
+
+
+PX4_TEXTS = ["Low battery", "Geofence: approaching or outside geofence", "GNSS data fusion stopped"]
+
+
+@pytest.mark.parametrize("text", [*PX4_TEXTS, "Failsafe activated"])
+def test_a_persons_choice_after_a_warning_of_px4_is_not_told_as_a_failsafe(text: str) -> None:
+    """The heartbeat shows a failsafe; a text alone may be a warning, or a lie."""
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    plane.say(text)
     plane.mode = "LOITER"
     plane.wait(2.0)
-    assert [text for text in plane.notices() if "an operator or another station chose that mode" in text]
+    assert "an operator or another station chose that mode" in told(plane, "LOITER")[0]
+
+
+@pytest.mark.parametrize("mode", ["RTL", "FBWA", "LOITER"])
+@pytest.mark.parametrize(
+    ("text", "severity"),
+    [
+        ("GPS 1: detected u-blox", 5),
+        ("EKF3 IMU0 origin set: fence loaded", 5),
+        ("EKF3 lane switch 1", 2),
+        ("PolyFence: storage write failed", 4),
+        ("Mode change to AUTO denied, in fence recovery", 5),
+        ("engine failsafe battery gps crash termination", 2),
+    ],
+)
+def test_a_persons_choice_after_any_text_of_arduplane_is_not_told_as_a_failsafe(
+    text: str, severity: int, mode: str
+) -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.say(text, severity)
+    plane.mode = mode
+    plane.wait(5.0)
+    (said,) = told(plane, mode)
+    assert "not by this service" in said
+
+
+def test_a_pilot_who_answers_a_warning_of_arduplane_is_not_told_as_a_failsafe() -> None:
+    """With BATT_FS_LOW_ACT 0 and FENCE_ACTION 0 it warns, and stays CRITICAL for an empty battery."""
+    for text, severity, status in (
+        ("Battery 1 is low 10.40V used 2900 mAh", 4, dialect.MAV_STATE_CRITICAL),
+        ("Max Alt fence breached", 5, dialect.MAV_STATE_ACTIVE),
+    ):
+        plane = Aeroplane(ARDUPLANE)
+        plane.wait(4.0)
+        plane.say(text, severity)
+        plane.system_status = status
+        plane.wait(4.0)
+        plane.mode = "RTL"
+        plane.wait(5.0)
+        assert "not by this service" in told(plane, "RTL")[0], text
+
+
+def test_a_mode_that_no_failsafe_chooses_is_a_pilots_also_right_after_a_breach() -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.say("Max Alt fence breached", 5)
+    plane.mode = "FBWA"
+    plane.wait(3.0)
+    assert "a pilot or another station chose that mode" in told(plane, "FBWA")[0]
