@@ -185,7 +185,9 @@ class Stages:
             self.tasking,
             self.replanner,
         )
-        self.status_report = StatusReport(self.state, self.fleet, self.trackers, self.replanner.layers)
+        self.status_report = StatusReport(
+            self.state, self.fleet, self.trackers, self.replanner.layers, self.tasking
+        )
         self._expected_targets = len(config.births)
         self._reorder_window_s = tracking.reorder_window_s
         self._max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)

@@ -36,18 +36,25 @@ class MissionFlight:
         East and north, each `STEP_S` after the one before; in a climb evenly spaced.
     passed : ndarray of int, shape (k,)
         Number of waypoints passed before each place, -1 in the climb.
+    climb_s : float
+        Duration of the climb.
     """
 
     places_m: FloatArray
     passed: IntArray
+    climb_s: float
 
-    def steps_to(self, count: int) -> int:
-        """Return the number of steps behind the climb until `count` waypoints are passed, or to the end."""
-        return int(np.count_nonzero((self.passed >= 0) & (self.passed < count)))
+    def time_to_s(self, count: int) -> float:
+        """Return the time until `count` waypoints are passed; that of the whole flight if they are not."""
+        return self.climb_s + STEP_S * int(np.count_nonzero((self.passed >= 0) & (self.passed < count)))
 
 
 def simulate_mission(
-    motion: Motion, climb_end_m: Point | None, ahead: RemainingMission, turn_lag_s: float, turn_radius_m: float
+    motion: Motion,
+    climb_end_m: Point | None,
+    ahead: RemainingMission,
+    turn_lag_s: float,
+    turn_radius_m: float,
 ) -> MissionFlight:
     """Simulate a flight along a mission.
 
@@ -62,10 +69,11 @@ def simulate_mission(
     turn_lag_s, turn_radius_m : float
         Delay until a commanded turn rate is reached, and least turn radius.
     """
-    speed_m_s, climb_m = max(motion.speed_m_s, 1.0), np.empty((0, 2))
+    speed_m_s, climb_m, climb_s = max(motion.speed_m_s, 1.0), np.empty((0, 2)), 0.0
     begin, course_rad, rate_rad_s = motion.place_m, motion.course_rad, motion.turn_rate_rad_s
     if climb_end_m is not None:
-        share = np.linspace(0.0, 1.0, max(2, round(math.dist(begin, climb_end_m) / (STEP_S * speed_m_s))))
+        climb_s = math.dist(begin, climb_end_m) / speed_m_s
+        share = np.linspace(0.0, 1.0, max(2, round(climb_s / STEP_S)))
         climb_m = begin + share[:, None] * np.subtract(climb_end_m, begin)
         course_rad = bearing_rad(*begin, *climb_end_m)
         begin, rate_rad_s = climb_end_m, 0.0
@@ -83,4 +91,5 @@ def simulate_mission(
     return MissionFlight(
         np.concatenate((climb_m, states[:, :2])),
         np.concatenate((np.full(len(climb_m), -1), states[:, 4].astype(np.int64))),
+        climb_s,
     )

@@ -20,8 +20,8 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
+from gcs.config.airframe import UNKNOWN_LOITER_RADIUS_M
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.replanning.plan_targets import UNKNOWN_LOITER_RADIUS_M
 from gcs.fence import Area, areas_of
 from gcs.mavlink.mission.items import Item
 from gcs.model import BoolArray, FloatArray, IntArray, VehicleState

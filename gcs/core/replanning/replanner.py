@@ -194,7 +194,9 @@ class Replanner:
         vehicles = {route.vehicle for route in renewed}
         others = [r for v, r in self._triggers.newest.items() if v in inputs.agents and v not in vehicles]
         self._state.other_vehicles = inputs.other_vehicles
-        given, _ = self.layers.give([*others, *renewed], vehicles, inputs.agents, inputs.arrived)
+        given, _ = self.layers.give(
+            [*others, *renewed], vehicles, inputs.agents, inputs.arrived, inputs.climbs
+        )
         routes = {route.vehicle: route for route in given if route.vehicle in vehicles}
         for vehicle, route in routes.items():
             self._agents[vehicle].routes.proposed = route
@@ -211,7 +213,7 @@ class Replanner:
         """Return the minimum distance of each vehicle to others of its layer; infinite without others."""
         routes = [route for v, route in self._triggers.newest.items() if v in inputs.agents]
         proposed = {v for v, agent in self._agents.items() if agent.routes.proposed is not None}
-        return self.layers.separation_m(routes, proposed, inputs.agents, inputs.arrived)
+        return self.layers.separation_m(routes, proposed, inputs.agents, inputs.arrived, inputs.climbs)
 
     def _first_plan(self, inputs: PlanningInputs) -> Plan | None:
         """Plan when all expected agents and targets are there, or after a short wait without the rest."""
@@ -254,7 +256,7 @@ class Replanner:
         self._note_made(changed, result, inputs.t_ns)
         kept.sort(key=lambda route: route.vehicle)
         self._state.other_vehicles = inputs.other_vehicles
-        kept, near = self.layers.give(kept, changed, inputs.agents, inputs.arrived)
+        kept, near = self.layers.give(kept, changed, inputs.agents, inputs.arrived, inputs.climbs)
         notes = (*result.notes, *near)
         self._state.new_notes = tuple(note for note in notes if note not in self._state.noted)
         self._state.noted = notes
@@ -336,10 +338,14 @@ class Replanner:
         lag_s = self._vehicle_options[vehicle].turn_lag_s
         if vehicle in inputs.climbs:
             return predict_motion(self._zones.grid, inputs.motion(vehicle), more_s, lag_s)
-        motion, late_s = inputs.motion(vehicle), inputs.late_s.get(vehicle, 0.0)
-        until_hold_s = max(0.0, motion.ahead.next_s - UploadLimits().guard_s)
-        ahead_s = DELIVERY_S + motion.ahead.wait_s + min(late_s, until_hold_s) + more_s
-        return predict_motion(self._zones.grid, motion, ahead_s, lag_s)
+        ahead_s = self.delivery_s(vehicle, inputs) + more_s
+        return predict_motion(self._zones.grid, inputs.motion(vehicle), ahead_s, lag_s)
+
+    def delivery_s(self, vehicle: int, inputs: PlanningInputs) -> float:
+        """Return the time until an agent in flight gets a route that is planned now."""
+        ahead, late_s = inputs.motion(vehicle).ahead, inputs.late_s.get(vehicle, 0.0)
+        until_hold_s = max(0.0, ahead.next_s - UploadLimits().guard_s)
+        return DELIVERY_S + ahead.wait_s + min(late_s, until_hold_s)
 
     def _decide(self, kept: list[Route], inputs: PlanningInputs) -> None:
         """Make the routes of a plan the flown ones, or propose those that differ."""
