@@ -44,7 +44,7 @@ from gcs.core.state import State
 from gcs.core.takeoff.climbs import Climbs
 from gcs.core.takeoff.sequence import TakeoffSequence
 from gcs.core.tasking.dispatch import Dispatch
-from gcs.core.tasking.upload_manager import UploadManager
+from gcs.core.tasking.upload_manager import Renewal, UploadManager
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.model import NS_PER_S
 from gcs.planning.map.grid import Grid
@@ -123,6 +123,7 @@ class Stages:
             self.climbs,
             MissionBoundsCheck(config, self.no_fly_zones),
             lambda vehicle, t_ns: self.takeoff_sequence.holds_back(vehicle, self.orders.launching(), t_ns),
+            self._renew,
         )
         self.takeoff_sequence = TakeoffSequence(
             config,
@@ -191,6 +192,16 @@ class Stages:
         self._expected_targets = len(config.births)
         self._reorder_window_s = tracking.reorder_window_s
         self._max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)
+
+    def _renew(self, vehicle: int, t_ns: int) -> Renewal:
+        """Plan the route of a vehicle whose upload waited again from where it is now."""
+        inputs = self.planning_inputs.build(t_ns, self.state.measured_t_ns)
+        plan = self.replanner.renew_flown(vehicle, inputs)
+        if plan is None:
+            return None, None, []
+        (route,) = (route for route in plan.routes if route.vehicle == vehicle)
+        return_route, warnings = self.return_routes.plan(route, t_ns)
+        return route, return_route, [plan, *warnings]
 
     @property
     def grid(self) -> Grid:

@@ -63,20 +63,23 @@ class Replanner:
         """
         if self._state.next_check_t_ns is None:
             return []
+        return [self._flown_plan(t_ns, picture_t_ns, Reason("taken up again", "taken up again"))]
+
+    def _flown_plan(self, t_ns: int, picture_t_ns: int, why: Reason, changed: tuple[int, ...] = ()) -> Plan:
+        """Return the plan of the routes that are flown."""
         routes, targets = flown_routes(self._agents), self._state.planned_targets
         planned = [vehicle for vehicle, agent in self._agents.items() if agent.routes.is_planned]
         assigned = {route.target for route in routes.values()}
-        return [
-            Plan(
-                t_ns=t_ns,
-                picture_t_ns=picture_t_ns,
-                routes=tuple(routes.values()),
-                unassigned_vehicles=tuple(vehicle for vehicle in planned if vehicle not in routes),
-                unassigned_targets=tuple(label for label in targets if label not in assigned),
-                reason="taken up again",
-                causes=("taken up again",),
-            )
-        ]
+        return Plan(
+            t_ns=t_ns,
+            picture_t_ns=picture_t_ns,
+            routes=tuple(routes.values()),
+            unassigned_vehicles=tuple(vehicle for vehicle in planned if vehicle not in routes),
+            unassigned_targets=tuple(label for label in targets if label not in assigned),
+            reason=why.text,
+            changed=changed,
+            causes=(why.cause,),
+        )
 
     def hurry(self, t_ns: int) -> None:
         """Check at once; before the first plan there is nothing to change."""
@@ -182,6 +185,26 @@ class Replanner:
 
         A vehicle or target that is not there now gets no route, nor does a vehicle without a path.
         """
+        routes = self._renewed(assignment, inputs)
+        for vehicle, route in routes.items():
+            self._agents[vehicle].routes.proposed = route
+        return routes
+
+    def renew_flown(self, vehicle: int, inputs: PlanningInputs) -> Plan | None:
+        """Plan the route of a vehicle whose upload waited again from where it is now, to the same target.
+
+        Return None if there is no such route.
+        """
+        routes = self._agents[vehicle].routes
+        renewed = {} if routes.flown is None else self._renewed({vehicle: routes.flown.target}, inputs)
+        if vehicle not in renewed:
+            return None
+        routes.flown, routes.is_blocked = renewed[vehicle], False
+        why = reasons.of_agent("upload waited", vehicle, "gets its mission later than planned")
+        return self._flown_plan(inputs.t_ns, inputs.picture_t_ns, why, (vehicle,))
+
+    def _renewed(self, assignment: Mapping[int, Label], inputs: PlanningInputs) -> dict[int, Route]:
+        """Return routes from the current positions of vehicles to the same targets."""
         there = {
             vehicle: label
             for vehicle, label in assignment.items()
@@ -197,11 +220,8 @@ class Replanner:
         given, _ = self.layers.give(
             [*others, *renewed], vehicles, inputs.agents, inputs.arrived, inputs.climbs
         )
-        routes = {route.vehicle: route for route in given if route.vehicle in vehicles}
-        for vehicle, route in routes.items():
-            self._agents[vehicle].routes.proposed = route
         self._note_made(vehicles, result, inputs.t_ns)
-        return routes
+        return {route.vehicle: route for route in given if route.vehicle in vehicles}
 
     def _note_made(self, vehicles: Iterable[int], result: PlanResult, t_ns: int) -> None:
         """Note the vehicles that got new routes."""

@@ -5,7 +5,10 @@ first come, first served,
 
 * until the upload window of their link admits another (`gcs.core.tasking.upload_window`);
 * for an item that their vehicle is about to reach, for `_MAX_ITEM_WAIT_NS` at most;
-* for the end of a pause after repeated failures (`gcs.core.tasking.upload_pauses`).
+* for the end of a pause after repeated failures (`gcs.core.tasking.upload_pauses`);
+* for the end of their vehicle's climb, or for its turn to take off.
+
+Meanwhile a vehicle flies on. A route that waited longer than planned is planned again when its upload begins.
 
 Uploads in progress are in `gcs.core.tasking.active_uploads`.
 """
@@ -14,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Container, Mapping
-from typing import Final
+from typing import Final, TypeAlias
 
 from gcs.config import Config
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
@@ -49,8 +52,13 @@ from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.landing import ReturnRoute
 
 _MAX_ITEM_WAIT_NS: Final = 5 * NS_PER_S
+_MAX_DELAY_NS: Final = NS_PER_S
+"""Delay of an upload after which its route is planned again."""
 _MAX_HOME_SHIFT_M: Final = 20.0
 """Drift of a reported home that does not matter to its return route."""
+
+
+Renewal: TypeAlias = tuple[Route | None, ReturnRoute | None, list[Effect]]
 
 
 class UploadManager:
@@ -64,6 +72,9 @@ class UploadManager:
         Refuses missions with an item outside the map or the fence; None: none is refused.
     holds_back : callable
         Returns why an armed vehicle on the ground must not start yet; empty if it may.
+    renew : callable
+        Plans the route of a vehicle again from where it is, to the same target. Returns the new route and its
+        return route, None if there is none, and effects.
 
     Attributes
     ----------
@@ -82,10 +93,12 @@ class UploadManager:
         climbs: Climbs | None = None,
         bounds: MissionBoundsCheck | None = None,
         holds_back: Callable[[int, int], str] = lambda _vehicle, _t_ns: "",
+        renew: Callable[[int, int], Renewal] = lambda _vehicle, _t_ns: (None, None, []),
     ) -> None:
         self.state = state
         self._table, self._frame, self._climbs = config.mission, config.local_frame, climbs
-        self._bounds, self._holds_back, self._fleet, self._agents = bounds, holds_back, fleet, agents
+        self._bounds, self._holds_back, self._renew = bounds, holds_back, renew
+        self._fleet, self._agents = fleet, agents
         self._missions = MissionBuilder(config)
         self._default_home = Home(config.frame.lat_deg, config.frame.lon_deg, config.frame.alt_msl_m)
         self.onboard_missions = OnboardMissions(fleet, agents)
@@ -168,7 +181,8 @@ class UploadManager:
         before, until_t_ns = self.state.queue.get(vehicle), t_ns if at_once else t_ns + _MAX_ITEM_WAIT_NS
         if before is not None:
             until_t_ns, at_once = min(before.until_t_ns, until_t_ns), at_once or before.at_once
-        self.state.queue[vehicle] = QueuedRoute(route, t_ns, until_t_ns, at_once, return_route)
+        begins_t_ns = t_ns + round(min(self._item_wait_s(vehicle, t_ns) * NS_PER_S, until_t_ns - t_ns))
+        self.state.queue[vehicle] = QueuedRoute(route, t_ns, until_t_ns, at_once, return_route, begins_t_ns)
         return self._start_due(t_ns)
 
     def withdraw_except(self, wanted: Container[int]) -> list[int]:
@@ -291,8 +305,16 @@ class UploadManager:
             if is_due and not self._holds_back(vehicle, t_ns):
                 queued = self.state.queue.pop(vehicle)
                 effects += self._active.supersede(vehicle, t_ns)
-                effects += self._start(queued.route, queued.planned_t_ns, queued.return_route, t_ns)
+                effects += self._start_queued(queued, t_ns)
         return effects
+
+    def _start_queued(self, queued: QueuedRoute, t_ns: int) -> list[Effect]:
+        """Start the upload of a queued route, from where its vehicle is now."""
+        if t_ns - queued.begins_t_ns > _MAX_DELAY_NS:
+            route, return_route, effects = self._renew(queued.route.vehicle, t_ns)
+            if route is not None:
+                return effects + self._start(route, t_ns, return_route, t_ns)
+        return self._start(queued.route, queued.planned_t_ns, queued.return_route, t_ns)
 
     def _start(
         self, route: Route, planned_t_ns: int, return_route: ReturnRoute | None, t_ns: int
