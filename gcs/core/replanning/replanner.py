@@ -35,9 +35,13 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.planner import PlanResult, plan_routes
 from gcs.planning.planner_inputs import AgentState
+from gcs.planning.route_joining import total_turn_rad
 
 _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0
+_NEAR_END_M = 100.0
+_MAX_TURN_NEAR_END_RAD = math.radians(270.0)
+"""Turns beyond which a vehicle near its target, or near the end of its route, keeps the route it flies."""
 
 
 class Replanner:
@@ -264,13 +268,14 @@ class Replanner:
         for route in result.routes:
             current = self._agents[route.vehicle].routes
             flown, shown = None if current.is_blocked else current.flown, current.proposed
-            short = route.vehicle in result.stops_short
-            if shown is not None and self._is_still_good(shown, route, inputs, short):
+            short, new = route.vehicle in result.stops_short, result.captured.get(route.vehicle, route)
+            turns_back = self._turns_back(new, starts[route.vehicle], inputs)
+            if shown is not None and self._is_still_good(shown, route, inputs, short, turns_back):
                 kept.append(shown)  # a route that waits for approval stays as long as it is good
-            elif flown is not None and self._is_still_good(flown, route, inputs, short):
+            elif flown is not None and self._is_still_good(flown, route, inputs, short, turns_back):
                 kept.append(flown)
             else:
-                kept.append(result.captured.get(route.vehicle, route))
+                kept.append(new)
                 changed.append(route.vehicle)
         kept += self._without_end(result, inputs)
         self._note_made(changed, result, inputs.t_ns)
@@ -381,12 +386,17 @@ class Replanner:
             if routes.flown is None or routes.flown.target not in inputs.targets:
                 routes.drop_flown()
 
-    def _is_still_good(self, flown: Route, new: Route, inputs: PlanningInputs, short: bool) -> bool:
-        """Return True if a vehicle should keep its route; `short`: the new one ends before its target."""
+    def _is_still_good(
+        self, flown: Route, new: Route, inputs: PlanningInputs, short: bool, turns_back: bool
+    ) -> bool:
+        """Return True if a vehicle should keep its route.
+
+        `short`: the new one ends before its target. `turns_back`: it makes a full turn near its end.
+        """
         vehicle, triggers = new.vehicle, self._triggers
         if flown.target != new.target or triggers.is_endangered(vehicle, inputs):
             return False
-        if short:
+        if short or turns_back:
             return True
         if triggers.has_passed_target(vehicle, inputs):
             return False
@@ -395,6 +405,16 @@ class Replanner:
         return not triggers.is_settled(vehicle, inputs) or triggers.is_within_tolerance(
             vehicle, flown, inputs
         )
+
+    def _turns_back(self, new: Route, start: AgentState, inputs: PlanningInputs) -> bool:
+        """Return True if a vehicle near its target, or near the end of its route, would make a full turn."""
+        newest, agent = self._agents[new.vehicle].routes.newest, inputs.agents[new.vehicle]
+        if newest is None or new.vehicle in inputs.passed:
+            return False
+        to_target_m = _distance_m(agent.mean, inputs.targets[new.target].mean)
+        if min(to_target_m, _distance_m(agent.mean, newest.points_m[-1])) > _NEAR_END_M:
+            return False
+        return total_turn_rad(start, new.points_m) > _MAX_TURN_NEAR_END_RAD
 
 
 def is_crossed(closed: Grid, route_m: FloatArray, place: Point | None, passed: int = 0) -> bool:
