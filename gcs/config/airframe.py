@@ -26,6 +26,8 @@ BankAngle = Annotated[float, Meta(ge=5.0, le=70.0)]
 TurnLag = Annotated[float, Meta(ge=0.0, le=10.0)]
 WindSpeed = Annotated[float, Meta(ge=0.0, le=30.0)]
 
+UNKNOWN_LOITER_RADIUS_M = 80.0
+"""Loiter radius that the autopilot sets: PX4's NAV_LOITER_RAD; ArduPlane's WP_LOITER_RAD is 60."""
 _G_M_S2 = 9.80665
 _STRONG_WIND_M_S = 30.0
 
@@ -72,6 +74,11 @@ class AgentAirframe:
     def turn_radius_m(self) -> float:
         """Maximum radius over ground of a level turn: V^2 / (g tan bank), downwind."""
         return (self.speed_m_s + self.wind_m_s) ** 2 / (_G_M_S2 * math.tan(math.radians(self.bank_deg)))
+
+    @property
+    def circle_radius_m(self) -> float:
+        """Radius of the flown loiter circle: at least the turn radius."""
+        return max(self.loiter_radius_m or UNKNOWN_LOITER_RADIUS_M, self.turn_radius_m)
 
     @property
     def max_ground_speed_m_s(self) -> float:

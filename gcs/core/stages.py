@@ -185,4 +185,6 @@ class Stages:
             self.tasking,
             self.replanner,
         )
-        self.status_report = StatusReport(self.state, self.fleet, self.trackers, self.replanner.layers)
+        self.status_report = StatusReport(
+            self.state, self.fleet, self.trackers, self.replanner.layers, self.tasking
+        )

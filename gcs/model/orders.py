@@ -70,19 +70,21 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class RouteFigures:
-    """Figures of a proposed route, which begins at the current position of its vehicle."""
+    """Figures of a proposed route, flown from the current position of its vehicle."""
 
     vehicle: int
     length_m: float
-    """Length from the current position."""
+    """Length of the route, with the climb of a vehicle on the ground."""
     shown_length_m: float
     """Length when the plan was first shown under its number."""
     arrival_s: float
-    """Flight time to the target at the vehicle's airspeed."""
+    """Time to the target from now, or from the start of the take-off."""
     separation_m: float | None = None
     """Minimum planned distance to vehicles of its altitude layer; None: there are none."""
     clearance_m: float | None = None
-    """Minimum distance to obstacles, at most the required clearance; None: none is required."""
+    """Minimum distance to obstacles in the air, with the loiter circle, at most the required clearance;
+    None: none is required.
+    """
     is_short: bool = False
     """True if the route stops short of the target."""
 

@@ -104,6 +104,7 @@ Cause: TypeAlias = Literal[
     "target lost",
     "target moved",
     "approved plan changed",
+    "upload waited",
 ]
 """Kinds of replanning triggers."""
 

@@ -44,9 +44,9 @@ class AgentRecord:
     target: Label | None
     """Target that it flies to, or that it reached."""
     to_go_m: float | None
-    """Length of the rest of its route."""
+    """Length of the rest of its climb and route."""
     eta_s: float | None
-    """Flight time of the rest of its route, at its ground speed."""
+    """Flight time of the rest of its route, at its ground speed; on the ground that of take-off and route."""
     upload: str
     """Stage of its upload: empty for none, else such as "waiting" or "read-back"."""
     has_failed: bool

@@ -36,6 +36,15 @@ def has_explicit_turn(start: AgentState, points_m: FloatArray) -> bool:
     return abs(wrap_pi(bearing - start.course_rad)) < _SAME_COURSE_RAD
 
 
+def total_turn_rad(start: AgentState, points_m: FloatArray) -> float:
+    """Return the sum of all turns along a route, that from the agent's course on to it included."""
+    legs = np.diff(np.vstack(((start.east_m, start.north_m), points_m)), axis=0)
+    courses = np.arctan2(legs[:, 0], legs[:, 1])
+    if start.course_rad is not None:
+        courses = np.append(start.course_rad, courses)
+    return math.fsum(abs(wrap_pi(turn)) for turn in np.diff(courses).tolist())
+
+
 def simulate_until_blocked(
     grid: Grid,
     motion: Motion,

@@ -122,9 +122,10 @@ def route_lines(proposal: Proposal, limit: int | None = None) -> list[str]:
 
 
 def _route_line(route: Route, figures: RouteFigures | None) -> str:
-    text = f"agent {vehicle_name(route.vehicle)} → {target_name(route.target)}: {route.length_m:.0f} m"
+    text = f"agent {vehicle_name(route.vehicle)} → {target_name(route.target)}"
     if figures is None:
-        return text
+        return f"{text}: {route.length_m:.0f} m"
+    text += f": {figures.length_m:.0f} m"
     if abs(figures.length_m - figures.shown_length_m) >= _MIN_LENGTH_CHANGE_M:
         text += f" (was {figures.shown_length_m:.0f} m)"
     text += f", arrives in {figures.arrival_s:.0f} s"

@@ -212,6 +212,7 @@ def proposal(pending: Proposal | None) -> dict[str, Any] | None:
         row = route(one) | {"name": vehicle_name(one.vehicle), "line": line}
         if known is not None:
             row |= {
+                "length_m": rounded(known.length_m, 0),
                 "shown_length_m": rounded(known.shown_length_m, 0),
                 "arrival_s": rounded(known.arrival_s, 0),
                 "separation_m": rounded(known.separation_m, 0),

@@ -13,31 +13,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
+from gcs.config.airframe import UNKNOWN_LOITER_RADIUS_M
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.replanning.plan_targets import UNKNOWN_LOITER_RADIUS_M
 from gcs.fence import Area, areas_of
-from gcs.geo import bearing_rad
 from gcs.mavlink.mission.items import Item
 from gcs.model import BoolArray, FloatArray, IntArray, VehicleState
-from gcs.planning.forward_simulation import STEP_S, LoiterCircle, Motion, RemainingMission, simulate
-from gcs.planning.map.grid import Grid, free_grid
+from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission, simulate
+from gcs.planning.map.grid import Grid
+from gcs.planning.mission_flight import NOWHERE, simulate_mission
 
 _ROUNDING_M: Final = 1.0
 _PLACE_ROUNDING_M: Final = 0.02
 """Items hold 1e-7 degrees, 11 mm."""
 _RELATIVE: Final = (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
-_CIRCLE_LAPS: Final = 1.5
-_MORE_TIME: Final = 1.25
-"""Simulated time, as a multiple of that along the straight legs."""
-_TURNS_S: Final = 20.0
-"""Simulated time beyond that."""
-_NOWHERE: Final = free_grid((2, 2), 1.0)
 
 
 class MissionBoundsCheck:
@@ -90,7 +85,7 @@ class MissionBoundsCheck:
         if not items:
             return ""
         lag_s = self._airframes[vehicle].turn_lag_s
-        begin = simulate(_NOWHERE, motion, upload_s, lag_s).motion_at(-1)
+        begin = simulate(NOWHERE, motion, upload_s, lag_s).motion_at(-1)
         flown_m, parts = self._flight(items, vehicle, begin)
         outside = self._is_outside(flown_m)
         inside = np.flatnonzero(~outside)
@@ -114,35 +109,24 @@ class MissionBoundsCheck:
         """Return the simulated places of a flight (k, 2), and the item that it flies to at each."""
         airframe = self._airframes[vehicle]
         places_m = [self._frame.to_local(item.x * 1e-7, item.y * 1e-7) for item in items]
-        climb_m, first = np.empty((0, 2)), 0
-        if items[0].command == dialect.MAV_CMD_NAV_TAKEOFF:
-            length_m = math.dist(motion.place_m, places_m[0])
-            share = np.linspace(0.0, 1.0, max(2, round(length_m / (STEP_S * airframe.speed_m_s))))
-            climb_m = motion.place_m + share[:, None] * np.subtract(places_m[0], motion.place_m)
-            course_rad = bearing_rad(*motion.place_m, *places_m[0])
-            motion, first = Motion(*places_m[0], airframe.speed_m_s, course_rad), 1
+        first = int(items[0].command == dialect.MAV_CMD_NAV_TAKEOFF)
+        if first:
+            motion = replace(motion, speed_m_s=airframe.speed_m_s)
         end, circle = len(items), None
         if items[-1].command == dialect.MAV_CMD_NAV_LOITER_UNLIM:
             radius_m = max(items[-1].param3 or UNKNOWN_LOITER_RADIUS_M, airframe.turn_radius_m)
             end, circle = len(items) - 1, LoiterCircle(places_m[-1], radius_m)
-        ahead = RemainingMission(
-            tuple(places_m[first:end]), tuple(item.param2 for item in items[first:end]), circle=circle
-        )
-        path_m = np.array([motion.place_m, *places_m[first:]])
-        speed_m_s = max(motion.speed_m_s, 1.0)
-        round_m = 0.0 if circle is None else _CIRCLE_LAPS * 2.0 * math.pi * circle.radius_m
-        duration_s = (_MORE_TIME * float(np.hypot(*np.diff(path_m, axis=0).T).sum()) + round_m) / speed_m_s
-        states = simulate(
-            _NOWHERE,
-            Motion(*motion.place_m, speed_m_s, motion.course_rad, motion.turn_rate_rad_s, 0.0, ahead),
-            duration_s + _TURNS_S,
+        radii_m = tuple(item.param2 for item in items[first:end])
+        flight = simulate_mission(
+            motion,
+            places_m[0] if first else None,
+            RemainingMission(tuple(places_m[first:end]), radii_m, circle=circle),
             airframe.turn_lag_s,
-            min_radius_m=airframe.turn_radius_m,
-        ).states
-        passed = first + states[:, 4].astype(np.int64)
-        is_flown = passed < len(items)  # behind the landing nothing is flown
-        flown_m = np.concatenate((climb_m, states[is_flown, :2]))
-        return flown_m, np.concatenate((np.zeros(len(climb_m), dtype=np.int64), passed[is_flown]))
+            airframe.turn_radius_m,
+        )
+        parts = first + flight.passed
+        is_flown = parts < len(items)  # behind the landing nothing is flown
+        return flight.places_m[is_flown], parts[is_flown]
 
     def _is_outside(self, flown_m: FloatArray) -> BoolArray:
         """Return a mask of the places outside the fence."""

@@ -22,7 +22,6 @@ from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.operator.plan_figures import PlanFigures
 from gcs.core.operator.records import OperatorState, OrderInProgress
 from gcs.core.replanning.inputs import PlanningInputs
-from gcs.core.replanning.plan_targets import place_of
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import Agent, flown_routes
 from gcs.model import (
@@ -152,10 +151,10 @@ class PlanApproval:
     def _figures_of(
         self, routes: Sequence[Route], inputs: PlanningInputs, shown: dict[int, RouteFigures]
     ) -> tuple[RouteFigures, ...]:
-        positions = {vehicle: place_of(track) for vehicle, track in inputs.agents.items()}
+        delays_s = {vehicle: self._replanner.delivery_s(vehicle, inputs) for vehicle in inputs.agents}
         apart_m = self._replanner.separation_m(inputs)
         short = {v for v, agent in self._agents.items() if agent.routes.is_short}
-        return self._figures.of(routes, shown, self._zones.grid, positions, apart_m, short)
+        return self._figures.of(routes, shown, self._zones.grid, inputs, delays_s, apart_m, short)
 
     def _changes(self, routes: Sequence[Route], figures: Sequence[RouteFigures]) -> list[str]:
         """Return the changes of routes since they were first shown, in words."""

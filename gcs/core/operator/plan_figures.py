@@ -1,5 +1,8 @@
 """Figures of proposed routes, and the changes that make a plan a different one.
 
+The figures are those of the flight that is forward-simulated from the plan: the flight until the mission
+arrives, or ground roll and climb, then the legs with their turns, and the loiter circle.
+
 A number identifies an assignment, with routes of about the length and separation first shown. Routes are
 planned again while vehicles fly on. A larger change makes it another plan, with another number.
 """
@@ -8,37 +11,40 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Mapping, Sequence
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
 
 from gcs.config import Config
-from gcs.model import Route, RouteFigures, target_name, vehicle_name
-from gcs.planning.map.grid import Grid, Point
-from gcs.planning.map.line_of_sight import line_of_sight
+from gcs.core.replanning.inputs import PlanningInputs
+from gcs.core.tasking.mission_builder import mission_ahead
+from gcs.model import FloatArray, Route, RouteFigures, target_name, vehicle_name
+from gcs.planning.forward_simulation import Motion, simulate
+from gcs.planning.map.grid import Grid
+from gcs.planning.map.line_of_sight import path_clearance
+from gcs.planning.mission_flight import NOWHERE, simulate_mission
 
 LONGER_FRACTION = 0.25
 """Maximum increase of a route's length, as a fraction; a full turn is allowed, too."""
-NEARER_M = 5.0
-"""Maximum decrease of a distance."""
-_HALVINGS = 6
+NEARER_SHARE = 0.25
+"""Maximum decrease of a distance, as a share of the required one: turns on to a route vary by so much."""
 
 
 class PlanFigures:
-    """Lengths, times, separations and clearances of proposed routes."""
+    """Lengths, times, separations and clearances of proposed routes, as they will be flown."""
 
     def __init__(self, config: Config) -> None:
-        self._speeds_m_s = config.speeds_m_s
+        self._airframes = config.airframes_of_agents
         self._clearance_m = config.planning.clearance_m
         self._separation_m = config.planning.separation_m
-        self._radii_m = {v: one.planned_radius_m for v, one in config.airframes_of_agents.items()}
 
     def of(
         self,
         routes: Sequence[Route],
         shown: Mapping[int, RouteFigures],
         grid: Grid,
-        positions: Mapping[int, Point],
+        inputs: PlanningInputs,
+        delays_s: Mapping[int, float],
         separation_m: Mapping[int, float],
         short: Container[int],
     ) -> tuple[RouteFigures, ...]:
@@ -48,8 +54,8 @@ class PlanFigures:
         ----------
         shown
             Figures of each vehicle when the number was first shown; none for a new number.
-        positions
-            Positions of vehicles, east and north in metres.
+        delays_s
+            Time until each vehicle begins its route or its climb.
         separation_m
             Minimum distance of each vehicle to another of its altitude layer.
         short
@@ -58,37 +64,50 @@ class PlanFigures:
         found = []
         for route in routes:
             vehicle, apart_m = route.vehicle, separation_m.get(route.vehicle, math.inf)
-            before = shown.get(vehicle)
+            before, climb = shown.get(vehicle), inputs.climbs.get(vehicle)
+            length_m = route.length_m + (0.0 if climb is None else climb.latest_length_m)
+            flown_m, arrival_s = self._flight(route, inputs, delays_s.get(vehicle, 0.0))
             found.append(
                 RouteFigures(
                     vehicle,
-                    route.length_m,
-                    before.shown_length_m if before is not None else route.length_m,
-                    route.length_m / self._speeds_m_s[vehicle],
+                    length_m,
+                    before.shown_length_m if before is not None else length_m,
+                    arrival_s,
                     apart_m if math.isfinite(apart_m) else None,
-                    self._clear_m(grid, route, positions.get(vehicle)),
+                    self._clear_m(grid, flown_m),
                     vehicle in short,
                 )
             )
         return tuple(found)
 
-    def _clear_m(self, grid: Grid, route: Route, position: Point | None) -> float | None:
-        """Return the clearance of a route from obstacles, at most the required one."""
+    def _flight(self, route: Route, inputs: PlanningInputs, delay_s: float) -> tuple[FloatArray, float]:
+        """Return what will be flown in the air, with the loiter circle, (k, 2), and the time of arrival."""
+        vehicle, airframe = route.vehicle, self._airframes[route.vehicle]
+        climb, before_m, climb_end_m = inputs.climbs.get(vehicle), np.empty((0, 2)), None
+        if climb is not None:
+            climb_end_m, delay_s = climb.end_m, 2.0 * climb.roll_s
+            begin = Motion(*climb.at(climb.ground_run_m), climb.speed_m_s, climb.heading_rad)
+        elif vehicle in inputs.agents:
+            before = simulate(NOWHERE, inputs.motion(vehicle), delay_s, airframe.turn_lag_s)
+            before_m, begin = before.states[:-1, :2], before.motion_at(-1)
+        else:
+            east_m, north_m = route.points_m[0].tolist()
+            begin = Motion(east_m, north_m, airframe.speed_m_s, 0.0)
+        flight = simulate_mission(
+            replace(begin, speed_m_s=airframe.speed_m_s),
+            climb_end_m,
+            mission_ahead(route, climb_end_m or begin.place_m, airframe),
+            airframe.turn_lag_s,
+            airframe.turn_radius_m,
+        )
+        return np.concatenate((before_m, flight.places_m)), delay_s + flight.time_to_s(len(route.points_m))
+
+    def _clear_m(self, grid: Grid, flown_m: FloatArray) -> float | None:
+        """Return the clearance of a flight from obstacles, at most the required one."""
         if self._clearance_m <= 0.0:
             return None
-        points = [(float(east_m), float(north_m)) for east_m, north_m in route.flown_m]
-        points = [position or points[0], *points]
-
-        def is_clear(metres: float) -> bool:
-            return all(line_of_sight(grid, a, b, metres) for a, b in pairwise(points))
-
-        low_m, high_m = 0.0, self._clearance_m
-        if is_clear(high_m):
-            return high_m
-        for _ in range(_HALVINGS):
-            middle_m = 0.5 * (low_m + high_m)
-            low_m, high_m = (middle_m, high_m) if is_clear(middle_m) else (low_m, middle_m)
-        return float(np.round(low_m))
+        frame, spacing_m = np.array([*grid.origin_m, grid.spacing_m]), grid.spacing_m
+        return spacing_m * float(path_clearance(grid.blocked, frame, flown_m, self._clearance_m / spacing_m))
 
     def change(self, route: Route, now: RouteFigures, shown: RouteFigures) -> str:
         """Return how a route differs from the one shown; empty if it is about the same."""
@@ -96,7 +115,8 @@ class PlanFigures:
         if now.is_short and not shown.is_short:
             return f"no clear path leads {agent} past target {target_name(route.target)} any more"
         longer_m = now.length_m - shown.length_m
-        if longer_m > max(LONGER_FRACTION * shown.length_m, 2.0 * math.pi * self._radii_m[now.vehicle]):
+        full_turn_m = 2.0 * math.pi * self._airframes[now.vehicle].planned_radius_m
+        if longer_m > max(LONGER_FRACTION * shown.length_m, full_turn_m):
             return f"the route of {agent} is {longer_m:.0f} m longer than shown ({shown.length_m:.0f} m)"
         if _is_nearer(now.separation_m, shown.separation_m, self._separation_m):
             return f"{agent} would come within {now.separation_m:.0f} m of another at its altitude"
@@ -108,4 +128,4 @@ class PlanFigures:
 def _is_nearer(now_m: float | None, shown_m: float | None, required_m: float) -> bool:
     if now_m is None or now_m >= required_m:
         return False
-    return shown_m is None or now_m < shown_m - NEARER_M
+    return shown_m is None or now_m < shown_m - NEARER_SHARE * required_m

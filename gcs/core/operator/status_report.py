@@ -9,6 +9,7 @@ from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.state import State, flown_routes, reached
 from gcs.core.tasking.mission_builder import flown_points
+from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.vehicle import Health
 from gcs.model import NS_PER_S, AgentRecord, Label, SwarmStatus, TargetRecord
@@ -25,6 +26,7 @@ class StatusReport:
     fleet: Fleet
     trackers: MultiSensorTracker
     layers: AltitudeLayers
+    tasking: UploadManager
 
     def build(self, t_ns: int, order_id: str = "") -> SwarmStatus:
         """Return the status now, as the answer to an order."""
@@ -51,8 +53,16 @@ class StatusReport:
             position_m = (state.east_m, state.north_m)
             if route is not None:
                 points_passed = flown_points(agent, route, state)
-                to_go_m = remaining_length_m(route.points_m, position_m, points_passed)
-                eta_s = to_go_m / max(state.ground_speed_m_s, _MIN_SPEED_M_S)
+                climb = self.tasking.climb(vehicle, route.layer)
+                if climb is None:
+                    to_go_m = remaining_length_m(route.points_m, position_m, points_passed)
+                    eta_s = to_go_m / max(state.ground_speed_m_s, _MIN_SPEED_M_S)
+                else:
+                    left_m = remaining_length_m(route.points_m, climb.latest_end_m, points_passed)
+                    to_go_m, eta_s = (
+                        climb.latest_length_m + left_m,
+                        climb.duration_s + left_m / climb.speed_m_s,
+                    )
         return AgentRecord(
             vehicle=vehicle,
             status=status.status,

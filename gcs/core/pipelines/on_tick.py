@@ -7,6 +7,7 @@ from typing import Final
 from gcs.core.operator.standstill import check_standstill
 from gcs.core.perception.never_heard import check_never_heard
 from gcs.core.pipelines.changes import apply_statuses
+from gcs.core.pipelines.planning import renew_outdated
 from gcs.core.stages import Stages
 from gcs.model import Authority, Effect, Tick
 
@@ -64,6 +65,7 @@ def keep_reports(stages: Stages, event: Tick) -> list[Effect]:
 def upload_missions(stages: Stages, event: Tick) -> list[Effect]:
     """Begin uploads, and go on with those in progress."""
     effects = stages.dispatch.withdraw(event.t_ns)
+    effects += renew_outdated(stages, event.t_ns)
     return effects + stages.dispatch.settle(stages.tasking.poll(event.t_ns))
 
 

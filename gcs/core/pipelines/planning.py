@@ -56,6 +56,23 @@ def plan_now(stages: Stages, t_ns: int, urgent: Container[int] = ()) -> list[Eff
     return effects
 
 
+def renew_outdated(stages: Stages, t_ns: int) -> list[Effect]:
+    """Plan the routes again whose uploads had to wait, from where their vehicles are now."""
+    effects: list[Effect] = []
+    for vehicle in stages.tasking.outdated(t_ns):
+        queued = stages.state.tasking.queue[vehicle]
+        inputs = stages.planning_inputs.build(t_ns, stages.state.measured_t_ns)
+        made = stages.replanner.renew_flown(vehicle, inputs)
+        if made is None:
+            stages.tasking.renew_queued(vehicle, queued.route, queued.return_route, t_ns)
+            continue
+        (route,) = (route for route in made.routes if route.vehicle == vehicle)
+        return_route, warnings = stages.return_routes.plan(route, t_ns)
+        stages.tasking.renew_queued(vehicle, route, return_route, t_ns)
+        effects += [made, *warnings]
+    return effects
+
+
 def end_mission(stages: Stages, t_ns: int) -> list[Effect]:
     """End the mission when no active agent can fly, or every expected target has its agents."""
     state = stages.state

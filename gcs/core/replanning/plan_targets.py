@@ -16,8 +16,6 @@ from gcs.planning.planner_inputs import LoiterSpec, PlanOptions, TargetDemand
 ARRIVING_M = 50.0
 """Distance to its target at which an approaching agent keeps its route."""
 _CLOSE_FRACTION = 0.25
-UNKNOWN_LOITER_RADIUS_M = 80.0
-"""Loiter radius that the autopilot sets: PX4's NAV_LOITER_RAD; ArduPlane's WP_LOITER_RAD is 60."""
 _FAR_FRACTION = 0.1
 """Tolerated error of an intercept, as a fraction of the distance: correcting it later costs little."""
 
@@ -52,12 +50,7 @@ def _loiter(airframe: AgentAirframe, capture_radius_m: float) -> LoiterSpec | No
     """Return the loiter circle at the ends of routes; None if missions end with a landing."""
     if airframe.end != "loiter":
         return None
-    return LoiterSpec(
-        max(airframe.loiter_radius_m or UNKNOWN_LOITER_RADIUS_M, airframe.turn_radius_m),
-        capture_radius_m,
-        airframe.turn_lag_s,
-        corners_of(airframe),
-    )
+    return LoiterSpec(airframe.circle_radius_m, capture_radius_m, airframe.turn_lag_s, corners_of(airframe))
 
 
 class PlanTargets:

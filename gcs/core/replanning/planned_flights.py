@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import flown_points
 from gcs.model import FloatArray, Route, Track, vehicle_name
 from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers, min_separation_m
+from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.map.grid import Point
 from gcs.planning.route_progress import remaining_m
 
@@ -56,13 +58,18 @@ class AltitudeLayers:
         changed: Collection[int],
         agents: Mapping[int, Track],
         arrived: Collection[int],
+        climbs: Mapping[int, Climb] = MappingProxyType({}),
     ) -> tuple[list[Route], list[str]]:
         """Return the routes with their layers, and notes for the operator.
 
         Routes of vehicles that are not in `changed` are flown already. Arrived vehicles circle at the ends
-        of their last routes.
+        of their last routes. Routes of vehicles with a climb begin at its end.
         """
-        flights = [self._flight(r, agents[r.vehicle], r.vehicle not in changed) for r in routes]
+        begins = {r.vehicle: _begin(agents[r.vehicle], climbs.get(r.vehicle)) for r in routes}
+        flights = [
+            self._new(r, begins[r.vehicle]) if r.vehicle in changed else self._from(r, begins[r.vehicle])
+            for r in routes
+        ]
         flights += self._others(routes, arrived)
         layers, conflicts = assign_layers(flights, self._count, self._min_separation_m)
         given = [
@@ -79,10 +86,14 @@ class AltitudeLayers:
         proposed: Collection[int],
         agents: Mapping[int, Track],
         arrived: Collection[int],
+        climbs: Mapping[int, Climb],
     ) -> dict[int, float]:
         """Return the minimum distance of each vehicle to another of its layer."""
+        begins = {r.vehicle: _begin(agents[r.vehicle], climbs.get(r.vehicle)) for r in routes}
         flights = [
-            replace(self._flight(r, agents[r.vehicle], r.vehicle not in proposed), layer=r.layer)
+            replace(self._new(r, begins[r.vehicle]), layer=r.layer)
+            if r.vehicle in proposed
+            else self._from(r, begins[r.vehicle])
             for r in routes
         ]
         return min_separation_m([*flights, *self._others(routes, arrived)])
@@ -103,7 +114,7 @@ class AltitudeLayers:
         """Return True if a route is separated, in its layer, from others flown from these positions."""
         flights = [one for one in self._other_flights() if one.vehicle != route.vehicle]
         flown = [one for one in (*routes, route) if one.vehicle in places]
-        flights += [self._from(one, places[one.vehicle]) for one in flown]
+        flights += [self._from(one, [places[one.vehicle]]) for one in flown]
         _, conflicts = assign_layers(flights, self._count, self._min_separation_m)
         return not any(route.vehicle in conflict.vehicles for conflict in conflicts)
 
@@ -121,18 +132,16 @@ class AltitudeLayers:
             ]
         return flights
 
-    def _flight(self, route: Route, agent: Track, is_flown: bool) -> PlannedFlight:
-        place = place_of(agent)
-        if is_flown:
-            return self._from(route, place)
-        points_m, layer = np.vstack((place, route.flown_m)), self.of(route.vehicle)
+    def _new(self, route: Route, begin: Sequence[Point]) -> PlannedFlight:
+        """Return the flight on a new route, in any layer."""
+        points_m, layer = np.vstack((*begin, route.flown_m)), self.of(route.vehicle)
         return self._planned(route, points_m, layer, is_fixed=False)
 
-    def _from(self, route: Route, place: Point) -> PlannedFlight:
+    def _from(self, route: Route, begin: Sequence[Point]) -> PlannedFlight:
         """Return the remaining flight on a route."""
         agent = self._agents[route.vehicle]
         passed = flown_points(agent, route, agent.perception.motion.state)
-        points_m = np.vstack((place, remaining_m(route.flown_m, passed)))
+        points_m = np.vstack((*begin, remaining_m(route.flown_m, passed)))
         return self._planned(route, points_m, route.layer)
 
     def _planned(
@@ -146,6 +155,11 @@ class AltitudeLayers:
     ) -> PlannedFlight:
         speed_m_s = self._speeds_m_s[one.vehicle]
         return PlannedFlight(one.vehicle, points_m, speed_m_s, layer, is_fixed, radius_m)
+
+
+def _begin(agent: Track, climb: Climb | None) -> list[Point]:
+    """Return where an agent is, and the end of its climb."""
+    return [place_of(agent)] if climb is None else [place_of(agent), climb.latest_end_m]
 
 
 def _words(conflict: Conflict) -> str:

@@ -35,9 +35,13 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.planner import PlanResult, plan_routes
 from gcs.planning.planner_inputs import AgentState
+from gcs.planning.route_joining import total_turn_rad
 
 _FIRST_PLAN_WAIT_S = 5.0
 _SAME_PLACE_M = 1.0
+_NEAR_END_M = 100.0
+_MAX_TURN_NEAR_END_RAD = math.radians(270.0)
+"""Turns beyond which a vehicle near its target, or near the end of its route, keeps the route it flies."""
 
 
 class Replanner:
@@ -63,20 +67,23 @@ class Replanner:
         """
         if self._state.next_check_t_ns is None:
             return []
+        return [self._flown_plan(t_ns, picture_t_ns, Reason("taken up again", "taken up again"))]
+
+    def _flown_plan(self, t_ns: int, picture_t_ns: int, why: Reason, changed: tuple[int, ...] = ()) -> Plan:
+        """Return the plan of the routes that are flown."""
         routes, targets = flown_routes(self._agents), self._state.planned_targets
         planned = [vehicle for vehicle, agent in self._agents.items() if agent.routes.is_planned]
         assigned = {route.target for route in routes.values()}
-        return [
-            Plan(
-                t_ns=t_ns,
-                picture_t_ns=picture_t_ns,
-                routes=tuple(routes.values()),
-                unassigned_vehicles=tuple(vehicle for vehicle in planned if vehicle not in routes),
-                unassigned_targets=tuple(label for label in targets if label not in assigned),
-                reason="taken up again",
-                causes=("taken up again",),
-            )
-        ]
+        return Plan(
+            t_ns=t_ns,
+            picture_t_ns=picture_t_ns,
+            routes=tuple(routes.values()),
+            unassigned_vehicles=tuple(vehicle for vehicle in planned if vehicle not in routes),
+            unassigned_targets=tuple(label for label in targets if label not in assigned),
+            reason=why.text,
+            changed=changed,
+            causes=(why.cause,),
+        )
 
     @property
     def has_planned(self) -> bool:
@@ -187,6 +194,26 @@ class Replanner:
 
         A vehicle or target that is not there now gets no route, nor does a vehicle without a path.
         """
+        routes = self._renewed(assignment, inputs)
+        for vehicle, route in routes.items():
+            self._agents[vehicle].routes.proposed = route
+        return routes
+
+    def renew_flown(self, vehicle: int, inputs: PlanningInputs) -> Plan | None:
+        """Plan the route of a vehicle whose upload waited again from where it is now, to the same target.
+
+        Return None if there is no such route.
+        """
+        routes = self._agents[vehicle].routes
+        renewed = {} if routes.flown is None else self._renewed({vehicle: routes.flown.target}, inputs)
+        if vehicle not in renewed:
+            return None
+        routes.flown, routes.is_blocked = renewed[vehicle], False
+        why = reasons.of_agent("upload waited", vehicle, "gets its mission later than planned")
+        return self._flown_plan(inputs.t_ns, inputs.picture_t_ns, why, (vehicle,))
+
+    def _renewed(self, assignment: Mapping[int, Label], inputs: PlanningInputs) -> dict[int, Route]:
+        """Return routes from the current positions of vehicles to the same targets."""
         there = {
             vehicle: label
             for vehicle, label in assignment.items()
@@ -199,12 +226,11 @@ class Replanner:
         vehicles = {route.vehicle for route in renewed}
         others = [r for v, r in self._triggers.newest.items() if v in inputs.agents and v not in vehicles]
         self._state.other_vehicles = inputs.other_vehicles
-        given, _ = self.layers.give([*others, *renewed], vehicles, inputs.agents, inputs.arrived)
-        routes = {route.vehicle: route for route in given if route.vehicle in vehicles}
-        for vehicle, route in routes.items():
-            self._agents[vehicle].routes.proposed = route
+        given, _ = self.layers.give(
+            [*others, *renewed], vehicles, inputs.agents, inputs.arrived, inputs.climbs
+        )
         self._note_made(vehicles, result, inputs.t_ns)
-        return routes
+        return {route.vehicle: route for route in given if route.vehicle in vehicles}
 
     def _note_made(self, vehicles: Iterable[int], result: PlanResult, t_ns: int) -> None:
         """Note the vehicles that got new routes."""
@@ -216,7 +242,7 @@ class Replanner:
         """Return the minimum distance of each vehicle to others of its layer; infinite without others."""
         routes = [route for v, route in self._triggers.newest.items() if v in inputs.agents]
         proposed = {v for v, agent in self._agents.items() if agent.routes.proposed is not None}
-        return self.layers.separation_m(routes, proposed, inputs.agents, inputs.arrived)
+        return self.layers.separation_m(routes, proposed, inputs.agents, inputs.arrived, inputs.climbs)
 
     def _first_plan(self, inputs: PlanningInputs) -> Plan | None:
         """Plan when all expected agents and targets are there, or after a short wait without the rest."""
@@ -247,19 +273,20 @@ class Replanner:
         for route in result.routes:
             current = self._agents[route.vehicle].routes
             flown, shown = None if current.is_blocked else current.flown, current.proposed
-            short = route.vehicle in result.stops_short
-            if shown is not None and self._is_still_good(shown, route, inputs, short):
+            short, new = route.vehicle in result.stops_short, result.captured.get(route.vehicle, route)
+            turns_back = self._turns_back(new, starts[route.vehicle], inputs)
+            if shown is not None and self._is_still_good(shown, route, inputs, short, turns_back):
                 kept.append(shown)  # a route that waits for approval stays as long as it is good
-            elif flown is not None and self._is_still_good(flown, route, inputs, short):
+            elif flown is not None and self._is_still_good(flown, route, inputs, short, turns_back):
                 kept.append(flown)
             else:
-                kept.append(result.captured.get(route.vehicle, route))
+                kept.append(new)
                 changed.append(route.vehicle)
         kept += self._without_end(result, inputs)
         self._note_made(changed, result, inputs.t_ns)
         kept.sort(key=lambda route: route.vehicle)
         self._state.other_vehicles = inputs.other_vehicles
-        kept, near = self.layers.give(kept, changed, inputs.agents, inputs.arrived)
+        kept, near = self.layers.give(kept, changed, inputs.agents, inputs.arrived, inputs.climbs)
         notes = (*result.notes, *near)
         self._state.new_notes = tuple(note for note in notes if note not in self._state.noted)
         self._state.noted = notes
@@ -341,10 +368,14 @@ class Replanner:
         lag_s = self._vehicle_options[vehicle].turn_lag_s
         if vehicle in inputs.climbs:
             return predict_motion(self._zones.grid, inputs.motion(vehicle), more_s, lag_s)
-        motion, late_s = inputs.motion(vehicle), inputs.late_s.get(vehicle, 0.0)
-        until_hold_s = max(0.0, motion.ahead.next_s - UploadLimits().guard_s)
-        ahead_s = DELIVERY_S + motion.ahead.wait_s + min(late_s, until_hold_s) + more_s
-        return predict_motion(self._zones.grid, motion, ahead_s, lag_s)
+        ahead_s = self.delivery_s(vehicle, inputs) + more_s
+        return predict_motion(self._zones.grid, inputs.motion(vehicle), ahead_s, lag_s)
+
+    def delivery_s(self, vehicle: int, inputs: PlanningInputs) -> float:
+        """Return the time until an agent in flight gets a route that is planned now."""
+        ahead, late_s = inputs.motion(vehicle).ahead, inputs.late_s.get(vehicle, 0.0)
+        until_hold_s = max(0.0, ahead.next_s - UploadLimits().guard_s)
+        return DELIVERY_S + ahead.wait_s + min(late_s, until_hold_s)
 
     def _decide(self, kept: list[Route], inputs: PlanningInputs) -> None:
         """Make the routes of a plan the flown ones, or propose those that differ."""
@@ -360,12 +391,17 @@ class Replanner:
             if routes.flown is None or routes.flown.target not in inputs.targets:
                 routes.drop_flown()
 
-    def _is_still_good(self, flown: Route, new: Route, inputs: PlanningInputs, short: bool) -> bool:
-        """Return True if a vehicle should keep its route; `short`: the new one ends before its target."""
+    def _is_still_good(
+        self, flown: Route, new: Route, inputs: PlanningInputs, short: bool, turns_back: bool
+    ) -> bool:
+        """Return True if a vehicle should keep its route.
+
+        `short`: the new one ends before its target. `turns_back`: it makes a full turn near its end.
+        """
         vehicle, triggers = new.vehicle, self._triggers
         if flown.target != new.target or triggers.is_endangered(vehicle, inputs):
             return False
-        if short:
+        if short or turns_back:
             return True
         if triggers.has_passed_target(vehicle, inputs):
             return False
@@ -374,6 +410,16 @@ class Replanner:
         return not triggers.is_settled(vehicle, inputs) or triggers.is_within_tolerance(
             vehicle, flown, inputs
         )
+
+    def _turns_back(self, new: Route, start: AgentState, inputs: PlanningInputs) -> bool:
+        """Return True if a vehicle near its target, or near the end of its route, would make a full turn."""
+        newest, agent = self._agents[new.vehicle].routes.newest, inputs.agents[new.vehicle]
+        if newest is None or new.vehicle in inputs.passed:
+            return False
+        to_target_m = _distance_m(agent.mean, inputs.targets[new.target].mean)
+        if min(to_target_m, _distance_m(agent.mean, newest.points_m[-1])) > _NEAR_END_M:
+            return False
+        return total_turn_rad(start, new.points_m) > _MAX_TURN_NEAR_END_RAD
 
 
 def is_crossed(closed: Grid, route_m: FloatArray, place: Point | None, passed: int = 0) -> bool:

@@ -146,10 +146,13 @@ class Triggers:
 
     def _off_m(self, vehicle: int, route: Route, inputs: PlanningInputs) -> float:
         """Return the distance of a route's end from where its target will be then."""
-        agent, target = self._agents[vehicle], inputs.targets[route.target]
+        agent, target, climb = self._agents[vehicle], inputs.targets[route.target], inputs.climbs.get(vehicle)
+        place, begins_s = place_of(inputs.agents[vehicle]), inputs.left_s.get(vehicle, 0.0)
+        if climb is not None:
+            place, begins_s = climb.latest_end_m, climb.duration_s
         passed = flown_points(agent, route, agent.perception.motion.state)
-        to_go_m = remaining_length_m(route.points_m, place_of(inputs.agents[vehicle]), passed)
-        return self._plan_targets.off_m(route, to_go_m, target, inputs.left_s.get(vehicle, 0.0))
+        to_go_m = remaining_length_m(route.points_m, place, passed)
+        return self._plan_targets.off_m(route, to_go_m, target, begins_s)
 
     def is_within_tolerance(self, vehicle: int, route: Route, inputs: PlanningInputs) -> bool:
         """Return True if a route ends near enough to where its target will be then."""

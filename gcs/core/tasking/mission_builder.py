@@ -8,8 +8,10 @@ from gcs.config import Config
 from gcs.config.airframe import AgentAirframe
 from gcs.core.state import Agent
 from gcs.model import NS_PER_S, FloatArray, Mission, Route, VehicleState, Waypoint
+from gcs.planning.forward_simulation import LoiterCircle, RemainingMission
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.landing import ReturnRoute
+from gcs.planning.map.grid import Point
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.route_progress import CORRIDOR_M, next_point
 
@@ -95,6 +97,17 @@ def _acceptance_m(
         start = [climb.latest_end_m]
     wanted = corners_of(airframe).accept_radii_m(np.concatenate((start, route.points_m)))
     return np.minimum(np.round(wanted, 0), MAX_RADIUS_M)
+
+
+def mission_ahead(route: Route, start_m: Point, airframe: AgentAirframe) -> RemainingMission:
+    """Return what a vehicle flies on a route from a place on, with the loiter circle at its end."""
+    radii_m = corners_of(airframe).accept_radii_m(np.vstack((start_m, route.points_m)))
+    circle = None
+    if airframe.end == "loiter":
+        east_m, north_m = route.flown_m[-1].tolist()
+        circle = LoiterCircle((east_m, north_m), airframe.circle_radius_m)
+    points_m = tuple((east_m, north_m) for east_m, north_m in route.points_m.tolist())
+    return RemainingMission(points_m, tuple(radii_m.tolist()), circle=circle)
 
 
 def corners_of(airframe: AgentAirframe) -> TurnAnticipation:

@@ -49,6 +49,8 @@ class QueuedRoute:
     """End of the wait for an item."""
     at_once: bool
     return_route: ReturnRoute | None
+    begins_t_ns: int = 0
+    """Begin of its upload as planned."""
 
 
 @dataclass(slots=True)

@@ -5,7 +5,10 @@ first come, first served,
 
 * until the upload window of their link admits another (`gcs.core.tasking.upload_window`);
 * for an item that their vehicle is about to reach, for `_MAX_ITEM_WAIT_NS` at most;
-* for the end of a pause after repeated failures (`gcs.core.tasking.upload_pauses`).
+* for the end of a pause after repeated failures (`gcs.core.tasking.upload_pauses`);
+* for the end of their vehicle's climb, or for its turn to take off.
+
+Meanwhile a vehicle flies on. A route that waited longer than planned is planned again when its upload begins.
 
 Uploads in progress are in `gcs.core.tasking.active_uploads`.
 """
@@ -14,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Mapping
+from dataclasses import replace
 from typing import Final
 
 from gcs.config import Config
@@ -42,6 +46,8 @@ from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.landing import ReturnRoute
 
 _MAX_ITEM_WAIT_NS: Final = 5 * NS_PER_S
+_MAX_DELAY_NS: Final = NS_PER_S
+"""Delay of an upload after which its route is planned again."""
 _MAX_HOME_SHIFT_M: Final = 20.0
 """Drift of a reported home that does not matter to its return route."""
 
@@ -161,7 +167,8 @@ class UploadManager:
         before, until_t_ns = self.state.queue.get(vehicle), t_ns if at_once else t_ns + _MAX_ITEM_WAIT_NS
         if before is not None:
             until_t_ns, at_once = min(before.until_t_ns, until_t_ns), at_once or before.at_once
-        self.state.queue[vehicle] = QueuedRoute(route, t_ns, until_t_ns, at_once, return_route)
+        begins_t_ns = t_ns + round(min(self._item_wait_s(vehicle, t_ns) * NS_PER_S, until_t_ns - t_ns))
+        self.state.queue[vehicle] = QueuedRoute(route, t_ns, until_t_ns, at_once, return_route, begins_t_ns)
         return self._start_due(t_ns)
 
     def withdraw_except(self, wanted: Container[int]) -> list[int]:
@@ -283,13 +290,35 @@ class UploadManager:
         """Start the uploads that need not wait any longer."""
         effects: list[Effect] = []
         for vehicle in list(self.state.queue):
-            may_start = self._active.has_capacity(vehicle) and self._agents[vehicle].authority.audit is None
-            is_due = may_start and not self._is_climbing(vehicle) and self._is_due(vehicle, t_ns)
-            if is_due and not self._holds_back(vehicle, t_ns):
-                queued = self.state.queue.pop(vehicle)
+            queued = self.state.queue[vehicle]
+            # An outdated one is planned again first (`gcs.core.pipelines.planning.renew_outdated`).
+            if not _is_outdated(queued, t_ns) and self._may_start(vehicle, t_ns):
+                del self.state.queue[vehicle]
                 effects += self._active.supersede(vehicle, t_ns)
                 effects += self._start(queued.route, queued.planned_t_ns, queued.return_route, t_ns)
         return effects
+
+    def outdated(self, t_ns: int) -> list[int]:
+        """Return the vehicles whose queued routes may start now, and were planned for an earlier begin."""
+        return [
+            vehicle
+            for vehicle, queued in self.state.queue.items()
+            if _is_outdated(queued, t_ns) and self._may_start(vehicle, t_ns)
+        ]
+
+    def renew_queued(self, vehicle: int, route: Route, return_route: ReturnRoute | None, t_ns: int) -> None:
+        """Replace an outdated route by one from where its vehicle is now, or by itself without another."""
+        queued = self.state.queue[vehicle]
+        planned_t_ns = queued.planned_t_ns if route is queued.route else t_ns
+        self.state.queue[vehicle] = replace(
+            queued, route=route, planned_t_ns=planned_t_ns, begins_t_ns=t_ns, return_route=return_route
+        )
+
+    def _may_start(self, vehicle: int, t_ns: int) -> bool:
+        """Return True if a queued route need not wait any longer."""
+        is_free = self._active.has_capacity(vehicle) and self._agents[vehicle].authority.audit is None
+        is_due = is_free and not self._is_climbing(vehicle) and self._is_due(vehicle, t_ns)
+        return is_due and not self._holds_back(vehicle, t_ns)
 
     def _start(
         self, route: Route, planned_t_ns: int, return_route: ReturnRoute | None, t_ns: int
@@ -376,3 +405,7 @@ class UploadManager:
     def _failure(self, vehicle: int, reason: str, t_ns: int) -> UploadReport:
         self.state.mission_count += 1
         return UploadReport(t_ns, vehicle, self.state.mission_count, 0, False, reason, 0.0, 0)
+
+
+def _is_outdated(queued: QueuedRoute, t_ns: int) -> bool:
+    return t_ns - queued.begins_t_ns > _MAX_DELAY_NS

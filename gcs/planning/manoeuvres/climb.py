@@ -64,14 +64,24 @@ class Climb:
         return self.at(self.length_m)
 
     @property
+    def latest_length_m(self) -> float:
+        """Greatest distance over ground to the take-off altitude."""
+        return self.length_m + _CLIMB_LENGTH_UNCERTAINTY * self.in_air_m
+
+    @property
     def latest_end_m(self) -> Point:
         """Farthest position along the runway where the altitude is reached. Routes begin here."""
-        return self.at(self.length_m + _CLIMB_LENGTH_UNCERTAINTY * self.in_air_m)
+        return self.at(self.latest_length_m)
+
+    @property
+    def roll_s(self) -> float:
+        """Time that the ground roll takes longer than at the vehicle's speed: it accelerates evenly."""
+        return self.ground_run_m / self.speed_m_s
 
     @property
     def duration_s(self) -> float:
-        """Duration of the climb."""
-        return self.length_m / self.speed_m_s
+        """Time from the start to where routes begin."""
+        return self.latest_length_m / self.speed_m_s + self.roll_s
 
     @property
     def motion(self) -> Motion:

@@ -23,7 +23,7 @@ from gcs.jit import Call, kernel, leaf
 from gcs.model import BoolArray, FloatArray
 from gcs.planning.forward_simulation import STEP_S, max_turn_rate_rad_s, simulate_states
 from gcs.planning.map.grid import Grid, Point, free_grid
-from gcs.planning.map.line_of_sight import NO_CELL, is_clear_at, is_free_at, leg_clearance, to_cells
+from gcs.planning.map.line_of_sight import is_clear_at, is_free_at, path_clearance, to_cells
 from gcs.planning.path.initial_turn import MIN_RADIUS_SHARE, start_clearance
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.route_joining import MIN_CLEARANCE_SHARE
@@ -290,17 +290,6 @@ def path_length_m(path_m: FloatArray) -> float:
 
 
 @leaf
-def _min_clearance(blocked: BoolArray, frame: FloatArray, flight: FloatArray, most: float) -> float:
-    """Return the least clearance of a flight in cells, at most `most`."""
-    margin = most
-    for i in range(flight.shape[0] - 1):
-        x, y = (flight[i, 0] - frame[0]) / frame[2], (flight[i, 1] - frame[1]) / frame[2]
-        to_x, to_y = (flight[i + 1, 0] - frame[0]) / frame[2], (flight[i + 1, 1] - frame[1]) / frame[2]
-        margin = leg_clearance(blocked, x, y, to_x, to_y, margin, NO_CELL)
-    return margin
-
-
-@leaf
 def _time_within(flight: FloatArray, reach_circle: FloatArray) -> float:
     """Return how long a flight is within a distance of a place."""
     count = 0
@@ -365,7 +354,7 @@ def best_loiter_circle(
             if not is_clear or off > _AMBIGUOUS_TURN_RAD or _time_within(flight, reach_circle) < min_reach_s:
                 margin = -1.0
                 break
-            margin = _min_clearance(blocked, frame, flight, margin)
+            margin = path_clearance(blocked, frame, flight, margin)
         if margin >= clearance:
             best, found = margin, k
         if best >= thresholds[2]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from gcs.jit import inlined, int64, kernel, leaf
-from gcs.model import BoolArray
+from gcs.model import BoolArray, FloatArray
 from gcs.planning.map.grid import TOUCH, Grid, Point
 
 NO_CELL = int64(-1)
@@ -148,6 +148,20 @@ def clear_leg(
 ) -> bool:
     """Return True if a leg keeps `clearance` cells from every blocked cell but `ignored_cell` (-1: none)."""
     return blocking_cell(blocked, x0, y0, x1, y1, clearance, ignored_cell, NO_CELL) < 0
+
+
+@kernel
+def path_clearance(blocked: BoolArray, frame: FloatArray, path_m: FloatArray, most: float) -> float:
+    """Return the distance in cells of a path from the nearest blocked cell, at most `most`.
+
+    `frame`: east and north of the grid origin and spacing, in metres. `path_m` (k, 2 or more): east, north.
+    """
+    margin = most
+    for i in range(path_m.shape[0] - 1):
+        x, y = (path_m[i, 0] - frame[0]) / frame[2], (path_m[i, 1] - frame[1]) / frame[2]
+        to_x, to_y = (path_m[i + 1, 0] - frame[0]) / frame[2], (path_m[i + 1, 1] - frame[1]) / frame[2]
+        margin = leg_clearance(blocked, x, y, to_x, to_y, margin, NO_CELL)
+    return margin
 
 
 @inlined

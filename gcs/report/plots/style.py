@@ -47,6 +47,7 @@ TRIGGERS: Final[dict[Cause, str]] = {
     "operator order": "#4c51bf",
     "taken up again": "#4a5568",
     "approved plan changed": "#b7950b",
+    "upload waited": "#718096",
 }
 """Colour of each trigger of plans, in the order of rows."""
 _CORNERS = ((9, 7), (9, -16), (-9, 7), (-9, -16))

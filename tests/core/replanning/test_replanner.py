@@ -249,6 +249,43 @@ def test_an_agent_on_its_last_metres_is_not_sent_elsewhere_for_a_better_whole():
     assert plan.unassigned_targets == ()
 
 
+BESIDE_A_BOX = """
+[planning]
+shape = "flyable"
+clearance_m = 40.0
+[airframe]
+speed_m_s = 22.0
+bank_deg = 35.0
+[map]
+width_m = 2000.0
+height_m = 2000.0
+nodes_east = 101
+nodes_north = 101
+boxes_m = [[1409.0, 286.0, 1597.0, 333.0]]
+"""
+
+
+def near_its_target():
+    """An agent 83 m before the end of its route; its target is 48 m from there: only a loop leads to it."""
+    desk = Desk({1: (900.0, 200.0)}, {A: (1500.0, 200.0)}, tables=BESIDE_A_BOX)
+    desk.velocities[1] = (22.0, 0.0)
+    assert desk.check(0.0).changed == (1,)
+    desk.agents[1], desk.targets[A] = (1417.0, 200.0), (1468.0, 236.0)
+    return desk
+
+
+def test_near_its_target_an_agent_is_not_led_round_a_full_turn():
+    desk = near_its_target()
+    assert desk.check(30.0) is None
+    assert desk.vehicles[1].routes.flown.points_m[-1] == pytest.approx((1500.0, 200.0))
+
+
+def test_near_its_target_an_agent_turns_fully_to_another_target():
+    desk = near_its_target()
+    desk.targets[B] = desk.targets.pop(A)
+    assert desk.check(30.0).changed == (1,)
+
+
 def test_an_agent_that_has_its_target_behind_it_is_not_left_to_it():
     desk = arriving(velocity=(-15.0, 0.0))
     desk.targets[A] = (1500.0, 245.0)

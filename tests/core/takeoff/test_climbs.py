@@ -64,8 +64,8 @@ ORDERS = ((3.0, "hold"), (6.0, "resume"), (15.0, "arm"))
 class Flight:
     """A virtual flight of one vehicle from the ground."""
 
-    def __init__(self, tables="", orders=ORDERS, *, px4=False, place_m=None, boxes=BOX):
-        scenario = parse_scenario(FIELD.replace(BOX, boxes) + tables, "runway.toml")
+    def __init__(self, tables="", orders=ORDERS, *, px4=False, place_m=None, boxes=BOX, field=FIELD):
+        scenario = parse_scenario(field.replace(BOX, boxes) + tables, "runway.toml")
         self.effects, self.way = [], []
         orders = [
             Order(START_T_NS + round(at * S), f"{what}-{at}", what, None, None, *area)

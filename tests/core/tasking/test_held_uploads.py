@@ -1,0 +1,91 @@
+"""A vehicle would turn back to where it was when its mission was planned, not when it got it."""
+
+import pytest
+from core.takeoff.test_sequence import Field
+from staging import S
+
+from gcs.mavlink.frames.codec import decode
+from gcs.model import Order, Plan, Send
+from sim_vehicles.campaign.virtual_run import LINK, START_T_NS, VirtualRun
+from sim_vehicles.world.scenario import parse_scenario
+
+TWO_TARGETS = """
+name = "held"
+[frame]
+lat_deg = 33.2
+lon_deg = -87.6
+alt_msl_m = 70.0
+[map]
+width_m = 3000.0
+height_m = 3000.0
+nodes_east = 76
+nodes_north = 76
+boxes_m = [[450.0, 2000.0, 1000.0, 2100.0]]
+[[agents]]
+system_id = 1
+east_m = 300.0
+north_m = 1500.0
+course_deg = 90.0
+[[births]]
+east_m = 2700.0
+north_m = 1500.0
+priority = 1
+[[births]]
+east_m = 725.0
+north_m = 2700.0
+[planning]
+shape = "flyable"
+[simulation]
+forward_speed_m_s = 15.0
+airframe = "banked"
+[[simulation.targets]]
+east_m = 2700.0
+north_m = 1500.0
+[[simulation.targets]]
+east_m = 725.0
+north_m = 2700.0
+"""
+
+
+def hold_by_pause(command, until_s):
+    command.state.agents[1].tasking.retry.paused_until_t_ns = START_T_NS + until_s * S
+
+
+def hold_by_window(command, until_s):
+    window = command.state.tasking.windows[LINK]
+    window.active = window.window if until_s else 0
+
+
+@pytest.mark.parametrize("hold", [hold_by_pause, hold_by_window])
+def test_a_route_that_waited_starts_where_the_vehicle_is_when_its_upload_begins(hold):
+    """It flies on for 25 s, 375 m: the west end of the wall was nearer then, the east end is now."""
+    effects, begun = [], []
+
+    def on_effect(t_ns, effect):
+        effects.append(effect)
+        if isinstance(effect, Send) and any(m.get_type() == "MISSION_COUNT" for m in decode(effect.data)[0]):
+            begun.append(t_ns)
+
+    run = VirtualRun(parse_scenario(TWO_TARGETS, "held.toml"), 1, None, on_effect)
+    run.run(20.0)
+    hold(run.command, 45)
+    run.order(Order(run.t_ns, "ignore", "ignore", None, target=(0, 0)))
+    run.run(45.0)
+    assert len(begun) == 1
+    hold(run.command, 0)
+    run.run(50.0)
+    assert begun[1] >= START_T_NS + 45 * S
+    mission = run.command.state.agents[1].tasking.onboard
+    assert mission is not None
+    assert min(east_m for east_m, north_m in mission.route.points_m.tolist() if north_m < 2200.0) > 1000.0
+    assert mission.route.is_same(run.command.state.agents[1].routes.flown)
+    last = [effect for effect in effects if isinstance(effect, Plan)][-1]
+    assert (last.causes, last.changed) == (("upload waited",), (1,))
+
+
+def test_a_take_off_that_waited_is_planned_again_when_its_turn_comes():
+    field = Field((8.0, "hold"), (11.0, "arm"), (14.0, "resume"), ready=()).run(20.0)
+    (waiting,) = [v for v, text in field.texts("warning") if "take-off waits" in text]
+    field.run(90.0)
+    (again,) = [e for e in field.effects if isinstance(e, Plan) and "upload waited" in e.causes]
+    assert again.changed == (waiting,)
