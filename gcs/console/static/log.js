@@ -1,4 +1,4 @@
-// Events of the run, and orders with their answers, newest last.
+// Events of the run, those that are warnings or alarms, and orders with their answers, newest last.
 
 import { el, setText } from "./dom.js";
 import { duration } from "./format.js";
@@ -6,11 +6,15 @@ import { duration } from "./format.js";
 const MAX_SHOWN = 300;
 const NEAR_END_PX = 30;
 
+const isAnswer = ({ kind }) => kind === "OrderAnswer";
+const LISTS = {
+  events: ["Events", (entry) => !isAnswer(entry)],
+  warnings: ["Warnings", (entry) => !isAnswer(entry) && entry.level !== "info"],
+  orders: ["Orders", isAnswer],
+};
+
 export function showLog(root, feed) {
-  const lists = { events: el("ol"), orders: el("ol") };
-  const panel = (list, name) => el("div", { class: "panel", role: "tabpanel", tabindex: "0", "aria-label": name }, list);
-  const panels = { events: panel(lists.events, "Events"), orders: panel(lists.orders, "Orders") };
-  const tabs = {};
+  const [lists, panels, tabs] = [{}, {}, {}];
   const choose = (chosen) => {
     for (const [name, one] of Object.entries(panels)) {
       one.hidden = name !== chosen;
@@ -18,10 +22,12 @@ export function showLog(root, feed) {
     }
     panels[chosen].scrollTop = panels[chosen].scrollHeight;
   };
-  for (const [name, title] of [["events", "Events"], ["orders", "Orders"]]) {
+  for (const [name, [title]] of Object.entries(LISTS)) {
+    lists[name] = el("ol");
+    panels[name] = el("div", { class: "panel", role: "tabpanel", tabindex: "0", "aria-label": title }, lists[name]);
     tabs[name] = el("button", { role: "tab", onclick: () => choose(name) }, title);
   }
-  root.append(el("div", { class: "tabs", role: "tablist" }, ...Object.values(tabs)), panels.events, panels.orders);
+  root.append(el("div", { class: "tabs", role: "tablist" }, ...Object.values(tabs)), ...Object.values(panels));
   choose("events");
 
   const append = (name, entries, fresh) => {
@@ -38,8 +44,7 @@ export function showLog(root, feed) {
     if (fresh) last = 0;
     const entries = log.filter((entry) => entry.n > last);
     last = log.at(-1)?.n ?? last;
-    append("events", entries.filter((entry) => entry.kind !== "OrderAnswer"), fresh);
-    append("orders", entries.filter((entry) => entry.kind === "OrderAnswer"), fresh);
+    for (const [name, [, isShown]] of Object.entries(LISTS)) append(name, entries.filter(isShown), fresh);
     const count = lists.orders.childElementCount;
     setText(tabs.orders, count ? `Orders (${count})` : "Orders");
   });

@@ -18,7 +18,7 @@ ARRIVING_M = 50.0
 _CLOSE_FRACTION = 0.25
 UNKNOWN_LOITER_RADIUS_M = 80.0
 """Loiter radius that the autopilot sets: PX4's NAV_LOITER_RAD; ArduPlane's WP_LOITER_RAD is 60."""
-_FAR_FRACTION = 0.1
+_FAR_FRACTION = 0.2
 """Tolerated error of an intercept, as a fraction of the distance: correcting it later costs little."""
 
 
