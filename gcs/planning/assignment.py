@@ -9,8 +9,8 @@ Columns of lower rank are served first. A target that needs several agents has s
 
 Each agent that changes its target gets a new mission, and the optimum of a large swarm changes in long chains
 for a few metres. So `with_change_costs` makes the pairs that are flown cheaper before the assignment. A pair
-of cost c counts c / (1 + `CHANGE_FRACTION`) if it is flown, and c + g if not. With g = 0 the true total T of
-the assignment X that is found and T of the optimum B obey
+of cost c counts c / (1 + f) with f = `CHANGE_FRACTION` if it is flown, and c + g / 2 if not: a swap of two
+agents must gain g. With g = 0 the true total T of the assignment X that is found and of the optimum B obey
 
     T(X) / (1 + f) <= counted(X) <= counted(B) <= T(B),
 
@@ -44,9 +44,9 @@ def with_change_costs(costs: FloatArray, flown: Sequence[int], switch_gain_m: fl
     flown : sequence of int, length n
         Column that each row flies to, -1 for none.
     switch_gain_m : float
-        Further gain that each changed row needs; inf: never change.
+        Further gain that a swap of two rows needs, and each changed row half of it; inf: never change.
     """
-    counted: FloatArray = costs + min(switch_gain_m, _MAX_GAIN_M)
+    counted: FloatArray = costs + 0.5 * min(switch_gain_m, _MAX_GAIN_M)
     for row, column in enumerate(flown):
         if column >= 0:
             counted[row, column] = costs[row, column] / (1.0 + CHANGE_FRACTION)

@@ -73,31 +73,31 @@ def test_keeping_targets_costs_no_target_and_at_most_the_stated_fraction_of_the_
 
 @settings(max_examples=200)
 @given(cost_matrices(), st.data(), st.integers(0, 60))
-def test_a_gain_to_be_made_costs_no_more_than_itself_for_each_agent(costs, data, gain):
+def test_a_gain_to_be_made_costs_no_more_than_itself_for_each_swap(costs, data, gain):
     found = reassigned(costs, data.draw(flown_assignments(costs)), gain)
     pairs, total = min(worth(costs, p) for p in all_assignments(costs))
     assert -len(found) == pairs
-    assert sum(costs[p] for p in found.items()) <= (1.0 + CHANGE_FRACTION) * (total + gain * -pairs) + 1e-6
+    assert sum(costs[p] for p in found.items()) <= (1.0 + CHANGE_FRACTION) * (total - gain * pairs / 2) + 1e-6
 
 
 @settings(max_examples=200)
 @given(cost_matrices(), st.data(), st.integers(0, 60))
-def test_each_agent_that_changes_target_saves_the_gain(costs, data, gain):
+def test_each_agent_that_changes_target_saves_half_the_gain(costs, data, gain):
     """Given an assignment that serves as many as can be: what is changed pays for all who change."""
     most = len(assign(costs))
     full = data.draw(st.sampled_from([p for p in all_assignments(costs) if len(p) == most]))
     found = reassigned(costs, full, gain)
     changed = sum(full.get(row) != column for row, column in found.items())
     saved = sum(costs[p] for p in full.items()) - sum(costs[p] for p in found.items())
-    assert saved >= gain * changed - 1e-6
+    assert saved >= 0.5 * gain * changed - 1e-6
 
 
-def test_agents_do_not_swap_for_less_than_the_gain_of_each():
+def test_agents_do_not_swap_for_less_than_the_gain():
     costs = np.array([[100.0, 90.0], [90.0, 100.0]])
     straight = {0: 0, 1: 1}
     assert reassigned(costs, straight, 50.0) == straight
-    assert reassigned(costs, straight, 9.0) == straight
-    assert reassigned(costs, straight, 7.0) == {0: 1, 1: 0}
+    assert reassigned(costs, straight, 17.0) == straight
+    assert reassigned(costs, straight, 16.0) == {0: 1, 1: 0}
 
 
 def test_equally_good_assignments_are_left_as_they_are():
