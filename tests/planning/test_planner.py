@@ -273,7 +273,7 @@ def test_agents_keep_their_targets_unless_the_swarm_gains():
     crossed = {1: (0, 0), 2: (0, 1)}
     patient = plan(grid, agents, targets, crossed, PlanOptions(switch_gain_m=50.0))
     assert {r.vehicle: r.target for r in patient.routes} == crossed
-    agents[2] = (0.0, 800.0)
+    agents[2], targets[0, 0] = (0.0, 800.0), (1600.0, 800.0)
     better = plan(grid, agents, targets, {1: (0, 0), 2: (0, 1)}, PlanOptions(switch_gain_m=50.0))
     assert {r.vehicle: r.target for r in better.routes} == {1: (0, 1), 2: (0, 0)}
 

@@ -22,8 +22,8 @@ UNKNOWN_LOITER_RADIUS_M = 80.0
 _FAR_FRACTION = 0.2
 """Tolerated error of an intercept, as a fraction of the distance.
 
-Flying to a place that is off by e, and turning at the distance e / a from it, costs about a e / 2 of detour. A
-noisy velocity moves a far intercept at each check, and each correction is an upload.
+Flying to a place that is off by e, and turning at the distance e / a from it, costs about a e / 2 of detour.
+A noisy velocity moves a far intercept at each check, and each correction is an upload.
 """
 
 
