@@ -1,4 +1,4 @@
-"""Assignment of agents to targets: the Hungarian algorithm, with ranks and hysteresis.
+"""Assignment of agents to targets: the Hungarian algorithm, with ranks and a cost of each change.
 
 The assignment minimises the total path length (Kuhn 1955, Munkres 1957; scipy's modified Jonker-Volgenant).
 It makes as many pairs as possible first; length decides between assignments with as many pairs. Pairs without
@@ -7,15 +7,19 @@ a path get a finite cost above any total, and are dropped from the result.
 Columns of lower rank are served first. A target that needs several agents has several columns. The objective
 "longest" is the bottleneck assignment: minimise the longest path by bisection, then the total.
 
-Hysteresis: position noise makes the optimum flicker, and each change costs two mission uploads. The current
-assignment and the optimum differ by independent exchanges: the connected components (alternating paths and
-cycles) of their symmetric difference. An exchange is made only if it serves more targets, or shortens the
-total by more than a threshold. A gain in one component never justifies a swap in another.
+Each agent that changes its target gets a new mission, and the optimum of a large swarm changes in long chains
+for a few metres. So `with_change_costs` makes the pairs that are flown cheaper before the assignment. A pair
+of cost c counts c / (1 + f) with f = `CHANGE_FRACTION` if it is flown, and c + g / 2 if not: a swap of two
+agents must gain g. With g = 0 the true total T of the assignment X that is found and of the optimum B obey
+
+    T(X) / (1 + f) <= counted(X) <= counted(B) <= T(B),
+
+so keeping targets never costs more than the fraction f of the optimum.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -24,70 +28,53 @@ from scipy.optimize import linear_sum_assignment
 from gcs.model import FloatArray
 
 Objective: TypeAlias = Literal["total", "longest"]
-_ROUNDING_M = 1e-6
-"""Gains below this are rounding errors."""
+CHANGE_FRACTION = 0.02
+"""Greatest increase of the total that keeping targets may cost, as a fraction of the optimum."""
+_MAX_GAIN_M = 1e8
+"""Gain that no exchange has. An infinite one would leave no other pair than those that are flown."""
+
+
+def with_change_costs(costs: FloatArray, flown: Sequence[int], switch_gain_m: float = 0.0) -> FloatArray:
+    """Return the costs as the assignment counts them: less for pairs that are flown, more for others.
+
+    Parameters
+    ----------
+    costs : ndarray, shape (n, m)
+        Path length of each pair, not negative; inf without a path.
+    flown : sequence of int, length n
+        Column that each row flies to, -1 for none.
+    switch_gain_m : float
+        Further gain that a swap of two rows needs, and each changed row half of it; inf: never change.
+    """
+    counted: FloatArray = costs + 0.5 * min(switch_gain_m, _MAX_GAIN_M)
+    for row, column in enumerate(flown):
+        if column >= 0:
+            counted[row, column] = costs[row, column] / (1.0 + CHANGE_FRACTION)
+    return counted
 
 
 def assign(
-    costs: FloatArray,
-    current: Mapping[int, int],
-    switch_gain_m: float = 0.0,
-    ranks: Sequence[int] | None = None,
-    objective: Objective = "total",
+    costs: FloatArray, ranks: Sequence[int] | None = None, objective: Objective = "total"
 ) -> dict[int, int]:
     """Assign rows (agents) to columns (targets, or agents needed at targets).
 
     Parameters
     ----------
     costs : ndarray, shape (n, m)
-        Path length of each pair, not negative; inf without a path.
-    current : mapping of int to int
-        Assignment that is being flown, column by row. Pairs outside the matrix or without a path are ignored.
-    switch_gain_m : float
-        Gain that an exchange needs; inf: never exchange.
+        Cost of each pair, not negative; inf without a path.
     ranks : sequence of int, length m
         Columns of lower rank are served first. Default: all equal.
     objective : "total" or "longest"
-        Minimise the total length, or the longest path and then the total.
+        Minimise the total cost, or the greatest cost and then the total.
 
     Returns
     -------
     dict of int to int
         Column by row, in order of rows; never a pair without a path.
     """
-    n, m = costs.shape
-    weights = np.ones(m) if ranks is None else 1.0 + max(ranks, default=0) - np.array(ranks, dtype=np.float64)
-    best = _optimum(costs, weights, objective)
-    kept: dict[int, int] = {}
-    for row, col in sorted(current.items()):
-        if 0 <= row < n and 0 <= col < m and np.isfinite(costs[row, col]) and col not in kept.values():
-            kept[row] = col
-    if not kept or all(best.get(row) == col for row, col in kept.items()):
-        return best
-    rows = [row for row in range(n) if row not in kept]
-    assigned = set(kept.values())
-    cols = [col for col in range(m) if col not in assigned]
-    added = _optimum(costs[np.ix_(rows, cols)], weights[cols], objective)
-    kept |= {rows[i]: cols[j] for i, j in added.items()}
-    total = sum if objective == "total" else _longest
-    for exchange in _exchanges(kept, best):
-        old = {row: kept[row] for row in exchange if row in kept}
-        new = {row: best[row] for row in exchange if row in best}
-        served = sum(weights[col] for col in new.values()) - sum(weights[col] for col in old.values())
-        gain = total(costs[pair] for pair in old.items()) - total(costs[pair] for pair in new.items())
-        if served > 0.5 or (served > -0.5 and gain > switch_gain_m + _ROUNDING_M):
-            for row in old:
-                del kept[row]
-            kept |= new
-    return dict(sorted(kept.items()))
-
-
-def _longest(lengths: Iterable[float]) -> float:
-    return max(lengths, default=0.0)
-
-
-def _optimum(costs: FloatArray, weights: FloatArray, objective: Objective) -> dict[int, int]:
-    """Return the assignment of the greatest served weight that is best by the objective."""
+    weights = np.ones(costs.shape[1])
+    if ranks is not None:
+        weights += max(ranks, default=0) - np.array(ranks, dtype=np.float64)
     if objective == "longest":
         costs = _without_longer(costs, weights)
     return _shortest(costs, weights)
@@ -124,26 +111,3 @@ def _without_longer(costs: FloatArray, weights: FloatArray) -> FloatArray:
         else:
             low = middle + 1
     return np.where(costs <= lengths[low], costs, np.inf)
-
-
-def _exchanges(one: dict[int, int], other: dict[int, int]) -> list[list[int]]:
-    """Return the rows of each connected component of the difference of two assignments, lowest row first."""
-    row_of = ({col: row for row, col in one.items()}, {col: row for row, col in other.items()})
-    left = {row for row in one.keys() | other.keys() if one.get(row) != other.get(row)}
-    parts = []
-    for first in sorted(left):
-        if first not in left:
-            continue
-        part, front = [], [first]
-        left.discard(first)
-        while front:
-            row = front.pop()
-            part.append(row)
-            for col in (one.get(row), other.get(row)):
-                for holders in row_of:
-                    holder = holders.get(col) if col is not None else None
-                    if holder in left:
-                        left.discard(holder)
-                        front.append(holder)
-        parts.append(sorted(part))
-    return parts

@@ -22,7 +22,7 @@ import numpy as np
 from gcs import jit
 from gcs.model import FloatArray, Label, Route, read_only, target_name, vehicle_name
 from gcs.planning import forward_simulation, intercept, layer_assignment
-from gcs.planning.assignment import assign
+from gcs.planning.assignment import assign, with_change_costs
 from gcs.planning.manoeuvres import loiter
 from gcs.planning.manoeuvres.loiter import plan_terminal_loiter
 from gcs.planning.map import clearance_nodes
@@ -148,11 +148,10 @@ def plan_routes(
         notes += _reachability_notes(grid, search.smap, vehicles, labels, search.starts, search.costs)
         on_stage("search")
         flown_to = [labels.index(current[v]) if current.get(v) in labels else -1 for v in vehicles]
-        costs = _fit_costs(
-            search.costs, [agents[v] for v in vehicles], [targets[one] for one in labels], flown_to
-        )
-        costs = _pinned_costs(costs, vehicles, labels, needs, pinned).copy()
-        pairs = _assign(costs, vehicles, labels, needs, current, options)
+        costs = with_change_costs(search.costs, flown_to, options.switch_gain_m)
+        costs = _fit_costs(costs, [agents[v] for v in vehicles], [targets[one] for one in labels], flown_to)
+        costs = _pinned_costs(costs, vehicles, labels, needs, pinned)
+        pairs = _assign(costs, needs, options)
         on_stage("assignment")
         for _ in range(_MAX_ASSIGNMENTS):
             for i, j in pairs.items():
@@ -164,7 +163,7 @@ def plan_routes(
             if not dead:
                 break
             costs[tuple(np.transpose(dead))] = np.inf
-            pairs = _assign(costs, vehicles, labels, needs, current, options)
+            pairs = _assign(costs, needs, options)
         on_stage("shaping")
     routes = [one.route for one in shaped if one.route is not None]
     served, busy = {route.target for route in routes}, {route.vehicle for route in routes}
@@ -281,25 +280,10 @@ def _pinned_costs(
     return np.where(allowed, costs, np.inf)
 
 
-def _assign(
-    costs: FloatArray,
-    vehicles: Sequence[int],
-    labels: Sequence[Label],
-    needs: Sequence[TargetDemand],
-    current: Mapping[int, Label],
-    options: PlanOptions,
-) -> dict[int, int]:
+def _assign(costs: FloatArray, needs: Sequence[TargetDemand], options: PlanOptions) -> dict[int, int]:
     """Return the target index of each assigned agent. A target has one column per agent that it needs."""
-    columns, ranks = _columns(len(vehicles), needs, options)
-    free: dict[Label, list[int]] = {}
-    for column, j in reversed(list(enumerate(columns))):
-        free.setdefault(labels[j], []).append(column)
-    flown = {}
-    for i, vehicle in enumerate(vehicles):
-        left = free.get(current[vehicle]) if vehicle in current else None
-        if left:
-            flown[i] = left.pop()
-    pairs = assign(costs[:, columns], flown, options.switch_gain_m, ranks, options.objective)
+    columns, ranks = _columns(len(costs), needs, options)
+    pairs = assign(costs[:, columns], ranks, options.objective)
     return {i: columns[column] for i, column in pairs.items()}
 
 

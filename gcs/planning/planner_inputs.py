@@ -78,7 +78,7 @@ class PlanOptions:
     clearance_m : float
         Distance to keep from blocked cells. Given up where no path keeps it, or only a long detour does.
     switch_gain_m : float
-        Least gain in total length that justifies an exchange of targets.
+        Gain in total length that a swap of two targets needs, beside a small fraction of the total.
     turn_radius_m : float
         Minimum turn radius of a flyable route.
     horizon_s : float

@@ -200,7 +200,7 @@ def matrices(nodes: int, blocked: float, n: int, m: int) -> None:
 
     def ours() -> np.ndarray:
         lengths, way = cost_matrix.metric_paths(grid, smap, places(ends[0]), places(ends[1]), 0.0)
-        for i, j in assign(lengths, {}).items():
+        for i, j in assign(lengths).items():
             way(i, j)
         return lengths
 

@@ -28,6 +28,9 @@ def test_an_operator_watches_holds_and_gets_the_connection_back(fly, launch, pag
         hostile = "<img src=x onerror=alert(1)>"
         vehicles.say(2, hostile)
         expect(page.locator("#log .panel").first).to_contain_text(hostile)
+        page.get_by_role("tab", name="Warnings").click()
+        expect(page.get_by_role("tabpanel", name="Warnings")).to_contain_text(hostile)
+        expect(page.locator("#log li.info:visible")).to_have_count(0)
         page.locator('#alarms [data-name="more"]').click()
         alarm = page.locator("#alarm-list li.alarm", has_text=hostile)  # newer alarms may be above it
         expect(alarm).to_have_count(1)

@@ -11,6 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gcs.config import load
+from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.planning.forward_simulation import Motion
 from gcs.planning.map.grid import Grid, free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import line_of_sight
@@ -271,8 +273,23 @@ def test_agents_keep_their_targets_unless_the_swarm_gains():
     crossed = {1: (0, 0), 2: (0, 1)}
     patient = plan(grid, agents, targets, crossed, PlanOptions(switch_gain_m=50.0))
     assert {r.vehicle: r.target for r in patient.routes} == crossed
-    eager = plan(grid, agents, targets, crossed)
-    assert {r.vehicle: r.target for r in eager.routes} == {1: (0, 1), 2: (0, 0)}
+    agents[2], targets[0, 0] = (0.0, 800.0), (1600.0, 800.0)
+    better = plan(grid, agents, targets, {1: (0, 0), 2: (0, 1)}, PlanOptions(switch_gain_m=50.0))
+    assert {r.vehicle: r.target for r in better.routes} == {1: (0, 1), 2: (0, 0)}
+
+
+def test_one_target_that_moved_in_a_swarm_of_fifty_sends_few_agents_elsewhere():
+    """The optimum of `swarm-50` gives 17 agents other targets, to save less than 0.1 % of the way."""
+    config = load("swarm-50")
+    grid, options = mission_grid(config, 1), PlanOptions(clearance_m=20.0, switch_gain_m=50.0, shape="pulled")
+    agents = {agent.vehicle: (agent.east_m, agent.north_m) for agent in config.agents}
+    targets = {(0, i): (birth.east_m, birth.north_m) for i, birth in enumerate(config.births)}
+    flown = {r.vehicle: r.target for r in plan(grid, agents, targets, {}, options).routes}
+    targets[0, 52] = (targets[0, 52][0], targets[0, 52][1] - 400.0)
+    result = plan(grid, agents, targets, flown, options)
+    assert sum(flown[r.vehicle] != r.target for r in result.routes) <= 3
+    best = plan(grid, agents, targets, {}, options)
+    assert sum(result.grid_lengths_m.values()) <= 1.02 * sum(best.grid_lengths_m.values())
 
 
 def test_active_agents_take_the_targets_of_a_lost_agent():

@@ -1,4 +1,4 @@
-// Events of the run, and orders with their answers, newest last.
+// Events of the run, those that are warnings or alarms, and orders with their answers, newest last.
 
 /**
  * @import { LogEntry } from "../page_types.d.ts"
@@ -73,12 +73,14 @@ class LogPanel {
 export function showLog(root, feed) {
   /** @param {LogPanel} chosen */
   const choose = (chosen) => {
-    for (const one of [events, orders]) one.show(one === chosen);
+    for (const one of panels) one.show(one === chosen);
   };
   const events = new LogPanel("Events", () => choose(events));
+  const warnings = new LogPanel("Warnings", () => choose(warnings));
   const orders = new LogPanel("Orders", () => choose(orders));
-  const tabs = el("div", { class: "tabs", role: "tablist" }, events.tab, orders.tab);
-  root.append(tabs, events.panel, orders.panel);
+  const panels = [events, warnings, orders];
+  const tabs = el("div", { class: "tabs", role: "tablist" }, ...panels.map((one) => one.tab));
+  root.append(tabs, ...panels.map((one) => one.panel));
   choose(events);
 
   let last = 0;
@@ -86,8 +88,10 @@ export function showLog(root, feed) {
     if (isFresh) last = 0;
     const entries = log.filter((entry) => entry.n > last);
     last = log.at(-1)?.n ?? last;
-    events.append(
-      entries.filter((entry) => entry.kind !== "OrderAnswer"),
+    const others = entries.filter((entry) => entry.kind !== "OrderAnswer");
+    events.append(others, isFresh);
+    warnings.append(
+      others.filter((entry) => entry.level !== "info"),
       isFresh,
     );
     orders.append(

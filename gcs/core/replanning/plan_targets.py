@@ -16,8 +16,13 @@ from gcs.planning.planner_inputs import LoiterSpec, PlanOptions, TargetDemand
 ARRIVING_M = 50.0
 """Distance to its target at which an approaching agent keeps its route."""
 _CLOSE_FRACTION = 0.25
-_FAR_FRACTION = 0.1
-"""Tolerated error of an intercept, as a fraction of the distance: correcting it later costs little."""
+"""Greatest tolerated error at the end of a route, as a fraction of the distance."""
+_FAR_FRACTION = 0.2
+"""Tolerated error of an intercept, as a fraction of the distance.
+
+Flying to a place that is off by e, and turning at the distance e / a from it, costs about a e / 2 of detour.
+A noisy velocity moves a far intercept at each check, and each correction is an upload.
+"""
 
 
 def plan_options(config: Config, airframe: AgentAirframe | None = None) -> PlanOptions:

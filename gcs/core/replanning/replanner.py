@@ -333,7 +333,7 @@ class Replanner:
             )
             for label, track in targets.items()
         }
-        pinned = {vehicle: self._agents[vehicle].orders.pinned for vehicle in starts}
+        pinned = flown if fixed else {vehicle: self._agents[vehicle].orders.pinned for vehicle in starts}
         if fixed:
             demands = {label: replace(one, agents=counts[label]) for label, one in demands.items()}
         ahead_s = (inputs.t_ns - inputs.picture_t_ns) / NS_PER_S + self._ahead_s  # begin of the routes
@@ -342,9 +342,9 @@ class Replanner:
             starts,
             {label: self.plan_targets.position(track, ahead_s) for label, track in targets.items()},
             flown,
-            replace(self._options, switch_gain_m=math.inf) if fixed else self._options,
+            self._options,
             demands=demands,
-            pinned={} if fixed else {v: label for v, label in pinned.items() if label is not None},
+            pinned={v: label for v, label in pinned.items() if label is not None},
         )
 
     def _start(self, vehicle: int, inputs: PlanningInputs) -> AgentState:

@@ -117,6 +117,14 @@ def test_how_far_a_target_may_move_shrinks_to_half_the_capture_radius_as_its_age
     ]  # fmt: skip
 
 
+def test_a_meeting_far_away_is_corrected_late_and_not_each_time_that_a_velocity_is_noisy():
+    desk = pair(tables='[planning]\naim = "intercept"\n')
+    desk.targets[A] = (1500.0, 460.0)  # at 1400 m
+    assert desk.check(5.0) is None
+    desk.agents[1] = (700.0, 200.0)
+    assert desk.check(10.0).changed == (1,)
+
+
 def test_several_reasons_are_all_reported():
     desk = pair()
     desk.lose(2)
