@@ -219,6 +219,7 @@ class Engine(Stages):
         effects += self.parameter_changes.poll(t_ns)
         effects += self.orders.poll(t_ns) + self.onboard_audit.poll(t_ns)
         effects += self.takeoff_sequence.check(t_ns, self.orders.launching())
+        effects += self.mission_traffic.check(t_ns)
         effects += self.separation.check(t_ns)
         # For displays and the journal; decisions update it themselves.
         if t_ns >= self.state.control_due_t_ns:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 
@@ -15,9 +17,13 @@ from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import flown_points
 from gcs.model import FloatArray, Route, Track, vehicle_name
 from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers, min_separation_m
+from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.map.grid import Point
 from gcs.planning.route_progress import remaining_m
 
+_SOON_S = 120.0
+"""A vehicle that is met later is no reason for another layer yet."""
+_NO_CLIMBS: Final[Mapping[int, Climb]] = MappingProxyType({})
 _NEAR_LAYER = 0.25
 """A vehicle less than this share of a layer step from a layer is in that layer alone."""
 
@@ -56,13 +62,15 @@ class AltitudeLayers:
         changed: Collection[int],
         agents: Mapping[int, Track],
         arrived: Collection[int],
+        climbs: Mapping[int, Climb] = _NO_CLIMBS,
     ) -> tuple[list[Route], list[str]]:
         """Return the routes with their layers, and notes for the operator.
 
         Routes of vehicles that are not in `changed` are flown already. Arrived vehicles circle at the ends
-        of their last routes.
+        of their last routes. Vehicles with `climbs` begin their routes at the ends of these.
         """
-        flights = [self._flight(r, agents[r.vehicle], r.vehicle not in changed) for r in routes]
+        begins = {v: _begin(agents[v], climbs.get(v)) for v in agents}
+        flights = [self._flight(r, begins[r.vehicle], r.vehicle not in changed) for r in routes]
         flights += self._others(routes, arrived)
         layers, conflicts = assign_layers(flights, self._count, self._min_separation_m)
         given = [
@@ -79,10 +87,12 @@ class AltitudeLayers:
         proposed: Collection[int],
         agents: Mapping[int, Track],
         arrived: Collection[int],
+        climbs: Mapping[int, Climb] = _NO_CLIMBS,
     ) -> dict[int, float]:
         """Return the minimum distance of each vehicle to another of its layer."""
+        begins = {v: _begin(agents[v], climbs.get(v)) for v in agents}
         flights = [
-            replace(self._flight(r, agents[r.vehicle], r.vehicle not in proposed), layer=r.layer)
+            replace(self._flight(r, begins[r.vehicle], r.vehicle not in proposed), layer=r.layer)
             for r in routes
         ]
         return min_separation_m([*flights, *self._others(routes, arrived)])
@@ -103,9 +113,34 @@ class AltitudeLayers:
         """Return True if a route is separated, in its layer, from others flown from these positions."""
         flights = [one for one in self._other_flights() if one.vehicle != route.vehicle]
         flown = [one for one in (*routes, route) if one.vehicle in places]
-        flights += [self._from(one, places[one.vehicle]) for one in flown]
+        flights += [self._from(one, np.array([places[one.vehicle]])) for one in flown]
         _, conflicts = assign_layers(flights, self._count, self._min_separation_m)
         return not any(route.vehicle in conflict.vehicles for conflict in conflicts)
+
+    def occupied(
+        self,
+        routes: Sequence[Route],
+        agents: Mapping[int, Track],
+        arrived: Collection[int],
+        climbs: Mapping[int, Climb] = _NO_CLIMBS,
+    ) -> set[int]:
+        """Return the vehicles that soon meet one without a route in their layers, and not in another."""
+        others = self._others(routes, arrived)
+        if self._count < 2 or not others:
+            return set()
+        flights = [
+            self._from(route, _begin(agents[route.vehicle], climbs.get(route.vehicle))) for route in routes
+        ]
+        _, conflicts = assign_layers([*flights, *others], self._count, self._min_separation_m)
+        pairs = [set(one.vehicles) for one in conflicts if one.after_s <= _SOON_S]
+        ours = {route.vehicle for route in routes}
+        met = set[int]().union(*(pair & ours for pair in pairs if len(pair & ours) == 1))
+        return {vehicle for vehicle in met if self._is_apart_elsewhere(vehicle, [*flights, *others])}
+
+    def _is_apart_elsewhere(self, vehicle: int, flights: Sequence[PlannedFlight]) -> bool:
+        free = [replace(one, keeps_layer=one.vehicle != vehicle) for one in flights]
+        _, conflicts = assign_layers(free, self._count, self._min_separation_m)
+        return not any(vehicle in conflict.vehicles for conflict in conflicts)
 
     def _other_flights(self) -> list[PlannedFlight]:
         """Return the flights of the other vehicles within a layer."""
@@ -121,18 +156,17 @@ class AltitudeLayers:
             ]
         return flights
 
-    def _flight(self, route: Route, agent: Track, is_flown: bool) -> PlannedFlight:
-        place = place_of(agent)
+    def _flight(self, route: Route, begin_m: FloatArray, is_flown: bool) -> PlannedFlight:
         if is_flown:
-            return self._from(route, place)
-        points_m, layer = np.vstack((place, route.flown_m)), self.of(route.vehicle)
+            return self._from(route, begin_m)
+        points_m, layer = np.vstack((begin_m, route.flown_m)), self.of(route.vehicle)
         return self._planned(route, points_m, layer, is_fixed=False)
 
-    def _from(self, route: Route, place: Point) -> PlannedFlight:
+    def _from(self, route: Route, begin_m: FloatArray) -> PlannedFlight:
         """Return the remaining flight on a route."""
         agent = self._agents[route.vehicle]
         passed = flown_points(agent, route, agent.perception.motion.state)
-        points_m = np.vstack((place, remaining_m(route.flown_m, passed)))
+        points_m = np.vstack((begin_m, remaining_m(route.flown_m, passed)))
         return self._planned(route, points_m, route.layer)
 
     def _planned(
@@ -146,6 +180,12 @@ class AltitudeLayers:
     ) -> PlannedFlight:
         speed_m_s = self._speeds_m_s[one.vehicle]
         return PlannedFlight(one.vehicle, points_m, speed_m_s, layer, is_fixed, radius_m)
+
+
+def _begin(agent: Track, climb: Climb | None) -> FloatArray:
+    """Return the position of a vehicle, and the end of its climb if it has one; (k, 2)."""
+    place = place_of(agent)
+    return np.array([place] if climb is None else [place, climb.end_m])
 
 
 def _words(conflict: Conflict) -> str:

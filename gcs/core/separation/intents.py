@@ -47,7 +47,7 @@ _KINDS: Final = {
 
 
 class Intents:
-    """Predicted flights of all vehicles in the air."""
+    """Predicted flights of all vehicles in the air, or about to take off."""
 
     def __init__(
         self,
@@ -73,9 +73,21 @@ class Intents:
             and not is_on_ground(state, self._fleet.home(state.system_id))
         ]
 
+    def flying(self, t_ns: int) -> list[VehicleState]:
+        """Return the vehicles in the air, and those that are about to take off."""
+        in_air = self.in_air(t_ns)
+        found = {state.system_id for state in in_air}
+        return in_air + [
+            state
+            for state in self._fleet.states()
+            if state.system_id not in found and state.armed and self.is_climbing_out(state)
+        ]
+
     def flight(self, state: VehicleState, t_ns: int, mode: str | None = None) -> Flight:
         """Return what a vehicle flies, or would fly in another mode."""
         speed_m_s = max(state.ground_speed_m_s, 1.0)
+        if is_on_ground(state, self._fleet.home(state.system_id)):
+            speed_m_s = self._airframes[state.system_id].speed_m_s
         rate = self._agents[state.system_id].separation.rate_rad_s
         return Flight(
             vehicle=state.system_id,
@@ -100,7 +112,7 @@ class Intents:
         return (tuple(self._mission(state)) if mode == AUTO else ()) or (Goal(GoalKind.DRIFT),)
 
     def is_climbing_out(self, state: VehicleState) -> bool:
-        """Return True if a vehicle in the air flies the take-off of its mission."""
+        """Return True if a vehicle is at the take-off of its mission."""
         first = next(self._mission(state), None) if state.mode == AUTO else None
         return first is not None and first.kind is GoalKind.CLIMB
 

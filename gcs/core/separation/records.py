@@ -20,6 +20,12 @@ class AgentSeparation:
     """Place where LOITER was seen first: the centre of its circle; None in other modes."""
     landing_t_ns: int = 0
     """Time of its landing as planned; 0 before that."""
+    traffic: str = ""
+    """Vehicle that its queued mission would lead it near to, in words; empty if there is none."""
+    traffic_t_ns: int = 0
+    """Time of that check."""
+    waits_since_t_ns: int | None = None
+    """Begin of the wait of its queued mission; None if it need not wait."""
 
 
 @dataclass(slots=True)

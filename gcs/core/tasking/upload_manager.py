@@ -64,6 +64,8 @@ class UploadManager:
         Refuses missions with an item outside the map or the fence; None: none is refused.
     holds_back : callable
         Returns why an armed vehicle on the ground must not start yet; empty if it may.
+    meets : callable
+        Returns which vehicle a new mission would lead a vehicle in the air near to; empty if none.
 
     Attributes
     ----------
@@ -82,10 +84,12 @@ class UploadManager:
         climbs: Climbs | None = None,
         bounds: MissionBoundsCheck | None = None,
         holds_back: Callable[[int, int], str] = lambda _vehicle, _t_ns: "",
+        meets: Callable[[Route, int], str] = lambda _route, _t_ns: "",
     ) -> None:
         self.state = state
         self._table, self._frame, self._climbs = config.mission, config.local_frame, climbs
-        self._bounds, self._holds_back, self._fleet, self._agents = bounds, holds_back, fleet, agents
+        self._holds_back, self._meets = holds_back, meets
+        self._bounds, self._fleet, self._agents = bounds, fleet, agents
         self._missions = MissionBuilder(config)
         self._default_home = Home(config.frame.lat_deg, config.frame.lon_deg, config.frame.alt_msl_m)
         self.onboard_missions = OnboardMissions(fleet, agents)
@@ -160,7 +164,7 @@ class UploadManager:
         if (
             self.state.is_uploading(vehicle)
             and not self._is_climbing(vehicle)
-            and not self._holds_back(vehicle, t_ns)
+            and self._may_start(route, t_ns, at_once=at_once)
             and (at_once or self._agents[vehicle].tasking.retry.may_supersede(t_ns))
         ):
             self.state.queue.pop(vehicle, None)
@@ -288,11 +292,16 @@ class UploadManager:
         for vehicle in list(self.state.queue):
             may_start = self._active.has_capacity(vehicle) and self._agents[vehicle].authority.audit is None
             is_due = may_start and not self._is_climbing(vehicle) and self._is_due(vehicle, t_ns)
-            if is_due and not self._holds_back(vehicle, t_ns):
-                queued = self.state.queue.pop(vehicle)
+            queued = self.state.queue[vehicle]
+            if is_due and self._may_start(queued.route, t_ns, at_once=queued.at_once):
+                del self.state.queue[vehicle]
                 effects += self._active.supersede(vehicle, t_ns)
                 effects += self._start(queued.route, queued.planned_t_ns, queued.return_route, t_ns)
         return effects
+
+    def _may_start(self, route: Route, t_ns: int, *, at_once: bool) -> bool:
+        """Return True if no other vehicle is in the way of a mission."""
+        return not self._holds_back(route.vehicle, t_ns) and (at_once or not self._meets(route, t_ns))
 
     def _start(
         self, route: Route, planned_t_ns: int, return_route: ReturnRoute | None, t_ns: int
