@@ -3,7 +3,8 @@
 * AUTO with a verified mission: its items, from the current one on.
 * RTL: straight to the nearest rally point, or home, at its return height, and round a circle there. A PX4
   with a landing in its mission, and RTL_TYPE 1, climbs to that height where it is and lands by its mission.
-* LOITER: a circle round the place where it began, to the right until it is seen to turn left.
+* LOITER: a circle round the place where it began.
+* Circles have the radius, and the side, of the vehicle's last one; before that 60 m, to the right.
 * Other modes, or an unknown mission: turn rate and vertical speed are kept.
 """
 
@@ -137,14 +138,21 @@ class Intents:
         return (*self._frame.to_local(home.lat_deg, home.lon_deg), home.alt_msl_m)
 
     def _hold(self, state: VehicleState) -> Goal:
-        seen, place_m = self._agents[state.system_id].separation, (state.east_m, state.north_m)
-        centre_m = place_m if state.mode != LOITER or seen.hold_m is None else seen.hold_m
-        radius_m, away_m = _CIRCLE_RADIUS_M, math.dist(centre_m, place_m)
-        if centre_m is not place_m and abs(seen.rate_rad_s) > _STRAIGHT_RAD_S:
-            turned_m = state.ground_speed_m_s / seen.rate_rad_s
-            if abs(away_m - abs(turned_m)) < _SETTLED * away_m:
-                radius_m = math.copysign(away_m, turned_m)
-        return Goal(GoalKind.CIRCLE, *centre_m, radius_m, state.alt_msl_m)
+        seen = self._agents[state.system_id].separation
+        centre_m = (state.east_m, state.north_m)
+        if state.mode == LOITER and seen.hold_m is not None:
+            centre_m = seen.hold_m
+        return Goal(GoalKind.CIRCLE, *centre_m, seen.radius_m or _CIRCLE_RADIUS_M, state.alt_msl_m)
+
+    def note_circle(self, state: VehicleState) -> None:
+        """Note the radius of the circle that a vehicle flies in LOITER or RTL."""
+        seen = self._agents[state.system_id].separation
+        if state.mode not in (LOITER, RTL) or abs(seen.rate_rad_s) <= _STRAIGHT_RAD_S:
+            return
+        circle, turned_m = self._goals(state, state.mode)[-1], state.ground_speed_m_s / seen.rate_rad_s
+        away_m = math.dist((circle.east_m, circle.north_m), (state.east_m, state.north_m))
+        if circle.kind is GoalKind.CIRCLE and abs(away_m - abs(turned_m)) < _SETTLED * away_m:
+            seen.radius_m = math.copysign(away_m, turned_m)
 
     def _landing(self, state: VehicleState) -> Iterator[Goal]:
         """Yield the return of a vehicle that lands by its mission; nothing if it does not."""
@@ -175,7 +183,8 @@ class Intents:
             height_m = max(height_m, ground_m + rally_m) if known is None else height_m
         if profile is not None and profile.atomic:  # PX4 returns no lower than it is
             height_m = max(height_m, state.alt_msl_m)
-        return Goal(GoalKind.CIRCLE, east_m, north_m, _CIRCLE_RADIUS_M, height_m)
+        radius_m = self._agents[state.system_id].separation.radius_m or _CIRCLE_RADIUS_M
+        return Goal(GoalKind.CIRCLE, east_m, north_m, radius_m, height_m)
 
     def _mission(self, state: VehicleState) -> Iterator[Goal]:
         tasking, profile = self._agents[state.system_id].tasking, self._fleet.profile(state.system_id)
