@@ -36,7 +36,8 @@ _RETURN_HEIGHT_M: Final = 100.0
 """Default RTL_ALTITUDE of ArduPlane, for a vehicle that did not tell its own."""
 _STRAIGHT_RAD_S: Final = 0.03
 _SETTLED: Final = 0.3
-"""Relative difference of the distance from the centre and the radius of a turn on a circle."""
+"""Relative difference of the distance from the centre and the radius of a turn on a circle, and cosine of the
+angle between its radius and the course."""
 _LEVEL_M_S: Final = 0.7
 _KINDS: Final = {
     dialect.MAV_CMD_NAV_WAYPOINT: GoalKind.WAYPOINT,
@@ -150,8 +151,11 @@ class Intents:
         if state.mode not in (LOITER, RTL) or abs(seen.rate_rad_s) <= _STRAIGHT_RAD_S:
             return
         circle, turned_m = self._goals(state, state.mode)[-1], state.ground_speed_m_s / seen.rate_rad_s
-        away_m = math.dist((circle.east_m, circle.north_m), (state.east_m, state.north_m))
-        if circle.kind is GoalKind.CIRCLE and abs(away_m - abs(turned_m)) < _SETTLED * away_m:
+        east_m, north_m = state.east_m - circle.east_m, state.north_m - circle.north_m
+        away_m, outwards = math.hypot(east_m, north_m), math.atan2(east_m, north_m)
+        is_round = abs(math.cos(state.course_rad - outwards)) < _SETTLED
+        is_settled = abs(away_m - abs(turned_m)) < _SETTLED * away_m
+        if circle.kind is GoalKind.CIRCLE and is_round and is_settled:
             seen.radius_m = math.copysign(away_m, turned_m)
 
     def _landing(self, state: VehicleState) -> Iterator[Goal]:
