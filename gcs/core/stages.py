@@ -40,6 +40,7 @@ from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.separation.climb_traffic import ClimbTraffic
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.landing_order import LandingOrder
+from gcs.core.separation.mission_traffic import MissionTraffic
 from gcs.core.separation.monitor import SeparationMonitor
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.state import State
@@ -114,6 +115,8 @@ class Stages:
         # Separation
         self.return_heights = ReturnHeightMonitor(config, self.fleet, agents)
         self.intents = Intents(config, self.fleet, agents, self.return_heights)
+        order_check = OrderCheck(config, self.intents)
+        self.mission_traffic = MissionTraffic(order_check, agents, self.state.tasking)
         self.separation = SeparationMonitor(config, self.intents, self.return_heights, self.state)
         # Planning and tasking
         self.replanner = Replanner(config, self.no_fly_zones, agents, self.state.replanning)
@@ -131,6 +134,7 @@ class Stages:
             self.climbs,
             MissionBoundsCheck(config, self.no_fly_zones),
             self.takeoff_sequence,
+            self.mission_traffic,
         )
         self.flight_phases = FlightPhases(
             config, self.fleet, agents, self.tasking.onboard_missions, self.state.flight
@@ -149,7 +153,7 @@ class Stages:
             self.replanner.layers,
             self.takeoff_sequence,
             self.return_heights,
-            OrderCheck(config, self.intents),
+            order_check,
             landing_order,
         )
         self.incursions = IncursionWarnings(self.state.airspace, self.tasking.onboard_missions)

@@ -514,6 +514,13 @@ class NoticeCode(StrEnum):
         "vehicles that were ordered to return would fly at one height",
         "hold one until the other is down",
     )
+    MISSION_WAITS = _vehicle(
+        "mission-waits",
+        _W,
+        "its new mission waits, it {reason}: it is uploaded when they are apart",
+        "from its present place and height it would lead the vehicle near another one",
+        "wait: it is uploaded after a minute at the latest",
+    )
     ORDER_WAITS = _vehicle(
         "order-waits",
         _A,
@@ -545,8 +552,8 @@ class NoticeCode(StrEnum):
         _I,
         "mission of {items} items {detail} in {duration_s:.2f} s, {retries} retries",
         ends="mission-failed mission-held-back uploads-failed upload-slow clearing-failed clearing-given-up "
-        "mission-rejected takeoff-waits first-leg-wrong first-leg-still-wrong route-ended-short "
-        "without-mission upload-error",
+        "mission-rejected mission-waits takeoff-waits first-leg-wrong first-leg-still-wrong "
+        "route-ended-short without-mission upload-error",
     )
     MISSION_FAILED = _vehicle(
         "mission-failed",

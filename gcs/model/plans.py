@@ -100,6 +100,7 @@ Cause: TypeAlias = Literal[
     "agent idle",
     "agent in danger",
     "agent passed its target",
+    "layer occupied",
     "target appeared",
     "target lost",
     "target moved",

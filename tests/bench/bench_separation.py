@@ -34,7 +34,11 @@ def show(flown: list[Flown], each: bool) -> None:
     print(f"such intervals: {len(pairs)}; told 5 s before: {len(early)}; later or never: {len(late)}")
     leads = np.array([pair.lead_s for pair in early]) if early else np.zeros(1)
     print(f"lead of the former, s: least {leads.min():.1f}, median {np.median(leads):.1f}")
-    print(f"alarms: {alarms}; pairs that stayed apart: {false} ({100.0 * false / max(alarms, 1):.0f} %)")
+    avoided, undecided = sum(one.avoided for one in flown), sum(one.undecided for one in flown)
+    print(
+        f"alarms: {alarms}, and {undecided} shortly before the end; pairs that stayed apart: {false} "
+        f"({100.0 * false / max(alarms, 1):.0f} %), in {avoided} of them a mode changed after the alarm"
+    )
     if each:
         for pair in sorted(pairs, key=lambda one: (one in early, one.seed, one.begin_s)):
             print(words(pair))

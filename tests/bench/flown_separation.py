@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from gcs.core.separation.monitor import LOOK_AHEAD_S
 from gcs.model import NS_PER_S, Effect, Notice, Order, OrderAnswer
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
@@ -107,6 +108,10 @@ class Flown:
     """Approaches that were told."""
     false_alarms: int = 0
     """Approaches that were told, and whose pair stayed apart: by `separation_m`, or by 15 m in height."""
+    avoided: int = 0
+    """Those of them in which the mode of one changed after the alarm."""
+    undecided: int = 0
+    """Approaches that were told less than `LOOK_AHEAD_S` before the end, and not near until then."""
     nearest: dict[tuple[int, int], float] = field(default_factory=dict)
     takeoffs: int = 0
     landings: int = 0
@@ -190,6 +195,8 @@ class FlownMission:
         self._open: dict[tuple[int, int], Pair] = {}
         self._told: dict[tuple[int, int], float] = {}
         self._was_near: dict[tuple[int, int], float] = {}
+        self._modes_told: dict[tuple[int, int], tuple[Mode, Mode] | None] = {}
+        """Modes at the alarm; None once one has changed."""
         self.run = VirtualRun(drawn.scenario, drawn.seed, on_effect=self._on_effect, orders=drawn.orders)
         vehicles = [
             SimVehicle(
@@ -222,8 +229,12 @@ class FlownMission:
                     if vehicle.autopilot.flying:
                         vehicle.autopilot.set_mode(Mode.RTL)
             self._look(t_s)
-        for vehicles in list(self._told):
-            self._end_alarm(vehicles)
+        for vehicles, told_s in list(self._told.items()):
+            if told_s > duration_s - LOOK_AHEAD_S and self._was_near.get(vehicles, -math.inf) < told_s:
+                del self._told[vehicles]
+                self.flown.undecided += 1
+            else:
+                self._end_alarm(vehicles)
         self.flown.pairs += self._open.values()
         return self.flown
 
@@ -246,6 +257,9 @@ class FlownMission:
                 nearest = self.flown.nearest
                 nearest[vehicles] = min(nearest.get(vehicles, math.inf), distance_m)
             pair = self._open.get(vehicles)
+            modes = (one.autopilot.mode, other.autopilot.mode)
+            if vehicles in self._told and self._modes_told.setdefault(vehicles, modes) != modes:
+                self._modes_told[vehicles] = None
             if distance_m < self._separation_m and height_m < self._near_height_m:
                 self._was_near[vehicles] = t_s
             if is_near:
@@ -265,7 +279,10 @@ class FlownMission:
     def _end_alarm(self, vehicles: tuple[int, int]) -> None:
         begin_s = self._told.pop(vehicles)
         self.flown.alarms += 1
-        self.flown.false_alarms += self._was_near.get(vehicles, -math.inf) < begin_s
+        is_false = self._was_near.get(vehicles, -math.inf) < begin_s
+        has_changed = self._modes_told.pop(vehicles, None) is None
+        self.flown.false_alarms += is_false
+        self.flown.avoided += is_false and has_changed
 
     def _on_effect(self, t_ns: int, effect: Effect) -> None:
         if isinstance(effect, OrderAnswer) and effect.state == "refused":

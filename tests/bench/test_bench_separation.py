@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from flown_separation import fly
+from flown_separation import FlownMission, draw, fly
 
 MIN_LEAD_S = 5.0
 
@@ -15,3 +15,16 @@ def test_each_pair_that_comes_near_in_a_random_mission_was_told_before(seed):
     assert flown.in_air_s > 300.0
     assert flown.pairs
     assert all(pair.lead_s is not None and pair.lead_s >= MIN_LEAD_S for pair in flown.pairs)
+
+
+@pytest.mark.parametrize("seed", [153, 225, 257])
+def test_orders_and_plans_bring_no_pair_together(seed):
+    """A resume beside one that comes down to land; a route in the layer where one holds; resumes into holds."""
+    flown = fly(seed)
+    assert flown.in_air_s > 300.0
+    assert not flown.pairs
+
+
+def test_a_vehicle_on_the_ground_gets_another_layer_when_one_holds_where_its_route_begins():
+    flown = FlownMission(draw(62, 150.0), near_m=60.0).fly(115.0)
+    assert (3, 5) not in [pair.vehicles for pair in flown.pairs]

@@ -252,16 +252,22 @@ class Orders:
         )
 
     def _leads_near(self, vehicle: int, resumed: Collection[int], t_ns: int) -> str:
-        """Return which vehicle the mission of a held one would lead it near to; empty if none."""
-        agent, state = self._agents[vehicle], self._fleet.state(vehicle)
-        onboard, suspended = agent.tasking.onboard, agent.routes.suspended
-        is_held = state is not None and not is_on_ground(state, self._fleet.home(vehicle))
-        if not is_held or onboard is None or not onboard.route.is_same(suspended or agent.routes.flown):
-            return ""  # it waits in LOITER for another mission
-        problem = self._order_check.problem(
-            vehicle, self._ordered_modes() | dict.fromkeys([*resumed, vehicle], AUTO), t_ns
-        )
+        """Return which vehicle a resumed one would come near to; empty if none."""
+        state, mode = self._fleet.state(vehicle), self._resumed_mode(vehicle)
+        is_in_air = state is not None and not is_on_ground(state, self._fleet.home(vehicle))
+        if state is None or not is_in_air or state.mode == mode:
+            return ""
+        modes = {other: self._resumed_mode(other) for other in (*resumed, vehicle)}
+        problem = self._order_check.problem(vehicle, self._ordered_modes() | modes, t_ns)
         return f"{problem}: resume it when they are apart" if problem else ""
+
+    def _resumed_mode(self, vehicle: int) -> str:
+        """Return AUTO for a vehicle that can fly on with its mission, else LOITER, where it waits for one."""
+        agent, onboard = self._agents[vehicle], self._agents[vehicle].tasking.onboard
+        is_stored = onboard is not None and onboard.route.is_same(
+            agent.routes.suspended or agent.routes.flown
+        )
+        return AUTO if is_stored else LOITER
 
     # ------------------------------------------------------------ orders that wait
 

@@ -87,8 +87,8 @@ def audit_missions(stages: Stages, event: Tick) -> list[Effect]:
 
 
 def watch_takeoffs(stages: Stages, event: Tick) -> list[Effect]:
-    """Tell which take-offs wait, and which vehicles climb near each other."""
-    return stages.takeoff_sequence.check(event.t_ns)
+    """Tell which take-offs and new missions wait for others, and which vehicles climb near each other."""
+    return stages.takeoff_sequence.check(event.t_ns) + stages.mission_traffic.check(event.t_ns)
 
 
 def watch_separation(stages: Stages, event: Tick) -> list[Effect]:

@@ -17,7 +17,7 @@ from gcs.core.state import Agent, at_targets, with_status, without_missions
 from gcs.core.tasking.upload_latency import late_s, left_s
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.geo import LocalFrame
-from gcs.mavlink.autopilots.modes import LOITER, RTL
+from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.model import Authority, Label, Track, VehicleState
@@ -121,12 +121,14 @@ class PlanningInputBuilder:
         return {vehicle: climb for vehicle, climb in found.items() if climb is not None}
 
     def _other_vehicles(self, planned: Container[int], lost: Container[int]) -> tuple[OtherVehicle, ...]:
-        """Return the vehicles in the air that are not planned for now."""
+        """Return the vehicles in the air that are not planned for now, and fly no mission of ours."""
         found = []
         for state in self.fleet.states():
             vehicle, home = state.system_id, self.fleet.home(state.system_id)
             is_ours = self.agents[vehicle].control.authority is Authority.OURS
-            if vehicle in planned or is_ours or vehicle in lost or is_on_ground(state, home):
+            if vehicle in planned or vehicle in lost or is_on_ground(state, home):
+                continue
+            if is_ours and state.mode == AUTO:  # it circles in its layer at the end of its route
                 continue
             position_m = to_m = (state.east_m, state.north_m)
             if state.mode == RTL and home is not None:

@@ -20,6 +20,8 @@ from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.map.grid import Point
 from gcs.planning.route_progress import remaining_m
 
+_SOON_S = 120.0
+"""A vehicle that is met later is no reason for another layer yet."""
 _NEAR_LAYER = 0.25
 """A vehicle less than this share of a layer step from a layer is in that layer alone."""
 
@@ -117,6 +119,31 @@ class AltitudeLayers:
         flights += [self._from(one, [places[one.vehicle]]) for one in flown]
         _, conflicts = assign_layers(flights, self._count, self._min_separation_m)
         return not any(route.vehicle in conflict.vehicles for conflict in conflicts)
+
+    def occupied(
+        self,
+        routes: Sequence[Route],
+        agents: Mapping[int, Track],
+        arrived: Collection[int],
+        climbs: Mapping[int, Climb] = _NO_CLIMBS,
+    ) -> set[int]:
+        """Return the vehicles that soon meet one without a route in their layers, and not in another."""
+        others = self._others(routes, arrived)
+        if self._count < 2 or not others:
+            return set()
+        flights = [
+            self._from(route, _begin(agents[route.vehicle], climbs.get(route.vehicle))) for route in routes
+        ]
+        _, conflicts = assign_layers([*flights, *others], self._count, self._min_separation_m)
+        pairs = [set(one.vehicles) for one in conflicts if one.after_s <= _SOON_S]
+        ours = {route.vehicle for route in routes}
+        met = set[int]().union(*(pair & ours for pair in pairs if len(pair & ours) == 1))
+        return {vehicle for vehicle in met if self._is_apart_elsewhere(vehicle, [*flights, *others])}
+
+    def _is_apart_elsewhere(self, vehicle: int, flights: Sequence[PlannedFlight]) -> bool:
+        free = [replace(one, keeps_layer=one.vehicle != vehicle) for one in flights]
+        _, conflicts = assign_layers(free, self._count, self._min_separation_m)
+        return not any(vehicle in conflict.vehicles for conflict in conflicts)
 
     def _other_flights(self) -> list[PlannedFlight]:
         """Return the flights of the other vehicles within a layer."""

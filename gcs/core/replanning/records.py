@@ -108,4 +108,4 @@ class ReplanningState:
     new_notes: tuple[str, ...] = ()
     """Notes of the last check that the plan before did not have."""
     other_vehicles: tuple[OtherVehicle, ...] = ()
-    """Vehicles in the air that the last plan had no routes for; they stay in their layers."""
+    """Vehicles in the air that the last check had no routes for; they stay in their layers."""

@@ -58,7 +58,7 @@ class Replanner:
         self._lag_s = min(options.turn_lag_s for options in self._vehicle_options.values())
         self._ahead_s = DELIVERY_S + 0.5 * self._lag_s
         self._period_ns = int(config.planning.period_s * NS_PER_S)
-        self._triggers = Triggers(config, self.plan_targets, zones, agents, state)
+        self._triggers = Triggers(config, self.plan_targets, self.layers, zones, agents, state)
 
     def taken_up(self, t_ns: int, picture_t_ns: int) -> list[Plan]:
         """Return the plan that goes on after a restart; empty if none has been made.
@@ -163,6 +163,7 @@ class Replanner:
         """
         state = self._state
         state.new_notes = ()
+        state.other_vehicles = inputs.other_vehicles
         if state.next_check_t_ns is None:
             return self._first_plan(inputs)
         regular = self._is_regular(inputs.t_ns)
@@ -180,6 +181,7 @@ class Replanner:
 
     def plan_anew(self, inputs: PlanningInputs, why: str) -> Plan:
         """Plan without a trigger: an operator confirmed a plan that cannot be flown as it was shown."""
+        self._state.other_vehicles = inputs.other_vehicles
         return self._plan(inputs, [Reason("approved plan changed", why)])
 
     def withdraw_arriving(self, inputs: PlanningInputs) -> None:
@@ -214,6 +216,7 @@ class Replanner:
 
     def _renewed(self, assignment: Mapping[int, Label], inputs: PlanningInputs) -> dict[int, Route]:
         """Return routes from the current positions of vehicles to the same targets."""
+        self._state.other_vehicles = inputs.other_vehicles
         there = {
             vehicle: label
             for vehicle, label in assignment.items()
@@ -225,7 +228,6 @@ class Replanner:
         renewed = [result.captured.get(route.vehicle, route) for route in routed]
         vehicles = {route.vehicle for route in renewed}
         others = [r for v, r in self._triggers.newest.items() if v in inputs.agents and v not in vehicles]
-        self._state.other_vehicles = inputs.other_vehicles
         given, _ = self.layers.give(
             [*others, *renewed], vehicles, inputs.agents, inputs.arrived, inputs.climbs
         )
@@ -268,6 +270,7 @@ class Replanner:
         pursued = {v: route.target for v, route in self._triggers.newest.items() if v not in keeping}
         result = self._routed(starts, open_targets, pursued, replace(inputs, at_targets=there))
         self._triggers.note_planned(inputs.agents, inputs.targets)
+        occupied = self._triggers.in_occupied_layers(inputs)
         kept: list[Route] = arriving
         changed: list[int] = []
         for route in result.routes:
@@ -277,7 +280,11 @@ class Replanner:
             turns_back = self._turns_back(new, starts[route.vehicle], inputs)
             if shown is not None and self._is_still_good(shown, route, inputs, short, turns_back):
                 kept.append(shown)  # a route that waits for approval stays as long as it is good
-            elif flown is not None and self._is_still_good(flown, route, inputs, short, turns_back):
+            elif (
+                flown is not None
+                and route.vehicle not in occupied
+                and self._is_still_good(flown, route, inputs, short, turns_back)
+            ):
                 kept.append(flown)
             else:
                 kept.append(new)
@@ -285,7 +292,6 @@ class Replanner:
         kept += self._without_end(result, inputs)
         self._note_made(changed, result, inputs.t_ns)
         kept.sort(key=lambda route: route.vehicle)
-        self._state.other_vehicles = inputs.other_vehicles
         kept, near = self.layers.give(kept, changed, inputs.agents, inputs.arrived, inputs.climbs)
         notes = (*result.notes, *near)
         self._state.new_notes = tuple(note for note in notes if note not in self._state.noted)

@@ -2,7 +2,8 @@
 
 Agents and targets that come or go, and a changed map, trigger a plan at once. So does a target that is far
 from the end of its route. The other triggers are checked once a period: agents without a route, targets that
-moved, agents that would hit an obstacle, and agents that passed their targets.
+moved, agents that would hit an obstacle, agents that passed their targets, and vehicles without a route in
+the layers of others.
 
 A route that waits for an operator's approval, or that was rejected, is compared like one that is flown.
 """
@@ -17,6 +18,7 @@ from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.plan_targets import PlanTargets, is_arriving, place_of, vehicle_options
+from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.reasons import Reason
 from gcs.core.replanning.records import ReplanningState
 from gcs.core.state import Agent
@@ -36,10 +38,12 @@ class Triggers:
         self,
         config: Config,
         plan_targets: PlanTargets,
+        layers: AltitudeLayers,
         zones: NoFlyZones,
         agents: Mapping[int, Agent],
         state: ReplanningState,
     ) -> None:
+        self._layers = layers
         self._plan_targets, self._zones, self._agents, self._state = plan_targets, zones, agents, state
         meets = config.planning.aim == "intercept"
         self._moved = "will be met {:.0f} m from the planned place" if meets else "moved {:.0f} m"
@@ -107,7 +111,11 @@ class Triggers:
             for v, route, _ in followed
             if self.has_passed_target(v, inputs)
         ]
-        return self._idle(inputs) + moved + endangered + passed
+        occupied = [
+            reasons.of_agent("layer occupied", v, "would meet another vehicle in its altitude layer")
+            for v in sorted(self.in_occupied_layers(inputs))
+        ]
+        return self._idle(inputs) + moved + endangered + passed + occupied
 
     def _idle(self, inputs: PlanningInputs) -> list[Reason]:
         """Return the agents without a route, if a target needs one."""
@@ -183,6 +191,15 @@ class Triggers:
         """Return True if an agent passed its target without having reached it, and has no newer route."""
         has_newer = self._has_newer(vehicle, inputs)
         return vehicle in inputs.passed and not has_newer and self.is_settled(vehicle, inputs)
+
+    def in_occupied_layers(self, inputs: PlanningInputs) -> set[int]:
+        """Return the agents that will meet, in their layers, vehicles that fly no routes."""
+        routes = [
+            route
+            for v, route in self.newest.items()
+            if v in inputs.agents and self.is_settled(v, inputs) and not self._has_newer(v, inputs)
+        ]
+        return self._layers.occupied(routes, inputs.agents, inputs.arrived, inputs.climbs)
 
     def _has_newer(self, vehicle: int, inputs: PlanningInputs) -> bool:
         """Return True if a newer route than the flown one is proposed or being uploaded."""

@@ -57,7 +57,7 @@ class ClimbTraffic:
         """
         layer = self._layers.of(vehicle)
         climb = self._climbs.climb(vehicle, layer)
-        others = [one for one in self._intents.in_air(t_ns) if one.system_id != vehicle]
+        others = [one for one in self._intents.flying(t_ns) if one.system_id != vehicle]
         if climb is None or not others:
             return None
         mission, ground_m = self._config.mission, self._intents.ground_m(vehicle)

@@ -26,6 +26,8 @@ CONVERGENCE_S: Final = 2.0
 """Time constant tau of the approach to a circle."""
 CLIMB_M_S: Final = 5.0
 """Vertical speed of a change of height."""
+_MAX_CLIMB_M_S: Final = 7.5
+"""Greatest vertical speed of a change of height."""
 _LOW_SPEED_M_S: Final = 1.0
 _CLIMB_SPREAD: Final = 0.4
 """Relative uncertainty of the vertical speed after a take-off."""
@@ -172,16 +174,17 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
         north += moved * np.cos(course)
         course += 0.5 * turned
         # Heights change at once, or evenly up to the goal.
-        change, share = CLIMB_M_S * dt, np.minimum(moved / np.maximum(away, 1e-3), 1.0)
+        change, most = CLIMB_M_S * dt, _MAX_CLIMB_M_S * dt
+        share = np.minimum(moved / np.maximum(away, 1e-3), 1.0)
         up, up_high = to_height - low, to_height - high
         at_once = np.minimum(np.maximum(up, -change), change)
         at_once_high = np.minimum(np.maximum(up_high, -change), change)
+        evenly = np.minimum(np.maximum(up * share, -most), most)
+        evenly_high = np.minimum(np.maximum(up_high * share, -most), most)
         drift = climb * dt * ((k * step_s <= _LEVEL_S) | (kind == _DRIFT))
         by_goal = is_leg | is_circle
-        low += np.where(by_goal, np.minimum(at_once, up * share), np.minimum(drift, 0.0) * ~is_climb)
-        high += np.where(
-            by_goal, np.maximum(at_once_high, up_high * share), np.maximum(drift, 0.0) * ~is_climb
-        )
+        low += np.where(by_goal, np.minimum(at_once, evenly), np.minimum(drift, 0.0) * ~is_climb)
+        high += np.where(by_goal, np.maximum(at_once_high, evenly_high), np.maximum(drift, 0.0) * ~is_climb)
         low += is_climb * (1.0 - _CLIMB_SPREAD) * rising * dt
         high += is_climb * (1.0 + _CLIMB_SPREAD) * rising * dt
         high = np.where(is_climb, np.minimum(high, np.maximum(to_height, height)), high)

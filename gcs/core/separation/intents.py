@@ -3,7 +3,8 @@
 * AUTO with a verified mission: its items, from the current one on.
 * RTL: straight to the nearest rally point, or home, at its return height, and round a circle there. A PX4
   with a landing in its mission, and RTL_TYPE 1, climbs to that height where it is and lands by its mission.
-* LOITER: a circle round the place where it began, to the right until it is seen to turn left.
+* LOITER: a circle round the place where it began.
+* Circles have the radius, and the side, of the vehicle's last one; before that 60 m, to the right.
 * Other modes, or an unknown mission: turn rate and vertical speed are kept.
 """
 
@@ -35,7 +36,8 @@ _RETURN_HEIGHT_M: Final = 100.0
 """Default RTL_ALTITUDE of ArduPlane, for a vehicle that did not tell its own."""
 _STRAIGHT_RAD_S: Final = 0.03
 _SETTLED: Final = 0.3
-"""Relative difference of the distance from the centre and the radius of a turn on a circle."""
+"""Relative difference of the distance from the centre and the radius of a turn on a circle, and cosine of the
+angle between its radius and the course."""
 _LEVEL_M_S: Final = 0.7
 _KINDS: Final = {
     dialect.MAV_CMD_NAV_WAYPOINT: GoalKind.WAYPOINT,
@@ -47,7 +49,7 @@ _KINDS: Final = {
 
 
 class Intents:
-    """Predicted flights of all vehicles in the air."""
+    """Predicted flights of all vehicles in the air, or about to take off."""
 
     def __init__(
         self,
@@ -73,9 +75,21 @@ class Intents:
             and not is_on_ground(state, self._fleet.home(state.system_id))
         ]
 
+    def flying(self, t_ns: int) -> list[VehicleState]:
+        """Return the vehicles in the air, and those that are about to take off."""
+        in_air = self.in_air(t_ns)
+        found = {state.system_id for state in in_air}
+        return in_air + [
+            state
+            for state in self._fleet.states()
+            if state.system_id not in found and state.armed and self.is_climbing_out(state)
+        ]
+
     def flight(self, state: VehicleState, t_ns: int, mode: str | None = None) -> Flight:
         """Return what a vehicle flies, or would fly in another mode."""
         speed_m_s = max(state.ground_speed_m_s, 1.0)
+        if is_on_ground(state, self._fleet.home(state.system_id)):
+            speed_m_s = self._airframes[state.system_id].speed_m_s
         rate = self._agents[state.system_id].separation.rate_rad_s
         return Flight(
             vehicle=state.system_id,
@@ -100,7 +114,7 @@ class Intents:
         return (tuple(self._mission(state)) if mode == AUTO else ()) or (Goal(GoalKind.DRIFT),)
 
     def is_climbing_out(self, state: VehicleState) -> bool:
-        """Return True if a vehicle in the air flies the take-off of its mission."""
+        """Return True if a vehicle is at the take-off of its mission."""
         first = next(self._mission(state), None) if state.mode == AUTO else None
         return first is not None and first.kind is GoalKind.CLIMB
 
@@ -125,14 +139,24 @@ class Intents:
         return (*self._frame.to_local(home.lat_deg, home.lon_deg), home.alt_msl_m)
 
     def _hold(self, state: VehicleState) -> Goal:
-        seen, place_m = self._agents[state.system_id].separation, (state.east_m, state.north_m)
-        centre_m = place_m if state.mode != LOITER or seen.hold_m is None else seen.hold_m
-        radius_m, away_m = _CIRCLE_RADIUS_M, math.dist(centre_m, place_m)
-        if centre_m is not place_m and abs(seen.rate_rad_s) > _STRAIGHT_RAD_S:
-            turned_m = state.ground_speed_m_s / seen.rate_rad_s
-            if abs(away_m - abs(turned_m)) < _SETTLED * away_m:
-                radius_m = math.copysign(away_m, turned_m)
-        return Goal(GoalKind.CIRCLE, *centre_m, radius_m, state.alt_msl_m)
+        seen = self._agents[state.system_id].separation
+        centre_m = (state.east_m, state.north_m)
+        if state.mode == LOITER and seen.hold_m is not None:
+            centre_m = seen.hold_m
+        return Goal(GoalKind.CIRCLE, *centre_m, seen.radius_m or _CIRCLE_RADIUS_M, state.alt_msl_m)
+
+    def note_circle(self, state: VehicleState) -> None:
+        """Note the radius of the circle that a vehicle flies in LOITER or RTL."""
+        seen = self._agents[state.system_id].separation
+        if state.mode not in (LOITER, RTL) or abs(seen.rate_rad_s) <= _STRAIGHT_RAD_S:
+            return
+        circle, turned_m = self._goals(state, state.mode)[-1], state.ground_speed_m_s / seen.rate_rad_s
+        east_m, north_m = state.east_m - circle.east_m, state.north_m - circle.north_m
+        away_m, outwards = math.hypot(east_m, north_m), math.atan2(east_m, north_m)
+        is_round = abs(math.cos(state.course_rad - outwards)) < _SETTLED
+        is_settled = abs(away_m - abs(turned_m)) < _SETTLED * away_m
+        if circle.kind is GoalKind.CIRCLE and is_round and is_settled:
+            seen.radius_m = math.copysign(away_m, turned_m)
 
     def _landing(self, state: VehicleState) -> Iterator[Goal]:
         """Yield the return of a vehicle that lands by its mission; nothing if it does not."""
@@ -163,7 +187,8 @@ class Intents:
             height_m = max(height_m, ground_m + rally_m) if known is None else height_m
         if profile is not None and profile.atomic:  # PX4 returns no lower than it is
             height_m = max(height_m, state.alt_msl_m)
-        return Goal(GoalKind.CIRCLE, east_m, north_m, _CIRCLE_RADIUS_M, height_m)
+        radius_m = self._agents[state.system_id].separation.radius_m or _CIRCLE_RADIUS_M
+        return Goal(GoalKind.CIRCLE, east_m, north_m, radius_m, height_m)
 
     def _mission(self, state: VehicleState) -> Iterator[Goal]:
         tasking, profile = self._agents[state.system_id].tasking, self._fleet.profile(state.system_id)

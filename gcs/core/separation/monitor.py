@@ -91,6 +91,7 @@ class SeparationMonitor:
         turned_rad = wrap_pi(state.course_rad - seen.course_rad)
         seen.rate_rad_s = turned_rad * NS_PER_S / passed_ns if passed_ns <= _MAX_TURN_NS else 0.0
         seen.t_ns, seen.course_rad = state.t_ns, state.course_rad
+        self._intents.note_circle(state)
         if self._intents.is_climbing_out(state) and state.climb_m_s > _MIN_CLIMB_M_S:
             gradient = state.climb_m_s / max(state.ground_speed_m_s, 1.0)
             gain = _GRADIENT_GAIN if seen.climb_gradient else 1.0

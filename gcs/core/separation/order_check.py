@@ -1,9 +1,10 @@
-"""Separation of ordered vehicles: what an order to hold, return or resume leads a vehicle into.
+"""Separation of ordered vehicles: what an order to hold, return or resume, or a new mission, leads into.
 
 An order changes what a vehicle flies from where it is: it leaves its layer, or circles at the height of
 another vehicle. What it would fly is simulated against what the others fly, and compared with what it flies
-now. An order is a problem only if it makes things worse. Circles that overlap at one height count, too,
-wherever the vehicles are on them: unless the order leads away from a vehicle that is nearer now.
+now. So is what a new mission would lead through at once. Either is a problem only if it makes things worse.
+Circles that overlap at one height count, too, wherever the vehicles are on them: unless the order leads away
+from a vehicle that is nearer now.
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
 from gcs.core.separation.monitor import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
 from gcs.mavlink.autopilots.modes import RTL
-from gcs.model import vehicle_name
+from gcs.model import Route, vehicle_name
 
 _AHEAD_S: Final = 25.0
 _MAX_AHEAD_S: Final = 120.0
 _STEPS: Final = 50
+_MAX_POINTS: Final = 8
 _GROWTH_M: Final = 20.0
 """Growth of the minimum distance up to the end of a simulation."""
 _CLEAR: Final = 1.5
@@ -47,7 +49,7 @@ class OrderCheck:
     """Predicts what orders to vehicles in the air lead to."""
 
     def __init__(self, config: Config, intents: Intents) -> None:
-        self._intents = intents
+        self._intents, self._mission = intents, config.mission
         self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
 
@@ -61,27 +63,57 @@ class OrderCheck:
         modes : mapping of int to str
             Modes that are ordered now, by vehicle; that of the vehicle is among them.
         """
-        states = {state.system_id: state for state in self._intents.in_air(t_ns)}
+        states = {state.system_id: state for state in self._intents.flying(t_ns)}
         if vehicle not in states or len(states) < 2:
             return ""
-        now = [self._intents.flight(state, t_ns, modes.get(v)) for v, state in states.items() if v != vehicle]
-        own = self._intents.flight(states[vehicle], t_ns, modes[vehicle])
-        ordered = [*self._met(own, now, modes[vehicle])], [*self._overlapping(own, now)]
-        if not any(ordered):
-            return ""
-        own = self._intents.flight(states[vehicle], t_ns)
-        present = [*self._met(own, now, states[vehicle].mode)], [*self._overlapping(own, now)]
-        meets, overlaps = (
-            _nearest(one) - _nearest(other) for one, other in zip(ordered, present, strict=True)
-        )
-        if meets < -_WORSE:
-            return f"would {min(ordered[0]).words}"
-        return f"would {min(ordered[1]).words}" if overlaps < -_WORSE and meets < _WORSE else ""
+        others = [
+            self._intents.flight(state, t_ns, modes.get(v)) for v, state in states.items() if v != vehicle
+        ]
+        ordered = self._intents.flight(states[vehicle], t_ns, modes[vehicle])
+        present = self._intents.flight(states[vehicle], t_ns)
+        is_return = modes[vehicle] == RTL, states[vehicle].mode == RTL
+        return self._worse(ordered, present, others, is_return)
 
-    def _met(self, own: Flight, others: list[Flight], mode: str) -> Iterator[_Conflict]:
+    def mission_problem(self, route: Route, t_ns: int) -> str:
+        """Return which vehicle a new mission would at once lead one in the air near to; empty if none."""
+        states = {state.system_id: state for state in self._intents.flying(t_ns)}
+        state = states.pop(route.vehicle, None)
+        if state is None or not states or self._intents.is_climbing_out(state):
+            return ""
+        mission, ground_m = self._mission, self._intents.ground_m(route.vehicle)
+        height_m = ground_m + mission.altitude_rel_m + route.layer * mission.layer_step_m
+        legs = [
+            Goal(GoalKind.WAYPOINT, east_m, north_m, mission.accept_radius_m, height_m)
+            for east_m, north_m in route.flown_m[:_MAX_POINTS].tolist()
+        ]
+        present = self._intents.flight(state, t_ns)
+        others = [self._intents.flight(one, t_ns) for one in states.values()]
+        led = replace(present, goals=(*legs, Goal(GoalKind.KEEP)))
+        return self._worse(led, present, others, (False, state.mode == RTL))
+
+    def _worse(
+        self, changed: Flight, present: Flight, others: list[Flight], is_return: tuple[bool, bool]
+    ) -> str:
+        """Return which vehicle a changed flight comes near to; empty if none, or no nearer than the present.
+
+        Parameters
+        ----------
+        is_return : tuple of bool
+            True for a return, of the changed and of the present flight.
+        """
+        led = [*self._met(changed, others, is_return[0])], [*self._overlapping(changed, others)]
+        if not any(led):
+            return ""
+        now = [*self._met(present, others, is_return[1])], [*self._overlapping(present, others)]
+        meets, overlaps = (_nearest(one) - _nearest(other) for one, other in zip(led, now, strict=True))
+        if meets < -_WORSE:
+            return f"would {min(led[0]).words}"
+        return f"would {min(led[1]).words}" if overlaps < -_WORSE and meets < _WORSE else ""
+
+    def _met(self, own: Flight, others: list[Flight], is_return: bool) -> Iterator[_Conflict]:
         """Yield the vehicles that a flight comes near to."""
         for_s = _AHEAD_S
-        if mode == RTL:  # up to its place, and once round
+        if is_return:  # up to its place, and once round
             last = own.goals[-1]
             away_m = math.dist((own.east_m, own.north_m), (last.east_m, last.north_m))
             for_s += min((away_m + 2.0 * math.pi * abs(last.radius_m)) / own.speed_m_s, _MAX_AHEAD_S - for_s)

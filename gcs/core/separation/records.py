@@ -18,8 +18,16 @@ class AgentSeparation:
     """Vertical speed by ground speed in its last take-off; 0 before that."""
     hold_m: tuple[float, float] | None = None
     """Place where LOITER was seen first: the centre of its circle; None in other modes."""
+    radius_m: float = 0.0
+    """Radius of the last circle that it flew in LOITER or RTL, negative to the left; 0 if unknown."""
     landing_t_ns: int = 0
     """Time of its landing as planned; 0 before that."""
+    traffic: str = ""
+    """Vehicle that its queued mission would lead it near to, in words; empty if there is none."""
+    traffic_t_ns: int = 0
+    """Time of that check."""
+    waits_since_t_ns: int | None = None
+    """Begin of the wait of its queued mission; None if it need not wait."""
 
 
 @dataclass(slots=True)

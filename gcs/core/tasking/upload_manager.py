@@ -24,6 +24,7 @@ from gcs.config import Config
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.authority.foreign_modes import obeys_other_station
 from gcs.core.authority.overrides import Overrides
+from gcs.core.separation.mission_traffic import MissionTraffic
 from gcs.core.state import Agent
 from gcs.core.takeoff.climbs import Climbs
 from gcs.core.takeoff.sequence import TakeoffSequence
@@ -63,6 +64,8 @@ class UploadManager:
         Refuses missions with an item outside the map or the fence; None: none is refused.
     takeoffs : TakeoffSequence or None
         Says why an armed vehicle on the ground must not start yet; None: none waits.
+    traffic : MissionTraffic or None
+        Says which vehicle a new mission would lead a vehicle in the air near to; None: none waits for that.
 
     Attributes
     ----------
@@ -81,10 +84,12 @@ class UploadManager:
         climbs: Climbs | None = None,
         bounds: MissionBoundsCheck | None = None,
         takeoffs: TakeoffSequence | None = None,
+        traffic: MissionTraffic | None = None,
     ) -> None:
         self.state = state
         self._table, self._frame, self._climbs = config.mission, config.local_frame, climbs
-        self._bounds, self._takeoffs, self._fleet, self._agents = bounds, takeoffs, fleet, agents
+        self._bounds, self._takeoffs, self._traffic = bounds, takeoffs, traffic
+        self._fleet, self._agents = fleet, agents
         self._missions = MissionBuilder(config)
         self._default_home = Home(config.frame.lat_deg, config.frame.lon_deg, config.frame.alt_msl_m)
         self.onboard_missions = OnboardMissions(fleet, agents)
@@ -159,7 +164,7 @@ class UploadManager:
         if (
             self.state.is_uploading(vehicle)
             and not self._is_climbing(vehicle)
-            and not self._holds_back(vehicle, t_ns)
+            and self._is_clear(route, t_ns, at_once=at_once)
             and (at_once or self._agents[vehicle].tasking.retry.may_supersede(t_ns))
         ):
             self.state.queue.pop(vehicle, None)
@@ -318,7 +323,14 @@ class UploadManager:
         """Return True if a queued route need not wait any longer."""
         is_free = self._active.has_capacity(vehicle) and self._agents[vehicle].authority.audit is None
         is_due = is_free and not self._is_climbing(vehicle) and self._is_due(vehicle, t_ns)
-        return is_due and not self._holds_back(vehicle, t_ns)
+        queued = self.state.queue[vehicle]
+        return is_due and self._is_clear(queued.route, t_ns, at_once=queued.at_once)
+
+    def _is_clear(self, route: Route, t_ns: int, *, at_once: bool) -> bool:
+        """Return True if no other vehicle is in the way of a mission."""
+        if self._holds_back(route.vehicle, t_ns):
+            return False
+        return at_once or self._traffic is None or not self._traffic.holds_back(route, t_ns)
 
     def _start(
         self, route: Route, planned_t_ns: int, return_route: ReturnRoute | None, t_ns: int

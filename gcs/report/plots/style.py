@@ -38,6 +38,7 @@ TRIGGERS: Final[dict[Cause, str]] = {
     "agent set aside": "#cc3377",
     "agent in danger": "#e69f00",
     "agent passed its target": "#cc79a7",
+    "layer occupied": "#999933",
     "agent joined": "#009e73",
     "agent idle": "#56b4e9",
     "target appeared": "#0072b2",

@@ -1,11 +1,13 @@
 """A user would lose two vehicles to each other: one held or on its way home, one with a new mission."""
 
+import numpy as np
 from staging import mission, track
 
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.records import OtherVehicle
 from gcs.core.state import State
 from gcs.model import Route, read_only
+from gcs.planning.manoeuvres.climb import Climb
 
 CONFIG = mission(
     agents=[(100.0, 200.0), (100.0, 800.0), (100.0, 500.0)],
@@ -59,3 +61,30 @@ def test_a_route_is_not_flown_again_into_the_layer_of_another():
     assert layers.is_clear(
         resumed, [route(3, (100.0, 500.0), (300.0, 190.0), (1500.0, 190.0), layer=1)], places
     )
+
+
+def occupied(held, route_, climbs=None):
+    """Return the vehicles of a flown route that another one stands in the way of."""
+    state = State.initial((1, 2, 3))
+    state.replanning.other_vehicles = held
+    layers = AltitudeLayers(CONFIG, state.agents, state.replanning)
+    return layers.occupied([route_], {1: track((0, 0), (100.0, 200.0))}, (), climbs or {})
+
+
+def test_a_flown_route_is_given_up_where_a_vehicle_is_held_in_its_layer():
+    """The vehicle was resumed, sent home and held after the route had been planned."""
+    flown = route(1, (100.0, 200.0), (1500.0, 200.0))
+    ahead, aside = (900.0, 200.0), (900.0, 500.0)
+    assert occupied([OtherVehicle(3, ahead, ahead, 92.0)], flown) == {1}
+    assert occupied([OtherVehicle(3, aside, aside, 92.0)], flown) == set()
+    assert occupied([OtherVehicle(3, ahead, ahead, 118.0)], flown) == set()
+    both = [OtherVehicle(3, ahead, ahead, 92.0), OtherVehicle(2, ahead, ahead, 118.0)]
+    assert occupied(both, flown) == set(), "another layer would not help"
+
+
+def test_the_climb_before_a_route_is_looked_at_too():
+    flown, beside = route(1, (100.0, 900.0)), (500.0, 260.0)
+    climb = Climb((100.0, 200.0), np.pi / 2.0, 20.0, 500.0, 90.0, 15.0)
+    held = [OtherVehicle(3, beside, beside, 92.0)]
+    assert occupied(held, flown) == set()
+    assert occupied(held, flown, {1: climb}) == {1}

@@ -59,6 +59,13 @@ def test_a_change_of_height_is_a_band_of_both_ways_to_fly_it():
     assert paths.high_m[10, 0] == pytest.approx(150.0, abs=1.0)  # at once, 5 m/s
 
 
+@pytest.mark.parametrize("goal", [Goal(GoalKind.CIRCLE, 60.0, 0.0, 60.0, 180.0), waypoint(0.0, 40.0, 180.0)])
+def test_a_change_of_height_near_its_end_is_no_faster_than_an_aeroplane_climbs(goal):
+    """A vehicle that returned 80 m below another was told to come near it in 3 s."""
+    paths = simulate_flights([flight(goals=[goal])], 8.0)
+    assert np.diff(paths.high_m[:, 0]).max() <= 7.5 + 1e-9
+
+
 def test_a_vehicle_that_has_landed_is_in_nobodys_way():
     touch_down = Goal(GoalKind.LAND, 0.0, 75.0, 0.0, 70.0)
     lander = flight(height_m=75.0, goals=[touch_down])

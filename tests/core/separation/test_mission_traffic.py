@@ -1,0 +1,58 @@
+"""A new mission would lead a vehicle in the air from its layer through another vehicle at once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from core.separation.test_order_check import fly_on, place
+from core.separation.test_separation import Sky
+
+from gcs.model import read_only
+from sim_vehicles.autopilots.base import Mode
+
+
+@pytest.fixture
+def sky():
+    """Vehicle 1 flies its mission; vehicle 2 is held 200 m ahead, a layer above."""
+    sky = Sky((600.0, 600.0, 60.0), (1700.0, 1700.0, 80.0)).fly(20.0)
+    first, held = sky.planes[1].airframe, sky.planes[2]
+    ahead = np.array((np.sin(first.heading_rad), np.cos(first.heading_rad)))
+    held.autopilot.set_mode(Mode.FBWA)
+    place(held, *(np.array((first.east_m, first.north_m)) + 290.0 * ahead), first.alt_rel_m + 20.0)
+    held.autopilot.set_mode(Mode.LOITER)
+    return fly_on(sky, 5.0)  # its new position is used then
+
+
+def higher(sky, vehicle=1):
+    """Return the route of a vehicle, a layer higher and straight ahead."""
+    flown, plane = sky.run_.command.state.agents[vehicle].routes.flown, sky.planes[vehicle].airframe
+    here = np.array((plane.east_m, plane.north_m))
+    ahead = np.array((np.sin(plane.heading_rad), np.cos(plane.heading_rad)))
+    return replace(flown, points_m=read_only([here, here + 600.0 * ahead]), layer=flown.layer + 1)
+
+
+def test_a_new_mission_waits_while_it_leads_through_a_held_vehicle(sky):
+    engine, route = sky.run_.command, higher(sky)
+    engine.tasking.enqueue_upload(route, sky.run_.t_ns)
+    fly_on(sky, 3.0)
+    assert not route.is_same(engine.state.agents[1].tasking.onboard.route)
+    ((_, vehicle, text),) = sky.told("its new mission waits, it would come within", "warning")
+    assert vehicle == 1
+    assert "agent 2" in text
+
+
+def test_a_new_mission_does_not_wait_for_a_vehicle_far_away(sky):
+    place(sky.planes[2], 100.0, 100.0, 80.0)
+    fly_on(sky, 6.0)
+    engine, route = sky.run_.command, higher(sky)
+    engine.tasking.enqueue_upload(route, sky.run_.t_ns)
+    assert not engine.mission_traffic.holds_back(route, sky.run_.t_ns)
+
+
+def test_a_mission_that_is_needed_at_once_does_not_wait(sky):
+    """For example to get out of a no-fly zone that was closed."""
+    engine, route = sky.run_.command, higher(sky)
+    assert engine.mission_traffic.holds_back(route, sky.run_.t_ns)
+    engine.tasking.enqueue_upload(route, sky.run_.t_ns, at_once=True)
+    fly_on(sky, 0.2)
+    assert engine.state.tasking.is_uploading(1)
