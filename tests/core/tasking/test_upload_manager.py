@@ -12,7 +12,7 @@ from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.mavlink.mission.upload_stages import Stage, TransitionError
+from gcs.mavlink.mission.upload_stages import Event, RuleError, Stage
 from gcs.mavlink.mission.upload_task import UploadTask
 from gcs.model import Datagram, Notice, Route, Send, Tick, UploadReport, read_only
 from gcs.planning.manoeuvres.landing import ReturnRoute

@@ -20,8 +20,9 @@ from gcs.mavlink.mission.geofence_rally import (
     list_difference,
     rally_items,
 )
-from gcs.mavlink.mission.list_task import ListTask
-from gcs.mavlink.mission.upload_stages import LIST_TRANSITIONS, Stage
+from gcs.mavlink.mission.upload import Upload
+from gcs.mavlink.mission.upload_stages import Event, Stage
+from gcs.mavlink.mission.uploads import list_upload
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
@@ -50,7 +51,7 @@ def talk(task, plane, *, loss=0.0, seed=0, end_s=200.0, change=lambda messages: 
 
 
 def begin(plane, mission_type, items):
-    return ListTask(7, mission_type, items, Encoder(), plane._stepped_ns + S)
+    return list_upload(7, mission_type, items, Encoder(), plane._stepped_ns + S)
 
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
@@ -136,7 +137,7 @@ MESSAGES = st.sampled_from(["REQUEST", "ACK", "COUNT", "ITEM"])
     ),
 )
 def test_messages_in_any_order_end_it_at_most_once_and_never_with_a_false_success(items, steps):
-    task, t_ns, to = ListTask(7, FENCE, items, Encoder(), 0), 0, (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
+    task, t_ns, to = list_upload(7, FENCE, items, Encoder(), 0), 0, (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
     for wait_s, kind, n, answer in steps:
         t_ns += round(wait_s * S)
         before = task.result
@@ -154,7 +155,7 @@ def test_messages_in_any_order_end_it_at_most_once_and_never_with_a_false_succes
 
 def test_messages_about_another_list_change_nothing():
     """A request for a mission item was answered with an item of the fence."""
-    task, to = ListTask(7, FENCE, ITEMS, Encoder(), 0), (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
+    task, to = list_upload(7, FENCE, ITEMS, Encoder(), 0), (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
     task.poll(0)
     request = dialect.MAVLink_mission_request_int_message(*to, 0, 0)
     assert task.receive(decode(Encoder(7, 1)(request))[0][0], 1) == []

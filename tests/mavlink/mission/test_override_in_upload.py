@@ -105,7 +105,7 @@ def in_stage(make, stage, **way):
     link = upload(*make(stage), **way)
     link.plane.silent = False
     if stage in (Stage.HOLD, Stage.CLEAR):
-        link.task.state.is_rejected = True
+        link.task.state.verification.is_rejected = True
         link.up.put(link.task.start_clearing(0), 0)
     else:
         link.up.put(link.task.start(0), 0)
@@ -148,7 +148,7 @@ def test_nothing_that_steers_is_sent_after_another_mode_was_seen(make, stage, lo
         link.plane.mode, chosen_ns, seen_ns = custom(profile, numbers), link.t_ns, None
         while link.task.result is None:
             link.step(0.02)
-            if seen_ns is None and link.task._authority.taken_by:
+            if seen_ns is None and link.task.flight.authority.taken_by:
                 seen_ns = link.t_ns
             assert link.t_ns < chosen_ns + 30 * S, (stage, name)
         for _ in range(60):
@@ -171,7 +171,7 @@ def test_nothing_that_steers_is_sent_after_another_station_commanded_a_mode(make
     link = in_stage(make, stage)
     if link is None:
         return
-    link.task._authority.note_foreign_command("system 254/190", link.t_ns)
+    link.task.flight.authority.note_foreign_command("system 254/190", link.t_ns)
     commanded_ns = link.t_ns
     for _ in range(50):
         link.step(0.02)
@@ -201,7 +201,7 @@ def test_an_rtl_between_two_heartbeats_is_seen_before_a_px4_gets_the_last_item(a
     link = upload(*px4(None))
     beat = link.plane._heartbeat
     link.up.put(link.task.start(0), 0)
-    while link.task.state.sending.sent_count < at_item:
+    while link.task.state.transfer.sending.sent_count < at_item:
         link.step(0.02)
     before = list(link.plane.store)
     link.plane._beat_t_ns = link.t_ns  # the next heartbeat comes by itself in a second
@@ -217,7 +217,7 @@ PX4_RTL = 4 << 16 | 5 << 24
 
 def test_an_arduplane_left_with_an_inconsistent_mission_is_named():
     link = in_stage(arduplane, Stage.UPLOAD)
-    while link.task.state.sending.sent_count < 4:
+    while link.task.state.transfer.sending.sent_count < 4:
         link.step(0.02)
     link.plane.mode = RTL
     result = link.run()
@@ -244,7 +244,7 @@ def test_a_hold_before_a_failsafe_is_not_taken_for_a_rejected_mission():
         t_ns = link.t_ns
         result = link.run()
         assert "LOITER was chosen meanwhile" in result.detail
-        assert link.task._authority.override == "LOITER"
+        assert link.task.flight.authority.override == "LOITER"
         seen_ns = t_ns + round(0.7 * S)
         assert link.up.steering(seen_ns) == []
         assert link.plane.store
