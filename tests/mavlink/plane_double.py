@@ -19,9 +19,9 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE
+from gcs.mavlink.autopilots.modes import LOITER as LOITER_NAME
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
-from gcs.mavlink.autopilots.modes import LOITER as LOITER_NAME
 from gcs.mavlink.mission.upload import Upload
 from gcs.mavlink.mission.upload_limits import UploadLimits, UploadPolicy
 from gcs.mavlink.mission.upload_rules import MISSION_RULES

@@ -21,6 +21,7 @@ from gcs.mavlink.mission.geofence_rally import (
     rally_items,
 )
 from gcs.mavlink.mission.upload import Upload
+from gcs.mavlink.mission.upload_rules import LIST_RULES
 from gcs.mavlink.mission.upload_stages import Event, Stage
 from gcs.mavlink.mission.uploads import list_upload
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
@@ -29,6 +30,7 @@ S = 1_000_000_000
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 SQUARE = ((33.19, -87.61), (33.23, -87.61), (33.23, -87.57), (33.19, -87.57))
 ITEMS = fence_items(Fence((Area(True, SQUARE), Area(False, (), (33.21, -87.59), 80.0))))
+END_AFTER_ERROR = Upload.end_after_error
 POINTS = rally_items([Rally(33.205, -87.595, 90), Rally(33.206, -87.594, 120)])
 
 
@@ -162,12 +164,14 @@ def test_messages_about_another_list_change_nothing():
 
 
 @pytest.mark.parametrize(("stage", "items"), [(Stage.UPLOAD, ITEMS), (Stage.CLEAR, ())])
-def test_a_program_error_ends_it_as_failed_and_not_the_program(stage, items):
+def test_a_program_error_ends_it_as_failed_and_not_the_program(monkeypatch, stage, items):
     """The error left the event loop: the fences of all other vehicles were not uploaded either."""
     plane = vehicle()
     task = begin(plane, FENCE, items)
-    task.transitions = {**LIST_TRANSITIONS, stage: frozenset({Stage.DONE})}
+    without = {key: rules for key, rules in LIST_RULES.table.items() if key != (stage, Event.MISSION_ACK)}
+    task.rules = LIST_RULES._replace(table=without)
+    monkeypatch.setattr(Upload, "end_after_error", END_AFTER_ERROR)
     result = talk(task, plane)
     assert (result.ok, result.items) == (False, None)
-    assert f"program error ({stage} to verify); the stored list is unknown" in result.detail
+    assert f"(no rule for MISSION_ACK in {stage}); what is stored is unknown" in result.detail
     assert task.poll(10**12) == []
