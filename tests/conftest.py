@@ -57,10 +57,10 @@ def load_kernels_once() -> None:
 
 @pytest.fixture(autouse=True)
 def _program_errors_raise(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fail the test after a wrong transition of an upload, which in flight ends that upload only."""
-    from gcs.mavlink.mission.upload_task import UploadTask
+    """Fail the test after an event of an upload without a rule, which in flight ends that upload only."""
+    from gcs.mavlink.mission.upload import Upload
 
-    def fail(_task: UploadTask, error: Exception, _t_ns: int) -> None:
+    def fail(_upload: Upload, error: Exception, _t_ns: int) -> None:
         raise error
 
-    monkeypatch.setattr(UploadTask, "end_after_error", fail)
+    monkeypatch.setattr(Upload, "end_after_error", fail)

@@ -19,11 +19,14 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE
+from gcs.mavlink.autopilots.modes import LOITER as LOITER_NAME
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
-from gcs.mavlink.mission.upload_limits import UploadPolicy
-from gcs.mavlink.mission.upload_steps import UploadState
-from gcs.mavlink.mission.upload_task import UploadTask
+from gcs.mavlink.mission.upload import Upload
+from gcs.mavlink.mission.upload_limits import UploadLimits, UploadPolicy
+from gcs.mavlink.mission.upload_rules import MISSION_RULES
+from gcs.mavlink.mission.upload_stages import Event
+from gcs.mavlink.mission.upload_state import Flight, UploadState
 
 S = 1_000_000_000
 HOME = (-353632621, 1491652370, 584.09)
@@ -284,6 +287,32 @@ class Plane:
         return [dialect.MAVLink_command_ack_message(message.command, result, 0, 0, *sender), *extra]
 
 
+class UploadTask(Upload):
+    """An upload of a mission, with a method for each order."""
+
+    def __init__(self, state, encode, profile, authority, policy, limits):
+        limits = limits or UploadLimits().for_round_trip(state.rtt.earlier_s)
+        super().__init__(MISSION_RULES, state, encode, limits, Flight(profile, authority, policy))
+
+    def start(self, t_ns):
+        return self.order(Event.START, t_ns)
+
+    def start_clearing(self, t_ns):
+        return self.order(Event.START_CLEARING, t_ns)
+
+    def restart(self, t_ns):
+        return self.order(Event.REBOOT, t_ns)
+
+    def resume(self, t_ns):
+        return self.order(Event.RESTART, t_ns)
+
+    def abandon(self, reason, t_ns, *, mode=LOITER_NAME):
+        return self.order(Event.ABANDON if mode == LOITER_NAME else Event.STOP, t_ns, reason)
+
+    def supersede(self, t_ns):
+        return self.order(Event.STOP, t_ns, "superseded")
+
+
 def upload_task(
     mission,
     home,
@@ -297,8 +326,8 @@ def upload_task(
     **known,
 ):
     """Return a task before its begin; without a policy its flight is unknown."""
-    state = UploadState.initial(mission, home, profile, **known)
-    return kind(state, encode, authority or ModeAuthority(), policy or UploadPolicy(), limits)
+    state = UploadState.of_mission(mission, home, profile, **known)
+    return kind(state, encode, profile, authority or ModeAuthority(), policy or UploadPolicy(), limits)
 
 
 class OfPlane(UploadPolicy):

@@ -113,5 +113,5 @@ def test_a_mission_that_is_rejected_on_the_ground_is_not_verified():
     px4._on_command_long = to_any_mode
     link = joined(px4)
     result = link.run()
-    assert (result.ok, link.task.state.is_unflyable, px4.store) == (False, True, [])
+    assert (result.ok, link.task.state.activation.is_unflyable, px4.store) == (False, True, [])
     assert "navigator rejects the mission" in result.detail

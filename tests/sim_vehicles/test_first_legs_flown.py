@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gcs.mavlink.mission import upload_steps
+from gcs.mavlink.mission import _upload_actions
 from gcs.mavlink.services import command_sender
 from gcs.model import AgentStatus, Notice
 from sim_vehicles.campaign.virtual_run import VirtualRun
@@ -48,7 +48,7 @@ def test_re_tasked_vehicles_stay_near_the_lines_of_their_missions():
 def test_a_command_sent_once_starts_first_legs_hundreds_of_metres_off_with_a_notice(
     monkeypatch: pytest.MonkeyPatch,
 ):
-    monkeypatch.setattr(upload_steps, "set_current_item", by_one_command)
+    monkeypatch.setattr(_upload_actions, "set_current_item", by_one_command)
     most_m, notices, _ = flown()
     assert most_m > 200.0
     assert notices

@@ -125,7 +125,7 @@ class AltitudeLayers:
         routes: Sequence[Route],
         agents: Mapping[int, Track],
         arrived: Collection[int],
-        climbs: Mapping[int, Climb] = _NO_CLIMBS,
+        climbs: Mapping[int, Climb] = MappingProxyType({}),
     ) -> set[int]:
         """Return the vehicles that soon meet one without a route in their layers, and not in another."""
         others = self._others(routes, arrived)

@@ -1,13 +1,13 @@
 """Uploads in progress, one per vehicle.
 
-Each is an `UploadTask`: send, read back, compare, start. Its result updates the onboard mission of the
+Each is an `Upload`: send, read back, compare, start. Its result updates the onboard mission of the
 vehicle (`gcs.core.tasking.onboard_missions`), or marks that mission as possibly inconsistent. A vehicle with
 an inconsistent mission is held and cleared, unless a new mission replaces it first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -20,14 +20,16 @@ from gcs.core.tasking.records import ActiveUpload, OnboardMission, TaskingState
 from gcs.core.tasking.rejections import Rejections
 from gcs.core.tasking.upload_pauses import ClearingRetry, RejectionRetry, UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
+from gcs.mavlink.autopilots.modes import LOITER
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.item_builder import first_flown_item
+from gcs.mavlink.mission.upload import Upload
 from gcs.mavlink.mission.upload_limits import UploadPolicy
-from gcs.mavlink.mission.upload_stages import OnboardState, TransitionError
-from gcs.mavlink.mission.upload_steps import UploadState
-from gcs.mavlink.mission.upload_task import UploadTask
+from gcs.mavlink.mission.upload_stages import Event, OnboardState
+from gcs.mavlink.mission.upload_state import UploadState
+from gcs.mavlink.mission.uploads import mission_upload
 from gcs.model import Effect, Notice, NoticeCode, Parameter, UploadReport
 
 _MAX_ITEMS_IN_FLIGHT: Final = 12
@@ -105,12 +107,12 @@ class ActiveUploads(UploadPolicy):
         """Start the upload of a mission whose route was planned at `planned_t_ns`."""
         self._add(ActiveUpload(state, self._fleet.link(state.vehicle), mission, planned_t_ns))
         self._agents[state.vehicle].tasking.retry.note_begin(t_ns)
-        return self._run(state.vehicle, lambda task: task.start(t_ns), t_ns)
+        return self._order(state.vehicle, Event.START, t_ns)
 
     def clear(self, state: UploadState, t_ns: int) -> list[Effect]:
         """Hold a vehicle and clear its inconsistent mission."""
         self._add(ActiveUpload(state, self._fleet.link(state.vehicle), None, t_ns))
-        return self._run(state.vehicle, lambda task: task.start_clearing(t_ns), t_ns)
+        return self._order(state.vehicle, Event.START_CLEARING, t_ns)
 
     def _add(self, upload: ActiveUpload) -> None:
         vehicle = upload.state.vehicle
@@ -123,50 +125,56 @@ class ActiveUploads(UploadPolicy):
         """Process a message of a vehicle."""
         if vehicle not in self._uploads:
             return []
-        return self._run(vehicle, lambda task: task.receive(message, t_ns), t_ns)
+        task = self._task(vehicle)
+        return self._progress(vehicle, task, task.receive(message, t_ns), t_ns)
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Run the timers."""
         effects: list[Effect] = []
         for vehicle in list(self._uploads):
-            effects += self._run(vehicle, lambda task: task.poll(t_ns), t_ns)
+            task = self._task(vehicle)
+            effects += self._progress(vehicle, task, task.poll(t_ns), t_ns)
         return effects
 
     def restart(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Restart an upload after a reboot of its vehicle."""
-        return self._run(vehicle, lambda task: task.restart(t_ns), t_ns)
+        return self._order(vehicle, Event.REBOOT, t_ns)
 
     def resume(self, t_ns: int) -> list[Effect]:
         """Continue all uploads after an outage of the service."""
         effects: list[Effect] = []
         for vehicle in list(self._uploads):
-            effects += self._run(vehicle, lambda task: task.resume(t_ns), t_ns)
+            effects += self._order(vehicle, Event.RESTART, t_ns)
         return effects
 
     def abandon(self, vehicle: int, reason: str, t_ns: int, mode: str) -> list[Effect]:
-        """End an upload for an order to a mode (`UploadTask.abandon`)."""
-        return self._run(vehicle, lambda task: task.abandon(reason, t_ns, mode=mode), t_ns)
+        """End an upload for an order to a mode; nothing is sent that could undo another one than LOITER."""
+        return self._order(vehicle, Event.ABANDON if mode == LOITER else Event.STOP, t_ns, reason)
 
     def supersede(self, vehicle: int, t_ns: int) -> list[Effect]:
         """End an upload without a report, for a newer one."""
         if vehicle not in self._uploads:
             return []
         task = self._task(vehicle)
-        frames = task.supersede(t_ns)
+        frames = task.order(Event.STOP, t_ns, "superseded")
         self._remove(vehicle, task)
         return [*self._fleet.address_frames(vehicle, frames)]
 
-    def _task(self, vehicle: int) -> UploadTask:
+    def _task(self, vehicle: int) -> Upload:
         state, encode = self._uploads[vehicle].state, self._fleet.encoder(vehicle)
-        return UploadTask(state, encode, self._overrides.of(vehicle), self)
+        return mission_upload(state, encode, self._overrides.of(vehicle), self)
 
-    def _remove(self, vehicle: int, task: UploadTask) -> None:
+    def _order(self, vehicle: int, event: Event, t_ns: int, reason: str = "") -> list[Effect]:
+        task = self._task(vehicle)
+        return self._progress(vehicle, task, task.order(event, t_ns, reason), t_ns)
+
+    def _remove(self, vehicle: int, task: Upload) -> None:
         """Remove an ended upload and keep its result."""
         upload, result = self._uploads.pop(vehicle), task.result
         self._window(upload.link).active -= 1
         tasking = self._agents[vehicle].tasking
         assert result is not None
-        if upload.state.uploads:
+        if upload.state.transfer.uploads:
             tasking.is_selected = result.selected
         if task.is_inconsistent or task.is_unselected:
             tasking.onboard = None
@@ -174,25 +182,17 @@ class ActiveUploads(UploadPolicy):
         elif result.onboard is OnboardState.EQUAL and upload.onboard is not None:
             tasking.onboard = upload.onboard
             if result.ok:
-                state = upload.state
-                self._first_legs.begin(upload.onboard, state.first_seq, state.leg_t_ns, result.t_ns)
+                flown = upload.state.activation
+                self._first_legs.begin(upload.onboard, flown.first_seq, flown.leg_t_ns, result.t_ns)
         elif result.onboard is not OnboardState.OLD:
             tasking.onboard = None
 
-    def _run(self, vehicle: int, step: Callable[[UploadTask], list[bytes]], t_ns: int) -> list[Effect]:
-        """Run a step of an upload. After a programming error it ends: the vehicle is held and cleared."""
-        task = self._task(vehicle)
-        try:
-            return self._progress(vehicle, task, step(task), t_ns)
-        except TransitionError as error:
-            notice = Notice(t_ns, NoticeCode.UPLOAD_ERROR, vehicle, {"error": str(error)})
-            frames = task.end_after_error(error, t_ns)
-            return [notice, *self._progress(vehicle, task, frames, t_ns)]
-
-    def _progress(self, vehicle: int, task: UploadTask, frames: list[bytes], t_ns: int) -> list[Effect]:
+    def _progress(self, vehicle: int, task: Upload, frames: list[bytes], t_ns: int) -> list[Effect]:
         """Send the frames of an upload; report its result if it has ended."""
         upload, result = self._uploads[vehicle], task.result
         effects: list[Effect] = [*self._fleet.address_frames(vehicle, frames)]
+        if task.error is not None:
+            effects.insert(0, Notice(t_ns, NoticeCode.UPLOAD_ERROR, vehicle, {"error": str(task.error)}))
         if result is None:
             self._fleet.forward_next_heartbeat(vehicle)
             slowness = task.slowness(t_ns)
@@ -204,7 +204,7 @@ class ActiveUploads(UploadPolicy):
         round_trip_s = upload.state.rtt.round_trip_s
         window.note_end(upload.state.began_t_ns, result.t_ns, round_trip_s, repeated)
         if upload.onboard is not None:
-            if upload.state.is_unflyable:
+            if upload.state.activation.is_unflyable:
                 return effects + self._rejected(task.report(), upload)
             effects.append(task.report())
             if result.ok:
@@ -215,7 +215,7 @@ class ActiveUploads(UploadPolicy):
         tasking, taken_by = self._agents[vehicle].tasking, self._overrides.of(vehicle).taken_by
         if not task.is_inconsistent:
             tasking.clearing = ClearingRetry()
-        elif task.state.has_tried_clearing and not taken_by:
+        elif task.state.clearing.has_begun and not taken_by:
             return effects + tasking.clearing.note_failure(vehicle, result.t_ns, result.detail)
         is_cleared = result.onboard is OnboardState.CLEARED
         if result.ok or not (result.was_held or taken_by or upload.onboard is None or is_cleared):

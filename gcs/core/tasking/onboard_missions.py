@@ -1,6 +1,6 @@
 """Onboard missions by the last read-back, and the progress of vehicles in them.
 
-A vehicle must not reach its next item while its mission is inconsistent (`gcs.mavlink.mission.upload_task`):
+A vehicle must not reach its next item while its mission is inconsistent (`gcs.mavlink.mission.upload_rules`):
 it would be put into LOITER, an unplanned turn. A vehicle that is about to pass an item does so within
 seconds, so the upload waits for that.
 """

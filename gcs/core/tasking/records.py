@@ -9,7 +9,7 @@ from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_LOITER_UNLIM
 from gcs.core.tasking.upload_pauses import ClearingRetry, RejectionRetry, UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
 from gcs.mavlink.mission.items import Item
-from gcs.mavlink.mission.upload_steps import UploadState
+from gcs.mavlink.mission.upload_state import UploadState
 from gcs.model import NS_PER_S, Route
 from gcs.planning.forward_simulation import LoiterCircle
 from gcs.planning.manoeuvres.landing import ReturnRoute
@@ -146,7 +146,7 @@ class TaskingState:
     @property
     def stages(self) -> dict[int, str]:
         """Stage of each upload, by vehicle; "waiting" for queued routes."""
-        stages = {vehicle: upload.state.stage for vehicle, upload in self.uploads.items()}
+        stages = {vehicle: upload.state.now.stage for vehicle, upload in self.uploads.items()}
         return dict.fromkeys(self.queue, "waiting") | stages
 
     def elapsed_s(self, vehicle: int, t_ns: int) -> float | None:

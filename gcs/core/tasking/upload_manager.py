@@ -40,8 +40,17 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Home
-from gcs.mavlink.mission.upload_steps import UploadState
-from gcs.model import NS_PER_S, Authority, Effect, Notice, NoticeCode, Route, UploadReport, VehicleState
+from gcs.mavlink.mission.upload_state import UploadState
+from gcs.model import (
+    NS_PER_S,
+    Authority,
+    Effect,
+    Notice,
+    NoticeCode,
+    Route,
+    UploadReport,
+    VehicleState,
+)
 from gcs.planning.forward_simulation import Motion, RemainingMission
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.landing import ReturnRoute
@@ -248,7 +257,7 @@ class UploadManager:
             return []
         empty = self._missions.empty(vehicle)
         return self._active.clear(
-            UploadState.initial(empty, self._default_home, profile, inconsistent=True), t_ns
+            UploadState.of_mission(empty, self._default_home, profile, inconsistent=True), t_ns
         )
 
     def _may_clear(self, vehicle: int, t_ns: int) -> bool:
@@ -356,7 +365,7 @@ class UploadManager:
         mission = self._missions.of(route, self.state.mission_count, state, return_route, climb)
         from_ground = is_on_ground(state, fleet.home(vehicle))
         tasking, link = self._agents[vehicle].tasking, fleet.link(vehicle)
-        upload = UploadState.initial(
+        upload = UploadState.of_mission(
             mission,
             home,
             profile,
@@ -366,7 +375,7 @@ class UploadManager:
             from_ground=from_ground,
             round_trip_s=self._active.round_trip_s(link) or self._agents[vehicle].link.requests.round_trip_s,
         )
-        items = upload.sending.items
+        items = upload.transfer.sending.items
         if self._bounds is not None:
             problem = self._bounds.problem(items[profile.home_items :], state)
             if not problem and state is not None:

@@ -22,7 +22,8 @@ from gcs.mavlink.mission.geofence_rally import (
     rally_items,
 )
 from gcs.mavlink.mission.items import Item
-from gcs.mavlink.mission.list_task import ListTask
+from gcs.mavlink.mission.upload import Upload
+from gcs.mavlink.mission.uploads import list_upload
 from gcs.mavlink.services.parameter_protocol import ParameterSetter, is_bytewise
 
 Action: TypeAlias = Literal["upload", "show", "clear"]
@@ -52,7 +53,7 @@ class FenceTask:
         self.vehicle = vehicle
         self._own = own
         self._todo, self._ceiling_m, self._encode = lists, ceiling_m, encode
-        self._tasks: list[ListTask] = []
+        self._tasks: list[Upload] = []
         self._ceiling: ParameterSetter | None = None
         self._autopilot: tuple[int, int] | None = None
 
@@ -96,7 +97,9 @@ class FenceTask:
         if not self._tasks or (self._tasks[-1].result is not None and len(self._tasks) < len(self._todo)):
             mission_type = list(self._todo)[len(self._tasks)]
             items = self._todo[mission_type]
-            self._tasks.append(ListTask(self.vehicle, mission_type, items, self._encode, t_ns, own=self._own))
+            self._tasks.append(
+                list_upload(self.vehicle, mission_type, items, self._encode, t_ns, own=self._own)
+            )
         if self._tasks[-1].result is None:
             return self._tasks[-1].poll(t_ns)
         profile = profile_of(*self._autopilot)
@@ -145,7 +148,7 @@ def fence_vehicles(
     return tasks
 
 
-def _described(task: ListTask, held: Sequence[Item] | None) -> str:
+def _described(task: Upload, held: Sequence[Item] | None) -> str:
     if not held:
         return ""
     if task.mission_type == RALLY:

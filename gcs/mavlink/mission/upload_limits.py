@@ -33,6 +33,9 @@ class UploadLimits:
     """Delay before a failure ACK or a late request counts. ArduPlane repeats its request sooner."""
     max_uploads: int = 8
     """Uploads before the task fails."""
+    first_pause_s: float = 0.5
+    """Pause before the second upload; each further one is twice as long."""
+    max_pause_s: float = 4.0
     max_refusals: int = 4
     """Refusals of a command before the task fails."""
     max_mode_age_s: float = 0.3
@@ -59,6 +62,10 @@ class UploadLimits:
     """Clearings that are acknowledged, but leave items, before the task fails."""
     slow_s: float = 10.0
     """Time after which the operator is told what an upload waits for; again after three times as long."""
+
+    def pause_s(self, attempts: int) -> float:
+        """Return the pause after so many attempts."""
+        return min(self.max_pause_s, self.first_pause_s * 2.0 ** (attempts - 1)) if attempts else 0.0
 
     def for_round_trip(self, round_trip_s: float) -> UploadLimits:
         """Return the limits for a link with this round trip: no decision before an answer can have come."""

@@ -1,11 +1,14 @@
-"""Stages, transitions and results of a mission upload."""
+"""Vocabulary of an upload: stages, events, choices, and what the vehicle stores at its end.
+
+`gcs.mavlink.mission.upload_rules` says what follows on what.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+
+from gcs.mavlink.mission.items import Item
 
 
 class Stage(StrEnum):
@@ -15,76 +18,102 @@ class Stage(StrEnum):
     PARK = "park"
     """LOITER is commanded, before an upload or before a selection."""
     UPLOAD = "upload"
+    """The vehicle requests the items."""
     VERIFY = "verify"
-    """The onboard mission is read back."""
+    """The onboard list is read back."""
     SELECT = "select"
     """The first item is selected."""
     MODE = "mode"
     """AUTO is commanded."""
+    DIAGNOSE = "diagnose"
+    """A PX4 is in Hold: MISSION_CURRENT tells a rejected mission from a mode that was chosen."""
     HOLD = "hold"
     """LOITER is commanded, before clearing."""
     CLEAR = "clear"
-    """The onboard mission is removed, and its absence read back."""
+    """The onboard list is removed, and its absence read back."""
     DONE = "done"
 
 
-TRANSITIONS: Final[Mapping[Stage, frozenset[Stage]]] = {
-    stage: frozenset(following)
-    for stage, following in {
-        Stage.NEW: (Stage.PARK, Stage.UPLOAD, Stage.HOLD, Stage.CLEAR, Stage.DONE),
-        Stage.PARK: (Stage.UPLOAD, Stage.SELECT, Stage.DONE),
-        Stage.UPLOAD: (Stage.UPLOAD, Stage.VERIFY, Stage.MODE, Stage.HOLD, Stage.CLEAR, Stage.DONE),
-        Stage.VERIFY: (
-            Stage.PARK,
-            Stage.UPLOAD,
-            Stage.VERIFY,
-            Stage.SELECT,
-            Stage.MODE,
-            Stage.HOLD,
-            Stage.CLEAR,
-            Stage.DONE,
-        ),
-        Stage.SELECT: (
-            Stage.PARK,
-            Stage.UPLOAD,
-            Stage.VERIFY,
-            Stage.MODE,
-            Stage.HOLD,
-            Stage.CLEAR,
-            Stage.DONE,
-        ),
-        Stage.MODE: (Stage.UPLOAD, Stage.VERIFY, Stage.HOLD, Stage.CLEAR, Stage.DONE),
-        Stage.HOLD: (Stage.HOLD, Stage.CLEAR, Stage.DONE),
-        Stage.CLEAR: (Stage.HOLD, Stage.CLEAR, Stage.DONE),
-        Stage.DONE: (),
-    }.items()
-}
-"""Stages that may follow each stage; `docs/missions.md` shows them with their conditions."""
+class Choice(StrEnum):
+    """Branch between two stages, without a wait.
 
-
-LIST_TRANSITIONS: Final[Mapping[Stage, frozenset[Stage]]] = {
-    Stage.NEW: frozenset((Stage.CLEAR, Stage.UPLOAD, Stage.VERIFY)),
-    Stage.CLEAR: frozenset((Stage.CLEAR, Stage.VERIFY, Stage.DONE)),
-    Stage.UPLOAD: frozenset((Stage.UPLOAD, Stage.VERIFY, Stage.DONE)),
-    Stage.VERIFY: frozenset((Stage.CLEAR, Stage.UPLOAD, Stage.DONE)),
-    Stage.DONE: frozenset(),
-}
-"""The same for fences and rally points, which need no change of mode."""
-
-
-class TransitionError(AssertionError):
-    """A transition that the table does not have: a programming error.
-
-    `gcs.core.tasking.active_uploads` ends such an upload with an alarm, `gcs.mavlink.mission.list_task` as
-    failed.
+    compare     Is the list that is read back complete, and equal?
+    retry       May the list be uploaded again?
+    remove      Must the onboard mission be removed?
+    resume      Does a vehicle in LOITER fly its old mission again?
+    activate    May the vehicle fly its stored mission?
+    overridden  What does a vehicle store that others control now?
     """
 
-    def __init__(self, before: Stage, after: Stage) -> None:
-        super().__init__(f"{before} to {after}")
+    COMPARE = "compare"
+    RETRY = "retry"
+    REMOVE = "remove"
+    RESUME = "resume"
+    ACTIVATE = "activate"
+    OVERRIDDEN = "overridden"
+
+
+class Event(StrEnum):
+    """What happens to an upload.
+
+    Orders:
+
+    start            Upload the list.
+    download         Only read it.
+    start clearing   Remove a mission that may be inconsistent.
+    abandon          The vehicle goes to LOITER: nothing is started.
+    stop             It goes to another mode, or gets a newer mission: nothing that could undo it is sent.
+    reboot           The vehicle has rebooted.
+    restart          This service had an outage.
+
+    Messages of the vehicle have their MAVLink names. Any message or tick is
+
+    override         while a pilot, a failsafe or another station controls the vehicle.
+
+    Time, each tick: the first wait that is over.
+
+    in AUTO          Before any other: the vehicle is in AUTO, and will take its next item.
+    overtime         All uploads and read-backs together take too long.
+    failed           No request has followed a failure ACK.
+    overdue          The next request, or the ACK after the last item, does not come.
+    stalled          A transfer goes on without a further item.
+    unanswered       The tries of the stage's request are used up.
+    tick             None is over.
+    """
+
+    START = "start"
+    DOWNLOAD = "download"
+    START_CLEARING = "start clearing"
+    ABANDON = "abandon"
+    STOP = "stop"
+    REBOOT = "reboot"
+    RESTART = "restart"
+    OVERRIDE = "override"
+    HEARTBEAT = "HEARTBEAT"
+    MISSION_REQUEST = "MISSION_REQUEST"
+    MISSION_ACK = "MISSION_ACK"
+    MISSION_COUNT = "MISSION_COUNT"
+    MISSION_ITEM = "MISSION_ITEM"
+    MISSION_CURRENT = "MISSION_CURRENT"
+    COMMAND_ACK = "COMMAND_ACK"
+    IN_AUTO = "in AUTO"
+    OVERTIME = "overtime"
+    FAILED = "failed"
+    OVERDUE = "overdue"
+    STALLED = "stalled"
+    UNANSWERED = "unanswered"
+    TICK = "tick"
+
+
+class RuleError(AssertionError):
+    """An event for which the table has no rule: a programming error, which ends the upload as failed."""
+
+    def __init__(self, source: Stage | Choice, event: Event | None) -> None:
+        super().__init__(f"no rule for {event or 'the choice'} in {source}")
 
 
 class OnboardState(StrEnum):
-    """Onboard mission at the end of an upload."""
+    """Onboard mission, as far as known."""
 
     EQUAL = "equal"
     """The uploaded mission, read back."""
@@ -100,11 +129,11 @@ class OnboardState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class UploadResult:
-    """Result of a mission upload."""
+    """Result of an upload."""
 
     t_ns: int
     ok: bool
-    """True if the mission is stored, verified and being flown."""
+    """True if the list is stored and verified, and a mission is flown."""
     onboard: OnboardState
     detail: str
     duration_s: float
@@ -114,3 +143,5 @@ class UploadResult:
     selected: bool
     """True if the vehicle flies its stored mission. Before its first item is selected it flies an item of the
     mission before, and counts on from that number."""
+    items: tuple[Item, ...] | None
+    """Onboard items by the last read-back; None if they are unknown."""

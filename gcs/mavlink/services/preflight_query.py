@@ -17,7 +17,8 @@ from gcs.mavlink.autopilots.preflight_parameters import Envelope
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.geofence_rally import FENCE, RALLY
 from gcs.mavlink.mission.items import Item
-from gcs.mavlink.mission.list_task import ListTask
+from gcs.mavlink.mission.upload import Upload
+from gcs.mavlink.mission.uploads import list_upload
 from gcs.mavlink.services.command_sender import REQUEST_MESSAGE, command_long
 from gcs.mavlink.services.parameter_protocol import ParameterReader, is_bytewise
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer
@@ -85,7 +86,7 @@ class PreflightQuery:
         self._envelope, self._encode, self._own = envelope, encode, own
         self._timers: dict[str, RetryTimer] | None = None
         self._reading: ParameterReader | None = None
-        self._list: ListTask | None = None
+        self._list: Upload | None = None
         self._has_run_prearm_checks = False
 
     @property
@@ -121,7 +122,7 @@ class PreflightQuery:
         self.values = self._reading.values
         if self._list is None or self._list.result is not None:
             kind = FENCE if FENCE not in self.onboard_lists else RALLY
-            self._list = ListTask(self.vehicle, kind, None, self._encode, t_ns, own=self._own)
+            self._list = list_upload(self.vehicle, kind, None, self._encode, t_ns, own=self._own)
         return self._note_result(self._list.poll(t_ns))
 
     def receive(self, message: Message, t_ns: int) -> list[bytes]:

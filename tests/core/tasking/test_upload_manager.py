@@ -12,8 +12,8 @@ from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.mavlink.mission.upload_stages import Stage, TransitionError
-from gcs.mavlink.mission.upload_task import UploadTask
+from gcs.mavlink.mission.upload import Upload
+from gcs.mavlink.mission.upload_stages import RuleError, Stage
 from gcs.model import Datagram, Notice, Route, Send, Tick, UploadReport, read_only
 from gcs.planning.manoeuvres.landing import ReturnRoute
 from sim_vehicles.autopilots.base import Mode
@@ -21,7 +21,7 @@ from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import load
 
 FRAME = LocalFrame(-35.3632621, 149.165237, 584.09)
-END_AFTER_ERROR = UploadTask.end_after_error
+END_AFTER_ERROR = Upload.end_after_error
 ROUTE = read_only([[0.0, 500.0], [500.0, 500.0], [900.0, 0.0]])
 
 
@@ -336,23 +336,23 @@ def test_a_px4_gets_no_false_notice():
 def test_after_a_program_error_the_vehicle_is_cleared_and_can_be_tasked_again(monkeypatch, broken):
     """An error of our own neither ends the service nor leaves a mission that may be half."""
     swarm = Swarm(1, mode=AUTO)
-    plane, enter, errors = swarm.planes[1], UploadTask._set_stage, []
+    plane, enter, errors = swarm.planes[1], Upload._enter, []
 
-    def fail_once(task, stage):
+    def fail_once(task, stage, t_ns):
         if stage is broken and not errors:
             errors.append(stage)
-            raise TransitionError(task.stage, stage)
-        enter(task, stage)
+            raise RuleError(stage, None)
+        enter(task, stage, t_ns)
 
-    monkeypatch.setattr(UploadTask, "_set_stage", fail_once)
-    monkeypatch.setattr(UploadTask, "end_after_error", END_AFTER_ERROR)
+    monkeypatch.setattr(Upload, "_enter", fail_once)
+    monkeypatch.setattr(Upload, "end_after_error", END_AFTER_ERROR)
     swarm.task(1)
     swarm.run(20.0)
     alarms = [e.text for e in swarm.effects if isinstance(e, Notice) and "ended by a program error" in e.text]
     assert len(alarms) == 1
     (report,) = swarm.reports()
     assert not report.ok
-    assert f"to {broken}" in report.detail
+    assert f"in {broken}" in report.detail
     assert (plane.mode, plane.store) == (LOITER, [])
     swarm.task(1)
     swarm.run(20.0)

@@ -214,7 +214,7 @@ class Talk:
 
     def holds(self, task):
         stored = [(i.command, i.x, i.y) for i in self.vehicle.autopilot.mission]
-        skip = task._profile.home_items
+        skip = task.flight.profile.home_items
         return stored[skip:] == [(i.command, i.x, i.y) for i in task.items][skip:]
 
 
@@ -244,7 +244,7 @@ def test_a_mission_that_replaces_another_in_mid_transfer_is_the_one_that_is_held
     talk = Talk(autopilot, seed, loss=0.2, doubles=0.1, delay_s=(0.01, 0.2))
     first = task_for(autopilot, 20)
     enough = int(np.random.default_rng(seed).integers(1, 15))
-    talk.run(first, until=lambda: first.state.sending.sent_count >= enough)
+    talk.run(first, until=lambda: first.state.transfer.sending.sent_count >= enough)
     talk.put(first.supersede(talk.t_ns))
     second = task_for(autopilot, 7, shift_deg=0.05)
     began_ns = talk.t_ns
@@ -261,7 +261,7 @@ def test_without_loss_every_message_is_sent_once(autopilot):
     expected = len(["COUNT", "LIST", "ACK", "select", "current?", "mode"]) + 2 * count
     ends = 1 if autopilot == "px4" else 0  # without an ACK before it, a PX4 does not hear the selection
     heartbeats = talk.sent.count("COMMAND_LONG 0")  # requested before what steers
-    assert (len(talk.sent) - heartbeats, task.retries) == (expected + ends, 0)
+    assert (len(talk.sent) - heartbeats, task.result.retries) == (expected + ends, 0)
     assert heartbeats <= 10
 
 

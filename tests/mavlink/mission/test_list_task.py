@@ -20,14 +20,17 @@ from gcs.mavlink.mission.geofence_rally import (
     list_difference,
     rally_items,
 )
-from gcs.mavlink.mission.list_task import ListTask
-from gcs.mavlink.mission.upload_stages import LIST_TRANSITIONS, Stage
+from gcs.mavlink.mission.upload import Upload
+from gcs.mavlink.mission.upload_rules import LIST_RULES
+from gcs.mavlink.mission.upload_stages import Event, Stage
+from gcs.mavlink.mission.uploads import list_upload
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 S = 1_000_000_000
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 SQUARE = ((33.19, -87.61), (33.23, -87.61), (33.23, -87.57), (33.19, -87.57))
 ITEMS = fence_items(Fence((Area(True, SQUARE), Area(False, (), (33.21, -87.59), 80.0))))
+END_AFTER_ERROR = Upload.end_after_error
 POINTS = rally_items([Rally(33.205, -87.595, 90), Rally(33.206, -87.594, 120)])
 
 
@@ -50,7 +53,7 @@ def talk(task, plane, *, loss=0.0, seed=0, end_s=200.0, change=lambda messages: 
 
 
 def begin(plane, mission_type, items):
-    return ListTask(7, mission_type, items, Encoder(), plane._stepped_ns + S)
+    return list_upload(7, mission_type, items, Encoder(), plane._stepped_ns + S)
 
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
@@ -136,7 +139,7 @@ MESSAGES = st.sampled_from(["REQUEST", "ACK", "COUNT", "ITEM"])
     ),
 )
 def test_messages_in_any_order_end_it_at_most_once_and_never_with_a_false_success(items, steps):
-    task, t_ns, to = ListTask(7, FENCE, items, Encoder(), 0), 0, (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
+    task, t_ns, to = list_upload(7, FENCE, items, Encoder(), 0), 0, (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
     for wait_s, kind, n, answer in steps:
         t_ns += round(wait_s * S)
         before = task.result
@@ -154,19 +157,21 @@ def test_messages_in_any_order_end_it_at_most_once_and_never_with_a_false_succes
 
 def test_messages_about_another_list_change_nothing():
     """A request for a mission item was answered with an item of the fence."""
-    task, to = ListTask(7, FENCE, ITEMS, Encoder(), 0), (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
+    task, to = list_upload(7, FENCE, ITEMS, Encoder(), 0), (GCS_SYSTEM_ID, GCS_COMPONENT_ID)
     task.poll(0)
     request = dialect.MAVLink_mission_request_int_message(*to, 0, 0)
     assert task.receive(decode(Encoder(7, 1)(request))[0][0], 1) == []
 
 
 @pytest.mark.parametrize(("stage", "items"), [(Stage.UPLOAD, ITEMS), (Stage.CLEAR, ())])
-def test_a_program_error_ends_it_as_failed_and_not_the_program(stage, items):
+def test_a_program_error_ends_it_as_failed_and_not_the_program(monkeypatch, stage, items):
     """The error left the event loop: the fences of all other vehicles were not uploaded either."""
     plane = vehicle()
     task = begin(plane, FENCE, items)
-    task.transitions = {**LIST_TRANSITIONS, stage: frozenset({Stage.DONE})}
+    without = {key: rules for key, rules in LIST_RULES.table.items() if key != (stage, Event.MISSION_ACK)}
+    task.rules = LIST_RULES._replace(table=without)
+    monkeypatch.setattr(Upload, "end_after_error", END_AFTER_ERROR)
     result = talk(task, plane)
     assert (result.ok, result.items) == (False, None)
-    assert f"program error ({stage} to verify); the stored list is unknown" in result.detail
+    assert f"(no rule for MISSION_ACK in {stage}); what is stored is unknown" in result.detail
     assert task.poll(10**12) == []
