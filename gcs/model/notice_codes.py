@@ -553,7 +553,7 @@ class NoticeCode(StrEnum):
         "mission of {items} items {detail} in {duration_s:.2f} s, {retries} retries",
         ends="mission-failed mission-held-back uploads-failed upload-slow clearing-failed clearing-given-up "
         "mission-rejected mission-waits takeoff-waits first-leg-wrong first-leg-still-wrong "
-        "route-ended-short without-mission",
+        "route-ended-short without-mission upload-error",
     )
     MISSION_FAILED = _vehicle(
         "mission-failed",
@@ -624,7 +624,7 @@ class NoticeCode(StrEnum):
         "report the recording",
     )
     WITHOUT_MISSION = _vehicle(
-        "without-mission upload-error",
+        "without-mission",
         _A,
         "{state}: {detail}",
         "after an upload it has no mission, waits in LOITER, or is overridden. Do not choose AUTO before "
