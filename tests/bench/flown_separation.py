@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gcs.core.separation.monitor import LOOK_AHEAD_S
-from gcs.model import NS_PER_S, Effect, Notice, Order, OrderAnswer
+from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Order, OrderAnswer
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.vehicle import SimVehicle
@@ -290,14 +290,13 @@ class FlownMission:
         if not isinstance(effect, Notice) or effect.vehicle is None:
             return
         t_s = (t_ns - START_T_NS) / NS_PER_S
-        words = effect.text.split("agent ")
-        if effect.level != "info" or "apart" in effect.text:
+        if effect.level != "info" or effect.code is NoticeCode.APART_AGAIN:
             self.flown.told.append((t_s, f"{effect.level} {effect.vehicle} {effect.text}"))
-        if effect.text.startswith(("comes within ", "has lost separation from ")):
-            other = int("".join(itertools.takewhile(str.isdigit, words[1])))
+        other = effect.parameters.get("other", 0)
+        if effect.code in (NoticeCode.COMES_NEAR, NoticeCode.SEPARATION_LOST):
             self._told.setdefault((effect.vehicle, other), t_s)
-        elif effect.text.startswith("is apart from agent "):
-            vehicles = (effect.vehicle, int("".join(itertools.takewhile(str.isdigit, words[1]))))
+        elif effect.code is NoticeCode.APART_AGAIN:
+            vehicles = (effect.vehicle, other)
             if vehicles in self._told:
                 self._end_alarm(vehicles)
 

@@ -100,7 +100,7 @@ def test_a_target_needs_another_vehicle_from_when_its_own_leaves_the_mission_not
 def test_a_failsafe_that_is_told_as_a_persons_choice_counts():
     heard = Heard("rc")
     heard.watch.begin(heard.t_ns)
-    heard.watch.effect(0, Notice(1, "warning", "is in RTL, not by this service: a pilot chose that mode", 1))
+    heard.watch.effect(0, Notice(1, NoticeCode.OVERRIDDEN, 1, {"mode": "RTL"}))
     assert heard.watch.misattributed
 
 

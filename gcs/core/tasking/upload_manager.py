@@ -183,7 +183,7 @@ class UploadManager:
             until_t_ns, at_once = min(before.until_t_ns, until_t_ns), at_once or before.at_once
         begins_t_ns = t_ns + round(min(self._item_wait_s(vehicle, t_ns) * NS_PER_S, until_t_ns - t_ns))
         self.state.queue[vehicle] = QueuedRoute(route, t_ns, until_t_ns, at_once, return_route, begins_t_ns)
-        return self._start_due(t_ns)
+        return self._start_due(t_ns, renewed=False)
 
     def withdraw_except(self, wanted: Container[int]) -> list[int]:
         """Remove the queued routes of all other vehicles; return these vehicles."""
@@ -202,12 +202,12 @@ class UploadManager:
         return effects + self._active.receive(vehicle, message, t_ns)
 
     def poll(self, t_ns: int) -> list[Effect]:
-        """Run the timers."""
+        """Run the timers. Routes that are `outdated` are to be planned again before."""
         for vehicle, agent in self._agents.items():
             if Authority.COMMANDED in agent.claims:
                 self._fleet.forward_next_heartbeat(vehicle)  # it shows whether it obeyed
         self._rejections.poll(t_ns)
-        return self._active.poll(t_ns) + self._first_legs.poll(t_ns) + self._start_due(t_ns)
+        return self._active.poll(t_ns) + self._first_legs.poll(t_ns) + self._start_due(t_ns, renewed=True)
 
     def resume(self, t_ns: int) -> list[Effect]:
         """Continue the uploads in progress after an outage of the service: read back first."""
@@ -300,13 +300,12 @@ class UploadManager:
             return False
         return t_ns >= queued.until_t_ns or not self._item_wait_s(vehicle, t_ns)
 
-    def _start_due(self, t_ns: int) -> list[Effect]:
-        """Start the uploads that need not wait any longer."""
+    def _start_due(self, t_ns: int, *, renewed: bool) -> list[Effect]:
+        """Start the uploads that need not wait any longer; outdated ones only if they are planned again."""
         effects: list[Effect] = []
         for vehicle in list(self.state.queue):
             queued = self.state.queue[vehicle]
-            # An outdated one is planned again first (`gcs.core.pipelines.planning.renew_outdated`).
-            if not _is_outdated(queued, t_ns) and self._may_start(vehicle, t_ns):
+            if (renewed or not _is_outdated(queued, t_ns)) and self._may_start(vehicle, t_ns):
                 del self.state.queue[vehicle]
                 effects += self._active.supersede(vehicle, t_ns)
                 effects += self._start(queued.route, queued.planned_t_ns, queued.return_route, t_ns)

@@ -310,10 +310,10 @@ def test_another_mission_file_shows_what_differs(flight: Path, tmp_path: Path) -
     text = (flight / "mission.toml").read_text(encoding="utf-8")
     assert "\n[planning]\n" in text
     other = tmp_path / "other.toml"
-    other.write_text(text.replace("\n[planning]\n", "\n[planning]\nperiod_s = 2.0\n"), encoding="utf-8")
+    other.write_text(text.replace("\n[planning]\n", "\n[planning]\naim = 'position'\n"), encoding="utf-8")
     code, _, found = replay(flight, "--config", other, "--headless")
     assert code == 0
-    assert found["settings"] == [{"what": "planning.period_s", "recorded": "5.0", "replayed": "2.0"}]
+    assert found["settings"] == [{"what": "planning.aim", "recorded": "intercept", "replayed": "position"}]
     assert any(row["differs"] for row in found["outcome"])
 
 

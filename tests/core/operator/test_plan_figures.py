@@ -39,7 +39,7 @@ def shown_and_flown(target_m, boxes, *, px4):
     run.order(Order(run.t_ns, "confirm", "confirm", None, proposal.plan_id))
     run.order(Order(run.t_ns + 10 * S, "arm", "arm", None))
     flight.run(18.0)
-    (status,) = run.command.status_report.build(run.t_ns).agents
+    (status,) = run.command.stages.status_report.build(run.t_ns).agents
     (figures,), begin_s, nearest_m = proposal.figures, None, math.inf
     while begin_s is None or math.dist(flight.way[-1][:2], target_m) > 30.0:
         t_s = (run.t_ns - START_T_NS) / S

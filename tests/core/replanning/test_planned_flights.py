@@ -83,7 +83,7 @@ def test_a_flown_route_is_given_up_where_a_vehicle_is_held_in_its_layer():
 
 
 def test_the_climb_before_a_route_is_looked_at_too():
-    flown, beside = route(1, (100.0, 900.0)), (500.0, 260.0)
+    flown, beside = route(1, (100.0, 900.0)), (500.0, 240.0)
     climb = Climb((100.0, 200.0), np.pi / 2.0, 20.0, 500.0, 90.0, 15.0)
     held = [OtherVehicle(3, beside, beside, 92.0)]
     assert occupied(held, flown) == set()

@@ -13,11 +13,23 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.engine import Engine
 from gcs.mavlink.frames.codec import Encoder
-from gcs.model import NS_PER_S, Authority, Datagram, Effect, Event, Notice, Order, Send, Tick, UploadReport
+from gcs.model import (
+    NS_PER_S,
+    Authority,
+    Datagram,
+    Effect,
+    Event,
+    Notice,
+    NoticeCode,
+    Order,
+    Send,
+    Tick,
+    UploadReport,
+)
 from sim_vehicles.campaign.virtual_run import LINK, START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
 
-SIGN = "another service with our ids"
+SIGN = NoticeCode.SECOND_COMMANDER
 
 
 class Flown:
@@ -34,9 +46,9 @@ class Flown:
         elif isinstance(effect, UploadReport):
             self.uploads_s.append(t_s)
 
-    def said(self, text: str, level: str = "alarm") -> list[tuple[float, int | None]]:
+    def said(self, code: NoticeCode) -> list[tuple[float, int | None]]:
         """Return time and vehicle of each such notice."""
-        return [(t_s, one.vehicle) for t_s, one in self.notices if text in one.text and one.level == level]
+        return [(t_s, one.vehicle) for t_s, one in self.notices if one.code is code]
 
 
 class TwoServices:
@@ -69,11 +81,10 @@ def test_a_second_service_is_named_within_a_second_and_nothing_more_is_uploaded_
     assert sorted(vehicle or 0 for _, vehicle in alarms) == [1, 2, 3, 4]
     assert max(t_s for t_s, _ in alarms) < 21.0
     assert all(t_s < 21.0 for t_s in both.first.uploads_s)
-    (text, *_) = [one.text for _, one in both.first.notices if SIGN in one.text]
-    assert "MAV_CMD_" in text
-    assert "vehicle:" in text
-    assert LINK in text
-    assert "`gcs order resume --vehicle" in text
+    (sign, *_) = [one.parameters["sign"] for _, one in both.first.notices if one.code is SIGN]
+    assert "MAV_CMD_" in sign
+    assert "vehicle:" in sign
+    assert LINK in sign
     for agent in both.run.command.state.agents.values():
         assert Authority.SECOND_COMMANDER in agent.control.claims
 
@@ -92,7 +103,7 @@ def test_an_operator_takes_the_vehicles_back_when_the_other_service_has_ended() 
     both.end_t_ns = START_T_NS + 30 * NS_PER_S
     both.run.run(75.0)
     assert len(both.first.said(SIGN)) == 4
-    assert both.first.said(SIGN, "warning") == []
+    assert both.first.said(NoticeCode.SECOND_COMMANDER_TOLERATED) == []
     assert [t_s for t_s in both.first.uploads_s if t_s > 40.0]
     for agent in both.run.command.state.agents.values():
         assert Authority.SECOND_COMMANDER not in agent.control.claims
@@ -105,7 +116,7 @@ def test_an_operator_who_decides_against_the_alarm_is_obeyed_and_reminded() -> N
     alarms = Counter(vehicle for _, vehicle in both.first.said(SIGN))
     assert alarms == {1: 1, 2: 1, 3: 1, 4: 1}
     assert [t_s for t_s in both.first.uploads_s if t_s > 25.0]
-    assert both.first.said(SIGN, "warning")
+    assert both.first.said(NoticeCode.SECOND_COMMANDER_TOLERATED)
 
 
 class Delayed:
@@ -177,10 +188,10 @@ def test_late_and_repeated_answers_to_our_own_requests_never_stop_the_tasking(na
     run.run(75.0)
     run.command = Engine(run.scenario.config, run.seed)
     run.run(95.0)
-    assert [one.text for _, one in flown.notices if SIGN in one.text] == []
+    assert [one for _, one in flown.notices if one.code is SIGN] == []
     different = flown.said("its onboard mission is not the one it was given")
     assert [t_s for t_s, _ in different if t_s < 60.0] == []  # the older journal knows older missions
-    assert flown.said("its onboard mission is read back", "warning") == []
+    assert flown.said(NoticeCode.MISSION_CHANGED) == flown.said(NoticeCode.MISSION_COUNT_CHANGED) == []
     assert flown.uploads_s
 
 
@@ -225,5 +236,5 @@ def test_heartbeats_of_another_service_stop_the_tasking_of_all_vehicles_there() 
     alarms = flown.said(SIGN)
     assert [vehicle for _, vehicle in alarms] == [1, 2, 3, 4]
     assert 20.0 < alarms[0][0] < 24.0
-    text = next(one.text for _, one in flown.notices if SIGN in one.text)
+    text = next(one.text for _, one in flown.notices if one.code is SIGN)
     assert "10.0.0.8:14550" in text
