@@ -23,8 +23,9 @@ from gcs.jit import Call, kernel, leaf
 from gcs.model import BoolArray, FloatArray
 from gcs.planning.forward_simulation import STEP_S, max_turn_rate_rad_s, simulate_states
 from gcs.planning.map.grid import Grid, Point, free_grid
-from gcs.planning.map.line_of_sight import is_clear_at, is_free_at, path_clearance, to_cells
+from gcs.planning.map.line_of_sight import is_clear_at, is_free_at, line_of_sight, path_clearance, to_cells
 from gcs.planning.path.initial_turn import MIN_RADIUS_SHARE, start_clearance
+from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.route_joining import MIN_CLEARANCE_SHARE
 
@@ -101,10 +102,12 @@ def plan_terminal_loiter(
     Returns
     -------
     TerminalLoiter
-        The route as it is, on a map without obstacles.
+        The route as it is, on a map without obstacles, or without a clearance and with room around its end.
     """
     if not grid.blocked.any():
         return TerminalLoiter(points_m, None, math.inf)
+    if options.clearance_m <= 0.0 and _has_room(grid, start, points_m, target_m, spec):
+        return TerminalLoiter(points_m, None, _MIN_GAIN_M)
     circles = _CircleSearch(grid, start, target_m, options, spec)
     best = circles.best(points_m, TerminalLoiter(points_m, None, _NO_CLEARANCE_M, passes_target=False))
     if best.clearance_m >= 0.0:
@@ -114,6 +117,20 @@ def plan_terminal_loiter(
         if best.clearance_m >= circles.enough_m or circles.flights >= _MAX_FLIGHTS:
             break
     return best if best.clearance_m >= 0.0 else _stop_short(circles, start, points_m, best, options)
+
+
+def _has_room(grid: Grid, start: AgentState, points_m: FloatArray, target_m: Point, spec: LoiterSpec) -> bool:
+    """Return True if a route ends straight over its target, with room for the flight onto the circle."""
+    before_m, end_m = _with_start(start, points_m)[-2:].tolist()
+    turns, end = spec.turns, (end_m[0], end_m[1])
+    if math.dist(end, target_m) > _MIN_GAIN_M or math.dist(before_m, end) < 2.0 * turns.radius_m:
+        return False
+    return line_of_sight(grid, end, end, room_to_circle_m(spec.radius_m, turns) + _MIN_GAIN_M)
+
+
+def room_to_circle_m(radius_m: float, turns: TurnAnticipation) -> float:
+    """Return how far a vehicle goes at most from the centre of a circle that it enters straight over it."""
+    return max(radius_m, 2.0 * turns.radius_m, turns.lag_m) + 0.5 * turns.lag_m
 
 
 def _stop_short(

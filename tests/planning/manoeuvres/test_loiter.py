@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission, simulate
 from gcs.planning.manoeuvres import loiter
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.path.turns import TurnAnticipation
@@ -124,6 +125,38 @@ def test_among_random_obstacles_no_end_leads_into_one(seed, target_m, course_rad
     assert not any(is_inside(grid, place) for place in places)
     if not result.stops_short:
         assert time_near_s(places, target_m) >= 1.5
+
+
+@given(st.sampled_from([8.0, 15.0, 30.0]), st.floats(0.5, 4.0), st.floats(20.0, 60.0), st.floats(1.0, 4.0))
+def test_a_circle_entered_over_its_centre_needs_no_more_than_its_room(speed_m_s, lag_s, bank_deg, wider):
+    turn_radius_m = speed_m_s**2 / (9.81 * math.tan(math.radians(bank_deg)))
+    circle = LoiterCircle((0.0, 0.0), wider * turn_radius_m)
+    ahead = RemainingMission(((0.0, 0.0),), (10.0,), circle=circle)
+    motion = Motion(0.0, -500.0, speed_m_s, 0.0, 0.0, 0.0, ahead)
+    room_m = loiter.room_to_circle_m(
+        circle.radius_m, TurnAnticipation(turn_radius_m, speed_m_s * lag_s, 10.0)
+    )
+    for lag, min_radius_m in ((lag_s, turn_radius_m), (0.5 * lag_s, 0.0)):
+        states = simulate(
+            OPEN, motion, (500.0 + 20.0 * circle.radius_m) / speed_m_s, lag, 0.0, min_radius_m
+        ).states
+        assert np.hypot(*states[states[:, 4] >= 1.0, :2].T).max() <= room_m
+
+
+def test_without_a_clearance_an_end_with_room_costs_no_search(monkeypatch):
+    """A plan for a hundred vehicles took twice as long as the routes alone."""
+    options = replace(OPTIONS, clearance_m=0.0)
+    grid = OPEN.with_obstacles(discs_m=[(1200.0, 1180.0, 40.0), (700.0, 1020.0, 40.0)])
+    searched = planned(
+        grid.with_obstacles(discs_m=[(1200.0, 860.0, 40.0)]), (1200.0, 1000.0), options=options
+    )
+    assert searched[0].points_m[-1].tolist() == [1200.0, 1000.0]
+    monkeypatch.setattr(loiter, "_CircleSearch", None)
+    route, result = planned(grid, (1200.0, 1000.0), options=options)
+    assert route.wait_m is None
+    assert not result.stops_short
+    with pytest.raises(TypeError):
+        planned(grid.with_obstacles(discs_m=[(1200.0, 860.0, 40.0)]), (1200.0, 1000.0), options=options)
 
 
 def test_what_a_vehicle_waits_on_does_not_hang_on_where_the_map_begins():
