@@ -113,6 +113,7 @@ class HealthItem(Enum):
     """Part of a vehicle whose health is watched, with its word."""
 
     GPS = "GPS"
+    GPS_POSITION = "GPS position"
     ESTIMATE = "attitude and position estimate"
     AIRSPEED = "airspeed sensor"
     PROPULSION = "propulsion"

@@ -7,7 +7,7 @@ recording. Times are from the fault.
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -79,6 +79,7 @@ _SINK_M_S, _FULL_THROTTLE = 1.5, 90
 _SINK_NS = NS_PER_S
 _LOW_M, _HIGH_M = 2.0, 10.0
 _SILENT_NS = 3 * NS_PER_S
+_REASSIGNED_NS = 5 * NS_PER_S
 _OBEYED_NS = 3 * NS_PER_S
 """A mode that a vehicle shows this soon after the service commanded it is the service's."""
 _STEERING_MESSAGES = frozenset({11, 38, 39, 41, 44, 45, 73, 86})
@@ -128,7 +129,8 @@ class FaultWatch:
     target: Label | None = None
     """Target of the vehicle when the fault began."""
     spare: bool = False
-    """True if another vehicle was in the air without a target, in a mode of ours and without a fault."""
+    """True if another vehicle was in the air without a target, in a mode of ours and without a fault, until
+    5 s after this one left its mission."""
     reassigned_ns: int | None = None
     steered: list[str] = field(default_factory=list)
     """Steering messages that were sent while a mode that is not ours was shown."""
@@ -141,17 +143,20 @@ class FaultWatch:
     _seen: dict[int, Seen] = field(default_factory=dict)
     _enabled: dict[int, int] = field(default_factory=dict)
     _ordered: set[int] = field(default_factory=set)
+    _broken: Collection[int] = ()
 
-    def begin(self, t_ns: int, broken: Container[int] = ()) -> None:
+    def begin(self, t_ns: int, broken: Collection[int] = ()) -> None:
         """Note that the fault begins now; `broken` vehicles have one already."""
-        self.fault_ns, self.target = t_ns, self.targets.get(self.vehicle)
-        others = {v: seen for v, seen in self._seen.items() if v != self.vehicle and v not in broken}
-        self.spare = any(
+        self.fault_ns, self.target, self._broken = t_ns, self.targets.get(self.vehicle), broken
+        self.spare = self._has_spare()
+
+    def _has_spare(self) -> bool:
+        return any(
             (seen.is_ours or not seen.has_flown_auto)
             and seen.height_m > _HIGH_M
             and self.statuses.get(v, "active") == "active"
-            for v, seen in others.items()
-            if v not in self.targets
+            for v, seen in self._seen.items()
+            if v not in (self.vehicle, *self._broken) and v not in self.targets
         )
 
     def event(self, event: object, messages: Messages | None = None) -> None:
@@ -292,6 +297,8 @@ class FaultWatch:
             return
         if any(v != self.vehicle and target == self.target for v, target in self.targets.items()):
             self.reassigned_ns = plan.t_ns
+        elif self.left_ns is None or plan.t_ns - self.left_ns <= _REASSIGNED_NS:
+            self.spare = self.spare and self._has_spare()  # another target may have needed it
 
     def _take_send(self, data: bytes, t_ns: int) -> None:
         for frame in scan(data).frames:

@@ -35,6 +35,7 @@ _END_NS: Final = {item: ns(3.0) for item in HealthItem} | {HealthItem.PROPULSION
 """Without thrust an aeroplane sinks in waves: for some seconds it holds its height."""
 _UNFIT_NS: Final = {
     HealthItem.GPS: ns(5.0),
+    HealthItem.GPS_POSITION: ns(5.0),
     HealthItem.ESTIMATE: ns(2.0),
     HealthItem.PROPULSION: ns(3.0),
     HealthItem.BATTERY: ns(1.0),
@@ -140,8 +141,8 @@ class HealthMonitor:
         flight, now = agent.flight, self._fleet.readings(state.system_id)
         if now.fix_type is not None and now.fix_type < dialect.GPS_FIX_TYPE_3D_FIX:
             yield HealthItem.GPS, "no 3D fix; it flies by its inertial estimate, and its position drifts"
-        elif (now.estimator_flags or 0) & _GLITCH_FLAGS.get(agent.link.autopilot, 0):
-            yield HealthItem.GPS, "its position jumps: the estimator rejects it, and may follow it later"
+        if (now.estimator_flags or 0) & _GLITCH_FLAGS.get(agent.link.autopilot, 0):
+            yield HealthItem.GPS_POSITION, "it jumps: the estimator rejects it, and may follow it later"
         if problem := _estimate_problem(now):
             yield HealthItem.ESTIMATE, problem
         failed = now.sensors_failed or 0

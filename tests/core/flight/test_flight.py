@@ -251,9 +251,10 @@ def test_a_jump_of_the_gps_position_is_told_before_the_estimator_follows_it(auto
         for _ in range(4):
             plane.hear(estimate(autopilot, flags))
             plane.wait(0.5)
-        assert (
-            len([text for text in plane.alarms() if text.startswith("GPS: its position jumps")]) == expected
-        )
+        assert len([text for text in plane.alarms() if text.startswith("GPS position: it jumps")]) == expected
+    plane.fix = 1
+    plane.wait(2.0)
+    assert [text for text in plane.alarms() if text.startswith("GPS: no 3D fix")], "a worse problem, told too"
 
 
 def test_sinking_at_full_throttle_is_a_failed_engine_and_its_cause_is_told_when_it_is_down() -> None:
