@@ -37,11 +37,12 @@ No rule arms the vehicle. No message goes without a target.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Final, NamedTuple
+from typing import Final
 
 from gcs.mavlink.mission import _upload_actions as do
 from gcs.mavlink.mission import _upload_guards as when
-from gcs.mavlink.mission.upload import Action, Guard, Rule, Rules, Source, StageRule
+from gcs.mavlink.mission.upload import Rule as On
+from gcs.mavlink.mission.upload import Rules, Source, StageRule
 from gcs.mavlink.mission.upload_stages import Choice, Event, Stage
 
 # fmt: off
@@ -58,19 +59,9 @@ STAY: Final = None
 _REJECTED: Final = "the vehicle's navigator rejects the mission"
 
 
-class On(NamedTuple):
-    """Rule of one stage or choice."""
-
-    event: Event | None
-    guard: Guard | None = ALWAYS
-    target: Source | None = STAY
-    action: Action | None = None
-    why: str = ""
-
-
-def at(*sources: Source, rules: Iterable[On]) -> Iterator[Rule]:
+def at(*sources: Source, rules: Iterable[On]) -> Iterator[tuple[Source, On]]:
     """Return the rules of some stages, or of a choice."""
-    return (Rule(source, *rule) for rule in rules for source in sources)
+    return ((source, rule) for rule in rules for source in sources)
 
 
 _STAGES: Final = {
@@ -306,13 +297,17 @@ _IGNORED_BY_LISTS: Final = (
 # fmt: on
 
 
-def _rules_of(stages: Mapping[Stage, StageRule], rules: Iterable[Rule], ignored: Iterable[Rule]) -> Rules:
-    """Return the rules by source and event; the ignored events have none whose guard always holds."""
-    table: dict[tuple[Source, Event | None], tuple[Rule, ...]] = {}
-    for rule in (*rules, *ignored):
-        known = table.get((rule.source, rule.event), ())
+def _rules_of(
+    stages: Mapping[Stage, StageRule],
+    rules: Iterable[tuple[Source, On]],
+    ignored: Iterable[tuple[Source, On]],
+) -> Rules:
+    """Return the rules by source and event; events are ignored where no guard holds."""
+    table: dict[tuple[Source, Event | None], tuple[On, ...]] = {}
+    for source, rule in (*rules, *ignored):
+        known = table.get((source, rule.event), ())
         if not known or known[-1].guard is not ALWAYS:
-            table[rule.source, rule.event] = (*known, rule)
+            table[source, rule.event] = (*known, rule)
     return Rules(stages, table)
 
 
