@@ -1,5 +1,9 @@
 """Rules of an upload: what follows on what. These tables drive `gcs.mavlink.mission.upload.Upload`.
 
+Of the rules of a stage for an event the first one is carried out whose guard holds: its action, then the next
+stage. A choice is a branch between two stages (`gcs.mavlink.mission.upload_stages`). `docs/missions.md` draws
+both tables.
+
 Sources: https://mavlink.io/en/services/mission.html, ArduPilot's `MissionItemProtocol`, PX4's
 `mavlink_mission`. `gcs.mavlink.autopilots` holds what differs between the firmwares.
 
@@ -22,8 +26,8 @@ and a fence or rally points through new -> upload -> verify -> done. Rules of th
   launch. So `mode` follows only on the selection of a mission that was read back, or on the old mission.
 * After the last upload a mission that must not be flown is removed (`remove`): LOITER, then
   MISSION_CLEAR_ALL, which ArduPlane refuses in AUTO, then its number of items.
-* What steers waits for a heartbeat, which is requested (third column of the stages): a selection or a mode
-  sent after a pilot or a failsafe has chosen a mode would undo it. From an override on (`mode_authority`)
+* What steers waits for a heartbeat, which is requested (second column of `_STAGES`): a selection or a mode sent
+  after a pilot or a failsafe has chosen a mode would undo it. From an override on (`mode_authority`)
   every message and tick is the event `override`, which ends the upload. A PX4 is told by MISSION_ACK 15 and
   keeps its old mission. An ArduPlane's mission may then be inconsistent: `gcs.core.tasking` repairs it when
   the vehicle is ours again.
@@ -197,7 +201,7 @@ _MISSION: Final = (
     *at(UPLOAD, VERIFY, CLEAR, rules=(
         On(IN_AUTO,         when.is_loiter_due,          STAY,       do.command_loiter_once),)),
     # Another mode is chosen or commanded. A PX4 may also be in Hold because it rejects its mission.
-    *at(UPLOAD, VERIFY, SELECT, MODE, rules=(
+    *at(UPLOAD, VERIFY, SELECT, MODE, CLEAR, rules=(
         On(OVERRIDE,        when.may_be_rejection,       DIAGNOSE),)),
     *at(DIAGNOSE, rules=(
         On(OVERRIDE,        when.may_still_be_rejection, STAY),
