@@ -26,8 +26,8 @@ and a fence or rally points through new -> upload -> verify -> done. Rules of th
   launch. So `mode` follows only on the selection of a mission that was read back, or on the old mission.
 * After the last upload a mission that must not be flown is removed (`remove`): LOITER, then
   MISSION_CLEAR_ALL, which ArduPlane refuses in AUTO, then its number of items.
-* What steers waits for a heartbeat, which is requested (second column of `_STAGES`): a selection or a mode sent
-  after a pilot or a failsafe has chosen a mode would undo it. From an override on (`mode_authority`)
+* What steers waits for a heartbeat, which is requested (second column of `_STAGES`): a selection or a mode
+  sent after a pilot or a failsafe has chosen a mode would undo it. From an override on (`mode_authority`)
   every message and tick is the event `override`, which ends the upload. A PX4 is told by MISSION_ACK 15 and
   keeps its old mission. An ArduPlane's mission may then be inconsistent: `gcs.core.tasking` repairs it when
   the vehicle is ours again.
