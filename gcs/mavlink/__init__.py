@@ -22,9 +22,9 @@ In reading order:
 `mission.items`                    MISSION_ITEM_INT as a record
 `mission.item_builder`             a mission as the items of a firmware
 `mission.item_transfer`            MissionDownload, MissionUpload: the transfers of the mission protocol
+`mission.upload_rules`             what follows on what in an upload: the table that drives it
 `mission.upload_limits`            timeouts and bounds of an upload
-`mission.upload_task`              a mission uploaded, verified, selected and started
-`mission.list_task`                the same for a fence or rally points
+`mission.uploads`                  a mission uploaded, verified, selected and started; a fence or rally points
 `autopilots.profile`               profile of each autopilot: modes, formats, limits
 `autopilots.preflight_parameters`  parameters that the preflight check reads, and their ranges
 `router.router`                    routes between vehicles and other ground stations

@@ -65,8 +65,8 @@ _link = partial(_entry, "link")
 _mission = partial(_entry, "mission")
 _RESUME: Final = "`gcs order resume --vehicle {vehicle}`"
 _IN_FLIGHT: Final = (
-    "sinks gps-problem estimate-problem propulsion-problem battery-problem airspeed-problem rc-problem "
-    "fence-problem wind-problem"
+    "sinks gps-problem gps-position-problem estimate-problem propulsion-problem battery-problem "
+    "airspeed-problem rc-problem fence-problem wind-problem"
 )
 """Conditions of a flight, which end with it."""
 _READY: Final = "`gcs order ready --vehicle {vehicle}`"
@@ -222,6 +222,16 @@ class NoticeCode(StrEnum):
         "return it by hand if it stays",
     )
     GPS_GOOD = _vehicle("gps-good", _I, "GPS: good again", ends="gps-problem")
+    GPS_POSITION_PROBLEM = _vehicle(
+        "gps-position-problem",
+        _A,
+        "GPS position: {cause}",
+        "GPS glitch: EKF_STATUS_REPORT (ArduPlane) or ESTIMATOR_STATUS (PX4) flags it. After 5 s it is unfit",
+        "return it by hand if it stays; interference or spoofing?",
+    )
+    GPS_POSITION_GOOD = _vehicle(
+        "gps-position-good", _I, "GPS position: good again", ends="gps-position-problem"
+    )
     ESTIMATE_PROBLEM = _vehicle(
         "estimate-problem",
         _A,

@@ -47,6 +47,7 @@ _SAID = {
 _DOWN = {NoticeCode.CAME_DOWN, NoticeCode.SINKS, NoticeCode.PROPULSION_PROBLEM}
 _POSITION = {
     NoticeCode.GPS_PROBLEM,
+    NoticeCode.GPS_POSITION_PROBLEM,
     NoticeCode.ESTIMATE_PROBLEM,
     NoticeCode.POSITION_JUMP,
     NoticeCode.POSITION_FROZEN,

@@ -43,6 +43,7 @@ _UNFIT_NS: Final = {
 """Time after which a problem makes a vehicle unfit; the other problems do not."""
 _CODES: Final[dict[HealthItem, tuple[NoticeCode, NoticeCode]]] = {
     HealthItem.GPS: (NoticeCode.GPS_PROBLEM, NoticeCode.GPS_GOOD),
+    HealthItem.GPS_POSITION: (NoticeCode.GPS_POSITION_PROBLEM, NoticeCode.GPS_POSITION_GOOD),
     HealthItem.ESTIMATE: (NoticeCode.ESTIMATE_PROBLEM, NoticeCode.ESTIMATE_GOOD),
     HealthItem.AIRSPEED: (NoticeCode.AIRSPEED_PROBLEM, NoticeCode.AIRSPEED_GOOD),
     HealthItem.PROPULSION: (NoticeCode.PROPULSION_PROBLEM, NoticeCode.PROPULSION_GOOD),

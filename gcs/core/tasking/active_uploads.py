@@ -1,7 +1,7 @@
 """Uploads in progress, one per vehicle.
 
-Each is an `Upload`: send, read back, compare, start. Its result updates the onboard mission of the
-vehicle (`gcs.core.tasking.onboard_missions`), or marks that mission as possibly inconsistent. A vehicle with
+Each is an `Upload`: send, read back, compare, start. Its result updates the onboard mission of the vehicle
+(`gcs.core.tasking.onboard_missions`), or marks that mission as possibly inconsistent. A vehicle with
 an inconsistent mission is held and cleared, unless a new mission replaces it first.
 """
 

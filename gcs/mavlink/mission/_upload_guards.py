@@ -27,11 +27,10 @@ def has_recent_heartbeat(upload: Upload, t_ns: int) -> bool:
 
 def has_new_heartbeat(upload: Upload, t_ns: int) -> bool:
     """Return True right after a heartbeat that is newer than the stage and the last try of its request."""
-    request, heard_t_ns = upload.state.now.request, upload.state.heartbeats.heard_t_ns or 0
-    is_new = heard_t_ns >= upload.state.now.since_t_ns
+    request, since_t_ns = upload.state.now.request, upload.state.now.since_t_ns
     if request is not None and request.sent:
-        is_new = heard_t_ns > request.sent_t_ns
-    return is_new and has_recent_heartbeat(upload, t_ns)
+        since_t_ns = request.sent_t_ns + 1
+    return (upload.state.heartbeats.heard_t_ns or 0) >= since_t_ns and has_recent_heartbeat(upload, t_ns)
 
 
 def may_transfer(upload: Upload, t_ns: int) -> bool:

@@ -116,14 +116,13 @@ class MissionDownload:
         """Return the MISSION_ACK that ends the transfer."""
         return dialect.MAVLink_mission_ack_message(*self.to, dialect.MAV_MISSION_ACCEPTED, self.mission_type)
 
-    def add_count(self, message: Message, t_ns: int, rtt: RttEstimator) -> bool:
-        """Add a MISSION_COUNT; return True if it is the first."""
+    def add_count(self, message: Message, t_ns: int, rtt: RttEstimator) -> None:
+        """Add a MISSION_COUNT, if it is the first."""
         if self.count is not None:
-            return False
+            return
         self.heard_t_ns = t_ns
         rtt.add_sample(self.count_timer.round_trip_s(t_ns))
         self.count = message.count
-        return True
 
     def add_item(self, message: Message, t_ns: int, rtt: RttEstimator) -> bool:
         """Add a MISSION_ITEM_INT; return True if it was requested."""

@@ -33,18 +33,17 @@ _MAX_HEARTBEAT_WAIT_S: Final = 1.0
 
 
 class Rule(NamedTuple):
-    """One rule: the first one of a stage for an event whose guard holds is carried out.
+    """One rule: of those of a stage for an event the first one is carried out whose guard holds.
 
     Without an event it is that of a choice; without a guard it always holds; without a target the stage stays
     as it is. `why` is the reason for the operator, with the facts that it names (`Upload.reason_of`).
     """
 
-    source: Source
     event: Event | None
-    guard: Guard | None
-    target: Source | None
-    action: Action | None
-    why: str
+    guard: Guard | None = None
+    target: Source | None = None
+    action: Action | None = None
+    why: str = ""
 
 
 class StageRule(NamedTuple):
@@ -164,9 +163,8 @@ class Upload:
     @property
     def window(self) -> int:
         """Items or requests that may be in flight."""
-        if self._flight is None:
-            return 1
-        return min(self._flight.profile.window, self._flight.policy.max_items_in_flight(self.state.vehicle))
+        flight, vehicle = self._flight, self.state.vehicle
+        return 1 if flight is None else min(flight.profile.window, flight.policy.max_items_in_flight(vehicle))
 
     def may_send(self, t_ns: int) -> bool:
         """Return True if the request of the stage, or an item again, may be sent now."""

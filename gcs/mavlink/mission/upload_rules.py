@@ -1,5 +1,9 @@
 """Rules of an upload: what follows on what. These tables drive `gcs.mavlink.mission.upload.Upload`.
 
+Of the rules of a stage for an event the first one is carried out whose guard holds: its action, then the next
+stage. A choice is a branch between two stages (`gcs.mavlink.mission.upload_stages`). `docs/missions.md` draws
+both tables.
+
 Sources: https://mavlink.io/en/services/mission.html, ArduPilot's `MissionItemProtocol`, PX4's
 `mavlink_mission`. `gcs.mavlink.autopilots` holds what differs between the firmwares.
 
@@ -22,7 +26,7 @@ and a fence or rally points through new -> upload -> verify -> done. Rules of th
   launch. So `mode` follows only on the selection of a mission that was read back, or on the old mission.
 * After the last upload a mission that must not be flown is removed (`remove`): LOITER, then
   MISSION_CLEAR_ALL, which ArduPlane refuses in AUTO, then its number of items.
-* What steers waits for a heartbeat, which is requested (third column of the stages): a selection or a mode
+* What steers waits for a heartbeat, which is requested (second column of `_STAGES`): a selection or a mode
   sent after a pilot or a failsafe has chosen a mode would undo it. From an override on (`mode_authority`)
   every message and tick is the event `override`, which ends the upload. A PX4 is told by MISSION_ACK 15 and
   keeps its old mission. An ArduPlane's mission may then be inconsistent: `gcs.core.tasking` repairs it when
@@ -37,11 +41,12 @@ No rule arms the vehicle. No message goes without a target.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Final, NamedTuple
+from typing import Final
 
 from gcs.mavlink.mission import _upload_actions as do
 from gcs.mavlink.mission import _upload_guards as when
-from gcs.mavlink.mission.upload import Action, Guard, Rule, Rules, Source, StageRule
+from gcs.mavlink.mission.upload import Rule as On
+from gcs.mavlink.mission.upload import Rules, Source, StageRule
 from gcs.mavlink.mission.upload_stages import Choice, Event, Stage
 
 # fmt: off
@@ -58,19 +63,9 @@ STAY: Final = None
 _REJECTED: Final = "the vehicle's navigator rejects the mission"
 
 
-class On(NamedTuple):
-    """Rule of one stage or choice."""
-
-    event: Event | None
-    guard: Guard | None = ALWAYS
-    target: Source | None = STAY
-    action: Action | None = None
-    why: str = ""
-
-
-def at(*sources: Source, rules: Iterable[On]) -> Iterator[Rule]:
+def at(*sources: Source, rules: Iterable[On]) -> Iterator[tuple[Source, On]]:
     """Return the rules of some stages, or of a choice."""
-    return (Rule(source, *rule) for rule in rules for source in sources)
+    return ((source, rule) for rule in rules for source in sources)
 
 
 _STAGES: Final = {
@@ -206,7 +201,7 @@ _MISSION: Final = (
     *at(UPLOAD, VERIFY, CLEAR, rules=(
         On(IN_AUTO,         when.is_loiter_due,          STAY,       do.command_loiter_once),)),
     # Another mode is chosen or commanded. A PX4 may also be in Hold because it rejects its mission.
-    *at(UPLOAD, VERIFY, SELECT, MODE, rules=(
+    *at(UPLOAD, VERIFY, SELECT, MODE, CLEAR, rules=(
         On(OVERRIDE,        when.may_be_rejection,       DIAGNOSE),)),
     *at(DIAGNOSE, rules=(
         On(OVERRIDE,        when.may_still_be_rejection, STAY),
@@ -306,13 +301,17 @@ _IGNORED_BY_LISTS: Final = (
 # fmt: on
 
 
-def _rules_of(stages: Mapping[Stage, StageRule], rules: Iterable[Rule], ignored: Iterable[Rule]) -> Rules:
-    """Return the rules by source and event; the ignored events have none whose guard always holds."""
-    table: dict[tuple[Source, Event | None], tuple[Rule, ...]] = {}
-    for rule in (*rules, *ignored):
-        known = table.get((rule.source, rule.event), ())
+def _rules_of(
+    stages: Mapping[Stage, StageRule],
+    rules: Iterable[tuple[Source, On]],
+    ignored: Iterable[tuple[Source, On]],
+) -> Rules:
+    """Return the rules by source and event; events are ignored where no guard holds."""
+    table: dict[tuple[Source, Event | None], tuple[On, ...]] = {}
+    for source, rule in (*rules, *ignored):
+        known = table.get((source, rule.event), ())
         if not known or known[-1].guard is not ALWAYS:
-            table[rule.source, rule.event] = (*known, rule)
+            table[source, rule.event] = (*known, rule)
     return Rules(stages, table)
 
 

@@ -12,25 +12,29 @@ from gcs.mavlink.mission.items import Item
 
 
 class Stage(StrEnum):
-    """Stage of an upload."""
+    """Stage of an upload.
+
+    new         Before the begin.
+    park        LOITER is commanded, before an upload or before a selection.
+    upload      The vehicle requests the items.
+    verify      The onboard list is read back.
+    select      The first item is selected.
+    mode        AUTO is commanded.
+    diagnose    A PX4 is in Hold: MISSION_CURRENT tells a rejected mission from a mode that was chosen.
+    hold        LOITER is commanded, before clearing.
+    clear       The onboard list is removed, and its absence read back.
+    done        After the end.
+    """
 
     NEW = "new"
     PARK = "park"
-    """LOITER is commanded, before an upload or before a selection."""
     UPLOAD = "upload"
-    """The vehicle requests the items."""
     VERIFY = "verify"
-    """The onboard list is read back."""
     SELECT = "select"
-    """The first item is selected."""
     MODE = "mode"
-    """AUTO is commanded."""
     DIAGNOSE = "diagnose"
-    """A PX4 is in Hold: MISSION_CURRENT tells a rejected mission from a mode that was chosen."""
     HOLD = "hold"
-    """LOITER is commanded, before clearing."""
     CLEAR = "clear"
-    """The onboard list is removed, and its absence read back."""
     DONE = "done"
 
 

@@ -263,8 +263,12 @@ TABLES = pytest.mark.parametrize(
 
 def leading_to(target):
     """Return the rules of missions that lead to a stage or choice, as (source, event, name of the guard)."""
-    rules = [rule for rows in MISSION_RULES.table.values() for rule in rows if rule.target is target]
-    return {(rule.source, rule.event, rule.guard and rule.guard.__name__) for rule in rules}
+    return {
+        (source, event, rule.guard and rule.guard.__name__)
+        for (source, event), rules in MISSION_RULES.table.items()
+        for rule in rules
+        if rule.target is target
+    }
 
 
 @TABLES
