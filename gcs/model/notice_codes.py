@@ -863,14 +863,114 @@ class NoticeCode(StrEnum):
         ends="zone-ahead zone-entered zone-unavoidable zone-on-return",
         by="zone",
     )
-    PLAN_NOTE = _mission(
-        "plan-note",
+    AGENT_NOT_ON_EARTH = _vehicle(
+        "agent-not-on-earth",
         _W,
-        "{note}",
-        "a route that ends before its target, keeps less than `clearance_m`, has no clear loiter circle or "
-        "turn, or a target that no vehicle can reach",
-        "watch the vehicle; smaller `mission.loiter_radius_m`, a wider fence, or ignore the target",
-        by="note",
+        "its position is not on Earth: it gets no route",
+        "the tracker's estimate is useless",
+        "check the vehicle's GPS and clock",
+    )
+    TARGET_NOT_ON_EARTH = _mission(
+        "target-not-on-earth",
+        _W,
+        "target {target}: its position is not on Earth",
+        "the sensors report impossible positions",
+        "check the sensors; `gcs order ignore`",
+        by="target",
+    )
+    NO_AGENTS = _mission("no-agents", _W, "no agents", "no vehicle can get a route")
+    NO_TARGETS = _mission("no-targets", _W, "no targets", "no target is tracked, or all are ignored")
+    NO_FREE_CELL = _mission(
+        "no-free-cell", _W, "the map has no free cell", "obstacles cover all of it", "check the map"
+    )
+    TARGET_OUTSIDE_MAP = _mission(
+        "target-outside-map",
+        _W,
+        "target {target} is outside the map; its route ends at the nearest point inside",
+        "no waypoint lies outside the map",
+        "a larger map, or ignore the target",
+        by="target",
+    )
+    NO_PATH_FROM_AGENTS = _mission(
+        "no-path-from-agents",
+        _W,
+        "target {target}: no path from any agent",
+        "obstacles, or the fence, enclose it",
+        "check the map and the fence, or ignore the target",
+        by="target",
+    )
+    NO_PATH_TO_TARGETS = _vehicle(
+        "no-path-to-targets",
+        _W,
+        "no path to any target",
+        "obstacles, or the fence, enclose it",
+        "fly it out by hand, or check the map and the fence",
+    )
+    INSIDE_OBSTACLE = _vehicle(
+        "inside-obstacle",
+        _W,
+        "inside an obstacle; leaves it by ({east_m:.0f}, {north_m:.0f}) m",
+        "its position is in a cell that the map shows as blocked",
+        "watch the vehicle; check the map",
+    )
+    TARGET_OVER_OBSTACLE = _vehicle(
+        "target-over-obstacle",
+        _W,
+        "target {target} is over an obstacle; the route ends at ({east_m:.0f}, {north_m:.0f}) m",
+        "the route ends at the nearest point that the vehicle can reach",
+        "ignore the target, or approach it by hand",
+        by="target",
+    )
+    ROUTE_NEAR_OBSTACLES = _vehicle(
+        "route-near-obstacles",
+        _W,
+        "the route to target {target} comes nearer than {clearance_m:g} m to obstacles: every path that "
+        "keeps this distance is a long detour, or there is none",
+        "the route keeps less than `planning.clearance_m`",
+        "watch the vehicle; a smaller `clearance_m`, or ignore the target",
+        by="target",
+    )
+    TIGHTEST_TURN = _vehicle(
+        "tightest-turn",
+        _W,
+        "no clear turn onto its route: it makes its tightest turn",
+        "every turn that it can fly comes near an obstacle",
+        "watch the vehicle",
+        by="target",
+    )
+    SHARP_CORNERS = _vehicle(
+        "sharp-corners",
+        _W,
+        "its route has corners that it cannot fly at that distance",
+        "the vehicle cuts corners, or overshoots them, near an obstacle",
+        "watch the vehicle; a smaller `clearance_m`",
+        by="target",
+    )
+    LOITERS_SHORT = _vehicle(
+        "loiters-short",
+        _W,
+        "no clear path past target {target}: it loiters near it",
+        "a circle through the target would come near an obstacle or the fence",
+        "smaller `mission.loiter_radius_m`, a wider fence, or ignore the target",
+        by="target",
+    )
+    NO_CLEAR_LOITER = _vehicle(
+        "no-clear-loiter",
+        _W,
+        "no loiter circle near target {target} keeps clear of obstacles and the fence: it gets no new route "
+        "there",
+        "the vehicle keeps its last verified mission",
+        "smaller `mission.loiter_radius_m`, a wider fence, or ignore the target",
+        by="target",
+    )
+    NO_LAYER_LEFT = _mission(
+        "no-layer-left",
+        _W,
+        "{vehicles:agents} will come near each other at one altitude[, {distance_m:.0f} m][ after "
+        "{after_s:.0f} s]: no layer is left",
+        "there are more vehicles than altitude layers",
+        "hold one of them; more `mission.layers`",
+        by="vehicles",
     )
     PLAN_WAITS = _mission(
         "plan-waits",

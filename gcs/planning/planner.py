@@ -20,7 +20,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from gcs import jit
-from gcs.model import FloatArray, Label, Route, read_only, target_name, vehicle_name
+from gcs.model import FloatArray, Label, NoticeCode, Parameter, Route, read_only, target_name
 from gcs.planning import forward_simulation, intercept, layer_assignment
 from gcs.planning.assignment import assign, with_change_costs
 from gcs.planning.manoeuvres import loiter
@@ -38,6 +38,7 @@ from gcs.planning.path.shortcut import (
 )
 from gcs.planning.path.string_pulling import pull_string
 from gcs.planning.path.turns import make_flyable
+from gcs.planning.plan_notes import PlanNote
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
 from gcs.planning.route_joining import capture_length_m, has_explicit_turn, turn_around_s
 from gcs.planning.route_search import RouteSearch
@@ -53,9 +54,6 @@ _UNFIT_COST = 1e7
 """Cost of an unfit agent that keeps its target: any other agent goes first."""
 _MAX_ASSIGNMENTS = 4
 """Assignments of one plan. A pair whose route has no clear end is excluded from the next one."""
-_NO_CIRCLE = (
-    "no loiter circle near target {} keeps clear of obstacles and the fence: it gets no new route there"
-)
 Stage: TypeAlias = Literal["search", "assignment", "shaping"]
 
 
@@ -70,8 +68,8 @@ class PlanResult:
         outside the map. No waypoint lies outside the map.
     unassigned_vehicles, unassigned_targets : tuple
         In order; all that have no route.
-    notes : tuple of str
-        Messages for the operator.
+    notes : tuple of PlanNote
+        For the operator.
     grid_lengths_m : mapping of int to float
         Length of each vehicle's grid path, before shaping.
     stops_short : frozenset of int
@@ -85,7 +83,7 @@ class PlanResult:
     routes: tuple[Route, ...]
     unassigned_vehicles: tuple[int, ...]
     unassigned_targets: tuple[Label, ...]
-    notes: tuple[str, ...]
+    notes: tuple[PlanNote, ...]
     grid_lengths_m: Mapping[int, float] = field(default_factory=dict)
     stops_short: frozenset[int] = frozenset()
     captured: Mapping[int, Route] = field(default_factory=dict)
@@ -124,16 +122,17 @@ def plan_routes(
     pinned : mapping of int to label
         Vehicles that must get a certain target, if it is there and a path leads to it.
     """
-    notes: list[str] = []
+    notes: list[PlanNote] = []
     vehicles = [v for v in sorted(agents) if _on_earth(agents[v].east_m, agents[v].north_m)]
     labels = [label for label in sorted(targets) if _on_earth(*targets[label])]
-    notes += [f"{_agent(v)}: its position is not on Earth" for v in sorted(set(agents) - set(vehicles))]
+    notes += [PlanNote(NoticeCode.AGENT_NOT_ON_EARTH, v) for v in sorted(set(agents) - set(vehicles))]
     notes += [
-        f"{_target(label)}: its position is not on Earth" for label in sorted(set(targets) - set(labels))
+        _of_target(NoticeCode.TARGET_NOT_ON_EARTH, label) for label in sorted(set(targets) - set(labels))
     ]
-    notes += ["no agents"] * (not agents) + ["no targets"] * (not targets)
+    missing = [NoticeCode.NO_AGENTS] * (not agents) + [NoticeCode.NO_TARGETS] * (not targets)
+    notes += [PlanNote(code) for code in missing]
     notes += [
-        f"{_target(label)} is outside the map; its route ends at the nearest point inside"
+        _of_target(NoticeCode.TARGET_OUTSIDE_MAP, label)
         for label in labels
         if not grid.contains(targets[label])
     ]
@@ -192,7 +191,7 @@ class _ShapedRoute:
     route: Route | None
     """None if no loiter circle at its end is clear."""
     grid_length_m: float
-    notes: list[str]
+    notes: list[PlanNote]
     is_short: bool = False
     """True if it ends before the target."""
     captured: Route | None = None
@@ -205,11 +204,11 @@ def _shape_route(
     """Return the route of an agent to a target, with its terminal loiter."""
     (i, j), start = pair, search.agents[pair[0]]
     own, aimed = start.options or options, search.route(i, j)
-    notes = [f"{_agent(vehicle)}: {note.format(target_name(label))}" for note in aimed.notes]
+    notes = [_of_route(code, vehicle, label, parameters) for code, parameters in aimed.notes]
     planned = Route(vehicle, label, aimed.points_m, aimed.length_m)
     route, problem = _with_terminal_loiter(grid, planned, start, aimed.target_m, own)
     if problem:
-        notes.append(f"{_agent(vehicle)}: {problem.format(target_name(label))}")
+        notes.append(_of_route(problem, vehicle, label))
     captured = None
     if route is not None and has_explicit_turn(start, route.points_m) and options.shape == "flyable":
         aimed = search.route(i, j, turns=False)
@@ -220,7 +219,7 @@ def _shape_route(
         if ended is not None and length_m < route.length_m:
             captured = replace(ended, length_m=length_m)
     return _ShapedRoute(
-        vehicle, label, route, aimed.grid_length_m, notes, route is not None and bool(problem), captured
+        vehicle, label, route, aimed.grid_length_m, notes, route is not None and problem is not None, captured
     )
 
 
@@ -301,14 +300,14 @@ def _columns(agents: int, needs: Sequence[TargetDemand], options: PlanOptions) -
 
 def _with_terminal_loiter(
     grid: Grid, route: Route, start: AgentState, target_m: Point, options: PlanOptions
-) -> tuple[Route | None, str]:
-    """Return a route whose end can be flown, None without one, and a note for the operator."""
+) -> tuple[Route | None, NoticeCode | None]:
+    """Return a route whose end can be flown, None without one, and what the operator should know."""
     if options.loiter is None or options.shape != "flyable":
-        return route, ""
+        return route, None
     end = plan_terminal_loiter(grid, start, route.points_m, target_m, options, options.loiter)
     if end.clearance_m < 0.0:
-        return None, _NO_CIRCLE
-    problem = "" if end.passes_target else "no clear path past target {}: it loiters near it"
+        return None, NoticeCode.NO_CLEAR_LOITER
+    problem = None if end.passes_target else NoticeCode.LOITERS_SHORT
     if end.points_m is route.points_m:
         return replace(route, wait_m=end.wait_m), problem
     path_m = np.vstack(((start.east_m, start.north_m), end.points_m))
@@ -326,12 +325,14 @@ def _captured_m(grid: Grid, route: Route, start: AgentState, options: PlanOption
     return capture_length_m(grid, motion, route.points_m, turns, horizon_s, lag_s, options.clearance_m)
 
 
-def _agent(vehicle: int) -> str:
-    return f"agent {vehicle_name(vehicle)}"
+def _of_target(code: NoticeCode, label: Label) -> PlanNote:
+    return PlanNote(code, None, {"target": target_name(label)})
 
 
-def _target(label: Label) -> str:
-    return f"target {target_name(label)}"
+def _of_route(
+    code: NoticeCode, vehicle: int, label: Label, parameters: Mapping[str, Parameter] = MappingProxyType({})
+) -> PlanNote:
+    return PlanNote(code, vehicle, {"target": target_name(label), **parameters})
 
 
 def _on_earth(east_m: float, north_m: float) -> bool:
@@ -346,20 +347,23 @@ def _reachability_notes(
     labels: Sequence[Label],
     starts: Endpoints,
     lengths_m: FloatArray,
-) -> list[str]:
+) -> list[PlanNote]:
     """Return notes on agents inside obstacles and on unreachable agents and targets."""
     if grid.blocked.all():
-        return ["the map has no free cell"]
+        return [PlanNote(NoticeCode.NO_FREE_CELL)]
     notes = []
     for i in np.flatnonzero(starts.inside).tolist():
         east, north = cells(smap, starts.nodes[i, :1])[0] * grid.spacing_m + np.array(grid.origin_m)
-        notes.append(f"{_agent(vehicles[i])}: inside an obstacle; leaves it by ({east:.0f}, {north:.0f}) m")
+        where = {"east_m": float(east), "north_m": float(north)}
+        notes.append(PlanNote(NoticeCode.INSIDE_OBSTACLE, vehicles[i], where))
     reached = np.isfinite(lengths_m)
     notes += [
-        f"{_agent(vehicles[i])}: no path to any target" for i in np.flatnonzero(~reached.any(axis=1)).tolist()
+        PlanNote(NoticeCode.NO_PATH_TO_TARGETS, vehicles[i])
+        for i in np.flatnonzero(~reached.any(axis=1)).tolist()
     ]
     notes += [
-        f"{_target(labels[j])}: no path from any agent" for j in np.flatnonzero(~reached.any(axis=0)).tolist()
+        _of_target(NoticeCode.NO_PATH_FROM_AGENTS, labels[j])
+        for j in np.flatnonzero(~reached.any(axis=0)).tolist()
     ]
     return notes
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.model import FloatArray, IntArray, read_only
+from gcs.model import FloatArray, IntArray, NoticeCode, NoticeContent, read_only
 from gcs.planning.intercept import intercept_times, predict_targets
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import clear_leg
@@ -40,8 +40,8 @@ class PlannedRoute:
     grid_length_m: float
     target_m: Point
     """Intercept point: the last waypoint, unless it is over an obstacle."""
-    notes: tuple[str, ...]
-    """Messages, with ``{}`` in place of the target name."""
+    notes: tuple[NoticeContent, ...]
+    """For the operator, without the target."""
 
 
 class RouteSearch:
@@ -188,20 +188,18 @@ class RouteSearch:
         """Return a shaped route in metres, with its notes."""
         grid, clearance_m = self._grid, self._options.clearance_m
         points = shaped.points * grid.spacing_m + np.array(grid.origin_m)
-        notes = []
+        notes: list[NoticeContent] = []
         if is_inside:
             east, north = points[-1]
-            notes.append(f"target {{}} is over an obstacle; the route ends at ({east:.0f}, {north:.0f}) m")
+            end_m = {"east_m": float(east), "north_m": float(north)}
+            notes.append((NoticeCode.TARGET_OVER_OBSTACLE, end_m))
         else:
             points[-1] = place_m
         if not shaped.keeps_clearance:
-            notes.append(
-                f"the route to target {{}} comes nearer than {clearance_m:g} m to obstacles: "
-                "every path that keeps this distance is a long detour, or there is none"
-            )
+            notes.append((NoticeCode.ROUTE_NEAR_OBSTACLES, {"clearance_m": float(clearance_m)}))
         if shaped.problem & SHARP_START:
-            notes.append("no clear turn onto its route: it makes its tightest turn")
+            notes.append((NoticeCode.TIGHTEST_TURN, {}))
         if shaped.problem & SHARP_CORNER:
-            notes.append("its route has corners that it cannot fly at that distance")
+            notes.append((NoticeCode.SHARP_CORNERS, {}))
         length_m, met_m = shaped.length * grid.spacing_m, (float(place_m[0]), float(place_m[1]))
         return PlannedRoute(read_only(points[1:]), length_m, grid_length_m, met_m, tuple(notes))

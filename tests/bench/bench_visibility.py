@@ -28,6 +28,7 @@ import math
 import numba
 import numpy as np
 
+from gcs.model import NoticeCode
 from gcs.planning.map.grid import Grid, Point, free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import clear_leg, leg_clearance, to_cells
 from gcs.planning.path.corner_smoothing import turn_fits
@@ -168,7 +169,7 @@ def row(nodes: int, count: int, threshold: float, clearance_m: float) -> str:
             options = PlanOptions(shape=shape, clearance_m=clearance_m, turn_radius_m=40.0)
             agents = {1: AgentState(*start, np.pi / 2)}
             results.append(plan_routes(grid, agents, {(0, 0): goal}, {}, options))
-        if any("nearer" in note for note in results[0].notes):
+        if any(note.code is NoticeCode.ROUTE_NEAR_OBSTACLES for note in results[0].notes):
             gave_up += 1
             dearer.append(best_m / results[0].routes[0].length_m - 1.0)
             continue

@@ -101,7 +101,11 @@ def test_a_target_has_one_name_and_only_agents_are_lost() -> None:
     ]
     nowhere = plan_routes(free_grid((5, 5), 10.0), {}, {label: (math.inf, 0.0)}, {}, PlanOptions())
     words = " ".join(
-        [*(line.line for line in proposal_lines if line is not None), *nowhere.notes, callsign(label)]
+        [
+            *(line.line for line in proposal_lines if line is not None),
+            *(note.line for note in nowhere.notes),
+            callsign(label),
+        ]
     )
     assert words.count("T0.2") == words.count("0.2") == 8
     assert "(0, 2)" not in words

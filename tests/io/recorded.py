@@ -84,7 +84,7 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         )
         yield t_ns, Send("udp", "127.0.0.1:5000", frames(255, 1, second))
         yield t_ns, UploadReport(t_ns, 1, 4, 9, True, "verified", 0.25, 1)
-        yield t_ns, Notice(t_ns, NoticeCode.PLAN_NOTE, None, {"note": "älarm", "agents": (1, 2)})
+        yield t_ns, Notice(t_ns, NoticeCode.NO_LAYER_LEFT, None, {"note": "älarm", "vehicles": (1, 2)})
         area = NoFlyZone("fire", None, ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0)))
         yield t_ns, Order(t_ns, f"o-{second}", "no-fly-zone", None, None, area, "operator")
         yield t_ns, Snapshot(t_ns, bytes(range(second % 256)))

@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gcs.model import NoticeCode
 from gcs.planning.manoeuvres.landing import LandingSpec, plan_return_route
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.path.turns import TurnAnticipation
+from gcs.planning.plan_notes import PlanNote
 from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions, TargetDemand
 from gcs.planning.search.shortest import distances_m
@@ -85,7 +87,7 @@ def test_no_waypoint_lies_off_the_map_or_in_a_blocked_cell(
     assert [place for place in places if not is_free(grid, place)] == []
     ends = grid.node_of(start_m), grid.node_of(target_m)
     if not grid.blocked[ends[0]] and math.isfinite(distances_m(grid, ends[0])[ends[1]]):
-        no_circle = any("no loiter circle near target" in note for note in result.notes)
+        no_circle = NoticeCode.NO_CLEAR_LOITER in {note.code for note in result.notes}
         assert [route.vehicle for route in result.routes] == ([] if no_circle else [1])
 
 
@@ -106,8 +108,7 @@ def test_a_target_outside_the_map_is_approached_to_the_nearest_point_inside_with
         agents, options = {1: AgentState(400.0, 400.0, 0.0)}, replace(FLYABLE, shape=shape)
         result = plan_routes(grid, agents, {(0, 0): target_m}, {}, options)
         assert result.routes[0].points_m[-1].tolist() == list(end_m)
-        note = "target T0.0 is outside the map; its route ends at the nearest point inside"
-        assert result.notes == (note,)
+        assert result.notes == (PlanNote(NoticeCode.TARGET_OUTSIDE_MAP, None, {"target": "T0.0"}),)
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)

@@ -13,10 +13,12 @@ from hypothesis import strategies as st
 
 from gcs.config import load
 from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.model import NoticeCode
 from gcs.planning.forward_simulation import Motion
 from gcs.planning.map.grid import Grid, free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.path.turns import TurnAnticipation
+from gcs.planning.plan_notes import PlanNote
 from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
 from gcs.planning.search.shortest import distances_m
@@ -203,21 +205,23 @@ def test_without_a_clear_route_the_tight_one_is_flown_with_a_note():
     grid = free_grid((21, 21), 40.0).with_obstacles(cells=[(row, 10) for row in range(21) if row != 4])
     result = plan(grid, {1: (0.0, 400.0)}, {(0, 0): (800.0, 400.0)}, None, PlanOptions(clearance_m=30.0))
     assert len(result.routes) == 1
-    assert any("agent 1" in note and "30 m" in note for note in result.notes)
+    assert (
+        PlanNote(NoticeCode.ROUTE_NEAR_OBSTACLES, 1, {"target": "T0.0", "clearance_m": 30.0}) in result.notes
+    )
 
 
 def test_an_agent_inside_an_obstacle_leaves_it_and_the_notes_say_so():
     grid = free_grid((11, 11), 40.0).with_obstacles(cells=[(5, 5)])
     result = plan(grid, {1: (210.0, 200.0)}, {(0, 0): (400.0, 200.0)})
     assert result.routes[0].points_m[-1].tolist() == [400.0, 200.0]
-    assert any("agent 1: inside an obstacle" in note for note in result.notes)
+    assert [(note.code, note.vehicle) for note in result.notes] == [(NoticeCode.INSIDE_OBSTACLE, 1)]
 
 
 def test_a_target_over_an_obstacle_is_approached_to_the_nearest_free_node():
     grid = free_grid((11, 11), 40.0).with_obstacles(cells=[(5, 5)])
     result = plan(grid, {1: (0.0, 200.0)}, {(0, 0): (192.0, 201.0)})
     assert result.routes[0].points_m[-1].tolist() == [160.0, 200.0]
-    assert any("target T0.0 is over an obstacle" in note for note in result.notes)
+    assert NoticeCode.TARGET_OVER_OBSTACLE in {note.code for note in result.notes}
 
 
 def test_behind_a_closed_wall_there_is_no_path_and_the_others_still_fly():
@@ -225,7 +229,7 @@ def test_behind_a_closed_wall_there_is_no_path_and_the_others_still_fly():
     result = plan(grid, {1: (0.0, 0.0), 2: (0.0, 400.0), 3: (400.0, 0.0)}, {(0, 0): (80.0, 80.0)})
     assert [r.vehicle for r in result.routes] == [1]
     assert result.unassigned_vehicles == (2, 3)
-    assert result.notes == ("agent 3: no path to any target",)
+    assert result.notes == (PlanNote(NoticeCode.NO_PATH_TO_TARGETS, 3),)
 
 
 @pytest.mark.parametrize("cost", ["metric", "paper"])
@@ -235,12 +239,12 @@ def test_an_enclosed_target_is_left_out_and_named(cost):
     targets = {(0, 0): (200.0, 200.0), (0, 1): (400.0, 400.0)}
     result = plan(grid, {1: (0.0, 0.0)}, targets, {1: (0, 0)}, PlanOptions(cost, switch_gain_m=1e6))
     assert [r.target for r in result.routes] == [(0, 1)]
-    assert result.notes == ("target T0.0: no path from any agent",)
+    assert result.notes == (PlanNote(NoticeCode.NO_PATH_FROM_AGENTS, None, {"target": "T0.0"}),)
 
 
 def test_a_plan_without_agents_has_a_note():
     grid = free_grid((3, 3), 40.0)
-    assert plan(grid, {}, {}).notes == ("no agents", "no targets")
+    assert [note.code for note in plan(grid, {}, {}).notes] == [NoticeCode.NO_AGENTS, NoticeCode.NO_TARGETS]
     assert plan(grid, {1: (0.0, 0.0)}, {}).unassigned_vehicles == (1,)
     assert plan(grid, {}, {(0, 0): (0.0, 0.0)}).unassigned_targets == ((0, 0),)
 
@@ -255,7 +259,10 @@ def test_an_estimate_that_is_no_place_is_left_out_and_named(absurd):
     assert [r.vehicle for r in result.routes] == [2]
     assert result.unassigned_vehicles == (1,)
     assert result.unassigned_targets == ((0, 1),)
-    assert len(result.notes) == 2
+    assert [(note.code, note.vehicle) for note in result.notes] == [
+        (NoticeCode.AGENT_NOT_ON_EARTH, 1),
+        (NoticeCode.TARGET_NOT_ON_EARTH, None),
+    ]
 
 
 def test_maps_of_one_node_and_without_a_free_one_do_not_stop_the_planner():
@@ -263,7 +270,7 @@ def test_maps_of_one_node_and_without_a_free_one_do_not_stop_the_planner():
     (route,) = plan(free_grid((1, 1), 40.0), agents, targets).routes
     assert (route.points_m.tolist(), route.length_m) == ([[0.0, 0.0]], 5.0)
     full = plan(Grid((0.0, 0.0), 40.0, np.ones((1, 1), dtype=bool)), agents, targets)
-    assert (full.routes, full.notes) == ((), ("the map has no free cell",))
+    assert (full.routes, full.notes) == ((), (PlanNote(NoticeCode.NO_FREE_CELL),))
 
 
 def test_agents_keep_their_targets_unless_the_swarm_gains():
@@ -308,7 +315,7 @@ def test_a_loop_on_to_the_route_never_leads_through_the_obstacle_that_its_agent_
     )
     points = [tuple(p) for p in result.routes[0].points_m.tolist()]
     assert all(line_of_sight(grid, a, b) for a, b in itertools.pairwise(points))
-    assert any("no clear turn onto its route" in note for note in result.notes)
+    assert NoticeCode.TIGHTEST_TURN in {note.code for note in result.notes}
 
 
 @pytest.mark.parametrize("horizon_s", [0.0, 60.0])

@@ -27,12 +27,13 @@ from gcs.core.replanning.planned_flights import layer_count
 from gcs.core.replanning.return_routes import landing_of
 from gcs.errors import ConfigError, RecordingError
 from gcs.files import read_text
-from gcs.model import Label, Route, target_name
+from gcs.model import Label, NoticeCode, Route, target_name
 from gcs.planning.forward_simulation import LoiterCircle
 from gcs.planning.layer_assignment import PlannedFlight, assign_layers
 from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.movingai import MAX_BYTES, read_map
+from gcs.planning.plan_notes import PlanNote
 from gcs.planning.planner import PlanResult, Stage, plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.report.plots.plan import PlanDrawing, draw_plan
@@ -185,8 +186,11 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
     ]
     layers, conflicts = assign_layers(flights, task.layers, task.separation_m)
     notes += [
-        f"agents {conflict.vehicles[0]} and {conflict.vehicles[1]} come within {conflict.distance_m:.0f} m "
-        f"of each other at one altitude after {conflict.after_s:.0f} s"
+        PlanNote(
+            NoticeCode.NO_LAYER_LEFT,
+            None,
+            {"vehicles": conflict.vehicles, "distance_m": conflict.distance_m, "after_s": conflict.after_s},
+        )
         for conflict in conflicts
     ]
     routes = tuple(replace(route, layer=layers[route.vehicle]) for route in result.routes)
@@ -210,8 +214,12 @@ def _return_routes(task: Task, result: PlanResult) -> dict[int, ReturnRoute]:
     }
 
 
-def _return_notes(return_routes: Mapping[int, ReturnRoute]) -> list[str]:
-    return [f"agent {vehicle}: {one.problem}" for vehicle, one in return_routes.items() if one.problem]
+def _return_notes(return_routes: Mapping[int, ReturnRoute]) -> list[PlanNote]:
+    return [
+        PlanNote(NoticeCode.RETURN_ROUTE_PROBLEM, vehicle, {"problem": one.problem})
+        for vehicle, one in return_routes.items()
+        if one.problem
+    ]
 
 
 def _as_dict(
@@ -238,7 +246,7 @@ def _as_dict(
         "unassigned_agents": list(result.unassigned_vehicles),
         "unassigned_targets": [list(target) for target in result.unassigned_targets],
         "timings_ms": timings_ms,
-        "notes": list(result.notes),
+        "notes": [note.line for note in result.notes],
     }
 
 
@@ -311,7 +319,7 @@ def _print_plan(
         if names:
             console.print(f"{title}: {', '.join(names)}", highlight=False)
     for note in result.notes:
-        console.print(f"[yellow]note:[/] {note}", highlight=False)
+        console.print(f"[yellow]note:[/] {note.line}", highlight=False)
     stages = ", ".join(f"{stage} {ms:.2f} ms" for stage, ms in timings_ms.items())
     console.print(f"{stages}", highlight=False, style="dim")
     if plot is not None:

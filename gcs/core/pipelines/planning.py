@@ -7,7 +7,7 @@ from collections.abc import Container
 from gcs.core.restart import is_settled
 from gcs.core.stages import Stages
 from gcs.core.state import at_targets, with_status
-from gcs.model import Effect, FlightPhase, MissionEnded, Notice, NoticeCode
+from gcs.model import Effect, FlightPhase, MissionEnded
 
 
 def check_climbs(stages: Stages, t_ns: int) -> list[Effect]:
@@ -89,6 +89,4 @@ def end_mission(stages: Stages, t_ns: int) -> list[Effect]:
 
 
 def _notes(stages: Stages, t_ns: int) -> list[Effect]:
-    return [
-        Notice(t_ns, NoticeCode.PLAN_NOTE, None, {"note": note}) for note in stages.state.replanning.new_notes
-    ]
+    return [note.at(t_ns) for note in stages.state.replanning.new_notes]

@@ -180,13 +180,12 @@ def _routes(plan: PlanResult) -> Check:
     stuck = plan.unassigned_vehicles if plan.unassigned_targets else ()
     longest_m = max((route.length_m for route in plan.routes), default=0.0)
     value = f"{len(plan.routes)} routes, the longest {longest_m:.0f} m"
+    notes = "; ".join(note.line for note in plan.notes)
     if stuck or not plan.routes:
         names = ", ".join(map(vehicle_name, stuck)) or "any vehicle"
-        return Check(
-            None, "routes", "refused", f"no route for {names}", "a route for all", "; ".join(plan.notes)
-        )
+        return Check(None, "routes", "refused", f"no route for {names}", "a route for all", notes)
     level: Level = "warning" if plan.notes else "ok"
-    return Check(None, "routes", level, value, "", "; ".join(plan.notes))
+    return Check(None, "routes", level, value, "", notes)
 
 
 def _separation(config: Config, rehearsal: Rehearsal) -> Check:

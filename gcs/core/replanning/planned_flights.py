@@ -14,10 +14,11 @@ from gcs.core.replanning.plan_targets import place_of
 from gcs.core.replanning.records import OtherVehicle, ReplanningState
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import flown_points
-from gcs.model import FloatArray, Route, Track, vehicle_name
+from gcs.model import FloatArray, NoticeCode, Route, Track
 from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers, min_separation_m
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.map.grid import Point
+from gcs.planning.plan_notes import PlanNote
 from gcs.planning.route_progress import remaining_m
 
 _SOON_S = 120.0
@@ -61,7 +62,7 @@ class AltitudeLayers:
         agents: Mapping[int, Track],
         arrived: Collection[int],
         climbs: Mapping[int, Climb] = MappingProxyType({}),
-    ) -> tuple[list[Route], list[str]]:
+    ) -> tuple[list[Route], list[PlanNote]]:
         """Return the routes with their layers, and notes for the operator.
 
         Routes of vehicles that are not in `changed` are flown already. Arrived vehicles circle at the ends
@@ -80,7 +81,7 @@ class AltitudeLayers:
         ]
         for route in given:
             self._agents[route.vehicle].routes.latest = route
-        return given, [_words(conflict) for conflict in conflicts]
+        return given, [_note(conflict) for conflict in conflicts]
 
     def separation_m(
         self,
@@ -189,7 +190,6 @@ def _begin(agent: Track, climb: Climb | None) -> list[Point]:
     return [place_of(agent)] if climb is None else [place_of(agent), climb.latest_end_m]
 
 
-def _words(conflict: Conflict) -> str:
+def _note(conflict: Conflict) -> PlanNote:
     """Return a note without figures, which would make it new at every check."""
-    first, second = (vehicle_name(vehicle) for vehicle in conflict.vehicles)
-    return f"agents {first} and {second} will come near each other at one altitude: no layer is left"
+    return PlanNote(NoticeCode.NO_LAYER_LEFT, None, {"vehicles": conflict.vehicles})

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from gcs.core.replanning.reasons import Reason
 from gcs.model import FloatArray, Label, Route
 from gcs.planning.map.grid import Point
+from gcs.planning.plan_notes import PlanNote
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,9 +104,9 @@ class ReplanningState:
     """Targets of the last plan."""
     tried: tuple[Label, ...] = ()
     """Targets that moved, for which a plan was made since the last regular check."""
-    noted: tuple[str, ...] = ()
+    noted: tuple[PlanNote, ...] = ()
     """Notes of the last plan."""
-    new_notes: tuple[str, ...] = ()
+    new_notes: tuple[PlanNote, ...] = ()
     """Notes of the last check that the plan before did not have."""
     other_vehicles: tuple[OtherVehicle, ...] = ()
     """Vehicles in the air that the last check had no routes for; they stay in their layers."""

@@ -6,7 +6,7 @@ from staging import mission, track
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.records import OtherVehicle
 from gcs.core.state import State
-from gcs.model import Route, read_only
+from gcs.model import NoticeCode, Route, read_only
 from gcs.planning.manoeuvres.climb import Climb
 
 CONFIG = mission(
@@ -49,7 +49,7 @@ def test_a_new_mission_keeps_clear_of_a_vehicle_that_returns_across_it():
 def test_without_a_free_layer_the_operator_is_warned():
     a, b = (700.0, 200.0), (900.0, 200.0)
     _, notes = given(OtherVehicle(2, a, a, 120.0), OtherVehicle(3, b, b, 90.0))
-    assert any("will come near each other at one altitude" in note for note in notes)
+    assert [note.code for note in notes] == [NoticeCode.NO_LAYER_LEFT]
 
 
 def test_a_route_is_not_flown_again_into_the_layer_of_another():

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 from planning_desk import CAPTURE_M, MOVED_M, A, B, C, Desk, pair
 
+from gcs.model import NoticeCode
+from gcs.planning.plan_notes import PlanNote
+
 
 def test_a_lost_agents_target_goes_to_the_survivor_for_whom_it_is_better():
     desk = Desk(
@@ -137,7 +140,7 @@ def test_several_reasons_are_all_reported():
 def test_a_target_over_an_obstacle_does_not_make_a_plan_at_each_check():
     wall = "[map]\nboxes_m = [[1380.0, 80.0, 1620.0, 320.0]]\n"
     desk = pair(tables=wall)
-    assert any("over an obstacle" in note for note in desk.state.new_notes)
+    assert NoticeCode.TARGET_OVER_OBSTACLE in {note.code for note in desk.state.new_notes}
     end = desk.vehicles[1].routes.flown.points_m[-1]
     assert math.dist(end, desk.targets[A]) > MOVED_M
     assert [desk.check(t_s) for t_s in range(5, 60, 5)] == [None] * 11
@@ -178,7 +181,7 @@ def test_an_agent_without_a_route_does_not_make_a_plan_at_each_check():
     )
     plan = desk.check(0.0)
     assert plan.changed == (1,)
-    assert "agent 2: no path to any target" in desk.state.new_notes
+    assert PlanNote(NoticeCode.NO_PATH_TO_TARGETS, 2) in desk.state.new_notes
     assert [desk.check(t_s) for t_s in range(5, 60, 5)] == [None] * 11
     assert not desk.state.new_notes  # reported once
     assert desk.assigned == {1: plan.routes[0].target}

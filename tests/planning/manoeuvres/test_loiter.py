@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gcs.model import NoticeCode
 from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission, simulate
 from gcs.planning.manoeuvres import loiter
 from gcs.planning.map.grid import free_grid, random_obstacles
@@ -104,7 +105,7 @@ def test_no_agent_passes_a_target_without_a_clear_route():
     grid = OPEN.with_obstacles(cells=walls, boxes_m=[(1160.0, 820.0, 1340.0, 1180.0)])
     route, result = planned(grid, (1250.0, 1000.0))
     assert result.stops_short == {1}
-    assert any("no clear path past target T0.0" in note for note in result.notes)
+    assert NoticeCode.LOITERS_SHORT in {note.code for note in result.notes}
     assert not any(is_inside(grid, place) for place in flown(route))
 
 
@@ -119,7 +120,7 @@ def test_among_random_obstacles_no_end_leads_into_one(seed, target_m, course_rad
     rng = np.random.default_rng(seed)
     grid = random_obstacles(OPEN, 0.05, rng, keep_clear=[start_m], keep_clear_m=200.0)
     route, result = planned(grid, target_m, start_m, course_rad)
-    if any("turn" in note or "corners" in note or "fly into" in note for note in result.notes):
+    if {note.code for note in result.notes} & {NoticeCode.TIGHTEST_TURN, NoticeCode.SHARP_CORNERS}:
         return
     places = list(flown(route, start_m, course_rad))
     assert not any(is_inside(grid, place) for place in places)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gcs.model import NoticeCode
 from gcs.planning.map.grid import Grid, free_grid
 from gcs.planning.map.line_of_sight import clear_leg
 from gcs.planning.planner import plan_routes
@@ -55,10 +56,10 @@ def test_a_gap_of_two_cells_is_flown_through_its_middle(clearance_m):
     targets = {(0, 1): (760.0, 580.0)}
     for shape in ("pulled", "flyable"):
         result = plan_routes(grid, agents, targets, {}, PlanOptions(shape=shape, clearance_m=clearance_m))
-        assert not [note for note in result.notes if "nearer" in note]
+        assert not [note for note in result.notes if note.code is NoticeCode.ROUTE_NEAR_OBSTACLES]
         assert result.routes[0].length_m == pytest.approx(720.0, abs=6.0)
     along = plan_routes(grid, agents, targets, {}, PlanOptions(shape="grid", clearance_m=clearance_m))
-    assert [note for note in along.notes if "nearer" in note]
+    assert [note for note in along.notes if note.code is NoticeCode.ROUTE_NEAR_OBSTACLES]
 
 
 def test_a_gap_that_is_too_narrow_is_no_gap():

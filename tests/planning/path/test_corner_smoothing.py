@@ -11,6 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gcs.jit import kernel
+from gcs.model import NoticeCode
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import clear_leg, leg_clearance
 from gcs.planning.path.corner_smoothing import (
@@ -138,7 +139,7 @@ def test_on_open_maps_no_corner_comes_nearer_than_the_clearance(threshold, share
         grid = random_obstacles(free_grid((51, 51), 40.0), threshold, rng, [start, goal], 120.0)
         options = PlanOptions(shape="flyable", clearance_m=20.0, turn_radius_m=40.0)
         found = plan_routes(grid, {1: AgentState(*start, math.pi / 2)}, {(0, 0): goal}, {}, options)
-        kept.append(not any("corners" in note for note in found.notes))
+        kept.append(not any(note.code is NoticeCode.SHARP_CORNERS for note in found.notes))
         points_m = np.vstack((start, found.routes[0].points_m))
         if kept[-1]:
             for i in range(1, len(points_m) - 1):
