@@ -165,8 +165,8 @@ def test_one_order_does_not_resume_a_vehicle_into_another():
     second = sky.planes[2].airframe
     end_m = sky.run_.command.state.agents[1].routes.suspended.points_m[-1]
     ahead = np.arctan2(end_m[0] - first.east_m, end_m[1] - first.north_m)
-    second.east_m = first.east_m + 190.0 * np.sin(ahead)
-    second.north_m = first.north_m + 190.0 * np.cos(ahead)
+    second.east_m = first.east_m + 290.0 * np.sin(ahead)
+    second.north_m = first.north_m + 290.0 * np.cos(ahead)
     second.alt_rel_m = first.alt_rel_m
     sky.planes[2].autopilot.set_mode(Mode.FBWA)
     sky.planes[2].autopilot.set_mode(Mode.LOITER)
