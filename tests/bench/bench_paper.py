@@ -14,6 +14,17 @@ from pathlib import Path
 from typing import Any, Final
 
 import msgspec
+from paper_claims import (
+    FIGURE_3,
+    FIGURES_4_5,
+    FIGURES_6_7,
+    FIGURES_8_9,
+    Claim,
+    Runs,
+    claims,
+    markdown,
+)
+from paper_measures import Flown
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
@@ -24,17 +35,6 @@ from gcs.config import load, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.errors import RecordingError, SimulationError
 from gcs.report.html_page import Page, Picture, Section, save_figure, save_page
-from gcs.report.paper.claims import (
-    FIGURE_3,
-    FIGURES_4_5,
-    FIGURES_6_7,
-    FIGURES_8_9,
-    Claim,
-    Runs,
-    claims,
-    markdown,
-)
-from gcs.report.paper.measures import Flown
 from gcs.report.plots.maps import Ground, ground_truth_figure, tracker_figure, truth_figure
 from gcs.report.run.evaluation import Summary
 from gcs.report.run.tables import Table
@@ -88,7 +88,7 @@ def run_paper(out: Path, console: Console, *, as_json: bool) -> None:
         verdicts = [msgspec.to_builtins(claim) for claim in found]
         figures = sorted(str(path) for path in (out / "figures").iterdir())
         result = {"page": str(out / "index.html"), "figures": figures, "claims": verdicts}
-        print(json.dumps(result), flush=True)  # noqa: T201  the output of --json
+        print(json.dumps(result), flush=True)
 
 
 def _fly_missions(out: Path, console: Console) -> tuple[Runs, list[Section]]:
@@ -130,7 +130,7 @@ def _simulated(scenario: str, seed: int, folder: Path | None) -> Summary:
     options = {"scenario": scenario, "seed": seed, "as_json": True}
     options |= {} if folder is None else {"out": str(folder)}
     command = sim_vehicles_command("simulate", options)
-    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  not user input
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     lines = done.stdout.strip().splitlines()
     if done.returncode not in (0, 1) or not lines:
         raise SimulationError(f"{scenario} could not be flown: {done.stderr.strip()[-500:]}")
