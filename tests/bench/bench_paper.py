@@ -74,8 +74,8 @@ def run_paper(out: Path, console: Console) -> tuple[Claim, ...]:
         lead="Each mission is one run with a fixed seed. All numbers were computed from these runs when this "
         "page was made.",
         sections=(Section("Claims", "", (), (_table(found),)), *sections),
-        footer="Made by tests/bench/bench_paper.py. The recordings are next to it: gcs report, gcs replay --verify "
-        "and gcs info read them.",
+        footer="Made by tests/bench/bench_paper.py. The recordings are next to it: gcs report, "
+        "gcs replay --verify and gcs info read them.",
     )
     save_page(page, out / "index.html")
     (out / "claims.md").write_text(markdown(found), encoding="utf-8")
