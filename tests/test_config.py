@@ -297,7 +297,6 @@ def test_broken_toml_is_shown_with_its_line(text: str, result: str) -> None:
     [
         ("[mission]\nlane_step_m = 20.0", "did you mean `layer_step_m`?"),
         ("[mission]\nlanes = 2", "did you mean `layers`?"),
-        ('[planning]\nspare = "hold"', "did you mean `surplus`?"),
         ("[tracking]\ndead_existence = 0.01", "did you mean `lost_existence`?"),
         ("[tracking.agents]\naccel_std_m_s2 = 4.0", "Its value is the square of the former one"),
     ],

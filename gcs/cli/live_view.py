@@ -10,8 +10,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, TypeVar
 
-import numpy as np
-import numpy.typing as npt
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.layout import Layout
 from rich.panel import Panel
@@ -23,7 +21,6 @@ from gcs.cli.status_tables import agents_table, sensors_line, targets_table
 from gcs.config import Config
 from gcs.core.authority.override_notices import overridden_text
 from gcs.core.engine import Engine
-from gcs.core.state import at_targets, flown_routes
 from gcs.io.links.manager import Links
 from gcs.model import (
     NS_PER_S,
@@ -32,13 +29,10 @@ from gcs.model import (
     Event,
     Label,
     Notice,
-    Picture,
     Proposal,
     SwarmStatus,
     TargetRecord,
-    Track,
     system_of,
-    vehicle_name,
 )
 from gcs.report.agent_order import attention
 from gcs.report.operator_lines import (
@@ -52,10 +46,8 @@ from gcs.report.plan_reminders import ProposalLog
 T = TypeVar("T")
 
 _STYLE: Final = {"info": "", "warning": "yellow", "alarm": "bold red"}
-_STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red", "down": "red"}
 _LOG_LINES: Final = 200
 _EVENT_ROWS: Final = 9
-_MIN_MAP_ROWS: Final = 12
 _LOW_EVENT_ROWS: Final = 4
 _LOW_ROWS: Final = 36
 """A terminal with fewer rows gets a header of one row and fewer events."""
@@ -63,8 +55,8 @@ _TABLE_FRAME: Final = 3
 """Rows of a table besides those of its content: title, column names, a rule."""
 _LINKS_FRAME: Final = 5
 _MIN_TARGET_ROWS: Final = 3
-_TABLES_WIDTH: Final = 94
-_SIGNED_WIDTH: Final = 10
+_WIDE: Final = 94
+"""Width of a terminal from which on all columns are shown."""
 _AGENT_COLUMNS: Final = (
     ("id", "status", "authority", "mode", "alt m", "m/s", "battery", "heard", "target", "to go m", "mission"),
     ("id", "status", "mode", "alt m", "battery", "heard", "target", "mission"),
@@ -107,7 +99,6 @@ class LiveView:
         self._links = links
         self._speed, self._page_url = speed, page_url
         self._log: deque[Text] = deque(maxlen=_LOG_LINES)
-        self._pictures: dict[str, Picture] = {}
         self._start_t_ns: int | None = None
         self._t_ns = 0
 
@@ -118,9 +109,7 @@ class LiveView:
             self._start_t_ns = event.t_ns
 
     def effect(self, t_ns: int, effect: Effect) -> None:
-        """Update pictures and events."""
-        if isinstance(effect, Picture):
-            self._pictures[effect.kind] = effect
+        """Add the line of an effect to the events, if it has one."""
         is_quiet = isinstance(effect, Notice) and effect.level == "info"
         if is_quiet or isinstance(effect, Proposal):  # A proposed plan has its own panel.
             return
@@ -135,28 +124,15 @@ class LiveView:
         is_low = height < _LOW_ROWS
         event_rows = _LOW_EVENT_ROWS if is_low else _EVENT_ROWS
         around = (1 if is_low else 3) + event_rows + 2 + (len(proposal) + 1 if proposal else 0)
-        body_rows = height - around
-        rows = max(_MIN_MAP_ROWS, body_rows - 2)
-        columns = min(2 * rows, (options.max_width - self._tables_width()))
-        layout = Layout()
+        header = Layout(self._header() if is_low else Panel(self._header()), size=1 if is_low else 3)
+        tables = Layout(Group(*self._tables(options.max_width, height - around)))
         events = self._events(console, options.max_width - 4, event_rows)
         below = [Layout(events, size=event_rows + 2)]
         if proposal:
             below.insert(0, Layout(self._proposal_panel(proposal), size=len(proposal) + 1))
-        header = Layout(self._header() if is_low else Panel(self._header()), size=1 if is_low else 3)
-        layout.split_column(header, Layout(name="body"), *below)
-        has_map = columns >= _MIN_MAP_ROWS
-        tables = Layout(
-            Group(*self._tables(self._tables_width() if has_map else options.max_width, body_rows))
-        )
-        if has_map:
-            layout["body"].split_row(Layout(self._map(rows, columns), size=columns + 4), tables)
-        else:
-            layout["body"].update(tables)
+        layout = Layout()
+        layout.split_column(header, tables, *below)
         yield layout
-
-    def _tables_width(self) -> int:
-        return _TABLES_WIDTH + (_SIGNED_WIDTH if self._config.links.keys else 0)
 
     def _tables(self, width: int, rows: int) -> Iterator[RenderableType]:
         """Yield the tables that fit into `rows`, and a line about those that do not."""
@@ -196,7 +172,7 @@ class LiveView:
     def _agents(self, agents: Sequence[AgentRecord], width: int, max_rows: int) -> RenderableType:
         """Return a table of the agents, with the columns that fit into a width."""
         shown, more = _cut(agents, max_rows, attention)
-        columns = _AGENT_COLUMNS[0 if width >= _TABLES_WIDTH else 1]
+        columns = _AGENT_COLUMNS[0 if width >= _WIDE else 1]
         signing = self._signing if self._config.links.keys else None
         return _with_more(agents_table(shown, columns, signing), more)
 
@@ -217,10 +193,6 @@ class LiveView:
 
         shown, more = _cut(status.targets, max_rows, rank)
         return _with_more(targets_table(shown, status.agents), more)
-
-    def _tracks(self, kind: str) -> dict[Label, Track]:
-        picture = self._pictures.get(kind)
-        return {} if picture is None else {track.label: track for track in picture.tracks}
 
     def _events(self, console: Console, width: int, rows: int) -> Panel:
         """Return the newest events; a wrapped line displaces older ones."""
@@ -244,60 +216,6 @@ class LiveView:
         title, *routes = proposal
         lines = (Text(line, no_wrap=True, overflow="ellipsis") for line in routes)
         return Panel(Group(*lines), title=Text(title, style="bold yellow"), title_align="left")
-
-    def _map(self, rows: int, columns: int) -> Panel:
-        """Return a map in characters, north up: obstacles, routes, agents by id, targets."""
-        cells = [
-            [("▒", "bright_black") if blocked else (" ", "") for blocked in row]
-            for row in self._obstacles(rows, columns)
-        ]
-
-        def put(east_m: float, north_m: float, text: str, style: str) -> None:
-            column = int(east_m / self._config.map.width_m * columns)
-            row = rows - 1 - int(north_m / self._config.map.height_m * rows)
-            for offset, character in enumerate(text):
-                if 0 <= row < rows and 0 <= column + offset < columns:
-                    cells[row][column + offset] = (character, style)
-
-        for route in flown_routes(self._command.state.agents).values():
-            for east_m, north_m in route.points_m:
-                put(east_m, north_m, "·", "cyan")
-        pending = self._command.state.operator.approval.pending
-        for route in pending.routes if pending is not None else ():
-            for east_m, north_m in route.points_m:
-                put(east_m, north_m, "·", "bold yellow")
-        reached = at_targets(self._command.state.agents)
-        for label, track in self._tracks("targets").items():
-            if track.estimated:
-                put(
-                    float(track.mean[0]),
-                    float(track.mean[1]),
-                    "◆",
-                    "green" if label in reached else "bold red",
-                )
-        tracks = self._tracks("agents")
-        for vehicle, agent in self._command.state.agents.items():
-            status = agent.perception.status
-            seen = tracks.get(agent.perception.association.label or (-1, -1))
-            if status.status in ("lost", "down") and status.position_m is not None:
-                put(*status.position_m, "✗", "red")
-            elif seen is not None:
-                put(
-                    float(seen.mean[0]),
-                    float(seen.mean[1]),
-                    vehicle_name(vehicle),
-                    "bold " + _STATUS_STYLE[status.status],
-                )
-        return Panel(Group(*(Text.assemble(*row) for row in cells)), title="Map", title_align="left")
-
-    def _obstacles(self, rows: int, columns: int) -> npt.NDArray[np.bool_]:
-        """Return True for each blocked character of the map, the northernmost row first."""
-        grid, area = self._command.grid, self._config.map
-        north = (np.arange(rows)[::-1] + 0.5) / rows * area.height_m
-        east = (np.arange(columns) + 0.5) / columns * area.width_m
-        nodes_north = np.minimum((north / grid.spacing_m + 0.5).astype(int), grid.shape[0] - 1)
-        nodes_east = np.minimum((east / grid.spacing_m + 0.5).astype(int), grid.shape[1] - 1)
-        return grid.blocked[np.ix_(nodes_north, nodes_east)]
 
 
 def _cut(rows: Sequence[T], max_rows: int, urgency: Callable[[T], Any]) -> tuple[Sequence[T], int]:

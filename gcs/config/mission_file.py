@@ -107,8 +107,6 @@ class Config(Table, frozen=True, kw_only=True):
     @property
     def agents_per_target(self) -> int:
         """Maximum number of agents at one target."""
-        if self.planning.surplus == "double":
-            return len(self.agents)
         return max((birth.agents for birth in self.births), default=1)
 
     @property

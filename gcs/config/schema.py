@@ -127,15 +127,12 @@ class PlanningTable(Table, frozen=True, kw_only=True):
     capture_radius_m: Positive = 40.0
     clearance_m: NotNegative = 0.0
     shape: Literal["grid", "pulled", "flyable"] = "grid"
-    search_cost: Literal["metric", "paper"] = "metric"
     switch_gain_m: NotNegative = 0.0
     retask: Literal["auto", "confirm"] = "auto"
     when: Literal["events", "period"] = "events"
     aim: Literal["intercept", "position"] = "intercept"
     horizon_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 120.0
     cost: Literal["length", "arrival"] = "length"
-    objective: Literal["total", "longest"] = "total"
-    surplus: Literal["hold", "double"] = "hold"
     separation_m: NotNegative = 60.0
 
 

@@ -31,7 +31,6 @@ _RENAMED = {
     "lane_step_m": "layer_step_m",
     "lanes": "layers",
     "most_probability": "max_probability",
-    "spare": "surplus",
 }
 """New names of renamed keys."""
 _WHERE = re.compile(r"^(?P<problem>.*?)(?: - at `(?P<path>[^`]*)`)?$", re.DOTALL)

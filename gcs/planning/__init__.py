@@ -6,7 +6,7 @@ The package is pure: no I/O, no clock, no random numbers.
 Reading order:
 
 1. `planner_inputs`: inputs of the planner. `planner`: the stages of one plan.
-2. `map`: obstacle grid, polygons, exact line of sight, clearance-shifted nodes, Moving AI maps.
+2. `map`: obstacle grid, polygons, exact line of sight, clearance-shifted nodes.
 3. `search`: eight-neighbour moves, canonical ordering (jump-point pruning), A*, one-to-all Dijkstra, and the
    cost matrix of all agent-target pairs.
 4. `assignment` (Hungarian, with hysteresis) and `intercept` (moving targets).

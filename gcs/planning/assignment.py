@@ -4,8 +4,7 @@ The assignment minimises the total path length (Kuhn 1955, Munkres 1957; scipy's
 It makes as many pairs as possible first; length decides between assignments with as many pairs. Pairs without
 a path get a finite cost above any total, and are dropped from the result.
 
-Columns of lower rank are served first. A target that needs several agents has several columns. The objective
-"longest" is the bottleneck assignment: minimise the longest path by bisection, then the total.
+Columns of lower rank are served first. A target that needs several agents has several columns.
 
 Each agent that changes its target gets a new mission, and the optimum of a large swarm changes in long chains
 for a few metres. So `with_change_costs` makes the pairs that are flown cheaper before the assignment. A pair
@@ -20,14 +19,12 @@ so keeping targets never costs more than the fraction f of the optimum.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, TypeAlias
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from gcs.model import FloatArray
 
-Objective: TypeAlias = Literal["total", "longest"]
 CHANGE_FRACTION = 0.02
 """Greatest increase of the total that keeping targets may cost, as a fraction of the optimum."""
 _MAX_GAIN_M = 1e8
@@ -53,9 +50,7 @@ def with_change_costs(costs: FloatArray, flown: Sequence[int], switch_gain_m: fl
     return counted
 
 
-def assign(
-    costs: FloatArray, ranks: Sequence[int] | None = None, objective: Objective = "total"
-) -> dict[int, int]:
+def assign(costs: FloatArray, ranks: Sequence[int] | None = None) -> dict[int, int]:
     """Assign rows (agents) to columns (targets, or agents needed at targets).
 
     Parameters
@@ -64,28 +59,20 @@ def assign(
         Cost of each pair, not negative; inf without a path.
     ranks : sequence of int, length m
         Columns of lower rank are served first. Default: all equal.
-    objective : "total" or "longest"
-        Minimise the total cost, or the greatest cost and then the total.
 
     Returns
     -------
     dict of int to int
         Column by row, in order of rows; never a pair without a path.
+
+    Notes
+    -----
+    Column sets that can be served together form a matroid (Edmonds & Fulkerson 1965). A weight above any
+    detour therefore serves columns of lower rank first.
     """
     weights = np.ones(costs.shape[1])
     if ranks is not None:
         weights += max(ranks, default=0) - np.array(ranks, dtype=np.float64)
-    if objective == "longest":
-        costs = _without_longer(costs, weights)
-    return _shortest(costs, weights)
-
-
-def _shortest(costs: FloatArray, weights: FloatArray) -> dict[int, int]:
-    """Return the assignment of the greatest served weight and, among these, the least total length.
-
-    Column sets that can be served together form a matroid (Edmonds & Fulkerson 1965). A weight above any
-    detour therefore serves columns of greater weight first.
-    """
     finite = np.isfinite(costs)
     if not finite.any():
         return {}
@@ -94,20 +81,3 @@ def _shortest(costs: FloatArray, weights: FloatArray) -> dict[int, int]:
     dropped = beyond * (float(weights.max()) + 1.0)
     rows, cols = linear_sum_assignment(np.where(finite, costs - beyond * weights, dropped))
     return {int(i): int(j) for i, j in zip(rows, cols, strict=True) if finite[i, j]}
-
-
-def _without_longer(costs: FloatArray, weights: FloatArray) -> FloatArray:
-    """Forbid paths longer than the bottleneck that the greatest served weight needs."""
-    lengths = np.unique(costs[np.isfinite(costs)])
-    if not lengths.size:
-        return costs
-    most = weights[list(_shortest(costs, weights).values())].sum()
-    low, high = 0, lengths.size - 1
-    while low < high:
-        middle = (low + high) // 2
-        some = np.where(costs <= lengths[middle], 0.0, np.inf)
-        if weights[list(_shortest(some, weights).values())].sum() > most - 0.5:
-            high = middle
-        else:
-            low = middle + 1
-    return np.where(costs <= lengths[low], costs, np.inf)

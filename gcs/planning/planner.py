@@ -150,7 +150,7 @@ def plan_routes(
         costs = with_change_costs(search.costs, flown_to, options.switch_gain_m)
         costs = _fit_costs(costs, [agents[v] for v in vehicles], [targets[one] for one in labels], flown_to)
         costs = _pinned_costs(costs, vehicles, labels, needs, pinned)
-        pairs = _assign(costs, needs, options)
+        pairs = _assign(costs, needs)
         on_stage("assignment")
         for _ in range(_MAX_ASSIGNMENTS):
             for i, j in pairs.items():
@@ -162,7 +162,7 @@ def plan_routes(
             if not dead:
                 break
             costs[tuple(np.transpose(dead))] = np.inf
-            pairs = _assign(costs, needs, options)
+            pairs = _assign(costs, needs)
         on_stage("shaping")
     routes = [one.route for one in shaped if one.route is not None]
     served, busy = {route.target for route in routes}, {route.vehicle for route in routes}
@@ -279,23 +279,11 @@ def _pinned_costs(
     return np.where(allowed, costs, np.inf)
 
 
-def _assign(costs: FloatArray, needs: Sequence[TargetDemand], options: PlanOptions) -> dict[int, int]:
+def _assign(costs: FloatArray, needs: Sequence[TargetDemand]) -> dict[int, int]:
     """Return the target index of each assigned agent. A target has one column per agent that it needs."""
-    columns, ranks = _columns(len(costs), needs, options)
-    pairs = assign(costs[:, columns], ranks, options.objective)
-    return {i: columns[column] for i, column in pairs.items()}
-
-
-def _columns(agents: int, needs: Sequence[TargetDemand], options: PlanOptions) -> tuple[list[int], list[int]]:
-    """Return the target and the rank of each column. Columns for surplus agents come last."""
     columns = [j for j, demand in enumerate(needs) for _ in range(demand.agents)]
-    ranks = [needs[j].rank for j in columns]
-    if options.surplus == "double":
-        beyond, rounds = max(ranks, default=0), math.ceil(max(0, agents - len(columns)) / len(needs))
-        for more in range(1, rounds + 1):
-            columns += range(len(needs))
-            ranks += [beyond + more] * len(needs)
-    return columns, ranks
+    pairs = assign(costs[:, columns], [needs[j].rank for j in columns])
+    return {i: columns[column] for i, column in pairs.items()}
 
 
 def _with_terminal_loiter(

@@ -6,12 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from gcs.planning.assignment import Objective
 from gcs.planning.forward_simulation import Motion
 from gcs.planning.map.grid import Point
 from gcs.planning.path.shortcut import Shape
 from gcs.planning.path.turns import TurnAnticipation
-from gcs.planning.search.shortest import SearchCost
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +69,6 @@ class PlanOptions:
 
     Attributes
     ----------
-    search_cost : "metric" or "paper"
-        Shortest paths, or the paper's cost: nodes traversed plus Euclidean heuristic.
     shape : "grid", "pulled" or "flyable"
         Legs along the grid, string-pulled legs, or string-pulled legs with turns of `turn_radius_m`.
     clearance_m : float
@@ -85,10 +81,6 @@ class PlanOptions:
         Prediction horizon for moving targets. 0: routes end at the current target positions.
     cost : "length" or "arrival"
         Assignment cost: metres flown, or times of arrival.
-    objective : "total" or "longest"
-        Minimise the sum of the costs, or the greatest of them.
-    surplus : "hold" or "double"
-        Surplus agents get no route, or a target that another agent serves already.
     loiter : LoiterSpec or None
         Terminal loiter of flyable routes. None: the end of a route is not checked.
     turns : TurnAnticipation or None
@@ -97,15 +89,12 @@ class PlanOptions:
         Delay until a commanded turn rate is reached.
     """
 
-    search_cost: SearchCost = "metric"
     shape: Shape = "grid"
     clearance_m: float = 0.0
     switch_gain_m: float = 0.0
     turn_radius_m: float = 40.0
     horizon_s: float = 0.0
     cost: Literal["length", "arrival"] = "length"
-    objective: Objective = "total"
-    surplus: Literal["hold", "double"] = "hold"
     loiter: LoiterSpec | None = None
     turns: TurnAnticipation | None = None
     turn_lag_s: float = 0.0

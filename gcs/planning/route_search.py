@@ -20,7 +20,7 @@ from gcs.planning.map.line_of_sight import clear_leg
 from gcs.planning.path.shortcut import ShapedPath, connect_to_grid, shape_path
 from gcs.planning.path.turns import SHARP_CORNER, SHARP_START
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
-from gcs.planning.search.cost_matrix import Endpoints, PathLookup, metric_paths, paper_paths
+from gcs.planning.search.cost_matrix import Endpoints, PathLookup, shortest_paths
 from gcs.planning.search.neighbours import SearchMap, cells, places, search_map
 
 _MAX_CORRECTIONS = 4
@@ -66,7 +66,6 @@ class RouteSearch:
     ) -> None:
         self._grid, self.agents, self._options = grid, agents, options
         self.smap: SearchMap = search_map(grid, options.clearance_m, shifts_nodes=options.shape != "grid")
-        self._find_paths = paper_paths if options.search_cost == "paper" else metric_paths
         self._velocities = [one.velocity_m_s if options.horizon_s > 0.0 else (0.0, 0.0) for one in demands]
         self._prediction = predict_targets(grid, targets, self._velocities, options.horizon_s)
         self.starts = self._endpoints([(agent.east_m, agent.north_m) for agent in agents])
@@ -143,7 +142,7 @@ class RouteSearch:
         return Endpoints(of.xy[one], of.nodes[one], of.gaps[one], of.inside[one])
 
     def _paths(self, starts: Endpoints, goals: Endpoints) -> tuple[FloatArray, PathLookup]:
-        return self._find_paths(self._grid, self.smap, starts, goals, self._options.clearance_m)
+        return shortest_paths(self._grid, self.smap, starts, goals, self._options.clearance_m)
 
     def _shape(self, i: int, goals: Endpoints, j: int, nodes: IntArray, turns: bool) -> ShapedPath:
         """Return a shaped route, in cells."""

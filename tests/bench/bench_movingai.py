@@ -25,11 +25,11 @@ from typing import Any
 
 import numpy as np
 from grid_paths import find_path
+from movingai import MAX_BYTES, read_map
 
 from gcs.errors import ConfigError
 from gcs.files import read_text
 from gcs.planning.map.grid import Grid, Node
-from gcs.planning.map.movingai import MAX_BYTES, read_map
 from gcs.planning.planner import warm_up
 
 RELATIVE_TOLERANCE = 5e-6

@@ -109,12 +109,11 @@ def whole_plans() -> None:
                 PlanOptions(),
                 PlanOptions(shape="pulled"),
                 PlanOptions(shape="pulled", clearance_m=25.0),
-                PlanOptions("paper"),
             ):
                 ms = median_ms(lambda: plan_routes(grid, agents, targets, {}, options), repeats)  # noqa: B023
                 result = plan_routes(grid, agents, targets, {}, options)
                 corners = sum(len(route.points_m) - 1 for route in result.routes)
-                what = f"{name}  {options.search_cost} {options.shape} {options.clearance_m:.0f} m"
+                what = f"{name}  {options.shape} {options.clearance_m:.0f} m"
                 print(
                     f"  {what:<55} {threshold:6.1f} {ms:9.2f} {result.total_length_m / 1e3:9.2f} {corners:8d}"
                 )

@@ -21,7 +21,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
-from grid_paths import find_path
+from grid_paths import distances_m, find_path
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
@@ -31,7 +31,6 @@ from gcs.planning.path.shortcut import connect_to_grid
 from gcs.planning.planner import warm_up
 from gcs.planning.search import cost_matrix
 from gcs.planning.search.neighbours import SearchMap, flat_index, search_map
-from gcs.planning.search.shortest import distances_m
 
 ROOT_2 = math.sqrt(2.0)
 _TURN_MS = 5.0
@@ -199,7 +198,7 @@ def matrices(nodes: int, blocked: float, n: int, m: int) -> None:
         )
 
     def ours() -> np.ndarray:
-        lengths, way = cost_matrix.metric_paths(grid, smap, places(ends[0]), places(ends[1]), 0.0)
+        lengths, way = cost_matrix.shortest_paths(grid, smap, places(ends[0]), places(ends[1]), 0.0)
         for i, j in assign(lengths).items():
             way(i, j)
         return lengths

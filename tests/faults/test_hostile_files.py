@@ -339,23 +339,6 @@ def test_drawn_missions_that_are_nested_are_refused(
     refused(gcs("init", tmp_path / name), name, "nested" if name == "a.kml" else "recursion")
 
 
-@pytest.mark.parametrize(
-    ("text", "word"),
-    [
-        ("type octile\nheight 8000000\nwidth 2\nmap\n" + "..\n" * 8_000_000, "lines"),
-        ("type octile\nheight 99999\nwidth 99999\nmap\n..\n", "no size for a map"),
-        ("type octile\nheight 1\nwidth 1\nmap\n" + "." * 33_000_000, "larger than 32 MB"),
-    ],
-    ids=["lines", "header", "size"],
-)
-def test_maps_that_are_none_are_refused(
-    gcs: Callable[..., Ran], tmp_path: Path, text: str, word: str
-) -> None:
-    path = tmp_path / "city.map"
-    path.write_text(text)
-    refused(gcs("plan", "--map", path), "city.map", word)
-
-
 READERS = {
     "kml": ("init", "{}"),
     "log": ("init", "{}"),
@@ -364,10 +347,9 @@ READERS = {
     "report": ("report", "{}"),
     "track": ("track", "{}"),
     "check": ("check", "{}"),
-    "map": ("plan", "--map", "{}"),
     "config": ("replay", GOLDEN, "--config", "{}"),
 }
-NAMES = {"kml": "x.kml", "track": "x.csv", "check": "x.toml", "map": "x.map", "config": "x.toml"}
+NAMES = {"kml": "x.kml", "track": "x.csv", "check": "x.toml", "config": "x.toml"}
 
 
 @pytest.mark.parametrize("reader", READERS)
@@ -402,7 +384,6 @@ def test_detections_from_a_pipe_are_refused_at_once(
 
 def test_folders_are_no_files(gcs: Callable[..., Ran], tmp_path: Path) -> None:
     refused(gcs("check", tmp_path), str(tmp_path), "a folder; expected a regular file")
-    refused(gcs("plan", "--map", tmp_path), str(tmp_path), "a folder; expected a regular file")
     (tmp_path / "run.mcap").mkdir()
     refused(gcs("info", tmp_path), "run.mcap", "a folder; expected a regular file")
 

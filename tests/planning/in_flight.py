@@ -9,14 +9,13 @@ from gcs.planning import planner
 from gcs.planning.map import line_of_sight
 from gcs.planning.map.grid import free_grid, random_obstacles
 from gcs.planning.planner_inputs import AgentState, PlanOptions
-from gcs.planning.search import shortest
 
 AGENTS = {1: AgentState(3.0, 4.0, 0.5), 2: AgentState(390.0, 15.0), 3: AgentState(200.0, 200.0)}
 TARGETS = {(0, 0): (350.0, 380.0), (0, 1): (5.0, 390.0), (1, 0): (4.0, 3.0)}
 OPTIONS = (
     PlanOptions(),
     PlanOptions(shape="pulled", clearance_m=15.0),
-    PlanOptions("paper", "pulled", 25.0),
+    PlanOptions("pulled", 25.0),
 )
 
 planner.warm_up()
@@ -25,7 +24,6 @@ for seed in range(3):
     for options in OPTIONS:
         planner.plan_routes(grid, AGENTS, TARGETS, {}, options)
         planner.plan_routes(grid, AGENTS, dict([*TARGETS.items()][:1]), {}, options)
-    shortest.distances_m(grid, (3, 3))
     line_of_sight.line_of_sight(grid, (0.0, 0.0), (300.0, 200.0), 5.0)
 for kernel in dict.fromkeys(call[0] for call in planner.warm_up_calls()):
     if len(kernel.signatures) != 1:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from grid_paths import distances_m
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,7 +16,6 @@ from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.plan_notes import PlanNote
 from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions, TargetDemand
-from gcs.planning.search.shortest import distances_m
 
 CORNERS = TurnAnticipation(58.0, 42.0, 10.0)
 FLYABLE = PlanOptions(

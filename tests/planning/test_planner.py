@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from grid_paths import distances_m
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,12 +22,10 @@ from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.plan_notes import PlanNote
 from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
-from gcs.planning.search.shortest import distances_m
 
 PLAIN = PlanOptions()
 OPTIONS = st.builds(
     PlanOptions,
-    search_cost=st.sampled_from(["metric", "paper"]),
     shape=st.sampled_from(["grid", "pulled", "flyable"]),
     clearance_m=st.sampled_from([0.0, 15.0, 30.0]),
     switch_gain_m=st.sampled_from([0.0, 50.0]),

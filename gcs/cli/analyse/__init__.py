@@ -1,7 +1,7 @@
 """Commands after a flight, for recordings and logs.
 
 - `replay`, `whatif`: a recording played again, with a comparison of results under other settings.
-- `report`, `paper`: a page about a run, and one about the paper's claims.
+- `report`: a page about a run.
 - `info`, `info_contents`, `info_scans`: the contents of a file.
 - `track`: a tracker on recorded detections.
 """

@@ -24,18 +24,12 @@ app = command_app()
 @app.command()
 def report(
     recording: Annotated[
-        Path | None, typer.Argument(help="A recording, a .tlog of any ground station, or raw MAVLink.")
-    ] = None,
+        Path, typer.Argument(help="A recording, a .tlog of any ground station, or raw MAVLink.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder for the page.  [default: RECORDING/report, or NAME-report]"),
     ] = None,
-    paper: Annotated[
-        bool,
-        typer.Option(
-            "--paper", help="Fly the paper's missions, draw its figures 3 to 9 and check its claims."
-        ),
-    ] = False,
     config: Annotated[
         str | None, typer.Option(help="Mission file, for a log or a recording without its own.")
     ] = None,
@@ -59,14 +53,7 @@ def report(
     from gcs.cli.analyse.report_material import ReportOptions, run_report
     from gcs.cli.analyse.run_file import RunFile
 
-    if (recording is None) != paper:
-        raise typer.BadParameter("expected a recording, or --paper without one")
     console = console_for(stderr=as_json)
     with exit_on_error():
-        if recording is None:
-            from gcs.cli.analyse.paper import run_paper  # It imports this module.
-
-            run_paper(out if out is not None else Path("paper-report"), console, as_json=as_json)
-        else:
-            file = RunFile(recording, config, seed, detections, model, offset)
-            run_report(ReportOptions(file, out, timing, as_json), console)
+        file = RunFile(recording, config, seed, detections, model, offset)
+        run_report(ReportOptions(file, out, timing, as_json), console)

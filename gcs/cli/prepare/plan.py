@@ -1,4 +1,4 @@
-"""`gcs plan`: plan routes on the map of a mission or on a Moving AI map, without a flight."""
+"""`gcs plan`: plan routes on the map of a mission, without a flight."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class _PositionsCommand(typer.core.TyperCommand):
 @app.command(cls=_PositionsCommand)
 def plan(
     scenario: Annotated[
-        str | None,
+        str,
         typer.Argument(
             help="Name of a shipped scenario (see `gcs scenarios`) or a mission file.",
             autocompletion=complete_scenario,
         ),
-    ] = None,
+    ],
     agents: Annotated[
         list[str] | None,
         typer.Option(
@@ -61,10 +61,6 @@ def plan(
             metavar="X,Y ...",
             help="Positions of targets, in metres east and north.  [default: the target births]",
         ),
-    ] = None,
-    map_file: Annotated[
-        Path | None,
-        typer.Option("--map", metavar="FILE.map", help="Plan on a Moving AI map. Positions are in cells."),
     ] = None,
     seed: MapSeedOption = 1,
     plot: Annotated[Path | None, typer.Option(help="Picture of the plan, such as plan.png.")] = None,
@@ -80,6 +76,6 @@ def plan(
     console = console_for(stderr=as_json)
     with exit_on_error():
         check_picture(plot)
-        task = planning_task(scenario, agents, targets, map_file, seed)
+        task = planning_task(scenario, agents, targets, seed)
         code = run_plan(task, plot, console, as_json=as_json)
     raise typer.Exit(code)

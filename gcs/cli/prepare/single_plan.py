@@ -11,7 +11,7 @@ import json
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +26,11 @@ from gcs.core.replanning.plan_targets import plan_options, vehicle_options
 from gcs.core.replanning.planned_flights import layer_count
 from gcs.core.replanning.return_routes import landing_of
 from gcs.errors import ConfigError, RecordingError
-from gcs.files import read_text
 from gcs.model import Label, NoticeCode, Route, target_name
 from gcs.planning.forward_simulation import LoiterCircle
 from gcs.planning.layer_assignment import PlannedFlight, assign_layers
 from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
 from gcs.planning.map.grid import Grid, Point
-from gcs.planning.map.movingai import MAX_BYTES, read_map
 from gcs.planning.plan_notes import PlanNote
 from gcs.planning.planner import PlanResult, Stage, plan_routes
 from gcs.planning.planner_inputs import AgentState, PlanOptions
@@ -48,11 +46,9 @@ class Task:
     agents: dict[int, AgentState]
     targets: dict[Label, Point]
     options: PlanOptions
-    y_down: bool
-    """True for a Moving AI map, which is drawn with y downwards."""
-    layers: int = 1
-    separation_m: float = 0.0
-    landings: Mapping[int, LandingSpec] = field(default_factory=dict)
+    layers: int
+    separation_m: float
+    landings: Mapping[int, LandingSpec]
     """Landings of agents at their starts; none for agents that loiter at the ends of their routes."""
 
 
@@ -79,11 +75,7 @@ def run_plan(task: Task, plot: Path | None, console: Console, *, as_json: bool) 
 
 
 def planning_task(
-    scenario: str | None,
-    agent_texts: Sequence[str] | None,
-    target_texts: Sequence[str] | None,
-    map_file: Path | None,
-    seed: int,
+    scenario: str, agent_texts: Sequence[str] | None, target_texts: Sequence[str] | None, seed: int
 ) -> Task:
     """Return the planning task of the arguments.
 
@@ -92,55 +84,42 @@ def planning_task(
     ConfigError
         When an argument or a file is invalid.
     """
-    if scenario is None and map_file is None:
-        raise ConfigError("gcs plan", "", "expected a SCENARIO, or a map with --map FILE.map")
-    agents: dict[int, AgentState] = {}
-    targets: list[Point] = []
-    options, name, y_down = PlanOptions(shape="pulled"), "", False
-    separation: dict[str, Any] = {}
-    speed_m_s = 15.0
-    if scenario is not None:
-        config = load(scenario)
-        options, name, grid = plan_options(config), config.name, mission_grid(config, seed)
-        speed_m_s, own = config.airframe.speed_m_s, vehicle_options(config)
-        separation = {
-            "layers": layer_count(config),
-            "separation_m": config.planning.separation_m,
-            "landings": {
-                a.system_id: landing
-                for a in config.agents
-                if (landing := landing_of(config.airframe_of(a.vehicle))) is not None
-            },
-        }
-        agents = {
-            a.system_id: AgentState(
-                a.east_m,
-                a.north_m,
-                math.radians(a.course_deg),
-                config.airframe_of(a.vehicle).speed_m_s,
-                options=own[a.vehicle],
-            )
-            for a in config.agents
-        }
-        targets = [(birth.east_m, birth.north_m) for birth in config.births]
-    if map_file is not None:
-        name, grid, agents, targets, y_down = map_file.name, _read_map(map_file), {}, [], True
+    config = load(scenario)
+    grid = mission_grid(config, seed)
+    own = vehicle_options(config)
+    agents = {
+        a.system_id: AgentState(
+            a.east_m,
+            a.north_m,
+            math.radians(a.course_deg),
+            config.airframe_of(a.vehicle).speed_m_s,
+            options=own[a.vehicle],
+        )
+        for a in config.agents
+    }
+    landings = {
+        a.system_id: landing
+        for a in config.agents
+        if (landing := landing_of(config.airframe_of(a.vehicle))) is not None
+    }
+    targets = [(birth.east_m, birth.north_m) for birth in config.births]
     if agent_texts is not None:
         starts = _positions(agent_texts, "--agents", grid)
+        speed_m_s = config.airframe.speed_m_s
         agents = {n: AgentState(*place, None, speed_m_s) for n, place in enumerate(starts, start=1)}
     if target_texts is not None:
         targets = _positions(target_texts, "--targets", grid)
     numbered = {(0, number): place for number, place in enumerate(targets)}
-    return Task(name, grid, agents, numbered, options, y_down, **separation)
-
-
-def _read_map(path: Path) -> Grid:
-    try:
-        return read_map(read_text(path, MAX_BYTES), str(path))
-    except OSError as error:
-        raise ConfigError(str(path), "", f"cannot be read as a map: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(str(path), "", f"cannot be read as a map: {error}") from None
+    return Task(
+        config.name,
+        grid,
+        agents,
+        numbered,
+        plan_options(config),
+        layer_count(config),
+        config.planning.separation_m,
+        landings,
+    )
 
 
 def _positions(given: Sequence[str], option: str, grid: Grid) -> list[Point]:
@@ -276,7 +255,6 @@ def _draw(path: Path, task: Task, result: PlanResult, return_routes: Mapping[int
             for r in result.routes
             if r.vehicle in return_routes
         },
-        y_down=task.y_down,
     )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

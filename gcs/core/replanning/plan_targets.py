@@ -31,13 +31,10 @@ def plan_options(config: Config, airframe: AgentAirframe | None = None) -> PlanO
     return PlanOptions(
         clearance_m=planning.clearance_m,
         shape=planning.shape,
-        search_cost=planning.search_cost,
         switch_gain_m=planning.switch_gain_m,
         turn_radius_m=airframe.planned_radius_m,
         horizon_s=planning.horizon_s if planning.aim == "intercept" else 0.0,
         cost=planning.cost,
-        objective=planning.objective,
-        surplus=planning.surplus,
         loiter=_loiter(airframe, planning.capture_radius_m),
         turns=corners_of(airframe),
         turn_lag_s=airframe.turn_lag_s,

@@ -47,7 +47,7 @@ class Triggers:
         self._plan_targets, self._zones, self._agents, self._state = plan_targets, zones, agents, state
         meets = config.planning.aim == "intercept"
         self._moved = "will be met {:.0f} m from the planned place" if meets else "moved {:.0f} m"
-        self._surplus, self._options = config.planning.surplus, vehicle_options(config)
+        self._options = vehicle_options(config)
         self._period_ns = int(config.planning.period_s * NS_PER_S)
 
     @property
@@ -120,7 +120,7 @@ class Triggers:
     def _idle(self, inputs: PlanningInputs) -> list[Reason]:
         """Return the agents without a route, if a target needs one."""
         newest = self.newest
-        if self._surplus == "hold" and not self._is_needed(newest, inputs):
+        if not self._is_needed(newest, inputs):
             return []
         idle = sorted(set(inputs.agents) & self._planned() - set(newest))
         return [reasons.of_agent("agent idle", v, "has no route") for v in idle]

@@ -1,1 +1,1 @@
-"""Obstacle map: grid, polygon rasterisation, line of sight, clearance-shifted nodes, Moving AI maps."""
+"""Obstacle map: grid, polygon rasterisation, line of sight, clearance-shifted nodes."""

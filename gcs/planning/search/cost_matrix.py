@@ -19,12 +19,11 @@ from gcs.jit import Call, kernel
 from gcs.model import BoolArray, ByteArray, FloatArray, IntArray
 from gcs.planning.map.grid import Grid, free_grid
 from gcs.planning.path.shortcut import is_adjacent_and_visible
-from gcs.planning.search.astar import astar_paper
 from gcs.planning.search.bucket_astar import bucket_astar
 from gcs.planning.search.canonical_ordering import NO_MOVE, move_length
 from gcs.planning.search.dijkstra import costs_at, dijkstra_buffers, one_to_all, trace_back
 from gcs.planning.search.grid_search import borrow_search
-from gcs.planning.search.neighbours import SearchMap, cells, flat_index, search_map
+from gcs.planning.search.neighbours import SearchMap, flat_index, search_map
 
 PathLookup: TypeAlias = Callable[[int, int], IntArray]
 """Function that returns the flat nodes of the path of agent i to target j, in order of flight.
@@ -61,7 +60,7 @@ class Endpoints(NamedTuple):
     inside: BoolArray
 
 
-def metric_paths(
+def shortest_paths(
     grid: Grid, smap: SearchMap, starts: Endpoints, goals: Endpoints, clearance_m: float
 ) -> tuple[FloatArray, PathLookup]:
     """Return the shortest paths of all pairs and their lengths in metres, (n, m); inf without a path.
@@ -213,41 +212,6 @@ def _path_ends(
     return lengths, via
 
 
-def paper_paths(
-    grid: Grid, smap: SearchMap, starts: Endpoints, goals: Endpoints, clearance_m: float
-) -> tuple[FloatArray, PathLookup]:
-    """Return paths of all pairs by the paper's cost between the nearest nodes, with their flown lengths.
-
-    The paper's cost depends on the goal, so there is no one-to-all search.
-    """
-    lengths_m = np.full((len(starts.xy), len(goals.xy)), np.inf)
-    paths: dict[tuple[int, int], IntArray] = {}
-    clearance = clearance_m / grid.spacing_m
-    buffer = np.empty(smap.moves.size, dtype=np.int64)
-    for i, (a, first) in enumerate(zip(starts.xy, _nearest_joins(starts), strict=True)):
-        for j, (b, last) in enumerate(zip(goals.xy, _nearest_joins(goals), strict=True)):
-            if first < 0 or last < 0:
-                continue
-            count = 0
-            is_inside = starts.inside[i] or goals.inside[j]
-            if is_inside or not is_adjacent_and_visible(grid.blocked, clearance, a, b):
-                count, _ = astar_paper(
-                    smap.moves, smap.tight_moves, smap.offsets, smap.stride, first, last, buffer
-                )
-                if count == 0:
-                    continue
-            paths[i, j] = buffer[:count][::-1].copy()
-            points = np.vstack((a, cells(smap, paths[i, j]), b))
-            lengths_m[i, j] = np.hypot(*np.diff(points, axis=0).T).sum() * grid.spacing_m
-    return lengths_m, lambda i, j: paths[i, j]
-
-
-def _nearest_joins(places: Endpoints) -> list[int]:
-    """Return the nearest connecting node of each place, -1 for none."""
-    best = np.argmin(np.where(places.nodes >= 0, places.gaps, np.inf), axis=1)
-    return [int(node) for node in places.nodes[np.arange(len(best)), best]]
-
-
 def warm_up_calls() -> list[Call]:
     """Return one call of every search kernel with the types of a plan."""
     grid = free_grid((2, 2), 10.0)
@@ -269,5 +233,4 @@ def warm_up_calls() -> list[Call]:
         (costs_at, field, ends.nodes, ends.gaps),
         (trace_back, smap.offsets, came_by[0], node, path),
         (one_to_all, *lists, nodes, gaps, nodes, field, came_by[0], packed, *dijkstra_buffers(smap)),
-        (astar_paper, smap.moves, smap.tight_moves, smap.offsets, smap.stride, node, node, path),
     ]

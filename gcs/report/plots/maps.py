@@ -92,19 +92,6 @@ def truth_figure(
     return figure
 
 
-def ground_truth_figure(timeline: Timeline, ground: Ground | None, until_s: float) -> Figure:
-    """Draw only the ground truth up to a time."""
-    figure = new_figure(7.2, 7.4)
-    axes = figure.add_subplot()
-    _frame(axes, timeline, {})
-    draw_obstacles(axes, ground)
-    truth_until(axes, timeline, until_s)
-    heading(axes, f"ground truth until {until_s:.0f} s")
-    entries = legend_entries(timeline, obstacles=ground is not None, estimates=False)
-    _legend(figure, entries, columns=6)
-    return figure
-
-
 def tracker_figure(timeline: Timeline, ground: Ground | None) -> Figure:
     """Draw every estimate of both trackers, and the clutter."""
     figure = new_figure(9.4, 8.6)

@@ -40,7 +40,6 @@ class PlanDrawing:
     """Loiter circles at the ends of the routes."""
     homes: Mapping[int, Sequence[Sequence[float]]] = field(default_factory=dict)
     """Return routes by agent, from the ends of the routes."""
-    y_down: bool = False
 
 
 def draw_plan(drawing: PlanDrawing, path: Path) -> None:
@@ -114,10 +113,7 @@ def _draw_map(axes: Axes, drawing: PlanDrawing) -> None:
         interpolation="nearest" if max(rows, cols) <= 1000 else "antialiased",
         zorder=1,
     )
-    if drawing.y_down:
-        axes.invert_yaxis()
-    x, y = ("x, cells", "y, cells") if drawing.y_down else ("east, m", "north, m")
-    axes.set(xlabel=x, ylabel=y)
+    axes.set(xlabel="east, m", ylabel="north, m")
     axes.tick_params(labelsize=9, color=AXIS)
     for spine in axes.spines.values():
         spine.set_color(AXIS)

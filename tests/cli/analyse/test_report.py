@@ -257,17 +257,6 @@ def test_logs_of_real_autopilots_are_shown(tmp_path: Path, log: str) -> None:
     assert "Vehicle telemetry" in checked_page(tmp_path)
 
 
-@pytest.mark.slow
-def test_the_papers_figures_and_claims_come_from_one_command(tmp_path: Path) -> None:
-    code, _, found = run("report", "--paper", "-o", tmp_path, "--json")
-    assert code == 0
-    assert {Path(one).stem for one in found["figures"]} == {f"fig{n}" for n in range(3, 10)}
-    words = checked_page(tmp_path)
-    for claim in found["claims"]:
-        assert claim["verdict"] in words
-        assert " ".join(claim["seen"].split()) in words
-
-
 def test_a_run_in_parts_is_one_run_to_every_command(flight: Path, tmp_path: Path) -> None:
     made_with = read_info(flight)
     with Recorder(tmp_path / "run", made_with.config_text, {}, made_with.run, DiskBudget(60_000)) as recorder:
@@ -290,8 +279,3 @@ def test_a_run_in_parts_is_one_run_to_every_command(flight: Path, tmp_path: Path
     code, text, _ = run("replay", tmp_path / "run" / "run-002.mcap", "--verify")
     assert code == 2
     assert "begins in the middle of a run" in text
-
-
-def test_a_recording_or_the_paper_but_not_both(tmp_path: Path) -> None:
-    assert run("report")[0] == 2
-    assert run("report", tmp_path, "--paper")[0] == 2

@@ -43,8 +43,6 @@ north_m = 500.0
 [[births]]
 east_m = 2600.0
 north_m = 2500.0
-[planning]
-surplus = "hold"
 [simulation]
 forward_speed_m_s = 15.0
 parameters = { ARMING_DELAY_S = 1.0 }

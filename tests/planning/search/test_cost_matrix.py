@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from grid_paths import distances_m
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
@@ -17,7 +18,6 @@ from gcs.planning.search import cost_matrix
 from gcs.planning.search.canonical_ordering import TIGHT_MOVE_COST
 from gcs.planning.search.dijkstra import dijkstra_buffers, one_to_all
 from gcs.planning.search.neighbours import search_map
-from gcs.planning.search.shortest import distances_m
 
 DIAGONAL = np.sqrt(2.0)
 
@@ -92,8 +92,8 @@ def test_the_way_there_is_as_long_as_the_way_back(case):
     smap = search_map(grid)
     a = places(grid, smap, starts)
     b = places(grid, smap, goals)
-    there, _ = cost_matrix.metric_paths(grid, smap, a, b, 0.0)
-    back, _ = cost_matrix.metric_paths(grid, smap, b, a, 0.0)
+    there, _ = cost_matrix.shortest_paths(grid, smap, a, b, 0.0)
+    back, _ = cost_matrix.shortest_paths(grid, smap, b, a, 0.0)
     np.testing.assert_allclose(there, back.T, rtol=0, atol=1e-8)
 
 

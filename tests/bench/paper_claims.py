@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
-
-from gcs.report.paper.measures import (
+from paper_measures import (
     NEAR_M,
     RE_ROUTED_WITHIN_S,
     Flown,
@@ -28,6 +27,7 @@ from gcs.report.paper.measures import (
     waviness,
     wrong_kind,
 )
+
 from gcs.report.run.evaluation import Summary
 from gcs.report.run.timeline import KINDS
 

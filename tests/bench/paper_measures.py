@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from grid_paths import distances_m, nearest_free
 
 from gcs.model import FloatArray, Kind
 from gcs.planning.map.grid import Grid, Node
-from gcs.planning.search.shortest import distances_m, nearest_free
 from gcs.report.run.evaluation import Summary
 from gcs.report.run.timeline import KINDS, Decision, Estimate, Path, Timeline
 

@@ -1,4 +1,6 @@
-"""`gcs report --paper`: the paper's figures 3 to 9 and its claims.
+"""Draw the paper's figures 3 to 9 and check its claims.
+
+    python tests/bench/bench_paper.py [-o FOLDER]
 
 `sim_vehicles` flies the paper's four missions on virtual time with fixed seeds. Figures and claims come from
 the recordings.
@@ -6,6 +8,7 @@ the recordings.
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
 import subprocess
@@ -14,17 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import msgspec
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-from gcs.cli.analyse.report_material import read_material
-from gcs.cli.analyse.run_file import RunFile
-from gcs.cli.fly.simulate import sim_vehicles_command
-from gcs.config import load, read_text
-from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.errors import RecordingError, SimulationError
-from gcs.report.html_page import Page, Picture, Section, save_figure, save_page
-from gcs.report.paper.claims import (
+from paper_claims import (
     FIGURE_3,
     FIGURES_4_5,
     FIGURES_6_7,
@@ -34,8 +27,18 @@ from gcs.report.paper.claims import (
     claims,
     markdown,
 )
-from gcs.report.paper.measures import Flown
-from gcs.report.plots.maps import Ground, ground_truth_figure, tracker_figure, truth_figure
+from paper_measures import Flown
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from gcs.cli.analyse.report_material import read_material
+from gcs.cli.analyse.run_file import RunFile
+from gcs.cli.fly.simulate import sim_vehicles_command
+from gcs.config import load, read_text
+from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.errors import SimulationError
+from gcs.report.html_page import Page, Picture, Section, save_figure, save_page
+from gcs.report.plots.maps import Ground, tracker_figure, truth_figure
 from gcs.report.run.evaluation import Summary
 from gcs.report.run.tables import Table
 
@@ -53,20 +56,15 @@ _TITLES: Final = {
 _NUMBERS: Final = {FIGURES_4_5: (4, 5), FIGURES_6_7: (6, 7), FIGURES_8_9: (8, 9)}
 
 
-def run_paper(out: Path, console: Console, *, as_json: bool) -> None:
-    """Fly the missions, draw the figures and check the claims.
+def run_paper(out: Path, console: Console) -> tuple[Claim, ...]:
+    """Fly the missions, draw the figures, check the claims and return them.
 
     Raises
     ------
     GcsError
         When a run fails or something cannot be written.
     """
-    try:
-        (out / "recordings").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(
-            str(out), f"cannot be created: {error.strerror}; choose another with -o"
-        ) from None
+    (out / "recordings").mkdir(parents=True, exist_ok=True)
     runs, sections = _fly_missions(out, console)
     found = claims(runs)
     page = Page(
@@ -76,19 +74,15 @@ def run_paper(out: Path, console: Console, *, as_json: bool) -> None:
         lead="Each mission is one run with a fixed seed. All numbers were computed from these runs when this "
         "page was made.",
         sections=(Section("Claims", "", (), (_table(found),)), *sections),
-        footer="Made by gcs report --paper. The recordings are next to it: gcs report, gcs replay --verify "
-        "and gcs info read them.",
+        footer="Made by tests/bench/bench_paper.py. The recordings are next to it: gcs report, "
+        "gcs replay --verify and gcs info read them.",
     )
     save_page(page, out / "index.html")
     (out / "claims.md").write_text(markdown(found), encoding="utf-8")
     console.print(str(out / "index.html"), highlight=False, markup=False, soft_wrap=True)
     for claim in found:
         console.print(f"  {claim.verdict:17} {claim.where}: {claim.says}", highlight=False, soft_wrap=True)
-    if as_json:
-        verdicts = [msgspec.to_builtins(claim) for claim in found]
-        figures = sorted(str(path) for path in (out / "figures").iterdir())
-        result = {"page": str(out / "index.html"), "figures": figures, "claims": verdicts}
-        print(json.dumps(result), flush=True)  # noqa: T201  the output of --json
+    return found
 
 
 def _fly_missions(out: Path, console: Console) -> tuple[Runs, list[Section]]:
@@ -130,7 +124,7 @@ def _simulated(scenario: str, seed: int, folder: Path | None) -> Summary:
     options = {"scenario": scenario, "seed": seed, "as_json": True}
     options |= {} if folder is None else {"out": str(folder)}
     command = sim_vehicles_command("simulate", options)
-    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  not user input
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     lines = done.stdout.strip().splitlines()
     if done.returncode not in (0, 1) or not lines:
         raise SimulationError(f"{scenario} could not be flown: {done.stderr.strip()[-500:]}")
@@ -143,7 +137,7 @@ def _figures(name: str, flown: Flown, out: Path) -> tuple[Picture, ...]:
     timeline, grid = flown.timeline, flown.grid
     ground = Ground.of(grid)
     if name == FIGURE_3:
-        figure = ground_truth_figure(timeline, ground, timeline.duration_s)
+        figure = truth_figure(timeline, ground, {}, estimates=False)
         return (save_figure(figure, out, "fig3", "Four agents and four targets in dense obstacles."),)
     truth, output = _NUMBERS[name]
     return (
@@ -167,3 +161,15 @@ def _table(found: tuple[Claim, ...]) -> Table:
     columns = ("in the paper", "it says", "seen here", "rule", "verdict")
     rows = tuple((c.where, c.says, c.seen, c.rule, c.verdict) for c in found)
     return Table("What the paper says, and what is seen here", columns, rows, frozenset(columns))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("-o", "--out", type=Path, default=Path("paper-report"), help="folder of the page")
+    run_paper(parser.parse_args().out, Console())
+
+
+if __name__ == "__main__":
+    main()

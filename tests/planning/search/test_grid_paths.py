@@ -1,4 +1,4 @@
-"""Shortest ways on the grid, against a plain A* and against scipy's Dijkstra."""
+"""Shortest paths on the grid, against a plain A* and against scipy's Dijkstra."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from grid_paths import find_path
+from grid_paths import distances_m, find_path, nearest_free
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -16,7 +16,6 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from gcs.planning.map.grid import Grid, free_grid, random_obstacles
-from gcs.planning.search.shortest import distances_m, nearest_free
 
 MOVES = [m for m in itertools.product((-1, 0, 1), repeat=2) if m != (0, 0)]
 
@@ -103,30 +102,6 @@ def test_a_path_is_as_short_as_the_map_allows_and_legal_move_by_move(blocked, da
     assert path.length_m == pytest.approx(best, abs=1e-9) == sum(steps)
 
 
-@settings(max_examples=60)
-@given(maps(), st.data())
-def test_the_papers_cost_finds_a_way_whenever_there_is_one_and_never_a_shorter_one(blocked, data):
-    start = node_in(data, blocked)
-    goal = node_in(data, blocked)
-    blocked[start] = blocked[goal] = False
-    grid = Grid((0.0, 0.0), 1.0, blocked)
-    metric = find_path(grid, start, goal)
-    paper = find_path(grid, start, goal, "paper")
-    assert (metric is None) == (paper is None)
-    if metric is not None and paper is not None:
-        assert paper.length_m >= metric.length_m - 1e-9
-        nodes = [tuple(node) for node in paper.nodes.tolist()]
-        assert all(b in dict(neighbours(blocked, a)) for a, b in itertools.pairwise(nodes))
-
-
-def test_the_papers_cost_counts_a_diagonal_as_one_node():
-    """On a free map it takes as few nodes as possible, and the cost of a route is still the length flown."""
-    path = find_path(free_grid((6, 9), 10.0), (0, 0), (5, 8), "paper")
-    assert path is not None
-    assert len(path.nodes) == 9
-    assert path.length_m == pytest.approx(10.0 * (3 + 5 * math.sqrt(2)))
-
-
 def test_a_path_does_not_squeeze_between_two_obstacles_that_meet_at_a_corner():
     blocked = np.array([[0, 1], [1, 0]], dtype=bool)
     assert find_path(Grid((0.0, 0.0), 1.0, blocked), (0, 0), (1, 1)) is None
@@ -193,12 +168,11 @@ def test_a_map_of_one_node():
 def test_the_same_question_has_the_same_answer(blocked, data):
     start = node_in(data, blocked)
     goal = node_in(data, blocked)
-    for cost in ("metric", "paper"):
-        one = find_path(Grid((0.0, 0.0), 1.0, blocked), start, goal, cost)
-        two = find_path(Grid((0.0, 0.0), 1.0, blocked.copy()), start, goal, cost)
-        assert (one is None) == (two is None)
-        if one is not None and two is not None:
-            assert one.nodes.tolist() == two.nodes.tolist()
+    one = find_path(Grid((0.0, 0.0), 1.0, blocked), start, goal)
+    two = find_path(Grid((0.0, 0.0), 1.0, blocked.copy()), start, goal)
+    assert (one is None) == (two is None)
+    if one is not None and two is not None:
+        assert one.nodes.tolist() == two.nodes.tolist()
 
 
 @pytest.mark.parametrize("density", [0.1, 0.2, 0.3])

@@ -6,6 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper_claims import SCENARIOS, Claim, Runs, claims, markdown
+from paper_measures import (
+    Flown,
+    astray,
+    false_and_missed,
+    handovers,
+    metres_in_obstacles,
+    spurious,
+    waviness,
+    wrong_kind,
+)
 
 from gcs.model import (
     NS_PER_S,
@@ -24,17 +35,6 @@ from gcs.model import (
     read_only,
 )
 from gcs.planning.map.grid import Grid, free_grid
-from gcs.report.paper.claims import SCENARIOS, Claim, Runs, claims, markdown
-from gcs.report.paper.measures import (
-    Flown,
-    astray,
-    false_and_missed,
-    handovers,
-    metres_in_obstacles,
-    spurious,
-    waviness,
-    wrong_kind,
-)
 from gcs.report.run.evaluation import Evaluator
 from gcs.report.run.timeline import TimelineBuilder
 

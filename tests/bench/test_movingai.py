@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from grid_paths import find_path
+from movingai import read_map
 
 from gcs.errors import ConfigError
-from gcs.planning.map.movingai import read_map
 
 MAP = """type octile
 height 6
@@ -55,6 +55,7 @@ def test_lines_may_have_windows_line_ends():
         (MAP.replace("GS", "GX"), "line 7: expected .* not 'X'"),
         (MAP.replace("GS", "Gé"), "line 7: expected"),
         (MAP.replace("height 6", "height 999999999"), "no size for a map"),
+        ("type octile\nheight 8000000\nwidth 2\nmap\n" + "..\n" * 8_000_000, "lines"),
     ],
 )
 def test_a_broken_map_is_refused_with_the_line_at_fault(text, message):

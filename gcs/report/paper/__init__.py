@@ -1,1 +1,0 @@
-"""Claims and figures of the paper, checked by runs."""
