@@ -231,7 +231,8 @@ def fly_faults(kind: str, seed: int, speed: float, sitl: str, folder: Path) -> R
         start_ns = start_ns or record.t_ns
         for vehicle, watch in watches.items():
             if watch.fault_ns is None and record.t_ns - start_ns >= (at_s[vehicle] - STARTED_S) * NS_PER_S:
-                watch.begin(record.t_ns)
+                broken = [other for other, one in watches.items() if one.fault_ns is not None]
+                watch.begin(record.t_ns, broken)
             if isinstance(record.value, (Datagram, Order)):
                 watch.event(record.value)
             else:

@@ -104,7 +104,7 @@ class HealthMonitor:
             agent = self._agents[state.system_id]
             if not agent.flight.phase.is_in_air:
                 agent.flight.problems.clear()
-                agent.flight.had_rc = False
+                agent.flight.sensors_good = 0
                 agent.flight.battery_begin = agent.flight.endurance_s = None
                 agent.flight.unfit = ""
             elif agent.link.liveness == "alive" and agent.flight.grounded_since_t_ns is None:
@@ -146,11 +146,14 @@ class HealthMonitor:
             yield HealthItem.GPS_POSITION, "it jumps: the estimator rejects it, and may follow it later"
         if problem := _estimate_problem(now):
             yield HealthItem.ESTIMATE, problem
-        failed = now.sensors_failed or 0
-        flight.had_rc |= now.sensors_failed is not None and not failed & _SENSOR_BITS[HealthItem.RC]
+        failed, good = now.sensors_failed or 0, now.sensors_good or 0
+        flight.sensors_good |= good
         for item, bit in _SENSOR_BITS.items():
-            if failed & bit and (item is not HealthItem.RC or flight.had_rc):
+            if failed & bit and (item is not HealthItem.RC or flight.sensors_good & bit):
                 yield item, _SENSOR_TEXTS[item]
+        airspeed = _SENSOR_BITS[HealthItem.AIRSPEED]
+        if flight.sensors_good & airspeed & ~(good | failed):
+            yield HealthItem.AIRSPEED, "its autopilot has disabled its airspeed sensor"
         if failed & _PROPULSION_BIT:
             yield HealthItem.PROPULSION, "the autopilot reports a failed engine"
         elif (now.throttle_percent or 0) >= _FULL_THROTTLE_PERCENT and state.climb_m_s < -_FALL_M_S:

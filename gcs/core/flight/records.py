@@ -50,8 +50,8 @@ class AgentFlight:
     """Problems of its parts, told or about to be."""
     unfit: str = ""
     """Problems that do not allow another target, in words; empty if it is fit."""
-    had_rc: bool = False
-    """True if its RC receiver was healthy in this flight."""
+    sensors_good: int = 0
+    """MAV_SYS_STATUS_SENSOR bits that were enabled and healthy in this flight."""
     battery_begin: tuple[int, int] | None = None
     """Time and charge in percent at which its use of the battery is measured from; None on the ground."""
     endurance_s: float | None = None

@@ -53,6 +53,7 @@ from gcs.mavlink.fleet.telemetry_table import (
     POSITION_NS,
     POSITIONS,
     SENSORS_FAILED,
+    SENSORS_GOOD,
     THROTTLE_PERCENT,
     V_DOWN_CM_S,
     V_EAST_CM_S,
@@ -275,7 +276,9 @@ def _apply_frames(
                 percent = _signed(data, begin, 30, size, 1)
                 record[BATTERY_PERCENT] = percent if 0 <= percent <= 100 else NONE
                 enabled = _number(data, begin, 4, size, 4)
-                record[SENSORS_FAILED] = enabled & ~_number(data, begin, 8, size, 4)
+                healthy = _number(data, begin, 8, size, 4)
+                record[SENSORS_FAILED] = enabled & ~healthy
+                record[SENSORS_GOOD] = enabled & healthy
             elif message_id == _HUD:
                 record[THROTTLE_PERCENT] = _number(data, begin, 18, size, 2)
             elif message_id == _EKF:

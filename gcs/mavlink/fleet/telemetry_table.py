@@ -29,6 +29,7 @@ VehicleRecord = IntArray
     BEST_FIX,
     BATTERY_PERCENT,
     SENSORS_FAILED,  # MAV_SYS_STATUS_SENSOR bits that are enabled and not healthy; NONE before SYS_STATUS
+    SENSORS_GOOD,  # those that are enabled and healthy
     THROTTLE_PERCENT,
     ESTIMATOR_FLAGS,  # EKF_STATUS_FLAGS or ESTIMATOR_STATUS_FLAGS
     LANDED_STATE,  # MAV_LANDED_STATE
@@ -46,7 +47,7 @@ VehicleRecord = IntArray
     LEG_WATCHED,  # 1 if NAV_CONTROLLER_OUTPUT is not routine
     HEARTBEAT_KEY,  # first eight bytes of its last heartbeat; NONE to forward the next one
     WIDTH,
-) = range(30)
+) = range(31)
 
 NONE: Final = -1
 NO_ADDRESS: Final = -1
@@ -56,6 +57,7 @@ def new_table(vehicles: int) -> IntArray:
     """Return the records of vehicles that were never heard."""
     table = np.zeros((vehicles, WIDTH), np.int64)
     unknown = [ADDRESS, LAST_SEQUENCE, BOOT_MS, HEARTBEAT_KEY, LANDED_STATE]
-    unknown += [FIX_TYPE, BEST_FIX, BATTERY_PERCENT, SENSORS_FAILED, THROTTLE_PERCENT, ESTIMATOR_FLAGS]
+    unknown += [FIX_TYPE, BEST_FIX, BATTERY_PERCENT, SENSORS_FAILED, SENSORS_GOOD]
+    unknown += [THROTTLE_PERCENT, ESTIMATOR_FLAGS]
     table[:, unknown] = NONE
     return table

@@ -43,6 +43,7 @@ from gcs.mavlink.fleet.telemetry_table import (
     POSITION_NS,
     POSITIONS,
     SENSORS_FAILED,
+    SENSORS_GOOD,
     THROTTLE_PERCENT,
     VehicleRecord,
 )
@@ -93,6 +94,8 @@ class Readings(NamedTuple):
     battery_percent: int | None
     sensors_failed: int | None
     """MAV_SYS_STATUS_SENSOR bits that are enabled and not healthy."""
+    sensors_good: int | None
+    """MAV_SYS_STATUS_SENSOR bits that are enabled and healthy."""
     throttle_percent: int | None
     estimator_flags: int | None
     """EKF_STATUS_FLAGS or ESTIMATOR_STATUS_FLAGS; the lowest five bits have the same meaning in both."""
@@ -270,7 +273,10 @@ class Vehicle:
 
     def readings(self) -> Readings:
         """Return the newest telemetry that shows its health."""
-        columns = (FIX_TYPE, BATTERY_PERCENT, SENSORS_FAILED, THROTTLE_PERCENT, ESTIMATOR_FLAGS)
+        columns = (
+            *(FIX_TYPE, BATTERY_PERCENT, SENSORS_FAILED, SENSORS_GOOD),
+            *(THROTTLE_PERCENT, ESTIMATOR_FLAGS),
+        )
         return Readings(*map(self._value_or_none, columns))
 
     def _value_or_none(self, column: int) -> int | None:
@@ -412,7 +418,8 @@ class Vehicle:
         self.link.boots += 1
         self.link.mission_seq, self.link.home = -1, None
         self.record[BEST_FIX] = self.record[LAST_SEQUENCE] = self.record[HEARTBEAT_KEY] = NONE
-        self.record[LANDED_STATE] = self.record[SENSORS_FAILED] = self.record[ESTIMATOR_FLAGS] = NONE
+        self.record[LANDED_STATE] = self.record[ESTIMATOR_FLAGS] = NONE
+        self.record[SENSORS_FAILED] = self.record[SENSORS_GOOD] = NONE
         self.link.checks.motion.begin()
         self.stream_requests.begin()
         notify(NoticeCode.REBOOTED)
@@ -432,6 +439,7 @@ class Vehicle:
         self.record[BATTERY_PERCENT] = percent if 0 <= percent <= 100 else NONE
         enabled, healthy = message.onboard_control_sensors_enabled, message.onboard_control_sensors_health
         self.record[SENSORS_FAILED] = enabled & ~healthy
+        self.record[SENSORS_GOOD] = enabled & healthy
 
     def _on_gps(self, message: Message, _t_ns: int, _notify: Notify) -> None:
         self.record[FIX_TYPE] = message.fix_type

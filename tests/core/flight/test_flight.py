@@ -23,6 +23,7 @@ from gcs.model import (
 
 P, E = FlightPhase, FlightEvent
 ENABLED = dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+AIRSPEED = dialect.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE
 AWAY_M = 900.0
 """A vehicle of these tests is far from its home unless a test brings it there."""
 GLITCH = {ARDUPLANE: 0x8000, PX4: dialect.ESTIMATOR_GPS_GLITCH}
@@ -37,9 +38,11 @@ def estimate(autopilot: int, flags: int):
 class Aeroplane(Stage):
     """A vehicle with the telemetry of its flight."""
 
-    def __init__(self, autopilot: int, mode: str = "AUTO", *, armed=True, height_m=100.0, failed=0) -> None:
+    def __init__(
+        self, autopilot: int, mode: str = "AUTO", *, armed=True, height_m=100.0, failed=0, disabled=0
+    ) -> None:
         self.throttle, self.fix, self.away_m, self.failed = 50, 3, AWAY_M, failed
-        self.percent, self.landed_state = 80, None
+        self.percent, self.landed_state, self.disabled = 80, None, disabled
         speed_m_s = 15.0 if height_m > 1.0 else 0.0
         super().__init__(autopilot, mode, armed=armed, height_m=height_m, speed_m_s=speed_m_s)
 
@@ -47,10 +50,11 @@ class Aeroplane(Stage):
         self.height_m += 0.5 * self.climb_m_s
         self.away_m += 0.5 * self.speed_m_s
         super().show()
-        healthy = ENABLED & ~self.failed
+        present = ENABLED | AIRSPEED
+        enabled = (present | self.failed) & ~self.disabled
         self.hear(
             dialect.MAVLink_sys_status_message(
-                ENABLED, ENABLED | self.failed, healthy, 0, 12000, 0, self.percent, *[0] * 6
+                present, enabled, present & ~self.failed, 0, 12000, 0, self.percent, *[0] * 6
             )
         )
         self.hear(dialect.MAVLink_gps_raw_int_message(0, self.fix, 0, 0, 0, 99, 99, 0, 0, 9))
@@ -356,6 +360,22 @@ def test_a_receiver_that_never_heard_a_transmitter_is_no_news_and_one_that_lost_
     plane.failed = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
     plane.wait(4.0)
     assert [e for e in plane.effects if isinstance(e, Notice) and e.code is NoticeCode.RC_PROBLEM]
+
+
+def test_an_airspeed_sensor_disabled_in_flight_is_told_and_one_that_was_never_used_is_not() -> None:
+    """Recorded: after a failure the sensor is present and healthy, and not enabled, until it is used again."""
+    unused = Aeroplane(ARDUPLANE, disabled=AIRSPEED)
+    unused.wait(4.0)
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.disabled = AIRSPEED
+    plane.wait(3.0)
+    plane.disabled = 0
+    plane.wait(5.0)
+    told, good = NoticeCode.AIRSPEED_PROBLEM, NoticeCode.AIRSPEED_GOOD
+    codes = [e.code for e in plane.effects if isinstance(e, Notice) and e.code in (told, good)]
+    assert codes == [told, good]
+    assert not [e for e in unused.effects if isinstance(e, Notice) and e.code is told]
 
 
 def test_a_battery_that_does_not_last_for_the_route_and_back_is_told_and_limits_the_range() -> None:
