@@ -12,7 +12,7 @@ Every tracker gets the model in the file: motion, noise, p_S, p_D, clutter and t
   their second detection in three scans on, and end after three misses in a row.
 - Rust LMB: `multisensor-lmb-filters-rs` with its own limits, marginals by loopy belief propagation or from
   1,000 Gibbs samples. Built by `cargo build --release` in `tests/bench/rust_lmb`; `--lmb` names the program.
-- nearest: the global nearest neighbour of `gcs track --baseline nearest`; begin and end as above.
+- nearest: the global nearest neighbour of `baselines`; begin and end as above.
 
 A tracker that is not installed is left out.
 """
@@ -79,7 +79,7 @@ def near_birth(of: Detections, z: np.ndarray) -> int | None:
 
 
 def nearest(of: Detections) -> Iterator[Shown]:
-    from gcs.tracking.baselines import NearestNeighbourTracker
+    from baselines import NearestNeighbourTracker
 
     tracker = NearestNeighbourTracker(of.params)
     for scan in of.scans:

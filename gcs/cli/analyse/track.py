@@ -14,7 +14,6 @@ from gcs.io.console import console_for
 app = command_app()
 
 Estimator: TypeAlias = Literal["filtered", "recovered", "smoothed"]
-Baseline: TypeAlias = Literal["nearest", "true-association"]
 
 
 @app.command()
@@ -48,13 +47,6 @@ def track(
         int | None,
         typer.Option(min=0, help="Fixed lag of the smoother, in scans.  [default: all detections]"),
     ] = None,
-    baseline: Annotated[
-        Baseline | None,
-        typer.Option(
-            help="A Kalman tracker to compare with: global nearest neighbour, or one that knows the true "
-            "object of each detection."
-        ),
-    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of the result, such as tracks.png.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -64,6 +56,6 @@ def track(
     """
     from gcs.cli.analyse.track_run import TrackOptions, run_track
 
-    options = TrackOptions(file, model, truth, estimator, lag_scans, baseline, out, plot, as_json)
+    options = TrackOptions(file, model, truth, estimator, lag_scans, out, plot, as_json)
     with exit_on_error():
         run_track(options, console_for(stderr=as_json))

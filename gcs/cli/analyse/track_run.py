@@ -21,7 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from gcs.cli.analyse.info import reading_progress
-from gcs.cli.analyse.track import Baseline, Estimator
+from gcs.cli.analyse.track import Estimator
 from gcs.cli.arguments import check_picture
 from gcs.cli.warm_up_progress import HISTORIES, TRACKING, load_kernels
 from gcs.errors import ConfigError, RecordingError
@@ -49,7 +49,6 @@ class TrackOptions:
     truth: Path | None
     estimator: Estimator
     lag_scans: int | None
-    baseline: Baseline | None
     out: Path | None
     plot: Path | None
     as_json: bool
@@ -99,13 +98,6 @@ def run_track(options: TrackOptions, console: Console) -> None:
         where = str(options.model or options.path)
         raise ConfigError(where, "births", "expected birth components, or anywhere.per_s > 0")
     load_kernels(console, TRACKING, HISTORIES)
-    if options.baseline == "true-association" and any(scan.origin is None for scan in detections.scans):
-        raise ConfigError(
-            str(options.path),
-            "src",
-            "is missing: --baseline true-association needs the number of the true object of each detection "
-            "(0 for clutter), in the column src of a CSV or the fourth column of meas in an NPZ",
-        )
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("tracking", total=len(detections.scans))
@@ -113,24 +105,16 @@ def run_track(options: TrackOptions, console: Console) -> None:
             detections, options.estimator, lambda: progress.advance(task), options.lag_scans
         )
     scores, per_scan = score(detections, tracked)
-    baseline = None
-    if options.baseline is not None:
-        with console.status(f"baseline {options.baseline}"):
-            found = track_baseline(detections, options.baseline, options.estimator, options.lag_scans)
-        baseline = score(detections, found)[0]
     if options.out is not None:
         _write(options.out, tracked, detections)
     if options.plot is not None:
         with console.status("drawing"):
             _draw(options, detections, tracked, scores, per_scan)
-    _print_result(options, tracked, scores, baseline, console)
+    _print_result(options, tracked, scores, console)
     for remark in detections.remarks:
         console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
     if options.as_json:
-        result = asdict(scores) | {"remarks": list(detections.remarks)}
-        if baseline is not None:
-            result["baseline"] = {"name": options.baseline, **asdict(baseline)}
-        print(json.dumps(result), flush=True)  # noqa: T201  the output of --json
+        print(json.dumps(asdict(scores) | {"remarks": list(detections.remarks)}), flush=True)  # noqa: T201  the output of --json
 
 
 def _check_outputs(options: TrackOptions) -> None:
@@ -227,48 +211,6 @@ def track_detections(
     return Tracked(states, existence, scan_ms, tracker.late_scans, tracker.bad_detections)
 
 
-def track_baseline(
-    detections: Detections,
-    baseline: Baseline,
-    estimator: Estimator,
-    lag_scans: int | None = None,
-    clock: Callable[[], float] = time.perf_counter,
-) -> Tracked:
-    """Run a baseline tracker over all scans; parameters as in `track_detections`.
-
-    "recovered" and "smoothed" are whole paths of confirmed tracks, from the first to the last detection, as
-    are all estimates of true association.
-    """
-    # Not at the top: filterpy takes half a second.
-    from gcs.tracking.baselines import NearestNeighbourTracker, TrueAssociationTracker
-
-    anywhere, params = detections.anywhere, detections.params
-    nearest = NearestNeighbourTracker(params, anywhere.speed_std_m_s if anywhere.per_s > 0.0 else None)
-    true = TrueAssociationTracker(params, anywhere.speed_std_m_s)
-    tracker = nearest if baseline == "nearest" else true
-    states: dict[int, States] = {k: {} for k in detections.scan_numbers.values()}
-    number_of_scan: list[int] = []
-    scan_ms: list[float] = []
-    for scan in detections.scans:
-        begin = clock()
-        if baseline == "nearest":
-            nearest.update(scan.t_ns, scan.z_m, scan.sensor, detections.births)
-        else:
-            assert scan.origin is not None
-            true.update(scan.t_ns, scan.z_m, scan.sensor, detections.births, scan.origin)
-        scan_ms.append((clock() - begin) * 1e3)
-        if tracker.scans > len(number_of_scan):
-            number_of_scan.append(detections.scan_numbers[scan.t_ns])
-            states[number_of_scan[-1]] = nearest.estimates()
-    if estimator != "filtered" or baseline == "true-association":
-        states = {k: {} for k in states}
-        for path in tracker.paths(smooth=estimator == "smoothed", lag_scans=lag_scans):
-            for n, mean in zip(path.scan, path.mean, strict=True):
-                states[number_of_scan[n]][path.label] = mean
-    late_scans = len(detections.scans) - tracker.scans
-    return Tracked(states, {}, scan_ms, late_scans, 0)
-
-
 def _renew_births(places: tuple[Birth, ...], states: States, probability: float) -> tuple[Birth, ...]:
     """Set the probability of components that had a birth; return the same tuple if nothing changes."""
     used = {place for _, place in states if place < len(places) and places[place].probability != probability}
@@ -353,20 +295,16 @@ def _draw(
         raise RecordingError(str(options.plot), f"cannot be written: {error.strerror}") from None
 
 
-def _print_result(
-    options: TrackOptions, tracked: Tracked, scores: Scores, baseline: Scores | None, console: Console
-) -> None:
-    table = Table(show_header=baseline is not None)
+def _print_result(options: TrackOptions, tracked: Tracked, scores: Scores, console: Console) -> None:
+    table = Table(show_header=False)
     table.add_column(style="bold")
-    table.add_column("GLMB", overflow="fold")
-    if options.baseline is not None:
-        table.add_column(options.baseline)
+    table.add_column(overflow="fold")
     table.add_row("detections", str(options.path))
     table.add_row("estimator", options.estimator)
     table.add_row("scans", str(scores.scans))
     table.add_row("objects", str(len(_numbers(tracked))))
-    for row in zip(*(_score_rows(one) for one in (scores, baseline) if one is not None), strict=True):
-        table.add_row(row[0][0], *(text for _, text in row))
+    for name, text in score_rows(scores):
+        table.add_row(name, text)
     if tracked.late_scans or tracked.bad_detections:
         table.add_row("not used", f"{tracked.late_scans} late scans, {tracked.bad_detections} bad detections")
     for name, path in (("estimates", options.out), ("picture", options.plot)):
@@ -375,7 +313,7 @@ def _print_result(
     console.print(table)
 
 
-def _score_rows(scores: Scores) -> list[tuple[str, str]]:
+def score_rows(scores: Scores) -> list[tuple[str, str]]:
     """Return name and text of each score."""
     time_row = ("time per scan", f"{scores.scan_ms_mean:.2f} ms, 99 % {scores.scan_ms_p99:.2f} ms")
     if scores.ospa_mean_m is None:

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from baselines import NearestNeighbourTracker, TrueAssociationTracker
 
 from gcs.model import NS_PER_S, Sensor
-from gcs.tracking.baselines import NearestNeighbourTracker, TrueAssociationTracker
 from gcs.tracking.glmb.params import Birth, GlmbParams
 
 SENSOR = Sensor("s", 0.9, 1e-6, np.eye(2) * 4.0, (-1e3, -1e3, 1e3, 1e3))
