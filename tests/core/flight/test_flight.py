@@ -363,7 +363,7 @@ def test_a_receiver_that_never_heard_a_transmitter_is_no_news_and_one_that_lost_
 
 
 def test_an_airspeed_sensor_disabled_in_flight_is_told_and_one_that_was_never_used_is_not() -> None:
-    """Recorded: after a failure the sensor is present and healthy, and not enabled, until it is used again."""
+    """After a failure the sensor is present and healthy, and not enabled, until it is used again."""
     unused = Aeroplane(ARDUPLANE, disabled=AIRSPEED)
     unused.wait(4.0)
     plane = Aeroplane(ARDUPLANE)
