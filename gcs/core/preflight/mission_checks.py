@@ -17,7 +17,7 @@ from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.result import Check, Level
 from gcs.core.replanning.plan_targets import plan_options, vehicle_options
 from gcs.core.replanning.planned_flights import layer_count, preferred_layers
-from gcs.core.takeoff.climbs import Climbs
+from gcs.core.takeoff.climbs import Climbs, Obstruction
 from gcs.fence import fence_of
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
@@ -42,8 +42,8 @@ class Rehearsal:
     """Climbs of vehicles on the ground."""
     starts_m: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     """Position of each vehicle."""
-    refused: Mapping[int, str] = field(default_factory=dict)
-    """Vehicles whose take-offs are not clear, with the reason."""
+    obstructions: Mapping[int, Obstruction] = field(default_factory=dict)
+    """Of take-offs that are not clear."""
 
 
 def rehearse(
@@ -87,7 +87,7 @@ def rehearse(
             *turns.place_m, turns.course_rad, turns.speed_m_s, 0.0, turns, options[vehicle]
         )
     plan = plan_routes(grid, agents, targets, {}, plan_options(config))
-    routes_m, refused = {}, {}
+    routes_m, obstructions = {}, {}
     for route in plan.routes:
         vehicle, before = route.vehicle, [starts[route.vehicle]]
         if vehicle in climbs:
@@ -95,10 +95,10 @@ def rehearse(
         routes_m[vehicle] = np.concatenate((before, route.flown_m))
     points = {route.vehicle: route.points_m for route in plan.routes}
     for vehicle, climb in climbs.items():
-        problem = "" if takeoffs is None else takeoffs.problem(vehicle, climb, points.get(vehicle))
-        if problem:
-            refused[vehicle] = problem
-    return Rehearsal(plan, routes_m, climbs, starts, refused)
+        obstruction = takeoffs.obstruction(vehicle, climb, points.get(vehicle)) if takeoffs else None
+        if obstruction is not None:
+            obstructions[vehicle] = obstruction
+    return Rehearsal(plan, routes_m, climbs, starts, obstructions)
 
 
 def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
@@ -122,18 +122,16 @@ def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
 
 def _takeoff(vehicle: int, rehearsal: Rehearsal) -> Check:
     """Check the climb of a vehicle and its first turn."""
-    climb, problem = rehearsal.climbs[vehicle], rehearsal.refused.get(vehicle, "")
+    climb, obstruction = rehearsal.climbs[vehicle], rehearsal.obstructions.get(vehicle)
     (east_m, north_m), heading_deg = climb.end_m, math.degrees(climb.heading_rad) % 360.0
     value = (
         f"{climb.length_m:.0f} m along {heading_deg:.0f} degrees to {climb.altitude_rel_m:g} m, "
         f"there at ({east_m:.0f}, {north_m:.0f}) m"
     )
-    if not problem:
+    if obstruction is None:
         return Check(vehicle, "take-off", "ok", value)
-    problem, _, remedy = problem.rpartition("; ")
-    return Check(
-        vehicle, "take-off", "refused", f"{value}; {problem}", "a clear climb and first turn", remedy
-    )
+    value = f"{value}; {obstruction.problem}"
+    return Check(vehicle, "take-off", "refused", value, "a clear climb and first turn", obstruction.remedy)
 
 
 def _standing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:

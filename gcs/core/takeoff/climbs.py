@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
@@ -25,6 +26,17 @@ _MAX_HEADING_ERROR_RAD = math.radians(15.0)
 _HYSTERESIS_M = 10.0
 """Added clearance that ends a blocked take-off: reported positions and headings are noisy."""
 _REMEDY = "lower takeoff.altitude_rel_m, or take off from elsewhere or in another direction"
+
+
+class Obstruction(NamedTuple):
+    """What obstructs a take-off, and where."""
+
+    problem: str
+    remedy: str
+
+    def __str__(self) -> str:
+        """Return both in one text."""
+        return f"{self.problem}; {self.remedy}"
 
 
 class Climbs:
@@ -69,16 +81,18 @@ class Climbs:
             agent.takeoff.blocked = ""
             if climb is None or not is_on_ground(self._fleet.state(vehicle), self._fleet.home(vehicle)):
                 continue
-            why = self.problem(vehicle, climb, None, _HYSTERESIS_M if was_blocked else 0.0)
-            agent.takeoff.blocked = why
+            found = self.obstruction(vehicle, climb, None, _HYSTERESIS_M if was_blocked else 0.0)
+            why = agent.takeoff.blocked = "" if found is None else str(found)
             if why and not was_blocked:
                 alarms.append(Notice(t_ns, NoticeCode.TAKEOFF_BLOCKED, vehicle, {"reason": why}))
             elif was_blocked and not why:
                 all_clears.append(Notice(t_ns, NoticeCode.TAKEOFF_CLEAR, vehicle))
         return alarms + all_clears
 
-    def problem(self, vehicle: int, climb: Climb, points_m: FloatArray | None, extra_m: float = 0.0) -> str:
-        """Return what obstructs a take-off, where, and the remedy; empty if it is clear.
+    def obstruction(
+        self, vehicle: int, climb: Climb, points_m: FloatArray | None, extra_m: float = 0.0
+    ) -> Obstruction | None:
+        """Return what obstructs a take-off; None if it is clear.
 
         Parameters
         ----------
@@ -90,10 +104,11 @@ class Climbs:
         options, state = self._options[vehicle], self._fleet.state(vehicle)
         course_rad = climb.heading_rad if state is None else state.course_rad
         if abs(wrap_pi(course_rad - climb.heading_rad)) > _MAX_HEADING_ERROR_RAD:
-            return (
+            problem = (
                 f"its nose points to {math.degrees(course_rad) % 360.0:.0f} degrees, takeoff.heading_deg is "
-                f"{math.degrees(climb.heading_rad):.0f}; turn it along the runway, or correct the key"
+                f"{math.degrees(climb.heading_rad):.0f}"
             )
+            return Obstruction(problem, "turn it along the runway, or correct the key")
         grid = self._zones.grid
         problem = climb_problem(grid, climb, options.clearance_m + extra_m)
         if not problem and points_m is not None:
@@ -101,4 +116,4 @@ class Climbs:
             problem = turn_problem(
                 self._zones.grid, climb, points, options.turn_radius_m, options.clearance_m
             )
-        return f"{problem}; {_REMEDY}" if problem else ""
+        return Obstruction(problem, _REMEDY) if problem else None

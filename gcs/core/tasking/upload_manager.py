@@ -352,9 +352,9 @@ class UploadManager:
             return self._not_begun(vehicle, f"not begun: {authority.takeover}", t_ns)
         climb = self.climb(vehicle, route.layer)
         if climb is not None and self._climbs is not None:
-            problem = self._climbs.problem(vehicle, climb, route.points_m)
-            if problem:
-                return self._refused(vehicle, f"the take-off is not clear: {problem}", t_ns)
+            obstruction = self._climbs.obstruction(vehicle, climb, route.points_m)
+            if obstruction is not None:
+                return self._refused(vehicle, f"the take-off is not clear: {obstruction}", t_ns)
         home = fleet.home(vehicle) or self._default_home
         if return_route is not None and self._has_moved(home, return_route):
             return self._not_begun(
