@@ -22,8 +22,8 @@ import numpy as np
 from gcs.model import FloatArray, IntArray
 
 STEP_S: Final = 1.0
-CONVERGENCE_S: Final = 2.0
-"""Time constant tau of the approach to a circle."""
+CONVERGENCE_S: Final = 1.5
+"""Time constant tau of the approach to a circle: that of L1 guidance with NAVL1_PERIOD 15 to 17 s."""
 CLIMB_M_S: Final = 5.0
 """Vertical speed of a change of height."""
 _MAX_CLIMB_M_S: Final = 7.5

@@ -36,8 +36,11 @@ _RETURN_HEIGHT_M: Final = 100.0
 """Default RTL_ALTITUDE of ArduPlane, for a vehicle that did not tell its own."""
 _STRAIGHT_RAD_S: Final = 0.03
 _SETTLED: Final = 0.3
-"""Relative difference of the distance from the centre and the radius of a turn on a circle, and cosine of the
-angle between its radius and the course."""
+"""Relative difference of the distance from the centre and the radius of a turn on a circle."""
+_TANGENT: Final = 0.95
+"""Sine of the angle between course and radius on a circle."""
+_MAX_RADIUS_M: Final = 150.0
+"""A circle as large as this is part of another turn."""
 _LEVEL_M_S: Final = 0.7
 _KINDS: Final = {
     dialect.MAV_CMD_NAV_WAYPOINT: GoalKind.WAYPOINT,
@@ -153,9 +156,9 @@ class Intents:
         circle, turned_m = self._goals(state, state.mode)[-1], state.ground_speed_m_s / seen.rate_rad_s
         east_m, north_m = state.east_m - circle.east_m, state.north_m - circle.north_m
         away_m, outwards = math.hypot(east_m, north_m), math.atan2(east_m, north_m)
-        is_round = abs(math.cos(state.course_rad - outwards)) < _SETTLED
-        is_settled = abs(away_m - abs(turned_m)) < _SETTLED * away_m
-        if circle.kind is GoalKind.CIRCLE and is_round and is_settled:
+        is_tangent = math.copysign(1.0, turned_m) * math.sin(state.course_rad - outwards) > _TANGENT
+        is_settled = abs(away_m - abs(turned_m)) < _SETTLED * away_m and away_m < _MAX_RADIUS_M
+        if circle.kind is GoalKind.CIRCLE and is_tangent and is_settled:
             seen.radius_m = math.copysign(away_m, turned_m)
 
     def _landing(self, state: VehicleState) -> Iterator[Goal]:

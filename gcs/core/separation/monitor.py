@@ -3,7 +3,7 @@
 Once a second the flights of all vehicles in the air are simulated for `LOOK_AHEAD_S`
 (`gcs.core.separation.forward_flight`). A pair that comes too near is told at once, again shortly before, and
 when separation is lost: nearer than `planning.separation_m` horizontally and half a layer in height. The
-all-clear comes when the pair was apart for a while.
+all-clear comes when the pair was well apart for a while.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Final
 
 from gcs.config import Config
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
-from gcs.core.separation.forward_flight import simulate_flights
+from gcs.core.separation.forward_flight import FlightPaths, simulate_flights
 from gcs.core.separation.intents import Intents
-from gcs.core.separation.look_ahead import Encounter, encounters
+from gcs.core.separation.look_ahead import GROWTH_M_S, Encounter, encounters
 from gcs.core.separation.records import Approach
 from gcs.core.state import State
 from gcs.geo import wrap_pi
@@ -35,6 +35,8 @@ PREDICTED_SHARE, LOST_SHARE = 0.75, 0.5
 """Shares of a layer step: least difference in height, predicted and measured."""
 _PERIOD_NS: Final = ns(1.0)
 _APART_NS: Final = ns(5.0)
+_HYSTERESIS: Final = 1.5
+"""Multiple of the minimum distance at which a pair that was told counts as apart."""
 _MIN_TURN_NS, _MAX_TURN_NS = ns(0.75), ns(3.0)
 """Time between two courses that give a turn rate."""
 _MIN_CLIMB_M_S, _GRADIENT_GAIN = 1.0, 0.3
@@ -75,6 +77,7 @@ class SeparationMonitor:
             paths = simulate_flights(flights, LOOK_AHEAD_S)
             for encounter in encounters(paths, self._min_m, PREDICTED_SHARE * self._step_m):
                 effects += self._tell(encounter, {one.system_id: one for one in in_air}, t_ns)
+            self._note_still_near(paths, t_ns)
         return effects + self._end(t_ns)
 
     def _note(self, state: VehicleState) -> None:
@@ -129,6 +132,17 @@ class SeparationMonitor:
         }
         code = NoticeCode.SEPARATION_LOST if is_lost else NoticeCode.COMES_NEAR
         return [Notice(t_ns, code, encounter.vehicles[0], parameters)]
+
+    def _note_still_near(self, paths: FlightPaths, t_ns: int) -> None:
+        """Note the pairs that were told and are not predicted to be well apart."""
+        approaches = self._state.approaches
+        if not any(one.stage for one in approaches.values()):
+            return
+        min_m, growth_m_s = _HYSTERESIS * self._min_m, _HYSTERESIS * GROWTH_M_S
+        for encounter in encounters(paths, min_m, PREDICTED_SHARE * self._step_m, growth_m_s):
+            approach = approaches.get(encounter.vehicles)
+            if approach is not None and approach.stage:
+                approach.seen_t_ns = t_ns
 
     def _end(self, t_ns: int) -> list[Effect]:
         effects: list[Effect] = []
