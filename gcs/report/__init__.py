@@ -7,7 +7,6 @@ Reading order:
   `verification` (a replay against its recording).
 - `plots`: figures of runs, plans and tracking.
 - `telemetry`: flights and traffic as recorded from the MAVLink frames.
-- `campaign`: many runs.
 - `html_page`: one self-contained page. `operator_lines`, `plan_reminders`,
   `agent_order`: texts and order of displays.
 """

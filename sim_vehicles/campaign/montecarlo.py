@@ -15,10 +15,10 @@ from rich.table import Table as Shown
 from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING, load_kernels
 from gcs.errors import InterruptedRunError
 from gcs.io.console import console_for
-from gcs.report.campaign.page import failures, overviews, write_report
-from gcs.report.campaign.results import groups, write_csv, write_parquet
 from gcs.report.run.tables import Table
 from sim_vehicles.campaign.campaign import Campaign, Job, Store, fly_all, fly_on_dask
+from sim_vehicles.campaign.page import failures, overviews, write_report
+from sim_vehicles.campaign.results import groups, write_csv, write_parquet
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.model import NS_PER_S, AgentStatus, Picture, Track, Truth, TruthObject, read_only
-from gcs.report.campaign.losses import LossWatch
-from gcs.report.campaign.results import Row, groups, mean, proportion, rate
+from sim_vehicles.campaign.losses import LossWatch
+from sim_vehicles.campaign.results import Row, groups, mean, proportion, rate
 
 
 def row(**changes: object) -> Row:

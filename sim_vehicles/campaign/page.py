@@ -1,6 +1,6 @@
 """Page of a campaign: figures, curves over the swept key, and failed missions.
 
-Every value has its 95 % confidence interval (see `gcs.report.campaign.results`).
+Every value has its 95 % confidence interval (see `sim_vehicles.campaign.results`).
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from gcs.report.campaign.results import Group, IntervalEstimate, Row
 from gcs.report.html_page import Fact, Page, Picture, Section, save_figure, save_page
 from gcs.report.plots.style import AGENTS, heading, legend, new_figure, say, tidy
 from gcs.report.run.tables import NONE, Table, number
+from sim_vehicles.campaign.results import Group, IntervalEstimate, Row
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,8 +18,8 @@ import numpy as np
 from scipy import stats
 
 from gcs.errors import RecordingError
-from gcs.report.campaign.losses import LossWatch
 from gcs.report.run.evaluation import Summary
+from sim_vehicles.campaign.losses import LossWatch
 
 CONFIDENCE = 0.95
 

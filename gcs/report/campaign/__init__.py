@@ -1,1 +1,0 @@
-"""Campaigns of many missions: results with confidence intervals, tables and page."""
