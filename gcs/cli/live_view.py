@@ -48,6 +48,7 @@ T = TypeVar("T")
 _STYLE: Final = {"info": "", "warning": "yellow", "alarm": "bold red"}
 _LOG_LINES: Final = 200
 _EVENT_ROWS: Final = 9
+"""Rows of events at least; they get all that the tables leave."""
 _LOW_EVENT_ROWS: Final = 4
 _LOW_ROWS: Final = 36
 """A terminal with fewer rows gets a header of one row and fewer events."""
@@ -125,13 +126,15 @@ class LiveView:
         event_rows = _LOW_EVENT_ROWS if is_low else _EVENT_ROWS
         around = (1 if is_low else 3) + event_rows + 2 + (len(proposal) + 1 if proposal else 0)
         header = Layout(self._header() if is_low else Panel(self._header()), size=1 if is_low else 3)
-        tables = Layout(Group(*self._tables(options.max_width, height - around)))
+        tables = Group(*self._tables(options.max_width, height - around))
+        table_rows = min(len(console.render_lines(tables, options.update(height=None))), height - around)
+        event_rows += height - around - table_rows
         events = self._events(console, options.max_width - 4, event_rows)
         below = [Layout(events, size=event_rows + 2)]
         if proposal:
             below.insert(0, Layout(self._proposal_panel(proposal), size=len(proposal) + 1))
         layout = Layout()
-        layout.split_column(header, tables, *below)
+        layout.split_column(header, Layout(tables, size=table_rows), *below)
         yield layout
 
     def _tables(self, width: int, rows: int) -> Iterator[RenderableType]:
