@@ -216,7 +216,7 @@ class LiveView:
             return bool(target.reached_by) or target.is_ignored, bool(target.agents), target.label
 
         shown, more = _cut(status.targets, max_rows, rank)
-        return _with_more(targets_table(shown, status.agents), more)
+        return _with_more(targets_table(shown), more)
 
     def _tracks(self, kind: str) -> dict[Label, Track]:
         picture = self._pictures.get(kind)

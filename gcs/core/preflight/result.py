@@ -1,9 +1,11 @@
-"""Result of one pre-flight check: "ok", "warning", or "refused" (do not fly)."""
+"""Results of pre-flight checks: "ok", "warning", or "refused" (do not fly)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
+
+import msgspec
 
 from gcs.model import vehicle_name
 
@@ -27,3 +29,15 @@ class Check:
     def subject(self) -> str:
         """Name of the vehicle, or "mission"."""
         return "mission" if self.vehicle is None else vehicle_name(self.vehicle)
+
+
+class PreflightResult(msgspec.Struct, frozen=True):
+    """Result of all checks, as `gcs preflight --json` prints it."""
+
+    mission: str = ""
+    ok: bool = False
+    """True if nothing is refused."""
+    refused: int = 0
+    """Number of refused checks."""
+    warnings: int = 0
+    checks: tuple[Check, ...] = ()
