@@ -254,7 +254,7 @@ class ShownRun:
             speed=source.speed,
             begun=str(time.time_ns()),
             preflight=source.mission_file is not None,
-            tiles=tiles and tiles.info,
+            tiles=None if tiles is None else tiles.info,
             title=source.title,
         )
         self._is_compared = is_compared
@@ -268,17 +268,8 @@ class ShownRun:
         desk = OrderDesk(run.config.local_frame, None if submit is None else self._on_run_loop(submit))
         self.playback = PlaybackDesk(source.playback, self._on_run_loop(lambda action: action()))
         preflight = PreflightDesk(source.mission_file)
-        self.board = Board(
-            world,
-            self.clients,
-            desk,
-            self.playback,
-            self.history,
-            preflight,
-            tiles,
-            self._watch,
-            self._detail,
-        )
+        parts = (world, self.clients, desk, self.playback, self.history, preflight, tiles)
+        self.board = Board(*parts, self._watch, self._detail)
         self._is_asked = False
         """True if the service was asked for a capture since the last update."""
         run.sinks.append(self.feed)

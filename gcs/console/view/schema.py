@@ -1,7 +1,7 @@
 """Records of the console: all that its page and other programs get, besides those of `gcs.model`.
 
 The feed and `/api` encode them; the description of `/api` and the types of the page's modules are made from
-them. Where `gcs.model` has a record (agents, targets, sensors, routes, plans, zones, answers), that one is sent.
+them. Agents, targets, sensors, routes, plans, no-fly zones and answers are the records of `gcs.model`.
 
 Positions are east and north in metres; times are seconds since the start of the run. A number that is not
 known is null.

@@ -9,7 +9,7 @@ import msgspec
 
 from gcs.model import vehicle_name
 
-Level: TypeAlias = Literal["ok", "warning", "refused"]
+CheckLevel: TypeAlias = Literal["ok", "warning", "refused"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class Check:
     vehicle: int | None
     """None: the mission."""
     name: str
-    level: Level
+    level: CheckLevel
     value: str
     wanted: str = ""
     remedy: str = ""
