@@ -85,13 +85,14 @@ def service_page(
 
     def source() -> Source:
         from gcs.console.server import Source
-        from gcs.console.view.capture import Capture, ServiceState, capture
+        from gcs.console.view.capture import Capture, capture
+        from gcs.console.view.schema import ServiceState
         from gcs.model import NS_PER_S
 
         def take(t_ns: int) -> Capture:
             recorder, stations = service.recorder, service.links.ground_stations(t_ns).values()
             state = ServiceState(
-                lag_s=max(0.0, (service.clock.now_ns() - t_ns) / NS_PER_S / speed),
+                lag_s=round(max(0.0, (service.clock.now_ns() - t_ns) / NS_PER_S / speed), 3),
                 dropped=service.health.dropped,
                 is_recording=recorder is not None,
                 space=None if recorder is None else recorder.space,

@@ -195,7 +195,7 @@ class LiveView:
             return bool(target.reached_by) or target.is_ignored, bool(target.agents), target.label
 
         shown, more = _cut(status.targets, max_rows, rank)
-        return _with_more(targets_table(shown, status.agents), more)
+        return _with_more(targets_table(shown), more)
 
     def _events(self, console: Console, width: int, rows: int) -> Panel:
         """Return the newest events; a wrapped line displaces older ones."""

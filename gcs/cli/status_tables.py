@@ -11,9 +11,8 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gcs.mavlink.fleet.checks.battery_alarm import is_low
 from gcs.model import AgentRecord, SensorRecord, SwarmStatus, TargetRecord, target_name, vehicle_name
-from gcs.report.agent_order import attention, is_late, pinned_vehicles
+from gcs.report.agent_order import attention
 
 _STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red", "down": "red"}
 _FIX_NAMES: Final = {0: "none", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK", 7: "static"}
@@ -29,7 +28,7 @@ def status_tables(status: SwarmStatus, mission: str) -> Iterator[RenderableType]
     yield _head(status, mission)
     yield agents_table(sorted(status.agents, key=attention))
     if status.targets:
-        yield targets_table(status.targets, status.agents)
+        yield targets_table(status.targets)
     if status.sensors:
         yield _sensors(status.sensors)
 
@@ -69,8 +68,8 @@ def agents_table(
 
 
 def _agent_cells(agent: AgentRecord) -> dict[str, str | Text]:
-    battery_style = "bold red" if is_low(agent.battery_percent) else ""
-    heard_style = "bold red" if is_late(agent) else ""
+    battery_style = "bold red" if agent.is_battery_low else ""
+    heard_style = "bold red" if agent.is_late else ""
     return {
         "id": vehicle_name(agent.vehicle),
         "status": Text("position doubted", style="bold red")
@@ -113,11 +112,10 @@ def _mission(agent: AgentRecord) -> str | Text:
     return "verified" if agent.is_verified else ""
 
 
-def targets_table(targets: Sequence[TargetRecord], agents: Sequence[AgentRecord]) -> Table:
+def targets_table(targets: Sequence[TargetRecord]) -> Table:
     """Return a table with a row for each target; a column tells what was ordered, if anything was."""
     table = titled_table("Targets")
-    pins = pinned_vehicles(agents)
-    orders = [_orders(target, pins.get(target.label, [])) for target in targets]
+    orders = [_orders(target) for target in targets]
     for name in ("target", "existence", "east m", "north m", "m/s"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("agents")
@@ -140,12 +138,12 @@ def targets_table(targets: Sequence[TargetRecord], agents: Sequence[AgentRecord]
     return table
 
 
-def _orders(target: TargetRecord, pinned: Sequence[int]) -> str:
+def _orders(target: TargetRecord) -> str:
     parts = ["ignored"] if target.is_ignored else []
     if target.priority is not None:
         parts.append(f"priority {target.priority}")
-    if pinned:
-        parts.append(f"pinned {', '.join(map(vehicle_name, pinned))}")
+    if target.pinned:
+        parts.append(f"pinned {', '.join(map(vehicle_name, target.pinned))}")
     return ", ".join(parts)
 
 

@@ -6,7 +6,9 @@ Reading order:
 - `view.feed`: on the loop of the service. It keeps references to scans, effects and the state; it encodes
   nothing.
 - `view.capture`: what the console reads of the engine, in one place.
-- `view.world`, `view.rows`, `view.details`: all that a page shows, as JSON, on the own thread.
+- `view.schema`: the records that pages and programs get.
+- `view.world`, `view.sections`: all that a page shows, as JSON, on the own thread. `view.details`: everything
+  of one vehicle, when a page or program asks.
 - `view.history`, `view.series`: marks of the whole run, and the data of its charts; of a recording, read from
   its file.
 - `web.clients`: bounded queues of the pages; a slow page loses messages, then gets everything anew.

@@ -18,12 +18,15 @@ from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
 import h11
+import msgspec
 import uvicorn
 
 from gcs.config import Config
 from gcs.console.view.capture import Capture
+from gcs.console.view.details import vehicle_detail
 from gcs.console.view.feed import Feed
 from gcs.console.view.history import History
+from gcs.console.view.schema import ReplayState, RunInfo, VehicleDetail
 from gcs.console.view.world import World
 from gcs.console.web.access import DEFAULT_PORT, Access, tls_context
 from gcs.console.web.app import Board, make_app
@@ -43,6 +46,8 @@ _PUBLISH_S: Final = 0.1
 _SEEK_POLL_S: Final = 0.02
 _MAX_SEEK_S: Final = 2.0
 """A replay that takes longer than this to reach a time shows what it passes."""
+_DETAIL_S: Final = 1.0
+"""Time in which the loop of the run gives the details of a vehicle."""
 _PORTS: Final = 50
 """Ports that are tried from the default one on."""
 _END_S: Final = 3.0
@@ -243,24 +248,28 @@ class ShownRun:
         if source.on_restart is not None:
             source.on_restart.append(self.feed.restart)
         self._run_loop = asyncio.get_running_loop()
-        kind = "live" if source.playback is None else "replay"
-        about: dict[str, Any] = {"kind": kind, "speed": source.speed, "begun": str(time.time_ns())}
-        about |= {"preflight": source.mission_file is not None, "tiles": tiles and tiles.about()}
-        about["title"] = source.title
+        self._run = run
+        info = RunInfo(
+            kind="live" if source.playback is None else "replay",
+            speed=source.speed,
+            begun=str(time.time_ns()),
+            preflight=source.mission_file is not None,
+            tiles=None if tiles is None else tiles.info,
+            title=source.title,
+        )
         self._is_compared = is_compared
         self._recording = source.recording
         self._vehicles = sorted(agent.vehicle for agent in run.config.agents)
         is_recorded = source.recording is not None and not source.has_other_settings
         self.history = History(is_recorded=is_recorded)
         self.ends = threading.Event()
-        world = World(run.config, about, self.history)
+        world = World(run.config, info, self.history)
         self.clients = Clients(world.snapshot, max_pages)
         desk = OrderDesk(run.config.local_frame, None if submit is None else self._on_run_loop(submit))
         self.playback = PlaybackDesk(source.playback, self._on_run_loop(lambda action: action()))
         preflight = PreflightDesk(source.mission_file)
-        self.board = Board(
-            world, self.clients, desk, self.playback, self.history, preflight, tiles, self._watch
-        )
+        parts = (world, self.clients, desk, self.playback, self.history, preflight, tiles)
+        self.board = Board(*parts, self._watch, self._detail)
         self._is_asked = False
         """True if the service was asked for a capture since the last update."""
         run.sinks.append(self.feed)
@@ -282,11 +291,11 @@ class ShownRun:
                 self._read_history(self._recording)  # after the first picture, which it would delay
                 self._recording = None
 
-    def _replay_state(self) -> dict[str, Any] | None:
+    def _replay_state(self) -> ReplayState | None:
         state = self.playback.state()
         if state is None or not self._is_compared:
             return state
-        return state | {"figures": self.history.figures(state["at_s"])}
+        return msgspec.structs.replace(state, figures=self.history.figures(state.at_s))
 
     async def _reach_time(self) -> None:
         """Wait until a replay has reached the time that was asked for, and for a capture there."""
@@ -314,6 +323,20 @@ class ShownRun:
         self._is_asked = True
         with contextlib.suppress(RuntimeError):  # the run has ended
             self._run_loop.call_soon_threadsafe(self.feed.refresh)
+
+    async def _detail(self, vehicle: int) -> VehicleDetail | None:
+        """Return the details of a vehicle now, collected on the loop of the run; None without a run."""
+        verified = self.board.world.verified.get(vehicle, (0, 0))
+
+        async def collect() -> VehicleDetail:
+            return vehicle_detail(self._run.command, vehicle, self.feed.t_ns, verified)
+
+        if not self.feed.t_ns or self._run_loop.is_closed():
+            return None
+        with contextlib.suppress(TimeoutError):
+            found = asyncio.run_coroutine_threadsafe(collect(), self._run_loop)
+            return await asyncio.wait_for(asyncio.wrap_future(found), _DETAIL_S)
+        return None
 
     def _on_run_loop(self, function: Callable[[T], None]) -> Callable[[T], None]:
         def call(argument: T) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from gcs.allowed_words import with_allowed_words
 from gcs.errors import WireError
-from gcs.io.recording.topics import TOPICS, Recordable
+from gcs.io.recording.topics import TOPICS
 from gcs.model import Notice, Scan, read_only
 
 MAX_PAYLOAD_BYTES = 2 * 1024 * 1024
@@ -45,8 +45,8 @@ _decoders: Final[dict[type, msgspec.json.Decoder[Any]]] = {
 }
 
 
-def encode(record: Recordable) -> bytes:
-    """Return a record of `gcs.model` as JSON."""
+def encode(record: object) -> bytes:
+    """Return a record of `gcs.model`, or one that has such records, as JSON."""
     return _encode(record)
 
 

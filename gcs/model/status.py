@@ -1,17 +1,24 @@
-"""Status of the swarm: what an operator needs to know of each agent, target and sensor at one time."""
+"""Status of the swarm: what an operator needs to know of each agent, target and sensor at one time.
+
+`gcs status --json`, zenoh, `/api/status` and the console's page get these records. Numbers are rounded to
+what a display shows. Positions are east and north in the mission's local frame.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias
+
+import msgspec
 
 from gcs.model.basics import Label
 from gcs.model.control import AuthorityWord
 from gcs.model.flight import FlightPhaseWord
 
+SensorState: TypeAlias = Literal["", "late", "silent"]
+"""Empty if scans come in time; `silent` while the alarm about that is raised."""
 
-@dataclass(frozen=True, slots=True)
-class AgentRecord:
+
+class AgentRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One agent."""
 
     vehicle: int
@@ -21,20 +28,28 @@ class AgentRecord:
     """Why it is not ours, in words; empty if it is."""
     heard_age_s: float | None
     """Time since its last frame; None: never heard."""
+    is_late: bool = False
+    """True if it was not heard for some time, or never."""
     loss: float
     """Fraction of its frames that did not arrive."""
     mode: str
     armed: bool
     battery_percent: int | None
+    is_battery_low: bool = False
+    """True if its charge is known and below the limit of its alarm."""
     fix_type: int | None
     """GPS_FIX_TYPE."""
     position_m: tuple[float, float] | None
-    """Reported east and north; None before its first position."""
+    """Reported position; None before its first one."""
+    course_rad: float | None = None
+    """Reported course over ground, clockwise from north."""
     alt_rel_m: float | None
     """Reported height above its home."""
     ground_speed_m_s: float | None
     is_position_doubted: bool
     """True if an integrity warning about its reports is open."""
+    lost_at_m: tuple[float, float] | None = None
+    """Position at which it was last seen, if it is lost or down."""
     track: Label | None
     """Label of its track."""
     existence: float
@@ -64,12 +79,12 @@ class AgentRecord:
     """Target that it is to fly to, by order."""
 
 
-@dataclass(frozen=True, slots=True)
-class TargetRecord:
+class TargetRecord(msgspec.Struct, frozen=True):
     """One confirmed target."""
 
     label: Label
     existence: float
+    """Existence probability of its track."""
     position_m: tuple[float, float]
     speed_m_s: float
     agents: tuple[int, ...]
@@ -79,10 +94,11 @@ class TargetRecord:
     """True if no vehicle flies to it, by order."""
     priority: int | None = None
     """Priority by order; None: that of the mission file."""
+    pinned: tuple[int, ...] = ()
+    """Vehicles that are to fly to it, by order."""
 
 
-@dataclass(frozen=True, slots=True)
-class SensorRecord:
+class SensorRecord(msgspec.Struct, frozen=True):
     """One sensor."""
 
     name: str
@@ -90,10 +106,10 @@ class SensorRecord:
     """Time since its last processed scan; None: no scan was processed."""
     refused: int
     """Scans refused since then."""
+    state: SensorState = ""
 
 
-@dataclass(frozen=True, slots=True)
-class SwarmStatus:
+class SwarmStatus(msgspec.Struct, frozen=True):
     """Status of all agents, targets and sensors; the answer to the command `status`."""
 
     t_ns: int

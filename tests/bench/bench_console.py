@@ -157,12 +157,16 @@ async def serve(port: int) -> None:
     grid, sensor = mission_grid(config, 1), Sensor("radar", 0.9, 1e-6, np.eye(2), (0.0, 0.0, 6000.0, 6000.0))
 
     def take(t_ns: int) -> Capture:
-        targets = tuple(TargetRecord((0, n), 0.9, tuple(p), 1.0, (), ()) for n, p in enumerate(places))
+        targets = tuple(
+            TargetRecord((0, n), 0.9, tuple(p), 1.0, (), ()) for n, p in enumerate(places.round(1).tolist())
+        )
         status = SwarmStatus(t_ns, "", (), targets, (), None, False)
-        return Capture(t_ns, status, (), (), None, grid, (), {}, new_table(0), {}, {})
+        return Capture(t_ns, status, (), None, grid, (), new_table(0))
 
     run = SimpleNamespace(
-        config=config, command=SimpleNamespace(fleet=SimpleNamespace(states=lambda: ())), sinks=[]
+        config=config,
+        command=SimpleNamespace(stages=SimpleNamespace(fleet=SimpleNamespace(states=lambda: ()))),
+        sinks=[],
     )
     server = ConsoleServer(Source(run, take), Access(port=port))
     t_ns = NS_PER_S

@@ -1,8 +1,8 @@
 """An operator would not see in time which agent needs attention."""
 
 import io
-from dataclasses import replace
 
+from msgspec.structs import replace
 from rich.console import Console
 
 from gcs.cli.status_tables import status_tables
@@ -79,7 +79,7 @@ def test_agents_that_need_attention_come_first() -> None:
     agents = [
         CALM,
         replace(CALM, vehicle=2, status="arrived"),
-        replace(CALM, vehicle=3, heard_age_s=4.0),
+        replace(CALM, vehicle=3, heard_age_s=4.0, is_late=True),
         replace(CALM, vehicle=4, authority="overridden", reason="is in FBWA and left alone"),
         replace(CALM, vehicle=5, status="lost", track=None),
         replace(CALM, vehicle=6, is_position_doubted=True),
@@ -100,10 +100,11 @@ def test_a_proposed_target_is_marked() -> None:
 
 def test_what_was_ordered_about_targets_is_shown() -> None:
     pinned = replace(CALM, pinned=(3, 2))
-    status = SwarmStatus(
-        0, "x", (pinned,), (replace(TARGET, is_ignored=True), replace(TARGET, label=(3, 2), priority=5)),
-        (), None, False,
-    )  # fmt: skip
+    targets = (
+        replace(TARGET, is_ignored=True),
+        replace(TARGET, label=(3, 2), priority=5, pinned=(1,)),
+    )
+    status = SwarmStatus(0, "x", (pinned,), targets, (), None, False)
     console = Console(width=170, file=io.StringIO())
     console.print(*status_tables(status, "site"), sep="\n")
     lines = [line.rstrip() for line in console.file.getvalue().splitlines()]  # type: ignore[attr-defined]

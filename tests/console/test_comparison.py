@@ -18,6 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from playwright.sync_api import Page, expect
 from rich.console import Console
@@ -31,6 +32,7 @@ from gcs.cli.analyse.playback import ReplayOptions
 from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.console_page import replay_source
 from gcs.console import Access, ConsoleServer
+from gcs.console.view.schema import Figures
 from gcs.io.recording.reader import read_info
 from gcs.service.replay import Replay, Window
 
@@ -196,7 +198,7 @@ def test_a_flight_is_compared_with_its_replay_under_other_settings(tmp_path):
     other = RunFile(DEATH.path, str(config))
     with compared(Access(port=0), other, DEATH) as server:
 
-        def figures_at(at_s: float) -> list[dict[str, Any]]:
+        def figures_at(at_s: float) -> list[Figures]:
             server.runs[0].playback.carry_out(json.dumps({"at_s": at_s}).encode())
             until_s = time.monotonic() + 10.0
             while time.monotonic() < until_s:
@@ -204,10 +206,9 @@ def test_a_flight_is_compared_with_its_replay_under_other_settings(tmp_path):
                 states = [run.playback.state() for run in server.runs]
                 found = [run.history.figures(at_s) for run in server.runs]
                 is_there = (
-                    all(abs(one["at_s"] - at_s) < 0.2 for one in states)
-                    and not server.runs[0].playback.is_moved
+                    all(abs(one.at_s - at_s) < 0.2 for one in states) and not server.runs[0].playback.is_moved
                 )
-                if is_there and all(None not in one.values() for one in found):
+                if is_there and all(None not in msgspec.structs.astuple(one) for one in found):
                     return found
             raise AssertionError(found)
 
@@ -218,7 +219,7 @@ def test_a_flight_is_compared_with_its_replay_under_other_settings(tmp_path):
         ):
             late = figures_at(28.0)
             early = figures_at(9.0)
-            assert early[0]["ospa_agents_m"] != early[1]["ospa_agents_m"]
+            assert early[0].ospa_agents_m != early[1].ospa_agents_m
             assert figures_at(28.0) == late
         marks = server.runs[0].history.marks()
         assert len(set(marks)) == len(marks) > 1

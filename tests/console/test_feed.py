@@ -23,7 +23,7 @@ def test_a_page_shows_mission_map_and_vehicles_within_a_second(fly):
         began_s = time.monotonic()
         found = read(page, {"mission", "map", "vehicles", "head"})
         assert time.monotonic() - began_s < 1.0
-        assert [one["name"] for one in found["vehicles"]] == ["1", "2", "3", "4"]
+        assert sorted(one["vehicle"] for one in found["vehicles"]) == [1, 2, 3, 4]
         assert found["mission"]["name"] == "prescribed"
         assert found["map"]["shape"] == [51, 51]
         first = found["head"]["t_ms"]
@@ -63,7 +63,7 @@ def test_a_no_fly_zone_of_the_page_is_drawn_and_can_be_opened(fly):
         read(page, {"zones"})
         assert flight.request("/api/orders", {"action": "no-fly-zone", "no_fly_zone": zone})[0] in (200, 202)
         assert read(page, {"zones"})["zones"] == [
-            {"name": "fire", "disc": [700.0, 500.0, 60.0], "polygon": []}
+            {"name": "fire", "disc_m": [700.0, 500.0, 60.0], "polygon_m": []}
         ]
         flight.request("/api/orders", {"action": "no-fly-zone", "no_fly_zone": {"name": "fire"}})
         assert read(page, {"zones"})["zones"] == []

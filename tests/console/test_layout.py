@@ -13,28 +13,36 @@ from playwright.sync_api import Page, WebSocketRoute, expect
 
 from gcs.config import load
 from gcs.console.view.history import History
+from gcs.console.view.schema import RunInfo
 from gcs.console.view.world import World
 from gcs.model import NS_PER_S
 
 SIZES = [(1600, 900), (1400, 1000), (1024, 768), (400, 850)]
 LONG = "radar-" + "x" * 294
 PROPOSAL = {
-    "id": 7,
+    "plan_id": 7,
     "reason": "agent 2 lost; " + "target T0.4 moved 93 m; " * 8,
-    "age_s": 3.0,
+    "t_ns": 5_000_000_000,
+    "shown_t_ns": 2_000_000_000,
     "routes": [
         {
-            "id": number,
-            "name": str(number),
-            "target": f"T0.{number}",
-            "short": False,
-            "points": [[100.0, 100.0], [700.0, 300.0]],
+            "vehicle": number,
+            "target": [0, number],
+            "points_m": [[100.0, 100.0], [700.0, 300.0]],
+            "length_m": 900.0,
+            "wait_m": None,
+        }
+        for number in range(1, 5)
+    ],
+    "figures": [
+        {
+            "vehicle": number,
             "length_m": 900.0,
             "shown_length_m": 800.0,
             "arrival_s": 60.0,
             "separation_m": None,
             "clearance_m": 40.0,
-            "wait": None,
+            "is_short": False,
         }
         for number in range(1, 5)
     ],
@@ -63,7 +71,7 @@ def with_more(message: dict[str, Any]) -> dict[str, Any]:
     elif "proposal" in message:
         message["proposal"] = PROPOSAL
     if "head" in message:
-        message["head"]["sensors"] = [{"name": LONG, "age_s": 9.0, "state": "silent"}]
+        message["head"]["sensors"] = [{"name": LONG, "scan_age_s": 9.0, "state": "silent"}]
     return message
 
 
@@ -164,7 +172,7 @@ class State:
 
 
 def test_a_trail_ends_where_nothing_was_heard() -> None:
-    world = World(load("prescribed"), {}, History(is_recorded=False))
+    world = World(load("prescribed"), RunInfo(), History(is_recorded=False))
     heard_s = [0, 2, 4, 4, 4, 4, 20, 22]
     states: deque[State] = deque(State(1, (1 + t_s) * NS_PER_S, 10.0 * t_s) for t_s in heard_s)
     for state in states:

@@ -32,13 +32,13 @@ def checks(monkeypatch: pytest.MonkeyPatch, program: str, mission_file: str | No
 
 def test_pages_that_ask_at_once_share_one_run_of_the_checks(monkeypatch):
     one, other = checks(monkeypatch, PRINTS, "mission.toml", pages=2)
-    assert one["result"]["refused"] == 2
-    assert one["result"] is other["result"]
+    assert one.result.refused == 2
+    assert one.result is other.result
 
 
 def test_a_failure_of_the_checks_is_shown_with_its_reason(monkeypatch):
     (one,) = checks(monkeypatch, FAILS, "mission.toml")
-    assert one["result"]["error"] == "no endpoint for other ground stations"
+    assert one.result.error == "no endpoint for other ground stations"
 
 
 def test_nothing_is_started_where_there_is_no_mission_file(fly):

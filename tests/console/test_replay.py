@@ -111,8 +111,8 @@ def test_a_proposed_plan_is_shown_with_what_changes(play):
         post(url, "/api/replay", {"at_s": 6.0})
         proposal = watched(url, lambda seen: seen.get("proposal"))["proposal"]
         assert "first plan" in proposal["reason"]
-        assert [route["name"] for route in proposal["routes"]] == ["1", "2", "3", "4"]
-        assert all(route["length_m"] > 0 and route["arrival_s"] > 0 for route in proposal["routes"])
+        assert [route["vehicle"] for route in proposal["routes"]] == [1, 2, 3, 4]
+        assert all(one["length_m"] > 0 and one["arrival_s"] > 0 for one in proposal["figures"])
 
     play(watch)
 

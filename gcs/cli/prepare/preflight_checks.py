@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict
 from typing import Final
 
+import msgspec
 from rich.console import Console
 from rich.status import Status
 from rich.table import Table
@@ -17,7 +16,7 @@ from rich.text import Text
 
 from gcs.config import Config, load
 from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
-from gcs.core.preflight.result import Check
+from gcs.core.preflight.result import Check, PreflightResult
 from gcs.core.preflight.vehicle_checks import envelope_of, vehicle_checks
 from gcs.errors import LinkError, WireError
 from gcs.fence import fence_of
@@ -83,14 +82,8 @@ def run_preflight(
     style = "bold red" if refused else "bold"
     console.print(f"{verdict}, {warnings} warnings", style=style, highlight=False, soft_wrap=True)
     if as_json:
-        result = {
-            "mission": config.name,
-            "ok": not refused,
-            "refused": refused,
-            "warnings": warnings,
-            "checks": [asdict(check) for check in checks],
-        }
-        print(json.dumps(result), flush=True)  # noqa: T201  the output of --json
+        result = PreflightResult(config.name, not refused, refused, warnings, tuple(checks))
+        print(msgspec.json.encode(result).decode(), flush=True)  # noqa: T201  the output of --json
     return not refused
 
 

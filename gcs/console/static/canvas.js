@@ -1,8 +1,10 @@
 // What all drawings share.
 
 /**
- * @import { Point, Disc } from "../page_types.d.ts"
+ * @import { Point } from "../page_types.d.ts"
  * @import { View } from "./view.js"
+ *
+ * @typedef {[east: number, north: number, radius: number]} Disc
  *
  * @typedef {CanvasRenderingContext2D} Context
  * @typedef {(name: string) => string} Colour colour by its name in the style sheet

@@ -1,7 +1,7 @@
 // Charts of the run. They are fetched only while they are open.
 
 /**
- * @import { ChartData, ObjectKind, Series } from "../page_types.d.ts"
+ * @import { ChartsReply, Kind, Series } from "../page_types.d.ts"
  * @import { Shared } from "./chart.js"
  * @import { Feed } from "./feed.js"
  * @import { Line } from "./line_chart.js"
@@ -13,6 +13,7 @@
 
 import { oncePerFrame } from "./canvas.js";
 import { el } from "./dom.js";
+import { vehicleName } from "./format.js";
 import { LineChart } from "./line_chart.js";
 import { MarkChart } from "./mark_chart.js";
 import { RowChart } from "./row_chart.js";
@@ -24,7 +25,7 @@ const MIN_END_S = 10;
 const MAX_LINES = 8; // with more vehicles, only the selected ones are named
 const COLOURS = ["series-1", "series-2", "series-3", "series-4", "series-5", "series-6"];
 const DASHES = [[], [6, 3], [2, 2]];
-/** @type {{ kind: ObjectKind, colour: string, dash: number[] }[]} */
+/** @type {{ kind: Kind, colour: string, dash: number[] }[]} */
 const KINDS = [
   { kind: "agents", colour: "vehicle", dash: [] },
   { kind: "targets", colour: "target", dash: [6, 3] },
@@ -52,7 +53,7 @@ export class Charts {
     this.panels = panels;
     this.wasOpen = false;
     this.isWaiting = false;
-    /** @type {ChartData | null} */
+    /** @type {ChartsReply | null} */
     this.data = null;
     this.axis = new TimeAxis();
     /** @type {Shared} */
@@ -170,8 +171,8 @@ export class Charts {
     this.showMarks();
     this.objects.show(objectLines(data));
     this.ospa.show(lines(KINDS, data.ospa));
-    this.targets.show(trackRows(data.existence.targets, "target"));
-    this.agents.show(trackRows(data.existence.agents, "vehicle"));
+    this.targets.show(trackRows(data.existence.targets ?? {}, "target"));
+    this.agents.show(trackRows(data.existence.agents ?? {}, "vehicle"));
     this.rate.show(this.vehicleLines(data.rate));
     this.loss.show(this.vehicleLines(data.loss));
     this.battery.show(this.vehicleLines(data.battery));
@@ -184,7 +185,9 @@ export class Charts {
    * @param {Record<string, Series>} values
    */
   vehicleLines(values) {
-    const chosen = new Set(this.selection.among(this.feed.data.vehicles).map((one) => one.name));
+    const chosen = new Set(
+      this.selection.among(this.feed.data.vehicles).map((one) => vehicleName(one.vehicle)),
+    );
     const names = Object.keys(values).sort((a, b) => Number(a) - Number(b));
     const hasChosen = names.some((name) => chosen.has(name));
     const found = names.map((name, index) => {
@@ -205,7 +208,7 @@ export class Charts {
 /**
  * Return the lines of the numbers of objects, each true one below the estimated one.
  *
- * @param {ChartData} data
+ * @param {ChartsReply} data
  */
 function objectLines(data) {
   /** @type {Line[]} */

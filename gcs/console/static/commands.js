@@ -14,7 +14,7 @@
 
 import { ask } from "./dialogs.js";
 import { el, setText } from "./dom.js";
-import { named } from "./format.js";
+import { named, vehicleName } from "./format.js";
 
 /** @typedef {"hold" | "resume" | "return" | "arm" | "disarm" | "ready"} Action */
 
@@ -103,7 +103,7 @@ export class Commands {
   }
 
   show() {
-    const names = this.chosen().map((one) => one.name);
+    const names = this.chosen().map((one) => vehicleName(one.vehicle));
     for (const { title, label, element } of this.buttons) {
       setText(label, names.length ? `${title} ${named(names, MAX_NAMED)}` : title);
       element.disabled = !this.mayOperate || !names.length;
@@ -122,10 +122,10 @@ export class Commands {
       return;
     }
     const { title, risk } = COMMANDS[action];
-    const names = chosen.map((one) => one.name).join(", ");
+    const names = chosen.map((one) => vehicleName(one.vehicle)).join(", ");
     const who = `${chosen.length > 1 ? "vehicles" : "vehicle"} ${names}`;
     if (risk && !(await ask(`${title} ${who}?`, risk, `${title} ${names}`))) return;
-    this.orders.give(action, { vehicles: chosen.map((one) => one.id) });
+    this.orders.give(action, { vehicles: chosen.map((one) => one.vehicle) });
   }
 
   holdAll() {

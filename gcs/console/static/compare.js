@@ -1,7 +1,7 @@
 // Two recordings side by side: the page of each in a frame, one time line, linked maps, and what differs.
 
 /**
- * @import { Figures, Mission, Point, ReplayState, Vehicle } from "../page_types.d.ts"
+ * @import { AgentRecord, Figures, MissionInfo, Point, ReplayState } from "../page_types.d.ts"
  * @import { Feed, FeedData, Names } from "./feed.js"
  * @import { Actions } from "./keys.js"
  * @import { SwarmMap } from "./map.js"
@@ -44,7 +44,7 @@ const FIGURES = [
 ];
 
 /**
- * @param {Vehicle["status"]} status
+ * @param {AgentRecord["status"]} status
  * @returns {Figure["value"]}
  */
 function agents(status) {
@@ -268,8 +268,8 @@ function differenceText(a, b, digits) {
 /**
  * Return one mission's origin in the frame of another; missions that are far apart are laid over each other.
  *
- * @param {Mission} mission
- * @param {Mission} other
+ * @param {MissionInfo} mission
+ * @param {MissionInfo} other
  * @returns {Point}
  */
 function offset(mission, other) {

@@ -1,7 +1,7 @@
 // Details of one vehicle: everything of its record, and its onboard mission, which the map draws too.
 
 /**
- * @import { OnboardMission, VehicleDetail } from "../page_types.d.ts"
+ * @import { MissionDetail, VehicleDetail } from "../page_types.d.ts"
  * @import { Feed } from "./feed.js"
  * @import { SwarmMap } from "./map.js"
  * @import { Panels } from "./panels.js"
@@ -9,7 +9,7 @@
  */
 
 import { el, setText, tableOf } from "./dom.js";
-import { duration, number, seconds } from "./format.js";
+import { duration, number, seconds, targetName, vehicleName } from "./format.js";
 import { FrameRate } from "./frame_rate.js";
 
 const PERIOD_MS = 1000;
@@ -69,7 +69,7 @@ export class Detail {
   }
 
   begin() {
-    if (this.record?.id !== this.vehicle?.id) this.keep(null);
+    if (this.record?.agent.vehicle !== this.vehicle?.vehicle) this.keep(null);
     this.load();
   }
 
@@ -87,8 +87,8 @@ export class Detail {
       if (this.record) this.keep(null);
       return;
     }
-    const record = await fetchDetail(vehicle.name);
-    if (record && record.id === this.vehicle?.id) this.keep(record);
+    const record = await fetchDetail(vehicleName(vehicle.vehicle));
+    if (record && record.agent.vehicle === this.vehicle?.vehicle) this.keep(record);
   }
 
   show() {
@@ -96,13 +96,13 @@ export class Detail {
     this.content.hidden = !record;
     this.empty.hidden = Boolean(record);
     if (!record) return;
-    setText(this.title, `Vehicle ${record.name}`);
+    setText(this.title, `Vehicle ${vehicleName(record.agent.vehicle)}`);
     this.list.replaceChildren(
       ...row("authority", authorityOf(record)),
       ...row("link", linkOf(record, this.rate.perSecond)),
       ...row("mission", missionOf(record)),
       ...row("upload", uploadOf(record)),
-      ...row("pinned to", [record.pinned ?? "no target"]),
+      ...row("pinned to", [record.agent.pinned ? targetName(record.agent.pinned) : "no target"]),
       ...row("return", returnOf(record)),
       ...row("position", positionOf(record)),
     );
@@ -171,14 +171,14 @@ function missionOf({ mission }) {
   const { items, target, verified_s: verified } = mission;
   const since = verified === null ? "" : ` ${duration(verified)} ago`;
   /** @type {(Node | string)[]} */
-  const parts = [`${items.length} items to ${target}, verified${since}`];
+  const parts = [`${items.length} items to ${targetName(target)}, verified${since}`];
   if (mission.audited) parts.push(fair(", being audited"));
   if (mission.inconsistent) parts.push(bad(", may be inconsistent"));
   return parts;
 }
 
 /** @param {VehicleDetail} record */
-function uploadOf({ upload: { stage, since_s: since, failures, pause_s: pause } }) {
+function uploadOf({ agent: { upload: stage }, upload: { since_s: since, failures, pause_s: pause } }) {
   const time = since === null ? "" : ` for ${seconds(since)}`;
   /** @type {(Node | string)[]} */
   const parts = [stage ? stage + time : "none"];
@@ -196,9 +196,9 @@ function returnOf({ return: { height, problem } }) {
 }
 
 /** @param {VehicleDetail} record */
-function positionOf({ position: { doubted, cusum, alarm_cusum: limit, refused } }) {
+function positionOf({ agent, position: { cusum, alarm_cusum: limit, refused } }) {
   const parts = [
-    doubted ? bad("doubted") : "consistent with the sensors",
+    agent.is_position_doubted ? bad("doubted") : "consistent with the sensors",
     `, CUSUM ${number(cusum, 1)} of ${limit}`,
   ];
   const reasons = Object.entries(refused).map(([reason, count]) => `${count} ${reason}`);
@@ -206,7 +206,7 @@ function positionOf({ position: { doubted, cusum, alarm_cusum: limit, refused } 
   return parts;
 }
 
-/** @param {OnboardMission} mission */
+/** @param {MissionDetail} mission */
 function itemRows({ items, current }) {
   return items.map(({ seq, command, at, alt_m: alt }) => {
     const isCurrent = seq === current;

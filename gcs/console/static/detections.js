@@ -1,7 +1,6 @@
 // Detections, which fade with age. They are many, so they are written into an image and not drawn one by one.
 
 /**
- * @import { Scan } from "../page_types.d.ts"
  * @import { Context } from "./canvas.js"
  * @import { View } from "./view.js"
  */
@@ -26,10 +25,10 @@ export class Detections {
     this.scans = [];
   }
 
-  /** @param {Scan[]} scans */
+  /** @param {number[][]} scans east and north of the detections of each in turns */
   add(scans) {
     const at = performance.now();
-    this.scans.push(...scans.map(({ z }) => ({ at, z })));
+    this.scans.push(...scans.map((z) => ({ at, z })));
   }
 
   /**

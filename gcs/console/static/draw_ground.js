@@ -1,7 +1,7 @@
 // What does not move: grid lines, obstacles, no-fly zones, fence, homes, rally points, fields of view.
 
 /**
- * @import { FieldOfView, Mission, ObstacleMap, Sector, Zone } from "../page_types.d.ts"
+ * @import { FieldOfView, MissionInfo, NoFlyZone, ObstacleMap, Polar } from "../page_types.d.ts"
  * @import { Colour, Context } from "./canvas.js"
  * @import { View } from "./view.js"
  */
@@ -95,7 +95,7 @@ export class Obstacles {
 /**
  * @param {Context} ctx
  * @param {View} view
- * @param {Mission} mission
+ * @param {MissionInfo} mission
  * @param {Colour} colour
  */
 export function drawBorder(ctx, view, mission, colour) {
@@ -114,7 +114,7 @@ export function drawBorder(ctx, view, mission, colour) {
 /**
  * @param {Context} ctx
  * @param {View} view
- * @param {Mission} mission
+ * @param {MissionInfo} mission
  * @param {Colour} colour
  */
 export function drawFence(ctx, view, mission, colour) {
@@ -131,7 +131,7 @@ export function drawFence(ctx, view, mission, colour) {
 /**
  * @param {Context} ctx
  * @param {View} view
- * @param {Zone[]} zones
+ * @param {NoFlyZone[]} zones
  * @param {Colour} colour
  */
 export function drawZones(ctx, view, zones, colour) {
@@ -139,13 +139,13 @@ export function drawZones(ctx, view, zones, colour) {
   ctx.lineWidth = 1.5;
   ctx.textAlign = "center";
   for (const zone of zones) {
-    if (zone.disc) beginDisc(ctx, view, zone.disc);
-    else beginRing(ctx, view, zone.polygon);
+    if (zone.disc_m) beginDisc(ctx, view, zone.disc_m);
+    else beginRing(ctx, view, zone.polygon_m);
     ctx.globalAlpha = 0.16;
     ctx.fill();
     ctx.globalAlpha = 1;
     ctx.stroke();
-    const [east, north] = zone.disc ?? centroid(zone.polygon);
+    const [east, north] = zone.disc_m ?? centroid(zone.polygon_m);
     const name = zone.name.length > MAX_NAME ? `${zone.name.slice(0, MAX_NAME)}…` : zone.name;
     ctx.fillText(name, view.x(east), view.y(north) + 4);
   }
@@ -154,13 +154,13 @@ export function drawZones(ctx, view, zones, colour) {
 /**
  * @param {Context} ctx
  * @param {View} view
- * @param {Mission} mission
+ * @param {MissionInfo} mission
  * @param {Colour} colour
  */
 export function drawHomes(ctx, view, mission, colour) {
   ctx.strokeStyle = ctx.fillStyle = colour("dim");
   ctx.lineWidth = 1.2;
-  for (const { at } of mission.homes) {
+  for (const at of mission.homes) {
     const [x, y] = [view.x(at[0]), view.y(at[1])];
     ctx.beginPath();
     ctx.moveTo(x - 5, y);
@@ -187,16 +187,16 @@ export function drawFieldsOfView(ctx, view, fields, colour) {
   ctx.globalAlpha = 0.5;
   ctx.lineWidth = 1;
   for (const field of fields) {
-    if (field.box) {
-      const [west, south, east, north] = field.box;
+    if (field.polar) {
+      beginSector(ctx, view, field.polar);
+    } else {
+      const [west, south, east, north] = field.box_m;
       beginRing(ctx, view, [
         [west, south],
         [east, south],
         [east, north],
         [west, north],
       ]);
-    } else {
-      beginSector(ctx, view, field);
     }
     ctx.stroke();
   }
@@ -206,10 +206,14 @@ export function drawFieldsOfView(ctx, view, fields, colour) {
 /**
  * @param {Context} ctx
  * @param {View} view
- * @param {Sector} sector
+ * @param {Polar} sector
  */
-function beginSector(ctx, view, { at, range_m: [near, far], bearing_rad: [centre, half] }) {
-  const [x, y] = [view.x(at[0]), view.y(at[1])];
+function beginSector(
+  ctx,
+  view,
+  { east_m: east, north_m: north, range_m: [near, far], bearing_rad: [centre, half] },
+) {
+  const [x, y] = [view.x(east), view.y(north)];
   const middle = centre - Math.PI / 2; // bearings are clockwise from north, canvas angles clockwise from east
   ctx.beginPath();
   ctx.arc(x, y, far * view.scale, middle - half, middle + half);

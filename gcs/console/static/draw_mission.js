@@ -1,7 +1,7 @@
 // Onboard mission of the vehicle whose details are shown: items with their numbers, the current one filled.
 
 /**
- * @import { OnboardMission, Point } from "../page_types.d.ts"
+ * @import { MissionDetail, Point } from "../page_types.d.ts"
  * @import { Colour, Context } from "./canvas.js"
  * @import { Labels } from "./labels.js"
  * @import { View } from "./view.js"
@@ -14,7 +14,7 @@ const SIZE = 4;
 /**
  * @param {Context} ctx
  * @param {View} view
- * @param {OnboardMission} mission
+ * @param {MissionDetail} mission
  * @param {Labels} labels
  * @param {Colour} colour
  */

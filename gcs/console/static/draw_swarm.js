@@ -1,7 +1,7 @@
 // What moves: trails, routes, vehicles, and the lines to the targets that they are pinned to.
 
 /**
- * @import { Point, Route, Target, Trail, Vehicle } from "../page_types.d.ts"
+ * @import { AgentRecord, Point, Route, TargetRecord, Trail } from "../page_types.d.ts"
  * @import { Colour, Context } from "./canvas.js"
  * @import { Labels } from "./labels.js"
  * @import { Selection } from "./selection.js"
@@ -16,6 +16,7 @@
  */
 
 import { addLine, beginDisc, strokeLine } from "./canvas.js";
+import { targetName, vehicleName } from "./format.js";
 
 const MIN_LOITER_PX = 6;
 
@@ -41,21 +42,21 @@ export function drawTrails(ctx, view, trails, colour) {
  * @param {Context} ctx
  * @param {View} view
  * @param {Route[]} routes
- * @param {Pick<Vehicle, "id" | "at" | "passed">[]} flying
+ * @param {Pick<AgentRecord, "vehicle" | "position_m" | "points_passed">[]} flying
  * @param {RouteStyle} style
  */
 export function drawRoutes(ctx, view, routes, flying, style) {
-  const vehicles = new Map(flying.map((one) => [one.id, one]));
+  const vehicles = new Map(flying.map((one) => [one.vehicle, one]));
   ctx.strokeStyle = style.colour;
   for (const route of routes) {
-    const isFaint = style.selected.size > 0 && !style.selected.has(route.id);
+    const isFaint = style.selected.size > 0 && !style.selected.has(route.vehicle);
     ctx.globalAlpha = isFaint ? 0.35 : 0.9;
     ctx.setLineDash(style.dash);
     ctx.lineWidth = style.width;
     ctx.beginPath();
-    addLine(ctx, view, shownPart(route.points, vehicles.get(route.id)));
+    addLine(ctx, view, shownPart(route.points_m, vehicles.get(route.vehicle)));
     ctx.stroke();
-    drawMeeting(ctx, view, route, style.loiter[route.id]);
+    drawMeeting(ctx, view, route, style.loiter[route.vehicle]);
   }
   ctx.setLineDash([]);
   ctx.globalAlpha = 1;
@@ -63,11 +64,11 @@ export function drawRoutes(ctx, view, routes, flying, style) {
 
 /**
  * @param {Point[]} points
- * @param {Pick<Vehicle, "at" | "passed">} [vehicle]
+ * @param {Pick<AgentRecord, "position_m" | "points_passed">} [vehicle]
  */
 function shownPart(points, vehicle) {
-  if (!vehicle?.at) return points;
-  return [vehicle.at, ...points.slice(Math.min(vehicle.passed, points.length - 1))];
+  if (!vehicle?.position_m) return points;
+  return [vehicle.position_m, ...points.slice(Math.min(vehicle.points_passed, points.length - 1))];
 }
 
 /**
@@ -79,13 +80,13 @@ function shownPart(points, vehicle) {
  * @param {number} radius
  */
 function drawMeeting(ctx, view, route, radius) {
-  const [east, north] = route.points[route.points.length - 1];
+  const [east, north] = route.points_m[route.points_m.length - 1];
   ctx.lineWidth = 1.2;
   ctx.setLineDash([]);
   beginDisc(ctx, view, [east, north, 3 / view.scale]);
   ctx.stroke();
   if (radius * view.scale < MIN_LOITER_PX) return;
-  const [centreEast, centreNorth] = route.wait ?? [east, north];
+  const [centreEast, centreNorth] = route.wait_m ?? [east, north];
   ctx.setLineDash([2, 3]);
   beginDisc(ctx, view, [centreEast, centreNorth, radius]);
   ctx.stroke();
@@ -96,8 +97,8 @@ function drawMeeting(ctx, view, route, radius) {
  *
  * @param {Context} ctx
  * @param {View} view
- * @param {Vehicle[]} vehicles
- * @param {Map<string, Target>} targets
+ * @param {AgentRecord[]} vehicles
+ * @param {Map<string, TargetRecord>} targets
  * @param {Colour} colour
  */
 export function drawPins(ctx, view, vehicles, targets, colour) {
@@ -105,9 +106,9 @@ export function drawPins(ctx, view, vehicles, targets, colour) {
   ctx.lineWidth = 1.5;
   ctx.setLineDash([2, 4]);
   ctx.beginPath();
-  for (const { at, status, pinned } of vehicles) {
-    const target = pinned === null ? undefined : targets.get(pinned);
-    if (target && status === "active") addLine(ctx, view, [at, target.at]);
+  for (const { position_m: at, status, pinned } of vehicles) {
+    const target = pinned === null ? undefined : targets.get(targetName(pinned));
+    if (target && status === "active") addLine(ctx, view, [at, target.position_m]);
   }
   ctx.stroke();
   ctx.setLineDash([]);
@@ -116,7 +117,7 @@ export function drawPins(ctx, view, vehicles, targets, colour) {
 /**
  * @param {Context} ctx
  * @param {View} view
- * @param {Vehicle[]} vehicles
+ * @param {AgentRecord[]} vehicles
  * @param {Selection} selection
  * @param {Labels} labels
  * @param {Colour} colour
@@ -127,21 +128,21 @@ export function drawVehicles(ctx, view, vehicles, selection, labels, colour) {
   ctx.font = `600 ${font}`;
   for (const vehicle of vehicles) {
     if (vehicle.status === "lost" || vehicle.status === "down") {
-      if (vehicle.lost_at) drawLost(ctx, view, vehicle, vehicle.lost_at, labels, colour("warning"));
+      if (vehicle.lost_at_m) drawLost(ctx, view, vehicle, vehicle.lost_at_m, labels, colour("warning"));
       continue;
     }
-    if (!vehicle.at) continue;
-    const [x, y] = [view.x(vehicle.at[0]), view.y(vehicle.at[1])];
-    const isSelected = selection.has(vehicle.id);
+    if (!vehicle.position_m) continue;
+    const [x, y] = [view.x(vehicle.position_m[0]), view.y(vehicle.position_m[1])];
+    const isSelected = selection.has(vehicle.vehicle);
     const tint = tintOf(vehicle);
     ctx.fillStyle = colour(tint);
     if (isSelected) drawHalo(ctx, x, y, colour("advisory"));
     else ctx.strokeStyle = colour(tint);
-    beginArrow(ctx, x, y, vehicle.course ?? 0);
-    if (vehicle.late)
+    beginArrow(ctx, x, y, vehicle.course_rad ?? 0);
+    if (vehicle.is_late)
       ctx.stroke(); // hollow: its position is old
     else ctx.fill();
-    labels.draw(vehicle.name, x + 10, y - 5, tint !== "vehicle" || isSelected);
+    labels.draw(vehicleName(vehicle.vehicle), x + 10, y - 5, tint !== "vehicle" || isSelected);
   }
   ctx.font = font;
 }
@@ -149,14 +150,14 @@ export function drawVehicles(ctx, view, vehicles, selection, labels, colour) {
 /**
  * @param {Context} ctx
  * @param {View} view
- * @param {Vehicle[]} vehicles
+ * @param {AgentRecord[]} vehicles
  * @param {Labels} labels
  * @param {Colour} colour
  */
 export function drawAltitudes(ctx, view, vehicles, labels, colour) {
   ctx.textAlign = "left";
   ctx.fillStyle = colour("dim");
-  for (const { at, alt_m: alt, status } of vehicles) {
+  for (const { position_m: at, alt_rel_m: alt, status } of vehicles) {
     if (at && alt !== null && status !== "lost")
       labels.draw(`${alt.toFixed(0)} m`, view.x(at[0]) + 10, view.y(at[1]) + 9);
   }
@@ -178,10 +179,10 @@ export function drawHalo(ctx, x, y, tint) {
   ctx.stroke();
 }
 
-/** @param {Vehicle} vehicle */
+/** @param {AgentRecord} vehicle */
 function tintOf(vehicle) {
-  if (vehicle.doubted) return "warning";
-  if (vehicle.late || vehicle.authority !== "ours") return "caution";
+  if (vehicle.is_position_doubted) return "warning";
+  if (vehicle.is_late || vehicle.authority !== "ours") return "caution";
   return vehicle.status === "arrived" ? "done" : "vehicle";
 }
 
@@ -211,12 +212,12 @@ function beginArrow(ctx, x, y, course) {
  *
  * @param {Context} ctx
  * @param {View} view
- * @param {Vehicle} vehicle
+ * @param {AgentRecord} vehicle
  * @param {Point} at
  * @param {Labels} labels
  * @param {string} tint
  */
-function drawLost(ctx, view, { name, status }, at, labels, tint) {
+function drawLost(ctx, view, { vehicle, status }, at, labels, tint) {
   const [x, y] = [view.x(at[0]), view.y(at[1])];
   ctx.strokeStyle = ctx.fillStyle = tint;
   ctx.lineWidth = 2;
@@ -226,5 +227,5 @@ function drawLost(ctx, view, { name, status }, at, labels, tint) {
       [x + 6, y - side],
     ]);
   }
-  labels.draw(`${name} ${status}`, x + 10, y + 4, true);
+  labels.draw(`${vehicleName(vehicle)} ${status}`, x + 10, y + 4, true);
 }

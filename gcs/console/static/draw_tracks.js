@@ -1,7 +1,7 @@
 // Tracks: ellipses of agents, and targets.
 
 /**
- * @import { Covariance, Target, Tracks } from "../page_types.d.ts"
+ * @import { Covariance, TargetRecord, Tracks } from "../page_types.d.ts"
  * @import { Colour, Context } from "./canvas.js"
  * @import { Labels } from "./labels.js"
  * @import { View } from "./view.js"
@@ -48,7 +48,7 @@ export function drawAgentTracks(ctx, view, tracks, colour) {
  * @param {Context} ctx
  * @param {View} view
  * @param {Tracks} tracks
- * @param {Map<string, Target>} confirmed
+ * @param {Map<string, TargetRecord>} confirmed
  * @param {Labels} labels
  * @param {Colour} colour
  * @param {TargetStyle} style
@@ -63,7 +63,7 @@ export function drawTargets(ctx, view, tracks, confirmed, labels, colour, style)
     if (x < -OUTSIDE_PX || y < -OUTSIDE_PX || x > view.width + OUTSIDE_PX || y > view.height + OUTSIDE_PX)
       return;
     const isSelected = style.selected === name;
-    const isIgnored = target?.ignored ?? false;
+    const isIgnored = target?.is_ignored ?? false;
     const isReached = Boolean(target?.reached_by.length);
     const cov = tracks.covs[index];
     if (isSelected) drawHalo(ctx, x, y, colour("advisory"));
@@ -126,11 +126,11 @@ function radius(sigmas, variance, scale) {
 
 /**
  * @param {string} name
- * @param {Target | undefined} target
+ * @param {TargetRecord | undefined} target
  */
 function labelOf(name, target) {
   if (!target) return name;
-  const rank = target.priority === null || target.ignored ? "" : ` p${target.priority}`;
+  const rank = target.priority === null || target.is_ignored ? "" : ` p${target.priority}`;
   return name + (target.reached_by.length ? " ✓" : "") + rank;
 }
 

@@ -1,10 +1,10 @@
 // Feed: a WebSocket that brings a snapshot, then updates. It connects again after a loss.
 
 /**
- * @import { FeedMessage, Role, Sections, SectionsMessage } from "../page_types.d.ts"
+ * @import { FeedMessage, Role, Sections, SnapshotMessage, UpdateMessage } from "../page_types.d.ts"
  *
  * @typedef {"vehicles" | "targets" | "zones" | "routes" | "log" | "answers" | "trails"} ListName
- * @typedef {Partial<Sections> & Pick<Sections, ListName>} FeedData lists are empty until they come
+ * @typedef {Sections & Required<Pick<Sections, ListName>>} FeedData lists are empty until they come
  * @typedef {Set<keyof Sections>} Names
  */
 
@@ -58,7 +58,7 @@ export class Feed extends EventTarget {
     else this.take(message);
   }
 
-  /** @param {SectionsMessage} message */
+  /** @param {SnapshotMessage | UpdateMessage} message */
   take({ type, log = [], answers = [], ...sections }) {
     const isFresh = type === "snapshot";
     if (isFresh) {
@@ -107,11 +107,11 @@ export class Feed extends EventTarget {
    *
    * @template {keyof Sections} Name
    * @param {Name} name
-   * @param {(section: Sections[Name], isFresh: boolean) => void} callback
+   * @param {(section: Required<Sections>[Name], isFresh: boolean) => void} callback
    */
   on(name, callback) {
     this.onData((names, isFresh) => {
-      if (names.has(name)) callback(/** @type {Sections[Name]} */ (this.data[name]), isFresh);
+      if (names.has(name)) callback(/** @type {Required<Sections>[Name]} */ (this.data[name]), isFresh);
     });
   }
 

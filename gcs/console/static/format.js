@@ -1,6 +1,12 @@
-// Numbers as operators read them. One that is not known is a dash.
+// Numbers and names as operators read them. A number that is not known is a dash.
 
-/** @typedef {number | null | undefined} Value */
+/**
+ * @import { Label } from "../page_types.d.ts"
+ *
+ * @typedef {number | null | undefined} Value
+ */
+
+const NETWORK = 256; // system ids of each network
 
 /**
  * @param {Value} value
@@ -40,6 +46,23 @@ export function megabytes(value) {
     ? `${value.toFixed(value < 10 ? 1 : 0)} MB`
     : `${(value / 1000).toFixed(value < 10000 ? 1 : 0)} GB`;
 }
+
+/**
+ * Return the name of a vehicle: "17", or "2:17" on network 2.
+ *
+ * @param {number} vehicle
+ */
+export function vehicleName(vehicle) {
+  const network = Math.floor(vehicle / NETWORK);
+  return `${network ? `${network}:` : ""}${vehicle % NETWORK}`;
+}
+
+/**
+ * Return the name of a target: "T12.3", born in scan 12 with index 3.
+ *
+ * @param {Label} label
+ */
+export const targetName = ([scan, index]) => `T${scan}.${index}`;
 
 /**
  * Return the time of day, UTC.

@@ -1,9 +1,9 @@
 // Rate of frames of one vehicle, over a replay's time as well as in real time.
 
 /**
- * @import { VehicleDetail } from "../page_types.d.ts"
+ * @import { AgentRecord, LinkDetail, VehicleDetail } from "../page_types.d.ts"
  *
- * @typedef {Pick<VehicleDetail, "id" | "t_s"> & { link: Pick<VehicleDetail["link"], "frames"> }} Counted
+ * @typedef {Pick<VehicleDetail, "t_s"> & { agent: Pick<AgentRecord, "vehicle">, link: Pick<LinkDetail, "frames"> }} Counted
  */
 
 const PERIOD_S = 2;
@@ -27,7 +27,8 @@ export class FrameRate {
    */
   add(record) {
     const { before } = this;
-    const isSame = record !== null && before?.id === record.id && record.t_s >= before.t_s;
+    const isSame =
+      record !== null && before?.agent.vehicle === record.agent.vehicle && record.t_s >= before.t_s;
     if (!isSame) {
       this.perSecond = null;
       this.before = record;

@@ -1,6 +1,6 @@
 // Places on the ellipsoid of WGS 84 in the local frame, and in the columns and rows of map tiles.
 
-/** @import { Mission, Point } from "../page_types.d.ts" */
+/** @import { MissionInfo, Point } from "../page_types.d.ts" */
 
 const MAJOR_M = 6378137;
 const FLATTENING = 1 / 298.257223563;
@@ -24,7 +24,7 @@ function ecef(lat, lon, alt) {
 /**
  * Return east and north of a place at the height of a mission's origin, as gcs.geo.LocalFrame.to_local.
  *
- * @param {Pick<Mission, "origin_deg" | "origin_alt_m">} mission
+ * @param {Pick<MissionInfo, "origin_deg" | "origin_alt_m">} mission
  * @param {number} lat
  * @param {number} lon
  * @returns {Point}

@@ -1,7 +1,7 @@
 // Header: which run, when, and whether its data is fresh. What is bad says so in a word, too.
 
 /**
- * @import { Mission, SensorState, ServiceState } from "../page_types.d.ts"
+ * @import { MissionInfo, SensorRecord, ServiceState } from "../page_types.d.ts"
  * @import { Feed } from "./feed.js"
  * @import { Freshness } from "./freshness.js"
  * @import { Theme } from "./theme.js"
@@ -93,17 +93,17 @@ export function showHeader(root, feed, theme, freshness, showHelp) {
   });
 }
 
-/** @param {Mission} mission */
+/** @param {MissionInfo} mission */
 function kindOf({ kind, speed }) {
   if (kind === "replay") return "REPLAY";
   return speed === 1 ? "LIVE" : `LIVE ×${speed}`;
 }
 
-/** @param {SensorState[]} sensors */
+/** @param {SensorRecord[]} sensors */
 function sensorParts(sensors) {
   if (!sensors.length) return [el("span", { class: "fair" }, "none yet")];
   const sorted = [...sensors].sort((a, b) => URGENCY[a.state] - URGENCY[b.state]);
-  const parts = sorted.slice(0, MAX_SENSORS).map(({ name, age_s: age, state }) => {
+  const parts = sorted.slice(0, MAX_SENSORS).map(({ name, scan_age_s: age, state }) => {
     const text = `${name} ${age === null ? "never" : seconds(age)}`;
     const style = `sensor ${STYLES[state]}`;
     return el("span", { class: style, title: name }, state ? `${text} ${state.toUpperCase()}` : text);
@@ -126,8 +126,12 @@ function lagText({ lag_s: lag, dropped }) {
  * @param {ServiceState} service
  * @returns {[text: string, style: string]}
  */
-function recordingText({ recording, used_mb: used, free_mb: free, low }) {
-  if (!recording) return ["OFF", "bad"];
-  if (free === null) return ["on", ""];
-  return [`${megabytes(used)}, ${megabytes(free)} free${low ? " LOW" : ""}`, low ? "bad" : ""];
+function recordingText({ is_recording: isRecording, space }) {
+  if (!isRecording) return ["OFF", "bad"];
+  if (space === null) return ["on", ""];
+  const { used_bytes: used, free_bytes: free, is_low: isLow } = space;
+  return [
+    `${megabytes(used / 1e6)}, ${megabytes(free / 1e6)} free${isLow ? " LOW" : ""}`,
+    isLow ? "bad" : "",
+  ];
 }

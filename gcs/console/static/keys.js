@@ -7,6 +7,8 @@
  * @typedef {Record<string, () => void>} Actions by key, in lower case; "shift+" before it
  */
 
+import { vehicleName } from "./format.js";
+
 const DIGITS_MS = 600;
 const FIELDS = "input:not([type=checkbox]):not([type=range]), select, textarea";
 
@@ -79,12 +81,12 @@ export function listenToKeys(actions, feed, selection) {
 
   /** @param {string} name */
   const select = (name) => {
-    const found = feed.data.vehicles.find((one) => one.name === name);
-    if (found) selection.set([found.id]);
+    const found = feed.data.vehicles.find((one) => vehicleName(one.vehicle) === name);
+    if (found) selection.set([found.vehicle]);
   };
 
   const selectAll = () => {
-    selection.set(feed.data.vehicles.filter((one) => one.status !== "lost").map((one) => one.id));
+    selection.set(feed.data.vehicles.filter((one) => one.status !== "lost").map((one) => one.vehicle));
   };
 
   /** @param {KeyboardEvent} event */

@@ -1,7 +1,7 @@
 // Map: its elements, its tools, and when it is drawn.
 
 /**
- * @import { OnboardMission, Point } from "../page_types.d.ts"
+ * @import { MissionDetail, Point } from "../page_types.d.ts"
  * @import { Colour, Context } from "./canvas.js"
  * @import { Feed } from "./feed.js"
  * @import { Selection } from "./selection.js"
@@ -131,7 +131,7 @@ export class SwarmMap {
   /**
    * Show the onboard mission of the vehicle whose details are shown.
    *
-   * @param {OnboardMission | null} mission
+   * @param {MissionDetail | null} mission
    */
   setMission(mission) {
     this.picture.onboard = mission;

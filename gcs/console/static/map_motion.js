@@ -67,7 +67,7 @@ export class MapMotion extends EventTarget {
   }
 
   fitSwarm() {
-    const targets = this.selection.ids.size ? [] : this.feed.data.targets.map((one) => one.at);
+    const targets = this.selection.ids.size ? [] : this.feed.data.targets.map((one) => one.position_m);
     this.view.fit([...this.places(), ...targets], SWARM_MARGIN_PX);
     this.moved();
   }
@@ -111,7 +111,7 @@ export class MapMotion extends EventTarget {
   places() {
     const { vehicles } = this.feed.data;
     const chosen = this.selection.among(vehicles);
-    return (chosen.length ? chosen : vehicles).flatMap(({ at, status }) =>
+    return (chosen.length ? chosen : vehicles).flatMap(({ position_m: at, status }) =>
       at && status !== "lost" ? [at] : [],
     );
   }

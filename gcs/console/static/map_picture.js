@@ -1,7 +1,7 @@
 // Picture of the map: what is drawn in which order.
 
 /**
- * @import { Mission, OnboardMission } from "../page_types.d.ts"
+ * @import { MissionDetail, MissionInfo } from "../page_types.d.ts"
  * @import { Context } from "./canvas.js"
  * @import { FeedData } from "./feed.js"
  * @import { LayerName } from "./map_layers.js"
@@ -16,6 +16,7 @@ import * as ground from "./draw_ground.js";
 import { drawOnboardMission } from "./draw_mission.js";
 import * as swarm from "./draw_swarm.js";
 import { drawAgentTracks, drawTargets } from "./draw_tracks.js";
+import { targetName } from "./format.js";
 import { Labels } from "./labels.js";
 import { Tiles } from "./tiles.js";
 import { Trails } from "./trails.js";
@@ -40,7 +41,7 @@ export class MapPicture {
     this.trails = new Trails();
     this.detections = new Detections();
     this.tiles = new Tiles(redraw);
-    /** @type {OnboardMission | null} */
+    /** @type {MissionDetail | null} */
     this.onboard = null;
   }
 
@@ -48,7 +49,7 @@ export class MapPicture {
    * Draw what the feed has brought.
    *
    * @param {FeedData} data
-   * @param {Mission} mission
+   * @param {MissionInfo} mission
    * @param {Record<LayerName, boolean>} layers
    */
   draw(data, mission, layers) {
@@ -58,7 +59,7 @@ export class MapPicture {
 
   /**
    * @param {FeedData} data
-   * @param {Mission} mission
+   * @param {MissionInfo} mission
    * @param {Record<LayerName, boolean>} layers
    */
   drawGround(data, mission, layers) {
@@ -81,13 +82,13 @@ export class MapPicture {
 
   /**
    * @param {FeedData} data
-   * @param {Mission} mission
+   * @param {MissionInfo} mission
    * @param {Record<LayerName, boolean>} layers
    */
   drawMoving(data, mission, layers) {
     const { ctx, view, selection } = this;
     const { colour } = this.theme;
-    const targets = new Map(data.targets.map((one) => [one.name, one]));
+    const targets = new Map(data.targets.map((one) => [targetName(one.label), one]));
     const labels = new Labels(ctx);
     if (layers.detections && !this.detections.isEmpty) this.detections.draw(ctx, view, colour("detection"));
     if (layers.trails) swarm.drawTrails(ctx, view, this.trails.all(), colour);
@@ -103,7 +104,7 @@ export class MapPicture {
     if (layers.altitudes) swarm.drawAltitudes(ctx, view, data.vehicles, labels, colour);
   }
 
-  /** @param {Mission} mission */
+  /** @param {MissionInfo} mission */
   drawTiles(mission) {
     if (!mission.tiles) return;
     const { ctx, view } = this;
@@ -119,7 +120,7 @@ export class MapPicture {
    * Draw the routes that are flown, from the vehicles on, and those that wait for approval.
    *
    * @param {FeedData} data
-   * @param {Mission} mission
+   * @param {MissionInfo} mission
    */
   drawRoutes({ vehicles, routes, proposal }, mission) {
     const { ctx, view } = this;
@@ -128,7 +129,7 @@ export class MapPicture {
     const common = { selected: this.selection.ids, loiter: mission.loiter_radii_m };
     swarm.drawRoutes(ctx, view, routes, active, { ...common, colour: colour("route"), width: 1.5, dash: [] });
     if (!proposal) return;
-    const waiting = active.map((one) => ({ ...one, passed: 0 }));
+    const waiting = active.map((one) => ({ ...one, points_passed: 0 }));
     const dashed = { ...common, colour: colour("caution"), width: 2, dash: [8, 5] };
     swarm.drawRoutes(ctx, view, proposal.routes, waiting, dashed);
   }

@@ -6,6 +6,7 @@
  */
 
 import { el, setClass, setText } from "./dom.js";
+import { vehicleName } from "./format.js";
 import { errorOf, post } from "./requests.js";
 
 const TIMEOUT_MS = 3000;
@@ -61,9 +62,10 @@ export class Orders {
     if (!last) return;
     const own = answers.filter((one) => one.vehicle !== null || BAD.has(one.state) || answers.length === 1);
     const texts = own.map(
-      ({ vehicle, state, detail }) => `${vehicle === null ? "" : `${vehicle} `}${state}: ${detail}`,
+      ({ vehicle, state, detail }) =>
+        `${vehicle === null ? "" : `${vehicleName(vehicle)} `}${state}: ${detail}`,
     );
-    if (last.waiting.length) texts.push(`waiting for ${last.waiting.join(", ")}`);
+    if (last.waiting.length) texts.push(`waiting for ${last.waiting.map(vehicleName).join(", ")}`);
     const isBad = answers.some((one) => BAD.has(one.state));
     this.say(`${last.action}: ${texts.join("; ")}`, isBad);
   }

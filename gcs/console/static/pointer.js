@@ -12,6 +12,7 @@
  */
 
 import { setText } from "./dom.js";
+import { targetName } from "./format.js";
 
 const CLICK_PX = 5;
 const HIT_PX = 18;
@@ -122,13 +123,16 @@ export class Pointer {
 
   /** Return the vehicles that are drawn, with their places in pixels. */
   drawnVehicles() {
-    return this.feed.data.vehicles.flatMap(({ id, at, status }) =>
+    return this.feed.data.vehicles.flatMap(({ vehicle: id, position_m: at, status }) =>
       at && status !== "lost" ? [{ id, ...this.pixelOf(at) }] : [],
     );
   }
 
   drawnTargets() {
-    return this.feed.data.targets.map(({ name, at }) => ({ name, ...this.pixelOf(at) }));
+    return this.feed.data.targets.map(({ label, position_m: at }) => ({
+      name: targetName(label),
+      ...this.pixelOf(at),
+    }));
   }
 
   /** @param {Point} at */

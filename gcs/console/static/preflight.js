@@ -1,14 +1,13 @@
 // Preflight page: one table for each vehicle, and one for the mission.
 
-/** @import { Check, PreflightReply, PreflightResult } from "../page_types.d.ts" */
+/** @import { Check, PreflightReply, PreflightRun } from "../page_types.d.ts" */
 
 import { el, part, setClass, setText } from "./dom.js";
-import { utc } from "./format.js";
+import { utc, vehicleName } from "./format.js";
 import { post } from "./requests.js";
 import { Theme } from "./theme.js";
 
 const STYLES = { ok: "arrived", warning: "fair", refused: "bad" };
-const NETWORK = 256; // system ids of each network
 const POLL_MS = 2000;
 
 new Theme();
@@ -21,9 +20,7 @@ let last = { possible: true, running: false, result: null };
 
 /** @param {number | null} vehicle */
 function nameOf(vehicle) {
-  if (vehicle === null) return "Mission";
-  const network = Math.floor(vehicle / NETWORK);
-  return `Vehicle ${network ? `${network}:` : ""}${vehicle % NETWORK}`;
+  return vehicle === null ? "Mission" : `Vehicle ${vehicleName(vehicle)}`;
 }
 
 /** @param {Check} check */
@@ -64,10 +61,10 @@ function show() {
   if (result) showResult(result);
 }
 
-/** @param {PreflightResult} result */
+/** @param {PreflightRun} result */
 function showResult(result) {
   const time = `${utc(result.at_ms)} UTC`;
-  if (result.error !== undefined) {
+  if (result.error) {
     showVerdict(`${time}: failed: ${result.error}`, "bad");
     tables.replaceChildren();
     return;

@@ -1,6 +1,6 @@
 // Selected vehicles, and the selected target.
 
-/** @import { Vehicle } from "../page_types.d.ts" */
+/** @import { AgentRecord } from "../page_types.d.ts" */
 
 export class Selection extends EventTarget {
   constructor() {
@@ -53,9 +53,9 @@ export class Selection extends EventTarget {
   /**
    * Return the selected ones of vehicles, in the order of their numbers.
    *
-   * @param {Vehicle[]} vehicles
+   * @param {AgentRecord[]} vehicles
    */
   among(vehicles) {
-    return vehicles.filter((one) => this.ids.has(one.id)).sort((a, b) => a.id - b.id);
+    return vehicles.filter((one) => this.ids.has(one.vehicle)).sort((a, b) => a.vehicle - b.vehicle);
   }
 }

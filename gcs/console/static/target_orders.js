@@ -8,7 +8,7 @@
  */
 
 import { el, setText } from "./dom.js";
-import { number } from "./format.js";
+import { number, targetName, vehicleName } from "./format.js";
 
 const MAX_PRIORITY = 9;
 
@@ -66,7 +66,7 @@ export class TargetOrders {
   }
 
   get target() {
-    return this.feed.data.targets.find((one) => one.name === this.selection.target);
+    return this.feed.data.targets.find((one) => targetName(one.label) === this.selection.target);
   }
 
   chosen() {
@@ -78,7 +78,7 @@ export class TargetOrders {
     const { target } = this.selection;
     const chosen = this.chosen().filter((one) => one.pinned);
     if (chosen.length) return chosen;
-    return this.feed.data.vehicles.filter((one) => one.pinned && one.pinned === target);
+    return this.feed.data.vehicles.filter((one) => one.pinned && targetName(one.pinned) === target);
   }
 
   show() {
@@ -87,18 +87,18 @@ export class TargetOrders {
     this.root.hidden = !this.selection.target || isReplay;
     if (this.root.hidden) return;
     const about = target
-      ? `${target.name}, existence ${number(target.existence, 2)}`
+      ? `${this.selection.target}, existence ${number(target.existence, 2)}`
       : `${this.selection.target} is no target any more`;
     setText(this.about, about);
     if (document.activeElement !== this.priority) this.priority.value = String(target?.priority ?? "");
-    const chosen = this.chosen().map((one) => one.name);
-    const pinned = this.unpinnable().map((one) => one.name);
+    const chosen = this.chosen().map((one) => vehicleName(one.vehicle));
+    const pinned = this.unpinnable().map((one) => vehicleName(one.vehicle));
     const mayOrder = this.commands.mayOperate && target !== undefined;
     this.priority.disabled = !mayOrder;
-    this.ignoreButton.show(target?.ignored ? "Attend" : "Ignore", mayOrder);
+    this.ignoreButton.show(target?.is_ignored ? "Attend" : "Ignore", mayOrder);
     this.pinButton.show(
       chosen.length ? `Pin ${chosen.join(", ")}` : "Pin: select vehicles",
-      mayOrder && chosen.length > 0 && !target.ignored,
+      mayOrder && chosen.length > 0 && !target.is_ignored,
     );
     this.unpinButton.show(`Unpin ${pinned.join(", ")}`, mayOrder);
     this.unpinButton.element.hidden = !pinned.length;
@@ -106,7 +106,7 @@ export class TargetOrders {
 
   /** @param {1 | -1} step */
   selectNext(step) {
-    const names = this.feed.data.targets.map((one) => one.name);
+    const names = this.feed.data.targets.map((one) => targetName(one.label));
     if (!names.length) return;
     const at = names.indexOf(this.selection.target ?? "");
     const first = step > 0 ? 0 : names.length - 1;
@@ -119,12 +119,12 @@ export class TargetOrders {
    */
   order(action, fields = {}) {
     if (this.commands.isRefused(action)) return;
-    if (this.target) this.orders.give(action, { target: this.target.name, ...fields });
+    if (this.target) this.orders.give(action, { target: this.selection.target, ...fields });
     else this.orders.say(`${action}: select a target first (click, or T)`, true);
   }
 
   toggleIgnored() {
-    this.order(this.target?.ignored ? "attend" : "ignore");
+    this.order(this.target?.is_ignored ? "attend" : "ignore");
   }
 
   /** @param {1 | -1} step */
@@ -135,13 +135,13 @@ export class TargetOrders {
   }
 
   pin() {
-    const vehicles = this.chosen().map((one) => one.id);
+    const vehicles = this.chosen().map((one) => one.vehicle);
     if (vehicles.length || !this.target) this.order("pin", { vehicles });
     else this.orders.say("pin: select vehicles first (click, or their number)", true);
   }
 
   unpin() {
-    const vehicles = this.unpinnable().map((one) => one.id);
+    const vehicles = this.unpinnable().map((one) => one.vehicle);
     if (this.commands.isRefused("unpin")) return;
     if (vehicles.length) this.orders.give("unpin", { vehicles });
     else this.orders.say("unpin: no selected vehicle is pinned", true);

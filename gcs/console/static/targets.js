@@ -1,7 +1,7 @@
 // Targets, and the no-fly zones with the buttons that change and open each.
 
 /**
- * @import { SensorState, Target } from "../page_types.d.ts"
+ * @import { SensorRecord, TargetRecord } from "../page_types.d.ts"
  * @import { Feed } from "./feed.js"
  * @import { SwarmMap } from "./map.js"
  * @import { Selection } from "./selection.js"
@@ -9,7 +9,7 @@
  */
 
 import { el, Rows, setClass, setText, tableOf } from "./dom.js";
-import { number, seconds } from "./format.js";
+import { number, seconds, targetName, vehicleName } from "./format.js";
 
 const DENSE_ROWS = 12; // from so many targets on, rows are low
 const MAX_ROWS = 100;
@@ -25,13 +25,16 @@ const HEADS = [
   ["by order", "left"],
 ];
 
+/** @param {number[]} vehicles */
+const namesOf = (vehicles) => vehicles.map(vehicleName).join(", ");
+
 /**
  * Return the place of a target in the table: those without an agent first, ignored ones last.
  *
- * @param {Target} target
+ * @param {TargetRecord} target
  */
-function rankOf({ agents, reached_by: reached, ignored }) {
-  if (ignored) return 3;
+function rankOf({ agents, reached_by: reached, is_ignored: isIgnored }) {
+  if (isIgnored) return 3;
   if (reached.length) return 2;
   return agents.length ? 1 : 0;
 }
@@ -39,24 +42,24 @@ function rankOf({ agents, reached_by: reached, ignored }) {
 /**
  * Return what was ordered about a target.
  *
- * @param {Pick<Target, "ignored" | "priority" | "pinned">} target
+ * @param {Pick<TargetRecord, "is_ignored" | "priority" | "pinned">} target
  */
-export function orderedOf({ ignored, priority, pinned }) {
+export function orderedOf({ is_ignored: isIgnored, priority, pinned }) {
   const parts = [];
-  if (ignored) parts.push("ignored");
+  if (isIgnored) parts.push("ignored");
   if (priority !== null) parts.push(`priority ${priority}`);
-  if (pinned.length) parts.push(`pinned ${pinned.join(", ")}`);
+  if (pinned.length) parts.push(`pinned ${namesOf(pinned)}`);
   return parts.join(", ");
 }
 
 /**
  * Return how old the targets are, if no sensor tells of them in time.
  *
- * @param {Pick<SensorState, "age_s" | "state">[]} sensors
+ * @param {Pick<SensorRecord, "scan_age_s" | "state">[]} sensors
  */
 export function stalenessOf(sensors) {
   if (sensors.some((one) => !one.state)) return "";
-  const ages = sensors.flatMap(({ age_s: age }) => (age === null ? [] : [age]));
+  const ages = sensors.flatMap(({ scan_age_s: age }) => (age === null ? [] : [age]));
   return ages.length ? `, no scan for ${seconds(Math.min(...ages))}` : ", no scan yet";
 }
 
@@ -77,16 +80,16 @@ export function showTargets(root, feed, map, selection, editor) {
 
   /** @param {string} name */
   const choose = (name) => {
-    const target = feed.data.targets.find((one) => one.name === name);
+    const target = feed.data.targets.find((one) => targetName(one.label) === name);
     selection.toggleTarget(name);
-    if (target) map.motion.show(target.at);
+    if (target) map.motion.show(target.position_m);
   };
-  /** @type {Rows<Target, string, ReturnType<typeof makeRow>>} */
+  /** @type {Rows<TargetRecord, string, ReturnType<typeof makeRow>>} */
   const rows = new Rows(
     body,
-    ({ name }) => makeRow(name, choose),
+    ({ label }) => makeRow(targetName(label), choose),
     updateRow,
-    ({ name }) => name,
+    ({ label }) => targetName(label),
   );
   const mark = () => rows.mark((name) => selection.target === name);
   selection.addEventListener("change", mark);
@@ -123,23 +126,23 @@ function makeRow(name, choose) {
 
 /**
  * @param {ReturnType<typeof makeRow>} row
- * @param {Target} target
+ * @param {TargetRecord} target
  */
 function updateRow({ element, cells }, target) {
-  const { agents, reached_by: reached, ignored } = target;
+  const { agents, reached_by: reached, is_ignored: isIgnored } = target;
   const texts = [
-    target.name,
+    targetName(target.label),
     number(target.existence, 2),
-    number(target.at[0]),
-    number(target.at[1]),
+    number(target.position_m[0]),
+    number(target.position_m[1]),
     number(target.speed_m_s, 1),
-    reached.length ? `reached by ${reached.join(", ")}` : agents.join(", ") || "none",
+    reached.length ? `reached by ${namesOf(reached)}` : namesOf(agents) || "none",
     orderedOf(target),
   ];
   for (const [index, text] of texts.entries()) setText(cells[index], text);
-  const isOpen = !agents.length && !ignored;
+  const isOpen = !agents.length && !isIgnored;
   setClass(cells[AGENTS_COLUMN], `left ${reached.length ? "arrived" : isOpen ? "fair" : ""}`);
-  setClass(element, ignored ? "ignored" : "");
+  setClass(element, isIgnored ? "ignored" : "");
 }
 
 /**

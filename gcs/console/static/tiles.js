@@ -1,7 +1,7 @@
 // Map tiles of the service's MBTiles file, placed by the corners of each tile in the local frame.
 
 /**
- * @import { Mission } from "../page_types.d.ts"
+ * @import { MissionInfo } from "../page_types.d.ts"
  * @import { Context } from "./canvas.js"
  * @import { View } from "./view.js"
  */
@@ -25,7 +25,7 @@ export class Tiles {
    * @param {Context} ctx
    * @param {View} view
    * @param {{ min_zoom: number, max_zoom: number }} tiles
-   * @param {Mission} mission
+   * @param {MissionInfo} mission
    */
   draw(ctx, view, tiles, mission) {
     const [lat0, lon0] = mission.origin_deg;
@@ -53,7 +53,7 @@ export class Tiles {
   /**
    * @param {Context} ctx
    * @param {View} view
-   * @param {Mission} mission
+   * @param {MissionInfo} mission
    * @param {number} zoom
    * @param {number} column
    * @param {number} row

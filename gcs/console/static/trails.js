@@ -1,6 +1,6 @@
 // Trails: where each vehicle was. A gap is null: where it flew then is not known.
 
-/** @import { Trail, Vehicle } from "../page_types.d.ts" */
+/** @import { AgentRecord, Trail } from "../page_types.d.ts" */
 
 import { distance } from "./geometry.js";
 
@@ -26,13 +26,13 @@ export class Trails {
     this.trails = new Map(Object.entries(trails).map(([id, trail]) => [Number(id), [...trail]]));
   }
 
-  /** @param {Vehicle[]} vehicles */
+  /** @param {AgentRecord[]} vehicles */
   add(vehicles) {
-    for (const { id, at, late, status } of vehicles) {
+    for (const { vehicle: id, position_m: at, is_late: isLate, status } of vehicles) {
       const trail = this.trails.get(id) ?? [];
       const last = trail.at(-1);
-      if (late && last) trail.push(null);
-      if (!at || late || status === "lost") continue;
+      if (isLate && last) trail.push(null);
+      if (!at || isLate || status === "lost") continue;
       if (!last || distance(last, at) > STEP_M) trail.push(at);
       if (trail.length > MAX_POINTS) trail.shift();
       this.trails.set(id, trail);

@@ -1,32 +1,32 @@
 // Table of vehicles: one row for each, those that need attention first.
 
 /**
- * @import { Vehicle } from "../page_types.d.ts"
+ * @import { AgentRecord } from "../page_types.d.ts"
  * @import { Feed } from "./feed.js"
  * @import { Selection } from "./selection.js"
  *
  * @typedef {[text: string, style: string]} Cell
- * @typedef {{ name: string, title: string, style: string, cell: (vehicle: Vehicle) => Cell | string }} Column
+ * @typedef {{ name: string, title: string, style: string, cell: (vehicle: AgentRecord) => Cell | string }} Column
  */
 
 import { el, Rows, setClass, setText, tableOf } from "./dom.js";
-import { duration, number, seconds } from "./format.js";
+import { duration, number, seconds, targetName, vehicleName } from "./format.js";
 
 const DENSE_ROWS = 24; // from so many vehicles on, rows are low
 const FIXES = ["none", "none", "2D", "3D", "DGPS", "float", "RTK", "static"];
 const MIN_FIX = 3;
 const MAX_LOSS = 0.2;
-/** @type {Vehicle["status"][]} */
+/** @type {AgentRecord["status"][]} */
 const STATUSES = ["active", "arrived", "lost", "down"];
 
 /** @type {Column[]} */
 const COLUMNS = [
-  { name: "id", title: "id", style: "id", cell: (one) => one.name },
+  { name: "id", title: "id", style: "id", cell: (one) => vehicleName(one.vehicle) },
   {
     name: "status",
     title: "status",
     style: "left",
-    cell: (one) => (one.doubted ? ["doubted", "bad"] : [one.status, one.status]),
+    cell: (one) => (one.is_position_doubted ? ["doubted", "bad"] : [one.status, one.status]),
   },
   {
     name: "authority",
@@ -36,14 +36,14 @@ const COLUMNS = [
   },
   { name: "mode", title: "mode", style: "left", cell: (one) => one.mode || "–" },
   { name: "armed", title: "armed", style: "left", cell: (one) => (one.armed ? "armed" : "–") },
-  { name: "alt", title: "alt m", style: "", cell: (one) => number(one.alt_m) },
+  { name: "alt", title: "alt m", style: "", cell: (one) => number(one.alt_rel_m) },
   { name: "layer", title: "layer", style: "", cell: layerCell },
-  { name: "speed", title: "m/s", style: "", cell: (one) => number(one.speed_m_s) },
+  { name: "speed", title: "m/s", style: "", cell: (one) => number(one.ground_speed_m_s) },
   {
     name: "battery",
     title: "batt",
     style: "",
-    cell: (one) => [number(one.battery, 0, " %"), one.battery_low ? "bad" : ""],
+    cell: (one) => [number(one.battery_percent, 0, " %"), one.is_battery_low ? "bad" : ""],
   },
   { name: "fix", title: "fix", style: "", cell: fixCell },
   { name: "heard", title: "heard", style: "", cell: heardCell },
@@ -59,7 +59,7 @@ const COLUMNS = [
 ];
 
 /**
- * @param {Vehicle} vehicle
+ * @param {AgentRecord} vehicle
  * @returns {Cell}
  */
 function layerCell({ target, status, layer }) {
@@ -67,37 +67,38 @@ function layerCell({ target, status, layer }) {
 }
 
 /**
- * @param {Vehicle} vehicle
+ * @param {AgentRecord} vehicle
  * @returns {Cell}
  */
-function fixCell({ fix }) {
+function fixCell({ fix_type: fix }) {
   if (fix === null) return ["–", "faint"];
   return [FIXES[fix] ?? String(fix), fix < MIN_FIX ? "bad" : "faint"];
 }
 
 /**
- * @param {Vehicle} vehicle
+ * @param {AgentRecord} vehicle
  * @returns {Cell}
  */
-function heardCell({ heard_s: heard, late }) {
-  return [heard === null ? "never" : seconds(heard), late ? "bad" : "faint"];
+function heardCell({ heard_age_s: heard, is_late: isLate }) {
+  return [heard === null ? "never" : seconds(heard), isLate ? "bad" : "faint"];
 }
 
 /**
- * @param {Vehicle} vehicle
+ * @param {AgentRecord} vehicle
  * @returns {Cell | string}
  */
-export function targetCell({ target, proposed, pinned }) {
-  const shown = target ?? (proposed ? `${proposed}?` : "–");
+export function targetCell({ target, proposed_target: proposed, pinned }) {
+  const shown = target ? targetName(target) : proposed ? `${targetName(proposed)}?` : "–";
   if (!pinned) return shown;
-  return pinned === target ? `pin ${shown}` : [`${shown}, pin ${pinned}`, "fair"];
+  const pin = targetName(pinned);
+  return pin === shown ? `pin ${shown}` : [`${shown}, pin ${pin}`, "fair"];
 }
 
 /**
- * @param {Vehicle} vehicle
+ * @param {AgentRecord} vehicle
  * @returns {Cell}
  */
-export function missionCell({ status, problems, reason, upload, failed, verified }) {
+export function missionCell({ status, problems, reason, upload, has_failed: failed, is_verified: verified }) {
   if (status === "lost") return ["–", "faint"];
   if (problems.length) return [problems.join("; "), "bad"];
   if (reason) return [reason, "fair"];
@@ -106,7 +107,7 @@ export function missionCell({ status, problems, reason, upload, failed, verified
   return [verified ? "verified" : "–", "faint"];
 }
 
-/** @param {Vehicle[]} vehicles */
+/** @param {AgentRecord[]} vehicles */
 function countsOf(vehicles) {
   const counts = STATUSES.map((status) => ({
     status,
@@ -132,12 +133,12 @@ export function showVehicles(root, feed, selection) {
   );
   root.append(title, table);
 
-  /** @type {Rows<Vehicle, number, ReturnType<typeof makeRow>>} */
+  /** @type {Rows<AgentRecord, number, ReturnType<typeof makeRow>>} */
   const rows = new Rows(
     body,
     (vehicle) => makeRow(vehicle, selection),
     updateRow,
-    ({ id }) => id,
+    ({ vehicle }) => vehicle,
   );
   const mark = () => rows.mark((id) => selection.has(id));
   feed.on("vehicles", (vehicles) => {
@@ -150,10 +151,10 @@ export function showVehicles(root, feed, selection) {
 }
 
 /**
- * @param {Vehicle} vehicle
+ * @param {AgentRecord} vehicle
  * @param {Selection} selection
  */
-function makeRow({ id }, selection) {
+function makeRow({ vehicle: id }, selection) {
   const cells = COLUMNS.map(() => el("td"));
   const attributes = {
     tabindex: 0,
@@ -168,7 +169,7 @@ function makeRow({ id }, selection) {
 
 /**
  * @param {ReturnType<typeof makeRow>} row
- * @param {Vehicle} vehicle
+ * @param {AgentRecord} vehicle
  */
 function updateRow({ element, cells }, vehicle) {
   setClass(element, vehicle.status === "lost" || vehicle.status === "down" ? "gone" : "");

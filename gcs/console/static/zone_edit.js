@@ -1,8 +1,8 @@
 // Tool of the map: change the shape of a no-fly zone by its handles. Nothing is sent before "Send".
 
 /**
- * @import { Disc, Point, Zone } from "../page_types.d.ts"
- * @import { Colour, Context } from "./canvas.js"
+ * @import { NoFlyZone, Point } from "../page_types.d.ts"
+ * @import { Colour, Context, Disc } from "./canvas.js"
  * @import { View } from "./view.js"
  * @import { Shape } from "./zone_tools.js"
  */
@@ -16,16 +16,16 @@ const MIN_RADIUS_M = 5;
 
 export class ZoneEdit {
   /**
-   * @param {Zone} zone
+   * @param {NoFlyZone} zone
    * @param {(shape: Shape) => void} done
    * @param {() => void} cancel
    */
   constructor(zone, done, cancel) {
     this.hint = `Drag the handles of ${zone.name}.`;
     /** @type {Disc | null} */
-    this.disc = zone.disc;
+    this.disc = zone.disc_m;
     /** @type {Point[]} */
-    this.corners = zone.polygon;
+    this.corners = zone.polygon_m;
     /** @type {number | null} */
     this.grabbed = null;
     this.scale = 1; // pixels per metre

@@ -1,8 +1,8 @@
 // Tools of the map: draw a no-fly zone. Escape ends a tool.
 
 /**
- * @import { Disc, Point } from "../page_types.d.ts"
- * @import { Colour, Context } from "./canvas.js"
+ * @import { Point } from "../page_types.d.ts"
+ * @import { Colour, Context, Disc } from "./canvas.js"
  * @import { View } from "./view.js"
  *
  * @typedef {{ circle: Disc, polygon?: undefined } | { circle?: undefined, polygon: Point[] }} Shape

@@ -97,7 +97,7 @@ export class Zones {
   edit(name) {
     const zone = this.feed.data.zones.find((one) => one.name === name);
     if (!zone) return;
-    const [east, north] = zone.disc ?? zone.polygon[0];
+    const [east, north] = zone.disc_m ?? zone.polygon_m[0];
     this.map.motion.show([east, north]);
     /** @param {Shape} shape */
     const send = (shape) => {

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from gcs.console.view.capture import Capture
-from gcs.console.view.series import Work
+from gcs.console.view.schema import Work
 from gcs.model import (
     NS_PER_S,
     Effect,
@@ -69,6 +69,8 @@ class Feed:
     ----------
     is_watched : bool
         True if a page is open; set by the console's thread.
+    t_ns : int
+        Time of the newest tick; 0 before the first event.
     """
 
     def __init__(
@@ -82,20 +84,20 @@ class Feed:
         self.news = News()
         self._take, self._states = take, states
         self._passed_t_ns = 0
-        self._t_ns = start_t_ns or 0
+        self.t_ns = start_t_ns or 0
         self._due_s = 0.0
         self._step_s, self._took_s = 0.0, 0.0
 
     def restart(self) -> None:
         """Forget everything: a replay begins again at another time."""
         self.news = News()
-        self._passed_t_ns, self._t_ns = 0, self.start_t_ns or 0
+        self._passed_t_ns, self.t_ns = 0, self.start_t_ns or 0
         self._due_s = 0.0
 
     def event(self, event: Event) -> None:
         """Keep scans and orders; capture the state at a tick, if it is due."""
         if isinstance(event, Tick):
-            self._t_ns = event.t_ns
+            self.t_ns = event.t_ns
             if event.t_ns - self._passed_t_ns >= _PASSED_NS:
                 self._passed_t_ns = event.t_ns
                 self.news.passed.append(self._states())
@@ -108,7 +110,7 @@ class Feed:
         if self.start_t_ns is None:
             self.start_t_ns = event.t_ns
         if self.news.begun_t_ns is None:
-            self.news.begun_t_ns = self._t_ns = event.t_ns
+            self.news.begun_t_ns = self.t_ns = event.t_ns
         self._step_s, self._took_s = time.perf_counter(), 0.0
 
     def effect(self, t_ns: int, effect: Effect) -> None:
@@ -133,12 +135,12 @@ class Feed:
     @property
     def is_stale(self) -> bool:
         """True if a capture is overdue: a replay has paused or ended, and no tick makes one."""
-        is_old = self.capture is None or self.capture.t_ns < self._t_ns
+        is_old = self.capture is None or self.capture.t_ns < self.t_ns
         return is_old and time.monotonic() >= self._due_s + CAPTURE_S
 
     def refresh(self) -> None:
         """Capture the state now, unless the run has not begun."""
-        if not self._t_ns:
+        if not self.t_ns:
             return
         self._due_s = time.monotonic() + CAPTURE_S
-        self.news.capture = self._take(self._t_ns)
+        self.news.capture = self._take(self.t_ns)

@@ -13,11 +13,12 @@ import time
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Final, Literal, TypeAlias
+from typing import Final
 
 import msgspec
 
-from gcs.console.view.series import BINS, ChartData, Work
+from gcs.console.view.schema import Figures, Mark, MarkKind, Work
+from gcs.console.view.series import BINS, ChartData
 from gcs.core.snapshot import decode_state
 from gcs.errors import RecordingError, WireError
 from gcs.io.recording.index import read_end_t_ns, read_indexed
@@ -42,7 +43,6 @@ from gcs.model import (
 from gcs.report.operator_lines import effect_notice, proposal_title
 from gcs.report.plan_reminders import ProposalLog
 
-MarkKind: TypeAlias = Literal["lost", "down", "arrived", "plan", "upload", "alarm", "order", "ended"]
 MARKED: Final = (AgentStatus, MissionEnded, Notice, Order, Plan, Proposal, UploadReport)
 """Types of records with marks."""
 SEVERE: Final = frozenset({"lost", "down", "upload", "alarm"})
@@ -52,19 +52,6 @@ _MAX_NAMED: Final = 6
 _BURST_S: Final = 0.02
 _ENCODED_S: Final = 1.0
 """Time for which all pages get the same charts."""
-
-
-class Mark(msgspec.Struct, frozen=True):
-    """One event of the run."""
-
-    t_s: float
-    """Since the start of the run."""
-    kind: MarkKind
-    text: str
-    code: str = ""
-    """Code of its notice; empty for an order."""
-    key: str = ""
-    """Identity of the condition that it tells of."""
 
 
 class History:
@@ -134,26 +121,23 @@ class History:
         """Return the charts as JSON; made once a second for all pages."""
         if time.monotonic() - self._encoded_s >= _ENCODED_S:
             with self._lock:
-                built = self._charts.build()
-            self._encoded = msgspec.json.encode(built | {"complete": self._has_charts})
+                built = self._charts.build(is_complete=self._has_charts)
+            self._encoded = msgspec.json.encode(built)
             self._encoded_s = time.monotonic()
         return self._encoded
 
-    def figures(self, at_s: float) -> dict[str, float | int | None]:
-        """Return what runs are compared by: re-tasks and failed uploads until a time, and OSPA then.
-
-        None: not known, or not read from the recording yet.
-        """
+    def figures(self, at_s: float) -> Figures:
+        """Return what runs are compared by, at a time."""
         is_known = self.is_complete or not self.is_recorded
         with self._lock:
             is_charted = self._has_charts or not self.is_recorded
             ospa_m = self._charts.ospa_m(at_s) if is_charted else {}
-        return {
-            "retasks": bisect_right(self._retasks_s, at_s) if is_known else None,
-            "failed_uploads": bisect_right(self._failures_s, at_s) if is_known else None,
-            "ospa_agents_m": ospa_m.get("agents"),
-            "ospa_targets_m": ospa_m.get("targets"),
-        }
+        return Figures(
+            retasks=bisect_right(self._retasks_s, at_s) if is_known else None,
+            failed_uploads=bisect_right(self._failures_s, at_s) if is_known else None,
+            ospa_agents_m=ospa_m.get("agents"),
+            ospa_targets_m=ospa_m.get("targets"),
+        )
 
     def read(self, path: Path, vehicles: Sequence[int], start_t_ns: int, ends: threading.Event) -> None:
         """Add what a recording has, in short bursts, until `ends` is set; if not `is_recorded`, the truth."""

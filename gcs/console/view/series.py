@@ -7,14 +7,13 @@ bounded however long the run is.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 
+from gcs.console.view.schema import ChartsReply, Series, Work
 from gcs.mavlink.fleet.telemetry_table import BATTERY_PERCENT, FRAMES, LOST, NONE
 from gcs.model import FloatArray, IntArray, Kind, Picture, Truth, track_name, vehicle_name
-
-Work: TypeAlias = Literal["scan", "plan"]
 
 BINS: Final = 480
 _MIN_WIDTH_S: Final = 0.5
@@ -116,25 +115,24 @@ class ChartData:
         """Add the computing time of a scan or of a plan."""
         self._add("work", work, t_s, took_ms)
 
-    def build(self) -> dict[str, Any]:
-        """Return all lines, value by bin; None for empty bins."""
+    def build(self, *, is_complete: bool) -> ChartsReply:
+        """Return all lines; `is_complete` says that a recording was read to its end."""
         used = self._used
-        rate, loss = {}, {}
-        for name in self._names("frames"):
-            rate[name], loss[name] = self._rates(name)
-        return {
-            "width_s": self.width_s,
-            "bins": used,
-            "objects": self._means("objects"),
-            "spread": self._means("spread"),
-            "true": self._means("true"),
-            "ospa": self._means("ospa"),
-            "existence": {"agents": self._means("agents"), "targets": self._means("targets")},
-            "rate": rate,
-            "loss": loss,
-            "battery": self._means("battery"),
-            "work": {name: _listed(self._lines["work", name].max()[:used]) for name in self._names("work")},
-        }
+        rates = {name: self._rates(name) for name in self._names("frames")}
+        return ChartsReply(
+            width_s=self.width_s,
+            bins=used,
+            objects=self._means("objects"),
+            spread=self._means("spread"),
+            true=self._means("true"),
+            ospa=self._means("ospa"),
+            existence={kind: self._means(kind) for kind in _KINDS},
+            rate={name: rate for name, (rate, _) in rates.items()},
+            loss={name: loss for name, (_, loss) in rates.items()},
+            battery=self._means("battery"),
+            work={name: _listed(self._lines["work", name].max()[:used]) for name in self._names("work")},
+            complete=is_complete,
+        )
 
     def ospa_m(self, t_s: float) -> dict[Kind, float]:
         """Return the OSPA of each kind at the last scan until a time, as far as it is known."""
@@ -158,13 +156,13 @@ class ChartData:
         self._used = max(self._used, index + 1)
         self._lines.setdefault((chart, name), _Line()).add(index, value)
 
-    def _names(self, chart: str) -> list[str]:
+    def _names(self, chart: str) -> list[Any]:
         return [name for of, name in self._lines if of == chart]
 
-    def _means(self, chart: str) -> dict[str, list[float | None]]:
+    def _means(self, chart: str) -> dict[Any, Series]:
         return {name: _listed(self._lines[chart, name].mean()[: self._used]) for name in self._names(chart)}
 
-    def _rates(self, name: str) -> tuple[list[float | None], list[float | None]]:
+    def _rates(self, name: str) -> tuple[Series, Series]:
         """Return messages per second, and the percentage of messages lost, of a vehicle."""
         time_s, frames, lost = (
             self._lines[one, name].max()[: self._used] for one in ("time", "frames", "lost")
@@ -212,6 +210,6 @@ def _ospa_m(truth_m: FloatArray, places_m: FloatArray) -> float:
     return ospa(truth_m, places_m, OSPA_CUTOFF_M, OSPA_ORDER).total_m
 
 
-def _listed(values: FloatArray) -> list[float | None]:
+def _listed(values: FloatArray) -> Series:
     """Return a JSON array's values; None for NaN."""
     return [None if value != value else value for value in values.round(2).tolist()]

@@ -1,4 +1,4 @@
-"""Everything that a page shows, in named sections of JSON, on the console's thread.
+"""Everything that a page shows, in named sections of JSON (`Sections`), on the console's thread.
 
 An update has the sections that have changed, and the new entries of lists (log, answers, scans). A snapshot
 has all sections and the last entries; a page that missed updates gets one.
@@ -13,11 +13,11 @@ from typing import Any, Final
 import msgspec
 
 from gcs.config import Config
-from gcs.console.view import rows
+from gcs.console.view import sections
 from gcs.console.view.capture import Capture
-from gcs.console.view.details import detail_row
 from gcs.console.view.feed import Feed, News
 from gcs.console.view.history import SEVERE, History
+from gcs.console.view.schema import FieldOfView, Head, LogEntry, ReplayState, RunInfo
 from gcs.model import (
     NS_PER_S,
     Effect,
@@ -33,9 +33,9 @@ from gcs.model import (
     Scan,
     UploadReport,
     VehicleState,
-    vehicle_name,
 )
 from gcs.planning.map.grid import Grid
+from gcs.report.agent_order import attention
 from gcs.report.operator_lines import effect_notice, proposal_title
 from gcs.report.plan_reminders import ProposalLog
 
@@ -45,26 +45,13 @@ _MAX_TRAIL: Final = 400
 _GAP_NS: Final = 5 * NS_PER_S
 """A trail ends where a vehicle was not heard for so long, and begins anew."""
 
-_encode = msgspec.json.Encoder().encode
+
+def _rounded_array(value: Any) -> Any:
+    """Return the array of a record of `gcs.model` as it is shown."""
+    return value.round(1).tolist()
 
 
-class LogEntry(msgspec.Struct, frozen=True):
-    """Line of the log."""
-
-    n: int
-    """Number; later entries have higher ones."""
-    t_s: float
-    level: Level
-    text: str
-    kind: str
-    """Kind of its effect, or of its mark."""
-    code: str
-    """Code of its notice; empty for an order."""
-    key: str = ""
-    """Identity of the condition that it tells of."""
-    ends: tuple[str, ...] = ()
-    """Conditions that it ends."""
-    vehicle: int | None = None
+_encode = msgspec.json.Encoder(enc_hook=_rounded_array).encode
 
 
 class World:
@@ -74,15 +61,14 @@ class World:
     ----------
     config : Config
         The mission.
-    about : dict
-        More about the run: whether it is live, its speed.
+    run : RunInfo
+        Origin of the run.
     history : History
         Marks of the run. Those of a live run are added here; those of a recording are read from its file.
     """
 
-    def __init__(self, config: Config, about: dict[str, Any], history: History) -> None:
-        self._frame = config.local_frame
-        self._mission = _raw(rows.mission(config) | about)
+    def __init__(self, config: Config, run: RunInfo, history: History) -> None:
+        self._mission = _raw(sections.mission_info(config, run))
         self._history = history
         self._adds_history = not history.is_recorded
         self._news: News | None = None
@@ -93,11 +79,11 @@ class World:
     def _begin(self) -> None:
         """Begin without data."""
         self.capture: Capture | None = None
-        self._verified: dict[int, tuple[int, int]] = {}
+        self.verified: dict[int, tuple[int, int]] = {}
         """Number of each vehicle's last verified mission, and when that was."""
         self.answers: deque[OrderAnswer] = deque(maxlen=_MAX_ANSWERS)
         self._sections: dict[str, msgspec.Raw] = {"mission": self._mission}
-        self._trails: dict[int, deque[list[float] | None]] = {}
+        self._trails: dict[int, deque[tuple[float, float] | None]] = {}
         """Places of each vehicle; None where it was not heard between two of them."""
         self._heard_t_ns: dict[int, int] = {}
         """Time of the newest place."""
@@ -109,16 +95,8 @@ class World:
         self._grid: Grid | None = None
         self._zones: tuple[NoFlyZone, ...] | None = None
         self._routes: tuple[Route, ...] | None = None
-        self._fields_of_view: dict[str, dict[str, Any]] = {}
-
-    def detail(self, vehicle: int) -> dict[str, Any] | None:
-        """Return everything of a vehicle's record; None if there is no such vehicle."""
-        detail = None if self.capture is None else self.capture.details.get(vehicle)
-        if detail is None:
-            return None
-        mission_id, t_ns = self._verified.get(vehicle, (0, 0))
-        is_known = detail.onboard is not None and detail.onboard.mission_id == mission_id != 0
-        return detail_row(detail, self._frame, (detail.t_ns - t_ns) / NS_PER_S if is_known else None)
+        self._proposal: Proposal | None = None
+        self._fields_of_view: dict[str, FieldOfView] = {}
 
     def put(self, name: str, value: Any) -> bytes:
         """Replace a section; return the update."""
@@ -135,12 +113,12 @@ class World:
     def _make_snapshot(self) -> bytes:
         lists = {
             "log": list(self._log),
-            "answers": [self._answer(one) for one in self.answers],
+            "answers": list(self.answers),
             "trails": {str(vehicle): list(points) for vehicle, points in self._trails.items()},
         }
         return _message("snapshot", self._sections | lists)
 
-    def update(self, feed: Feed, replay: dict[str, Any] | None = None) -> bytes | None:
+    def update(self, feed: Feed, replay: ReplayState | None = None) -> bytes | None:
         """Take what is new out of a feed; return the update, or None without news.
 
         A replay that has begun again at another time gives a snapshot, as soon as there is something to show.
@@ -169,7 +147,7 @@ class World:
         for kind, picture in tuple(found.pictures.items()):
             if self._pictures.get(kind) is not picture:
                 self._pictures[kind] = picture
-                self._put(f"{kind}_tracks", rows.tracks(picture), news)
+                self._put(f"{kind}_tracks", sections.tracks(picture), news)
                 if self._adds_history:
                     self._history.add_picture(self._seconds(picture.t_ns), picture)
         for t_ns, work, took_ms in _drained(found.work):
@@ -198,9 +176,9 @@ class World:
                 continue
             if isinstance(effect, OrderAnswer):
                 self.answers.append(effect)
-                news.setdefault("answers", []).append(self._answer(effect))
+                news.setdefault("answers", []).append(effect)
             if isinstance(effect, UploadReport) and effect.ok:
-                self._verified[effect.vehicle] = effect.mission_id, t_ns
+                self.verified[effect.vehicle] = effect.mission_id, t_ns
             if isinstance(effect, Proposal) and not self._proposals.add_if_due(effect):
                 continue
             notice = effect_notice(effect)
@@ -224,11 +202,11 @@ class World:
             trail = self._trails.setdefault(state.system_id, deque(maxlen=_MAX_TRAIL))
             if before_t_ns is not None and state.t_ns - before_t_ns > _GAP_NS:
                 trail.append(None)
-            trail.append([round(state.east_m), round(state.north_m)])
+            trail.append((round(state.east_m), round(state.north_m)))
 
-    def _add_scans(self, scans: Iterable[Scan], news: dict[str, Any]) -> None:
-        news["scans"] = [rows.scan(one) for one in scans]
-        views = {one.sensor.name: rows.field_of_view(one.sensor) for one in scans}
+    def _add_scans(self, scans: list[Scan], news: dict[str, Any]) -> None:
+        news["scans"] = [sections.detections(one) for one in scans]
+        views = sections.fields_of_view(scans)
         if not views.items() <= self._fields_of_view.items():
             self._fields_of_view |= views
             self._put("fields_of_view", self._fields_of_view, news)
@@ -238,43 +216,29 @@ class World:
         if self._adds_history:
             vehicles = sorted(agent.vehicle for agent in status.agents)
             self._history.add_telemetry(self._seconds(capture.t_ns), vehicles, capture.telemetry)
-        head = {
-            "t_ms": capture.t_ns // 1_000_000,
-            "elapsed_s": self._seconds(capture.t_ns),
-            "ended": status.has_ended,
-            "sensors": rows.sensors(capture),
-            "service": rows.service(capture.service),
-        }
+        elapsed_s = self._seconds(capture.t_ns)
+        head = Head(capture.t_ns // 1_000_000, elapsed_s, status.has_ended, status.sensors, capture.service)
         self._put("head", head, news)
-        self._put("vehicles", rows.vehicles(capture), news)
-        self._put("targets", rows.targets(status), news)
-        self._put("proposal", rows.proposal(capture.proposal), news)
+        self._put("vehicles", sorted(status.agents, key=attention), news)
+        self._put("targets", status.targets, news)
+        if "proposal" not in self._sections or self._proposal is not capture.proposal:
+            self._proposal = capture.proposal
+            self._put("proposal", capture.proposal, news)
         if self._grid is not capture.grid:
             self._grid = capture.grid
-            self._put("map", rows.obstacle_map(capture.grid), news)
+            self._put("map", sections.obstacle_map(capture.grid), news)
         if self._zones != capture.zones:
             self._zones = capture.zones
-            self._put("zones", rows.zones(capture.zones), news)
+            self._put("zones", capture.zones, news)
         if self._routes is None or not _same(self._routes, capture.routes):
             self._routes = capture.routes
-            self._put("routes", [rows.route(one) for one in capture.routes], news)
+            self._put("routes", capture.routes, news)
 
     def _put(self, name: str, value: Any, news: dict[str, Any]) -> None:
         """Replace a section, and add it to the news if it has changed."""
         raw = _raw(value)
         if bytes(self._sections.get(name, b"")) != bytes(raw):
             self._sections[name] = news[name] = raw
-
-    def _answer(self, answer: OrderAnswer) -> dict[str, Any]:
-        return {
-            "order_id": answer.order_id,
-            "t_s": self._seconds(answer.t_ns),
-            "action": answer.action,
-            "state": answer.state,
-            "detail": answer.detail,
-            "vehicle": None if answer.vehicle is None else vehicle_name(answer.vehicle),
-            "waiting": [vehicle_name(vehicle) for vehicle in answer.waiting],
-        }
 
     def _seconds(self, t_ns: int) -> float:
         return round((t_ns - self._start_t_ns) / NS_PER_S, 2)

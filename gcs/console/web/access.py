@@ -11,12 +11,11 @@ import ipaddress
 import ssl
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal, TypeAlias
+from typing import Final
 
+from gcs.console.view.schema import Role
 from gcs.errors import ConsoleError
 from gcs.files import read_bytes
-
-Role: TypeAlias = Literal["view", "operate"]
 
 DEFAULT_HOST: Final = "127.0.0.1"
 DEFAULT_PORT: Final = 8480

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from functools import cache
 from typing import Final
 
@@ -18,10 +18,20 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gcs.console.view.capture import Capture
+from gcs.console.view.details import UnknownVehicleError
 from gcs.console.view.history import History
+from gcs.console.view.schema import (
+    ErrorReply,
+    MarksReply,
+    OrderReply,
+    PlanReply,
+    Role,
+    RoleMessage,
+    VehicleDetail,
+)
 from gcs.console.view.world import World
 from gcs.console.web import alarm_guide
-from gcs.console.web.access import Access, Role
+from gcs.console.web.access import Access
 from gcs.console.web.attempts import Attempts, TooManyAttemptsError
 from gcs.console.web.clients import Client, Clients
 from gcs.console.web.guard import TOO_MANY, Guard, cookie, host_of
@@ -61,10 +71,11 @@ class Board:
         preflight: PreflightDesk,
         tiles: Tiles | None,
         watch: Callable[[], None],
+        detail: Callable[[int], Awaitable[VehicleDetail | None]],
     ) -> None:
         self.world, self.clients, self.desk, self.playback = world, clients, desk, playback
         self.history, self.preflight, self.tiles = history, preflight, tiles
-        self._watch = watch
+        self._watch, self.detail = watch, detail
         self._asked_s = -_ASKED_S
         self._changed = asyncio.Event()
 
@@ -184,7 +195,7 @@ class _Feed:
 
     async def _talk(self, socket: WebSocket, client: Client, role: Role) -> None:
         await socket.accept()
-        await socket.send_bytes(msgspec.json.encode({"type": "role", "role": role}))
+        await socket.send_bytes(encode(RoleMessage(role)))
         sender = asyncio.create_task(self._send(socket, client))
         try:
             while (await socket.receive())["type"] != "websocket.disconnect":
@@ -218,24 +229,16 @@ class _Api:
         try:
             vehicle = vehicle_of(request.path_params["name"])
         except ValueError as error:
-            return JSONResponse({"error": str(error)}, 404)
-        if await self._board.capture() is None:
-            return _no_run()
-        detail = self._board.world.detail(vehicle)
-        if detail is None:
-            return JSONResponse({"error": "the mission has no such vehicle"}, 404)
-        return _json(msgspec.json.encode(detail))
+            return _error(str(error), 404)
+        try:
+            detail = await self._board.detail(vehicle)
+        except UnknownVehicleError:
+            return _error("the mission has no such vehicle", 404)
+        return _no_run() if detail is None else _json(encode(detail))
 
     async def plan(self, _request: Request) -> Response:
         capture = await self._board.capture()
-        if capture is None:
-            return _no_run()
-        proposal = b"null" if capture.proposal is None else encode(capture.proposal)
-        routes = [
-            {"vehicle": one.vehicle, "target": one.target, "points_m": one.points_m.tolist()}
-            for one in capture.routes
-        ]
-        return _json(msgspec.json.encode({"routes": routes, "proposal": msgspec.Raw(proposal)}))
+        return _no_run() if capture is None else _json(encode(PlanReply(capture.routes, capture.proposal)))
 
     async def tile(self, request: Request) -> Response:
         tiles = self._board.tiles
@@ -247,21 +250,21 @@ class _Api:
 
     async def preflight(self, request: Request) -> Response:
         desk = self._board.preflight
-        return JSONResponse(await desk.run() if request.method == "POST" else desk.last())
+        return _json(encode(await desk.run() if request.method == "POST" else desk.last()))
 
     async def replay(self, request: Request) -> Response:
         body = await _body(request)
         if body is None:
             return _too_long()
         problem = self._board.playback.carry_out(body)
-        return JSONResponse({"error": problem}, 422) if problem else JSONResponse({})
+        return _error(problem, 422) if problem else JSONResponse({})
 
     async def marks(self, request: Request) -> Response:
         history, after = self._board.history, number_of(request.query_params.get("after", "0"))
         if after is None:
-            return JSONResponse({"error": "after: expected a number of marks"}, 422)
-        is_complete = history.is_complete
-        return _json(msgspec.json.encode({"complete": is_complete, "marks": history.marks(after)}))
+            return _error("after: expected a number of marks", 422)
+        is_complete = history.is_complete  # before the marks are read
+        return _json(encode(MarksReply(is_complete, history.marks(after))))
 
     async def charts(self, _request: Request) -> Response:
         return _json(self._board.history.charts())
@@ -274,9 +277,9 @@ class _Api:
             wait_s = min(_MAX_WAIT_S, float(request.query_params.get("wait_s", "0")[:_MAX_NUMBER]))
             order_id = self._board.desk.place(body, host_of(request.scope) or "?")
         except RefusedOrderError as error:
-            return JSONResponse({"error": str(error)}, 422)
+            return _error(str(error), 422)
         except ValueError:
-            return JSONResponse({"error": "wait_s: expected a number of seconds"}, 422)
+            return _error("wait_s: expected a number of seconds", 422)
         until_s = time.monotonic() + wait_s
         while not is_answered(self._answers(order_id)) and time.monotonic() < until_s:
             await self._board.changed(until_s - time.monotonic())
@@ -287,9 +290,8 @@ class _Api:
 
     def _order(self, order_id: str, unanswered: int) -> Response:
         answers = self._answers(order_id)
-        rows = [msgspec.Raw(encode(one)) for one in answers]
-        content = {"order_id": order_id, "complete": is_answered(answers), "answers": rows}
-        return _json(msgspec.json.encode(content), 200 if answers else unanswered)
+        reply = OrderReply(order_id, is_answered(answers), answers)
+        return _json(encode(reply), 200 if answers else unanswered)
 
     def _answers(self, order_id: str) -> list[OrderAnswer]:
         return [one for one in self._board.world.answers if one.order_id == order_id]
@@ -318,9 +320,9 @@ class _Login:
         except msgspec.DecodeError:
             role = None
         except TooManyAttemptsError:
-            return JSONResponse({"error": TOO_MANY[1]}, TOO_MANY[0])
+            return _error(TOO_MANY[1], TOO_MANY[0])
         if role is None:
-            return JSONResponse({"error": "this token is not known here"}, 401)
+            return _error("this token is not known here", 401)
         response = JSONResponse({})
         is_secure = request.url.scheme == "https"
         response.set_cookie(*cookie(given.token), httponly=True, samesite="strict", secure=is_secure)
@@ -355,7 +357,7 @@ async def _body(request: Request) -> bytes | None:
 
 
 def _too_long() -> Response:
-    return JSONResponse({"error": f"expected at most {_MAX_BODY_BYTES} bytes, within {_BODY_S:.0f} s"}, 413)
+    return _error(f"expected at most {_MAX_BODY_BYTES} bytes, within {_BODY_S:.0f} s", 413)
 
 
 def _json(content: bytes, code: int = 200) -> Response:
@@ -363,4 +365,8 @@ def _json(content: bytes, code: int = 200) -> Response:
 
 
 def _no_run() -> Response:
-    return JSONResponse({"error": "the run has not begun, or has ended"}, 503)
+    return _error("the run has not begun, or has ended", 503)
+
+
+def _error(text: str, code: int) -> Response:
+    return _json(encode(ErrorReply(text)), code)

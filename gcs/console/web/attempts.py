@@ -10,7 +10,8 @@ import asyncio
 import time
 from typing import Any, Final
 
-from gcs.console.web.access import Access, Role
+from gcs.console.view.schema import Role
+from gcs.console.web.access import Access
 from gcs.console.web.listener import client_of
 
 BURST: Final = 10

@@ -18,7 +18,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from gcs.console.web.access import Access, Role
+from gcs.console.view.schema import Role
+from gcs.console.web.access import Access
 from gcs.console.web.attempts import Attempts, TooManyAttemptsError
 from gcs.console.web.listener import Listener
 

@@ -2,30 +2,47 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 import numpy as np
 
-from gcs.console.view.history import Mark
+from gcs.console.view.schema import (
+    ChartsReply,
+    ErrorReply,
+    FeedMessage,
+    MarksReply,
+    OrderReply,
+    PlanReply,
+    PreflightReply,
+    VehicleDetail,
+)
 from gcs.console.web.playback import PlaybackRequest
 from gcs.io.zenoh.order_messages import OrderMessage
-from gcs.model import OrderAnswer, Proposal, SwarmStatus
+from gcs.model import SwarmStatus
 
-_REFERENCE = "#/components/schemas/{name}"
+_REFERENCE: Final = "#/components/schemas/{name}"
+_RECORDS: Final = (
+    OrderMessage,
+    PlaybackRequest,
+    SwarmStatus,
+    PlanReply,
+    VehicleDetail,
+    OrderReply,
+    PreflightReply,
+    MarksReply,
+    ChartsReply,
+    FeedMessage,
+    ErrorReply,
+)
 
 
 def description() -> dict[str, Any]:
     """Return the OpenAPI document."""
-    records = [OrderMessage, OrderAnswer, SwarmStatus, Proposal, Mark, PlaybackRequest]
-    (order, answer, status, proposal, mark, playback), components = msgspec.json.schema_components(
-        records, schema_hook=_array, ref_template=_REFERENCE
+    schemas, components = msgspec.json.schema_components(
+        _RECORDS, schema_hook=_points, ref_template=_REFERENCE
     )
-    answers = _object(
-        order_id={"type": "string"}, complete={"type": "boolean"}, answers={"type": "array", "items": answer}
-    )
-    marks = _object(complete={"type": "boolean"}, marks={"type": "array", "items": mark})
-    plan = _object(routes={"type": "array"}, proposal={"anyOf": [proposal, {"type": "null"}]})
+    order, playback, status, plan, vehicle, answers, preflight, marks, charts, feed, error = schemas
     waits = {"name": "wait_s", "in": "query", "schema": {"type": "number", "maximum": 60}}
     after = {"name": "after", "in": "query", "schema": {"type": "integer", "minimum": 0}}
     placed = {
@@ -36,7 +53,7 @@ def description() -> dict[str, Any]:
             "200": _response("answers until now", answers),
             "202": _response("passed on, not answered yet", answers),
             "403": {"description": "the token may view only"},
-            "422": {"description": "the order has a mistake"},
+            "422": _response("the order has a mistake", error),
         },
     }
     moved = {
@@ -44,17 +61,18 @@ def description() -> dict[str, Any]:
         "requestBody": _body(playback),
         "responses": {
             "200": {"description": "done"},
-            "422": {"description": "the run is live, or the request has a mistake"},
+            "422": _response("the run is live, or the request has a mistake", error),
         },
     }
+    token = {"type": "object", "properties": {"token": {"type": "string"}}}
     logged_in = {
         "summary": "Keep a token in a cookie",
-        "requestBody": _body(_object(token={"type": "string"})),
-        "responses": {"200": {"description": "done"}, "401": {"description": "the token is not known"}},
+        "requestBody": _body(token),
+        "responses": {"200": {"description": "done"}, "401": _response("the token is not known", error)},
     }
     updates = {
-        "summary": "WebSocket: a snapshot of all sections, then updates, as JSON",
-        "responses": {"101": {"description": "WebSocket"}},
+        "summary": "WebSocket: the role, a snapshot of all sections, then updates, as JSON",
+        "responses": {"101": _response("WebSocket", feed)},
     }
     return {
         "openapi": "3.1.0",
@@ -63,20 +81,20 @@ def description() -> dict[str, Any]:
             "/api/status": {"get": _get("Agents, targets and sensors", status)},
             "/api/plan": {"get": _get("Routes that are flown, and the plan that waits", plan)},
             "/api/vehicles/{name}": {
-                "get": _get("Record of a vehicle, with its onboard mission", {}) | _in_path("name")
+                "get": _get("Record of a vehicle, with its onboard mission", vehicle) | _in_path("name")
             },
             "/api/orders": {"post": placed},
             "/api/orders/{order_id}": {"get": _get("Answers to an order", answers) | _in_path("order_id")},
             "/api/preflight": {
-                "get": _get("Last result of gcs preflight", {}),
-                "post": _get("Run gcs preflight beside the service", {}),
+                "get": _get("Last result of gcs preflight", preflight),
+                "post": _get("Run gcs preflight beside the service", preflight),
             },
             "/api/replay": {"post": moved},
             "/api/marks": {
                 "get": _get("Losses, arrivals, plans, failed uploads, alarms and orders of the run", marks)
                 | {"parameters": [after]}
             },
-            "/api/charts": {"get": _get("Series of the charts, in bins of equal width from 0 s", {})},
+            "/api/charts": {"get": _get("Series of the charts, in bins of equal width from 0 s", charts)},
             "/api/openapi.json": {"get": _get("This description", {})},
             "/feed": {"get": updates},
             "/tiles/{zoom}/{column}/{row}": {
@@ -96,14 +114,12 @@ def description() -> dict[str, Any]:
     }
 
 
-def _array(kind: type) -> dict[str, Any]:
+def _points(kind: type) -> dict[str, Any]:
+    """Return the schema of an array: in the records of the console, these are points."""
     if kind is np.ndarray or getattr(kind, "__origin__", None) is np.ndarray:
-        return {"type": "array"}
+        pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+        return {"type": "array", "items": pair}
     raise NotImplementedError(kind)
-
-
-def _object(**properties: Any) -> dict[str, Any]:
-    return {"type": "object", "properties": properties}
 
 
 def _body(schema: Any) -> dict[str, Any]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Protocol
 
 import msgspec
 from msgspec import Meta
 
-from gcs.console.view.rounding import rounded
+from gcs.console.view.schema import ReplayState
+from gcs.model.rounding import rounded
 
 
 class Playback(Protocol):
@@ -58,19 +59,19 @@ class PlaybackDesk:
         self.peer: PlaybackDesk | None = None
         """Of the other recording of a comparison: a request is for both."""
 
-    def state(self) -> dict[str, Any] | None:
+    def state(self) -> ReplayState | None:
         """Return position and speed; None for a live run."""
         playback = self._playback
         if playback is None:
             return None
-        return {
-            "paused": playback.is_paused,
-            "ended": playback.has_ended,
-            "speed": rounded(playback.speed, 2),
-            "at_s": rounded(playback.shown_s),
-            "back": playback.has_snapshots,
-            "duration_s": rounded(playback.duration_s),
-        }
+        return ReplayState(
+            paused=playback.is_paused,
+            ended=playback.has_ended,
+            speed=rounded(playback.speed, 2),
+            at_s=round(playback.shown_s, 1),
+            back=playback.has_snapshots,
+            duration_s=rounded(playback.duration_s),
+        )
 
     @property
     def is_seeking(self) -> bool:

@@ -10,9 +10,11 @@ import asyncio
 import contextlib
 import sys
 import time
-from typing import Any, Final
+from typing import Final
 
 import msgspec
+
+from gcs.console.view.schema import PreflightReply, PreflightRun
 
 _COMMAND: Final = ("nice", "-n", "10", sys.executable, "-P", "-m", "gcs", "preflight")
 _WAIT_S: Final = 15
@@ -32,15 +34,15 @@ class PreflightDesk:
 
     def __init__(self, mission_file: str | None) -> None:
         self._mission_file = mission_file
-        self._running: asyncio.Task[dict[str, Any]] | None = None
-        self._last: dict[str, Any] | None = None
+        self._running: asyncio.Task[PreflightRun] | None = None
+        self._last: PreflightRun | None = None
 
-    def last(self) -> dict[str, Any]:
+    def last(self) -> PreflightReply:
         """Return the last result, and whether checks are running."""
         is_running = self._running is not None and not self._running.done()
-        return {"possible": self._mission_file is not None, "running": is_running, "result": self._last}
+        return PreflightReply(self._mission_file is not None, is_running, self._last)
 
-    async def run(self) -> dict[str, Any]:
+    async def run(self) -> PreflightReply:
         """Run the checks, or wait for those that run already; return as `last` does."""
         if self._mission_file is not None:
             if self._running is None or self._running.done():
@@ -49,10 +51,10 @@ class PreflightDesk:
         return self.last()
 
 
-async def _checked(mission_file: str) -> dict[str, Any]:
-    """Return the object that `gcs preflight --json` prints, or an object with `error`."""
+async def _checked(mission_file: str) -> PreflightRun:
+    """Return what `gcs preflight --json` prints, or why there is nothing."""
     command = (*_COMMAND, mission_file, "--json", "--wait", str(_WAIT_S))
-    begun = {"at_ms": time.time_ns() // 1_000_000}
+    at_ms = time.time_ns() // 1_000_000
     process = await asyncio.create_subprocess_exec(
         *command,
         stdin=asyncio.subprocess.DEVNULL,
@@ -62,12 +64,13 @@ async def _checked(mission_file: str) -> dict[str, Any]:
     try:
         printed, errors = await asyncio.wait_for(process.communicate(), _TIMEOUT_S)
     except TimeoutError:
-        return begun | {"error": f"gcs preflight did not end within {_TIMEOUT_S:.0f} s"}
+        return PreflightRun(at_ms=at_ms, error=f"gcs preflight did not end within {_TIMEOUT_S:.0f} s")
     finally:
         with contextlib.suppress(ProcessLookupError):
             process.kill()
     try:
-        return begun | msgspec.json.decode(printed, type=dict[str, Any])
+        return msgspec.structs.replace(msgspec.json.decode(printed, type=PreflightRun), at_ms=at_ms)
     except msgspec.DecodeError:
         text = errors.decode(errors="replace").strip()
-        return begun | {"error": text[-_MAX_ERROR:] or f"gcs preflight ended with {process.returncode}"}
+        error = text[-_MAX_ERROR:] or f"gcs preflight ended with {process.returncode}"
+        return PreflightRun(at_ms=at_ms, error=error)

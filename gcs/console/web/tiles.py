@@ -5,9 +5,10 @@ from __future__ import annotations
 import sqlite3
 import threading
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from urllib.parse import quote
 
+from gcs.console.view.schema import TilesInfo
 from gcs.errors import ConsoleError
 
 _MEDIA_TYPES: Final = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
@@ -40,15 +41,9 @@ class Tiles:
                 f"console: {path} has no raster tiles: expected the format png, jpg or webp, got "
                 f"{rows.get('format', 'none')!r}"
             )
-        self._about = {
-            "min_zoom": int(lowest),
-            "max_zoom": min(int(highest), _MAX_ZOOM),
-            "attribution": str(rows.get("attribution", "")),
-        }
-
-    def about(self) -> dict[str, Any]:
-        """Return zoom levels and attribution."""
-        return self._about
+        attribution = str(rows.get("attribution", ""))
+        self.info = TilesInfo(int(lowest), min(int(highest), _MAX_ZOOM), attribution)
+        """Zoom levels and attribution."""
 
     def tile(self, zoom: int, column: int, row: int) -> bytes | None:
         """Return a tile, rows counted from the north; None if the file has none there."""

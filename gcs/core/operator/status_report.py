@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from gcs.core.operator.records import TargetSettings
@@ -10,9 +11,12 @@ from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.state import State, flown_routes, reached
 from gcs.core.tasking.mission_builder import flown_points
 from gcs.core.tasking.upload_manager import UploadManager
+from gcs.mavlink.fleet.checks.battery_alarm import is_low
+from gcs.mavlink.fleet.checks.link_timeouts import STALE_AFTER_S
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.vehicle import Health
-from gcs.model import NS_PER_S, AgentRecord, Label, SwarmStatus, TargetRecord
+from gcs.model import NS_PER_S, AgentRecord, Label, SwarmStatus, TargetRecord, Track
+from gcs.model.rounding import rounded, rounded_place
 from gcs.planning.route_progress import remaining_length_m
 
 _MIN_SPEED_M_S = 1.0
@@ -34,57 +38,61 @@ class StatusReport:
         return SwarmStatus(
             t_ns,
             order_id,
-            agents=tuple(self._agent(health, t_ns) for health in self.fleet.health()),
+            agents=tuple(self.agent(health, t_ns) for health in self.fleet.health()),
             targets=self._targets(),
             sensors=self.state.perception.sensor_watchdog.records(t_ns),
             plan_id=None if pending is None else pending.plan_id,
             has_ended=self.state.has_ended,
         )
 
-    def _agent(self, health: Health, t_ns: int) -> AgentRecord:
+    def agent(self, health: Health, t_ns: int) -> AgentRecord:
+        """Return the status of one agent now."""
         vehicle, agent = health.system_id, self.state.agents[health.system_id]
         state, status = self.fleet.state(vehicle), agent.perception.status
         label = agent.perception.association.label
         track = None if label is None else self.trackers.agents.confirmation.tracks.get(label)
         route, proposed = agent.routes.flown, agent.routes.proposed
-        to_go_m = eta_s = position_m = None
+        lost_at_m = status.position_m if status.status in ("lost", "down") else None
+        heard_age_s = (t_ns - health.heard_t_ns) / NS_PER_S if health.frames else None
+        to_go_m = eta_s = None
         points_passed = 0
-        if state is not None:
-            position_m = (state.east_m, state.north_m)
-            if route is not None:
-                points_passed = flown_points(agent, route, state)
-                climb = self.tasking.climb(vehicle, route.layer)
-                if climb is None:
-                    to_go_m = remaining_length_m(route.points_m, position_m, points_passed)
-                    eta_s = to_go_m / max(state.ground_speed_m_s, _MIN_SPEED_M_S)
-                else:
-                    left_m = remaining_length_m(route.points_m, climb.latest_end_m, points_passed)
-                    to_go_m, eta_s = (
-                        climb.latest_length_m + left_m,
-                        climb.duration_s + left_m / climb.speed_m_s,
-                    )
+        if state is not None and route is not None:
+            points_passed = flown_points(agent, route, state)
+            climb = self.tasking.climb(vehicle, route.layer)
+            if climb is None:
+                position_m = (state.east_m, state.north_m)
+                to_go_m = remaining_length_m(route.points_m, position_m, points_passed)
+                eta_s = to_go_m / max(state.ground_speed_m_s, _MIN_SPEED_M_S)
+            else:
+                left_m = remaining_length_m(route.points_m, climb.latest_end_m, points_passed)
+                to_go_m = climb.latest_length_m + left_m
+                eta_s = climb.duration_s + left_m / climb.speed_m_s
         return AgentRecord(
             vehicle=vehicle,
             status=status.status,
             authority=agent.control.authority.word,
             reason=agent.control.reason,
-            heard_age_s=(t_ns - health.heard_t_ns) / NS_PER_S if health.frames else None,
-            loss=health.lost / max(1, health.frames + health.lost),
+            heard_age_s=rounded(heard_age_s),
+            is_late=heard_age_s is None or heard_age_s > STALE_AFTER_S,
+            loss=round(health.lost / max(1, health.frames + health.lost), 3),
             mode="" if state is None else state.mode,
             armed=state is not None and state.armed,
             battery_percent=health.battery_percent,
+            is_battery_low=is_low(health.battery_percent),
             fix_type=health.fix_type,
-            position_m=position_m,
-            alt_rel_m=None if state is None else self.fleet.height_m(state),
-            ground_speed_m_s=None if state is None else state.ground_speed_m_s,
+            position_m=None if state is None else rounded_place(state.east_m, state.north_m),
+            course_rad=None if state is None else rounded(state.course_rad, 2),
+            alt_rel_m=None if state is None else rounded(self.fleet.height_m(state)),
+            ground_speed_m_s=None if state is None else rounded(state.ground_speed_m_s),
             is_position_doubted=agent.perception.integrity.is_alarmed,
+            lost_at_m=None if lost_at_m is None else rounded_place(*lost_at_m),
             track=label,
-            existence=0.0 if track is None else track.existence,
+            existence=0.0 if track is None else round(track.existence, 3),
             layer=self.layers.of(vehicle),
             target=status.target if route is None else route.target,
-            to_go_m=to_go_m,
+            to_go_m=rounded(to_go_m, 0),
             points_passed=points_passed,
-            eta_s=eta_s,
+            eta_s=rounded(eta_s, 0),
             upload=self.state.tasking.stages.get(vehicle, ""),
             has_failed=agent.tasking.retry.failures > 0,
             is_verified=agent.tasking.onboard is not None,
@@ -97,25 +105,22 @@ class StatusReport:
         )
 
     def _targets(self) -> tuple[TargetRecord, ...]:
-        routes, settings, default = (
-            flown_routes(self.state.agents),
-            self.state.operator.targets,
-            TargetSettings(),
-        )
+        agents, settings, default = self.state.agents, self.state.operator.targets, TargetSettings()
+        routes = flown_routes(agents)
 
-        def reached_by(label: Label) -> tuple[int, ...]:
-            return tuple(v for v, agent in self.state.agents.items() if label in reached(agent))
-
-        return tuple(
-            TargetRecord(
+        def record(label: Label, track: Track) -> TargetRecord:
+            east_m, north_m, east_m_s, north_m_s = track.mean.tolist()
+            return TargetRecord(
                 label,
-                track.existence,
-                (float(track.mean[0]), float(track.mean[1])),
-                float((track.mean[2] ** 2 + track.mean[3] ** 2) ** 0.5),
+                round(track.existence, 3),
+                rounded_place(east_m, north_m),
+                round(math.hypot(east_m_s, north_m_s), 1),
                 agents=tuple(vehicle for vehicle, route in routes.items() if route.target == label),
-                reached_by=reached_by(label),
+                reached_by=tuple(vehicle for vehicle, agent in agents.items() if label in reached(agent)),
                 is_ignored=settings.get(label, default).is_ignored,
                 priority=settings.get(label, default).priority,
+                pinned=tuple(vehicle for vehicle, agent in agents.items() if agent.orders.pinned == label),
             )
-            for label, track in sorted(self.trackers.targets.confirmation.tracks.items())
-        )
+
+        found = self.trackers.targets.confirmation.tracks
+        return tuple(record(label, track) for label, track in sorted(found.items()))

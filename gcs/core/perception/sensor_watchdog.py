@@ -11,11 +11,16 @@ from collections.abc import Collection, Container
 from dataclasses import dataclass, field
 
 from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Parameter, SensorRecord
+from gcs.model.rounding import rounded
+from gcs.model.status import SensorState
 
 BLIND_AFTER_NS = 5 * NS_PER_S
 """Timeout of a sensor; `_PERIODS` periods if that is longer."""
 UNASSOCIATED_AFTER_NS = 10 * NS_PER_S
 _PERIODS = 3
+_LATE_AFTER_NS = NS_PER_S
+"""Time without a processed scan after which a sensor is late; `_LATE_PERIODS` periods if that is longer."""
+_LATE_PERIODS = 2
 _MAX_SENSORS = 256
 _MAX_REFUSED_SENSORS = 16
 """Number of sensors without a processed scan."""
@@ -46,6 +51,18 @@ class WatchedSensor:
     def is_sensor(self) -> bool:
         """True with a processed scan, or several refused ones; else it may be an invented name."""
         return self.was_processed or self.refused >= _MIN_REFUSED
+
+    @property
+    def since_t_ns(self) -> int:
+        """Time of the last processed scan; before the first, that of the sensor's first scan."""
+        return self.first_t_ns if self.processed_t_ns is None else self.processed_t_ns
+
+    def state(self, t_ns: int) -> SensorState:
+        """Return whether scans come in time, for displays."""
+        if self.alarmed:
+            return "silent"
+        limit_ns = max(_LATE_AFTER_NS, _LATE_PERIODS * self.period_ns)
+        return "late" if t_ns - self.since_t_ns > limit_ns else ""
 
 
 @dataclass(slots=True)
@@ -103,12 +120,13 @@ class SensorWatchdog:
             entry.refused_t_ns = t_ns
 
     def records(self, t_ns: int) -> tuple[SensorRecord, ...]:
-        """Return the age of each sensor's last processed scan."""
+        """Return the age of each sensor's last processed scan, and whether its scans come in time."""
         return tuple(
             SensorRecord(
                 name,
-                None if one.processed_t_ns is None else (t_ns - one.processed_t_ns) / NS_PER_S,
+                None if one.processed_t_ns is None else rounded((t_ns - one.processed_t_ns) / NS_PER_S),
                 one.refused,
+                one.state(t_ns),
             )
             for name, one in self.sensors.items()
         )
@@ -119,11 +137,10 @@ class SensorWatchdog:
             self.start_t_ns = t_ns
         effects: list[Effect] = []
         for name, entry in self.sensors.items():
-            since_t_ns = entry.first_t_ns if entry.processed_t_ns is None else entry.processed_t_ns
             limit_ns = max(BLIND_AFTER_NS, _PERIODS * entry.period_ns)
-            if entry.is_sensor and not entry.alarmed and t_ns - since_t_ns >= limit_ns:
+            if entry.is_sensor and not entry.alarmed and t_ns - entry.since_t_ns >= limit_ns:
                 entry.alarmed = True
-                effects.append(_alarm(t_ns, name, entry, (t_ns - since_t_ns) / NS_PER_S))
+                effects.append(_alarm(t_ns, name, entry, (t_ns - entry.since_t_ns) / NS_PER_S))
         since_t_ns = self.start_t_ns if self.scan_t_ns is None else self.scan_t_ns
         is_any = any(one.is_sensor for one in self.sensors.values())
         if not is_any and not self.has_no_sensor and t_ns - since_t_ns >= BLIND_AFTER_NS:

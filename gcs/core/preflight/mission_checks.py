@@ -14,7 +14,7 @@ from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.airspace.records import AirspaceState
-from gcs.core.preflight.result import Check, Level
+from gcs.core.preflight.result import Check, CheckLevel
 from gcs.core.replanning.plan_targets import plan_options, vehicle_options
 from gcs.core.replanning.planned_flights import layer_count, preferred_layers
 from gcs.core.takeoff.climbs import Climbs, Obstruction
@@ -182,7 +182,7 @@ def _routes(plan: PlanResult) -> Check:
     if stuck or not plan.routes:
         names = ", ".join(map(vehicle_name, stuck)) or "any vehicle"
         return Check(None, "routes", "refused", f"no route for {names}", "a route for all", notes)
-    level: Level = "warning" if plan.notes else "ok"
+    level: CheckLevel = "warning" if plan.notes else "ok"
     return Check(None, "routes", level, value, "", notes)
 
 
@@ -209,7 +209,7 @@ def _separation(config: Config, rehearsal: Rehearsal) -> Check:
 def _fence(config: Config, rehearsal: Rehearsal) -> Check:
     fence, frame = fence_of(config, config.name), config.local_frame
     if not fence.areas:
-        level: Level = "ok" if fence.max_alt_rel_m else "warning"
+        level: CheckLevel = "ok" if fence.max_alt_rel_m else "warning"
         return Check(None, "fence", level, "no areas in the mission file", "[fence]", "docs/preflight.md")
     beyond_m = {v: fence.beyond(route_m, frame) for v, route_m in rehearsal.routes_m.items()}
     leaving = [f"{vehicle_name(v)}: {metres:.0f} m" for v, metres in sorted(beyond_m.items()) if metres]
@@ -231,7 +231,7 @@ def sensor_checks(scans: Sequence[Scan], problems: Iterable[str], waited_s: floa
         late_s = [(scan.t_ns - scan.measured_t_ns) / NS_PER_S for scan in of_one]
         worst_s = max(late_s, key=abs)
         detections = sum(len(scan.z_m) for scan in of_one) / len(of_one)
-        level: Level = "ok" if abs(worst_s) <= _MAX_CLOCK_ERROR_S else "refused"
+        level: CheckLevel = "ok" if abs(worst_s) <= _MAX_CLOCK_ERROR_S else "refused"
         value = f"{len(of_one)} of {name}, {detections:.0f} detections each, {worst_s:+.2f} s old"
         remedy = "" if level == "ok" else "check the clocks"
         rows.append(Check(None, "scans", level, value, f"within {_MAX_CLOCK_ERROR_S:.0f} s", remedy))

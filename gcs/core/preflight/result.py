@@ -1,13 +1,15 @@
-"""Result of one pre-flight check: "ok", "warning", or "refused" (do not fly)."""
+"""Results of pre-flight checks: "ok", "warning", or "refused" (do not fly)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+import msgspec
+
 from gcs.model import vehicle_name
 
-Level: TypeAlias = Literal["ok", "warning", "refused"]
+CheckLevel: TypeAlias = Literal["ok", "warning", "refused"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +19,7 @@ class Check:
     vehicle: int | None
     """None: the mission."""
     name: str
-    level: Level
+    level: CheckLevel
     value: str
     wanted: str = ""
     remedy: str = ""
@@ -27,3 +29,15 @@ class Check:
     def subject(self) -> str:
         """Name of the vehicle, or "mission"."""
         return "mission" if self.vehicle is None else vehicle_name(self.vehicle)
+
+
+class PreflightResult(msgspec.Struct, frozen=True):
+    """Result of all checks, as `gcs preflight --json` prints it."""
+
+    mission: str = ""
+    ok: bool = False
+    """True if nothing is refused."""
+    refused: int = 0
+    """Number of refused checks."""
+    warnings: int = 0
+    checks: tuple[Check, ...] = ()

@@ -10,7 +10,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
-from gcs.core.preflight.result import Check, Level
+from gcs.core.preflight.result import Check, CheckLevel
 from gcs.core.preflight.return_heights import (
     MARGIN_M,
     ReturnHeight,
@@ -110,7 +110,7 @@ class VehicleChecks:
             rows += [*self._parameters(), *self._fence(), *self._rally(), *self._return_height()]
         return rows
 
-    def _row(self, name: str, level: Level, value: str, wanted: str = "", remedy: str = "") -> Check:
+    def _row(self, name: str, level: CheckLevel, value: str, wanted: str = "", remedy: str = "") -> Check:
         return Check(self._vehicle, name, level, value, wanted, "" if level == "ok" else remedy)
 
     # ------------------------------------------------------------ state
@@ -119,7 +119,7 @@ class VehicleChecks:
         health = self._health
         part = health.lost / max(health.lost + health.frames, 1)
         where = "" if health.address is None else health.address[1]
-        level: Level = "refused" if health.liveness != "alive" else "warning" if part > 0.1 else "ok"
+        level: CheckLevel = "refused" if health.liveness != "alive" else "warning" if part > 0.1 else "ok"
         value = f"{health.liveness} at {where}, {100.0 * part:.0f} % lost"
         if health.conflicts:
             value, level = f"{value}, {health.conflicts} frames of another with its id", "refused"
@@ -145,7 +145,9 @@ class VehicleChecks:
         entry = dialect.enums["GPS_FIX_TYPE"].get(gps.fix_type)
         name = str(gps.fix_type) if entry is None else entry.name.removeprefix("GPS_FIX_TYPE_")
         few = gps.satellites_visible < _MIN_SATELLITES
-        level: Level = "refused" if gps.fix_type < dialect.GPS_FIX_TYPE_3D_FIX else "warning" if few else "ok"
+        level: CheckLevel = (
+            "refused" if gps.fix_type < dialect.GPS_FIX_TYPE_3D_FIX else "warning" if few else "ok"
+        )
         wanted = f"3D fix, {_MIN_SATELLITES} satellites"
         return self._row("GPS", level, name + count, wanted, "wait, under open sky")
 
@@ -161,7 +163,7 @@ class VehicleChecks:
         area = self._config.map
         inside = 0 <= self._state.east_m <= area.width_m and 0 <= self._state.north_m <= area.height_m
         wanted = f"on the map, {area.width_m:.0f} x {area.height_m:.0f} m"
-        level: Level = "ok" if inside else "warning"
+        level: CheckLevel = "ok" if inside else "warning"
         return self._row("position", level, place, wanted, "routes begin at the map's nearest cell")
 
     def _home(self) -> Check:
@@ -225,7 +227,7 @@ class VehicleChecks:
             return self._row("battery", "warning", "not reported", "", "no battery monitor: watch it by hand")
         percent = status.battery_remaining
         refused, warned = _MIN_BATTERY
-        level: Level = "refused" if percent < refused else "warning" if percent < warned else "ok"
+        level: CheckLevel = "refused" if percent < refused else "warning" if percent < warned else "ok"
         volts = "" if status.voltage_battery in (0, 65535) else f", {status.voltage_battery / 1e3:.1f} V"
         return self._row("battery", level, f"{percent} %{volts}", f"{warned} %", "charge it")
 
@@ -235,7 +237,7 @@ class VehicleChecks:
             return self._row("clock", "warning", "unknown to the vehicle", "GPS time", remedy)
         came_t_ns, message = self._query.messages["SYSTEM_TIME"]
         off_s = (message.time_unix_usec * 1000 - came_t_ns) / NS_PER_S
-        level: Level = "ok" if abs(off_s) <= _MAX_CLOCK_S else "warning"
+        level: CheckLevel = "ok" if abs(off_s) <= _MAX_CLOCK_S else "warning"
         value, wanted = f"{off_s:+.1f} s to ours", f"within {_MAX_CLOCK_S:.0f} s"
         return self._row("clock", level, value, wanted, "is this machine's clock set (NTP)?")
 
@@ -244,7 +246,7 @@ class VehicleChecks:
         if signed and not self._has_key:
             text = "it may ignore our messages: put its key into links.keys (docs/signing.md)"
             return self._row("signing", "refused", "signed, no key for it here", "its key", text)
-        level: Level = "ok" if signed or not wanted else "warning"
+        level: CheckLevel = "ok" if signed or not wanted else "warning"
         value, want = "signed" if signed else "not signed", "signed" if wanted else ""
         return self._row("signing", level, value, want, "gcs keys install, if its link has a key")
 
@@ -266,7 +268,7 @@ class VehicleChecks:
             text = "no such parameter in this firmware, or the reply was lost: check by hand"
             return self._row(names, "warning", "no answer", wish.wanted, text)
         wish, name = found
-        level: Level = "ok" if wish.accepts(values[name]) else "refused" if wish.must else "warning"
+        level: CheckLevel = "ok" if wish.accepts(values[name]) else "refused" if wish.must else "warning"
         meaning = wish.meanings.get(values[name], "")
         value = f"{values[name]:.6g}" + (f" ({meaning})" if meaning else "")
         first = wish.allowed[0] if wish.allowed else wish.low
@@ -285,7 +287,7 @@ class VehicleChecks:
             remedy = f"gcs fence upload sets {profile.ceiling_parameter}"
             yield self._row("ceiling", "refused", value, f"{wanted_m:g} m", remedy)
         problem = self._breach(limits, None if onboard is None else fence_from_items(onboard))
-        level: Level = "refused" if problem else "ok"
+        level: CheckLevel = "refused" if problem else "ok"
         value = problem or ("fits" if limits.is_on else "the fence is off")
         remedy = "it would breach its fence on the way: change the mission or the fence"
         yield self._row("mission in fence", level, value, "", remedy)
@@ -294,7 +296,7 @@ class VehicleChecks:
         items = fence_items(wanted)
         text = "not reported" if onboard is None else f"{len(onboard)} items" if onboard else "none"
         if onboard is None:
-            level: Level = "refused" if items else "warning"
+            level: CheckLevel = "refused" if items else "warning"
             return self._row("fence", level, text, "", "no reply to the download of its fence")
         if not items:
             return self._row("fence", "ok", text, "none in the mission file")
@@ -311,7 +313,7 @@ class VehicleChecks:
                 yield self._row("rally", "refused", "not reported", wanted, "gcs fence upload")
             return
         same = not list_difference(RALLY, items, onboard)
-        level: Level = "ok" if same else "refused" if items else "warning"
+        level: CheckLevel = "ok" if same else "refused" if items else "warning"
         value = f"{len(onboard)} points" + ("" if same or not onboard else ", others")
         wanted = f"{len(items)} points" if items else "none"
         yield self._row("rally", level, value, wanted, "gcs fence upload")

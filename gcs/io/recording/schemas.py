@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import types
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
 from enum import StrEnum
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -34,8 +33,7 @@ def json_schema(record_type: type) -> bytes:
 
 
 def _object(record_type: type) -> dict[str, Any]:
-    hints = get_type_hints(record_type)
-    properties = {field.name: _property(field.name, hints[field.name]) for field in fields(record_type)}
+    properties = {name: _property(name, hint) for name, hint in get_type_hints(record_type).items()}
     return {
         "type": "object",
         "title": record_type.__name__,
@@ -48,12 +46,9 @@ def _property(name: str, hint: Any) -> dict[str, Any] | None:
     """Return the schema of a field; None if the dialect cannot express it."""
     if hint in _SIMPLE:
         return dict(_SIMPLE[hint])
-    if is_dataclass(hint):
-        assert isinstance(hint, type)
-        return _object(hint)
-    if isinstance(hint, type) and issubclass(hint, StrEnum):
-        return {"type": "string"}
     origin, arguments = get_origin(hint), get_args(hint)
+    if origin is None and isinstance(hint, type):
+        return {"type": "string"} if issubclass(hint, StrEnum) else _object(hint)
     if origin is Mapping:
         return None
     if origin is Literal:

@@ -498,6 +498,10 @@ class Fleet:
         """Return link and equipment of every expected vehicle, by system id."""
         return tuple(vehicle.health() for vehicle in self._vehicles.values())
 
+    def health_of(self, system_id: int) -> Health:
+        """Return link and equipment of one vehicle."""
+        return self._vehicles[system_id].health()
+
     def unknown_systems(self) -> tuple[UnknownSystem, ...]:
         """Return the unknown systems on the links, in order of appearance."""
         return tuple(self._state.unknown_systems.known.values())

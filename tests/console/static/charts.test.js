@@ -1,5 +1,7 @@
 // A chart would show another time or another value than its axes say.
 
+/** @import { Mark } from "../../../gcs/console/page_types.d.ts" */
+
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { topOf } from "../../../gcs/console/static/line_chart.js";
@@ -49,7 +51,8 @@ test("the end of a scale is above all values with their spread", () => {
 });
 
 test("the nearest mark is found, and none that is far", () => {
-  const marks = [3, 10, 12].map((at) => ({ t_s: at, kind: /** @type {"lost"} */ ("lost"), text: "" }));
+  /** @type {Mark[]} */
+  const marks = [3, 10, 12].map((at) => ({ t_s: at, kind: "lost", text: "", code: "", key: "" }));
   assert.equal(nearestMark(marks, 11.2, 2)?.t_s, 12);
   assert.equal(nearestMark(marks, 6.5, 2), undefined);
 });

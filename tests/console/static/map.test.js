@@ -1,6 +1,6 @@
 // The map would show what is not so, or an order would close another area than the one that was drawn.
 
-/** @import { Point, Vehicle } from "../../../gcs/console/page_types.d.ts" */
+/** @import { AgentRecord, Point, Route } from "../../../gcs/console/page_types.d.ts" */
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -17,9 +17,9 @@ const REFERENCE = [
   { lat: 47.38, lon: 8.47, east: -2265.601211, north: -2223.278868 },
 ];
 
-/** @param {Partial<Vehicle>} more */
+/** @param {Partial<AgentRecord>} more */
 const vehicle = (more) =>
-  /** @type {Vehicle} */ ({ id: 1, status: "active", late: false, at: null, ...more });
+  /** @type {AgentRecord} */ ({ vehicle: 1, status: "active", is_late: false, position_m: null, ...more });
 
 /** Context that keeps the points of lines. */
 function recorder() {
@@ -48,14 +48,15 @@ test("of a route only what is ahead of the vehicle is drawn", () => {
     [200, 0],
   ];
   const style = { colour: "", width: 1, dash: [], selected: new Set(), loiter: { 1: 0 } };
-  const routes = [{ id: 1, target: "T0.1", points: route, length_m: 200, layer: 0, wait: null }];
-  drawRoutes(ctx, view, routes, [vehicle({ at: [130, 0], passed: 2 })], style);
+  /** @type {Route[]} */
+  const routes = [{ vehicle: 1, target: [0, 1], points_m: route, length_m: 200, layer: 0, wait_m: null }];
+  drawRoutes(ctx, view, routes, [vehicle({ position_m: [130, 0], points_passed: 2 })], style);
   assert.deepEqual(
     points.map(([x]) => x),
     [130, 200],
   );
   points.length = 0;
-  drawRoutes(ctx, view, routes, [vehicle({ at: [230, 0], passed: 3 })], style);
+  drawRoutes(ctx, view, routes, [vehicle({ position_m: [230, 0], points_passed: 3 })], style);
   assert.deepEqual(
     points.map(([x]) => x),
     [230, 200],
@@ -65,11 +66,11 @@ test("of a route only what is ahead of the vehicle is drawn", () => {
 test("a trail ends where the vehicle was not heard, and begins again", () => {
   const trails = new Trails();
   trails.begin({ 1: [[0, 0]] });
-  trails.add([vehicle({ at: [10, 0] })]);
-  trails.add([vehicle({ at: [12, 0] })]);
-  trails.add([vehicle({ at: [20, 0], late: true })]);
-  trails.add([vehicle({ at: [30, 0], late: true })]);
-  trails.add([vehicle({ at: [40, 0] })]);
+  trails.add([vehicle({ position_m: [10, 0] })]);
+  trails.add([vehicle({ position_m: [12, 0] })]);
+  trails.add([vehicle({ position_m: [20, 0], is_late: true })]);
+  trails.add([vehicle({ position_m: [30, 0], is_late: true })]);
+  trails.add([vehicle({ position_m: [40, 0] })]);
   assert.deepEqual([...trails.all()], [[[0, 0], [10, 0], null, [40, 0]]]);
 });
 

@@ -1,6 +1,6 @@
 // A table would hide what an operator must know, or a key would select another vehicle.
 
-/** @import { Vehicle } from "../../../gcs/console/page_types.d.ts" */
+/** @import { AgentRecord } from "../../../gcs/console/page_types.d.ts" */
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -10,46 +10,59 @@ import { Selection } from "../../../gcs/console/static/selection.js";
 import { orderedOf, stalenessOf } from "../../../gcs/console/static/targets.js";
 import { missionCell, targetCell } from "../../../gcs/console/static/vehicle_table.js";
 
-/** @param {Partial<Vehicle>} more */
+/** @param {Partial<AgentRecord>} more */
 function vehicle(more) {
-  const quiet = { status: "active", problems: [], reason: "", upload: "", failed: false, verified: true };
-  return /** @type {Vehicle} */ ({ ...quiet, target: null, proposed: null, pinned: null, ...more });
+  const quiet = {
+    status: "active",
+    problems: [],
+    reason: "",
+    upload: "",
+    has_failed: false,
+    is_verified: true,
+  };
+  return /** @type {AgentRecord} */ ({
+    ...quiet,
+    target: null,
+    proposed_target: null,
+    pinned: null,
+    ...more,
+  });
 }
 
 test("the worst about a mission is said, and nothing of a lost vehicle's", () => {
-  const all = { problems: ["no GPS"], reason: "held", upload: "read-back", failed: true };
+  const all = { problems: ["no GPS"], reason: "held", upload: "read-back", has_failed: true };
   assert.deepEqual(missionCell(vehicle(all)), ["no GPS", "bad"]);
   assert.deepEqual(missionCell(vehicle({ ...all, problems: [] })), ["held", "fair"]);
   assert.deepEqual(missionCell(vehicle({ upload: "read-back" })), ["upload: read-back", "active"]);
-  assert.deepEqual(missionCell(vehicle({ failed: true })), ["upload failed", "bad"]);
+  assert.deepEqual(missionCell(vehicle({ has_failed: true })), ["upload failed", "bad"]);
   assert.deepEqual(missionCell(vehicle({})), ["verified", "faint"]);
   assert.deepEqual(missionCell(vehicle({ ...all, status: "lost" })), ["–", "faint"]);
 });
 
 test("a proposed target is marked as such, and a pin that is not obeyed stands out", () => {
-  assert.equal(targetCell(vehicle({ proposed: "T0.1" })), "T0.1?");
-  assert.equal(targetCell(vehicle({ target: "T0.1", pinned: "T0.1" })), "pin T0.1");
-  assert.deepEqual(targetCell(vehicle({ target: "T0.1", pinned: "T0.2" })), ["T0.1, pin T0.2", "fair"]);
+  assert.equal(targetCell(vehicle({ proposed_target: [0, 1] })), "T0.1?");
+  assert.equal(targetCell(vehicle({ target: [0, 1], pinned: [0, 1] })), "pin T0.1");
+  assert.deepEqual(targetCell(vehicle({ target: [0, 1], pinned: [0, 2] })), ["T0.1, pin T0.2", "fair"]);
 });
 
 test("what was ordered about a target is listed; priority 0 is an order, too", () => {
-  assert.equal(orderedOf({ ignored: false, priority: null, pinned: [] }), "");
-  assert.equal(orderedOf({ ignored: true, priority: 0, pinned: ["3"] }), "ignored, priority 0, pinned 3");
+  assert.equal(orderedOf({ is_ignored: false, priority: null, pinned: [] }), "");
+  assert.equal(orderedOf({ is_ignored: true, priority: 0, pinned: [3] }), "ignored, priority 0, pinned 3");
 });
 
 test("targets are called old only if no sensor tells of them in time", () => {
   assert.equal(stalenessOf([]), ", no scan yet");
   assert.equal(
     stalenessOf([
-      { age_s: 9, state: "silent" },
-      { age_s: 0.2, state: "" },
+      { scan_age_s: 9, state: "silent" },
+      { scan_age_s: 0.2, state: "" },
     ]),
     "",
   );
   assert.equal(
     stalenessOf([
-      { age_s: 9, state: "silent" },
-      { age_s: 4, state: "late" },
+      { scan_age_s: 9, state: "silent" },
+      { scan_age_s: 4, state: "late" },
     ]),
     ", no scan for 4.0 s",
   );
@@ -82,9 +95,9 @@ test("a click selects one vehicle, with a modifier key it adds or removes one", 
 
 test("the rate of frames begins anew with another vehicle and with an earlier time", () => {
   const rate = new FrameRate();
-  const record = (/** @type {number} */ t_s, /** @type {number} */ frames, id = 1) => ({
-    id,
+  const record = (/** @type {number} */ t_s, /** @type {number} */ frames, vehicle = 1) => ({
     t_s,
+    agent: { vehicle },
     link: { frames },
   });
   rate.add(record(10, 100));

@@ -47,7 +47,7 @@ test("a polygon is closed by a click on its first corner, once it has three", ()
 
 test("the handles of a circle move it and set its radius", () => {
   const edit = new ZoneEdit(
-    { name: "z", disc: [0, 0, 50], polygon: [] },
+    { name: "z", disc_m: [0, 0, 50], polygon_m: [] },
     () => {},
     () => {},
   );
@@ -70,7 +70,7 @@ test("the handles of a polygon move it and each corner, and the zone that is sho
     [0, 90],
   ];
   const edit = new ZoneEdit(
-    { name: "z", disc: null, polygon },
+    { name: "z", disc_m: null, polygon_m: polygon },
     () => {},
     () => {},
   );

@@ -1,5 +1,7 @@
 """An operator would task, or wait for, a vehicle that is lost or in other hands."""
 
+from dataclasses import replace
+
 from gcs.model import NS_PER_S, AgentRecord, Order, SwarmStatus
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import load
@@ -46,7 +48,10 @@ def test_the_status_lists_routes_and_lost_agents() -> None:
         assert abs(one.eta_s - one.to_go_m / 15.0) < 3.0
         (target,) = [t for t in status.targets if t.label == one.target]
         assert one.vehicle in target.agents
+    assert lost.is_late
+    assert lost.lost_at_m is not None
     (radar,) = status.sensors
+    assert radar.state == ""
     assert radar.scan_age_s is not None
     assert radar.scan_age_s < 1.5
     run.run(80.0)
@@ -79,3 +84,26 @@ def test_asking_for_the_status_changes_nothing() -> None:
     assert times[0] == times[1] >= 40 * NS_PER_S
     positions = [[(v.east_m, v.north_m) for v in run.vehicles.values()] for run in runs]
     assert positions[0] == positions[1]
+
+
+def test_a_charge_below_the_limit_of_its_alarm_is_low() -> None:
+    run = VirtualRun(load("prescribed"), 1)
+    run.run(5.0)
+    stages = run.command.stages
+    health = [replace(stages.fleet.health_of(1), battery_percent=charge) for charge in (29, 30, None)]
+    found = [stages.status_report.agent(one, run.t_ns).is_battery_low for one in health]
+    assert found == [True, False, False]
+
+
+def test_a_sensor_that_falls_silent_is_late_at_first() -> None:
+    run = VirtualRun(load("prescribed"), 1)
+    watchdog = run.command.state.perception.sensor_watchdog
+    for t_s in range(1, 4):
+        watchdog.processed("radar", t_s * NS_PER_S)
+
+    def state(t_s: int) -> str:
+        watchdog.poll(t_s * NS_PER_S)
+        (record,) = watchdog.records(t_s * NS_PER_S)
+        return record.state
+
+    assert [state(t_s) for t_s in (4, 6, 9)] == ["", "late", "silent"]

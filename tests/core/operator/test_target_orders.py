@@ -52,10 +52,11 @@ def test_targets_of_higher_priority_get_their_agents_first() -> None:
     (left,) = {(0, k) for k in range(5)} - set(before.values())
     flight = fly([order(12.0, "priority", target=left, priority=5)], 20.0)
     assert left in plan_after(flight, 12.0).values()
+    flight.run.order(order(20.5, "pin", 3, target=left))
     flight.run.order(order(21.0, "status"))
     flight.run.run(22.0)
     (status,) = flight.all(SwarmStatus)
-    assert [one.priority for one in status.targets if one.label == left] == [5]
+    assert [(one.priority, one.pinned) for one in status.targets if one.label == left] == [(5, (3,))]
 
 
 def test_an_order_about_a_target_that_is_not_there_is_refused() -> None:
