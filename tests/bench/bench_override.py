@@ -4,7 +4,8 @@
 ``gcs demo --sitl`` towards targets far away. Again and again a vehicle gets another target by a pin, and a
 second ground station, on a link of its own, commands RTL some time after the order, so that the RTL meets all
 stages of the upload. Then the vehicle is resumed. One row per stage: what was sent last when the heartbeat
-showed RTL, how often, and how often a message that steers was sent after it, or the vehicle left RTL.
+showed RTL, how often, and how often a message that steers was sent after it, or the vehicle left RTL before it
+was resumed.
 """
 
 import argparse
@@ -18,7 +19,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from fault_watch import PLANE_AUTO, PX4_AUTO, FaultWatch
+from fault_watch import FaultWatch
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import GcsError
@@ -34,6 +35,7 @@ FIRST_PORT = 24600
 PX4_PORT = 18570
 RTL = {"arduplane": (11, 0), "px4": (4, 5)}
 """Mode and submode of DO_SET_MODE."""
+RESUMED = "resumed"
 RTL_MODE = {"arduplane": 11, "px4": 4 << 16 | 5 << 24}
 FIELD = """
 name = "override"
@@ -169,14 +171,13 @@ def fly(sitl: str, trials: int, loss: float, folder: Path) -> Path:
 
 def print_rows(recording: Path, firmware: str) -> None:
     """Print one row per stage: RTL seen, steering messages after it, RTL left."""
-    auto = PX4_AUTO if firmware == "px4" else PLANE_AUTO
     watches = {vehicle: FaultWatch("rc", vehicle) for vehicle in VEHICLES}
     last_sent, in_rtl = dict.fromkeys(VEHICLES, (0, "nothing")), dict.fromkeys(VEHICLES, "")
     seen, left, steered = Counter(), Counter(), Counter()
     for record in read(recording, only=(Datagram, Order, Notice, Plan, Send)):
         value = record.value
         if isinstance(value, Order) and value.action == "resume":
-            in_rtl |= dict.fromkeys(value.vehicles or VEHICLES, "")
+            in_rtl |= dict.fromkeys(value.vehicles or VEHICLES, RESUMED)
         if isinstance(value, Send):
             for frame in scan(value.data).frames:
                 message = frame.message()
@@ -193,8 +194,8 @@ def print_rows(recording: Path, firmware: str) -> None:
                     sent_ns, kind = last_sent[vehicle]
                     in_rtl[vehicle] = kind if record.t_ns - sent_ns < 1.5 * NS_PER_S else "no upload"
                     seen[in_rtl[vehicle]] += 1
-                elif in_rtl[vehicle] and mode == auto:
-                    left[in_rtl[vehicle]] += 1
+                elif mode != RTL_MODE[firmware]:
+                    left[in_rtl[vehicle]] += in_rtl[vehicle] not in ("", RESUMED)
                     in_rtl[vehicle] = ""
         for vehicle, watch in watches.items():
             before = len(watch.steered)
