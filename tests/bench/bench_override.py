@@ -4,8 +4,8 @@
 ``gcs demo --sitl`` towards targets far away. Again and again a vehicle gets another target by a pin, and a
 second ground station, on a link of its own, commands RTL some time after the order, so that the RTL meets all
 stages of the upload. Then the vehicle is resumed. One row per stage: what was sent last when the heartbeat
-showed RTL, how often, and how often a message that steers was sent after it, or the vehicle left RTL before it
-was resumed.
+showed RTL, how often, and how often a message that steers was sent after it, or the vehicle left RTL before
+it was resumed.
 """
 
 import argparse
