@@ -1,11 +1,11 @@
 """RTL by somebody else in the middle of an upload, with real firmware: is anything sent against it?
 
 ``python tests/bench/bench_override.py --sitl arduplane=PATH`` (or ``px4=PATH``) flies four vehicles with
-``gcs demo --sitl`` towards targets far away. Again and again a vehicle gets another target by a pin, and a
-second ground station, on a link of its own, commands RTL some time after the order, so that the RTL meets all
-stages of the upload. Then the vehicle is resumed. One row per stage: what was sent last when the heartbeat
-showed RTL, how often, and how often a message that steers was sent after it, or the vehicle left RTL before
-it was resumed.
+``gcs demo --sitl`` towards targets far away. Missions end with a landing, which PX4 follows in RTL (RTL_TYPE
+1). Again and again a vehicle gets another target by a pin, and a second ground station, on a link of its own,
+commands RTL some time after the order, so that the RTL meets all stages of the upload. Then the vehicle is
+resumed. One row per stage: what was sent last when the heartbeat showed RTL, how often, and how often a
+message that steers was sent after it, or the vehicle left RTL before it was resumed.
 """
 
 import argparse
@@ -52,6 +52,7 @@ nodes_north = 31
 altitude_rel_m = 80.0
 layer_step_m = 30.0
 layers = 4
+end = "land"
 [airframe]
 speed_m_s = 18.0
 [simulation]
@@ -109,7 +110,9 @@ def with_second_link(binary: Path, folder: Path) -> Path:
 def mission_file(firmware: str, folder: Path) -> Path:
     text = FIELD
     if firmware == "px4":
-        text = text.replace("[simulation]\n", f"[simulation]\npx4 = {list(VEHICLES)}\n")
+        text = text.replace(
+            "[simulation]\n", f"[simulation]\npx4 = {list(VEHICLES)}\nparameters = {{ RTL_TYPE = 1 }}\n"
+        )
         text = text.replace("speed_m_s = 18.0", "speed_m_s = 12.0")
     for vehicle in VEHICLES:
         north_m = 500.0 * vehicle
