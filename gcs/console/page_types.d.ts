@@ -50,13 +50,11 @@ export type Trail = (Point | null)[];
 
 export interface Mission {
   name: string;
-  description: string;
   size_m: Point;
   origin_deg: [lat: number, lon: number];
   origin_alt_m: number;
-  approval: boolean;
   loiter_radii_m: Record<string, number>;
-  homes: { id: number; name: string; at: Point }[];
+  homes: Point[];
   rally: Point[];
   fence: { stay_in: boolean; ring: Point[] }[];
   kind: "live" | "replay";
@@ -103,7 +101,6 @@ export interface SensorState {
   /** Null: no scan yet. */
   age_s: number | null;
   state: "" | "late" | "silent";
-  refused: number;
 }
 
 export interface ServiceState {
@@ -119,10 +116,8 @@ export interface ServiceState {
 export interface Vehicle {
   id: number;
   name: string;
-  rank: number;
   status: "active" | "arrived" | "lost" | "down";
   authority: string;
-  phase: string;
   problems: string[];
   reason: string;
   mode: string;
@@ -140,14 +135,11 @@ export interface Vehicle {
   late: boolean;
   loss: number;
   doubted: boolean;
-  track: string | null;
-  existence: number;
   target: string | null;
   proposed: string | null;
   pinned: string | null;
   /** Points of its route that it has passed. */
   passed: number;
-  to_go_m: number | null;
   eta_s: number | null;
   /** Stage of its upload; empty for none. */
   upload: string;
@@ -174,7 +166,6 @@ export interface Route {
   target: string;
   points: Point[];
   length_m: number;
-  layer: number;
   /** Centre of the loiter at its end, if that is elsewhere. */
   wait: Point | null;
 }
@@ -189,7 +180,6 @@ export interface Proposal {
 /** Figures are missing while they are not computed. */
 export interface ProposedRoute extends Route {
   name: string;
-  line: string;
   shown_length_m?: number | null;
   arrival_s?: number | null;
   /** Null: it flies alone. */
@@ -220,7 +210,6 @@ export interface Tracks {
   covs: Covariance[];
   existence: number[];
   estimated: boolean[];
-  cardinality: number[];
 }
 
 export type Covariance = [east_east: number, east_north: number, north_north: number];

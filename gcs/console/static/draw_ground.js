@@ -160,7 +160,7 @@ export function drawZones(ctx, view, zones, colour) {
 export function drawHomes(ctx, view, mission, colour) {
   ctx.strokeStyle = ctx.fillStyle = colour("dim");
   ctx.lineWidth = 1.2;
-  for (const { at } of mission.homes) {
+  for (const at of mission.homes) {
     const [x, y] = [view.x(at[0]), view.y(at[1])];
     ctx.beginPath();
     ctx.moveTo(x - 5, y);

@@ -31,7 +31,6 @@ from gcs.model import (
 )
 from gcs.planning.map.grid import Grid
 from gcs.report.agent_order import attention, is_late, pinned_vehicles
-from gcs.report.operator_lines import route_lines
 
 MAX_DETECTIONS: Final = 20_000
 """Detections of one scan that a page gets."""
@@ -42,16 +41,11 @@ def mission(config: Config) -> dict[str, Any]:
     area, frame = config.map, config.local_frame
     return {
         "name": config.name,
-        "description": config.description,
         "size_m": [area.width_m, area.height_m],
         "origin_deg": [frame.lat_deg, frame.lon_deg],
         "origin_alt_m": frame.alt_msl_m,
-        "approval": config.planning.retask == "confirm",
         "loiter_radii_m": {v: one.loiter_radius_m for v, one in config.airframes_of_agents.items()},
-        "homes": [
-            {"id": one.vehicle, "name": vehicle_name(one.vehicle), "at": [one.east_m, one.north_m]}
-            for one in config.agents
-        ],
+        "homes": [[one.east_m, one.north_m] for one in config.agents],
         "rally": [frame.to_local(one.lat_deg, one.lon_deg) for one in rally_of(config)],
         "fence": [
             {"stay_in": one.stay_in, "ring": one.outline_m(frame)} for one in drawn_areas(config, config.name)
@@ -91,10 +85,8 @@ def _vehicle(
     return {
         "id": agent.vehicle,
         "name": vehicle_name(agent.vehicle),
-        "rank": attention(agent)[0],
         "status": agent.status,
         "authority": agent.authority,
-        "phase": agent.phase,
         "problems": list(agent.problems),
         "reason": agent.reason,
         "mode": agent.mode,
@@ -111,13 +103,10 @@ def _vehicle(
         "late": is_late(agent),
         "loss": rounded(agent.loss, 3),
         "doubted": agent.is_position_doubted,
-        "track": None if agent.track is None else track_name("agents", agent.track),
-        "existence": rounded(agent.existence, 2),
         "target": None if agent.target is None else target_name(agent.target),
         "proposed": None if agent.proposed_target is None else target_name(agent.proposed_target),
         "pinned": None if agent.pinned is None else target_name(agent.pinned),
         "passed": agent.points_passed,
-        "to_go_m": rounded(agent.to_go_m, 0),
         "eta_s": rounded(agent.eta_s, 0),
         "upload": agent.upload,
         "failed": agent.has_failed,
@@ -152,7 +141,6 @@ def sensors(capture: Capture) -> list[dict[str, Any]]:
             "name": one.name,
             "age_s": rounded(one.scan_age_s),
             "state": capture.sensors.get(one.name, ""),
-            "refused": one.refused,
         }
         for one in capture.status.sensors
     ]
@@ -185,7 +173,6 @@ def tracks(picture: Picture) -> dict[str, Any]:
         "covs": covs[:, [0, 0, 1], [0, 1, 1]].round(1).tolist(),
         "existence": [round(track.existence, 3) for track in found],
         "estimated": [track.estimated for track in found],
-        "cardinality": picture.cardinality.round(4).tolist(),
     }
 
 
@@ -196,7 +183,6 @@ def route(one: Route) -> dict[str, Any]:
         "target": target_name(one.target),
         "points": one.points_m.round(1).tolist(),
         "length_m": rounded(one.length_m, 0),
-        "layer": one.layer,
         "wait": one.wait_m,
     }
 
@@ -207,9 +193,9 @@ def proposal(pending: Proposal | None) -> dict[str, Any] | None:
         return None
     figures = {one.vehicle: one for one in pending.figures}
     rows = []
-    for one, line in zip(pending.routes, route_lines(pending), strict=True):
+    for one in pending.routes:
         known = figures.get(one.vehicle)
-        row = route(one) | {"name": vehicle_name(one.vehicle), "line": line}
+        row = route(one) | {"name": vehicle_name(one.vehicle)}
         if known is not None:
             row |= {
                 "length_m": rounded(known.length_m, 0),

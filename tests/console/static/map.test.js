@@ -48,7 +48,7 @@ test("of a route only what is ahead of the vehicle is drawn", () => {
     [200, 0],
   ];
   const style = { colour: "", width: 1, dash: [], selected: new Set(), loiter: { 1: 0 } };
-  const routes = [{ id: 1, target: "T0.1", points: route, length_m: 200, layer: 0, wait: null }];
+  const routes = [{ id: 1, target: "T0.1", points: route, length_m: 200, wait: null }];
   drawRoutes(ctx, view, routes, [vehicle({ at: [130, 0], passed: 2 })], style);
   assert.deepEqual(
     points.map(([x]) => x),
