@@ -194,6 +194,6 @@ def test_many_detections_are_thinned_evenly_with_a_remark() -> None:
 
 
 def test_docs_name_every_claim() -> None:
-    text = (Path(__file__).parents[3] / "docs" / "paper.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "paper.md").read_text(encoding="utf-8")
     for claim in claims(all_of(a_run())):
         assert claim.says in text

@@ -191,9 +191,7 @@ def test_pulling_the_string_shortens_the_way_and_leaves_fewer_corners():
 @pytest.mark.parametrize("shape", ["grid", "pulled"])
 def test_a_clearance_is_kept_where_there_is_a_way_that_keeps_it(shape):
     grid = free_grid((31, 31), 40.0).with_obstacles(boxes_m=[(380.0, 0.0, 500.0, 700.0)], cells=[(25, 20)])
-    result = plan(
-        grid, {1: (100.0, 300.0)}, {(0, 0): (900.0, 300.0)}, None, PlanOptions("metric", shape, 55.0)
-    )
+    result = plan(grid, {1: (100.0, 300.0)}, {(0, 0): (900.0, 300.0)}, None, PlanOptions(shape, 55.0))
     (route,) = result.routes
     points = [(100.0, 300.0), *(tuple(p) for p in route.points_m.tolist())]
     assert all(line_of_sight(grid, a, b, 55.0) for a, b in itertools.pairwise(points))

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-import typer.core
 
 from gcs.cli.arguments import JsonOption, MapSeedOption, check_picture, command_app, complete_scenario
 from gcs.cli.errors import exit_on_error
@@ -16,30 +14,7 @@ from gcs.io.console import console_for
 app = command_app()
 
 
-class _PositionsCommand(typer.core.TyperCommand):
-    """Accepts several positions after an option (`--agents 1,2 3,4`) as well as a repeated option."""
-
-    _POSITION = re.compile(r"-?[\d.]+,-?[\d.]+")
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Repeat the option before each of its positions, then parse."""
-        option = ""
-        expanded: list[str] = []
-        for arg in args:
-            if option and (
-                self._POSITION.fullmatch(arg) or (expanded[-1] == option and not arg.startswith("--"))
-            ):
-                if expanded[-1] == option:
-                    expanded.pop()
-                expanded.append(f"{option}={arg}")
-                continue
-            name = arg.partition("=")[0]
-            option = name if name in ("--agents", "--targets") else ""
-            expanded.append(arg)
-        return super().parse_args(ctx, expanded)
-
-
-@app.command(cls=_PositionsCommand)
+@app.command()
 def plan(
     scenario: Annotated[
         str,
@@ -51,15 +26,15 @@ def plan(
     agents: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="X,Y ...",
-            help="Positions of agents, in metres east and north.  [default: their starts in the mission]",
+            metavar="X,Y",
+            help="Position of an agent, metres east and north; repeatable.  [default: the mission's starts]",
         ),
     ] = None,
     targets: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="X,Y ...",
-            help="Positions of targets, in metres east and north.  [default: the target births]",
+            metavar="X,Y",
+            help="Position of a target, in metres east and north; repeatable.  [default: the target births]",
         ),
     ] = None,
     seed: MapSeedOption = 1,

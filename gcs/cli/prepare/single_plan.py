@@ -125,7 +125,7 @@ def planning_task(
 def _positions(given: Sequence[str], option: str, grid: Grid) -> list[Point]:
     """Return positions on the map from texts such as "1.5,2"."""
     places = []
-    for text in " ".join(given).replace(";", " ").split():
+    for text in given:
         try:
             x, y = (float(part) for part in text.split(","))
         except ValueError:

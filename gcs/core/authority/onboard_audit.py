@@ -185,7 +185,3 @@ def _begin_again(audit: Audit, t_ns: int) -> None:
 
 def _download(vehicle: int, rtt: RttEstimator, t_ns: int) -> MissionDownload:
     return MissionDownload.begin((system_of(vehicle), AUTOPILOT_COMPONENT_ID), rtt, t_ns)
-
-
-def _until(vehicle: int) -> str:
-    return f"until `gcs order resume --vehicle {vehicle}`"

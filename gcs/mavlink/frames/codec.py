@@ -164,11 +164,6 @@ class FrameTable:
         """Frames with a valid checksum."""
         return [self._frame(row) for row in self.rows.tolist() if row[CHECKED]]
 
-    @property
-    def unchecked(self) -> list[Frame]:
-        """Frames of unknown ids."""
-        return [self._frame(row) for row in self.rows.tolist() if not row[CHECKED]]
-
 
 def scan(data: bytes) -> FrameTable:
     """Return the frames of a datagram."""

@@ -50,7 +50,6 @@ Stream: TypeAlias = str
 NS_PER_TICK: Final = 10_000
 _MAGIC_V2: Final = 0xFD
 _SIGNED_FLAG: Final = 0x01
-_SIGNATURE_BYTES: Final = 13
 _SETUP_SIGNING: Final[int] = dialect.MAVLINK_MSG_ID_SETUP_SIGNING
 _MAYBE_SETUP: Final = re.compile(b"\xfd.{6}" + re.escape(_SETUP_SIGNING.to_bytes(3, "little")), re.DOTALL)
 _RADIO: Final = (dialect.MAVLINK_MSG_ID_RADIO_STATUS, dialect.MAVLINK_MSG_ID_RADIO)

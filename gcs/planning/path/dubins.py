@@ -18,9 +18,8 @@ import numpy as np
 from gcs.jit import inlined, kernel
 from gcs.model import FloatArray
 
-WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 WORD_TURNS = np.array([[1, 0, 1], [-1, 0, -1], [1, 0, -1], [-1, 0, 1], [-1, 1, -1], [1, -1, 1]])
-"""(6, 3): +1 for a left arc, -1 for a right one, 0 for a straight line, of each word."""
+"""(6, 3): +1 for a left arc, -1 for a right one, 0 for a straight line; LSL, RSR, LSR, RSL, RLR, LRL."""
 
 _FULL = 2.0 * math.pi
 
@@ -38,7 +37,7 @@ def dubins_words(
 ) -> FloatArray:
     """Return the pieces of all six words, (6, 3): arcs in radians, lines in radii; inf if impossible.
 
-    Rows as in `WORDS`.
+    Rows as in `WORD_TURNS`.
     """
     pieces = np.full((6, 3), np.inf)
     for word in range(6):

@@ -76,9 +76,8 @@ def test_ways_home_are_named_and_drawn_where_a_mission_lands(tmp_path):
 @pytest.mark.parametrize(
     "places",
     [
-        ["--agents", "0,0", "8,0", "--targets", "0,6", "8,6"],
-        ["--agents", "0,0", "--agents", "8,0", "--targets", "0,6 8,6"],
-        ["--targets=0,6", "8,6", "--agents=0,0;8,0"],
+        ["--agents", "0,0", "--agents", "8,0", "--targets", "0,6", "--targets", "8,6"],
+        ["--targets=0,6", "--targets=8,6", "--agents=0,0", "--agents=8,0"],
     ],
 )
 def test_places_are_given_one_after_the_other(tiny, places):

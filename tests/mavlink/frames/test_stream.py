@@ -49,7 +49,7 @@ def test_noise_that_claims_to_be_an_unknown_message_swallows_no_frame() -> None:
 def test_a_message_of_an_unknown_id_is_still_one() -> None:
     unknown = bytes([0xFD, 6, 0, 0, 7, 1, 1, 0xF0, 0xFF, 0xFE]) + b"\xfd\xfe\xfd" + bytes(5)
     found = scan(unknown + FRAMES[0])
-    assert [frame.data for frame in found.unchecked] == [unknown]
+    assert [found.frame(row).data for row in range(found.count) if not found.is_checked(row)] == [unknown]
     assert len(found.frames) == 2
 
 
