@@ -8,9 +8,9 @@ from flown_separation import FlownMission, draw, fly
 MIN_LEAD_S = 5.0
 
 
-@pytest.mark.parametrize("seed", [1, 38])
+@pytest.mark.parametrize("seed", [1, 38, 626])
 def test_each_pair_that_comes_near_in_a_random_mission_was_told_before(seed):
-    """A failsafe sends the vehicles of these missions home, at one height."""
+    """A failsafe sends all home, at one height. The alarm of the last mission ended too early."""
     flown = fly(seed)
     assert flown.in_air_s > 300.0
     assert flown.pairs
@@ -19,7 +19,7 @@ def test_each_pair_that_comes_near_in_a_random_mission_was_told_before(seed):
 
 @pytest.mark.parametrize("seed", [153, 225, 257])
 def test_orders_and_plans_bring_no_pair_together(seed):
-    """A resume beside a landing, a route in the layer of a hold, resumes into holds."""
+    """A resume beside one that lands; a route in the layer where one holds; resumes into holds."""
     flown = fly(seed)
     assert flown.in_air_s > 300.0
     assert not flown.pairs
