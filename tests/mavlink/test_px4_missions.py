@@ -1,7 +1,7 @@
 """A PX4 would stay armed with a mission that was refused, or be given up as an operator's."""
 
 import pytest
-from plane_double import Channel, Joined, authority_in, upload_task
+from plane_double import GCS, Channel, Joined, authority_in, upload_task
 from px4_double import AUTO, HOLD, Px4
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -115,3 +115,21 @@ def test_a_mission_that_is_rejected_on_the_ground_is_not_verified():
     result = link.run()
     assert (result.ok, link.task.state.activation.is_unflyable, px4.store) == (False, True, [])
     assert "navigator rejects the mission" in result.detail
+
+
+def test_a_late_request_for_the_last_item_does_not_disturb_a_clearing():
+    """8.5 s later the read-back began, and the upload ended by a program error."""
+    px4 = Px4(mode=HOLD, tamper=lambda fields: (*fields[:5], fields[5] + 1.0, *fields[6:]))
+    px4._on_mission_clear_all = lambda _message, _sender: []
+    link = joined(px4)
+    link.up.put(link.task.start(0), 0)
+    while link.task.stage != "clear":
+        link.step()
+    last = dialect.MAVLink_mission_request_int_message(*GCS, len(link.task.items) - 1, 0)
+    px4._heartbeat, beat = lambda: last, px4._heartbeat
+    for _ in range(40):
+        link.step()
+    px4._heartbeat = beat
+    result = link.run()
+    assert (result.ok, result.onboard) == (False, "unknown")
+    assert "the clearing was not confirmed" in result.detail
