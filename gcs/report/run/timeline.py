@@ -77,6 +77,8 @@ class Decision:
     """Vehicles with a new route."""
     targets: dict[int, Label]
     """Target of every vehicle with a route."""
+    ends_m: dict[int, tuple[float, float]]
+    """End of each new route."""
     reason: str
     triggers: tuple[Cause, ...]
 
@@ -360,6 +362,11 @@ def _decision(plan: Plan, start_t_ns: int) -> Decision:
         t_s=(plan.t_ns - start_t_ns) / NS_PER_S,
         changed=plan.changed,
         targets={route.vehicle: route.target for route in plan.routes},
+        ends_m={
+            route.vehicle: (float(route.points_m[-1, 0]), float(route.points_m[-1, 1]))
+            for route in plan.routes
+            if route.vehicle in plan.changed
+        },
         reason=plan.reason,
         triggers=plan.causes,
     )
