@@ -135,7 +135,7 @@ def test_arming_a_vehicle_that_rejects_its_mission_is_refused_with_the_cause() -
 
 
 def both_targets() -> str:
-    text = FIELD.replace("[planning]", f"{SECOND_TARGET}[planning]")
+    text = FIELD.replace("[simulation]", f"{SECOND_TARGET}[simulation]")
     return text + SECOND_TRUTH
 
 
