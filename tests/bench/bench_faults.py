@@ -28,7 +28,7 @@ from fault_watch import FaultWatch, decoded, quantile
 
 from gcs.config import read_text
 from gcs.config.key_overrides import override_keys
-from gcs.model import NS_PER_S, Notice, Order
+from gcs.model import NS_PER_S, Notice, NoticeCode, Order
 from sim_vehicles.campaign.campaign import warm_up
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.faults import FaultKind
@@ -171,9 +171,9 @@ class Flight:
             watch.event(event, messages)
 
     def _on_effect(self, t_ns: int, effect: object) -> None:
-        if isinstance(effect, Notice) and effect.text.startswith("the mission stands still"):
+        if isinstance(effect, Notice) and effect.code is NoticeCode.STANDSTILL:
             self.stands_still_since_ns = t_ns
-        if isinstance(effect, Notice) and effect.text.startswith("the mission goes on"):
+        if isinstance(effect, Notice) and effect.code is NoticeCode.STANDSTILL_OVER:
             self.stands_still_since_ns = None
         for watch in self.watches:
             watch.effect(t_ns, effect)
