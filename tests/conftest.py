@@ -1,9 +1,10 @@
 """Compiles the kernels before the first test that calls them. Makes importable what several folders share.
 
-Examples of Hypothesis have no time limit: machines differ.
+Examples of Hypothesis have no time limit: machines differ. SWARM_GCS_REWORD=1 rewords all notices.
 """
 
 import fcntl
+import os
 import sys
 from collections.abc import Generator
 from functools import lru_cache
@@ -20,6 +21,11 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent / "bench")
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
+if os.environ.get("SWARM_GCS_REWORD"):
+    from rewording import reword_notices
+
+    reword_notices()
+
 
 STARTS_PROCESSES = {
     "cli",
@@ -32,6 +38,7 @@ STARTS_PROCESSES = {
     "test_cli.py",
     "test_docs.py",
     "test_jit.py",
+    "test_rewording.py",
 }
 """Folders and files with tests that call kernels in other processes, or import them when they run."""
 

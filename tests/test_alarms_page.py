@@ -52,6 +52,35 @@ def test_optional_parts_are_left_out_with_their_parameters():
     assert text.endswith("`gcs order ready --vehicle 2:1`")
 
 
+@pytest.mark.parametrize(
+    ("remedy", "codes"),
+    [
+        (
+            "`gcs order resume --vehicle 1`",
+            "overridden failsafe second-commander mission-differs mission-unread",
+        ),
+        ("`gcs order ready --vehicle 1`", "came-down landed"),
+        ("`gcs order continue`", "targets-unattended"),
+        ("--no-resume", "resumed"),
+        ("order it again", "order-ended"),
+        ("rder it to resume", "clearing-given-up station-upload-broken station-upload-mixed"),
+        ("rder it again to ", "order-waits"),
+        ("hold or return one, or let a pilot take it over", "comes-near separation-lost"),
+        ("hold or return it", "zone-on-return"),
+        ("hold it, or return it", "zone-entered first-leg-still-wrong"),
+    ],
+)
+def test_a_text_names_what_the_operator_can_do(remedy, codes):
+    for code in map(NoticeCode, codes.split()):
+        assert remedy in Notice(0, code, 1 if code.about == "vehicle" else None).text
+
+
+def test_a_line_names_its_vehicle_once():
+    for code in NoticeCode:
+        if code.about == "vehicle":
+            assert Notice(0, code, 1).line.count("agent 1") == 1
+
+
 def test_a_code_of_a_later_version_ends_no_reading_of_a_recording():
     payload = encode(Notice(0, NoticeCode.LINK_DOWN, 1, {"silence_s": 5.0})).replace(b"link-down", b"later")
     assert decode("test", payload, Notice).code is NoticeCode.UNKNOWN

@@ -124,7 +124,6 @@ class FaultWatch:
     """Time since when the vehicle cannot or does not fly on to its target: without thrust, or in a failsafe's
     mode; None as long as it flies its mission."""
     told_ns: int | None = None
-    told_text: str = ""
     misattributed: str = ""
     """Notice that takes a failsafe's mode for somebody's choice; empty if there is none."""
     target: Label | None = None
@@ -290,7 +289,7 @@ class FaultWatch:
         if notice.code is NoticeCode.OVERRIDDEN and self.kind != "radio":  # its telemetry is not heard
             self.misattributed = notice.text
         if self.told_ns is None and notice.code in TOLD[self.kind]:
-            self.told_ns, self.told_text = notice.t_ns, notice.text
+            self.told_ns = notice.t_ns
 
     def _take_plan(self, plan: Plan) -> None:
         self.targets = {route.vehicle: route.target for route in plan.routes}

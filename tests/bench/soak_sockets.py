@@ -93,7 +93,7 @@ def main() -> None:
                 gap_ns = max(gap_ns, record.t_ns - last_ns if last_ns else 0)
                 last_ns = record.t_ns
             elif isinstance(record.value, Notice) and record.value.level != "info":
-                notices[f"{record.value.level}: {record.value.text[:70]}"] += 1
+                notices[f"{record.value.level}: {record.value.code}"] += 1
             elif isinstance(record.value, AgentStatus):
                 notices[f"seen {record.value.status}"] += 1
     keys = ("outcome", "reason", "duration_s", "retasks", "uploads", "upload_failures", "orders")

@@ -100,13 +100,9 @@ def test_a_target_has_one_name_and_only_agents_are_lost() -> None:
         effect_notice(replace(proposal(1, 1.0, 1.0), routes=(route,), reason=passed.text)),
     ]
     nowhere = plan_routes(free_grid((5, 5), 10.0), {}, {label: (math.inf, 0.0)}, {}, PlanOptions())
-    words = " ".join(
-        [
-            *(line.line for line in proposal_lines if line is not None),
-            *(note.line for note in nowhere.notes),
-            callsign(label),
-        ]
-    )
+    parameters = [value for line in proposal_lines if line is not None for value in line.parameters.values()]
+    parameters += [value for note in nowhere.notes for value in note.parameters.values()]
+    words = " ".join([*map(str, parameters), callsign(label)])
     assert words.count("T0.2") == words.count("0.2") == 8
     assert "(0, 2)" not in words
     assert "lost" not in words

@@ -3,10 +3,10 @@
 import asyncio
 import io
 import re
-from dataclasses import replace
 from typing import Any, ClassVar
 
 import pytest
+from msgspec.structs import replace
 from rich.console import Console
 
 from gcs.cli.live_view import LiveView

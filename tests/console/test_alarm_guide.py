@@ -15,8 +15,8 @@ def test_each_code_has_an_entry_with_its_own_anchor() -> None:
 
 def test_an_entry_says_what_to_do() -> None:
     (row,) = re.findall('<tr id="link-down">(.*?)</tr>', page())
-    assert "<code>link down: not heard for … s</code>" in row
-    assert "check radio, power, range" in row
+    assert f"<code>{NoticeCode.LINK_DOWN.text.replace('{silence_s:.1f}', '…')}</code>" in row
+    assert NoticeCode.LINK_DOWN.action in row
 
 
 def test_the_page_needs_no_other_page(fly) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from core.other_station import AIR, MISSION, S
+from noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import RADAR, at, mission
 
@@ -26,6 +27,7 @@ from gcs.model import (
     Datagram,
     MissionEnded,
     Notice,
+    NoticeCode,
     Order,
     OrderAnswer,
     Resumed,
@@ -108,8 +110,8 @@ class Stage:
         sent = [m for e in self.effects if isinstance(e, Send) for m in decode_frames(e.data)[0]]
         return [m for m in sent if m.get_type() == "COMMAND_LONG" and m.command == number]
 
-    def notices(self) -> list[str]:
-        return [e.text for e in self.effects if isinstance(e, Notice)]
+    def noticed(self, code: NoticeCode) -> list[Notice]:
+        return noticed(self.effects, code)
 
 
 def landed(autopilot: int, mode: str = "AUTO") -> Stage:
@@ -137,7 +139,7 @@ def test_a_landed_vehicle_in_auto_is_not_armed_into_its_old_mission(autopilot: i
 def test_a_landed_vehicle_in_auto_is_put_into_hold_and_can_be_armed_there(autopilot: int) -> None:
     stage = landed(autopilot)
     assert stage.commands(SET_MODE)
-    assert any("stands on the ground in AUTO" in text for text in stage.notices())
+    assert stage.noticed(NoticeCode.LOITER_ON_GROUND)
     stage.mode = "LOITER"
     stage.wait(3.0)
     assert stage.command.untaskable() == {}, "it stays ours to task"
@@ -149,7 +151,7 @@ def test_a_landed_vehicle_in_auto_is_put_into_hold_and_can_be_armed_there(autopi
 def test_a_landed_vehicle_that_stays_in_auto_is_one_alarm() -> None:
     stage = landed(PX4)
     stage.wait(120.0)
-    assert len([text for text in stage.notices() if "stays in AUTO on the ground" in text]) == 1
+    assert len(stage.noticed(NoticeCode.AUTO_ON_GROUND)) == 1
     assert len(stage.commands(SET_MODE)) <= 10
 
 
@@ -239,7 +241,7 @@ def test_resume_lets_a_px4_that_rejected_its_mission_have_the_next_one_at_once()
     stage.mode = "LOITER"
     stage.show()
     stage.hear(dialect.MAVLink_mission_current_message(1, 4, none))
-    assert any("navigator rejects" in text for text in stage.notices())
+    assert stage.noticed(NoticeCode.MISSION_REJECTED)
     assert stage.order("resume")[0].state == "accepted"
     stage.wait(3.0)
     (answer,) = [e for e in stage.effects if isinstance(e, OrderAnswer) and e.state == "done"]
@@ -329,15 +331,13 @@ def test_a_vehicle_on_its_final_approach_is_not_tasked(autopilot: int) -> None:
 @pytest.mark.parametrize("mode", ["RTL", "MANUAL"])
 def test_a_mode_that_is_not_ours_is_reported_at_the_start_with_the_remedy(autopilot: int, mode: str) -> None:
     stage = airborne(autopilot, mode)
-    texts = [text for text in stage.notices() if "not by this service" in text]
-    assert len(texts) == 1
-    assert texts[0].startswith(f"is in {mode}")
-    assert "`gcs order resume --vehicle 1`" in texts[0]
+    (overridden,) = stage.noticed(NoticeCode.OVERRIDDEN)
+    assert (overridden.vehicle, overridden.parameters["mode"]) == (1, mode)
     stage.wait(20.0)
-    assert len([text for text in stage.notices() if "not by this service" in text]) == 1
+    assert len(stage.noticed(NoticeCode.OVERRIDDEN)) == 1
     stage.mode = "AUTO"
     stage.wait(2.0)
-    assert "is ours to task again" in stage.notices()
+    assert stage.noticed(NoticeCode.OURS_AGAIN)
 
 
 def test_a_mode_that_an_operator_ordered_here_is_not_an_override() -> None:
@@ -345,7 +345,7 @@ def test_a_mode_that_an_operator_ordered_here_is_not_an_override() -> None:
     stage.order("return")
     stage.mode = "RTL"
     stage.wait(5.0)
-    assert not [text for text in stage.notices() if "not by this service" in text]
+    assert not stage.noticed(NoticeCode.OVERRIDDEN)
 
 
 def test_targets_that_appear_after_the_missions_end_are_reported_once_with_the_remedy() -> None:
@@ -355,5 +355,4 @@ def test_targets_that_appear_after_the_missions_end_are_reported_once_with_the_r
         scan = Scan(at(t_s), at(t_s), RADAR, read_only(np.reshape(place, (-1, 2))))
         effects += command.step(scan) + command.step(Tick(at(t_s)))
     assert any(isinstance(effect, MissionEnded) for effect in effects)
-    (text,) = [e.text for e in effects if isinstance(e, Notice) and "the mission has ended" in e.text]
-    assert text.endswith("order `gcs order continue` to send agents there")
+    assert len(noticed(effects, NoticeCode.TARGETS_UNATTENDED)) == 1

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 from core.operator.test_vehicle_orders import SEED, Flight, order
 from core.other_station import MISSION as STATIONS
+from noticed import alarms, noticed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S, suspensions
 
@@ -26,6 +27,7 @@ from gcs.model import (
     MissionEnded,
     NoFlyZone,
     Notice,
+    NoticeCode,
     Order,
     OrderAnswer,
     Plan,
@@ -74,7 +76,7 @@ def test_targets_that_stand_still_cost_no_upload_after_a_restart_and_all_arrive(
     flight = flight_with_a_restart(40.0, 6.0, 400.0, scenario=standing())
     for vehicle in (1, 2, 3, 4):
         assert not {m.get_type() for m in flight.messages_to(vehicle, 46.0, 400.0)} & MISSION
-    assert sum("its onboard mission is verified" in n.text for n in flight.all(Notice)) == 4
+    assert len(noticed(flight.all(Notice), NoticeCode.ONBOARD_VERIFIED)) == 4
     (ended,) = flight.all(MissionEnded)
     assert (ended.arrived, ended.lost) == ((1, 2, 3, 4), ())
 
@@ -115,8 +117,8 @@ def test_another_mission_than_the_one_it_was_given_is_left_alone_until_resumed()
         store._items = items
 
     flight = flight_with_a_restart(30.0, 4.0, 70.0, meanwhile=other_mission)
-    notices = [n for n in flight.all(Notice) if n.vehicle == 3 and n.level == "alarm"]
-    assert any("its onboard mission is not the one it was given (item 1: z_m" in n.text for n in notices)
+    (differs,) = noticed(alarms(flight.all(Notice), 3), NoticeCode.MISSION_DIFFERS)
+    assert differs.parameters["difference"].startswith("item 1: z_m")
     assert not {m.get_type() for m in flight.messages_to(3, 34.0, 70.0)} & MISSION
     assert flight.mode(3) is Mode.AUTO
     assert suspensions(flight.run.command) == {3: "found"}
@@ -132,9 +134,9 @@ def test_uploads_continue_after_a_restart(px4: list[int], begun_s: float) -> Non
         first.run((first.t_ns - START_T_NS) / S + 0.05)
     at_s = (first.t_ns - START_T_NS) / S + begun_s
     flight = flight_with_a_restart(at_s, 3.0, 40.0, scenario=scenario)
-    (text,) = [n.text for n in flight.all(Notice) if "continues from its state" in n.text]
-    assert "uploads to agents 1, 2, 3, 4" in text
-    assert not [n.text for n in flight.all(Notice) if n.level == "alarm"]
+    (resumed,) = noticed(flight.all(Notice), NoticeCode.RESUMED)
+    assert "uploads to agents 1, 2, 3, 4" in resumed.parameters["contents"]
+    assert not alarms(flight.all(Notice))
     assert all(flight.mode(vehicle) is Mode.AUTO for vehicle in (1, 2, 3, 4))
     assert {report.vehicle for report in flight.all(UploadReport) if report.ok} == {1, 2, 3, 4}
 
@@ -160,7 +162,7 @@ def test_a_mission_that_was_stored_after_the_state_was_saved_is_not_uploaded_aga
         assert not sent & {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
         assert flight.mode(vehicle) is Mode.AUTO
     assert {report.vehicle for report in flight.all(UploadReport) if report.ok} == {1, 2, 3, 4}
-    assert not [n.text for n in flight.all(Notice) if n.level == "alarm"]
+    assert not alarms(flight.all(Notice))
 
 
 def test_an_upload_is_not_given_up_for_the_length_of_an_outage() -> None:
@@ -273,12 +275,13 @@ def test_a_mission_of_another_station_counts_after_a_restart_until_the_vehicle_i
     after = Engine(mission, 1, decode_state("test", encode_state(before.state)))
     effects = after.step(Resumed(t_ns + S, t_ns))
     assert "system 254/190 at 10.0.0.5:50" in after.untaskable()[1]
-    assert any("continues from its state" in e.text for e in effects if isinstance(e, Notice))
-    assert "broke off" not in str(after.step(Tick(t_ns + 10 * S)))
-    assert "broke off" in str(after.step(Tick(t_ns + 12 * S)))
+    assert noticed(effects, NoticeCode.RESUMED)
+    broken = (NoticeCode.STATION_UPLOAD_BROKEN, NoticeCode.STATION_UPLOAD_MIXED)
+    assert not noticed(after.step(Tick(t_ns + 10 * S)), *broken)
+    assert noticed(after.step(Tick(t_ns + 12 * S)), *broken)
     again = Engine(mission, 1, decode_state("test", encode_state(after.state)))
     again.step(Resumed(t_ns + 13 * S, t_ns + 12 * S))
-    assert "broke off" not in str(again.step(Tick(t_ns + 60 * S))), "reported once"
+    assert not noticed(again.step(Tick(t_ns + 60 * S)), *broken), "reported once"
     heartbeat = Encoder(1, 1)(dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3))
     again.step(Datagram(t_ns + 61 * S, "udpin:0.0.0.0:14550", "10.0.0.1:5", heartbeat))
     again.step(order(61.0, "resume", 1))
@@ -310,7 +313,7 @@ def test_a_restart_by_itself_changes_no_route(scenario: str, seed: int, at_s: fl
     assert again.changed == ()
     active = with_status(run.command.state.agents, "active")
     assert {route.vehicle: route.target for route in again.routes} == {v: assigned[v] for v in active}
-    verified = [e.vehicle for e in before if isinstance(e, Notice) and "mission is verified" in e.text]
+    verified = [notice.vehicle for notice in noticed(before, NoticeCode.ONBOARD_VERIFIED)]
     assert sorted(verified) == sorted(active), "no plan before missions are read back"
 
 
@@ -325,14 +328,9 @@ def give_another(run: VirtualRun, vehicle: int) -> None:
     store.replace(items)
 
 
-def alarms(effects: list[tuple[int, Effect]], vehicle: int) -> list[str]:
-    found = [effect for _, effect in effects if isinstance(effect, Notice) and effect.vehicle == vehicle]
-    return [notice.text for notice in found if notice.level == "alarm"]
-
-
 def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked_after_a_restart() -> None:
-    effects: list[tuple[int, Effect]] = []
-    run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
+    effects: list[Effect] = []
+    run = VirtualRun(standing(), SEED, on_effect=lambda _t_ns, effect: effects.append(effect))
     run.run(30.0)
     run.command.state.agents[3].routes.drop()
     snapshot = run.snapshot()
@@ -340,23 +338,21 @@ def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked
     run.restart(3.0, snapshot)
     stored = list(run.vehicles["vehicle:3"].autopilot.mission)
     run.run(60.0)
-    assert any("its onboard mission is not the one it was given" in text for text in alarms(effects, 3))
+    assert noticed(alarms(effects, 3), NoticeCode.MISSION_DIFFERS)
     assert list(run.vehicles["vehicle:3"].autopilot.mission) == stored
     assert suspensions(run.command) == {3: "found"}
 
 
 @pytest.mark.parametrize("changed", [True, False])
 def test_a_vehicle_that_was_not_heard_for_a_while_gets_an_onboard_mission_audit(changed: bool) -> None:
-    effects: list[tuple[int, Effect]] = []
+    effects: list[Effect] = []
     silent = {"until_s": 0.0}
 
     def away(t_ns: int, peer: str, data: bytes) -> list[tuple[str, bytes]]:
         gone = peer == "vehicle:2" and 30.0 <= (t_ns - START_T_NS) / S < silent["until_s"]
         return [] if gone else [(peer, data)]
 
-    run = VirtualRun(
-        standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)), tamper=away
-    )  # fmt: skip
+    run = VirtualRun(standing(), SEED, on_effect=lambda _, effect: effects.append(effect), tamper=away)
     silent["until_s"] = 42.0
     run.run(35.0)
     if changed:
@@ -364,17 +360,14 @@ def test_a_vehicle_that_was_not_heard_for_a_while_gets_an_onboard_mission_audit(
     stored = list(run.vehicles["vehicle:2"].autopilot.mission)
     run.run(60.0)
     assert list(run.vehicles["vehicle:2"].autopilot.mission) == stored
-    is_reported = any(
-        "its onboard mission is not the one it was given" in text for text in alarms(effects, 2)
-    )
-    assert is_reported is changed
+    assert bool(noticed(alarms(effects, 2), NoticeCode.MISSION_DIFFERS)) is changed
     assert suspensions(run.command) == ({2: "found"} if changed else {})
     assert (run.command.state.agents[2].routes.flown is not None) is not changed
 
 
 def test_a_vehicle_without_an_audit_gets_no_mission_until_an_answer_or_an_order() -> None:
-    effects: list[tuple[int, Effect]] = []
-    run = VirtualRun(standing(), SEED, on_effect=lambda t_ns, effect: effects.append((t_ns, effect)))
+    effects: list[Effect] = []
+    run = VirtualRun(standing(), SEED, on_effect=lambda _t_ns, effect: effects.append(effect))
     run.run(30.0)
     snapshot = run.snapshot()
     dumb = [run.vehicles[f"vehicle:{n}"] for n in (1, 4)]
@@ -385,7 +378,7 @@ def test_a_vehicle_without_an_audit_gets_no_mission_until_an_answer_or_an_order(
     run.run(65.0)
     for number in (1, 4):
         assert "does not answer the download of its onboard mission" in run.command.untaskable()[number]
-        assert any("does not answer" in text for text in alarms(effects, number))
+        assert noticed(alarms(effects, number), NoticeCode.MISSION_UNREAD)
     run.order(order(65.5, "resume", 4))
     dumb[0]._link._missions._list = given[0]
     run.run(75.0)

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from core.operator.test_vehicle_orders import SEED, order
 from core.test_restart import flight_with_a_restart
+from noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S
 
@@ -14,7 +15,7 @@ from gcs.core.operator.records import Command, OrderInProgress
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.mavlink.services.command_sender import CommandSender, command_long, set_mode
-from gcs.model import Effect, Notice, OrderAnswer, Send, Snapshot
+from gcs.model import Effect, NoticeCode, OrderAnswer, Send, Snapshot
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
@@ -67,7 +68,7 @@ def test_an_order_to_arm_ends_with_the_service(outage_s: float) -> None:
     (answer,) = [effect for effect in effects if isinstance(effect, OrderAnswer)]
     assert (answer.state, answer.vehicle) == ("failed", 2)
     assert "order it again" in answer.detail
-    assert any("order it again" in e.text for e in effects if isinstance(e, Notice) and e.level == "alarm")
+    assert [one.parameters["action"] for one in noticed(effects, NoticeCode.ORDER_ENDED)] == ["arm"]
 
 
 @pytest.mark.parametrize(("outage_s", "outcome"), [(3.0, "done"), (60.0, "failed")])

@@ -9,13 +9,18 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from noticed import noticed
+
 from gcs.config import read_text
 from gcs.config.key_overrides import override_keys
+from gcs.errors import RecordingError
 from gcs.io.recording.reader import read
 from gcs.io.zenoh.session import free_endpoint
+from gcs.model import Notice, NoticeCode
 
 GCS = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
 
@@ -77,14 +82,29 @@ class Run:
         """Wait until a service has printed what is wanted; return all that it printed."""
         deadline, said = time.monotonic() + timeout_s, ""
         while time.monotonic() < deadline:
-            said = (self.folder / f"{name}.log").read_text()
-            if wanted(said):
+            if wanted(said := self.printed(name)):
                 return said
             time.sleep(0.05)
         raise AssertionError(f"not within {timeout_s} s:\n{said}")
 
+    def printed(self, name: str) -> str:
+        return (self.folder / f"{name}.log").read_text()
+
     def all(self, name: str, kind: type) -> list[Any]:
-        return [record.value for record in read(self.folder / name) if isinstance(record.value, kind)]
+        records = read(self.folder / name, only={kind})
+        return [record.value for record in records if isinstance(record.value, kind)]
+
+    def until_told(
+        self, name: str, code: NoticeCode, count: int = 1, timeout_s: float = 60.0
+    ) -> list[Notice]:
+        """Wait until a service has recorded that many notices of a code; return them."""
+        deadline = time.monotonic() + timeout_s
+        while time.monotonic() < deadline:
+            with suppress(RecordingError):  # nothing is recorded yet
+                if len(found := noticed(self.all(name, Notice), code)) >= count:
+                    return found
+            time.sleep(0.2)
+        raise AssertionError(f"no {count} x {code} within {timeout_s} s:\n{self.printed(name)}")
 
     def end(self) -> None:
         for service in self.services:

@@ -15,7 +15,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.snapshot import decode_state
-from gcs.model import AgentStatus, Plan, Resumed, UploadReport
+from gcs.model import AgentStatus, MissionEnded, NoticeCode, Plan, Resumed, UploadReport
 
 
 class GroundStation:
@@ -78,15 +78,16 @@ def test_killed_and_started_again_it_uploads_nothing_twice_and_all_arrive(run: R
     first.send_signal(signal.SIGKILL)
     first.wait()
     run.serve("second")
-    run.until("second", lambda said: said.count("its onboard mission is verified") == 4)
+    run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
     order = [*GCS, "order", "resume", "-v", "2"]
     resumed = subprocess.run(order, capture_output=True, text=True, check=False, timeout=60)
     assert resumed.returncode == 0, resumed.stderr
-    run.until("second", lambda said: "mission ended: 4 arrived, 0 lost" in said, 150.0)
+    run.until("second", lambda _: bool(run.all("second", MissionEnded)), 150.0)
     run.services[-1].send_signal(signal.SIGINT)
     assert run.services[-1].wait(20.0) == 0
     assert len(run.all("first", UploadReport)) == 4
     assert len(run.all("second", Resumed)) == 1
+    assert [(one.arrived, one.lost) for one in run.all("second", MissionEnded)] == [((1, 2, 3, 4), ())]
     assert [report.vehicle for report in run.all("second", UploadReport)] in ([], [2])
     assert {f.vehicle for f in run.all("second", AgentStatus) if f.status == "arrived"} == {1, 2, 3, 4}
     assert "taken up again" in run.all("second", Plan)[0].reason
@@ -94,8 +95,8 @@ def test_killed_and_started_again_it_uploads_nothing_twice_and_all_arrive(run: R
     verified = subprocess.run(replay, capture_output=True, text=True, check=False, timeout=120)
     assert verified.returncode == 0, verified.stdout
     run.serve("third")
-    said = run.until("third", lambda said: "in contact" in said)
-    assert "taking up" not in said  # the mission had ended
+    run.until_told("third", NoticeCode.IN_CONTACT)
+    assert not run.all("third", Resumed)  # the mission had ended
 
 
 @pytest.mark.slow
@@ -103,16 +104,18 @@ def test_a_vehicle_under_another_ground_station_stays_so_when_the_service_is_kil
     first = run.serve("first")
     run.until("first", lambda said: said.count("verified by read-back") == 4)
     GroundStation(run.seat).write(3, 7)
-    run.until("first", lambda said: "took the mission of system 254" in said)
+    (wrote, *_) = run.until_told("first", NoticeCode.STATION_WROTE)
+    assert wrote.parameters["station"].startswith("system 254")
     deadline = time.monotonic() + 10.0
     while not has_external_mission(run.folder / "journal", 3) and time.monotonic() < deadline:
         time.sleep(0.05)
     first.send_signal(signal.SIGKILL)
     first.wait()
     run.serve("second")
-    said = run.until("second", lambda said: said.count("its onboard mission is verified") == 3)
-    assert "agent 3 under other control" in said
-    run.until("second", lambda said: "plan: taken up again" in said)
+    run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 3)
+    (resumed,) = run.until_told("second", NoticeCode.RESUMED)
+    assert "agent 3 under other control" in resumed.parameters["contents"]
+    run.until("second", lambda said: "taken up again" in said)
     assert GroundStation(run.seat).count(3) == 7
     run.services[-1].send_signal(signal.SIGINT)
     assert run.services[-1].wait(20.0) == 0

@@ -11,6 +11,7 @@ import time
 from itertools import pairwise
 
 import pytest
+from noticed import noticed
 
 from gcs.config import Config, load
 from gcs.core.airspace.incursion_warning import IncursionWarnings
@@ -26,7 +27,7 @@ from gcs.io.zenoh.order_client import request_status, send_order
 from gcs.io.zenoh.order_inbox import BURST, MAX_SENDERS, MAX_WAITING, ORDERS_PER_S, OrderInbox
 from gcs.io.zenoh.order_messages import OrderMessage, decode_order
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
-from gcs.model import NS_PER_S, BadInput, Notice, Order, OrderAnswer, Tick
+from gcs.model import NS_PER_S, BadInput, Notice, NoticeCode, Order, OrderAnswer, Tick
 from gcs.service.service import Service
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
@@ -46,7 +47,7 @@ class Measurements:
     def __init__(self) -> None:
         self.worked_s: list[float] = []
         self.answered: set[str] = set()
-        self.texts: list[str] = []
+        self.notices: list[Notice] = []
 
     def event(self, event: object) -> None:
         if isinstance(event, Tick):
@@ -56,7 +57,7 @@ class Measurements:
         if isinstance(effect, OrderAnswer):
             self.answered.add(effect.order_id)
         if isinstance(effect, Notice):
-            self.texts.append(effect.text)
+            self.notices.append(effect)
 
 
 def test_fifteen_thousand_orders_stall_nothing_and_the_operators_own_is_carried_out():
@@ -95,7 +96,8 @@ def test_fifteen_thousand_orders_stall_nothing_and_the_operators_own_is_carried_
     assert max(later - earlier for earlier, later in pairwise(seen.worked_s)) < 1.0
     assert "o--1" in seen.answered
     assert len(seen.answered) < 500
-    assert any("orders refused" in text for text in seen.texts)
+    bad_input = noticed(seen.notices, NoticeCode.BAD_INPUT, NoticeCode.BAD_INPUT_MORE)
+    assert any("orders refused" in notice.parameters["problem"] for notice in bad_input)
 
 
 def test_orders_go_on_at_a_bounded_rate_and_all_others_are_counted():

@@ -92,7 +92,7 @@ def test_commands_that_end_a_flight_or_steer_by_hand_are_an_alarm(message):
     (notice,) = stations.receive(Datagram(NS_PER_S, WORK.name, "10.0.1.1:1", data), scan(data))[0]
     assert isinstance(notice, Notice)
     assert notice.level == "alarm"
-    assert "10.0.1.1:1" in notice.text
+    assert "10.0.1.1:1" in notice.parameters["station"]
     assert stations.receive(Datagram(2 * NS_PER_S, WORK.name, "10.0.1.1:1", data), scan(data))[0] == []
 
 

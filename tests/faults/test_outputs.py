@@ -163,7 +163,7 @@ def test_a_pipe_that_is_closed_is_an_alarm_and_the_mission_is_flown_to_its_end(t
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment)
     assert process.stdout is not None
     try:
-        line = next(line for line in process.stdout if b"plan: first plan" in line)
+        line = next(line for line in process.stdout if b"first plan" in line)
         process.stdout.close()
         code = process.wait(110.0)
     finally:

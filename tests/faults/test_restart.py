@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from noticed import noticed
+
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State
-from gcs.model import AgentStatus, Effect, NoFlyZone, Notice, Plan, Snapshot
+from gcs.model import AgentStatus, Effect, NoFlyZone, NoticeCode, Plan, Snapshot
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import load
 
@@ -32,15 +34,15 @@ def lost(state: State) -> None:
     state.airspace.zones["fire"] = NoFlyZone("fire", (500.0, 900.0, 60.0))
 
 
-def test_the_notice_names_the_restored_state_and_how_to_start_clean():
+def test_the_notice_names_the_restored_state():
     run, effects = restarted(lost)
     run.run(AT_S + 4.5)
-    (text,) = [e.text for e in effects if isinstance(e, Notice) and "continues from its state" in e.text]
-    assert "missions of agents 2, 3, 4" in text
-    assert "agent 1 lost" in text
-    assert "closed areas fire" in text
-    assert "5 targets" in text
-    assert "--no-resume" in text
+    (notice,) = noticed(effects, NoticeCode.RESUMED)
+    contents = notice.parameters["contents"]
+    assert "missions of agents 2, 3, 4" in contents
+    assert "agent 1 lost" in contents
+    assert "closed areas fire" in contents
+    assert "5 targets" in contents
 
 
 def test_a_vehicle_that_was_lost_before_the_restart_and_is_seen_again_gets_a_mission():

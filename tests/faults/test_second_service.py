@@ -10,12 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from noticed import noticed
 from processes import Run, free_port
 
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
-from gcs.model import Notice, UploadReport
+from gcs.model import Notice, NoticeCode, UploadReport
 
-SIGN = "another service with our ids"
+SIGN = NoticeCode.SECOND_COMMANDER
 LOCAL = "127.0.0.1"
 
 
@@ -106,16 +107,15 @@ def test_two_services_on_mirrored_links_are_named_and_one_of_them_stops(mirrored
     mirrored.until("service-0/log", lambda said: said.count("verified by read-back") >= 4, 90.0)
     time.sleep(10.0)  # twenty seconds of the flight: answers to its uploads have come
     mirrored.serve_one(1)
-    mirrored.until("service-0/log", lambda said: said.count(SIGN) >= 4, 60.0)
+    mirrored.until_told("service-0/log", SIGN, 4)
     named_s = time.monotonic()
-    mirrored.until("service-1/log", lambda said: "in contact" in said, 10.0)
+    mirrored.until_told("service-1/log", NoticeCode.IN_CONTACT, timeout_s=10.0)
     while time.monotonic() - named_s < 10.0:
         time.sleep(0.5)
     for service in mirrored.services:
         service.terminate()
         service.wait(20.0)
-    notices = mirrored.all("service-0/log", Notice)
-    alarms = [one for one in notices if SIGN in one.text]
+    alarms = noticed(mirrored.all("service-0/log", Notice), SIGN)
     assert [one.level for one in alarms] == ["alarm"] * 4
     uploads = mirrored.all("service-0/log", UploadReport)
     assert all(one.t_ns < alarms[-1].t_ns + 2_000_000_000 for one in uploads)

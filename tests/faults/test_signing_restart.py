@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from wall_clock import WallClock
 
@@ -16,7 +17,7 @@ from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.frames.signing import signed, timestamp_of
 from gcs.mavlink.router.router import Router
-from gcs.model import NS_PER_S, Datagram
+from gcs.model import NS_PER_S, Datagram, NoticeCode
 
 NOW = 1_767_225_600 * NS_PER_S
 KEY = bytes(range(32))
@@ -154,7 +155,7 @@ def test_the_address_follows_the_latest_signed_time(kernel):
     assert heard_at(fleet) == FOE[1]
     fleet.receive(Datagram(NOW + NS_PER_S, *HOME, plane.beat(NOW + NS_PER_S)))
     assert heard_at(fleet) == HOME[1]
-    assert any(n.level == "alarm" and "recorded" in n.text for n in fleet.notices())
+    assert noticed(fleet.notices(), NoticeCode.RECORDED_FRAMES)
     fleet.receive(Datagram(NOW + NS_PER_S, *FOE, old.beat(NOW - 7 * NS_PER_S)))
     assert heard_at(fleet) == HOME[1]
 

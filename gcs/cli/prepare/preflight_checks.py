@@ -152,9 +152,10 @@ async def _run_checks(
         session.has_key,
     )
     checks += mission_checks(config, rehearsal)
+    news = {(one.code, one.subject, *one.parameters.items()): one for one in session.notices}
     checks += [
-        Check(None, "link", "ok" if level == "info" else "warning", line)
-        for level, line in dict.fromkeys((notice.level, notice.line) for notice in session.notices)
+        Check(None, "link", "ok" if notice.level == "info" else "warning", notice.line)
+        for notice in news.values()
     ]
     if scan_listener is not None:
         checks += sensor_checks(scan_listener.scans, scan_listener.problems, waited_s)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from noticed import alarms, noticed
 
 from gcs.config import parse
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
@@ -14,7 +15,7 @@ from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
-from gcs.model import Mission, NoFlyZone, Notice, Plan, UploadReport, Waypoint
+from gcs.model import Mission, NoFlyZone, Notice, NoticeCode, Plan, UploadReport, Waypoint
 from gcs.planning.forward_simulation import Motion
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import parse_scenario
@@ -110,7 +111,8 @@ def test_a_target_without_a_clear_circle_gets_no_vehicle_and_the_operator_reads_
     flight = Flight(field((1300.0, 760.0), NARROW), 90.0)
     assert not [report for report in flight.of(UploadReport) if report.ok]
     assert flight.of(Plan)[0].unassigned_targets == ((0, 0),)
-    assert any("no loiter circle near target T0.0 keeps clear" in one.text for one in flight.of(Notice))
+    notes = [one.parameters["note"] for one in noticed(flight.of(Notice), NoticeCode.PLAN_NOTE)]
+    assert any("no loiter circle near target T0.0 keeps clear" in note for note in notes)
 
 
 CONFIG = parse(field((1450.0, 1000.0)), "fenced.toml")
@@ -160,8 +162,9 @@ def test_a_mission_whose_circle_leaves_the_fence_is_not_sent_and_the_alarm_names
     monkeypatch.setattr("gcs.planning.planner._with_terminal_loiter", lambda _grid, route, *_: (route, ""))
     flight = Flight(field((1380.0, 1000.0)), 40.0)
     assert not [report for report in flight.of(UploadReport) if report.ok]
-    alarms = [one.text for one in flight.of(Notice) if one.level == "alarm"]
-    assert len(alarms) == 1
-    assert alarms[0].startswith("its mission is not uploaded, its loiter circle leaves the fence at 33.2")
-    assert alarms[0].endswith("; the vehicle keeps its onboard mission")
+    (alarm,) = alarms(flight.of(Notice))
+    assert alarm.code is NoticeCode.MISSION_HELD_BACK
+    reason = alarm.parameters["reason"]
+    assert reason.startswith("its loiter circle leaves the fence at 33.2")
+    assert reason.endswith("; the vehicle keeps its onboard mission")
     assert flight.outside_m(WIDE) < 0.0

@@ -5,6 +5,7 @@ import pytest
 from core.tasking.test_upload_manager import Swarm
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from noticed import noticed
 from plane_double import Plane
 from staging import mission, state
 
@@ -18,7 +19,7 @@ from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
-from gcs.model import Mission, Notice, Waypoint, read_only
+from gcs.model import Mission, NoticeCode, Waypoint, read_only
 from gcs.planning.manoeuvres.landing import plan_return_route
 from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState
@@ -143,6 +144,6 @@ def test_a_mission_that_is_refused_leaves_the_vehicle_with_the_one_that_it_flies
         swarm.run(10.0)
     assert plane.store == held
     assert len(plane.requests) == count
-    alarms = [one.text for one in swarm.effects if isinstance(one, Notice) and "not uploaded" in one.text]
-    assert alarms == [f"its mission is not uploaded, {check.wrong}; the vehicle keeps its onboard mission"]
+    (alarm,) = noticed(swarm.effects, NoticeCode.MISSION_HELD_BACK)
+    assert alarm.parameters["reason"] == f"{check.wrong}; the vehicle keeps its onboard mission"
     assert not swarm.reports()[-1].ok

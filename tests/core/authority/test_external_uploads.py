@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from noticed import noticed
 from other_station import AIR, PEER, SEAT, S, Stage
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -22,26 +23,28 @@ from gcs.model import (
     vehicle_of,
 )
 
+BROKEN = (NoticeCode.STATION_UPLOAD_BROKEN, NoticeCode.STATION_UPLOAD_MIXED)
+
 
 @pytest.fixture
 def stage() -> Stage:
     return Stage()
 
 
-def notices(effects) -> list[tuple[str, int | None, str]]:
-    return [(e.level, e.vehicle, e.text) for e in effects if isinstance(e, Notice)]
+def notices(effects) -> list[Notice]:
+    return [effect for effect in effects if isinstance(effect, Notice)]
 
 
 def test_a_vehicle_with_a_mission_of_another_station_is_overridden_until_resumed(stage):
-    ((level, vehicle, text),) = notices(stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 0)))
-    assert (level, vehicle) == ("alarm", 1)
-    assert "system 254/190 at 10.0.0.5:50" in text
+    (notice,) = notices(stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 0)))
+    assert (notice.code, notice.vehicle) == (NoticeCode.STATION_WRITES, 1)
+    assert notice.parameters["station"] == "system 254/190 at 10.0.0.5:50"
     assert "left alone" in stage.command.untaskable()[1]
     ack = dialect.MAVLink_mission_ack_message(254, 190, 0, 0)
-    ((level, _, text),) = notices(stage.say(AIR, ack, 1, 1))
-    assert "took the mission" in text
+    (notice,) = notices(stage.say(AIR, ack, 1, 1))
+    assert notice.code is NoticeCode.STATION_WROTE
     stage.wait(60.0)
-    assert "broke off" not in str(notices(stage.effects))
+    assert not noticed(stage.effects, *BROKEN)
     assert 1 in stage.command.untaskable()
     assert any(isinstance(e, OrderAnswer) for e in stage.order("resume"))
     assert "mission of" not in stage.command.untaskable().get(1, "")
@@ -50,11 +53,14 @@ def test_a_vehicle_with_a_mission_of_another_station_is_overridden_until_resumed
 def test_an_upload_that_breaks_off_or_is_refused_is_an_alarm(stage):
     stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 0))
     stage.say(SEAT, dialect.MAVLink_mission_item_int_message(1, 1, 0, 3, 16, 0, 1, 0, 0, 0, 0, 0, 0, 0))
-    assert "broke off" not in str(notices(stage.wait(9.0)))
-    assert "broke off" in str(notices(stage.wait(2.0)))
+    assert not noticed(stage.wait(9.0), *BROKEN)
+    (notice,) = noticed(stage.wait(2.0), *BROKEN)
+    assert notice.parameters["how"] == "broke off"
     stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 0))
     refused = dialect.MAVLink_mission_ack_message(254, 190, 15, 0)
-    assert "may be inconsistent" in str(notices(stage.say(AIR, refused, 1, 1)))
+    (notice,) = notices(stage.say(AIR, refused, 1, 1))
+    assert notice.code is NoticeCode.STATION_UPLOAD_MIXED
+    assert notice.parameters["how"] == "refused with MAV_MISSION_RESULT 15"
 
 
 def test_a_fence_and_a_download_override_no_vehicle(stage):
@@ -66,9 +72,10 @@ def test_a_fence_and_a_download_override_no_vehicle(stage):
 def test_orders_of_another_station_are_noticed_once_in_a_while_and_requests_are_not(stage):
     arm = dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
     ask = dialect.MAVLink_command_long_message(1, 1, 512, 0, 148, 0, 0, 0, 0, 0, 0)
-    ((level, vehicle, text),) = notices(stage.say(SEAT, arm))
-    assert (level, vehicle) == ("warning", 1)
-    assert text == "MAV_CMD_COMPONENT_ARM_DISARM from system 254/190 at 10.0.0.5:50"
+    (notice,) = notices(stage.say(SEAT, arm))
+    assert (notice.code, notice.vehicle) == (NoticeCode.STATION_ARMS, 1)
+    assert notice.parameters["message"] == "MAV_CMD_COMPONENT_ARM_DISARM"
+    assert notice.parameters["station"] == "system 254/190 at 10.0.0.5:50"
     assert not stage.say(SEAT, arm)
     assert not stage.say(SEAT, ask)
     stage.t_ns += 11 * S

@@ -4,9 +4,10 @@ from collections.abc import Callable
 
 import pytest
 from core.test_restart import SEED, standing
+from noticed import noticed
 from staging import suspensions
 
-from gcs.model import Effect, Notice, UploadReport
+from gcs.model import Effect, NoticeCode, UploadReport
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import VirtualRun
 
@@ -39,8 +40,7 @@ def flown(then: Callable[[VirtualRun], None], *, restarts: bool) -> tuple[Virtua
 @pytest.mark.parametrize("restarts", [False, True])
 def test_a_vehicle_that_lost_its_mission_in_a_reboot_is_ours_and_gets_another(restarts: bool) -> None:
     run, effects = flown(lambda run: emptied(run, reboots=True), restarts=restarts)
-    texts = [effect.text for effect in effects if isinstance(effect, Notice)]
-    assert "lost its onboard mission at a reboot: it gets a new one" in texts
+    assert noticed(effects, NoticeCode.MISSION_LOST)
     assert 3 not in run.command.untaskable()
     assert any(effect.ok for effect in effects if isinstance(effect, UploadReport))
     assert run.vehicles["vehicle:3"].autopilot.mode is Mode.AUTO
@@ -48,7 +48,6 @@ def test_a_vehicle_that_lost_its_mission_in_a_reboot_is_ours_and_gets_another(re
 
 def test_a_vehicle_that_was_cleared_during_an_outage_gets_no_mission() -> None:
     run, effects = flown(lambda run: emptied(run, reboots=False), restarts=True)
-    texts = [effect.text for effect in effects if isinstance(effect, Notice)]
-    assert any("its onboard mission is not the one it was given" in text for text in texts)
+    assert noticed(effects, NoticeCode.MISSION_DIFFERS)
     assert suspensions(run.command) == {3: "found"}
     assert not [effect for effect in effects if isinstance(effect, UploadReport)]

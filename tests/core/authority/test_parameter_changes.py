@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import pytest
+from noticed import noticed
 from other_station import AIR, SEAT, Stage
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.model import Notice
+from gcs.model import Notice, NoticeCode
 
 REAL = dialect.MAV_PARAM_TYPE_REAL32
 STATION = "system 254/190 at 10.0.1.1:9"
+CODES = (
+    NoticeCode.PARAMETER_SET,
+    NoticeCode.PARAMETER_SET_WRONG,
+    NoticeCode.PARAMETER_CHANGED,
+    NoticeCode.PARAMETER_CHANGED_WRONG,
+    NoticeCode.STATION_COMMANDS_ALL,
+)
+CHANGE = ("station", "name", "before", "value", "answer")
 
 
 class Desk(Stage):
@@ -25,7 +34,11 @@ class Desk(Stage):
 
     @staticmethod
     def notices(effects: list) -> list[Notice]:
-        return [one for one in effects if isinstance(one, Notice) and "param" in one.text.lower()]
+        return noticed(effects, *CODES)
+
+
+def change(notice: Notice) -> tuple[object, ...]:
+    return tuple(notice.parameters[name] for name in CHANGE)
 
 
 def test_each_change_of_another_station_is_told_with_name_old_and_new_value():
@@ -37,10 +50,10 @@ def test_each_change_of_another_station_is_told_with_name_old_and_new_value():
         assert desk.set(f"SERVO{number}_TRIM", 1400.0 + number) == []
         desk.wait(0.05)
         found += desk.answer(f"SERVO{number}_TRIM", 1400.0 + number)
-    assert [one.text for one in found] == [
-        f"{STATION} set its parameter SERVO{number}_TRIM from 1500 to {1400 + number}" for number in range(20)
+    assert [change(one) for one in found] == [
+        (STATION, f"SERVO{number}_TRIM", "1500", f"{1400 + number}", "") for number in range(20)
     ]
-    assert {(one.level, one.vehicle) for one in found} == {("info", 1)}
+    assert {(one.code, one.vehicle) for one in found} == {(NoticeCode.PARAMETER_SET, 1)}
 
 
 @pytest.mark.parametrize(
@@ -56,13 +69,13 @@ def test_a_value_that_preflight_would_not_accept_is_a_warning(name, before, bad,
     desk.answer(name, before)
     desk.set(name, bad)
     (notice,) = desk.answer(name, bad)
-    assert notice.level == "warning"
-    assert f"from {before:g} to {bad:g}" in notice.text
-    assert why in notice.text
+    assert notice.code is NoticeCode.PARAMETER_SET_WRONG
+    assert change(notice) == (STATION, name, f"{before:g}", f"{bad:g}", "")
+    assert why in notice.parameters["problem"]
     desk.wait(11.0)
     desk.set(name, before)
     (back,) = desk.answer(name, before)
-    assert back.level == "info"
+    assert back.code is NoticeCode.PARAMETER_SET
 
 
 def test_a_change_without_an_answer_and_one_that_the_vehicle_refused_are_told_as_such():
@@ -70,14 +83,13 @@ def test_a_change_without_an_answer_and_one_that_the_vehicle_refused_are_told_as
     desk.set("THR_FAILSAFE", 0.0)
     assert desk.notices(desk.wait(2.0)) == []
     (notice,) = desk.notices(desk.wait(1.1))
-    assert notice.text.startswith(f"{STATION} set its parameter THR_FAILSAFE from an unknown value to 0")
-    assert "has not confirmed it" in notice.text
-    assert notice.level == "warning"
+    assert notice.code is NoticeCode.PARAMETER_SET_WRONG
+    assert change(notice) == (STATION, "THR_FAILSAFE", "an unknown value", "0", "has not confirmed it")
     desk.answer("NAVL1_PERIOD", 15.0)
     desk.set("NAVL1_PERIOD", 2.0)
     (notice,) = desk.answer("NAVL1_PERIOD", 15.0)
-    assert "the vehicle answers 15" in notice.text
-    assert notice.level == "info"
+    assert notice.code is NoticeCode.PARAMETER_SET
+    assert notice.parameters["answer"] == "answers 15"
 
 
 def test_a_parameter_that_changes_all_the_time_is_told_every_ten_seconds_with_its_newest_value():
@@ -88,7 +100,7 @@ def test_a_parameter_that_changes_all_the_time_is_told_every_ten_seconds_with_it
         found += desk.notices(desk.wait(0.1))
     found += desk.notices(desk.wait(10.0))
     assert 2 <= len(found) <= 4
-    assert found[-1].text.endswith("to 199")
+    assert found[-1].parameters["value"] == "199"
 
 
 def test_repeated_frames_and_values_that_stay_are_not_told():
@@ -104,9 +116,9 @@ def test_a_value_for_all_vehicles_is_told_for_the_vehicle_that_takes_it():
     desk = Desk()
     desk.answer("FENCE_ENABLE", 1.0)
     (broadcast,) = desk.set("FENCE_ENABLE", 0.0, target=0)
-    assert "to all vehicles" in broadcast.text
+    assert broadcast.parameters["message"] == "PARAM_SET"
     (notice,) = desk.answer("FENCE_ENABLE", 0.0)
-    assert (notice.level, notice.vehicle) == ("warning", 1)
+    assert (notice.code, notice.vehicle) == (NoticeCode.PARAMETER_SET_WRONG, 1)
 
 
 def test_a_safety_parameter_that_is_set_over_another_link_is_told():
@@ -115,8 +127,9 @@ def test_a_safety_parameter_that_is_set_over_another_link_is_told():
     desk.answer("STAT_RUNTIME", 100.0)
     assert desk.answer("STAT_RUNTIME", 130.0) == []
     (notice,) = desk.answer("FENCE_ENABLE", 0.0)
-    assert notice.level == "warning"
-    assert "its parameter FENCE_ENABLE changed from 1 to 0, set over another link" in notice.text
+    assert notice.code is NoticeCode.PARAMETER_CHANGED_WRONG
+    assert (notice.parameters["name"], notice.parameters["before"]) == ("FENCE_ENABLE", "1")
+    assert notice.parameters["value"] == "0"
     assert desk.answer("FENCE_ENABLE", 0.0) == []
 
 

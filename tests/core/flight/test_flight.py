@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import pytest
 from core.test_authority import ARDUPLANE, ARM, BOTH, PX4, SET_MODE, Stage
+from noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.model import (
@@ -77,8 +78,12 @@ class Aeroplane(Stage):
     def status_of_agent(self) -> str:
         return self.command.state.agents[1].perception.status.status
 
-    def alarms(self) -> list[str]:
-        return [e.text for e in self.effects if isinstance(e, Notice) and e.level == "alarm"]
+    def problems(self, code: NoticeCode) -> list[str]:
+        """Return the causes of a problem that were told."""
+        return [str(notice.parameters["cause"]) for notice in self.noticed(code)]
+
+    def causes_of_coming_down(self) -> list[str]:
+        return [str(notice.parameters["causes"]) for notice in self.noticed(NoticeCode.CAME_DOWN)]
 
 
 # ---------------------------------------------------------------- phases
@@ -102,10 +107,9 @@ def test_a_crashed_vehicle_with_a_living_radio_is_down_within_three_seconds(auto
     plane.wait(3.0)
     assert plane.phase is P.DOWN
     assert plane.status_of_agent == "down"
-    told = [text for text in plane.alarms() if text.startswith("came down while en route")]
-    assert len(told) == 1
-    assert "33.0" in told[0]  # where to look
-    assert "gcs order ready --vehicle 1" in told[0]
+    (told,) = plane.noticed(NoticeCode.CAME_DOWN)
+    assert (told.vehicle, told.parameters["phase"]) == (1, "en route")
+    assert told.parameters["lat_deg"] == pytest.approx(33.0, abs=0.05)  # where to look
     assert [e.status for e in plane.effects if isinstance(e, AgentStatus)] == ["down"]
     plane.armed = False
     plane.wait(10.0)
@@ -160,7 +164,7 @@ def test_a_landed_vehicle_in_auto_is_set_to_loiter_and_not_armed_before_it_is_re
     plane.wait(1.5)
     assert plane.phase is P.LANDED
     assert plane.status_of_agent == "active"
-    assert "is ours to task again" not in plane.notices()
+    assert not plane.noticed(NoticeCode.OURS_AGAIN)
     assert plane.commands(SET_MODE)
     plane.mode = "LOITER"
     plane.wait(2.0)
@@ -178,7 +182,7 @@ def test_a_landing_by_px4s_own_mission_is_no_crash() -> None:
     plane.landed_state = dialect.MAV_LANDED_STATE_ON_GROUND
     plane.wait(3.0)
     assert plane.phase is P.LANDED
-    assert not [text for text in plane.alarms() if "came down" in text]
+    assert not plane.noticed(NoticeCode.CAME_DOWN)
 
 
 def test_a_battery_landing_in_a_field_is_down() -> None:
@@ -237,12 +241,12 @@ def test_lost_gps_begins_makes_unfit_and_ends() -> None:
     plane.wait(4.0)
     plane.fix = 1
     plane.wait(3.0)
-    assert [text for text in plane.alarms() if text.startswith("GPS: no 3D fix")]
+    assert plane.problems(NoticeCode.GPS_PROBLEM)[0].startswith("no 3D fix")
     plane.wait(4.0)
     assert "no 3D fix" in plane.command.state.agents[1].flight.unfit
     plane.fix = 3
     plane.wait(5.0)
-    assert "GPS: good again" in plane.notices()
+    assert plane.noticed(NoticeCode.GPS_GOOD)
     assert not plane.command.state.agents[1].flight.unfit
     assert not plane.command.state.agents[1].flight.problems
 
@@ -255,10 +259,13 @@ def test_a_jump_of_the_gps_position_is_told_before_the_estimator_follows_it(auto
         for _ in range(4):
             plane.hear(estimate(autopilot, flags))
             plane.wait(0.5)
-        assert len([text for text in plane.alarms() if text.startswith("GPS position: it jumps")]) == expected
+        causes = plane.problems(NoticeCode.GPS_POSITION_PROBLEM)
+        assert len(causes) == expected
+        assert all(cause.startswith("it jumps") for cause in causes)
     plane.fix = 1
     plane.wait(2.0)
-    assert [text for text in plane.alarms() if text.startswith("GPS: no 3D fix")], "a worse problem, told too"
+    (cause,) = plane.problems(NoticeCode.GPS_PROBLEM)
+    assert cause.startswith("no 3D fix"), "a worse problem, told too"
 
 
 def test_sinking_at_full_throttle_is_a_failed_engine_and_its_cause_is_told_when_it_is_down() -> None:
@@ -266,11 +273,12 @@ def test_sinking_at_full_throttle_is_a_failed_engine_and_its_cause_is_told_when_
     plane.wait(4.0)
     plane.climb_m_s, plane.throttle = -4.0, 100
     plane.wait(4.5)
-    assert [text for text in plane.alarms() if text.startswith("propulsion: it sinks at full throttle")]
+    assert plane.problems(NoticeCode.PROPULSION_PROBLEM)[0].startswith("it sinks at full throttle")
     assert plane.command.state.agents[1].flight.unfit
     plane.crash()
     plane.wait(3.0)
-    assert [text for text in plane.alarms() if text.startswith("came down") and "engine or propeller" in text]
+    (causes,) = plane.causes_of_coming_down()
+    assert "engine or propeller" in causes
 
 
 def test_a_glide_in_waves_is_a_failed_engine_too() -> None:
@@ -283,8 +291,8 @@ def test_a_glide_in_waves_is_a_failed_engine_too() -> None:
         plane.wait(1.5)
         plane.climb_m_s = 0.0
         plane.wait(2.0)
-    assert [text for text in plane.alarms() if text.startswith("propulsion: it sinks at full throttle")]
-    assert "propulsion: good again" not in plane.notices()
+    assert plane.problems(NoticeCode.PROPULSION_PROBLEM)[0].startswith("it sinks at full throttle")
+    assert not plane.noticed(NoticeCode.PROPULSION_GOOD)
 
 
 def test_a_vehicle_that_sinks_in_waves_is_one_alarm_and_one_all_clear() -> None:
@@ -295,10 +303,11 @@ def test_a_vehicle_that_sinks_in_waves_is_one_alarm_and_one_all_clear() -> None:
         plane.wait(2.5)
         plane.climb_m_s = 0.0
         plane.wait(3.0)
-    assert len([text for text in plane.alarms() if text.startswith("sinks at 3 m/s")]) == 1
-    assert not [text for text in plane.notices() if text.startswith("no longer sinks")]
+    (alarm,) = plane.noticed(NoticeCode.SINKS)
+    assert alarm.parameters["sink_m_s"] == pytest.approx(3.0, abs=0.5)
+    assert not plane.noticed(NoticeCode.SINKS_NO_LONGER)
     plane.wait(6.0)
-    assert len([text for text in plane.notices() if text.startswith("no longer sinks")]) == 1
+    assert len(plane.noticed(NoticeCode.SINKS_NO_LONGER)) == 1
 
 
 @BOTH
@@ -307,7 +316,7 @@ def test_a_dive_is_told_before_the_ground_also_on_the_way_home(autopilot: int) -
     plane.wait(4.0)
     plane.climb_m_s = -18.0
     plane.wait(2.5)
-    assert [text for text in plane.alarms() if text.startswith("sinks at 18 m/s: ")]
+    assert plane.noticed(NoticeCode.SINKS)[0].parameters["sink_m_s"] == pytest.approx(18.0, abs=0.5)
 
 
 def test_a_pilots_dive_is_no_news() -> None:
@@ -315,7 +324,7 @@ def test_a_pilots_dive_is_no_news() -> None:
     plane.wait(4.0)
     plane.climb_m_s = -18.0
     plane.wait(2.5)
-    assert not [text for text in plane.alarms() if text.startswith("sinks")]
+    assert not plane.noticed(NoticeCode.SINKS)
 
 
 def test_the_cause_of_a_problem_is_that_of_its_newest_telemetry() -> None:
@@ -327,8 +336,7 @@ def test_the_cause_of_a_problem_is_that_of_its_newest_telemetry() -> None:
     plane.wait(4.0)
     plane.crash()
     plane.wait(3.0)
-    (text,) = [text for text in plane.alarms() if text.startswith("came down")]
-    assert "(the autopilot reports that it is empty or faulty)" in text
+    assert plane.causes_of_coming_down() == ["the autopilot reports that it is empty or faulty"]
 
 
 def test_a_fence_breach_of_arduplane_is_a_failsafe_although_its_text_is_a_notice() -> None:
@@ -337,7 +345,7 @@ def test_a_fence_breach_of_arduplane_is_a_failsafe_although_its_text_is_a_notice
     plane.say("Max Alt fence breached", 5)
     plane.mode = "RTL"
     plane.wait(5.0)
-    assert [text for text in plane.notices() if "by a failsafe: Max Alt fence breached" in text]
+    assert [cause for cause in causes_told(plane, "RTL") if cause.startswith("Max Alt fence breached")]
 
 
 def test_a_short_sink_at_full_throttle_is_no_news() -> None:
@@ -347,7 +355,7 @@ def test_a_short_sink_at_full_throttle_is_no_news() -> None:
     plane.wait(1.5)
     plane.climb_m_s = 2.0
     plane.wait(8.0)
-    assert "propulsion" not in " ".join(plane.alarms())
+    assert not plane.noticed(NoticeCode.PROPULSION_PROBLEM)
     assert not plane.command.state.agents[1].flight.problems
 
 
@@ -359,7 +367,7 @@ def test_a_receiver_that_never_heard_a_transmitter_is_no_news_and_one_that_lost_
     plane.wait(2.0)
     plane.failed = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
     plane.wait(4.0)
-    assert [e for e in plane.effects if isinstance(e, Notice) and e.code is NoticeCode.RC_PROBLEM]
+    assert plane.noticed(NoticeCode.RC_PROBLEM)
 
 
 def test_an_airspeed_sensor_disabled_in_flight_is_told_and_one_that_was_never_used_is_not() -> None:
@@ -391,8 +399,15 @@ def test_a_battery_that_does_not_last_for_the_route_and_back_is_told_and_limits_
 # ---------------------------------------------------------------- failsafes
 
 
-def told(plane: Aeroplane, mode: str) -> list[str]:
-    return [text for text in plane.notices() if text.startswith(f"is in {mode}")]
+def told(plane: Aeroplane, mode: str) -> list[Notice]:
+    """Return the notices of a mode that was not commanded."""
+    found = noticed(plane.effects, NoticeCode.FAILSAFE, NoticeCode.OVERRIDDEN)
+    return [notice for notice in found if notice.parameters["mode"] == mode]
+
+
+def causes_told(plane: Aeroplane, mode: str) -> list[str]:
+    """Return the causes of the failsafes that chose a mode."""
+    return [str(one.parameters["cause"]) for one in told(plane, mode) if one.code is NoticeCode.FAILSAFE]
 
 
 def test_a_failsafe_is_told_with_the_autopilots_cause_and_never_as_a_persons_choice() -> None:
@@ -402,12 +417,12 @@ def test_a_failsafe_is_told_with_the_autopilots_cause_and_never_as_a_persons_cho
     plane.say("Failsafe activated: entering Hold for 5 seconds\t")
     plane.mode, plane.system_status = "LOITER", dialect.MAV_STATE_CRITICAL
     plane.wait(2.0)
-    (text,) = told(plane, "LOITER")
-    assert "by a failsafe: Low battery; Failsafe activated: entering Hold for 5 seconds" in text
+    cause = "Low battery; Failsafe activated: entering Hold for 5 seconds"
+    assert causes_told(plane, "LOITER") == [cause]
     plane.mode = "LAND"
     plane.wait(2.0)
-    assert told(plane, "LAND")[0].startswith("is in LAND by a failsafe")
-    assert not [text for text in plane.notices() if "operator" in text]
+    assert causes_told(plane, "LAND")
+    assert not plane.noticed(NoticeCode.OVERRIDDEN)
 
 
 def test_px4s_loss_of_the_ground_station_is_a_cause_although_its_text_is_an_information() -> None:
@@ -416,7 +431,7 @@ def test_px4s_loss_of_the_ground_station_is_a_cause_although_its_text_is_an_info
     plane.say("Connection to ground station lost\t", 6)
     plane.mode, plane.system_status = "LOITER", dialect.MAV_STATE_CRITICAL
     plane.wait(2.0)
-    assert "by a failsafe: Connection to ground station lost." in told(plane, "LOITER")[0]
+    assert causes_told(plane, "LOITER") == ["Connection to ground station lost"]
 
 
 def test_arduplanes_long_failsafe_is_told_in_its_own_words() -> None:
@@ -428,7 +443,7 @@ def test_arduplanes_long_failsafe_is_told_in_its_own_words() -> None:
     plane.say("RC Long Failsafe On: RTL", 4)
     plane.mode = "RTL"
     plane.wait(4.0)
-    assert "by a failsafe: RC Short Failsafe On; RC Long Failsafe On: RTL." in told(plane, "RTL")[0]
+    assert causes_told(plane, "RTL") == ["RC Short Failsafe On; RC Long Failsafe On: RTL"]
 
 
 def test_arduplanes_failsafe_whose_text_was_lost_on_the_way_is_told_by_its_heartbeat() -> None:
@@ -436,7 +451,7 @@ def test_arduplanes_failsafe_whose_text_was_lost_on_the_way_is_told_by_its_heart
     plane.wait(4.0)
     plane.mode, plane.system_status = "RTL", dialect.MAV_STATE_CRITICAL
     plane.wait(4.0)
-    assert told(plane, "RTL")[0].startswith("is in RTL by a failsafe: its autopilot names no cause")
+    assert causes_told(plane, "RTL")[0].startswith("its autopilot names no cause")
 
 
 def test_a_failsafe_that_began_while_the_link_was_down_names_the_link() -> None:
@@ -447,7 +462,7 @@ def test_a_failsafe_that_began_while_the_link_was_down_names_the_link() -> None:
         plane.step(Tick(plane.t_ns))
     plane.mode, plane.system_status = "RTL", dialect.MAV_STATE_CRITICAL
     plane.wait(5.0)
-    assert "by a failsafe: its link was down." in told(plane, "RTL")[0]
+    assert causes_told(plane, "RTL") == ["its link was down"]
 
 
 PX4_TEXTS = ["Low battery", "Geofence: approaching or outside geofence", "GNSS data fusion stopped"]
@@ -461,7 +476,9 @@ def test_a_persons_choice_after_a_warning_of_px4_is_not_told_as_a_failsafe(text:
     plane.say(text)
     plane.mode = "LOITER"
     plane.wait(2.0)
-    assert "an operator or another station chose that mode" in told(plane, "LOITER")[0]
+    (notice,) = told(plane, "LOITER")
+    assert notice.code is NoticeCode.OVERRIDDEN
+    assert notice.parameters["why"] == "an operator or another station chose that mode"
 
 
 @pytest.mark.parametrize("mode", ["RTL", "FBWA", "LOITER"])
@@ -484,8 +501,8 @@ def test_a_persons_choice_after_any_text_of_arduplane_is_not_told_as_a_failsafe(
     plane.say(text, severity)
     plane.mode = mode
     plane.wait(5.0)
-    (said,) = told(plane, mode)
-    assert "not by this service" in said
+    (notice,) = told(plane, mode)
+    assert notice.code is NoticeCode.OVERRIDDEN
 
 
 def test_a_pilot_who_answers_a_warning_of_arduplane_is_not_told_as_a_failsafe() -> None:
@@ -501,7 +518,7 @@ def test_a_pilot_who_answers_a_warning_of_arduplane_is_not_told_as_a_failsafe() 
         plane.wait(4.0)
         plane.mode = "RTL"
         plane.wait(5.0)
-        assert "not by this service" in told(plane, "RTL")[0], text
+        assert told(plane, "RTL")[0].code is NoticeCode.OVERRIDDEN, text
 
 
 def test_a_mode_that_no_failsafe_chooses_is_a_pilots_also_right_after_a_breach() -> None:
@@ -510,4 +527,6 @@ def test_a_mode_that_no_failsafe_chooses_is_a_pilots_also_right_after_a_breach()
     plane.say("Max Alt fence breached", 5)
     plane.mode = "FBWA"
     plane.wait(3.0)
-    assert "a pilot or another station chose that mode" in told(plane, "FBWA")[0]
+    (notice,) = told(plane, "FBWA")
+    assert notice.code is NoticeCode.OVERRIDDEN
+    assert notice.parameters["why"] == "a pilot or another station chose that mode"

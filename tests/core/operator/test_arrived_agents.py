@@ -6,6 +6,7 @@ import math
 
 import pytest
 from core.operator.test_vehicle_orders import Flight, fly, order
+from noticed import noticed
 from staging import S
 
 from gcs.core.state import at_targets
@@ -30,10 +31,8 @@ def now_s(flight: Flight) -> float:
 
 def test_targets_without_an_agent_at_the_end_are_named_with_the_order_that_sends_one(ended: Flight) -> None:
     ended.run.run(now_s(ended) + 3.0)
-    texts = [notice.text for notice in ended.all(Notice) if "has ended" in notice.text]
-    (text,) = texts
-    assert text.startswith("the mission has ended, and no agent is sent to targets T0.0, T0.3: order")
-    assert text.endswith("order `gcs order continue` to send agents there")
+    (notice,) = noticed(ended.all(Notice), NoticeCode.TARGETS_UNATTENDED)
+    assert notice.parameters["targets"] == "targets T0.0, T0.3"
 
 
 def test_a_mission_that_has_ended_goes_on_by_order_until_the_other_targets_are_reached(
@@ -50,9 +49,7 @@ def test_a_mission_that_has_ended_goes_on_by_order_until_the_other_targets_are_r
     assert set(at_targets(ended.run.command.state.agents)) == before | reached
     (second,) = ended.all(MissionEnded)
     assert len(second.arrived) == 2
-    assert not [n for n in ended.all(Notice) if n.code is NoticeCode.ROUTE_ENDED_SHORT], (
-        "it had reached its target"
-    )
+    assert not noticed(ended.all(Notice), NoticeCode.ROUTE_ENDED_SHORT), "it had reached its target"
     left = [one for effect in ended.all(AgentStatus) if (one := effect_notice(effect)) is not None]
     assert (NoticeCode.TARGET_LEFT, 1, "T0.2") in [(n.code, n.vehicle, n.parameters["target"]) for n in left]
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from noticed import noticed
+
 from gcs.config import read_text
 from gcs.config.key_overrides import override_keys
-from gcs.model import NS_PER_S, MissionEnded, Notice, Order
+from gcs.model import NS_PER_S, MissionEnded, Notice, NoticeCode, Order
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.faults import FaultKind
 from sim_vehicles.world.scenario import parse_scenario
@@ -34,8 +36,8 @@ class Mission:
     def order(self, action: str, vehicles: tuple[int, ...]) -> None:
         self.run.order(Order(self.run.t_ns, f"{action}-{self.run.t_ns}", action, vehicles))
 
-    def said(self, text: str) -> list[str]:
-        return [e.text for e in self.effects if isinstance(e, Notice) and text in e.text]
+    def said(self, code: NoticeCode) -> list[Notice]:
+        return noticed(self.effects, code)
 
 
 def test_a_mission_whose_vehicles_circle_at_home_says_once_that_it_waits_and_goes_on_by_an_order() -> None:
@@ -43,17 +45,17 @@ def test_a_mission_whose_vehicles_circle_at_home_says_once_that_it_waits_and_goe
     mission.fly(15.0)
     mission.lose_radio_control((1, 2, 3))
     mission.fly(30.0)
-    assert not mission.said("stands still"), "agent 4 flies on"
+    assert not mission.said(NoticeCode.STANDSTILL), "agent 4 flies on"
     mission.lose_radio_control((4,))
     mission.fly(90.0)
-    (text,) = mission.said("the mission stands still")
-    assert "no agent can be tasked: 1, 2, 3, 4 (is in RTL and left alone)" in text
+    (notice,) = mission.said(NoticeCode.STANDSTILL)
+    assert notice.parameters["vehicles"] == "1, 2, 3, 4 (is in RTL and left alone)"
     assert not [effect for effect in mission.effects if isinstance(effect, MissionEnded)]
     vehicle = mission.run.vehicles["vehicle:3"]
     vehicle.end_fault(FaultKind.RC)
     mission.order("resume", (3,))
     mission.fly(20.0)
-    assert mission.said("the mission goes on: 3 can be tasked")
+    assert [one.parameters["vehicles"] for one in mission.said(NoticeCode.STANDSTILL_OVER)] == ["3"]
     assert mission.run.command.state.agents[3].routes.flown is not None
 
 
@@ -62,4 +64,4 @@ def test_a_mission_that_the_operator_holds_is_no_news() -> None:
     mission.fly(15.0)
     mission.order("hold", (1, 2, 3, 4))
     mission.fly(40.0)
-    assert not mission.said("stands still")
+    assert not mission.said(NoticeCode.STANDSTILL)

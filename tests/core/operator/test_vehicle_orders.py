@@ -8,13 +8,14 @@ from typing import Any
 
 import pytest
 from msgspec.structs import replace as changed
+from noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S, suspensions
 
 from gcs.io.records import decode, encode
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.frames.codec import decode as decode_frames
-from gcs.model import Effect, Event, MissionEnded, Notice, Order, OrderAnswer, Plan, Send
+from gcs.model import Effect, Event, MissionEnded, Notice, NoticeCode, Order, OrderAnswer, Plan, Send
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
@@ -183,11 +184,11 @@ def test_an_order_for_the_plan_names_vehicles_without_a_plan_and_the_remedy() ->
         ("refused", "no plan waits"),
     ]
     assert [bool(a.waiting) for a in answers] == [True, False]
-    warned = {notice.vehicle for notice in flight.all(Notice) if "not by this service" in notice.text}
+    warned = {notice.vehicle for notice in noticed(flight.all(Notice), NoticeCode.OVERRIDDEN)}
     assert warned == {1, 3}
 
 
-def returned(step_m: float = 20.0, **altitudes_m: float) -> tuple[str, list[str]]:
+def returned(step_m: float = 20.0, **altitudes_m: float) -> tuple[str, list[Notice]]:
     """Return agents 1 and 3, with these return heights; give the answer and the warnings.
 
     Those of the others are a layer apart from all.
@@ -205,7 +206,7 @@ def returned(step_m: float = 20.0, **altitudes_m: float) -> tuple[str, list[str]
     run.run(21.0)
     flight = Flight(run, [], effects)
     accepted = next(a.detail for a in flight.all(OrderAnswer) if a.state == "accepted")
-    return accepted, [n.text for n in flight.all(Notice) if "return less than" in n.text]
+    return accepted, noticed(flight.all(Notice), NoticeCode.RETURN_ORDER_NEAR, NoticeCode.RETURNS_NEAR)
 
 
 def test_vehicles_that_are_sent_home_together_at_one_height_are_named() -> None:
@@ -215,13 +216,18 @@ def test_vehicles_that_are_sent_home_together_at_one_height_are_named() -> None:
         "hold one until the other is down, or watch them"
     )
     assert detail == f"agents 1, 3; {remark}"
-    assert remark in warnings
+    assert remark in [
+        notice.parameters["warning"] for notice in noticed(warnings, NoticeCode.RETURN_ORDER_NEAR)
+    ]
 
 
 def test_vehicles_that_a_failsafe_would_bring_to_one_height_are_named_without_a_preflight() -> None:
     _, (in_flight, *_) = returned(of_1=100.0, of_3=110.0)
-    assert in_flight.startswith("agents 1 at 100 m (RTL_ALTITUDE), 3 at 110 m (RTL_ALTITUDE) return less")
-    assert "a failsafe would bring them together" in in_flight
+    assert in_flight.code is NoticeCode.RETURNS_NEAR
+    heights = (
+        "agents 1 at 100 m (RTL_ALTITUDE), 3 at 110 m (RTL_ALTITUDE) return less than 20 m apart in height"
+    )
+    assert in_flight.parameters["heights"] == heights
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State
 from gcs.errors import WireError
 from gcs.io.records import encode
-from gcs.model import Sensor, read_only
+from gcs.model import NoticeCode, Sensor, read_only
 
 START, GOAL = (100.0, 200.0), (1500.0, 200.0)
 
@@ -310,23 +310,24 @@ def notices_of(sky, seconds, *things):
     news = []
     for t_s in seconds:
         sky.scan(t_s, *things)
-        news += [(t_s, notice.level, notice.text) for notice in sky.trackers.untracked.notices(at(t_s))]
+        news += [(t_s, notice) for notice in sky.trackers.untracked.notices(at(t_s))]
     return news
 
 
 def test_the_operator_is_warned_of_persistent_detections_without_a_track():
     sky = Sky(mission(agents=[START], births=[GOAL]))
     news = notices_of(sky, range(12), START, GOAL, (1200.0, 900.0))
-    assert [level for _, level, _ in news] == ["alarm"]
-    (t_s, _, text) = news[0]
+    ((t_s, notice),) = news
+    assert notice.code is NoticeCode.UNTRACKED_DETECTIONS
     assert t_s <= 8
-    assert "detections persist at east 1" in text
-    assert "add [[births]] there, or set tracking.targets.anywhere.per_s" in text
-    lat, lon = (float(part) for part in text[text.index("(") + 1 : text.index(")")].split(","))
+    assert notice.parameters["remedy"] == "add [[births]] there, or set tracking.targets.anywhere.per_s"
+    place = notice.parameters["places"]
+    assert place.startswith("east 1")
+    lat, lon = (float(part) for part in place[place.index("(") + 1 : place.index(")")].split(","))
     frame = mission(agents=[START], births=[GOAL]).local_frame
     assert math.dist(frame.to_local(lat, lon), (1200.0, 900.0)) < 15.0
     gone = notices_of(sky, range(12, 40), START, GOAL)
-    assert [level for _, level, _ in gone] == ["info"]
+    assert [notice.code for _, notice in gone] == [NoticeCode.UNTRACKED_OVER]
 
 
 def test_tracked_objects_and_few_detections_get_no_notice():

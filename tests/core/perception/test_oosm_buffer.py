@@ -2,6 +2,7 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
+from noticed import noticed
 from staging import RADAR, at, mission, scan
 
 from gcs.core.engine import Engine
@@ -61,8 +62,9 @@ def test_a_late_scan_is_processed_in_its_place_and_a_later_one_is_refused_with_a
         effects += command.step(scan(t_s, GOAL, arrives_s=arrives_s))
     effects += command.step(Tick(at(3.5)))
     assert pictures(effects) == [at(1.0), at(1.8), at(2.0)]
-    warnings = [e.text for e in effects if isinstance(e, Notice) and "before the last one" in e.text]
-    assert len(warnings) == command.stages.input_errors.count == 1
+    (warning,) = noticed(effects, NoticeCode.BAD_INPUT)
+    assert "before the last one" in warning.parameters["problem"]
+    assert command.stages.input_errors.count == 1
 
 
 def test_the_same_scan_twice_within_the_window_counts_once():
@@ -71,7 +73,7 @@ def test_the_same_scan_twice_within_the_window_counts_once():
         effects += command.step(scan(1.0, GOAL, arrives_s=arrives_s))
     effects += command.step(Tick(at(2.0)))
     assert pictures(effects) == [at(1.0)]
-    assert any(isinstance(e, Notice) and "twice" in e.text for e in effects)
+    assert any("twice" in one.parameters["problem"] for one in noticed(effects, NoticeCode.BAD_INPUT))
 
 
 def test_a_sensor_that_contradicts_its_model_is_reported_to_the_operator():

@@ -12,7 +12,7 @@ from gcs.core.perception.fusion import squared_distances
 from gcs.core.perception.position_integrity import _GATE_CHI2, PositionIntegrityMonitor, _near
 from gcs.core.state import State
 from gcs.mavlink.frames.codec import Encoder, decode
-from gcs.model import NS_PER_S, Notice, Scan, Sensor, Track, VehicleState, read_only
+from gcs.model import NS_PER_S, Notice, NoticeCode, Scan, Sensor, Track, VehicleState, read_only
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
 
@@ -41,7 +41,7 @@ def alarms_of(detections, *, seconds=10, seer=None, armed=True, agents=None, tar
         scan = Scan(t_s * S, t_s * S, seer or sensor(), read_only(z))
         states = [state(t_s - 0.1, *([] if reports is None else [reports(t_s)]), armed=armed)]
         found = monitor.update(scan, states, agents or {}, targets)
-        notices += [(t_s, notice.level, notice.text) for notice in found]
+        notices += [(t_s, notice) for notice in found]
     return notices
 
 
@@ -61,8 +61,8 @@ def test_a_vehicle_that_is_seen_at_its_report_gets_no_warning():
 
 def test_one_that_is_not_seen_is_an_alarm_within_seconds_and_an_all_clear_after_as_many():
     notices = alarms_of(lambda t: nowhere(t) if t < 10 else there(t), seconds=20)
-    assert [(t, level) for t, level, _ in notices] == [(3, "alarm"), (13, "info")]
-    assert "not seen where it reports" in notices[0][2]
+    told = [(t, notice.code) for t, notice in notices]
+    assert told == [(3, NoticeCode.NOT_SEEN_THERE), (13, NoticeCode.SEEN_THERE)]
 
 
 def test_a_single_miss_or_two_raise_nothing():
@@ -79,7 +79,7 @@ def test_a_weak_sensor_needs_longer_and_a_crowd_clears_no_vehicle():
     assert weak[0][0] > 10
     neighbours = [track((5, 0), 1005.0)]
     notices = alarms_of(lambda t: nowhere(t) if t < 6 else there(t), targets=neighbours, seconds=30)
-    assert [level for _, level, _ in notices] == ["alarm"], "what is seen there may be the other object"
+    assert [notice.level for _, notice in notices] == ["alarm"], "what is seen there may be the other object"
 
 
 def test_the_alarm_names_the_seen_place():
@@ -87,8 +87,9 @@ def test_the_alarm_names_the_seen_place():
         return 1000.0 if t_s < 5 else 1400.0
 
     notices = alarms_of(there, reports=reports, agents={(0, 1): track((0, 1), 1001.0)}, seconds=15)
-    assert len(notices) == 1
-    assert "400 m from where it reports to be" in notices[0][2]
+    ((_, notice),) = notices
+    assert notice.code is NoticeCode.SEEN_ELSEWHERE
+    assert notice.parameters["distance_m"] == pytest.approx(400.0, abs=0.5)
 
 
 # ---------------------------------------------------------------- on a hostile link
@@ -147,29 +148,30 @@ def notices_of(changes, seconds=50.0):
         on_effect=lambda _t, effect: notices.append(effect) if isinstance(effect, Notice) else None,
     )
     run.run(seconds)
-    return run, [((n.t_ns - START_T_NS) / S, n.vehicle, n.level, n.text) for n in notices]
+    return run, [((notice.t_ns - START_T_NS) / S, notice) for notice in notices]
 
 
 def test_hostile_links_are_an_alarm_each_on_the_right_vehicle_and_have_their_all_clear():
     _, notices = notices_of(HOSTILE)
-    for vehicle, words, clear, within_s in (
-        (1, "uses its system id, heard", "no other address uses its system id", 1.0),
-        (2, "its position is frozen", "its position moves again", 6.0),
-        (3, "where it reports to be", "is seen where it reports to be again", 15.0),
-        (4, "two vehicles report with its system id", "one vehicle reports with", 4.0),
+    codes = NoticeCode
+    for vehicle, begin, end, within_s in (
+        (1, {codes.ID_CONFLICT}, codes.ID_CONFLICT_OVER, 1.0),
+        (2, {codes.POSITION_FROZEN}, codes.POSITION_MOVES, 6.0),
+        (3, {codes.NOT_SEEN_THERE, codes.SEEN_ELSEWHERE}, codes.SEEN_THERE, 15.0),
+        (4, {codes.DUPLICATE_ID}, codes.DUPLICATE_ID_OVER, 4.0),
     ):
-        alarms = [(t, v) for t, v, level, text in notices if level == "alarm" and words in text]
-        clears = [(t, v) for t, v, _, text in notices if clear in text]
+        alarms = [(t, one.vehicle) for t, one in notices if one.code in begin]
+        clears = [(t, one.vehicle) for t, one in notices if one.code is end]
         # One that is frozen is not where it reports to be either.
-        assert {v for _, v in alarms} - ({2} if vehicle == 3 else set()) == {vehicle}, words
-        assert 12.0 <= alarms[0][0] < 12.0 + within_s, words
-        assert [v for _, v in clears] == [vehicle], words
-        assert 32.0 < clears[0][0] < 45.0, words
+        assert {v for _, v in alarms} - ({2} if vehicle == 3 else set()) == {vehicle}, begin
+        assert 12.0 <= alarms[0][0] < 12.0 + within_s, begin
+        assert [v for _, v in clears] == [vehicle], begin
+        assert 32.0 < clears[0][0] < 45.0, begin
 
 
 def test_an_honest_flight_raises_no_alarm():
     run, notices = notices_of({})
-    assert [n for n in notices if n[2] == "alarm"] == []
+    assert [notice for _, notice in notices if notice.level == "alarm"] == []
     assert not any(one.perception.integrity.is_alarmed for one in run.command.state.agents.values())
 
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from noticed import noticed
 
-from gcs.model import NS_PER_S, AgentStatus, Datagram, Effect, Event, Notice, Picture, Scan, Tick
+from gcs.model import NS_PER_S, AgentStatus, Datagram, Effect, Event, NoticeCode, Picture, Scan, Tick
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
 
@@ -47,8 +48,8 @@ def pictures(effects: list[Effect], after_s: float) -> list[Picture]:
 
 
 def refused(effects: list[Effect]) -> list[str]:
-    texts = [effect.text for effect in effects if isinstance(effect, Notice)]
-    return [text for text in texts if "bad input" in text and "position reports used" in text]
+    problems = [str(notice.parameters["problem"]) for notice in noticed(effects, NoticeCode.BAD_INPUT)]
+    return [problem for problem in problems if "position reports used" in problem]
 
 
 def test_agents_are_tracked_by_their_reports_when_no_sensor_ever_comes() -> None:

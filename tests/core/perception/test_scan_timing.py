@@ -10,7 +10,7 @@ from gcs.core.perception.records import PerceptionState
 from gcs.core.perception.report_history import ReportHistory
 from gcs.core.perception.scan_timing import ScanTiming
 from gcs.core.state import State
-from gcs.model import NS_PER_S, ClockStep, Scan, Sensor, VehicleState
+from gcs.model import NS_PER_S, ClockStep, NoticeCode, Scan, Sensor, VehicleState
 
 SENSOR = Sensor("radar", 0.98, 1e-6, np.eye(2), (0.0, 0.0, 1.0, 1.0))
 
@@ -45,8 +45,10 @@ def test_a_clock_that_is_off_by_a_constant_is_corrected_once_it_has_shown_itself
 def test_a_corrected_clock_is_reported_to_the_operator() -> None:
     timing = ScanTiming()
     notices = [n for k in range(6) for n in timing.corrected(scan(float(k), 600.0))[2]]
-    assert [n.level for n in notices] == ["alarm"]
-    assert "600.0 s behind ours" in notices[0].text
+    (notice,) = notices
+    assert (notice.code, notice.subject) == (NoticeCode.SENSOR_CLOCK_OFF, "radar")
+    assert notice.parameters["off_s"] == pytest.approx(600.0, abs=0.05)
+    assert notice.parameters["side"] == "behind"
 
 
 def test_old_scans_that_arrive_all_at_once_are_refused() -> None:

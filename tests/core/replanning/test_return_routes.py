@@ -6,9 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 from flown_clearance import landing
+from noticed import noticed
 
 from gcs.core.replanning import return_routes
-from gcs.model import AgentStatus, NoFlyZone, Notice, Order, Plan, UploadReport
+from gcs.model import AgentStatus, NoFlyZone, Notice, NoticeCode, Order, Plan, UploadReport
 from gcs.planning.manoeuvres.landing import plan_return_route
 from gcs.planning.map.line_of_sight import line_of_sight
 from sim_vehicles.campaign.virtual_run import VirtualRun
@@ -70,8 +71,8 @@ def test_who_is_on_the_way_home_already_is_named():
     flight.close(before_home(flight.ways()[vehicle], 250.0))
     flight.run.ended = False
     flight.run.run(flown_s + 1.0)
-    notices = [notice.text for notice in flight.all(Notice) if notice.vehicle == vehicle]
-    assert "flies home through fire: hold or return it" in notices
+    (notice,) = noticed(flight.all(Notice), NoticeCode.ZONE_ON_RETURN)
+    assert (notice.vehicle, notice.parameters["zone"]) == (vehicle, "fire")
 
 
 def test_a_return_route_is_planned_once_for_each_route(monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 from core.separation.test_order_check import fly_on, place
 from core.separation.test_separation import Sky
 
-from gcs.model import read_only
+from gcs.model import NoticeCode, read_only
 from sim_vehicles.autopilots.base import Mode
 
 
@@ -36,9 +36,10 @@ def test_a_new_mission_waits_while_it_leads_through_a_held_vehicle(sky):
     engine.stages.tasking.enqueue_upload(route, sky.run_.t_ns)
     fly_on(sky, 3.0)
     assert not route.is_same(engine.state.agents[1].tasking.onboard.route)
-    ((_, vehicle, text),) = sky.told("its new mission waits, it would come within", "warning")
-    assert vehicle == 1
-    assert "agent 2" in text
+    ((_, notice),) = sky.told(NoticeCode.MISSION_WAITS)
+    assert notice.vehicle == 1
+    assert notice.parameters["reason"].startswith("would come within")
+    assert "agent 2" in notice.parameters["reason"]
 
 
 def test_a_new_mission_does_not_wait_for_a_vehicle_far_away(sky):

@@ -8,7 +8,7 @@ from core.separation.test_landing_order import LANDING
 from core.separation.test_separation import Sky
 from staging import S
 
-from gcs.model import Order
+from gcs.model import NoticeCode, Order
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS
 
@@ -44,9 +44,9 @@ def test_of_two_that_would_return_to_one_circle_the_second_waits_until_it_is_ord
     sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)))
     give(sky, "return")
     fly_on(sky, 2.0)
-    ((_, vehicle, text),) = sky.told("its order to return waits, it would circle within 0 m and 0 m")
-    assert vehicle == 2
-    assert text.endswith("it flies on until they are apart. Order it again to return it at once")
+    ((_, notice),) = sky.told(NoticeCode.ORDER_WAITS)
+    assert (notice.vehicle, notice.parameters["action"]) == (2, "return")
+    assert notice.parameters["reason"].startswith("would circle within 0 m and 0 m")
     assert [sky.planes[v].autopilot.mode for v in (1, 2)] == [Mode.RTL, Mode.AUTO]
     give(sky, "return", 2)
     fly_on(sky, 2.0)
@@ -62,7 +62,8 @@ def test_a_return_that_waits_begins_when_the_other_has_left():
     fly_on(sky, 4.0)
     assert sky.planes[2].autopilot.mode is Mode.RTL
     assert states(sky, "return", 2) == ["done"]
-    assert sky.told("is clear of others: its order to return is carried out", "info")
+    ((_, notice),) = sky.told(NoticeCode.ORDER_BEGINS)
+    assert (notice.vehicle, notice.parameters["action"]) == (2, "return")
 
 
 @pytest.mark.parametrize("action", ["resume", "hold"])
@@ -132,7 +133,8 @@ def test_a_hold_beside_a_held_vehicle_waits_until_it_has_passed():
     give(sky, "hold", 1)
     fly_on(sky, 0.6)
     assert sky.planes[1].autopilot.mode is Mode.AUTO
-    assert [vehicle for _, vehicle, _ in sky.told("its order to hold waits")] == [1]
+    ((_, notice),) = sky.told(NoticeCode.ORDER_WAITS)
+    assert (notice.vehicle, notice.parameters["action"]) == (1, "hold")
     fly_on(sky, 25.0)
     assert sky.planes[1].autopilot.mode is Mode.LOITER
     assert states(sky, "hold", 1) == ["done"]
@@ -156,14 +158,15 @@ def test_two_that_hold_17_m_apart_are_told_and_resumed_one_after_the_other():
     other.autopilot.set_mode(Mode.FBWA)
     other.autopilot.set_mode(Mode.LOITER)
     fly_on(sky, 5.0)
-    assert sky.told("has lost separation from agent 2: ")
+    (_, alarm), *_ = sky.told(NoticeCode.SEPARATION_LOST)
+    assert (alarm.vehicle, alarm.parameters["other"]) == (1, 2)
     before = sky.run_.t_ns
     give(sky, "resume")
     fly_on(sky, 60.0)
     apart_m = np.hypot(
         one.airframe.east_m - other.airframe.east_m, one.airframe.north_m - other.airframe.north_m
     )
-    assert sky.told("is apart from agent 2 again", "info")
+    assert alarm.key in [key for _, over in sky.told(NoticeCode.APART_AGAIN) for key in over.ended]
     assert apart_m > 60.0
     assert before < sky.run_.t_ns
 
@@ -182,5 +185,6 @@ def test_a_px4_that_would_land_by_its_mission_through_a_held_vehicle_does_not_re
     fly_on(sky, 4.0)
     give(sky, "return", 1)
     fly_on(sky, 1.0)
-    assert [vehicle for _, vehicle, _ in sky.told("its order to return waits")] == [1]
+    ((_, notice),) = sky.told(NoticeCode.ORDER_WAITS)
+    assert (notice.vehicle, notice.parameters["action"]) == (1, "return")
     assert one.autopilot.mode is Mode.AUTO

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from staging import S
 
-from gcs.model import Notice, Order, OrderAnswer
+from gcs.model import Notice, NoticeCode, Order, OrderAnswer
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.guidance import Straight
@@ -97,8 +97,8 @@ class Sky:
                         self.near_s.setdefault((one.system_id, other.system_id), t_s)
         return self
 
-    def told(self, start, level="alarm"):
-        return [(t_s, n.vehicle, n.text) for t_s, n in self.notices if n.level == level and start in n.text]
+    def told(self, code):
+        return [(t_s, notice) for t_s, notice in self.notices if notice.code is code]
 
 
 def test_eight_that_a_failsafe_brings_to_one_height_are_told_five_seconds_before():
@@ -114,8 +114,8 @@ def test_eight_that_a_failsafe_brings_to_one_height_are_told_five_seconds_before
     for (one, other), near_s in sky.near_s.items():
         told = [
             t_s
-            for t_s, vehicle, text in sky.told("comes within")
-            if vehicle == one and f"agent {other} " in text
+            for t_s, notice in sky.told(NoticeCode.COMES_NEAR)
+            if (notice.vehicle, notice.parameters["other"]) == (one, other)
         ]
         assert told, (one, other)
         assert near_s - told[0] >= 5.0, (one, other)
@@ -128,12 +128,13 @@ def test_the_alarm_names_both_the_place_and_the_time_and_ends():
     flown.autopilot.set_mode(Mode.FBWA)
     flown.autopilot.goal = Straight(np.arctan2(held.east_m - flown.east_m, held.north_m - flown.north_m))
     sky.fly(100.0)
-    (t_s, vehicle, text), *later = sky.told("comes within")
-    assert vehicle == 1
-    assert "agent 2 in " in text
-    assert "high: hold or return one, or let a pilot take it over" in text
+    (t_s, alarm), *later = sky.told(NoticeCode.COMES_NEAR)
+    assert (alarm.vehicle, alarm.parameters["other"]) == (1, 2)
+    assert alarm.parameters["after_s"] > 5.0
+    assert alarm.parameters["place_height_m"] == pytest.approx(100.0, abs=NEAR_HEIGHT_M)
     assert len(later) <= 1
-    ((end_s, _, _),) = sky.told("is apart from agent 2 again", "info")
+    ((end_s, over),) = sky.told(NoticeCode.APART_AGAIN)
+    assert alarm.key in over.ended
     assert end_s > t_s
 
 
@@ -152,7 +153,7 @@ def test_a_take_off_does_not_wait_for_a_vehicle_far_away_or_above():
     orders = [(1.0, "hold"), (4.0, "resume", 1), (20.0, "arm", 1)]
     sky = Sky((1000.0, 500.0, 0.0), (2200.0, 1200.0, 60.0), orders=orders).fly(24.0)
     assert sky.planes[1].autopilot.armed
-    assert not sky.told("take-off waits", "warning")
+    assert not sky.told(NoticeCode.TAKEOFF_WAITS)
 
 
 def test_one_order_does_not_resume_a_vehicle_into_another():

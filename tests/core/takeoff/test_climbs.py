@@ -6,10 +6,11 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
+from noticed import alarms, noticed
 from staging import S
 
 from gcs.mavlink.frames.codec import decode
-from gcs.model import NoFlyZone, Notice, Order, Send, UploadReport
+from gcs.model import NoFlyZone, NoticeCode, Order, Send, UploadReport
 from gcs.planning.map.line_of_sight import line_of_sight
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.vehicle import SimVehicle
@@ -95,17 +96,19 @@ class Flight:
         sent = [m for effect in self.all(Send) for m in decode(effect.data)[0]]
         return [m for m in sent if m.get_type() == "MISSION_ITEM_INT"]
 
-    def texts(self, level):
-        return [notice.text for notice in self.all(Notice) if notice.level == level]
+    def alarms(self):
+        return alarms(self.effects)
 
 
 @pytest.mark.parametrize("px4", [False, True])
 def test_no_mission_goes_to_a_vehicle_whose_climb_leads_into_an_obstacle(px4):
     flight = Flight(px4=px4).run(40.0)
-    (alarm,) = flight.texts("alarm")
-    assert alarm.startswith("its take-off is not clear, it gets no mission: the climb comes within 60 m")
-    assert re.search(r"16[0-9] m from where it stands", alarm)
-    assert "lower takeoff.altitude_rel_m" in alarm
+    (alarm,) = flight.alarms()
+    assert alarm.code is NoticeCode.TAKEOFF_BLOCKED
+    reason = alarm.parameters["reason"]
+    assert reason.startswith("the climb comes within 60 m")
+    assert re.search(r"16[0-9] m from where it stands", reason)
+    assert "lower takeoff.altitude_rel_m" in reason
     assert not flight.items()
     assert flight.way[-1][2] == 0.0
 
@@ -131,7 +134,7 @@ def test_a_take_off_ends_where_the_route_begins(px4):
     assert math.degrees(math.atan2(east_m - CLEAR_M[0], north_m - CLEAR_M[1])) == pytest.approx(-7.0, abs=1.5)
     assert 270.0 < math.dist((east_m, north_m), CLEAR_M) < 320.0
     assert frame.to_local(first.x * 1e-7, first.y * 1e-7)[1] > north_m
-    assert not flight.texts("alarm")
+    assert not flight.alarms()
 
 
 def test_a_new_mission_waits_for_the_end_of_the_climb():
@@ -140,7 +143,8 @@ def test_a_new_mission_waits_for_the_end_of_the_climb():
     flight = Flight(place_m=CLEAR_M, orders=[*ORDERS, (20.0, "no-fly-zone", area)]).run(60.0)
     reports = flight.all(UploadReport)
     assert [report.ok for report in reports] == [True, True]
-    climbed = next(n.t_ns for n in flight.all(Notice) if n.text.startswith("Takeoff complete"))
+    said = noticed(flight.effects, NoticeCode.AUTOPILOT_INFO)
+    climbed = next(n.t_ns for n in said if n.parameters["said"].startswith("Takeoff complete"))
     assert reports[1].t_ns - round(reports[1].duration_s * S) >= climbed > START_T_NS + 20 * S
     # It turns no lower than the altitude of its take-off.
     low = [(east_m, north_m) for east_m, north_m, height_m in flight.way if 0.0 < height_m < 60.0]
@@ -154,7 +158,7 @@ def test_an_area_closed_ahead_of_the_runway_takes_the_mission_away():
         40.0
     )
     assert [report.ok for report in flight.all(UploadReport)] == [True]
-    assert any("its take-off is not clear" in text for text in flight.texts("alarm"))
+    assert noticed(flight.effects, NoticeCode.TAKEOFF_BLOCKED)
     assert flight.way[-1][2] == 0.0
 
 
@@ -162,7 +166,8 @@ def test_a_first_turn_into_an_obstacle_is_refused_once():
     """The climb ends 60 m before a wall: too near to turn."""
     wall = "boxes_m = [[1560.0, 1400.0, 1960.0, 1440.0]]"
     flight = Flight(place_m=CLEAR_M, boxes=wall).run(40.0)
-    (alarm,) = flight.texts("alarm")
-    assert alarm.startswith("its mission is not uploaded, the take-off is not clear: the first turn")
+    (alarm,) = flight.alarms()
+    assert alarm.code is NoticeCode.MISSION_HELD_BACK
+    assert alarm.parameters["reason"].startswith("the take-off is not clear: the first turn")
     assert len(flight.all(UploadReport)) > 1
     assert not flight.items()

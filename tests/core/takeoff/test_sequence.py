@@ -5,13 +5,14 @@ from types import SimpleNamespace
 
 import pytest
 from core.takeoff.test_climbs import BOX, FIELD
+from noticed import alarms, noticed
 from staging import S, at, mission, state
 
 from gcs.core.preflight.mission_checks import mission_checks, rehearse
 from gcs.core.state import State
 from gcs.core.takeoff.sequence import TakeoffSequence
 from gcs.mavlink.mission.items import Home
-from gcs.model import Notice, Order, OrderAnswer
+from gcs.model import NoticeCode, Order, OrderAnswer
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.vehicle import SimVehicle
 from sim_vehicles.world.scenario import parse_scenario
@@ -61,8 +62,8 @@ class Field:
     def heights_m(self):
         return [plane.alt_rel_m for plane in self.planes]
 
-    def texts(self, level):
-        return [(e.vehicle, e.text) for e in self.effects if isinstance(e, Notice) and e.level == level]
+    def noticed(self, code):
+        return noticed(self.effects, code)
 
     def answers(self, order_id):
         found = [e for e in self.effects if isinstance(e, OrderAnswer) and e.order_id == order_id]
@@ -92,11 +93,11 @@ def test_vehicles_that_are_armed_before_they_have_missions_take_off_one_after_th
     assert {verdict for verdict, _ in field.answers("arm-11.0").values()} == {"done"}
     assert {verdict for verdict, _ in field.answers("resume-14.0").values()} == {"done"}
     field.run(90.0)
-    ((waited, text),) = [(v, text) for v, text in field.texts("warning") if "take-off waits" in text]
-    assert text.startswith(f"its take-off waits: agent {3 - waited} is about to take off, ")
+    (waits,) = field.noticed(NoticeCode.TAKEOFF_WAITS)
+    assert waits.parameters["reason"].startswith(f"agent {3 - waits.vehicle} is about to take off, ")
     assert min(field.heights_m()) > 80.0
     assert not field.low_together
-    assert not field.texts("alarm")
+    assert not alarms(field.effects)
 
 
 def test_two_that_another_station_arms_at_once_are_reported():
@@ -105,10 +106,9 @@ def test_two_that_another_station_arms_at_once_are_reported():
         plane.autopilot.armed = True
     field.run(50.0)
     assert field.low_together
-    ((vehicle, text),) = [(v, text) for v, text in field.texts("alarm") if text.startswith("climbs out ")]
-    assert vehicle == 1
-    assert "m from agent 2, which climbs out too" in text
-    assert (1, "no longer climbs out near agent 2") in field.texts("info")
+    (alarm,) = field.noticed(NoticeCode.CLIMBS_NEAR)
+    assert (alarm.vehicle, alarm.parameters["other"]) == (1, 2)
+    assert alarm.key in [key for over in field.noticed(NoticeCode.CLIMBS_APART) for key in over.ended]
 
 
 class Swarm:

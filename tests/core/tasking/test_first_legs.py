@@ -3,13 +3,14 @@
 from dataclasses import replace
 
 import pytest
+from noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import at, state
 
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.records import OnboardMission
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
-from gcs.model import Notice, Route, Send, read_only
+from gcs.model import Notice, NoticeCode, Route, Send, read_only
 
 RECORDED = [
     # Selected by DO_SET_MISSION_CURRENT; time, cross-track error, distance to the waypoint, speed.
@@ -74,9 +75,11 @@ def test_the_wrong_first_legs_of_recorded_flights_are_started_again_with_a_notic
     effects = [
         effect for t_s, xtrack_m, to_go_m, _ in samples for effect in report(legs, t_s, xtrack_m, to_go_m)
     ]
-    texts = [effect.text for effect in effects if isinstance(effect, Notice)]
-    assert (fleet.selections, len(texts)) == (([0], 1) if is_wrong else ([], 0))  # 0 selects the first item
-    assert not texts or "off its line; item 1 is selected again" in texts[0]
+    notices = noticed(effects, NoticeCode.FIRST_LEG_WRONG)
+    assert (fleet.selections, len(notices)) == (([0], 1) if is_wrong else ([], 0))  # 0 selects the first item
+    for notice in notices:
+        assert "off its line" in notice.parameters["problem"]
+        assert notice.parameters["item"] == 1
 
 
 def test_a_vehicle_that_still_flies_to_its_old_waypoint_is_sent_to_the_new_one():
@@ -84,7 +87,8 @@ def test_a_vehicle_that_still_flies_to_its_old_waypoint_is_sent_to_the_new_one()
     legs = watching(fleet, 800.0)
     effects = [effect for t_s in (0.3, 0.7) for effect in report(legs, t_s, 0.0, 300)]
     assert fleet.selections == [0]
-    assert any("flies to a waypoint 300 m away" in one.text for one in effects if isinstance(one, Notice))
+    (notice,) = noticed(effects, NoticeCode.FIRST_LEG_WRONG)
+    assert "flies to a waypoint 300 m away" in notice.parameters["problem"]
 
 
 def test_a_vehicle_whose_position_is_merely_old_is_not_said_to_fly_wrong():

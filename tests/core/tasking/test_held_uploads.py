@@ -5,7 +5,7 @@ from core.takeoff.test_sequence import Field
 from staging import S
 
 from gcs.mavlink.frames.codec import decode
-from gcs.model import Order, Plan, Send
+from gcs.model import NoticeCode, Order, Plan, Send
 from sim_vehicles.campaign.virtual_run import LINK, START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import parse_scenario
 
@@ -85,7 +85,7 @@ def test_a_route_that_waited_starts_where_the_vehicle_is_when_its_upload_begins(
 
 def test_a_take_off_that_waited_is_planned_again_when_its_turn_comes():
     field = Field((8.0, "hold"), (11.0, "arm"), (14.0, "resume"), ready=()).run(20.0)
-    (waiting,) = [v for v, text in field.texts("warning") if "take-off waits" in text]
+    (waiting,) = [notice.vehicle for notice in field.noticed(NoticeCode.TAKEOFF_WAITS)]
     field.run(90.0)
     (again,) = [e for e in field.effects if isinstance(e, Plan) and "upload waited" in e.causes]
     assert again.changed == (waiting,)

@@ -3,6 +3,7 @@
 import msgspec
 import pytest
 from core.tasking.test_onboard_missions import CONFIG, Fleet
+from noticed import alarms, noticed
 from staging import at, mission
 
 from gcs.core.state import State
@@ -13,7 +14,7 @@ from gcs.core.tasking.records import OnboardMission
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
-from gcs.model import NS_PER_S, AgentStatus, Notice, Route, UploadReport, read_only
+from gcs.model import NS_PER_S, AgentStatus, Notice, NoticeCode, Route, UploadReport, read_only
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
@@ -45,27 +46,31 @@ def check_ends(tasking, seq, seconds, active=(1,)):
     link.armed = True
     link.mission_seq = seq
     found = [check_missed_targets(agents, missions, 40.0, at(float(second))) for second in range(seconds)]
-    return [notice.text for notices in found for notice in notices], missions.has_missed(1)
+    return [ended_short(notice) for notices in found for notice in notices], missions.has_missed(1)
+
+
+def ended_short(notice):
+    """Return what the vehicle does at the end of its route, which it ended short of its target."""
+    assert notice.code is NoticeCode.ROUTE_ENDED_SHORT
+    return notice.parameters["state"]
 
 
 def test_flight_g4_a_vehicle_that_returns_without_its_target_is_reported_and_tasked_again():
-    texts, missed = check_ends(UploadManager("land"), seq=3, seconds=20)
-    assert texts == ["ended its route without having reached its target: it returns to land"]
+    states, missed = check_ends(UploadManager("land"), seq=3, seconds=20)
+    assert states == ["it returns to land"]
     assert missed
 
 
 def test_a_vehicle_on_final_is_reported_and_lands():
-    texts, missed = check_ends(UploadManager("land"), seq=4, seconds=20)
-    assert texts == [
-        "ended its route without having reached its target: it lands, and gets no other mission before that"
-    ]
+    states, missed = check_ends(UploadManager("land"), seq=4, seconds=20)
+    assert states == ["it lands, and gets no other mission before that"]
     assert not missed
 
 
 @pytest.mark.parametrize(("radius_m", "is_missed"), [(80.0, True), (30.0, False)])
 def test_a_circle_that_never_comes_within_reach_is_no_arrival(radius_m, is_missed):
-    texts, missed = check_ends(UploadManager("loiter", radius_m), seq=3, seconds=20)
-    assert texts == ["ended its route without having reached its target: it circles at its route's end"]
+    states, missed = check_ends(UploadManager("loiter", radius_m), seq=3, seconds=20)
+    assert states == ["it circles at its route's end"]
     assert missed == is_missed
 
 
@@ -90,21 +95,25 @@ class Returned:
         found = [e for t_ns, e in self.effects if t_ns > self.began_t_ns and isinstance(e, kind)]
         return [effect for effect in found if effect.vehicle == 1]
 
+    def overrides(self):
+        """Return the modes that were not commanded; nothing else was worth a warning."""
+        told = [notice for notice in self.later(Notice) if notice.level != "info"]
+        assert {notice.code for notice in told} <= {NoticeCode.OVERRIDDEN}
+        return [notice.parameters["mode"] for notice in told]
+
 
 def test_an_rtl_at_the_mission_s_end_is_no_take_over_and_its_target_is_flown_to_again():
     flight = Returned(lambda plane: plane._end_mission(), 45.0, 65.0)
-    alarms = [notice.text for notice in flight.later(Notice) if notice.level == "alarm"]
-    assert alarms == ["ended its route without having reached its target: it ended its mission and flies RTL"]
-    assert not [notice for notice in flight.later(Notice) if "not by this service" in notice.text]
+    (alarm,) = alarms(flight.later(Notice))
+    assert ended_short(alarm) == "it ended its mission and flies RTL"
+    assert not noticed(flight.later(Notice), NoticeCode.OVERRIDDEN)
     assert flight.later(UploadReport)[0].ok
     assert flight.plane.mode is Mode.AUTO
 
 
 def test_an_rtl_of_an_operator_or_a_failsafe_stays_a_take_over():
     flight = Returned(lambda plane: plane.set_mode(Mode.RTL), 45.0, 65.0)
-    assert [n.text.split(":")[0] for n in flight.later(Notice) if n.level != "info"] == [
-        "is in RTL, not by this service"
-    ]
+    assert flight.overrides() == ["RTL"]
     assert not flight.later(UploadReport)
     assert flight.plane.mode is Mode.RTL
 
@@ -117,15 +126,12 @@ def test_an_rtl_long_after_a_stop_is_a_take_over_although_the_mission_is_complet
     flight = Returned(goes, 45.0, 50.0)
     flight.plane.set_mode(Mode.RTL)
     flight.run.run(65.0)
-    assert [n.text.split(":")[0] for n in flight.later(Notice) if n.level != "info"] == [
-        "is in CRUISE, not by this service",
-        "is in RTL, not by this service",
-    ]
+    assert flight.overrides() == ["CRUISE", "RTL"]
     assert flight.plane.mode is Mode.RTL
 
 
 def test_one_that_has_reached_its_target_returns_without_a_word():
     flight = Returned(lambda plane: plane._end_mission(), 140.0, 155.0)
     assert flight.run.command.state.agents[1].perception.status.status == "arrived"
-    assert not [notice.text for notice in flight.later(Notice) if notice.level != "info"]
+    assert not [notice for notice in flight.later(Notice) if notice.level != "info"]
     assert flight.plane.mode is Mode.RTL

@@ -8,13 +8,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from noticed import alarms
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S
 
 from gcs.core.state import Agent
 from gcs.core.tasking.rejections import Rejections
 from gcs.mavlink.services.parameter_protocol import encode_value
-from gcs.model import Authority, Notice, Order, OrderAnswer, UploadReport
+from gcs.model import Authority, Notice, NoticeCode, Order, OrderAnswer, UploadReport
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.vehicle import SimVehicle
@@ -102,10 +103,9 @@ class Flight:
         """Return the number of uploads to vehicle 1 that have ended."""
         return sum(report.vehicle == 1 for report in self.all(UploadReport))
 
-    def alarms(self) -> list[str]:
+    def alarms(self) -> list[Notice]:
         """Return the alarms about vehicle 1, without its own texts."""
-        found = [one for one in self.all(Notice) if one.vehicle == 1 and one.level == "alarm"]
-        return [one.text for one in found if not one.text.startswith("Mission rejected")]
+        return [one for one in alarms(self.effects, 1) if one.code is not NoticeCode.AUTOPILOT_ALARM]
 
     def agent(self, vehicle: int) -> Agent:
         return self.flight.command.state.agents[vehicle]
@@ -120,7 +120,7 @@ def test_the_target_of_a_vehicle_that_rejects_its_mission_goes_to_another(airbor
     assert (report.vehicle, report.ok) == (1, False)
     assert report.detail == f"the vehicle's navigator rejects the mission: {CAUSE}"
     (alarm,) = flight.alarms()
-    assert alarm.startswith(f"its navigator rejects its mission: {CAUSE}. Correct its parameters")
+    assert (alarm.code, alarm.parameters["cause"]) == (NoticeCode.MISSION_REJECTED, CAUSE)
     flight.wait(5.0)
     assert flight.agent(1).routes.flown is None
     assert flight.agent(2).routes.flown is not None
@@ -160,8 +160,8 @@ def test_rejected_missions_are_tried_again_after_growing_pauses_and_not_without_
     flight = Flight(both_targets(), airborne=False).wait(450.0)
     assert flight.uploads() == 6
     first, last = flight.alarms()
-    assert "follows in 10 s" in first
-    assert "`gcs order resume --vehicle 1`" in last
+    assert "follows in 10 s" in first.parameters["outlook"]
+    assert "`gcs order resume --vehicle 1`" in last.parameters["outlook"]
     flight.wait(200.0)
     assert flight.uploads() == 6
     assert flight.order("resume").state == "done"
@@ -181,14 +181,13 @@ def test_a_cause_that_comes_late_is_told_and_a_consequence_is_no_cause() -> None
     agent = Agent.initial(1)
     rejections = Rejections({1: agent})
 
-    def say(text: str, t_ns: int) -> list[str]:
+    def say(text: str, t_ns: int) -> list[object]:
         message = dialect.MAVLink_statustext_message(2, text.encode())
-        return [one.text for one in rejections.receive(1, message, t_ns)]
+        return [one.parameters["cause"] for one in rejections.receive(1, message, t_ns)]
 
     say("No valid mission available, loitering", 9 * S)
     (notice,) = rejections.begin(1, 10 * S)
-    assert "it names no cause" in notice.text
-    (text,) = say(CAUSE, 11 * S)
-    assert CAUSE in text
+    assert notice.parameters["cause"].startswith("it names no cause")
+    assert say(CAUSE, 11 * S) == [CAUSE]
     assert agent.control.reason == f"rejects its mission: {CAUSE}"
     assert say(CAUSE, 12 * S) == []

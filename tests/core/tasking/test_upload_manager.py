@@ -5,6 +5,7 @@ import random
 import numpy as np
 import pytest
 from missions import upload_manager
+from noticed import alarms, noticed
 from plane_double import AUTO, LOITER, MANUAL, Plane, S
 from px4_double import HOLD, Px4
 
@@ -14,7 +15,7 @@ from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.upload import Upload
 from gcs.mavlink.mission.upload_stages import RuleError, Stage
-from gcs.model import Datagram, Notice, Route, Send, Tick, UploadReport, read_only
+from gcs.model import Datagram, NoticeCode, Route, Send, Tick, UploadReport, read_only
 from gcs.planning.manoeuvres.landing import ReturnRoute
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import VirtualRun
@@ -110,7 +111,7 @@ def test_a_vehicle_counted_as_lost_in_mid_upload_is_cleared_when_it_is_heard():
     swarm.run(15.0)
     assert plane.store == []
     assert plane.mode == LOITER
-    assert any(isinstance(e, Notice) and "has no onboard mission now" in e.text for e in swarm.effects)
+    assert without_mission(swarm)
 
 
 def test_a_firmware_that_is_not_known_gets_no_mission():
@@ -237,8 +238,8 @@ def test_after_failures_a_vehicle_is_tasked_again_ever_more_slowly_with_notices(
         swarm.run(2.0)
     failed_s = [report.t_ns / S for report in swarm.reports()]
     assert len(failed_s) >= 4
-    alarms = [e for e in swarm.effects if isinstance(e, Notice) and "mission uploads failed" in e.text]
-    assert [alarm.text.split()[-2] for alarm in alarms[:3]] == ["5", "10", "20"]
+    failed = noticed(swarm.effects, NoticeCode.UPLOADS_FAILED)
+    assert [alarm.parameters["pause_s"] for alarm in failed[:3]] == [5.0, 10.0, 20.0]
     swarm.planes[1].ignores.clear()
     swarm.run(60.0)
     assert swarm.reports()[-1].ok
@@ -259,10 +260,10 @@ def test_a_vehicle_that_keeps_its_inconsistent_mission_is_given_up_with_an_alarm
     swarm.tasking.mark_inconsistent(1)
     swarm.run(300.0)
     assert len(clearings) <= 40
-    texts = [text for text in alarms(swarm) if "could not be cleared" in text]
-    assert [text.split(": ")[-1] for text in texts[:2]] == ["next attempt in 5 s", "next attempt in 10 s"]
-    assert "it does not obey; keep it out of AUTO, or order it to resume" in texts[-1]
-    assert len(texts) == 5
+    codes = (NoticeCode.CLEARING_FAILED, NoticeCode.CLEARING_GIVEN_UP)
+    *failed, given_up = noticed(swarm.effects, *codes)
+    assert [alarm.parameters["pause_s"] for alarm in failed[:2]] == [5.0, 10.0]
+    assert [alarm.code for alarm in (*failed, given_up)] == [codes[0]] * 4 + [codes[1]]
     plane._on_mission_clear_all = obeys
     swarm.tasking.release_override(1, swarm.t_ns)
     swarm.run(10.0)
@@ -278,8 +279,12 @@ def px4_swarm(**options):
     return swarm
 
 
-def alarms(swarm):
-    return [one.text for one in swarm.effects if isinstance(one, Notice) and one.level == "alarm"]
+def without_mission(swarm):
+    """Return why vehicles were left without a mission."""
+    told = noticed(swarm.effects, NoticeCode.WITHOUT_MISSION)
+    return [
+        one.parameters["detail"] for one in told if one.parameters["state"] == "has no onboard mission now"
+    ]
 
 
 def test_a_refused_mission_that_is_cleared_from_a_px4_is_reported():
@@ -287,7 +292,7 @@ def test_a_refused_mission_that_is_cleared_from_a_px4_is_reported():
     swarm.task(1)
     swarm.run(60.0)
     assert swarm.planes[1].store == []
-    assert any(text.startswith("has no onboard mission now: read-back differs") for text in alarms(swarm))
+    assert any(detail.startswith("read-back differs") for detail in without_mission(swarm))
 
 
 def test_a_mission_that_a_px4_rejects_later_on_is_no_operators_hold():
@@ -301,7 +306,7 @@ def test_a_mission_that_a_px4_rejects_later_on_is_no_operators_hold():
     swarm.run(3.0)
     assert swarm.tasking.overrides.modes() == {}
     assert not swarm.reports()[-1].ok
-    assert any("its navigator rejects its mission" in text for text in alarms(swarm))
+    assert noticed(swarm.effects, NoticeCode.MISSION_REJECTED)
 
 
 def test_a_px4_that_another_station_holds_and_clears_is_overridden():
@@ -320,7 +325,7 @@ def test_a_px4_gets_no_false_notice():
     """It refuses a rate for MISSION_CURRENT but sends it; its onboard mission is never inconsistent."""
     swarm = px4_swarm()
     swarm.run(10.0)
-    assert not [notice.text for notice in swarm.fleet.notices() if "does not give" in notice.text]
+    assert not noticed(swarm.fleet.notices(), NoticeCode.MESSAGE_REFUSED)
     swarm.mute = {1}
     swarm.task(1)
     assert swarm.tasking.state.stages
@@ -328,7 +333,7 @@ def test_a_px4_gets_no_false_notice():
     swarm.mute = set()
     swarm.tasking.mark_inconsistent(1)  # as after a restart, before it is heard
     swarm.run(5.0)
-    assert alarms(swarm) == []
+    assert alarms(swarm.effects) == []
     assert swarm.planes[1].store
 
 
@@ -348,8 +353,7 @@ def test_after_a_program_error_the_vehicle_is_cleared_and_can_be_tasked_again(mo
     monkeypatch.setattr(Upload, "end_after_error", END_AFTER_ERROR)
     swarm.task(1)
     swarm.run(20.0)
-    alarms = [e.text for e in swarm.effects if isinstance(e, Notice) and "ended by a program error" in e.text]
-    assert len(alarms) == 1
+    assert len(noticed(swarm.effects, NoticeCode.UPLOAD_ERROR)) == 1
     (report,) = swarm.reports()
     assert not report.ok
     assert f"in {broken}" in report.detail

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from noticed import alarms, noticed
 from plane_double import AUTO, LOITER, Channel, Plane, S, upload_task
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -53,8 +54,9 @@ class Air:
     def poll(self, t_s):
         return [(send.peer, decode(send.data)[0][0]) for send in self.fleet.poll(round(t_s * S))]
 
-    def texts(self, level=None):
-        return [(n.vehicle, n.text) for n in self.fleet.notices() if level in (None, n.level)]
+    def told(self, level=None):
+        """Return code and vehicle of each new notice."""
+        return [(one.code, one.vehicle) for one in self.fleet.notices() if level in (None, one.level)]
 
     def health(self, system_id=1):
         return next(h for h in self.fleet.health() if h.system_id == system_id)
@@ -84,9 +86,11 @@ def test_a_vehicles_reports_become_its_state_in_the_local_frame():
 def test_mode_and_arming_changes_are_reported():
     air = Air()
     air.hear(0, beat(0, armed=False))
-    air.texts()
+    air.told()
     air.hear(1, beat(AUTO, armed=True))
-    assert air.texts() == [(1, "mode MANUAL -> AUTO"), (1, "armed")]
+    mode, armed = air.fleet.notices()
+    assert (mode.code, mode.parameters) == (NoticeCode.MODE_CHANGED, {"before": "MANUAL", "mode": "AUTO"})
+    assert (armed.code, armed.vehicle) == (NoticeCode.ARMED, 1)
 
 
 def test_a_vehicle_that_arms_and_disarms_all_the_time_does_not_flood_the_operator():
@@ -111,11 +115,14 @@ def test_a_vehicle_that_changes_its_type_is_an_alarm_and_a_copter_is_not_tasked(
     air = Air(1)
     air.hear(0.0, beat())
     air.poll(0.0)
-    assert not [text for _, text in air.texts() if "same vehicle" in text]
+    assert not noticed(air.fleet.notices(), NoticeCode.TYPE_CHANGED)
     air.hear(1.0, beat(kind=2))
-    ((_, text), *others) = air.texts("alarm")
-    assert text == "says that it is MAV_AUTOPILOT 3 on MAV_TYPE 2, it was 3 on 1: is it the same vehicle?"
-    assert any("never tasked" in other for _, other in others)
+    changed, *others = alarms(air.fleet.notices())
+    assert changed.code is NoticeCode.TYPE_CHANGED
+    assert changed.parameters == {
+        "autopilot": 3, "vehicle_type": 2, "autopilot_before": 3, "vehicle_type_before": 1,
+    }  # fmt: skip
+    assert noticed(others, NoticeCode.FIRMWARE_UNKNOWN)
     assert air.fleet.profile(1) is None
     air.hear(2.0, beat())
     assert air.fleet.profile(1) is not None
@@ -123,14 +130,13 @@ def test_a_vehicle_that_changes_its_type_is_an_alarm_and_a_copter_is_not_tasked(
 
 @pytest.mark.parametrize("v_east", [-20.0, 20.0])
 def test_a_vehicle_whose_velocity_contradicts_its_positions_is_an_alarm(v_east):
-    air, texts = Air(1), []
+    air, codes = Air(1), set()
     air.hear(0.0, beat())
     for k in range(60):
         air.hear(0.25 * k, position(0.25 * k, 5.0 * k, v_east=v_east))
         air.poll(0.25 * k)
-        texts += [text for _, text in air.texts("alarm")]
-    assert bool(texts) == (v_east < 0.0)
-    assert all("does not agree with its positions" in text for text in texts)
+        codes |= {code for code, _ in air.told("alarm")}
+    assert codes == ({NoticeCode.VELOCITY_WRONG} if v_east < 0.0 else set())
 
 
 def test_px4_modes_have_the_same_names():
@@ -148,21 +154,23 @@ def test_a_vehicle_that_stands_still_has_its_compass_heading():
 def test_status_texts_reach_the_operator_but_cannot_flood_him():
     air = Air()
     air.hear(0, beat())
-    air.texts()
+    air.told()
     air.hear(1, *(dialect.MAVLink_statustext_message(2, b"Engine failure") for _ in range(500)))
-    assert air.texts("alarm") == [(1, "Engine failure")] * 5
+    said = noticed(air.fleet.notices(), NoticeCode.AUTOPILOT_ALARM)
+    assert [(one.vehicle, one.parameters["said"]) for one in said] == [(1, "Engine failure")] * 5
 
 
 def told(times_s, *texts, armed=False, v_east=0.0):
     """Return the alarms about a vehicle that says these texts in turn."""
     air = Air()
     air.hear(0, beat(armed=armed), position(0, v_east=v_east))
-    air.texts()
+    air.told()
     for number, t_s in enumerate(times_s):
         text = texts[number % len(texts)].encode()
         report = position(t_s, east_m=v_east * t_s, v_east=v_east)
         air.hear(t_s, beat(armed=armed), report, dialect.MAVLink_statustext_message(2, text))
-    return [text for _, text in air.texts("alarm") if text in texts]
+    said = [one.parameters["said"] for one in noticed(air.fleet.notices(), NoticeCode.AUTOPILOT_ALARM)]
+    return [text for text in said if text in texts]
 
 
 def test_a_wreck_that_repeats_why_it_cannot_fly_is_told_once():
@@ -217,7 +225,7 @@ def test_another_address_that_claims_a_living_vehicle_is_a_conflict():
     assert air.hear(3, beat(LOITER), position(4, 900, 0), peer=THERE) == []
     assert air.fleet.state(1).east_m == pytest.approx(10, abs=0.02)
     assert air.health().conflicts == 2
-    assert [v for v, text in air.texts("alarm") if "uses its system id" in text] == [1]
+    assert [one.vehicle for one in noticed(air.fleet.notices(), NoticeCode.ID_CONFLICT)] == [1]
     assert {peer for peer, _ in air.poll(3.1)} == {HERE}
 
 
@@ -310,14 +318,14 @@ def test_a_burst_of_delayed_reports_is_not_a_reboot():
 def test_a_reboot_is_recognised_and_everything_is_asked_for_again():
     air = Air()
     air.hear(0, beat(), position(1000, 10, 0), dialect.MAVLink_mission_current_message(4))
-    air.texts()
+    air.told()
     for n in range(16):
         air.hear(3 + 0.25 * n, beat(0), position(2 + 0.25 * n, 50 + n, 0))
     state = air.fleet.state(1)
     assert state.east_m == pytest.approx(65, abs=0.02)
     assert state.mission_seq == -1
     assert air.health().boots == 1
-    assert (1, "rebooted") in air.texts("alarm")
+    assert (NoticeCode.REBOOTED, 1) in air.told()
 
 
 def test_one_report_from_the_future_does_not_freeze_a_vehicle():
@@ -345,17 +353,18 @@ def test_a_link_loss_is_reported_once_and_so_is_the_return():
     for n in range(3):
         air.hear(n, beat(), system_id=1)
         air.hear(n, beat(), system_id=2, peer=THERE)
-    air.texts()
+    air.told()
     for n in range(3, 20):
         air.hear(n, dialect.MAVLink_mission_current_message(1), system_id=2, peer=THERE)
         air.poll(n)
         if n == 6:
             assert air.health().liveness == "stale"
-    found = [(notice.level, notice.vehicle, notice.text) for notice in air.fleet.notices()]
-    assert found == [("warning", 1, "not heard for 3.0 s"), ("alarm", 1, "link down: not heard for 6.0 s")]
+    found = [(one.code, one.vehicle, one.parameters["silence_s"]) for one in air.fleet.notices()]
+    assert found == [(NoticeCode.LINK_STALE, 1, 3.0), (NoticeCode.LINK_DOWN, 1, 6.0)]
     assert [h.liveness for h in air.fleet.health()] == ["down", "alive"]
     air.hear(20, beat())
-    assert (1, "heard again after 18.0 s") in air.texts()
+    (again,) = noticed(air.fleet.notices(), NoticeCode.HEARD_AGAIN)
+    assert (again.vehicle, again.parameters["silence_s"]) == (1, 18.0)
     assert air.health().liveness == "alive"
 
 
@@ -364,23 +373,26 @@ def test_a_link_loss_is_reported_once_and_so_is_the_return():
 
 def test_a_low_battery_in_flight_is_reported_once_for_each_limit():
     air = Air()
+    low, critical = NoticeCode.BATTERY_LOW, NoticeCode.BATTERY_CRITICAL
+    risen = NoticeCode.BATTERY_RISEN
 
     def notices(t_s, percent, *, armed=True):
         status = dialect.MAVLink_sys_status_message(0, 0, 0, 180, 11_000, 0, percent, 0, 0, 0, 0, 0, 0)
         air.hear(t_s, beat(armed=armed), status)
         air.poll(t_s)
-        return [(n.level, n.text) for n in air.fleet.notices() if "battery" in n.text]
+        told = noticed(air.fleet.notices(), low, critical, risen)
+        return [(notice.code, notice.parameters["charge_percent"]) for notice in told]
 
     assert notices(1, 31) == []
-    assert notices(2, 29) == [("warning", "battery low: 29 %")]
+    assert notices(2, 29) == [(low, 29)]
     assert notices(3, 31) == notices(4, 29) == [], "a load on the battery is no news"
     assert notices(5, -1) == [], "unknown"
-    assert notices(6, 14) == [("alarm", "battery critical: 14 %")]
+    assert notices(6, 14) == [(critical, 14)]
     assert notices(7, 20) == notices(8, 14) == []
-    assert notices(9, 95) == [("info", "battery: 95 % again")]
-    assert notices(10, 10) == [("alarm", "battery critical: 10 %")]
+    assert notices(9, 95) == [(risen, 95)]
+    assert notices(10, 10) == [(critical, 10)]
     assert notices(11, 10, armed=False) == [], "on the ground the preflight check tells"
-    assert notices(12, 28) == [("warning", "battery low: 28 %")]
+    assert notices(12, 28) == [(low, 28)]
 
 
 def test_each_known_address_gets_four_heartbeats_a_second_so_that_losses_start_no_failsafe():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.snapshot import decode_state, encode_state
@@ -17,7 +18,7 @@ from gcs.mavlink.fleet.records import FleetState
 from gcs.mavlink.fleet.telemetry_table import new_table
 from gcs.mavlink.frames.codec import scan
 from gcs.mavlink.frames.fast_scan import Scanner
-from gcs.model import NS_PER_S, Datagram, vehicle_id
+from gcs.model import NS_PER_S, Datagram, NoticeCode, vehicle_id
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 LINKS = [Link(parse_endpoint(f"udpin:0.0.0.0:1455{network}"), network) for network in (0, 1)]
@@ -208,7 +209,7 @@ def test_a_fleet_knows_the_same_with_and_without_the_kernel(seed):
             known = fleet_state(fast)
             assert known == fleet_state(simple)
             notices += known[4]
-    assert any("signs its frames" in n.text for n in notices)
+    assert noticed(notices, NoticeCode.SIGNS)
     refused = set().union(*(one.refused for one in fast.health()))
     assert folded > 400
     assert {"late", "no fix", "null", "far", "range", "jump"} <= refused

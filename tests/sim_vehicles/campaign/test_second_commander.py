@@ -189,7 +189,7 @@ def test_late_and_repeated_answers_to_our_own_requests_never_stop_the_tasking(na
     run.command = Engine(run.scenario.config, run.seed)
     run.run(95.0)
     assert [one for _, one in flown.notices if one.code is SIGN] == []
-    different = flown.said("its onboard mission is not the one it was given")
+    different = flown.said(NoticeCode.MISSION_DIFFERS)
     assert [t_s for t_s, _ in different if t_s < 60.0] == []  # the older journal knows older missions
     assert flown.said(NoticeCode.MISSION_CHANGED) == flown.said(NoticeCode.MISSION_COUNT_CHANGED) == []
     assert flown.uploads_s
@@ -236,5 +236,5 @@ def test_heartbeats_of_another_service_stop_the_tasking_of_all_vehicles_there() 
     alarms = flown.said(SIGN)
     assert [vehicle for _, vehicle in alarms] == [1, 2, 3, 4]
     assert 20.0 < alarms[0][0] < 24.0
-    text = next(one.text for _, one in flown.notices if one.code is SIGN)
-    assert "10.0.0.8:14550" in text
+    sign = next(one.parameters["sign"] for _, one in flown.notices if one.code is SIGN)
+    assert "10.0.0.8:14550" in sign

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 import pytest
+from noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.io.records import encode
@@ -17,7 +18,7 @@ from gcs.model import (
     Effect,
     Event,
     MissionEnded,
-    Notice,
+    NoticeCode,
     Plan,
     Scan,
     Send,
@@ -366,7 +367,7 @@ def test_targets_that_left_their_birth_components_are_found_or_reported(has_adap
     run.on_effect = lambda _, effect: effects.append(effect)
     run.run(20.0)
     targets = run.command.stages.trackers.targets.confirmation.tracks
-    alarms = [one.text for one in effects if isinstance(one, Notice) and "detections persist" in one.text]
+    alarms = noticed(effects, NoticeCode.UNTRACKED_DETECTIONS)
     assert len(targets) == (5 if has_adaptive_birth else 0)
     assert len(alarms) in ([0] if has_adaptive_birth else [1, 2])
 
