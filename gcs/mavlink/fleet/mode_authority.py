@@ -6,7 +6,7 @@ A mode alone does not show its cause. Each change of mode is classified:
 AUTO                                                   ours, also by an operator
 LOITER that we commanded, and no other mode since      ours
 LOITER before the first AUTO or task                   ours: the vehicle waits for its first mission
-LOITER at the mission's end, where that is the mode    ours
+LOITER out of AUTO at the mission's end (PX4)          ours
 LOITER because the navigator rejected its mission      ours (MISSION_CURRENT shows it soon)
 LOITER by a failsafe (PX4: MAV_STATE_CRITICAL)         override, whatever else it could be
 RTL out of AUTO because the mission is complete        ours (MISSION_CURRENT shows it soon)
@@ -92,6 +92,8 @@ class ModeAuthority:
             record.mode = record.commanded = ""  # PX4 holds before each failsafe
             record.tasked, at_end = True, False
             self.claims.apply(ControlEvent.MODE_CHOSEN, t_ns, mode)
+        if profile.atomic and mode == RTL and record.mode in (AUTO, LOITER):
+            record.tasked = True  # PX4 goes from RTL to Hold by itself: it does not wait for a mission then
         self._settle_foreign_command(mode, t_ns)
         self.observe_mode(mode, t_ns, at_end=at_end)
 
@@ -113,7 +115,9 @@ class ModeAuthority:
         if mode == AUTO:
             record.tasked = True
             self.claims.apply(ControlEvent.AUTO_SEEN, t_ns)
-        elif mode == LOITER and (record.commanded == LOITER or not record.tasked or at_end):
+        elif mode == LOITER and (
+            record.commanded == LOITER or not record.tasked or (at_end and record.previous == AUTO)
+        ):
             self.claims.apply(ControlEvent.WAITING_SEEN, t_ns)
         elif not (first and mode == LOITER):
             record.commanded = ""

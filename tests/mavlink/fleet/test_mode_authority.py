@@ -1,6 +1,11 @@
 """An operator would lose the aircraft to a service that takes it out of their hands."""
 
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.mavlink.autopilots import PX4
 from gcs.mavlink.fleet.mode_authority import ModeAuthority
+
+PX4_HOLD, PX4_RTL = 4 << 16 | 3 << 24, 4 << 16 | 5 << 24
 
 
 def after(*steps):
@@ -49,6 +54,17 @@ def test_other_modes_are_taken_until_auto_or_an_order():
 
 def test_a_missions_end_in_hold_is_ours():
     assert after("hear AUTO", "end LOITER") == ""
+
+
+def test_a_px4_that_ends_its_return_in_hold_is_left_alone():
+    """Flown: in RTL it follows the landing of its mission, to the last item, and may then hold."""
+    assert after("hear AUTO", "hear RTL", "end LOITER") == "LOITER"
+    authority = ModeAuthority()
+    authority.release(0)  # the mission after an order to resume is not flown yet
+    for seconds, custom_mode in enumerate([PX4_HOLD, PX4_RTL, PX4_HOLD]):
+        heartbeat = dialect.MAVLink_heartbeat_message(1, dialect.MAV_AUTOPILOT_PX4, 0x81, custom_mode, 4, 3)
+        authority.observe_heartbeat(heartbeat, PX4, seconds, at_end=False)
+    assert authority.override == "LOITER"
 
 
 def test_a_reboot_gives_nothing_back():
