@@ -17,6 +17,7 @@ from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMission
+from gcs.core.tasking.records import QueuedRoute
 from gcs.mavlink.autopilots import profile_of
 from gcs.mavlink.frames.codec import Encoder
 from gcs.mavlink.frames.codec import decode as decode_frames
@@ -153,6 +154,23 @@ def test_a_landed_vehicle_that_stays_in_auto_is_one_alarm() -> None:
     stage.wait(120.0)
     assert len(stage.noticed(NoticeCode.AUTO_ON_GROUND)) == 1
     assert len(stage.commands(SET_MODE)) <= 10
+
+
+def test_a_vehicle_that_is_not_heard_is_not_put_into_hold() -> None:
+    """It was seen disarmed in AUTO; it may have been armed and have taken off since."""
+    stage = landed(ARDUPLANE, "LOITER")
+    queue, agent = stage.command.state.tasking.queue, stage.command.state.agents[1]
+    queue[1] = QueuedRoute(Route(1, (0, 0), read_only([[0.0, 500.0]]), 1.0), 0, 0, False, None)
+    agent.routes.flown, agent.tasking.retry.paused_until_t_ns = queue[1].route, 60 * S
+    stage.mode = "AUTO"
+    stage.show()
+    for _ in range(40):
+        stage.t_ns += S // 2
+        stage.step(Tick(stage.t_ns))
+        if agent.link.liveness == "down":
+            agent.routes.drop()
+    assert not queue
+    assert not stage.commands(SET_MODE)
 
 
 def test_a_vehicle_that_flies_its_mission_is_not_stopped() -> None:

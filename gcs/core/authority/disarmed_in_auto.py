@@ -67,6 +67,8 @@ class DisarmedInAuto:
     def _would_take_off(self, state: VehicleState) -> bool:
         """Return True if arming would start a mission that the vehicle is not to fly."""
         vehicle = state.system_id
+        if self._agents[vehicle].link.liveness != "alive":
+            return False  # it may have taken off since
         on_ground = is_on_ground(state, self._fleet.home(vehicle))
         stands = not state.armed and state.mode == AUTO and on_ground
         is_busy = vehicle in self._tasking.state.stages or self._agents[vehicle].orders.command is not None
@@ -84,7 +86,8 @@ class DisarmedInAuto:
 
     def _progress(self, vehicle: int, sender: CommandSender, t_ns: int) -> list[Effect]:
         authority, state = self._agents[vehicle].authority, self._fleet.state(vehicle)
-        if state is not None and state.armed:  # it flies, or will soon: it must not be stopped now
+        is_heard = self._agents[vehicle].link.liveness == "alive"
+        if not is_heard or (state is not None and state.armed):  # it may fly: it must not be stopped now
             authority.loiter = None
             return []
         frames = sender.poll(t_ns, self._fleet.encoder(vehicle))

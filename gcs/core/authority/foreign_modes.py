@@ -59,7 +59,7 @@ def chooses_mode(frame: Frame, profile: AutopilotProfile | None) -> bool:
         message = frame.message()
         if message is None or profile is None:
             return True
-        return (int(message.param2), int(message.param3)) != profile.mode_numbers(AUTO)
+        return (message.param2, message.param3) != profile.mode_numbers(AUTO)
     return number in _COMMANDS or frame.message_id in _MESSAGES
 
 

@@ -86,7 +86,7 @@ class OnboardAudit:
         audit = authority.audit
         if message.get_type() == "MISSION_CURRENT" and audit is None and is_free:
             return self._check_stored(vehicle, message, t_ns)
-        if audit is None or getattr(message, "mission_type", None) != _MISSION:
+        if audit is None or agent.link.profile is None or getattr(message, "mission_type", None) != _MISSION:
             return []
         match message.get_type():
             case "MISSION_COUNT":
@@ -146,7 +146,7 @@ class OnboardAudit:
 
     def _compare(self, vehicle: int, audit: Audit, t_ns: int) -> list[Effect]:
         profile = self._fleet.profile(vehicle)
-        assert profile is not None  # a download needs a known firmware
+        assert profile is not None  # `receive` has checked it
         difference = profile.difference(audit.mission.items, audit.download.items)
         booted_t_ns = self._fleet.booted_t_ns(vehicle, audit.began_t_ns)
         is_empty = len(audit.download.items) <= profile.home_items

@@ -247,7 +247,8 @@ class UploadManager:
             self.overrides.of(vehicle).note_foreign_command(station, t_ns)
         if message.get_type() != "HEARTBEAT":
             return []
-        self.overrides.observe_mode(vehicle, profile, message, t_ns)
+        if not is_uploading:  # an upload knows better which mission has come to its end
+            self.overrides.observe_mode(vehicle, profile, message, t_ns)
         if profile.atomic:
             tasking.is_inconsistent = False
         if not tasking.is_inconsistent or is_uploading:

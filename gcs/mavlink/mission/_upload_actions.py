@@ -243,10 +243,14 @@ def note_success(upload: Upload, _t_ns: int) -> None:
 def start_clock(upload: Upload, t_ns: int) -> None:
     """Begin all waits: an outage of the service counts for none. The mode is waited for."""
     upload.state.began_t_ns = t_ns
+    upload.state.now.since_t_ns = upload.state.now.progress_t_ns = t_ns
     upload.state.heartbeats.heard_t_ns = None
 
 
 def note_reboot(upload: Upload, _t_ns: int) -> None:
+    """Forget the current item, and what was read back: the vehicle may have lost it by its reboot."""
+    if upload.state.verification.onboard is OnboardState.EQUAL:
+        upload.state.verification.onboard = OnboardState.UNKNOWN
     upload.state.activation.current = None
     upload.state.heartbeats.heard_t_ns = None
 

@@ -227,11 +227,12 @@ def is_unselected(upload: Upload, _t_ns: int) -> bool:
 def is_selected(upload: Upload, t_ns: int) -> bool:
     """Return True if MISSION_CURRENT answers the selection.
 
-    The vehicle may have flown to an item of this number before. With atomic uploads it has begun the new
-    mission there already.
+    The vehicle may have flown to an item of this number before: that is no answer to what was not sent.
+    With atomic uploads it has begun the new mission there already.
     """
     activation = upload.state.activation
-    is_new = upload.message.seq != activation.current_before or is_settled(upload, t_ns)
+    is_answer = is_settled(upload, t_ns) and not is_pausing(upload, t_ns)
+    is_new = upload.message.seq != activation.current_before or is_answer
     return activation.current == activation.first_seq and (upload.is_atomic or is_new)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -74,11 +73,17 @@ def is_meant(message: Message, mission_type: int, own: tuple[int, int]) -> bool:
 def _observe_heartbeat(state: UploadState, flight: Flight, message: Message, t_ns: int) -> None:
     state.heartbeats.heard_t_ns = t_ns
     state.heartbeats.tries = 0
-    is_old = state.verification.onboard is OnboardState.OLD
-    flown = state.verification.old if is_old else state.transfer.sending.items
-    last = math.inf if flown is None else len(flown) - 1
-    at_end = flight.profile.ends_in == LOITER and state.activation.current == last
+    at_end = flight.profile.ends_in == LOITER and _is_at_old_end(state)
     flight.authority.observe_heartbeat(message, flight.profile, t_ns, at_end=at_end)
+
+
+def _is_at_old_end(state: UploadState) -> bool:
+    """Return True if a vehicle flies the last item of its old mission.
+
+    From MISSION_COUNT on it is not known whether a number is that of an old or of a new item.
+    """
+    old, onboard = state.verification.old, state.verification.onboard
+    return old is not None and onboard is OnboardState.OLD and state.activation.current == len(old) - 1
 
 
 def _observe_current(state: UploadState, flight: Flight, message: Message) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from noticed import noticed
 from other_station import AIR, PEER, SEAT, S, Stage
@@ -136,6 +138,8 @@ RTL_COMMANDS = {
     "mode": dialect.MAVLink_command_long_message(1, 1, 176, 0, 1.0, 11.0, *[0.0] * 5),
     "integer": dialect.MAVLink_command_int_message(1, 1, 0, 20, 0, 0, *[0.0] * 4, 0, 0, 0.0),
     "to all": dialect.MAVLink_command_long_message(0, 0, 20, 0, *[0.0] * 7),
+    "without a number": dialect.MAVLink_command_long_message(1, 1, 176, 0, 1.0, math.nan, *[0.0] * 5),
+    "without a bound": dialect.MAVLink_command_long_message(1, 1, 176, 0, 1.0, 11.0, math.inf, *[0.0] * 4),
     "old message": dialect.MAVLink_set_mode_message(1, 1, 11),
     "guided": dialect.MAVLink_set_position_target_global_int_message(0, 1, 1, 6, 0, 1, 1, 90.0, *[0.0] * 8),
 }

@@ -3,11 +3,18 @@
 from collections.abc import Callable
 
 import pytest
+from core.test_authority import ARDUPLANE, airborne
 from core.test_restart import SEED, standing
 from noticed import noticed
-from staging import suspensions
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from staging import mission, suspensions
 
-from gcs.model import Effect, NoticeCode, UploadReport
+from gcs.core.tasking.mission_builder import MissionBuilder
+from gcs.core.tasking.records import OnboardMission
+from gcs.mavlink.autopilots import profile_of
+from gcs.mavlink.mission.item_builder import build_items
+from gcs.mavlink.mission.items import Home
+from gcs.model import Effect, NoticeCode, Route, UploadReport, read_only
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import VirtualRun
 
@@ -51,3 +58,19 @@ def test_a_vehicle_that_was_cleared_during_an_outage_gets_no_mission() -> None:
     assert noticed(effects, NoticeCode.MISSION_DIFFERS)
     assert suspensions(run.command) == {3: "found"}
     assert not [effect for effect in effects if isinstance(effect, UploadReport)]
+
+
+def test_an_audit_outlasts_heartbeats_of_a_firmware_that_is_not_known():
+    """The answer to its download ended the service."""
+    stage = airborne(ARDUPLANE, "AUTO")
+    route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0)
+    planned = MissionBuilder(mission()).of(route, 1, None)
+    items = build_items(profile_of(ARDUPLANE), planned, Home(33.0, -87.0, 70.0))
+    audits = stage.command.stages.onboard_audit
+    audits.begin(OnboardMission(route, items, 1), stage.t_ns, known_t_ns=stage.t_ns)
+    stage.hear(dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_QUADROTOR, ARDUPLANE, 129, 10, 4, 3))
+    stage.hear(dialect.MAVLink_mission_count_message(255, 190, 0, 0))
+    assert audits.awaited == [1]
+    stage.wait(1.0)
+    stage.hear(dialect.MAVLink_mission_count_message(255, 190, 0, 0))
+    assert audits.awaited == []

@@ -295,6 +295,28 @@ def test_a_refused_mission_that_is_cleared_from_a_px4_is_reported():
     assert any(detail.startswith("read-back differs") for detail in without_mission(swarm))
 
 
+def test_a_hold_at_the_number_of_the_old_missions_end_is_an_operators_during_an_upload():
+    """The number was that of an item of the new mission: it was commanded back to AUTO at once."""
+    swarm = px4_swarm()
+    plane = swarm.planes[1]
+    swarm.task(1, ROUTE[:2])
+    swarm.run(5.0)
+    read_back = plane._on_mission_request_list
+    plane._on_mission_request_list = lambda message, sender: []
+    swarm.task(1, read_only([*ROUTE.tolist(), [1200.0, 0.0], [1500.0, 100.0]]))
+    swarm.run(2.0)
+    plane.current = 2  # of seven
+    swarm.run(1.5)
+    assert swarm.tasking.state.stages == {1: Stage.VERIFY}
+    plane.choose(HOLD)
+    plane.modes_sent.clear()
+    swarm.run(2.5)
+    plane._on_mission_request_list = read_back
+    swarm.run(5.0)
+    assert (plane.mode, plane.modes_sent) == (HOLD, [])
+    assert swarm.tasking.overrides.modes() == {1: "LOITER"}
+
+
 def test_a_mission_that_a_px4_rejects_later_on_is_no_operators_hold():
     """Its fence or home changed: it is in Hold by itself, and must not be left alone there for ever."""
     swarm = px4_swarm()

@@ -260,6 +260,29 @@ def test_a_hold_before_a_failsafe_is_not_taken_for_a_rejected_mission():
         assert link.plane.store
 
 
+def test_a_hold_at_the_number_of_a_new_missions_end_is_an_operators():
+    """It may be the number of an item of the old mission: the vehicle was commanded back to AUTO."""
+    link = in_stage(px4, Stage.VERIFY)
+    link.plane.current = len(link.task.items) - 1
+    link.run(0.05)
+    link.plane._on_mission_request_int = lambda message, sender: []
+    link.run(1.0)
+    link.plane.choose(HOLD)
+    assert not link.run().ok
+    assert link.task.flight.authority.override == "LOITER"
+    assert link.plane.mode == HOLD
+
+
+def test_a_mission_that_was_read_back_before_a_reboot_is_not_known_after_it():
+    """It counted as stored, although the vehicle had lost it."""
+    link = in_stage(px4, Stage.SELECT)
+    link.plane.store, link.plane.mode = [], 1 << 16  # it boots into MANUAL
+    link.up.put(link.task.restart(link.t_ns), link.t_ns)
+    result = link.run()
+    assert "MANUAL was chosen meanwhile" in result.detail
+    assert result.onboard is not OnboardState.EQUAL
+
+
 SIMULATED = [Mode.MANUAL, Mode.FBWA, Mode.CRUISE, Mode.RTL, Mode.TAKEOFF, Mode.GUIDED, Mode.LOITER]
 
 

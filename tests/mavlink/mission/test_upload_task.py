@@ -461,3 +461,37 @@ def test_no_inconsistent_mission_is_flown_over_a_bad_radio(loss):
         link = joined(plane, 20, seed=50 + seed, loss=loss, doubles=0.05, old=old)
         assert link.run(600.0).ok
         assert plane.mixed_legs == []
+
+
+# ---------------------------------------------------------------- waits that have not begun
+
+
+def test_no_current_item_answers_a_selection_that_was_not_sent():
+    """No heartbeat came, the number was that of the old item: the vehicle flew on to its old waypoint."""
+    plane, old = flying()
+    plane.load(old, current=1)
+    link = joined(plane)
+    link.up.put(link.task.start(0), 0)
+    while link.task.stage != "verify":
+        link.step(0.02)
+    plane.ignores = {"COMMAND_LONG"}
+    plane._heartbeat = lambda: plane.mission_current(1)
+    link.run(5.0)
+    assert link.task.stage == "select"
+    assert not link.task.state.activation.is_selected
+
+
+@pytest.mark.parametrize("stage", ["park", "clear"])
+def test_an_outage_of_the_service_is_no_wait_for_the_vehicle(stage):
+    plane, _ = flying(leg_s=2.0 if stage == "park" else math.inf)
+    link = joined(plane, inconsistent=stage == "clear")
+    plane.ignores = {"COMMAND_LONG"} if stage == "park" else {"MISSION_CLEAR_ALL"}
+    link.up.put(link.task.start(0) if stage == "park" else link.task.start_clearing(0), 0)
+    for _ in range(40):
+        if link.task.stage == stage:
+            break
+        link.step()
+    link.t_ns += 60 * S
+    link.task.resume(link.t_ns)
+    link.task.poll(link.t_ns)
+    assert link.task.stage == stage
