@@ -20,7 +20,6 @@ TESTS = Path(__file__).parent
 PURE = ("core", "mavlink", "model", "planning", "tracking", "recordings", "report", "cli", "service")
 """Folders with tests in one process."""
 FEW = (
-    "core/authority/test_parameter_changes.py",
     "core/flight/test_flight.py",
     "core/tasking/test_first_legs.py",
     "mavlink/fleet/test_fleet.py",
