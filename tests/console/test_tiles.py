@@ -31,7 +31,7 @@ def mbtiles(path: Path, form: str = "png") -> Path:
 
 def test_rows_of_a_tile_are_counted_from_the_north(tmp_path):
     tiles = Tiles(mbtiles(tmp_path / "a map?.mbtiles"))
-    assert tiles.about()["max_zoom"] == 2
+    assert tiles.info.max_zoom == 2
     assert tiles.tile(2, 1, 2) == b"\x01\x02"
     assert tiles.tile(2, 1, 1) is None
     assert tiles.tile(99, 0, 0) is None

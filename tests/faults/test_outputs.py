@@ -197,9 +197,19 @@ def test_a_terminal_that_hangs_up_is_an_alarm_and_the_mission_is_flown_to_its_en
 # ---------------------------------------------------------------- the loop alone, with one output that stops
 
 
+def fill(terminal: int) -> None:
+    """Write to a terminal until it takes no more."""
+    os.set_blocking(terminal, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(terminal, b"." * 512)
+    os.set_blocking(terminal, True)
+
+
 @pytest.mark.usefixtures("short_stuck_time")
 def test_an_unread_live_view_does_not_delay_ticks(service: Service) -> None:
     ours, theirs = os.openpty()
+    fill(theirs)
     with open(theirs, "w") as terminal:  # noqa: PTH123  a descriptor
         console = Console(
             file=terminal, force_terminal=True, width=120, height=40, _environ={"TERM": "xterm"}

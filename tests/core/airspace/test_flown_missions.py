@@ -111,8 +111,8 @@ def test_a_target_without_a_clear_circle_gets_no_vehicle_and_the_operator_reads_
     flight = Flight(field((1300.0, 760.0), NARROW), 90.0)
     assert not [report for report in flight.of(UploadReport) if report.ok]
     assert flight.of(Plan)[0].unassigned_targets == ((0, 0),)
-    notes = [one.parameters["note"] for one in noticed(flight.of(Notice), NoticeCode.PLAN_NOTE)]
-    assert any("no loiter circle near target T0.0 keeps clear" in note for note in notes)
+    notes = noticed(flight.of(Notice), NoticeCode.NO_CLEAR_LOITER)
+    assert {note.parameters["target"] for note in notes} == {"T0.0"}
 
 
 CONFIG = parse(field((1450.0, 1000.0)), "fenced.toml")

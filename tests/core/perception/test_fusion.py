@@ -341,9 +341,10 @@ def test_many_untracked_objects_make_one_alarm():
     sky = Sky(mission(agents=[START], births=[GOAL]))
     crowd = [(300.0 + 250.0 * i, 1500.0) for i in range(6)]
     news = notices_of(sky, range(10), START, GOAL, *crowd)
-    assert [level for _, level, _ in news] == ["alarm"]
-    assert news[0][2].count("(") <= 3
-    assert "more place" in news[0][2]
+    ((_, notice),) = news
+    assert notice.code is NoticeCode.UNTRACKED_DETECTIONS
+    assert notice.parameters["places"].count("(") <= 3
+    assert "more place" in notice.parameters["places"]
 
 
 # ---------------------------------------------------------------- continuing from a snapshot

@@ -12,7 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.planning.path.dubins import WORDS, dubins_words
+from gcs.planning.path.dubins import dubins_words
+
+WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 
 
 class Pose(NamedTuple):
