@@ -69,6 +69,7 @@ def audited() -> Stage:
     planned, profile = MissionBuilder(mission()).of(route, 1, None), profile_of(ARDUPLANE)
     assert profile is not None
     onboard = OnboardMission(route, build_items(profile, planned, Home(33.0, -87.0, 70.0)), 1)
+    stage.t_ns += S // 20  # its last position is older
     stage.command.stages.onboard_audit.begin(onboard, stage.t_ns, known_t_ns=stage.t_ns)
     return stage
 
@@ -85,6 +86,7 @@ def test_an_empty_mission_without_a_boot_time_does_not_flood_the_link() -> None:
             requests += 1
             stage.hear(dialect.MAVLink_mission_count_message(255, 190, 0, 0))
     assert 5 < requests <= 25
+    stage.away_m = 160.0
     stage.wait(1.0)
     stage.hear(dialect.MAVLink_mission_count_message(255, 190, 0, 0))
     assert stage.command.stages.onboard_audit.awaited == []
