@@ -193,6 +193,14 @@ class NoticeCode(StrEnum):
         "`gcs order ready` before its next flight",
         ends=_IN_FLIGHT,
     )
+    TAKEOFF_ENDED = _vehicle(
+        "takeoff-ended",
+        _I,
+        "is on the ground again: problems that it had in its take-off are not watched there",
+        "the take-off ended before the vehicle was 10 m high",
+        "find the cause of the problems before its next take-off",
+        ends=_IN_FLIGHT,
+    )
     SINKS = _vehicle(
         "sinks",
         _A,
