@@ -571,7 +571,8 @@ class NoticeCode(StrEnum):
         "mission of {items} items {detail} in {duration_s:.2f} s, {retries} retries",
         ends="mission-failed mission-held-back uploads-failed upload-slow clearing-failed clearing-given-up "
         "mission-rejected mission-waits takeoff-waits first-leg-wrong first-leg-still-wrong "
-        "route-ended-short without-mission upload-error",
+        "route-ended-short without-mission upload-error mission-unread mission-differs mission-count-changed "
+        "mission-changed",
     )
     MISSION_FAILED = _vehicle(
         "mission-failed",
