@@ -99,3 +99,9 @@ def test_conditions_are_told_apart_by_what_the_table_says():
     assert first.key == again.key
     assert first.key in over.ended
     assert third.key not in over.ended
+
+
+def test_a_verified_mission_ends_the_alarms_of_the_one_before():
+    """After an order to resume a vehicle gets another mission, and nobody reads the older one back."""
+    older = {"mission-unread", "mission-differs", "mission-changed", "mission-count-changed"}
+    assert older <= set(NoticeCode.MISSION_VERIFIED.ends)

@@ -40,8 +40,12 @@ _MAX_NAME: Final = 4096
 _BYTE: Final = range(256)
 _BYTES: Final = frozenset({"sequence", "sequences", "mission_type", "to"})
 """Fields that go into one byte of a frame; in `authority` a sequence number of -1 is none."""
-_ANY_FLOAT: Final = frozenset({"param1", "param2", "param3", "param4", "min_round_trip_s"})
-"""Fields that may be no finite number: parameters of mission items, and the least of no values."""
+_ANY_FLOAT: Final = frozenset(
+    {"param1", "param2", "param3", "param4", "min_round_trip_s", "values", "value", "before", "answer"}
+)
+"""Fields that may be no finite number: parameters of items and of vehicles, and the least of no values."""
+_RECEIVED: Final = ".received."
+"""Part of the path to mission items as a vehicle sent them, before they are compared."""
 _POINTS: Final = ("k", 2)
 _SHAPES: Final[Mapping[str, tuple[int | str, ...]]] = {
     "points_m": _POINTS,
@@ -119,7 +123,8 @@ def _check_value(value: Any, path: str, name: str) -> None:
     if value is None or isinstance(value, bool | bytes | Enum | GlmbState):
         return
     if isinstance(value, float):
-        _require(name in _ANY_FLOAT or (math.isfinite(value) and abs(value) <= _MAX_NUMBER), path)
+        is_any = name in _ANY_FLOAT or _RECEIVED in path
+        _require(is_any or (math.isfinite(value) and abs(value) <= _MAX_NUMBER), path)
     elif isinstance(value, int):
         _check_integer(value, path, name)
     elif isinstance(value, str):

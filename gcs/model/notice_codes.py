@@ -193,6 +193,14 @@ class NoticeCode(StrEnum):
         "`gcs order ready` before its next flight",
         ends=_IN_FLIGHT,
     )
+    TAKEOFF_ENDED = _vehicle(
+        "takeoff-ended",
+        _I,
+        "is on the ground again: problems that it had in its take-off are not watched there",
+        "the take-off ended before the vehicle was 10 m high",
+        "find the cause of the problems before its next take-off",
+        ends=_IN_FLIGHT,
+    )
     SINKS = _vehicle(
         "sinks",
         _A,
@@ -563,7 +571,8 @@ class NoticeCode(StrEnum):
         "mission of {items} items {detail} in {duration_s:.2f} s, {retries} retries",
         ends="mission-failed mission-held-back uploads-failed upload-slow clearing-failed clearing-given-up "
         "mission-rejected mission-waits takeoff-waits first-leg-wrong first-leg-still-wrong "
-        "route-ended-short without-mission upload-error",
+        "route-ended-short without-mission upload-error mission-unread mission-differs mission-count-changed "
+        "mission-changed",
     )
     MISSION_FAILED = _vehicle(
         "mission-failed",

@@ -9,13 +9,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from core.other_station import AIR, SEAT, Stage
 from msgspec.msgpack import decode, encode
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 from test_state import events_of
 
 from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
+from gcs.core.tasking.records import OnboardMission
 from gcs.errors import WireError
-from gcs.model import NS_PER_S, Event, Resumed
+from gcs.mavlink.mission.items import Item
+from gcs.model import NS_PER_S, Event, Resumed, Route, Tick, read_only
 
 RECORDING = Path(__file__).parents[1] / "recordings" / "orders.mcap"
 Place = tuple[str | int, ...]
@@ -123,6 +127,37 @@ def changes(flight: Flight) -> list[tuple[str, Place, object]]:
 
 def test_the_state_itself_goes_on(flight: Flight) -> None:
     assert flight.goes_on(flight.data, 100)
+
+
+NOTHING = math.nan
+ODD = {
+    "parameter": (AIR, dialect.MAVLink_param_value_message(b"BARO1_GND_PRESS", NOTHING, 9, 10, 1)),
+    "great parameter": (AIR, dialect.MAVLink_param_value_message(b"RTL_ALTITUDE", 3e38, 9, 10, 1)),
+    "return height": (AIR, dialect.MAVLink_param_value_message(b"RTL_ALTITUDE", NOTHING, 9, 10, 1)),
+    "parameter of a station": (SEAT, dialect.MAVLink_param_set_message(1, 1, b"X", NOTHING, 9)),
+    "wind": (AIR, dialect.MAVLink_wind_message(0.0, 1e30, 0.0)),
+    "height of an item": (
+        AIR,
+        dialect.MAVLink_mission_item_int_message(255, 190, 0, 3, 16, 0, 1, *[NOTHING] * 4, 0, 0, NOTHING),
+    ),
+}
+
+
+@pytest.mark.parametrize(("link", "message"), ODD.values(), ids=ODD)
+def test_a_service_goes_on_whatever_numbers_were_received(link: str, message: Any) -> None:
+    """One parameter that was no number, and no snapshot was accepted any more."""
+    stage = Stage()
+    route = Route(1, (0, 0), read_only([[0.0, 500.0]]), 1.0)
+    onboard = OnboardMission(route, (Item(16, 3, 0, 0, 100.0),), 1)
+    stage.command.stages.onboard_audit.begin(onboard, stage.t_ns, known_t_ns=stage.t_ns)
+    stage.wait(0.1)
+    stage.say(AIR, dialect.MAVLink_mission_count_message(255, 190, 2, 0), 1, 1)
+    stage.say(link, message, *(1, 1) if link == AIR else ())
+    after = Engine(stage.command.config, stage.command.seed)
+    after.state = decode_state("test", encode_state(stage.command.state))
+    after.step(Resumed(stage.t_ns + NS_PER_S, stage.t_ns))
+    for seconds in range(2, 5):
+        after.step(Tick(stage.t_ns + seconds * NS_PER_S))
 
 
 def test_every_array_of_a_route_is_checked(flight: Flight) -> None:

@@ -34,6 +34,8 @@ from gcs.model import Authority, ControlEvent, Effect, Notice, NoticeCode, Param
 _TIMEOUT_NS: Final = ns(25.0)
 _BOOT_SLACK_NS: Final = ns(5.0)
 """Time until a reboot is recognised; the vehicle is heard meanwhile."""
+_BOOT_TIME_NS: Final = ns(0.5)
+"""Wait for the boot time of a vehicle, which its positions tell, before its mission is read again."""
 _DIFFERS_NS: Final = ns(6.0)
 """Time for which MISSION_CURRENT must differ from the verified mission; single messages may be late."""
 _MIN_REPORTS: Final = 3
@@ -151,7 +153,7 @@ class OnboardAudit:
         booted_t_ns = self._fleet.booted_t_ns(vehicle, audit.began_t_ns)
         is_empty = len(audit.download.items) <= profile.home_items
         if is_empty and booted_t_ns is None:
-            _begin_again(audit, t_ns)  # until its boot time is known
+            _begin_again(audit, t_ns + _BOOT_TIME_NS)  # until its boot time is known
             return []
         if is_empty and booted_t_ns is not None and booted_t_ns > audit.known_t_ns - _BOOT_SLACK_NS:
             self._end(vehicle, ControlEvent.MISSION_LOST, t_ns)

@@ -16,9 +16,11 @@ from gcs.core.operator.vehicle_orders import PILOTED, Orders
 from gcs.core.state import Agent
 from gcs.mavlink.autopilots.modes import LOITER, RTL
 from gcs.mavlink.services.retry import ns
-from gcs.model import Effect, Label, Notice, NoticeCode, targets_text, vehicle_name
+from gcs.model import Authority, Effect, Label, Notice, NoticeCode, targets_text, vehicle_name
 
 _PERIOD_NS: Final = ns(1.0)
+_TOLD: Final = frozenset({Authority.OTHER_STATION, Authority.SECOND_COMMANDER})
+"""Claims whose begin has a notice of its own."""
 _MAX_NAMED: Final = 8
 """Maximum number of vehicles listed by name."""
 
@@ -47,7 +49,9 @@ class OverrideNotices:
         free: list[Effect] = []
         for vehicle, agent in sorted(self._agents.items()):
             before, mode = agent.authority.reported_mode, modes.get(vehicle, "")
-            if before and not mode and agent.control.is_ours:
+            agent.authority.is_reported |= bool(before) or not _TOLD.isdisjoint(agent.claims.begun)
+            if agent.authority.is_reported and not mode and agent.control.is_ours:
+                agent.authority.is_reported = False
                 free.append(Notice(t_ns, NoticeCode.OURS_AGAIN, vehicle))
             is_unknown = vehicle in unknown and not self._failsafes.cause(vehicle, t_ns)
             if is_unknown or self._orders.has_ordered(vehicle, mode):

@@ -11,6 +11,7 @@ for (`gcs.core.tasking.rejections`); one that is heard for the first time may ha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Final
 
@@ -75,14 +76,15 @@ class ParameterChanges:
         parameters, name = agent.authority.parameters, printable(str(message.param_id))
         value, before = decode_value(message, agent.link.is_atomic), parameters.values.get(name)
         required, problem = self._requirement(vehicle, name, value)
-        if value != before:
+        is_changed = not _is_same(value, before)
+        if is_changed:
             agent.tasking.rejections.note_change(t_ns)
         if required or before is not None or len(parameters.values) < self._max_values:
             parameters.values[name] = value
         if name in parameters.sets:
             parameters.sets[name].answer = value
             return self._report_due(vehicle, name, t_ns)
-        if not required or before is None or before == value or _is_reported(parameters, name, t_ns):
+        if not required or before is None or not is_changed or _is_reported(parameters, name, t_ns):
             return []
         parameters.reported_t_ns[name] = t_ns
         code = NoticeCode.PARAMETER_CHANGED_WRONG if problem else NoticeCode.PARAMETER_CHANGED
@@ -110,14 +112,14 @@ class ParameterChanges:
         if _is_reported(parameters, name, t_ns):
             return []
         del parameters.sets[name]
-        if one.answer is not None and one.answer == one.before == one.value:
+        if one.answer is not None and _is_same(one.answer, one.before) and _is_same(one.answer, one.value):
             return []
         parameters.reported_t_ns[name] = t_ns
         _, problem = self._requirement(vehicle, name, one.value if one.answer is None else one.answer)
         answer = ""
         if one.answer is None:
             answer = "has not confirmed it"
-        elif one.answer != one.value:
+        elif not _is_same(one.answer, one.value):
             answer = f"answers {one.answer:g}"
         change: dict[str, Parameter] = {
             "station": one.station,
@@ -141,6 +143,11 @@ class ParameterChanges:
             return False, ""
         parameter = found[0]
         return True, "" if parameter.accepts(value) else f"wanted is {parameter.wanted}: {parameter.why}"
+
+
+def _is_same(value: float, other: float | None) -> bool:
+    """Return True for equal values, also if both are no number."""
+    return value == other or (other is not None and math.isnan(value) and math.isnan(other))
 
 
 def _is_reported(parameters: ParameterRecord, name: str, t_ns: int) -> bool:

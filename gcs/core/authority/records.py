@@ -108,6 +108,8 @@ class AgentAuthority:
     """Last MISSION_CURRENT.mission_state; None before the first."""
     reported_mode: str = ""
     """Overriding mode that the operator was notified of; empty without one."""
+    is_reported: bool = False
+    """True after a notice that another controls the vehicle, until the one that it is ours again."""
     external_upload: ExternalUpload | None = None
     """Last upload of another ground station, until the vehicle is released."""
     audit: Audit | None = None

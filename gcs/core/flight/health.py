@@ -24,7 +24,7 @@ from gcs.mavlink.fleet.checks.battery_alarm import CRITICAL_PERCENT
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.vehicle import Readings
 from gcs.mavlink.services.retry import ns
-from gcs.model import NS_PER_S, Effect, HealthItem, Notice, NoticeCode, VehicleState
+from gcs.model import NS_PER_S, Effect, FlightPhase, HealthItem, Notice, NoticeCode, VehicleState
 
 _PERIOD_NS: Final = ns(0.5)
 _TELL_NS: Final = {item: ns(1.0) for item in HealthItem} | {
@@ -103,6 +103,9 @@ class HealthMonitor:
         for state in self._fleet.states():
             agent = self._agents[state.system_id]
             if not agent.flight.phase.is_in_air:
+                is_told = any(problem.is_told for problem in agent.flight.problems.values())
+                if is_told and agent.flight.phase is FlightPhase.ON_GROUND:  # without a landing
+                    effects.append(Notice(t_ns, NoticeCode.TAKEOFF_ENDED, state.system_id))
                 agent.flight.problems.clear()
                 agent.flight.sensors_good = 0
                 agent.flight.battery_begin = agent.flight.endurance_s = None

@@ -34,6 +34,8 @@ _UNITS_PER_M: Final = {"RTL_ALTITUDE": 1.0, "ALT_HOLD_RTL": 100.0, "RTL_RETURN_A
 _TYPE: Final = "RTL_TYPE"
 _MISSION_LANDING: Final = 1.0
 """RTL_TYPE of a PX4 that lands by its mission if that has a landing."""
+_MAX_VALUE: Final = 1e6
+"""Greater values are not those of a return height."""
 _TOLERANCE_M: Final = 0.5
 _MAX_NAMED: Final = 8
 _REQUEST_S, _QUICK_REQUESTS, _SLOW_REQUEST_S = 2.0, 5, 30.0
@@ -105,7 +107,9 @@ class ReturnHeightMonitor:
         """Process a message of a vehicle: keep the parameters that set its return height."""
         if message.get_type() == "PARAM_VALUE" and message.param_id in {*_UNITS_PER_M, _TYPE}:
             agent = self._agents[vehicle]
-            agent.returns.parameters[message.param_id] = decode_value(message, agent.link.is_atomic)
+            value = decode_value(message, agent.link.is_atomic)
+            if abs(value) <= _MAX_VALUE:  # a number
+                agent.returns.parameters[message.param_id] = value
 
     def check(self, t_ns: int) -> list[Effect]:
         """Request the parameters that are not known, and tell which vehicles in the air return together."""

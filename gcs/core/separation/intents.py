@@ -73,7 +73,7 @@ class Intents:
         return [
             state
             for state in self._fleet.states()
-            if t_ns - state.t_ns <= _MAX_AGE_S * NS_PER_S
+            if _is_fresh(state, t_ns)
             and state.mode
             and not is_on_ground(state, self._fleet.home(state.system_id))
         ]
@@ -85,7 +85,10 @@ class Intents:
         return in_air + [
             state
             for state in self._fleet.states()
-            if state.system_id not in found and state.armed and self.is_climbing_out(state)
+            if state.system_id not in found
+            and _is_fresh(state, t_ns)
+            and state.armed
+            and self.is_climbing_out(state)
         ]
 
     def flight(self, state: VehicleState, t_ns: int, mode: str | None = None) -> Flight:
@@ -218,3 +221,7 @@ class Intents:
             item.z_m + (0.0 if is_global else ground_m),
             item.param1 if is_timed else math.inf,
         )
+
+
+def _is_fresh(state: VehicleState, t_ns: int) -> bool:
+    return t_ns - state.t_ns <= _MAX_AGE_S * NS_PER_S

@@ -55,6 +55,8 @@ from gcs.model import NS_PER_S, NoticeCode, Notify, VehicleState
 _ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _UNKNOWN_HEADING: Final = 65535
 _SLOW_M_S: Final = 0.5
+_MAX_WIND_M_S: Final = 200.0
+"""A greater wind is an error of the estimate."""
 _NO_POSITION_NS: Final = ns(5.0)
 _OLD_POSITION_NS: Final = ns(1.0)
 
@@ -457,7 +459,7 @@ class Vehicle:
     def _on_wind(self, message: Message, _t_ns: int, _notify: Notify) -> None:
         is_vector = message.get_type() == "WIND_COV"  # PX4; ArduPilot gives the speed
         speed_m_s = math.hypot(message.wind_x, message.wind_y) if is_vector else message.speed
-        self.link.wind_m_s = speed_m_s if math.isfinite(speed_m_s) else None
+        self.link.wind_m_s = speed_m_s if abs(speed_m_s) <= _MAX_WIND_M_S else None  # it may be no number
 
     def _on_command_ack(self, message: Message, t_ns: int, notify: Notify) -> None:
         refused = self.stream_requests.acknowledged(message, t_ns)

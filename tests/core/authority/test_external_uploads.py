@@ -183,3 +183,19 @@ def test_a_command_to_fly_the_mission_takes_no_vehicle_away(stage):
 def test_the_answer_to_a_command_that_went_another_way_counts_too(stage):
     stage.say(AIR, dialect.MAVLink_command_ack_message(176, 0, 0, 0, 254, 190), 1, 1)
     assert "system 254/190" in stage.command.untaskable()[1]
+
+
+def test_the_alarms_of_another_stations_mission_end_with_the_order_to_resume(stage):
+    """The vehicle stayed in AUTO all the time: they stayed for ever."""
+    stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 0))
+    stage.wait(12.0)
+    codes = [e.code for e in stage.effects if isinstance(e, Notice)]
+    assert {NoticeCode.STATION_WRITES, NoticeCode.STATION_UPLOAD_MIXED} <= set(codes)
+    assert NoticeCode.OURS_AGAIN not in codes
+    stage.say(AIR, dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3), 1, 1)
+    stage.order("resume")
+    for _ in range(4):
+        stage.wait(1.0)
+        stage.say(AIR, dialect.MAVLink_heartbeat_message(1, 3, 217, 12, 4, 3), 1, 1)
+    assert stage.command.untaskable() == {}
+    assert [e.code for e in stage.effects if isinstance(e, Notice)].count(NoticeCode.OURS_AGAIN) == 1

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import pytest
-from core.test_authority import ARDUPLANE, airborne
+from core.test_authority import ARDUPLANE, Stage, airborne
 from core.test_restart import SEED, standing
 from noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -12,9 +12,10 @@ from staging import mission, suspensions
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.records import OnboardMission
 from gcs.mavlink.autopilots import profile_of
+from gcs.mavlink.frames.codec import decode
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
-from gcs.model import Effect, NoticeCode, Route, UploadReport, read_only
+from gcs.model import Effect, NoticeCode, Route, Send, Tick, UploadReport, read_only
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import VirtualRun
 
@@ -60,14 +61,40 @@ def test_a_vehicle_that_was_cleared_during_an_outage_gets_no_mission() -> None:
     assert not [effect for effect in effects if isinstance(effect, UploadReport)]
 
 
-def test_an_audit_outlasts_heartbeats_of_a_firmware_that_is_not_known():
-    """The answer to its download ended the service."""
+def audited() -> Stage:
+    """Return a vehicle whose onboard mission is being read back."""
     stage = airborne(ARDUPLANE, "AUTO")
     route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0)
-    planned = MissionBuilder(mission()).of(route, 1, None)
-    items = build_items(profile_of(ARDUPLANE), planned, Home(33.0, -87.0, 70.0))
+    planned, profile = MissionBuilder(mission()).of(route, 1, None), profile_of(ARDUPLANE)
+    assert profile is not None
+    onboard = OnboardMission(route, build_items(profile, planned, Home(33.0, -87.0, 70.0)), 1)
+    stage.t_ns += S // 20  # its last position is older
+    stage.command.stages.onboard_audit.begin(onboard, stage.t_ns, known_t_ns=stage.t_ns)
+    return stage
+
+
+def test_an_empty_mission_without_a_boot_time_does_not_flood_the_link() -> None:
+    """It booted without a GPS fix: each answer was followed by another request at once, for ever."""
+    stage = audited()
+    requests = 0
+    for _ in range(200):
+        stage.t_ns += S // 20
+        found = stage.step(Tick(stage.t_ns))
+        sent = [m.get_type() for e in found if isinstance(e, Send) for m in decode(e.data)[0]]
+        if "MISSION_REQUEST_LIST" in sent:
+            requests += 1
+            stage.hear(dialect.MAVLink_mission_count_message(255, 190, 0, 0))
+    assert 5 < requests <= 25
+    stage.away_m = 160.0
+    stage.wait(1.0)
+    stage.hear(dialect.MAVLink_mission_count_message(255, 190, 0, 0))
+    assert stage.command.stages.onboard_audit.awaited == []
+
+
+def test_an_audit_outlasts_heartbeats_of_a_firmware_that_is_not_known() -> None:
+    """The answer to its download ended the service."""
+    stage = audited()
     audits = stage.command.stages.onboard_audit
-    audits.begin(OnboardMission(route, items, 1), stage.t_ns, known_t_ns=stage.t_ns)
     stage.hear(dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_QUADROTOR, ARDUPLANE, 129, 10, 4, 3))
     stage.hear(dialect.MAVLink_mission_count_message(255, 190, 0, 0))
     assert audits.awaited == [1]

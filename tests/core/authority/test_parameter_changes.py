@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from noticed import noticed
 from other_station import AIR, SEAT, Stage
@@ -131,6 +133,16 @@ def test_a_safety_parameter_that_is_set_over_another_link_is_told():
     assert (notice.parameters["name"], notice.parameters["before"]) == ("FENCE_ENABLE", "1")
     assert notice.parameters["value"] == "0"
     assert desk.answer("FENCE_ENABLE", 0.0) == []
+
+
+def test_a_safety_parameter_that_stays_no_number_is_told_once():
+    desk = Desk()
+    desk.answer("FENCE_ENABLE", 1.0)
+    (notice,) = desk.answer("FENCE_ENABLE", math.nan)
+    assert notice.level == "warning"
+    for _ in range(3):
+        desk.wait(11.0)
+        assert desk.answer("FENCE_ENABLE", math.nan) == []
 
 
 def test_a_flood_of_names_is_bounded():

@@ -348,6 +348,22 @@ def test_a_fence_breach_of_arduplane_is_a_failsafe_although_its_text_is_a_notice
     assert [cause for cause in causes_told(plane, "RTL") if cause.startswith("Max Alt fence breached")]
 
 
+def test_the_alarm_of_a_problem_ends_with_a_take_off_that_is_broken_off() -> None:
+    """The vehicle did not land and did not come down: its alarm stayed for ever."""
+    plane = Aeroplane(ARDUPLANE, armed=False, height_m=0.5)
+    plane.armed, plane.speed_m_s, plane.height_m = True, 12.0, 2.0
+    plane.failed = dialect.MAV_SYS_STATUS_SENSOR_PROPULSION
+    plane.wait(6.0)
+    assert plane.phase is P.TAKING_OFF
+    plane.crash()
+    plane.wait(30.0)
+    assert plane.phase is P.ON_GROUND
+    codes = [e.code for e in plane.effects if isinstance(e, Notice)]
+    assert codes.count(NoticeCode.PROPULSION_PROBLEM) == 1
+    (end,) = [code for code in codes if NoticeCode.PROPULSION_PROBLEM in code.ends]
+    assert codes.index(end) > codes.index(NoticeCode.PROPULSION_PROBLEM)
+
+
 def test_a_short_sink_at_full_throttle_is_no_news() -> None:
     plane = Aeroplane(ARDUPLANE)
     plane.wait(4.0)

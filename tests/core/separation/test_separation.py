@@ -4,9 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from core.test_authority import ARDUPLANE, Stage
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import S
 
-from gcs.model import Notice, NoticeCode, Order, OrderAnswer
+from gcs.core.tasking.records import OnboardMission
+from gcs.mavlink.mission.items import Item
+from gcs.model import Notice, NoticeCode, Order, OrderAnswer, Route, Tick, read_only
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.guidance import Straight
@@ -178,3 +182,18 @@ def test_one_order_does_not_resume_a_vehicle_into_another():
     assert answers[0][0] == "refused"
     assert answers[0][1].startswith("would come within ")
     assert answers[0][1].endswith("resume it when they are apart")
+
+
+def test_a_vehicle_that_fell_silent_before_its_take_off_is_not_about_to_take_off_for_ever():
+    """It was predicted from a place that moved away at its cruise speed, and others waited for it."""
+    stage = Stage(ARDUPLANE, "AUTO", armed=True, height_m=0.5, speed_m_s=0.0)
+    route = Route(1, (0, 0), read_only([[0.0, 500.0]]), 1.0)
+    items = tuple(Item(command, 3, 330000000, -870000000, 90.0) for command in (16, 22, 16))
+    stage.command.stages.tasking.onboard_missions.note(OnboardMission(route, items, 2))
+    stage.hear(dialect.MAVLink_mission_current_message(1, 2))
+    intents = stage.command.stages.intents
+    assert [state.system_id for state in intents.flying(stage.t_ns)] == [1]
+    for _ in range(12):
+        stage.t_ns += S
+        stage.step(Tick(stage.t_ns))
+    assert intents.flying(stage.t_ns) == []
