@@ -237,6 +237,8 @@ def fly_faults(kind: str, seed: int, speed: float, sitl: str, folder: Path) -> R
                 watch.event(record.value)
             else:
                 watch.effect(record.t_ns, record.value)
+    if any(watch.fault_ns is None for watch in watches.values()):
+        return Result(job, text, stuck=f"it ended before its faults: {done.stderr.strip()[-200:]}")
     return result_of(job, text, list(watches.values()))
 
 
