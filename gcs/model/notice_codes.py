@@ -876,7 +876,7 @@ class NoticeCode(StrEnum):
         "agent-not-on-earth",
         _W,
         "its position is not on Earth: it gets no route",
-        "the tracker's estimate is useless",
+        "the tracker's estimate is wrong by far",
         "check the vehicle's GPS and clock",
     )
     TARGET_NOT_ON_EARTH = _mission(
