@@ -208,7 +208,9 @@ _MISSION: Final = (
         On(MISSION_CURRENT, when.has_no_mission,         REMOVE,     do.reject, why=_REJECTED),
         On(MISSION_CURRENT, when.is_settled,             OVERRIDDEN, do.stop_overridden),
         On(HEARTBEAT,       ALWAYS,                      VERIFY),
-        On(TICK,            ALWAYS,                      VERIFY))),
+        On(TICK,            ALWAYS,                      VERIFY),
+        On(ABANDON,         when.is_verified,            DONE,       why="{order}"),
+        On(ABANDON,         ALWAYS,                      DONE,       do.keep_mission, why="{order}"))),
     *at(*RUNNING, rules=(
         On(OVERRIDE,        ALWAYS,                      OVERRIDDEN, do.stop_overridden),)),
     *at(OVERRIDDEN, rules=(
@@ -229,7 +231,7 @@ _MISSION: Final = (
         On(REBOOT,          ALWAYS,                      RETRY,
            do.note_reboot, why="the vehicle rebooted"),
         On(RESTART,         ALWAYS,                      VERIFY,     do.start_clock))),
-    *at(NEW, PARK, SELECT, MODE, DIAGNOSE, rules=(
+    *at(NEW, PARK, SELECT, MODE, rules=(
         On(ABANDON,         ALWAYS,                      DONE,       why="{order}"),)),
     *at(HOLD, CLEAR, rules=(
         On(REBOOT,          ALWAYS,                      REMOVE,     do.note_reboot),)),
