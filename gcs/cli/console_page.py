@@ -98,7 +98,7 @@ def service_page(
                 space=None if recorder is None else recorder.space,
                 stations=tuple(one for found in stations for one in found),
             )
-            return capture(service.command, t_ns, state)
+            return capture(service.engine, t_ns, state)
 
         return Source(service, take, service.give_order, speed, mission_file=mission_file)
 
@@ -148,7 +148,7 @@ def replay_source(replay: Replay, file: RunFile) -> Source:
 
     return Source(
         replay,
-        lambda t_ns: capture(replay.command, t_ns),
+        lambda t_ns: capture(replay.engine, t_ns),
         playback=replay.playback,
         on_restart=replay.on_restart,
         recording=file.path if file.is_recording() else None,

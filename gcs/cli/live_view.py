@@ -93,10 +93,10 @@ class LiveView:
     """Live view of a run, drawn by rich; it names the address of the console, `page_url`."""
 
     def __init__(
-        self, config: Config, command: Engine, speed: float, links: Links | None = None, page_url: str = ""
+        self, config: Config, engine: Engine, speed: float, links: Links | None = None, page_url: str = ""
     ) -> None:
         self._config = config
-        self._command = command
+        self._engine = engine
         self._links = links
         self._speed, self._page_url = speed, page_url
         self._log: deque[Text] = deque(maxlen=_LOG_LINES)
@@ -139,11 +139,11 @@ class LiveView:
 
     def _tables(self, width: int, rows: int) -> Iterator[RenderableType]:
         """Yield the tables that fit into `rows`, and a line about those that do not."""
-        status = self._command.stages.status_report.build(self._t_ns)
+        status = self._engine.stages.status_report.build(self._t_ns)
         agents, targets = len(status.agents), len(status.targets)
-        link_counters = link_rows(self._command.stages.fleet, self._links, self._t_ns)
+        link_counters = link_rows(self._engine.stages.fleet, self._links, self._t_ns)
         free_rows = rows - 2 * _TABLE_FRAME
-        overridden = overridden_text(self._command.overridden())
+        overridden = overridden_text(self._engine.overridden())
         if status.sensors:
             free_rows -= 1
             yield sensors_line(status.sensors)
@@ -181,7 +181,7 @@ class LiveView:
 
     def _signing(self, vehicle: int) -> str:
         """Return "verified" or "unchecked" for a vehicle that signs; empty otherwise."""
-        fleet = self._command.stages.fleet
+        fleet = self._engine.stages.fleet
         if not fleet.is_signed(vehicle):
             return ""
         gate = None if self._links is None else self._links.signing.gate
@@ -208,7 +208,7 @@ class LiveView:
 
     def _proposal_lines(self) -> list[str]:
         """Return the lines about the proposed plan, a title and one for each route; empty without one."""
-        pending = self._command.state.operator.approval.pending
+        pending = self._engine.state.operator.approval.pending
         if pending is None:
             return []
         title = f"{proposal_title(pending, self._t_ns)} (gcs order confirm {pending.plan_id})"

@@ -35,7 +35,7 @@ class DisplayedRun(Protocol):
     """A live service or a replay, as far as the display needs it."""
 
     config: Config
-    command: Engine
+    engine: Engine
     sinks: list[Sink]
 
     @property
@@ -55,7 +55,7 @@ async def display(
         run.sinks.append(PlainLines(console))
         yield
         return
-    view = LiveView(run.config, run.command, speed, run.links, page_url)
+    view = LiveView(run.config, run.engine, speed, run.links, page_url)
     run.sinks.append(view)
     with Live(
         Printable(view), console=console, screen=True, auto_refresh=False, vertical_overflow="crop"

@@ -66,7 +66,7 @@ class DisplayedRun(Protocol):
     """A live service or a replay, as far as the console needs it."""
 
     config: Config
-    command: Engine
+    engine: Engine
     sinks: list[Any]
 
 
@@ -244,7 +244,7 @@ class ShownRun:
     def __init__(self, source: Source, tiles: Tiles | None, max_pages: int, *, is_compared: bool) -> None:
         run, submit = source.run, source.submit
         # A replay that begins again has another fleet.
-        self.feed = Feed(source.take, lambda: run.command.stages.fleet.states(), source.start_t_ns)
+        self.feed = Feed(source.take, lambda: run.engine.stages.fleet.states(), source.start_t_ns)
         if source.on_restart is not None:
             source.on_restart.append(self.feed.restart)
         self._run_loop = asyncio.get_running_loop()
@@ -329,7 +329,7 @@ class ShownRun:
         verified = self.board.world.verified.get(vehicle, (0, 0))
 
         async def collect() -> VehicleDetail:
-            return vehicle_detail(self._run.command, vehicle, self.feed.t_ns, verified)
+            return vehicle_detail(self._run.engine, vehicle, self.feed.t_ns, verified)
 
         if not self.feed.t_ns or self._run_loop.is_closed():
             return None

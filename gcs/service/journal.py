@@ -145,7 +145,7 @@ class JournalSink:
     """Writes the journal on its own thread: at once for plans and uploads, within 0.5 s for other changes."""
 
     def __init__(self, service: Service, journal: Journal) -> None:
-        self._service, self._command, self._journal = service, service.command, journal
+        self._service, self._engine, self._journal = service, service.engine, journal
         self.writer = BackgroundWriter("journal", 2, NoticeCode.DISK_BLOCKED)
         self._error: JournalError | None = None
         """Error of the last attempt to write."""
@@ -162,13 +162,13 @@ class JournalSink:
         if not isinstance(event, Tick):
             return
         self._report_change()
-        uploads = set(self._command.state.tasking.uploads)
+        uploads = set(self._engine.state.tasking.uploads)
         begun, self._uploads = uploads - self._uploads, uploads
         if begun:
             self.write(event.t_ns)  # A mission that the journal does not know would be taken for another's.
         if event.t_ns - self._checked_t_ns >= MIN_WRITE_INTERVAL_NS:
             self._checked_t_ns, before = event.t_ns, self._untaskable
-            self._untaskable = self._command.untaskable()  # a pilot may have changed a mode
+            self._untaskable = self._engine.untaskable()  # a pilot may have changed a mode
             self._is_changed = self._is_changed or self._untaskable != before
         since_ns = event.t_ns - (self._written_t_ns or 0)
         if since_ns >= WRITE_PERIOD_NS or (self._is_changed and since_ns >= MIN_WRITE_INTERVAL_NS):
@@ -186,7 +186,7 @@ class JournalSink:
     def write(self, t_ns: int) -> None:
         """Queue the state for the writer; a failure becomes an alarm and is tried again."""
         self._written_t_ns = t_ns
-        snapshot = Snapshot(t_ns, encode_state(self._command.state))
+        snapshot = Snapshot(t_ns, encode_state(self._engine.state))
         self._is_changed = not self.writer.put(partial(self._store, snapshot))
 
     def close(self) -> None:

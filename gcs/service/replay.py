@@ -141,7 +141,7 @@ class Replay:
         records_from: Callable[[int], Iterable[Record]] | None = None,
     ) -> None:
         self.config = config
-        self.command = Engine(config, seed)
+        self.engine = Engine(config, seed)
         self.sinks: list[Sink] = []
         self.playback = Playback(fast_until_s=window.from_s, has_snapshots=records_from is not None)
         self.on_restart: list[Callable[[], None]] = []
@@ -190,7 +190,7 @@ class Replay:
         records = iter(self._records_from(self.start_t_ns + round(at_s * NS_PER_S)))
         first = next(records)
         if not isinstance(first.value, Snapshot):
-            self.command.state = State.initial(agent.vehicle for agent in self.config.agents)
+            self.engine.state = State.initial(agent.vehicle for agent in self.config.agents)
         self.events, self.damage, self._window = 0, None, replace(self._window, from_s=0.0)
         self.playback.at_s, self.playback.has_ended = at_s, False
         for notify in self.on_restart:
@@ -230,7 +230,7 @@ class Replay:
 
     def _restore(self, snapshot: Snapshot) -> None:
         try:
-            self.command.state = decode_state("its snapshot", snapshot.data)
+            self.engine.state = decode_state("its snapshot", snapshot.data)
         except (WireError, ValueError) as error:
             problem = f"has a snapshot that cannot be used: {error}; replay it from its start"
             raise RecordingError("the recording", problem) from None
@@ -238,7 +238,7 @@ class Replay:
     def _event(self, number: int, event: Event, *, shown: bool) -> None:
         for sink in self.sinks:
             sink.event(event)
-        effects = self.command.step(event)
+        effects = self.engine.step(event)
         self.t_ns = max(self.t_ns, event.t_ns)
         self.events += 1
         self.effects += len(effects)

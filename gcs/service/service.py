@@ -143,7 +143,7 @@ class Service:
 
     def __init__(self, config: Config, seed: int, links: Links, bus: ZenohSession) -> None:
         self.config = config
-        self.command = Engine(config, seed)
+        self.engine = Engine(config, seed)
         self.health = Health()
         self.clock = RunClock()
         self.links = links
@@ -174,9 +174,9 @@ class Service:
             If the state makes no sense for this mission; the service then begins without it.
         """
         try:
-            self.command.state = state
+            self.engine.state = state
         except ValueError:
-            self.command.state = State.initial(agent.vehicle for agent in self.config.agents)
+            self.engine.state = State.initial(agent.vehicle for agent in self.config.agents)
             raise
         self._resumed_from = snapshot
         self._is_resumed = True
@@ -207,7 +207,7 @@ class Service:
         if resumed is not None:  # before anything else is heard
             self._record(lambda recorder: recorder.record_snapshot(resumed))
             self._put(Resumed(clock.now_ns(), resumed.t_ns))
-        self.links.start(loop, self, lambda vehicle: vehicle in self.command.state.tasking.stages)
+        self.links.start(loop, self, lambda vehicle: vehicle in self.engine.state.tasking.stages)
         self._bus.subscribe(
             sensor_scan_keys(self.config.name),
             lambda key, payload: on_loop(loop, self._on_scan, key, payload),
@@ -248,7 +248,7 @@ class Service:
 
     def _partly_uploaded(self) -> list[int]:
         """Return the vehicles whose onboard missions an upload in progress may have changed."""
-        tasking = self.command.stages.tasking
+        tasking = self.engine.stages.tasking
         return sorted(vehicle for vehicle in tasking.state.stages if tasking.may_be_inconsistent(vehicle))
 
     def _put(self, event: Event, frames: FrameTable | None = None) -> bool:
@@ -354,7 +354,7 @@ class Service:
 
     def _check_keys(self) -> None:
         """Queue an alarm, once, for each vehicle that signs its frames and has no key here."""
-        fleet, gate = self.command.stages.fleet, self.links.signing.gate
+        fleet, gate = self.engine.stages.fleet, self.links.signing.gate
         for agent in self.config.agents:
             vehicle = agent.vehicle
             if not fleet.is_signed(vehicle) or vehicle in self._keyless:
@@ -365,7 +365,7 @@ class Service:
 
     def _process(self, event: Event, frames: FrameTable | None = None) -> bool:
         """Record an event, step the engine and carry out its effects; return True if the mission ended."""
-        snapshot = None if self.recorder is None else self._snapshots.before(event, self.command.state)
+        snapshot = None if self.recorder is None else self._snapshots.before(event, self.engine.state)
         if snapshot is not None:
             self._record(lambda recorder: recorder.record_snapshot(snapshot))
         self._record(lambda recorder: recorder.record_event(event))
@@ -385,13 +385,13 @@ class Service:
     def _step(self, event: Event, frames: FrameTable | None) -> list[Effect]:
         """Step the engine. If a state from a journal turns out to be wrong, continue without it."""
         try:
-            return self.command.step(event, frames)
+            return self.engine.step(event, frames)
         except Exception as error:
             if not self._is_resumed:
                 raise
             self._is_resumed = False
-            self.command.state = State.initial(agent.vehicle for agent in self.config.agents)
-            snapshot = Snapshot(event.t_ns, encode_state(self.command.state))
+            self.engine.state = State.initial(agent.vehicle for agent in self.config.agents)
+            snapshot = Snapshot(event.t_ns, encode_state(self.engine.state))
             self._record(lambda recorder: recorder.record_snapshot(snapshot))
             problem = f"its state makes no sense ({error!r})"
             self.on_notice("journal", NoticeCode.JOURNAL_REFUSED, problem=problem)

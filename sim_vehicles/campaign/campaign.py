@@ -119,8 +119,8 @@ def fly(job: Job) -> Row:
 
     run.on_effect, run.on_truth = on_effect, on_truth
     if job.planner == "truth":
-        run.command.stages.trackers = trackers = cast("MultiSensorTracker", truths)
-        run.command.stages.planning_inputs = replace(run.command.stages.planning_inputs, trackers=trackers)
+        run.engine.stages.trackers = trackers = cast("MultiSensorTracker", truths)
+        run.engine.stages.planning_inputs = replace(run.engine.stages.planning_inputs, trackers=trackers)
     duration_s = run.run()
     summary = evaluator.summary(
         scenario=config.name,

@@ -81,7 +81,7 @@ class VirtualRun:
     tamper: Callable[[int, str, bytes], Iterable[tuple[str, bytes]]] | None = None
     on_snapshot: Callable[[Snapshot], None] | None = None
     timings: Timings = field(default_factory=Timings)
-    command: Engine = field(init=False)
+    engine: Engine = field(init=False)
     vehicles: dict[str, SimVehicle] = field(init=False)
     t_ns: int = field(init=False, default=START_T_NS)
     ended: bool = field(init=False, default=False)
@@ -98,7 +98,7 @@ class VirtualRun:
     def __post_init__(self) -> None:
         config = self.scenario.config
         self._orders = deque(sorted(self.orders, key=lambda order: order.t_ns))
-        self.command = Engine(config, self.seed)
+        self.engine = Engine(config, self.seed)
         self._world = World(self.scenario, self.seed, START_T_NS)
         self._loss_rng = generator(self.seed, "loss")
         self.vehicles = {
@@ -130,7 +130,7 @@ class VirtualRun:
 
     def snapshot(self) -> Snapshot:
         """Return the state of central command now."""
-        return Snapshot(self.t_ns, encode_state(self.command.state))
+        return Snapshot(self.t_ns, encode_state(self.engine.state))
 
     def restart(self, outage_s: float, snapshot: Snapshot | None = None) -> None:
         """Kill central command, fly on without it, and restart it from a snapshot."""
@@ -146,7 +146,7 @@ class VirtualRun:
         while self._world.scan_t_ns(self._scan_index) < self.t_ns:
             self._scan_index += 1
         state = decode_state("snapshot", snapshot.data)
-        self.command = Engine(self.scenario.config, self.seed, state)
+        self.engine = Engine(self.scenario.config, self.seed, state)
         self._step(Resumed(self.t_ns, snapshot.t_ns))
 
     def _move_vehicles(self) -> None:
@@ -186,13 +186,13 @@ class VirtualRun:
             yield TruthObject("agents", vehicle.system_id, *place, alive, alive and vehicle.is_down)
 
     def _step(self, event: Event) -> None:
-        snapshot = None if self.on_snapshot is None else self._snapshots.before(event, self.command.state)
+        snapshot = None if self.on_snapshot is None else self._snapshots.before(event, self.engine.state)
         if snapshot is not None and self.on_snapshot is not None:
             self.on_snapshot(snapshot)
         if self.on_event is not None:
             self.on_event(event)
         started = time.process_time()
-        effects = self.command.step(event)
+        effects = self.engine.step(event)
         took_ms = (time.process_time() - started) * 1e3
         if isinstance(event, Scan):
             self.timings.scan_ms.append(took_ms)

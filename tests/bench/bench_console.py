@@ -165,7 +165,7 @@ async def serve(port: int) -> None:
 
     run = SimpleNamespace(
         config=config,
-        command=SimpleNamespace(stages=SimpleNamespace(fleet=SimpleNamespace(states=lambda: ()))),
+        engine=SimpleNamespace(stages=SimpleNamespace(fleet=SimpleNamespace(states=lambda: ()))),
         sinks=[],
     )
     server = ConsoleServer(Source(run, take), Access(port=port))

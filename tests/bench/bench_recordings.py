@@ -59,11 +59,11 @@ def replay(folder: Path, config: Config, *, verify: bool) -> None:
 
 def step_times(folder: Path, config: Config) -> Counter[str]:
     """CPU time of the engine by kind of event, without reading."""
-    command, spent = Engine(config, 1), Counter[str]()
+    engine, spent = Engine(config, 1), Counter[str]()
     for record in read(folder, only=get_args(Event)):
         kind = type(record.value).__name__
         began = time.process_time()
-        command.step(record.value)
+        engine.step(record.value)
         spent[kind] += time.process_time() - began
     return spent
 

@@ -34,23 +34,23 @@ class MemoryJournal(JournalSink):
     """The journal of a flight on virtual time, in memory."""
 
     def __init__(self, run: VirtualRun) -> None:
-        super().__init__(SimpleNamespace(command=run.command), None)
+        super().__init__(SimpleNamespace(engine=run.engine), None)
         self.snapshot: Snapshot | None = None
 
     def write(self, t_ns: int) -> None:
         """Keep the state."""
         self._written_t_ns, self._is_changed = t_ns, False
-        self.snapshot = Snapshot(t_ns, encode_state(self._command.state))
+        self.snapshot = Snapshot(t_ns, encode_state(self._engine.state))
 
 
 def picture(run: VirtualRun) -> dict[str, object]:
     """What must be the same with and without a restart."""
-    command = run.command
+    engine = run.engine
     return {
-        "target labels": sorted(command.stages.trackers.targets.confirmation.tracks),
-        "statuses": {v: one.perception.status.status for v, one in command.state.agents.items()},
-        "targets of agents": {v: route.target for v, route in flown_routes(command.state.agents).items()},
-        "authorities": {v: one.control.authority.word for v, one in command.state.agents.items()},
+        "target labels": sorted(engine.stages.trackers.targets.confirmation.tracks),
+        "statuses": {v: one.perception.status.status for v, one in engine.state.agents.items()},
+        "targets of agents": {v: route.target for v, route in flown_routes(engine.state.agents).items()},
+        "authorities": {v: one.control.authority.word for v, one in engine.state.agents.items()},
     }
 
 
@@ -82,7 +82,7 @@ def fly(scenario: Scenario, seed: int, loss: float, at_s: float, outage_s: float
     run = VirtualRun(scenario, seed, on_event, on_effect, loss=loss)
     journal = MemoryJournal(run)
     run.run(at_s)
-    stored |= {vehicle: mission(vehicle) for vehicle in run.command.state.agents}
+    stored |= {vehicle: mission(vehicle) for vehicle in run.engine.state.agents}
     if outage_s is not None and not run.ended:
         run.restart(outage_s, journal.snapshot)
     run.run(end_s)

@@ -47,7 +47,7 @@ def main() -> None:
             scenario = parse_scenario(*read_text(str(swarm(agents, 4.0, Path(folder)))))
         run = VirtualRun(scenario, 1)
         run.run(options.duration)
-        state = run.command.state
+        state = run.engine.state
         data = encode_state(state)
         assert encode_state(decode_state("snapshot", data)) == data
         trackers = state.perception.trackers

@@ -93,7 +93,7 @@ def nearest(scenario: Scenario, seed: int) -> Nearest:
             number, place = vehicle.system_id, (vehicle.east_m, vehicle.north_m)
             if number not in ends or not vehicle.alive:
                 continue
-            clearance_m = distance_to_obstacle_m(run.command.grid, cells, place)
+            clearance_m = distance_to_obstacle_m(run.engine.grid, cells, place)
             if number in done or math.dist(place, ends[number]) <= near_m:
                 at_end_m = min(at_end_m, clearance_m)
                 continue
@@ -109,7 +109,7 @@ def nearest(scenario: Scenario, seed: int) -> Nearest:
                 )
 
     run = VirtualRun(scenario, seed, on_event=on_event, on_effect=on_effect)
-    cells = np.argwhere(run.command.grid.blocked)[:, ::-1].astype(np.float64)
+    cells = np.argwhere(run.engine.grid.blocked)[:, ::-1].astype(np.float64)
     run.run()
     return dataclasses.replace(best, at_end_m=at_end_m)
 
@@ -144,16 +144,16 @@ def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict
                 arrived[vehicle.system_id] = ReturnFlight(
                     min(
                         arrived[vehicle.system_id].clearance_m,
-                        distance_to_obstacle_m(run.command.grid, cells, place),
+                        distance_to_obstacle_m(run.engine.grid, cells, place),
                     ),
                     math.dist(place, (home.east_m, home.north_m)),
                 )
 
     run = VirtualRun(scenario, seed, on_event=on_event, on_effect=on_effect)
-    cells = np.argwhere(run.command.grid.blocked)[:, ::-1].astype(np.float64)
+    cells = np.argwhere(run.engine.grid.blocked)[:, ::-1].astype(np.float64)
     if straight:
-        empty = replace(run.command.grid, blocked=np.zeros_like(run.command.grid.blocked))
-        run.command.stages.return_routes._zones = NoFlyZones(AirspaceState(), empty)
+        empty = replace(run.engine.grid, blocked=np.zeros_like(run.engine.grid.blocked))
+        run.engine.stages.return_routes._zones = NoFlyZones(AirspaceState(), empty)
     flown_s = run.run()
     while any(run.vehicles[peer].autopilot.flying for peer in run.vehicles) and flown_s < _LATEST_S:
         run.ended = False

@@ -125,7 +125,7 @@ class Soak:
 
     @property
     def command(self) -> Engine:
-        return self.run.command
+        return self.run.engine
 
     def _effect(self, t_ns: int, effect: object) -> None:
         self.recorder.record_effect(t_ns, effect)
@@ -141,7 +141,7 @@ class Soak:
         while self.now_s < to_s:
             self.run.run(min(self.now_s + STEP_S, to_s))
             if self.run.ended:
-                statuses = {v: one.perception.status.status for v, one in self.command.state.agents.items()}
+                statuses = {v: one.perception.status.status for v, one in self.engine.state.agents.items()}
                 raise SystemExit(f"the mission ended after {self.now_s:.0f} s: {statuses}")
             self._replace_lost()
             for per_h, happens in (
@@ -215,7 +215,7 @@ class Soak:
         self.run.order(order)
 
     def sizes(self) -> dict[str, int]:
-        whole = {"command": self.command, "recorder": self.recorder, "vehicles": self.run.vehicles}
+        whole = {"engine": self.engine, "recorder": self.recorder, "vehicles": self.run.vehicles}
         return {path: size for name, part in whole.items() for path, size in tables(part, name).items()}
 
     def close(self) -> None:

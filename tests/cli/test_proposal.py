@@ -52,13 +52,13 @@ def text_of(console: Console) -> str:
 
 def test_plans_that_wait_push_no_alarm_out_of_the_live_view() -> None:
     config, screen = load("prescribed"), console()
-    command = Engine(config, 1)
-    view = LiveView(config, command, 1.0)
+    engine = Engine(config, 1)
+    view = LiveView(config, engine, 1.0)
     view.event(Tick(1 * S))
     view.effect(1 * S, Notice(1 * S, NoticeCode.AUTOPILOT_ALARM, 3, {"said": "not heard at all"}))
     for number in range(1, 31):
-        command.state.operator.approval.pending = proposal(number, 1.0 + number, 1.0 + number)
-        view.effect((1 + number) * S, command.state.operator.approval.pending)
+        engine.state.operator.approval.pending = proposal(number, 1.0 + number, 1.0 + number)
+        view.effect((1 + number) * S, engine.state.operator.approval.pending)
     view.event(Tick(44 * S))
     screen.print(view)
     shown = text_of(screen)

@@ -82,8 +82,8 @@ def test_the_live_view_shows_the_address_of_the_console(height: int) -> None:
 def live_view(scenario: str, width: int, height: int) -> list[str]:
     """Draw a mission with a target for each agent, and an agent with a failed upload."""
     config = load(scenario)
-    command = Engine(config, 1)
-    before = command.stages.status_report.build(0)
+    engine = Engine(config, 1)
+    before = engine.stages.status_report.build(0)
     status = replace(
         before,
         agents=tuple(replace(one, has_failed=one.vehicle == 1) for one in before.agents),
@@ -91,8 +91,8 @@ def live_view(scenario: str, width: int, height: int) -> list[str]:
             TargetRecord((0, index), 0.99, (10.0, 20.0), 3.2, (), ()) for index in range(len(config.agents))
         ),
     )
-    command.stages.status_report = Given(status)  # type: ignore[assignment]
-    view = LiveView(config, command, 1.0)
+    engine.stages.status_report = Given(status)  # type: ignore[assignment]
+    view = LiveView(config, engine, 1.0)
     view.event(Tick(0))
     view.effect(0, Notice(0, NoticeCode.AUTOPILOT_ALARM, 1, {"said": "a long alarm " * 20 + "the newest"}))
     return drawn(view, width, height)
@@ -148,11 +148,11 @@ def test_vehicles_in_modes_that_are_not_ours_are_named_with_what_to_do(
 ) -> None:
     """The warning when it began has long left the events; LOITER resembles ours."""
     config = load(scenario)
-    command = Engine(config, 1)
+    engine = Engine(config, 1)
     for vehicle, mode in {2: "LOITER", 3: "RTL", 4: "FBWA"}.items():
-        command.stages.tasking.overrides.of(vehicle).observe_mode("AUTO", 0)
-        command.stages.tasking.overrides.of(vehicle).observe_mode(mode, 0)
-    lines = drawn(LiveView(config, command, 1.0), width, height)
+        engine.stages.tasking.overrides.of(vehicle).observe_mode("AUTO", 0)
+        engine.stages.tasking.overrides.of(vehicle).observe_mode(mode, 0)
+    lines = drawn(LiveView(config, engine, 1.0), width, height)
     assert len(lines) <= height
     wanted = "not ours: 2 in LOITER: gcs order resume 2; 3 in RTL: gcs order resume 3; 4 in FBWA: "
     assert any(wanted[: min(width, len(wanted)) - 1] in line for line in lines)

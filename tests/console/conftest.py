@@ -127,7 +127,7 @@ class Flight:
 
 
 def console_of(service: Service, access: Access, tiles: Tiles | None = None) -> ConsoleServer:
-    take = partial(capture, service.command)
+    take = partial(capture, service.engine)
     return ConsoleServer(Source(service, take, service.give_order), access, tiles)
 
 

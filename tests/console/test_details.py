@@ -17,10 +17,10 @@ def test_a_record_tells_claims_onboard_mission_and_upload() -> None:
     hold = Order(START_T_NS + 12 * NS_PER_S, "one", "hold", (3,))
     run = VirtualRun(scenario, 1, lambda _: None, lambda *_: None, orders=[hold])
     run.run(20.0)
-    onboard = run.command.state.agents[1].tasking.onboard
+    onboard = run.engine.state.agents[1].tasking.onboard
     assert onboard is not None
     t_ns, verified = START_T_NS + 20 * NS_PER_S, (onboard.mission_id, START_T_NS + 12 * NS_PER_S)
-    ours, held = (vehicle_detail(run.command, vehicle, t_ns, verified) for vehicle in (1, 3))
+    ours, held = (vehicle_detail(run.engine, vehicle, t_ns, verified) for vehicle in (1, 3))
     assert ours.claims == ()
     ((claim),) = held.claims
     assert (claim.authority, claim.reason) == ("held", "is held by order")
@@ -35,9 +35,9 @@ def test_a_record_tells_claims_onboard_mission_and_upload() -> None:
     assert place is not None
     assert all(0.0 <= value <= 2000.0 for value in place)
     assert ours.link.state == "alive"
-    assert ours.agent == run.command.stages.status_report.build(t_ns).agents[0]
+    assert ours.agent == run.engine.stages.status_report.build(t_ns).agents[0]
     with pytest.raises(UnknownVehicleError):
-        vehicle_detail(run.command, 9, t_ns, verified)
+        vehicle_detail(run.engine, 9, t_ns, verified)
 
 
 def test_a_program_gets_the_record_of_a_vehicle(fly, launch) -> None:

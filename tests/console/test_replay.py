@@ -61,7 +61,7 @@ def play():
 
         async def play_and_watch():
             stop = asyncio.Event()
-            source = Source(replay, partial(capture, replay.command), playback=replay.playback)
+            source = Source(replay, partial(capture, replay.engine), playback=replay.playback)
             server = ConsoleServer(source, access or Access())
             playing = asyncio.create_task(replay.run(stop, 1.0))
             try:

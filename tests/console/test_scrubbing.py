@@ -66,7 +66,7 @@ def console(recording) -> Iterator[ConsoleServer]:
         replay.playback.is_paused = True
         source = Source(
             replay,
-            partial(capture, replay.command),
+            partial(capture, replay.engine),
             playback=replay.playback,
             on_restart=replay.on_restart,
             recording=recording,

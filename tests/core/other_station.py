@@ -38,7 +38,7 @@ class Stage:
     """An engine, a vehicle that is heard, and another ground station."""
 
     def __init__(self) -> None:
-        self.command, self.t_ns = Engine(parse(MISSION, "x"), 1), S
+        self.engine, self.t_ns = Engine(parse(MISSION, "x"), 1), S
         self.effects: list = []
         self.say(AIR, dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3), 1, 1)
 
@@ -47,7 +47,7 @@ class Stage:
         return self.step(Datagram(self.t_ns, link, peer, data))
 
     def step(self, event) -> list:
-        found = self.command.step(event)
+        found = self.engine.step(event)
         self.effects += found
         return found
 

@@ -53,14 +53,14 @@ class Stage:
     system_status = dialect.MAV_STATE_ACTIVE
 
     def __init__(self, autopilot: int, mode: str, *, armed: bool, height_m: float, speed_m_s: float) -> None:
-        self.command, self.t_ns = Engine(parse(MISSION, "x"), 1), S
+        self.engine, self.t_ns = Engine(parse(MISSION, "x"), 1), S
         self.encode, self.autopilot = Encoder(1, 1), autopilot
         self.mode, self.armed, self.height_m, self.speed_m_s = mode, armed, height_m, speed_m_s
         self.effects: list = []
         self.wait(2.0)
 
     def step(self, event) -> list:
-        found = self.command.step(event)
+        found = self.engine.step(event)
         self.effects += found
         return found
 
@@ -143,7 +143,7 @@ def test_a_landed_vehicle_in_auto_is_put_into_hold_and_can_be_armed_there(autopi
     assert stage.noticed(NoticeCode.LOITER_ON_GROUND)
     stage.mode = "LOITER"
     stage.wait(3.0)
-    assert stage.command.untaskable() == {}, "it stays ours to task"
+    assert stage.engine.untaskable() == {}, "it stays ours to task"
     (answer,) = stage.order("arm")
     assert answer.state == "accepted"
     assert stage.commands(ARM)
@@ -159,7 +159,7 @@ def test_a_landed_vehicle_that_stays_in_auto_is_one_alarm() -> None:
 def test_a_vehicle_that_is_not_heard_is_not_put_into_hold() -> None:
     """It was seen disarmed in AUTO; it may have been armed and have taken off since."""
     stage = landed(ARDUPLANE, "LOITER")
-    queue, agent = stage.command.state.tasking.queue, stage.command.state.agents[1]
+    queue, agent = stage.engine.state.tasking.queue, stage.engine.state.agents[1]
     queue[1] = QueuedRoute(Route(1, (0, 0), read_only([[0.0, 500.0]]), 1.0), 0, 0, False, None)
     agent.routes.flown, agent.tasking.retry.paused_until_t_ns = queue[1].route, 60 * S
     stage.mode = "AUTO"
@@ -200,10 +200,10 @@ def test_resume_takes_a_vehicle_back_from_an_operators_loiter(autopilot: int) ->
     stage = airborne(autopilot, "AUTO")
     stage.mode = "LOITER"
     stage.wait(2.0)
-    assert stage.command.untaskable() == {1: "is in LOITER and left alone"}
+    assert stage.engine.untaskable() == {1: "is in LOITER and left alone"}
     assert stage.order("resume")[0].state == "accepted"
     stage.wait(3.0)
-    assert stage.command.untaskable() == {}
+    assert stage.engine.untaskable() == {}
     (answer,) = [e for e in stage.effects if isinstance(e, OrderAnswer) and e.state == "done"]
     assert answer.detail == "LOITER, armed: waits for its next mission"
 
@@ -245,7 +245,7 @@ def test_a_vehicle_that_stands_in_rtl_is_resumed_into_hold_and_never_into_auto(a
     assert stage.order("resume")[0].state == "accepted"
     stage.mode = "LOITER"
     stage.wait(3.0)
-    assert stage.command.untaskable() == {}
+    assert stage.engine.untaskable() == {}
     profile = profile_of(autopilot)
     assert profile is not None
     modes = {(m.param2, m.param3) for m in stage.commands(SET_MODE)}
@@ -264,8 +264,8 @@ def test_resume_lets_a_px4_that_rejected_its_mission_have_the_next_one_at_once()
     stage.wait(3.0)
     (answer,) = [e for e in stage.effects if isinstance(e, OrderAnswer) and e.state == "done"]
     assert answer.detail == "LOITER, armed: waits for its next mission"
-    assert not stage.command.state.agents[1].tasking.retry.failures
-    assert stage.command.untaskable() == {}
+    assert not stage.engine.state.agents[1].tasking.retry.failures
+    assert stage.engine.untaskable() == {}
 
 
 @BOTH
@@ -277,7 +277,7 @@ def test_a_suspended_vehicle_stays_so_over_a_lost_link_a_reboot_and_a_pilots_aut
     assert stage.order(action)[0].state == "accepted"
     stage.mode = mode
     stage.wait(3.0)
-    before = stage.command.state.agents[1].control.claims[
+    before = stage.engine.state.agents[1].control.claims[
         Authority.HELD if action == "hold" else Authority.RETURNING
     ]
     for _ in range(60):
@@ -285,11 +285,11 @@ def test_a_suspended_vehicle_stays_so_over_a_lost_link_a_reboot_and_a_pilots_aut
         stage.step(Tick(stage.t_ns))
     for stage.mode in ("MANUAL", "AUTO", mode):
         stage.wait(2.0)
-        control = stage.command.state.agents[1].control
+        control = stage.engine.state.agents[1].control
         assert control.suspension == action
         assert before in control.claims.values()
     assert stage.order("resume")[0].state == "accepted"
-    assert stage.command.state.agents[1].control.suspension is None
+    assert stage.engine.state.agents[1].control.suspension is None
 
 
 def test_a_pilots_loiter_is_kept_over_a_restart_and_a_reboot_that_empties_the_mission() -> None:
@@ -306,15 +306,15 @@ def test_a_pilots_loiter_is_kept_over_a_restart_and_a_reboot_that_empties_the_mi
 
 def test_a_vehicle_of_an_unknown_firmware_is_not_tasked_from_its_first_heartbeat() -> None:
     """The first plan would count on it, and leave its target without an agent until the upload fails."""
-    command, encode = Engine(parse(MISSION, "x"), 1), Encoder(1, 1)
+    engine, encode = Engine(parse(MISSION, "x"), 1), Encoder(1, 1)
     generic = dialect.MAV_AUTOPILOT_GENERIC
     heartbeat = dialect.MAVLink_heartbeat_message(1, generic, 129, 0, 4, 3)
-    command.step(Datagram(S, AIR, PEER, encode(heartbeat)))
-    command.step(Tick(2 * S))
-    assert command.untaskable() == {1: "has a firmware that is not known here"}
-    assert command.state.agents[1].control.authority is Authority.UNSUPPORTED
+    engine.step(Datagram(S, AIR, PEER, encode(heartbeat)))
+    engine.step(Tick(2 * S))
+    assert engine.untaskable() == {1: "has a firmware that is not known here"}
+    assert engine.state.agents[1].control.authority is Authority.UNSUPPORTED
     for action in ("hold", "return", "resume"):
-        (answer,) = command.step(Order(3 * S, action, action, (1,)))
+        (answer,) = engine.step(Order(3 * S, action, action, (1,)))
         assert isinstance(answer, OrderAnswer)
         assert (answer.state, answer.detail) == ("refused", "has a firmware that is not known here")
 
@@ -330,16 +330,16 @@ def test_a_vehicle_on_its_final_approach_is_not_tasked(autopilot: int) -> None:
     route = Route(1, (0, 0), read_only([[0.0, 500.0], [900.0, 0.0]]), 1.0)
     planned = MissionBuilder(config).of(route, 1, None)
     items = build_items(profile, planned, Home(33.0, -87.0, 70.0))
-    stage.command.stages.tasking.onboard_missions.note(OnboardMission(route, items, profile.home_items))
+    stage.engine.stages.tasking.onboard_missions.note(OnboardMission(route, items, profile.home_items))
     stage.hear(dialect.MAVLink_mission_current_message(len(items) - 2))
     stage.wait(1.0)
-    assert stage.command.untaskable() == {}
+    assert stage.engine.untaskable() == {}
     stage.hear(dialect.MAVLink_mission_current_message(len(items) - 1))
     stage.wait(1.0)
-    assert stage.command.untaskable() == {1: "is landing and left alone"}
+    assert stage.engine.untaskable() == {1: "is landing and left alone"}
     stage.height_m, stage.speed_m_s = 0.5, 1.0
     stage.wait(1.0)
-    assert stage.command.untaskable() == {1: "is landing and left alone"}, "it rolls out: no new take-off"
+    assert stage.engine.untaskable() == {1: "is landing and left alone"}, "it rolls out: no new take-off"
 
 
 # ---------------------------------------------------------------- notices to the operator
@@ -367,10 +367,10 @@ def test_a_mode_that_an_operator_ordered_here_is_not_an_override() -> None:
 
 
 def test_targets_that_appear_after_the_missions_end_are_reported_once_with_the_remedy() -> None:
-    command, effects = Engine(mission(agents=[(100.0, 200.0)], births=[(1500.0, 200.0)]), 1), []
+    engine, effects = Engine(mission(agents=[(100.0, 200.0)], births=[(1500.0, 200.0)]), 1), []
     for t_s in range(60):  # the agent never shows up: it is given up after 20 s
         place = [(1500.0, 200.0)] if t_s > 30 else []
         scan = Scan(at(t_s), at(t_s), RADAR, read_only(np.reshape(place, (-1, 2))))
-        effects += command.step(scan) + command.step(Tick(at(t_s)))
+        effects += engine.step(scan) + engine.step(Tick(at(t_s)))
     assert any(isinstance(effect, MissionEnded) for effect in effects)
     assert len(noticed(effects, NoticeCode.TARGETS_UNATTENDED)) == 1

@@ -64,10 +64,10 @@ class Flight:
 
     def contact(self) -> int:
         """Index of the first event by which every vehicle has been heard."""
-        command = Engine(self.config, SEED)
+        engine = Engine(self.config, SEED)
         for index, event in enumerate(self.events):
-            command.step(event)
-            if all(one.address for one in command.stages.fleet.health()):
+            engine.step(event)
+            if all(one.address for one in engine.stages.fleet.health()):
                 return index + 1
         raise AssertionError("never in contact")
 
@@ -82,8 +82,8 @@ def flight() -> Flight:
 
 
 def play(config: Config, events: Iterable[Event]) -> list[Effect]:
-    command = Engine(config, SEED)
-    return [effect for event in events for effect in command.step(event)]
+    engine = Engine(config, SEED)
+    return [effect for event in events for effect in engine.step(event)]
 
 
 def written(effects: Iterable[Effect], *, without: tuple[type, ...] = ()) -> list[bytes]:
@@ -123,15 +123,15 @@ def test_two_commands_side_by_side_do_not_disturb_each_other(flight: Flight) -> 
 
 
 def test_a_mission_is_only_ever_begun_for_vehicles_in_changed(flight: Flight) -> None:
-    command, changed = Engine(flight.config, SEED), 0
+    engine, changed = Engine(flight.config, SEED), 0
     for event in flight.events:
-        under_way = set(command.state.tasking.stages)
-        effects = command.step(event)
+        under_way = set(engine.state.tasking.stages)
+        effects = engine.step(event)
         plans = [effect for effect in effects if isinstance(effect, Plan)]
         counted = {m.target_system for _, m in messages(effects) if m.get_type() == "MISSION_COUNT"}
         if plans:
             assert counted <= set(plans[0].changed) | under_way
-            assert set(plans[0].changed) <= set(command.state.tasking.stages)
+            assert set(plans[0].changed) <= set(engine.state.tasking.stages)
             changed += len(plans[0].changed)
         else:
             assert counted <= under_way
@@ -244,12 +244,12 @@ def test_a_bombardment_all_the_way_changes_nothing(flight: Flight) -> None:
 
 
 def test_an_unknown_system_heard_first_is_not_flown(flight: Flight) -> None:
-    command = Engine(flight.config, SEED)
+    engine = Engine(flight.config, SEED)
     effects = []
     for t_s in np.arange(0.0, 10.0, 0.25):
         data = b"".join(frame(message, 77) for message in FOREIGN_MESSAGES)
-        effects += command.step(Datagram(at(t_s), LINK, OTHER_PEER, data))
-        effects += command.step(Tick(at(t_s)))
+        effects += engine.step(Datagram(at(t_s), LINK, OTHER_PEER, data))
+        effects += engine.step(Tick(at(t_s)))
     assert {type(effect) for effect in effects} == {Notice}
 
 
@@ -323,11 +323,11 @@ def test_scans_that_come_late_or_twice_or_from_the_future_change_nothing(
 
 
 def test_bad_input_is_counted_all_and_summarised(flight: Flight) -> None:
-    command, notices = Engine(flight.config, SEED), list[Effect]()
+    engine, notices = Engine(flight.config, SEED), list[Effect]()
     for t_s in range(500):
-        notices += command.step(BadInput(at(t_s), "zenoh", f"not JSON: {t_s}"))
-        notices += noticed(command.step(Tick(at(t_s))), NoticeCode.BAD_INPUT, NoticeCode.BAD_INPUT_MORE)
-    assert command.stages.input_errors.count == 500
+        notices += engine.step(BadInput(at(t_s), "zenoh", f"not JSON: {t_s}"))
+        notices += noticed(engine.step(Tick(at(t_s))), NoticeCode.BAD_INPUT, NoticeCode.BAD_INPUT_MORE)
+    assert engine.stages.input_errors.count == 500
     assert (notices[0].code, notices[0].parameters["problem"]) == (NoticeCode.BAD_INPUT, "not JSON: 0")
     assert len(notices) == 3 + 49
 
@@ -360,7 +360,7 @@ class Scene:
 
     def __init__(self) -> None:
         self.config = mission(agents=[(100.0, 200.0)], births=[TARGET])
-        self.command = Engine(self.config, 0)
+        self.engine = Engine(self.config, 0)
         self.plane: Plane | None = Plane(1, (100.0, 200.0), self.config)
         self.effects: list[Effect] = []
         self.t_s = 0.0
@@ -371,12 +371,12 @@ class Scene:
         while self.t_s < end_s - 0.01:
             step = round(self.t_s * 10)
             if self.plane is not None and step % 5 == 0:
-                self.effects += self.command.step(self.plane.speak(self.t_s))
+                self.effects += self.engine.step(self.plane.speak(self.t_s))
             if step % 10 == 2:
                 things = [TARGET] if self.plane is None else [TARGET, self.plane.place]
                 radar_scan = scan(self.t_s - DELAY_S, *things, arrives_s=self.t_s)
-                self.effects += self.command.step(radar_scan)
-            self.effects += self.command.step(Tick(at(self.t_s)))
+                self.effects += self.engine.step(radar_scan)
+            self.effects += self.engine.step(Tick(at(self.t_s)))
             self.t_s = (step + 1) / 10
         return self.effects[before:]
 
@@ -400,15 +400,15 @@ def test_a_vehicle_that_refuses_its_mission_is_reported_and_gets_a_new_one() -> 
 def test_a_upload_to_a_vehicle_that_is_lost_is_given_up_without_a_word_more() -> None:
     scene = Scene()
     scene.fly(8.0)
-    assert scene.command.state.tasking.stages == {1: "upload"}
+    assert scene.engine.state.tasking.stages == {1: "upload"}
     scene.plane = None
     effects = scene.fly(40.0)
     death = next(i for i, e in enumerate(effects) if isinstance(e, AgentStatus))
     assert (effects[death].vehicle, effects[death].status) == (1, "lost")
     assert not [m for _, m in messages(effects[death:]) if m.get_type() in MISSION_MESSAGES]
     assert not any(isinstance(effect, Plan) for effect in effects[death:])
-    assert scene.command.state.tasking.stages == {}
-    assert (scene.all(UploadReport), dict(scene.command.stages.association.labels)) == ([], {})
+    assert scene.engine.state.tasking.stages == {}
+    assert (scene.all(UploadReport), dict(scene.engine.stages.association.labels)) == ([], {})
 
 
 def test_a_plan_has_the_epoch_of_its_tracks() -> None:
@@ -441,7 +441,7 @@ def test_an_agent_that_is_found_again_flies_again() -> None:
     scene.plane = plane
     scene.fly(12.0)
     assert [status.status for status in scene.all(AgentStatus)] == ["lost", "active"]
-    assert scene.command.stages.association.labels.keys() == {1}
+    assert scene.engine.stages.association.labels.keys() == {1}
 
 
 # ---------------------------------------------------------------- a whole mission

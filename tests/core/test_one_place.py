@@ -42,13 +42,13 @@ class Flight:
     def __init__(
         self, seed: int, *, gone_s: dict[int, float] | None = None, silent_s: dict[int, float] | None = None
     ) -> None:
-        self.command, self.rng = Engine(CONFIG, 1), np.random.default_rng(seed)
+        self.engine, self.rng = Engine(CONFIG, 1), np.random.default_rng(seed)
         self.encoders = {vehicle: Encoder(vehicle, 1) for vehicle in VEHICLES}
         self.gone_s, self.silent_s = gone_s or {}, silent_s or {}
         self.effects: list[tuple[float, object]] = []
 
     def step(self, t_s: float, event: object) -> None:
-        self.effects += [(t_s, effect) for effect in self.command.step(event)]
+        self.effects += [(t_s, effect) for effect in self.engine.step(event)]
 
     def run(self, duration_s: float) -> None:
         for quarter in range(round(duration_s * 4)):

@@ -158,9 +158,9 @@ def test_a_plan_made_without_a_vehicle_cannot_be_confirmed_once_it_is_resumed() 
     (resumed,) = [a for a in flight.all(OrderAnswer) if (a.action, a.state) == ("resume", "accepted")]
     after_resume = [p for p in flight.all(Proposal) if p.t_ns >= resumed.t_ns]
     assert after_resume[0].t_ns == resumed.t_ns  # at once, not at the next check
-    targets = [route.target for route in flown_routes(flight.run.command.state.agents).values()]
+    targets = [route.target for route in flown_routes(flight.run.engine.state.agents).values()]
     assert len(targets) == len(set(targets))
-    assert 3 in flown_routes(flight.run.command.state.agents)  # it does not fly to nothing
+    assert 3 in flown_routes(flight.run.engine.state.agents)  # it does not fly to nothing
 
 
 def test_a_vehicle_held_while_a_plan_waits_leaves_it_and_the_others_are_planned_again_at_once() -> None:

@@ -105,8 +105,8 @@ def test_a_snapshot_and_a_restart_replay() -> None:
     run.restart(4.0, snapshot)
     run.run(60.0)
     assert isinstance(events[0], Resumed)
-    command = Engine(run.scenario.config, SEED, decode_state("test", snapshot.data))
-    assert [encode(e) for event in events for e in command.step(event)] == [encode(e) for e in effects]
+    engine = Engine(run.scenario.config, SEED, decode_state("test", snapshot.data))
+    assert [encode(e) for event in events for e in engine.step(event)] == [encode(e) for e in effects]
 
 
 def test_another_mission_than_the_one_it_was_given_is_left_alone_until_resumed() -> None:
@@ -121,7 +121,7 @@ def test_another_mission_than_the_one_it_was_given_is_left_alone_until_resumed()
     assert differs.parameters["difference"].startswith("item 1: z_m")
     assert not {m.get_type() for m in flight.messages_to(3, 34.0, 70.0)} & MISSION
     assert flight.mode(3) is Mode.AUTO
-    assert suspensions(flight.run.command) == {3: "found"}
+    assert suspensions(flight.run.engine) == {3: "found"}
 
 
 @pytest.mark.parametrize("px4", [[], [1, 2, 3, 4]], ids=["ArduPlane", "PX4"])
@@ -130,7 +130,7 @@ def test_uploads_continue_after_a_restart(px4: list[int], begun_s: float) -> Non
     text, source = read_text("prescribed")
     scenario = parse_scenario(override_keys(text, [f"simulation.px4={px4}"], source), source)
     first = VirtualRun(scenario, SEED)
-    while not first.command.state.tasking.stages:
+    while not first.engine.state.tasking.stages:
         first.run((first.t_ns - START_T_NS) / S + 0.05)
     at_s = (first.t_ns - START_T_NS) / S + begun_s
     flight = flight_with_a_restart(at_s, 3.0, 40.0, scenario=scenario)
@@ -150,7 +150,7 @@ def test_a_mission_that_was_stored_after_the_state_was_saved_is_not_uploaded_aga
     keys = ["planning.shape=pulled", f"simulation.px4={px4}"]
     scenario = parse_scenario(override_keys(text, keys, source), source)
     first = VirtualRun(scenario, SEED)
-    while not first.command.state.tasking.stages:
+    while not first.engine.state.tasking.stages:
         first.run((first.t_ns - START_T_NS) / S + 0.05)
     begun_s = (first.t_ns - START_T_NS) / S
     restarted_s = begun_s + killed_s + 3.0
@@ -167,14 +167,14 @@ def test_a_mission_that_was_stored_after_the_state_was_saved_is_not_uploaded_aga
 
 def test_an_upload_is_not_given_up_for_the_length_of_an_outage() -> None:
     first = VirtualRun(load("prescribed"), SEED)
-    while not first.command.state.tasking.stages:
+    while not first.engine.state.tasking.stages:
         first.run((first.t_ns - START_T_NS) / S + 0.05)
     at_s = (first.t_ns - START_T_NS) / S + 0.05
     first.run(at_s)
-    command = Engine(first.scenario.config, SEED, decode_state("test", first.snapshot().data))
-    effects = command.step(Resumed(first.t_ns + 400 * S, first.t_ns))
-    effects += command.step(Tick(first.t_ns + 400 * S))
-    assert set(command.state.tasking.stages.values()) == {"verify"}
+    engine = Engine(first.scenario.config, SEED, decode_state("test", first.snapshot().data))
+    effects = engine.step(Resumed(first.t_ns + 400 * S, first.t_ns))
+    effects += engine.step(Tick(first.t_ns + 400 * S))
+    assert set(engine.state.tasking.stages.values()) == {"verify"}
     assert not [e for e in effects if isinstance(e, UploadReport)]
 
 
@@ -182,10 +182,10 @@ def test_held_vehicles_closed_areas_and_plan_numbers_survive() -> None:
     area = NoFlyZone("fire", (1700.0, 1200.0, 60.0))
     close = replace(order(21.0, "no-fly-zone"), no_fly_zone=area)
     flight = flight_with_a_restart(30.0, 4.0, 60.0, orders=(order(20.0, "hold", 1), close))
-    command = flight.run.command
-    assert suspensions(command) == {1: "hold"}
-    assert command.state.airspace.zones == {"fire": area}
-    assert command.grid.blocked[30, 42]
+    engine = flight.run.engine
+    assert suspensions(engine) == {1: "hold"}
+    assert engine.state.airspace.zones == {"fire": area}
+    assert engine.grid.blocked[30, 42]
     assert not {m.get_type() for m in flight.messages_to(1, 34.0, 60.0)} & MISSION
     assert flight.mode(1) is Mode.LOITER
     assert {a.action for a in flight.all(OrderAnswer)} == {"hold", "no-fly-zone"}
@@ -221,9 +221,7 @@ def test_without_central_command_each_vehicle_flies_its_mission_to_its_safe_end(
     run = VirtualRun(load("deterministic"), SEED)
     run.run(40.0)
     last = {
-        v: len(items.items) - 1
-        for v in (1, 2, 3, 4)
-        if (items := run.command.state.agents[v].tasking.onboard)
+        v: len(items.items) - 1 for v in (1, 2, 3, 4) if (items := run.engine.state.agents[v].tasking.onboard)
     }
     run.restart(200.0)
     for vehicle in (1, 2, 3, 4):
@@ -244,10 +242,10 @@ def test_a_loiter_that_an_operator_chose_before_or_meanwhile_is_still_his_after_
     run.restart(3.0, snapshot)
     run.run(70.0)
     flight = Flight(run, events, [])
-    assert set(run.command.untaskable()) == {2, 3}
+    assert set(run.engine.untaskable()) == {2, 3}
     for vehicle in (2, 3):
         assert flight.mode(vehicle) is Mode.LOITER
-        assert "left alone" in run.command.untaskable()[vehicle]
+        assert "left alone" in run.engine.untaskable()[vehicle]
 
 
 def test_an_inconsistent_mission_of_an_overridden_vehicle_is_repaired_once_it_is_resumed() -> None:
@@ -255,12 +253,12 @@ def test_an_inconsistent_mission_of_an_overridden_vehicle_is_repaired_once_it_is
     run.run(30.0)
     run.vehicles["vehicle:4"].autopilot.set_mode(Mode.LOITER)  # an override
     run.run(33.0)
-    run.command.state.agents[4].routes.drop()
-    run.command.stages.tasking.forget_onboard(4)
-    run.command.stages.tasking.mark_inconsistent(4)
+    run.engine.state.agents[4].routes.drop()
+    run.engine.stages.tasking.forget_onboard(4)
+    run.engine.stages.tasking.mark_inconsistent(4)
     run.restart(3.0, run.snapshot())
     run.run(45.0)
-    tasking = run.command.state.agents[4].tasking
+    tasking = run.engine.state.agents[4].tasking
     assert tasking.is_inconsistent  # nothing is sent against an override
     run.order(order(45.0, "resume", 4))
     run.run(60.0)
@@ -303,7 +301,7 @@ def test_a_restart_by_itself_changes_no_route(scenario: str, seed: int, at_s: fl
     effects: list[Effect] = []
     run = VirtualRun(load(scenario), seed, on_effect=lambda _, effect: effects.append(effect))
     run.run(at_s)
-    assigned = {v: route.target for v, route in flown_routes(run.command.state.agents).items()}
+    assigned = {v: route.target for v, route in flown_routes(run.engine.state.agents).items()}
     effects.clear()
     run.restart(2.0)
     run.run(at_s + 5.0)
@@ -311,7 +309,7 @@ def test_a_restart_by_itself_changes_no_route(scenario: str, seed: int, at_s: fl
     again, before = effects[number], effects[:number]
     assert isinstance(again, Plan)
     assert again.changed == ()
-    active = with_status(run.command.state.agents, "active")
+    active = with_status(run.engine.state.agents, "active")
     assert {route.vehicle: route.target for route in again.routes} == {v: assigned[v] for v in active}
     verified = [notice.vehicle for notice in noticed(before, NoticeCode.ONBOARD_VERIFIED)]
     assert sorted(verified) == sorted(active), "no plan before missions are read back"
@@ -332,7 +330,7 @@ def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked
     effects: list[Effect] = []
     run = VirtualRun(standing(), SEED, on_effect=lambda _t_ns, effect: effects.append(effect))
     run.run(30.0)
-    run.command.state.agents[3].routes.drop()
+    run.engine.state.agents[3].routes.drop()
     snapshot = run.snapshot()
     give_another(run, 3)
     run.restart(3.0, snapshot)
@@ -340,7 +338,7 @@ def test_a_vehicle_that_waits_for_a_task_and_holds_another_mission_is_not_tasked
     run.run(60.0)
     assert noticed(alarms(effects, 3), NoticeCode.MISSION_DIFFERS)
     assert list(run.vehicles["vehicle:3"].autopilot.mission) == stored
-    assert suspensions(run.command) == {3: "found"}
+    assert suspensions(run.engine) == {3: "found"}
 
 
 @pytest.mark.parametrize("changed", [True, False])
@@ -361,8 +359,8 @@ def test_a_vehicle_that_was_not_heard_for_a_while_gets_an_onboard_mission_audit(
     run.run(60.0)
     assert list(run.vehicles["vehicle:2"].autopilot.mission) == stored
     assert bool(noticed(alarms(effects, 2), NoticeCode.MISSION_DIFFERS)) is changed
-    assert suspensions(run.command) == ({2: "found"} if changed else {})
-    assert (run.command.state.agents[2].routes.flown is not None) is not changed
+    assert suspensions(run.engine) == ({2: "found"} if changed else {})
+    assert (run.engine.state.agents[2].routes.flown is not None) is not changed
 
 
 def test_a_vehicle_without_an_audit_gets_no_mission_until_an_answer_or_an_order() -> None:
@@ -377,12 +375,12 @@ def test_a_vehicle_without_an_audit_gets_no_mission_until_an_answer_or_an_order(
     run.restart(3.0, snapshot)
     run.run(65.0)
     for number in (1, 4):
-        assert "does not answer the download of its onboard mission" in run.command.untaskable()[number]
+        assert "does not answer the download of its onboard mission" in run.engine.untaskable()[number]
         assert noticed(alarms(effects, number), NoticeCode.MISSION_UNREAD)
     run.order(order(65.5, "resume", 4))
     dumb[0]._link._missions._list = given[0]
     run.run(75.0)
-    assert not {1, 4} & set(run.command.untaskable())
+    assert not {1, 4} & set(run.engine.untaskable())
 
 
 # ---------------------------------------------------------------- tracks
@@ -392,30 +390,30 @@ def test_a_vehicle_without_an_audit_gets_no_mission_until_an_answer_or_an_order(
 def test_tracks_keep_their_labels_over_a_restart(at_s: float) -> None:
     run = VirtualRun(load("random-targets"), SEED)
     run.run(at_s)
-    before = run.command
+    before = run.engine
     run.restart(3.0)
     run.run(at_s + 5.0)
     targets = before.stages.trackers.targets.confirmation.tracks
     assert len(targets) >= 2
-    assert targets.keys() <= run.command.stages.trackers.targets.confirmation.tracks.keys()
-    assert run.command.stages.association.labels == before.stages.association.labels
-    assert with_status(run.command.state.agents, "active") == with_status(before.state.agents, "active")
+    assert targets.keys() <= run.engine.stages.trackers.targets.confirmation.tracks.keys()
+    assert run.engine.stages.association.labels == before.stages.association.labels
+    assert with_status(run.engine.state.agents, "active") == with_status(before.state.agents, "active")
 
 
 @pytest.mark.parametrize("outage_s", [15.0, 60.0])
 def test_agents_that_turned_in_a_long_outage_are_not_called_lost(outage_s: float) -> None:
     flight = flight_with_a_restart(30.0, outage_s, 60.0 + outage_s, scenario=standing())
     assert not [one for one in flight.all(AgentStatus) if one.status == "lost"]
-    assert set(flight.run.command.stages.association.labels) == {1, 2, 3, 4}
+    assert set(flight.run.engine.stages.association.labels) == {1, 2, 3, 4}
 
 
 def test_after_a_long_outage_agents_are_tracked_where_they_report_though_scans_were_waiting() -> None:
     def scans_wait(run: VirtualRun) -> None:
-        assert run.command.state.perception.oosm_buffer.held
+        assert run.engine.state.perception.oosm_buffer.held
 
     flight = flight_with_a_restart(19.82, 20.0, 42.0, scenario=load("radars"), meanwhile=scans_wait)
-    assert set(flight.run.command.stages.association.labels) == {1, 2, 3, 4}
-    tracks = flight.run.command.stages.trackers.agents.confirmation.tracks
+    assert set(flight.run.engine.stages.association.labels) == {1, 2, 3, 4}
+    tracks = flight.run.engine.stages.trackers.agents.confirmation.tracks
     assert len(tracks) == 4
     assert all(track.existence > 0.99 for track in tracks.values())
 

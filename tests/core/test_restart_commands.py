@@ -25,7 +25,7 @@ from sim_vehicles.world.scenario import load
 def test_nothing_is_commanded_to_a_vehicle_before_it_is_heard_again(outage_s: float) -> None:
     """A pilot may have taken over while an upload, or its command to fly in AUTO, was on its way."""
     first = VirtualRun(load("prescribed"), SEED)
-    while not first.command.state.tasking.uploads:
+    while not first.engine.state.tasking.uploads:
         first.run((first.t_ns - START_T_NS) / S + 0.05)
     for begun_s in (0.1, 0.3, 0.5, 0.8):
         at_s = (first.t_ns - START_T_NS) / S + begun_s

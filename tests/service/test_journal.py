@@ -71,12 +71,12 @@ def test_an_upload_that_began_after_its_plan_is_in_the_journal_at_once(
         sink.event(event)
         if isinstance(event, Tick):
             saved = decode_state("the journal", written[-1].data)
-            assert saved.tasking.uploads.keys() >= run.command.state.tasking.uploads.keys()
+            assert saved.tasking.uploads.keys() >= run.engine.state.tasking.uploads.keys()
 
     text, source = read_text("prescribed")
     scenario = parse_scenario(override_keys(text, ["links.max_parallel_uploads=1"], source), source)
     run = VirtualRun(scenario, 1, on_event, lambda t_ns, effect: sink.effect(t_ns, effect))
-    sink = JournalSink(SimpleNamespace(command=run.command), journal)  # type: ignore[arg-type]
+    sink = JournalSink(SimpleNamespace(engine=run.engine), journal)  # type: ignore[arg-type]
     run.run(10.0)
     assert len(written) > 4
 
@@ -85,8 +85,8 @@ class Started:
     """A service that was made, and not run yet."""
 
     def __init__(self) -> None:
-        self.command = Engine(load("prescribed"), 1)
-        self.config = self.command.config
+        self.engine = Engine(load("prescribed"), 1)
+        self.config = self.engine.config
         self.notices: list[NoticeCode] = []
 
     resume = Service.resume
@@ -120,8 +120,8 @@ def test_a_journal_with_a_right_checksum_may_still_make_no_sense(journal: Journa
         resume_from_journal(service, journal, True, 8, Console(quiet=True))  # type: ignore[arg-type]
     resume_from_journal(service, journal, None, 8, Console(quiet=True))  # type: ignore[arg-type]
     assert service.notices == [NoticeCode.JOURNAL_REFUSED]
-    assert service.command.state.agents.keys() == {1, 2, 3, 4}
-    service.command.step(Tick(9))
+    assert service.engine.state.agents.keys() == {1, 2, 3, 4}
+    service.engine.step(Tick(9))
 
 
 def test_another_mission_file_or_seed_is_reported(journal: Journal) -> None:

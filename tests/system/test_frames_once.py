@@ -45,7 +45,7 @@ class Way:
         monkeypatch.setattr("gcs.io.links.manager.TRANSPORTS", {"udpin": lambda _: Transport()})
         links = Links([AIR, SEAT], [1, 2, 3, 4], CONFIG.local_frame, signing, self.scanner)
         self.service = Service(CONFIG, 1, links, bus)
-        self.service._garbage._scan = self.service.command.stages.fleet._scan = self.scanner
+        self.service._garbage._scan = self.service.engine.stages.fleet._scan = self.scanner
         links.start(None, self.service)
         self.transport = links._transports[SEAT.name]
         self.station = links._ports[SEAT.name]
@@ -106,7 +106,7 @@ def test_a_vehicles_datagram_is_scanned_once_and_replays_the_same(way):
     assert way.transport.sent[-1] == events[-1].data, "the router sent it on"
     for event in events:
         replayed.step(event)
-    fleet = way.service.command.stages.fleet
+    fleet = way.service.engine.stages.fleet
     assert fleet.states() == replayed.stages.fleet.states() != ()
     assert fleet.counters == replayed.stages.fleet.counters
 
@@ -125,8 +125,8 @@ def test_noise_and_unknown_frames_are_counted_as_in_a_replay(way):
         except asyncio.QueueEmpty:
             continue  # nothing of it was accepted
         replayed.step(event)
-    assert way.service.command.stages.fleet.counters == replayed.stages.fleet.counters
-    effects = (encode(notice) for notice in way.service.command.stages.fleet.notices())
+    assert way.service.engine.stages.fleet.counters == replayed.stages.fleet.counters
+    effects = (encode(notice) for notice in way.service.engine.stages.fleet.notices())
     assert list(effects) == [encode(notice) for notice in replayed.stages.fleet.notices()]
 
 

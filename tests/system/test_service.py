@@ -82,20 +82,20 @@ def test_a_journal_whose_error_shows_in_flight_ends_neither_service_nor_heartbea
     state = Engine(service.config, 1).state
     state.measured_t_ns = 77
     service.resume(Snapshot(clock.now_ns() - 10**9, encode_state(state)), state)
-    step = service.command.step
+    step = service.engine.step
 
     def failing(event, frames=None):
-        if isinstance(event, Tick) and service.command.state.measured_t_ns == 77:
+        if isinstance(event, Tick) and service.engine.state.measured_t_ns == 77:
             raise KeyError(77)
         return step(event, frames)
 
-    monkeypatch.setattr(service.command, "step", failing)
+    monkeypatch.setattr(service.engine, "step", failing)
     service.sinks.append(sink)
     serve(service, clock, 2.0)
     (alarm,) = [one for one in sink.effects if isinstance(one, Notice) and one.level == "alarm"]
     assert alarm.code is NoticeCode.JOURNAL_REFUSED
     assert "KeyError(77)" in alarm.parameters["problem"]
-    assert service.command.state.measured_t_ns == 0
+    assert service.engine.state.measured_t_ns == 0
     assert sum(isinstance(event, Tick) for event in sink.events) > 10
 
 
@@ -103,7 +103,7 @@ def test_a_program_error_without_a_journal_still_ends_the_run(service, monkeypat
     def failing(_event, _frames=None):
         raise KeyError(77)
 
-    monkeypatch.setattr(service.command, "step", failing)
+    monkeypatch.setattr(service.engine, "step", failing)
     with pytest.raises(ExceptionGroup):
         serve(service, now(), 1.0)
 
@@ -153,8 +153,8 @@ def test_a_journal_that_cannot_be_written_is_reported_once_and_retried(service, 
 def test_ctrl_c_waits_for_an_upload_and_twice_it_names_inconsistent_missions(service, monkeypatch, waits):
     under_way, sink = {3: "2/8"}, Sink()
     service.sinks.append(sink)
-    monkeypatch.setattr(type(service.command.state.tasking), "stages", property(lambda _: under_way))
-    monkeypatch.setattr(service.command.stages.tasking, "may_be_inconsistent", under_way.__contains__)
+    monkeypatch.setattr(type(service.engine.state.tasking), "stages", property(lambda _: under_way))
+    monkeypatch.setattr(service.engine.stages.tasking, "may_be_inconsistent", under_way.__contains__)
 
     async def run():
         loop, stop, at_once = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event()
@@ -201,7 +201,7 @@ def test_at_real_time_no_notice_names_an_option_that_gcs_run_lacks(service):
 def test_a_vehicle_that_signs_without_a_key_here_is_named_once(service, monkeypatch):
     sink = Sink()
     service.sinks.append(sink)
-    monkeypatch.setattr(service.command.stages.fleet, "is_signed", lambda vehicle: vehicle == 3)
+    monkeypatch.setattr(service.engine.stages.fleet, "is_signed", lambda vehicle: vehicle == 3)
     serve(service, now(), 0.5)
     (notice,) = told(sink, NoticeCode.KEY_MISSING)
     assert notice.vehicle == 3

@@ -129,7 +129,7 @@ class _Reading:
         seed = self.file.seed if self.file.seed is not None else header.run and header.run.seed
         self.seed = seed or 0
         ground = self._ground(known=seed is not None)
-        command = self._command(can_repeat=ground is not None)
+        engine = self._engine(can_repeat=ground is not None)
         evaluator = evaluator_of(self.config) if self.config is not None else Evaluator(0.0, ())
         flights = self._flights()
         builder = TimelineBuilder(evaluator)
@@ -144,8 +144,8 @@ class _Reading:
                     self.remarks.append(f"The recording ends early: {value.problem}.")
                     break
                 records += 1
-                if isinstance(value, Event) and command is not None:
-                    self._timed_step(command, value)
+                if isinstance(value, Event) and engine is not None:
+                    self._timed_step(engine, value)
                 if isinstance(value, Datagram | Send):
                     self._add_frames(record.t_ns, value.data, flights)
                 builder.add(value)
@@ -247,7 +247,7 @@ class _Reading:
     def _flights(self) -> Flights:
         return Flights(None if self.config is None else self.config.local_frame)
 
-    def _command(self, *, can_repeat: bool) -> Engine | None:
+    def _engine(self, *, can_repeat: bool) -> Engine | None:
         if self.config is None or not (can_repeat and self.timing):
             return None
         warm_up(self.console, TRACKING, PLANNING, LINKS)
@@ -255,16 +255,16 @@ class _Reading:
 
     def _replay_log(self, config: Config, added: DetectionFile | None) -> Iterator[object]:
         """Yield the events of a telemetry log, each followed by its effects."""
-        command = self._command(can_repeat=True) or Engine(config, self.seed)
+        engine = self._engine(can_repeat=True) or Engine(config, self.seed)
         for record in self.file.log_records(config, added):
             assert isinstance(record.value, Event)
             yield record.value
-            yield from self._timed_step(command, record.value)
+            yield from self._timed_step(engine, record.value)
 
-    def _timed_step(self, command: Engine, event: Event) -> list[Effect]:
+    def _timed_step(self, engine: Engine, event: Event) -> list[Effect]:
         """Process an event and record its CPU time; the time of a plan includes its scan."""
         started = time.process_time()
-        effects = command.step(event)
+        effects = engine.step(event)
         took_ms = 1e3 * (time.process_time() - started)
         if any(isinstance(effect, Plan) for effect in effects):
             self.work_ms["plan"].append(took_ms)

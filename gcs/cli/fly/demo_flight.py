@@ -236,7 +236,7 @@ async def _fly(
             relay.cancel()
             undo()
             undo_hangup()
-    rows = tuple(link_rows(service.command.stages.fleet, links, service.now_ns()))
+    rows = tuple(link_rows(service.engine.stages.fleet, links, service.now_ns()))
     return service.health, rows, duration_s, interrupt.is_set()
 
 

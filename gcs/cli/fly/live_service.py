@@ -118,6 +118,6 @@ async def _serve(
                 await service.run(clock, stop, at_once=at_once)
         keeper.write(service.now_ns())
         keeper.close()
-        console.print(link_table(link_rows(service.command.stages.fleet, links, service.now_ns())))
+        console.print(link_table(link_rows(service.engine.stages.fleet, links, service.now_ns())))
     undo()
     undo_hangup()

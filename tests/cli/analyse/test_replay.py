@@ -150,7 +150,7 @@ def test_a_replay_goes_back_and_forth(flight: Path) -> None:
     def reached(at_s: float) -> bytes:
         run = Replay(parse(info.config_text, "x"), 3, read(flight), Window(to_s=at_s))
         asyncio.run(run.run(asyncio.Event(), math.inf))
-        return encode_state(run.command.state)
+        return encode_state(run.engine.state)
 
     async def scrub() -> None:
         config = parse(info.config_text, "x")
@@ -163,7 +163,7 @@ def test_a_replay_goes_back_and_forth(flight: Path) -> None:
             while run.playback.restart_s is not None or run.playback.at_s < at_s - 0.06:
                 await asyncio.sleep(0.01)
             await asyncio.sleep(0.15)
-            states.append(encode_state(run.command.state))
+            states.append(encode_state(run.engine.state))
         stop.set()
         await playing
 

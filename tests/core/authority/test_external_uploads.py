@@ -41,15 +41,15 @@ def test_a_vehicle_with_a_mission_of_another_station_is_overridden_until_resumed
     (notice,) = notices(stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 0)))
     assert (notice.code, notice.vehicle) == (NoticeCode.STATION_WRITES, 1)
     assert notice.parameters["station"] == "system 254/190 at 10.0.0.5:50"
-    assert "left alone" in stage.command.untaskable()[1]
+    assert "left alone" in stage.engine.untaskable()[1]
     ack = dialect.MAVLink_mission_ack_message(254, 190, 0, 0)
     (notice,) = notices(stage.say(AIR, ack, 1, 1))
     assert notice.code is NoticeCode.STATION_WROTE
     stage.wait(60.0)
     assert not noticed(stage.effects, *BROKEN)
-    assert 1 in stage.command.untaskable()
+    assert 1 in stage.engine.untaskable()
     assert any(isinstance(e, OrderAnswer) for e in stage.order("resume"))
-    assert "mission of" not in stage.command.untaskable().get(1, "")
+    assert "mission of" not in stage.engine.untaskable().get(1, "")
 
 
 def test_an_upload_that_breaks_off_or_is_refused_is_an_alarm(stage):
@@ -68,7 +68,7 @@ def test_an_upload_that_breaks_off_or_is_refused_is_an_alarm(stage):
 def test_a_fence_and_a_download_override_no_vehicle(stage):
     stage.say(SEAT, dialect.MAVLink_mission_count_message(1, 1, 3, 1))
     stage.say(SEAT, dialect.MAVLink_mission_request_list_message(1, 1, 0))
-    assert not any("mission of" in why for why in stage.command.untaskable().values())
+    assert not any("mission of" in why for why in stage.engine.untaskable().values())
 
 
 def test_orders_of_another_station_are_noticed_once_in_a_while_and_requests_are_not(stage):
@@ -92,7 +92,7 @@ def test_the_same_system_id_on_two_networks_is_two_vehicles(stage):
     other = "udpin:0.0.0.0:14560"
     stage.say(other, dialect.MAVLink_heartbeat_message(1, 3, 217, 12, 4, 3), 1, 1, "10.0.2.1:50")
     stage.wait(0.1)
-    health = {h.system_id: h.address for h in stage.command.stages.fleet.health()}
+    health = {h.system_id: h.address for h in stage.engine.stages.fleet.health()}
     assert health == {1: (AIR, PEER), 2 * 256 + 1: (other, "10.0.2.1:50")}
     sent = [e for e in stage.effects if isinstance(e, Send) and e.link == other]
     assert sent
@@ -127,7 +127,7 @@ def test_counters_of_each_link_count_received_and_lost_frames(stage):
     for data in (beats[1], beats[3], broken, unknown_system):
         stage.step(Datagram(stage.t_ns, AIR, PEER, data))
     stage.step(Datagram(stage.t_ns, AIR, "10.6.6.6:1", beats[5]))
-    counted = stage.command.stages.fleet.links[AIR]
+    counted = stage.engine.stages.fleet.links[AIR]
     assert (counted.datagrams, counted.frames, counted.crc_errors) == (6, 5, 1)
     assert (counted.lost, counted.unknown_systems, counted.conflicts) == (1, 1, 1)
 
@@ -149,14 +149,14 @@ RTL_COMMANDS = {
 def test_nothing_is_uploaded_after_another_station_commanded_a_mode(stage, command):
     """The vehicle's heartbeat shows it up to a second later."""
     route = Route(1, (0, 0), read_only([[0.0, 500.0], [500.0, 500.0]]), 1.0)
-    stage.effects += stage.command.stages.tasking.enqueue_upload(route, stage.t_ns)
-    stage.command.state.agents[1].routes.flown = route
+    stage.effects += stage.engine.stages.tasking.enqueue_upload(route, stage.t_ns)
+    stage.engine.state.agents[1].routes.flown = route
     stage.wait(0.1)
     stage.say(AIR, dialect.MAVLink_heartbeat_message(1, 3, 217, 12, 4, 3), 1, 1)  # the LOITER commanded
     kinds = [m.get_type() for e in stage.effects if isinstance(e, Send) for m in decode(e.data)[0]]
     assert "MISSION_COUNT" in kinds
     stage.say(SEAT, command)
-    assert "left alone" in stage.command.untaskable()[1]
+    assert "left alone" in stage.engine.untaskable()[1]
     stage.effects.clear()
     for seq in (0, 1):
         stage.say(AIR, dialect.MAVLink_mission_request_message(255, 195, seq, 0), 1, 1)
@@ -172,17 +172,17 @@ def test_a_command_that_is_not_obeyed_overrides_no_vehicle_for_long(stage):
     for _ in range(4):
         stage.wait(1.0)
         stage.say(AIR, dialect.MAVLink_heartbeat_message(1, 3, 217, 10, 4, 3), 1, 1)
-    assert 1 not in stage.command.untaskable()
+    assert 1 not in stage.engine.untaskable()
 
 
 def test_a_command_to_fly_the_mission_takes_no_vehicle_away(stage):
     stage.say(SEAT, dialect.MAVLink_command_long_message(1, 1, 176, 0, 1.0, 10.0, *[0.0] * 5))
-    assert 1 not in stage.command.untaskable()
+    assert 1 not in stage.engine.untaskable()
 
 
 def test_the_answer_to_a_command_that_went_another_way_counts_too(stage):
     stage.say(AIR, dialect.MAVLink_command_ack_message(176, 0, 0, 0, 254, 190), 1, 1)
-    assert "system 254/190" in stage.command.untaskable()[1]
+    assert "system 254/190" in stage.engine.untaskable()[1]
 
 
 def test_the_alarms_of_another_stations_mission_end_with_the_order_to_resume(stage):
@@ -197,5 +197,5 @@ def test_the_alarms_of_another_stations_mission_end_with_the_order_to_resume(sta
     for _ in range(4):
         stage.wait(1.0)
         stage.say(AIR, dialect.MAVLink_heartbeat_message(1, 3, 217, 12, 4, 3), 1, 1)
-    assert stage.command.untaskable() == {}
+    assert stage.engine.untaskable() == {}
     assert [e.code for e in stage.effects if isinstance(e, Notice)].count(NoticeCode.OURS_AGAIN) == 1

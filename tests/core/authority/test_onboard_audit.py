@@ -49,7 +49,7 @@ def flown(then: Callable[[VirtualRun], None], *, restarts: bool) -> tuple[Virtua
 def test_a_vehicle_that_lost_its_mission_in_a_reboot_is_ours_and_gets_another(restarts: bool) -> None:
     run, effects = flown(lambda run: emptied(run, reboots=True), restarts=restarts)
     assert noticed(effects, NoticeCode.MISSION_LOST)
-    assert 3 not in run.command.untaskable()
+    assert 3 not in run.engine.untaskable()
     assert any(effect.ok for effect in effects if isinstance(effect, UploadReport))
     assert run.vehicles["vehicle:3"].autopilot.mode is Mode.AUTO
 
@@ -57,7 +57,7 @@ def test_a_vehicle_that_lost_its_mission_in_a_reboot_is_ours_and_gets_another(re
 def test_a_vehicle_that_was_cleared_during_an_outage_gets_no_mission() -> None:
     run, effects = flown(lambda run: emptied(run, reboots=False), restarts=True)
     assert noticed(effects, NoticeCode.MISSION_DIFFERS)
-    assert suspensions(run.command) == {3: "found"}
+    assert suspensions(run.engine) == {3: "found"}
     assert not [effect for effect in effects if isinstance(effect, UploadReport)]
 
 
@@ -69,7 +69,7 @@ def audited() -> Stage:
     assert profile is not None
     onboard = OnboardMission(route, build_items(profile, planned, Home(33.0, -87.0, 70.0)), 1)
     stage.t_ns += S // 20  # its last position is older
-    stage.command.stages.onboard_audit.begin(onboard, stage.t_ns, known_t_ns=stage.t_ns)
+    stage.engine.stages.onboard_audit.begin(onboard, stage.t_ns, known_t_ns=stage.t_ns)
     return stage
 
 
@@ -88,13 +88,13 @@ def test_an_empty_mission_without_a_boot_time_does_not_flood_the_link() -> None:
     stage.away_m = 160.0
     stage.wait(1.0)
     stage.hear(dialect.MAVLink_mission_count_message(255, 190, 0, 0))
-    assert stage.command.stages.onboard_audit.awaited == []
+    assert stage.engine.stages.onboard_audit.awaited == []
 
 
 def test_an_audit_outlasts_heartbeats_of_a_firmware_that_is_not_known() -> None:
     """The answer to its download ended the service."""
     stage = audited()
-    audits = stage.command.stages.onboard_audit
+    audits = stage.engine.stages.onboard_audit
     stage.hear(dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_QUADROTOR, ARDUPLANE, 129, 10, 4, 3))
     stage.hear(dialect.MAVLink_mission_count_message(255, 190, 0, 0))
     assert audits.awaited == [1]

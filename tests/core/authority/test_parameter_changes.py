@@ -150,7 +150,7 @@ def test_a_flood_of_names_is_bounded():
     for number in range(2000):
         desk.set(f"X{number}", 1.0)
         desk.answer(f"Y{number}", 1.0)
-    parameters = desk.command.state.agents[1].authority.parameters
+    parameters = desk.engine.state.agents[1].authority.parameters
     assert len(parameters.sets) <= 500
     for number in range(20_000):
         desk.answer(f"Z{number}", 1.0)

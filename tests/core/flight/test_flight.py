@@ -72,11 +72,11 @@ class Aeroplane(Stage):
 
     @property
     def phase(self) -> FlightPhase:
-        return self.command.state.agents[1].flight.phase
+        return self.engine.state.agents[1].flight.phase
 
     @property
     def status_of_agent(self) -> str:
-        return self.command.state.agents[1].perception.status.status
+        return self.engine.state.agents[1].perception.status.status
 
     def problems(self, code: NoticeCode) -> list[str]:
         """Return the causes of a problem that were told."""
@@ -243,12 +243,12 @@ def test_lost_gps_begins_makes_unfit_and_ends() -> None:
     plane.wait(3.0)
     assert plane.problems(NoticeCode.GPS_PROBLEM)[0].startswith("no 3D fix")
     plane.wait(4.0)
-    assert "no 3D fix" in plane.command.state.agents[1].flight.unfit
+    assert "no 3D fix" in plane.engine.state.agents[1].flight.unfit
     plane.fix = 3
     plane.wait(5.0)
     assert plane.noticed(NoticeCode.GPS_GOOD)
-    assert not plane.command.state.agents[1].flight.unfit
-    assert not plane.command.state.agents[1].flight.problems
+    assert not plane.engine.state.agents[1].flight.unfit
+    assert not plane.engine.state.agents[1].flight.problems
 
 
 @BOTH
@@ -274,7 +274,7 @@ def test_sinking_at_full_throttle_is_a_failed_engine_and_its_cause_is_told_when_
     plane.climb_m_s, plane.throttle = -4.0, 100
     plane.wait(4.5)
     assert plane.problems(NoticeCode.PROPULSION_PROBLEM)[0].startswith("it sinks at full throttle")
-    assert plane.command.state.agents[1].flight.unfit
+    assert plane.engine.state.agents[1].flight.unfit
     plane.crash()
     plane.wait(3.0)
     (causes,) = plane.causes_of_coming_down()
@@ -372,13 +372,13 @@ def test_a_short_sink_at_full_throttle_is_no_news() -> None:
     plane.climb_m_s = 2.0
     plane.wait(8.0)
     assert not plane.noticed(NoticeCode.PROPULSION_PROBLEM)
-    assert not plane.command.state.agents[1].flight.problems
+    assert not plane.engine.state.agents[1].flight.problems
 
 
 def test_a_receiver_that_never_heard_a_transmitter_is_no_news_and_one_that_lost_it_is() -> None:
     plane = Aeroplane(PX4, failed=dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER)
     plane.wait(4.0)
-    assert HealthItem.RC not in plane.command.state.agents[1].flight.problems
+    assert HealthItem.RC not in plane.engine.state.agents[1].flight.problems
     plane.failed = 0
     plane.wait(2.0)
     plane.failed = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
@@ -408,7 +408,7 @@ def test_a_battery_that_does_not_last_for_the_route_and_back_is_told_and_limits_
     for percent in range(80, 60, -1):
         plane.percent = percent
         plane.wait(4.0)
-    flight = plane.command.state.agents[1].flight
+    flight = plane.engine.state.agents[1].flight
     assert flight.endurance_s == pytest.approx(46 * 85.0 / 19, abs=5.0)
 
 

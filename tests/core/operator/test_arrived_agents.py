@@ -38,7 +38,7 @@ def test_targets_without_an_agent_at_the_end_are_named_with_the_order_that_sends
 def test_a_mission_that_has_ended_goes_on_by_order_until_the_other_targets_are_reached(
     ended: Flight,
 ) -> None:
-    before = set(at_targets(ended.run.command.state.agents))
+    before = set(at_targets(ended.run.engine.state.agents))
     ended.run.order(order(now_s(ended) + 2.0, "continue"))
     ended.run.run(now_s(ended) + 60.0)
     (answer,) = ended.all(OrderAnswer)
@@ -46,7 +46,7 @@ def test_a_mission_that_has_ended_goes_on_by_order_until_the_other_targets_are_r
     assert answer.detail == "the mission continues with targets T0.0, T0.3; agents 1, 3, 4 free for them"
     reached = {status.target for status in ended.all(AgentStatus) if status.status == "arrived"}
     assert reached == {(0, 0), (0, 3)}
-    assert set(at_targets(ended.run.command.state.agents)) == before | reached
+    assert set(at_targets(ended.run.engine.state.agents)) == before | reached
     (second,) = ended.all(MissionEnded)
     assert len(second.arrived) == 2
     assert not noticed(ended.all(Notice), NoticeCode.ROUTE_ENDED_SHORT), "it had reached its target"

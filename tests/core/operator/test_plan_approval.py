@@ -157,7 +157,7 @@ def test_what_was_rejected_is_not_proposed_again_before_something_changes() -> N
 def test_a_confirm_with_nothing_to_confirm_is_refused() -> None:
     for retask in ("auto", "confirm"):
         run = VirtualRun(scenario(retask), SEED)
-        effects = run.command.step(word(START_T_NS, "confirm", 1))
+        effects = run.engine.step(word(START_T_NS, "confirm", 1))
         assert [(e.state, e.detail) for e in effects] == [("refused", "no plan waits")]
 
 
@@ -183,12 +183,12 @@ def test_under_any_orders_only_confirmed_routes_are_uploaded_and_no_held_agent_i
     effects: list[tuple[int, Effect]] = []
     run = VirtualRun(scenario(), SEED, events.append, lambda t, e: effects.append((t, e)), orders=orders)
     run.run(45.0)
-    command, allowed, again = Engine(run.scenario.config, SEED), set(), []
+    engine, allowed, again = Engine(run.scenario.config, SEED), set(), []
     for number, event in enumerate(events):
         if number % 97 == 0:
-            command = Engine(run.scenario.config, SEED, decode_state("test", encode_state(command.state)))
-        aside = set(suspensions(command))
-        step = command.step(decode("recording", encode(event), type(event)))
+            engine = Engine(run.scenario.config, SEED, decode_state("test", encode_state(engine.state)))
+        aside = set(suspensions(engine))
+        step = engine.step(decode("recording", encode(event), type(event)))
         again += [encode(effect) for effect in step]
         for effect in step:
             if isinstance(effect, Plan):
@@ -220,10 +220,10 @@ CORRIDOR = NoFlyZone("fire", None, ((650.0, 420.0), (760.0, 420.0), (700.0, 660.
 
 
 def test_a_no_fly_zone_changes_the_plan_at_once_and_no_route_crosses_it() -> None:
-    free = Flight(silent, "auto").fly(30.0).run.command
+    free = Flight(silent, "auto").fly(30.0).run.engine
     flight = Flight(closing(20.0, CORRIDOR), "auto").fly(30.0)
-    command = flight.run.command
-    closed = command.grid.blocked & ~free.grid.blocked
+    engine = flight.run.engine
+    closed = engine.grid.blocked & ~free.grid.blocked
     assert closed.sum() > 10
     plan = next(p for p in flight.all(Plan) if "no-fly zone fire closed" in p.reason)
     assert plan.t_ns - START_T_NS < 20.2 * S
@@ -232,7 +232,7 @@ def test_a_no_fly_zone_changes_the_plan_at_once_and_no_route_crosses_it() -> Non
     for route in plan.routes:
         if route.vehicle in plan.changed:
             points = [tuple(map(float, point)) for point in route.points_m]
-            only = replace(command.grid, blocked=closed)
+            only = replace(engine.grid, blocked=closed)
             assert all(line_of_sight(only, a, b) for a, b in pairwise(points))
     through = [r for r in flown_routes(free.state.agents).values() if r.vehicle in plan.changed]
     assert through
@@ -240,15 +240,15 @@ def test_a_no_fly_zone_changes_the_plan_at_once_and_no_route_crosses_it() -> Non
 
 def test_a_no_fly_zone_is_opened_by_its_name_and_an_unknown_one_is_refused() -> None:
     run = VirtualRun(scenario("auto"), SEED)
-    before = run.command.grid.blocked
+    before = run.engine.grid.blocked
     order = Order(START_T_NS, "1", "no-fly-zone", None, None, CORRIDOR)
-    run.command.step(order)
-    assert (run.command.grid.blocked & ~before).any()
-    run.command.step(replace(order, no_fly_zone=NoFlyZone("fire")))
-    assert (run.command.grid.blocked == before).all()
-    (answer,) = run.command.step(replace(order, no_fly_zone=NoFlyZone("fire")))
+    run.engine.step(order)
+    assert (run.engine.grid.blocked & ~before).any()
+    run.engine.step(replace(order, no_fly_zone=NoFlyZone("fire")))
+    assert (run.engine.grid.blocked == before).all()
+    (answer,) = run.engine.step(replace(order, no_fly_zone=NoFlyZone("fire")))
     assert (answer.state, answer.detail) == ("refused", "no no-fly zone is called fire; there are: none")
-    (answer,) = run.command.step(replace(order, no_fly_zone=NoFlyZone("far", (9e5, 0.0, 10.0))))
+    (answer,) = run.engine.step(replace(order, no_fly_zone=NoFlyZone("far", (9e5, 0.0, 10.0))))
     assert (answer.state, answer.detail) == ("refused", "it lies outside the map")
 
 

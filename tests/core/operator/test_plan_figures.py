@@ -39,7 +39,7 @@ def shown_and_flown(target_m, boxes, *, px4):
     run.order(Order(run.t_ns, "confirm", "confirm", None, proposal.plan_id))
     run.order(Order(run.t_ns + 10 * S, "arm", "arm", None))
     flight.run(18.0)
-    (status,) = run.command.stages.status_report.build(run.t_ns).agents
+    (status,) = run.engine.stages.status_report.build(run.t_ns).agents
     (figures,), begin_s, nearest_m = proposal.figures, None, math.inf
     while begin_s is None or math.dist(flight.way[-1][:2], target_m) > 30.0:
         t_s = (run.t_ns - START_T_NS) / S
@@ -47,7 +47,7 @@ def shown_and_flown(target_m, boxes, *, px4):
         flight.run(t_s + 0.2)
         begin_s = t_s if begin_s is None and flight.plane.autopilot.armed else begin_s
         if flight.way[-1][2] > 1.0:
-            nearest_m = min(nearest_m, clearance_m(run.command.grid, flight.way[-1][:2]))
+            nearest_m = min(nearest_m, clearance_m(run.engine.grid, flight.way[-1][:2]))
     return figures, status, (run.t_ns - START_T_NS) / S - begin_s, nearest_m
 
 

@@ -56,7 +56,7 @@ def test_a_mission_whose_vehicles_circle_at_home_says_once_that_it_waits_and_goe
     mission.order("resume", (3,))
     mission.fly(20.0)
     assert [one.parameters["vehicles"] for one in mission.said(NoticeCode.STANDSTILL_OVER)] == ["3"]
-    assert mission.run.command.state.agents[3].routes.flown is not None
+    assert mission.run.engine.state.agents[3].routes.flown is not None
 
 
 def test_a_mission_that_the_operator_holds_is_no_news() -> None:

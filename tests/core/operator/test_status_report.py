@@ -8,7 +8,7 @@ from sim_vehicles.world.scenario import load
 
 
 def asked(run: VirtualRun, order_id: str = "status-1") -> SwarmStatus:
-    (status,) = run.command.step(Order(run.t_ns, order_id, "status", None))
+    (status,) = run.engine.step(Order(run.t_ns, order_id, "status", None))
     assert isinstance(status, SwarmStatus)
     assert (status.t_ns, status.order_id) == (run.t_ns, order_id)
     return status
@@ -89,7 +89,7 @@ def test_asking_for_the_status_changes_nothing() -> None:
 def test_a_charge_below_the_limit_of_its_alarm_is_low() -> None:
     run = VirtualRun(load("prescribed"), 1)
     run.run(5.0)
-    stages = run.command.stages
+    stages = run.engine.stages
     health = [replace(stages.fleet.health_of(1), battery_percent=charge) for charge in (29, 30, None)]
     found = [stages.status_report.agent(one, run.t_ns).is_battery_low for one in health]
     assert found == [True, False, False]
@@ -97,7 +97,7 @@ def test_a_charge_below_the_limit_of_its_alarm_is_low() -> None:
 
 def test_a_sensor_that_falls_silent_is_late_at_first() -> None:
     run = VirtualRun(load("prescribed"), 1)
-    watchdog = run.command.state.perception.sensor_watchdog
+    watchdog = run.engine.state.perception.sensor_watchdog
     for t_s in range(1, 4):
         watchdog.processed("radar", t_s * NS_PER_S)
 

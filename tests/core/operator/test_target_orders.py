@@ -71,5 +71,5 @@ def test_wishes_survive_a_restart() -> None:
     flight = fly([order(12.0, "ignore", target=before[3]), order(12.5, "pin", 1, target=before[4])], 20.0)
     flight.run.restart(2.0)
     flight.run.run(30.0)
-    assert flight.run.command.state.operator.is_ignored(before[3])
-    assert flight.run.command.state.agents[1].orders.pinned == before[4]
+    assert flight.run.engine.state.operator.is_ignored(before[3])
+    assert flight.run.engine.state.agents[1].orders.pinned == before[4]

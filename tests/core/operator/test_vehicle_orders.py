@@ -146,8 +146,8 @@ def test_a_recorded_order_gives_the_same_effects_again() -> None:
 
     flight = fly([order(20.0, "hold", 1), order(26.0, "resume", 1), order(30.0, "return", 3)], 40.0)
     events = [decode("recording", encode(event), type(event)) for event in flight.events]
-    command = Engine(flight.run.scenario.config, SEED)
-    again = [encode(effect) for event in events for effect in command.step(event)]
+    engine = Engine(flight.run.scenario.config, SEED)
+    again = [encode(effect) for event in events for effect in engine.step(event)]
     assert again == [encode(effect) for _, effect in flight.effects]
     assert any(isinstance(event, Order) for event in events)
 
@@ -163,7 +163,7 @@ def test_a_vehicle_that_does_not_answer_stays_set_aside(action: str) -> None:
     run.run(65.0)
     flight = Flight(run, events, effects)
     assert flight.answers(f"{action}-21.0") == [("accepted", None), ("failed", 1)]
-    assert suspensions(run.command) == {1: action}
+    assert suspensions(run.engine) == {1: action}
 
 
 def test_an_order_for_the_plan_names_vehicles_without_a_plan_and_the_remedy() -> None:
@@ -246,7 +246,7 @@ def test_a_parameter_that_passes_the_service_is_heard() -> None:
     asked = dialect.MAVLink_param_request_read_message(1, 1, b"RTL_ALTITUDE", -1)
     plane.receive_datagram(Encoder(254, 190)(asked), run.t_ns)
     run.run(6.0)
-    assert run.command.state.agents[1].returns.parameters == {"RTL_ALTITUDE": 100.0}
+    assert run.engine.state.agents[1].returns.parameters == {"RTL_ALTITUDE": 100.0}
 
 
 def test_a_vehicle_that_is_resumed_from_its_return_gets_the_layer_of_its_new_plan() -> None:

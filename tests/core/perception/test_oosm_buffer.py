@@ -55,31 +55,31 @@ def pictures(effects):
 
 
 def test_a_late_scan_is_processed_in_its_place_and_a_later_one_is_refused_with_a_notice():
-    command, effects = Engine(mission(births=[GOAL], tables=WAITS), 0), []
+    engine, effects = Engine(mission(births=[GOAL], tables=WAITS), 0), []
     for t_s, arrives_s in [(1.0, 1.1), (2.0, 2.1), (1.8, 2.2), (1.2, 2.9)]:
         for tick in range(10):
-            effects += command.step(Tick(at(arrives_s - 0.05 + tick / 1000)))
-        effects += command.step(scan(t_s, GOAL, arrives_s=arrives_s))
-    effects += command.step(Tick(at(3.5)))
+            effects += engine.step(Tick(at(arrives_s - 0.05 + tick / 1000)))
+        effects += engine.step(scan(t_s, GOAL, arrives_s=arrives_s))
+    effects += engine.step(Tick(at(3.5)))
     assert pictures(effects) == [at(1.0), at(1.8), at(2.0)]
     (warning,) = noticed(effects, NoticeCode.BAD_INPUT)
     assert "before the last one" in warning.parameters["problem"]
-    assert command.stages.input_errors.count == 1
+    assert engine.stages.input_errors.count == 1
 
 
 def test_the_same_scan_twice_within_the_window_counts_once():
-    command, effects = Engine(mission(births=[GOAL], tables=WAITS), 0), []
+    engine, effects = Engine(mission(births=[GOAL], tables=WAITS), 0), []
     for arrives_s in (1.1, 1.2):
-        effects += command.step(scan(1.0, GOAL, arrives_s=arrives_s))
-    effects += command.step(Tick(at(2.0)))
+        effects += engine.step(scan(1.0, GOAL, arrives_s=arrives_s))
+    effects += engine.step(Tick(at(2.0)))
     assert pictures(effects) == [at(1.0)]
     assert any("twice" in one.parameters["problem"] for one in noticed(effects, NoticeCode.BAD_INPUT))
 
 
 def test_a_sensor_that_contradicts_its_model_is_reported_to_the_operator():
-    command, found = Engine(mission(births=[GOAL]), 0), []
+    engine, found = Engine(mission(births=[GOAL]), 0), []
     for k in range(40):
         clutter = [(100.0 + 37.0 * i, 50.0 + 45.0 * ((7 * i + 11 * k) % 40)) for i in range(50)]
-        effects = command.step(scan(float(k), *clutter, sensor=RADAR))
+        effects = engine.step(scan(float(k), *clutter, sensor=RADAR))
         found += [e for e in effects if isinstance(e, Notice) and e.code is NoticeCode.CLUTTER_WRONG]
     assert [notice.subject for notice in found] == ["radar"]

@@ -172,7 +172,7 @@ def test_hostile_links_are_an_alarm_each_on_the_right_vehicle_and_have_their_all
 def test_an_honest_flight_raises_no_alarm():
     run, notices = notices_of({})
     assert [notice for _, notice in notices if notice.level == "alarm"] == []
-    assert not any(one.perception.integrity.is_alarmed for one in run.command.state.agents.values())
+    assert not any(one.perception.integrity.is_alarmed for one in run.engine.state.agents.values())
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -22,7 +22,7 @@ def flown(
 ) -> tuple[VirtualRun, list[Effect]]:
     """Fly a mission whose scans and reports arrive at some times only, the scans late; return its effects."""
     run, effects, late = VirtualRun(load("prescribed"), 3), list[Effect](), list[Scan]()
-    step = run.command.step
+    step = run.engine.step
 
     def filtered(event: Event, *arguments: Any) -> list[Effect]:
         t_s, found = (event.t_ns - START_T_NS) / NS_PER_S, list[Effect]()
@@ -37,7 +37,7 @@ def flown(
         effects.extend(found)
         return found
 
-    run.command.step = filtered  # type: ignore[method-assign]
+    run.engine.step = filtered  # type: ignore[method-assign]
     run.run(until_s)
     return run, effects
 
@@ -59,12 +59,10 @@ def test_agents_are_tracked_by_their_reports_when_no_sensor_ever_comes() -> None
     assert {sum(track.estimated for track in picture.tracks) for picture in found} == {4}
     labels = {picture.tracks[0].label for picture in found}
     assert len(labels) == 1
-    assert run.command.stages.association.labels.keys() == {1, 2, 3, 4}
-    positions = {
-        state.system_id: (state.east_m, state.north_m) for state in run.command.stages.fleet.states()
-    }
-    for vehicle, label in run.command.stages.association.labels.items():
-        track = run.command.stages.trackers.agents.confirmation.tracks[label]
+    assert run.engine.stages.association.labels.keys() == {1, 2, 3, 4}
+    positions = {state.system_id: (state.east_m, state.north_m) for state in run.engine.stages.fleet.states()}
+    for vehicle, label in run.engine.stages.association.labels.items():
+        track = run.engine.stages.trackers.agents.confirmation.tracks[label]
         assert tuple(track.mean[:2]) == pytest.approx(positions[vehicle], abs=15.0)
     assert not [effect for effect in effects if isinstance(effect, Picture) and effect.kind == "targets"]
 
@@ -73,7 +71,7 @@ def test_a_vehicle_silent_without_a_sensor_keeps_its_track_and_its_status() -> N
     silent = "vehicle:3"
     run, effects = flown(30.0, lambda _t_s: False, lambda t_s, peer: t_s < 15.0 or peer != silent)
     assert not [effect for effect in effects if isinstance(effect, AgentStatus)]
-    assert run.command.stages.association.labels.keys() == {1, 2, 3, 4}
+    assert run.engine.stages.association.labels.keys() == {1, 2, 3, 4}
 
 
 def test_no_epoch_follows_when_no_vehicle_reports() -> None:
@@ -89,7 +87,7 @@ def test_a_sensor_that_comes_back_finds_the_agents_it_knew(latency_s: float) -> 
     lost = [one.vehicle for one in effects if isinstance(one, AgentStatus) and one.status == "lost"]
     assert lost == [2], "this one crashes meanwhile"
     assert refused(effects) == []
-    labels = run.command.stages.association.labels
+    labels = run.engine.stages.association.labels
     assert [labels[vehicle] for vehicle in (1, 3, 4)] == [(0, 0), (0, 2), (0, 3)]
 
 

@@ -29,12 +29,12 @@ class Flight:
         return [effect for effect in self.effects if isinstance(effect, kind)]
 
     def ways(self):
-        agents = self.run.command.state.agents
+        agents = self.run.engine.state.agents
         return {v: one.routes.return_m for v, one in agents.items() if one.routes.return_m is not None}
 
     def close(self, place_m):
         """Close a disc; returns what was blocked by it."""
-        before = self.run.command.grid.blocked.copy()
+        before = self.run.engine.grid.blocked.copy()
         self.effects.clear()
         self.run.order(
             Order(self.run.t_ns, "1", "no-fly-zone", None, None, NoFlyZone("fire", (*place_m, 50.0)))
@@ -53,8 +53,8 @@ def test_who_would_land_through_a_closed_area_gets_another_way_home():
     vehicle = min(flight.ways())
     before = flight.close(before_home(flight.ways()[vehicle], 250.0))
     flight.run.run(flown_s + 5.0)
-    command = flight.run.command
-    closed = type(command.grid)(command.grid.origin_m, command.grid.spacing_m, command.grid.blocked & ~before)
+    engine = flight.run.engine
+    closed = type(engine.grid)(engine.grid.origin_m, engine.grid.spacing_m, engine.grid.blocked & ~before)
     assert closed.blocked.any()
     assert vehicle in flight.all(Plan)[0].changed
     assert any(report.ok and report.vehicle == vehicle for report in flight.all(UploadReport))

@@ -25,14 +25,14 @@ def sky():
 
 def higher(sky, vehicle=1):
     """Return the route of a vehicle, a layer higher and straight ahead."""
-    flown, plane = sky.run_.command.state.agents[vehicle].routes.flown, sky.planes[vehicle].airframe
+    flown, plane = sky.run_.engine.state.agents[vehicle].routes.flown, sky.planes[vehicle].airframe
     here = np.array((plane.east_m, plane.north_m))
     ahead = np.array((np.sin(plane.heading_rad), np.cos(plane.heading_rad)))
     return replace(flown, points_m=read_only([here, here + 600.0 * ahead]), layer=flown.layer + 1)
 
 
 def test_a_new_mission_waits_while_it_leads_through_a_held_vehicle(sky):
-    engine, route = sky.run_.command, higher(sky)
+    engine, route = sky.run_.engine, higher(sky)
     engine.stages.tasking.enqueue_upload(route, sky.run_.t_ns)
     fly_on(sky, 3.0)
     assert not route.is_same(engine.state.agents[1].tasking.onboard.route)
@@ -45,14 +45,14 @@ def test_a_new_mission_waits_while_it_leads_through_a_held_vehicle(sky):
 def test_a_new_mission_does_not_wait_for_a_vehicle_far_away(sky):
     place(sky.planes[2], 100.0, 100.0, 80.0)
     fly_on(sky, 6.0)
-    engine, route = sky.run_.command, higher(sky)
+    engine, route = sky.run_.engine, higher(sky)
     engine.stages.tasking.enqueue_upload(route, sky.run_.t_ns)
     assert not engine.stages.mission_traffic.holds_back(route, sky.run_.t_ns)
 
 
 def test_a_mission_that_is_needed_at_once_does_not_wait(sky):
     """For example to get out of a no-fly zone that was closed."""
-    engine, route = sky.run_.command, higher(sky)
+    engine, route = sky.run_.engine, higher(sky)
     assert engine.stages.mission_traffic.holds_back(route, sky.run_.t_ns)
     engine.stages.tasking.enqueue_upload(route, sky.run_.t_ns, at_once=True)
     fly_on(sky, 0.2)

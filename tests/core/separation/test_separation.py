@@ -168,7 +168,7 @@ def test_one_order_does_not_resume_a_vehicle_into_another():
     sky.run_.order(Order(sky.run_.t_ns, "hold", "hold", None))
     sky.fly(26.0)
     second = sky.planes[2].airframe
-    end_m = sky.run_.command.state.agents[1].routes.suspended.points_m[-1]
+    end_m = sky.run_.engine.state.agents[1].routes.suspended.points_m[-1]
     ahead = np.arctan2(end_m[0] - first.east_m, end_m[1] - first.north_m)
     second.east_m = first.east_m + 290.0 * np.sin(ahead)
     second.north_m = first.north_m + 290.0 * np.cos(ahead)
@@ -189,9 +189,9 @@ def test_a_vehicle_that_fell_silent_before_its_take_off_is_not_about_to_take_off
     stage = Stage(ARDUPLANE, "AUTO", armed=True, height_m=0.5, speed_m_s=0.0)
     route = Route(1, (0, 0), read_only([[0.0, 500.0]]), 1.0)
     items = tuple(Item(command, 3, 330000000, -870000000, 90.0) for command in (16, 22, 16))
-    stage.command.stages.tasking.onboard_missions.note(OnboardMission(route, items, 2))
+    stage.engine.stages.tasking.onboard_missions.note(OnboardMission(route, items, 2))
     stage.hear(dialect.MAVLink_mission_current_message(1, 2))
-    intents = stage.command.stages.intents
+    intents = stage.engine.stages.intents
     assert [state.system_id for state in intents.flying(stage.t_ns)] == [1]
     for _ in range(12):
         stage.t_ns += S

@@ -118,7 +118,7 @@ def test_a_low_take_off_altitude_turns_before_the_obstacle_and_climbs_on_along_t
     _, takeoff, *route = flight.items()
     assert (takeoff.command, takeoff.z) == (TAKEOFF, 20.0)
     assert {item.z for item in route} == {90.0}
-    grid = flight.run_.command.grid
+    grid = flight.run_.engine.grid
     assert all(line_of_sight(grid, place, place, 20.0) for *place, _ in flight.way)
     assert flight.way[-1][2] > 80.0
 

@@ -66,7 +66,7 @@ def test_to_go_and_arrival_do_not_jump_while_a_vehicle_circles_at_the_end_of_its
 
     def note(_event):
         if run.t_ns % NS_PER_S == 0:
-            (one,) = run.command.stages.status_report.build(run.t_ns).agents
+            (one,) = run.engine.stages.status_report.build(run.t_ns).agents
             to_go_m.append(one.to_go_m)
 
     run.on_event = note

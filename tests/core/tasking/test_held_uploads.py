@@ -47,12 +47,12 @@ north_m = 2700.0
 """
 
 
-def hold_by_pause(command, until_s):
-    command.state.agents[1].tasking.retry.paused_until_t_ns = START_T_NS + until_s * S
+def hold_by_pause(engine, until_s):
+    engine.state.agents[1].tasking.retry.paused_until_t_ns = START_T_NS + until_s * S
 
 
-def hold_by_window(command, until_s):
-    window = command.state.tasking.windows[LINK]
+def hold_by_window(engine, until_s):
+    window = engine.state.tasking.windows[LINK]
     window.active = window.window if until_s else 0
 
 
@@ -68,17 +68,17 @@ def test_a_route_that_waited_starts_where_the_vehicle_is_when_its_upload_begins(
 
     run = VirtualRun(parse_scenario(TWO_TARGETS, "held.toml"), 1, None, on_effect)
     run.run(20.0)
-    hold(run.command, 45)
+    hold(run.engine, 45)
     run.order(Order(run.t_ns, "ignore", "ignore", None, target=(0, 0)))
     run.run(45.0)
     assert len(begun) == 1
-    hold(run.command, 0)
+    hold(run.engine, 0)
     run.run(50.0)
     assert begun[1] >= START_T_NS + 45 * S
-    mission = run.command.state.agents[1].tasking.onboard
+    mission = run.engine.state.agents[1].tasking.onboard
     assert mission is not None
     assert min(east_m for east_m, north_m in mission.route.points_m.tolist() if north_m < 2200.0) > 1000.0
-    assert mission.route.is_same(run.command.state.agents[1].routes.flown)
+    assert mission.route.is_same(run.engine.state.agents[1].routes.flown)
     last = [effect for effect in effects if isinstance(effect, Plan)][-1]
     assert (last.causes, last.changed) == (("upload waited",), (1,))
 

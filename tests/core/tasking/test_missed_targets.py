@@ -132,6 +132,6 @@ def test_an_rtl_long_after_a_stop_is_a_take_over_although_the_mission_is_complet
 
 def test_one_that_has_reached_its_target_returns_without_a_word():
     flight = Returned(lambda plane: plane._end_mission(), 140.0, 155.0)
-    assert flight.run.command.state.agents[1].perception.status.status == "arrived"
+    assert flight.run.engine.state.agents[1].perception.status.status == "arrived"
     assert not [notice for notice in flight.later(Notice) if notice.level != "info"]
     assert flight.plane.mode is Mode.RTL

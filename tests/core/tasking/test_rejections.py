@@ -108,7 +108,7 @@ class Flight:
         return [one for one in alarms(self.effects, 1) if one.code is not NoticeCode.AUTOPILOT_ALARM]
 
     def agent(self, vehicle: int) -> Agent:
-        return self.flight.command.state.agents[vehicle]
+        return self.flight.engine.state.agents[vehicle]
 
 
 @pytest.mark.parametrize("airborne", [False, True])

@@ -38,7 +38,7 @@ class Events:
 
     def __init__(self) -> None:
         self.orders: list[Order] = []
-        self.command: Engine | None = None
+        self.engine: Engine | None = None
 
     def event(self, event) -> None:
         if isinstance(event, Order):
@@ -64,7 +64,7 @@ def serving(runtime: Path, request: pytest.FixtureRequest) -> Iterator[Events]:
     async def serve(bus: ZenohSession) -> None:
         service, stop = Service(load("prescribed"), 1, loopback(), bus), asyncio.Event()
         service.sinks.append(events)
-        events.command = service.command
+        events.engine = service.engine
         ending.append((asyncio.get_running_loop(), stop))
         asyncio.get_running_loop().call_soon(ready.set)
         await service.run(RunClock(), stop)
@@ -117,8 +117,8 @@ def test_confirm_without_a_number_prints_the_plan_and_confirms_that_one(serving:
     assert (none.exit_code, "no plan waits" in none.output) == (1, True)
     route = Route(3, (0, 1), read_only([[900.0, 500.0]]), 1480.0)
     figures = RouteFigures(3, 1480.0, 1350.0, 98.7, 212.0, 40.0)
-    assert serving.command is not None
-    state = serving.command.state
+    assert serving.engine is not None
+    state = serving.engine.state
     state.agents[3].routes.proposed = route
     state.operator.approval.count = 7
     state.operator.approval.pending = Proposal(1, 7, (route,), "target T0.1 moved 66 m", 1, (figures,))

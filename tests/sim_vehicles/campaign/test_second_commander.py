@@ -85,7 +85,7 @@ def test_a_second_service_is_named_within_a_second_and_nothing_more_is_uploaded_
     assert "MAV_CMD_" in sign
     assert "vehicle:" in sign
     assert LINK in sign
-    for agent in both.run.command.state.agents.values():
+    for agent in both.run.engine.state.agents.values():
         assert Authority.SECOND_COMMANDER in agent.control.claims
 
 
@@ -105,7 +105,7 @@ def test_an_operator_takes_the_vehicles_back_when_the_other_service_has_ended() 
     assert len(both.first.said(SIGN)) == 4
     assert both.first.said(NoticeCode.SECOND_COMMANDER_TOLERATED) == []
     assert [t_s for t_s in both.first.uploads_s if t_s > 40.0]
-    for agent in both.run.command.state.agents.values():
+    for agent in both.run.engine.state.agents.values():
         assert Authority.SECOND_COMMANDER not in agent.control.claims
 
 
@@ -186,7 +186,7 @@ def test_late_and_repeated_answers_to_our_own_requests_never_stop_the_tasking(na
     run.run(60.0)
     run.restart(0.5, older)
     run.run(75.0)
-    run.command = Engine(run.scenario.config, run.seed)
+    run.engine = Engine(run.scenario.config, run.seed)
     run.run(95.0)
     assert [one for _, one in flown.notices if one.code is SIGN] == []
     different = flown.said(NoticeCode.MISSION_DIFFERS)

@@ -331,7 +331,7 @@ def test_a_vehicle_that_another_station_sent_home_gets_no_mission() -> None:
 
     run = VirtualRun(load("prescribed"), 1, on_event, lambda t_ns, effect: effects.append((t_ns, effect)))
     run.run(90.0)
-    state = run.command.stages.fleet.state(1)
+    state = run.engine.stages.fleet.state(1)
     assert state is not None
     assert state.mode == "RTL"
     later = [effect for t_ns, effect in effects if t_ns >= sent_home_t_ns + NS_PER_S]
@@ -366,7 +366,7 @@ def test_targets_that_left_their_birth_components_are_found_or_reported(has_adap
     effects: list[Effect] = []
     run.on_effect = lambda _, effect: effects.append(effect)
     run.run(20.0)
-    targets = run.command.stages.trackers.targets.confirmation.tracks
+    targets = run.engine.stages.trackers.targets.confirmation.tracks
     alarms = noticed(effects, NoticeCode.UNTRACKED_DETECTIONS)
     assert len(targets) == (5 if has_adaptive_birth else 0)
     assert len(alarms) in ([0] if has_adaptive_birth else [1, 2])
