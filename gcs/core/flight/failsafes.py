@@ -6,7 +6,8 @@ Two things show that a failsafe chose a mode. Both depend on the firmware (`gcs.
   failsafe's mode lasts; an ArduPlane as long as the cause lasts, so that only the change of both at one time
   counts.
 * A STATUSTEXT names the failsafe at the time of the change, and the failsafe chooses this mode. ArduPlane
-  only: each failsafe of PX4 shows in its heartbeat.
+  only: each failsafe of PX4 shows in its heartbeat. The text that the loss of the link has ended counts when
+  the link has just returned: its heartbeat may not show the failsafe any more.
 
 Every other change is a person's or another station's, whatever the vehicle says meanwhile.
 """
@@ -54,16 +55,27 @@ class Failsafes:
         profile = agent.link.profile
         if profile is None or not (_is_shown(agent, profile) or _is_said(agent, profile)):
             return ""
-        said = [text for said_t_ns, text in agent.flight.texts if t_ns - said_t_ns <= _RECENT_NS]
+        recent = [text for said_t_ns, text in agent.flight.texts if t_ns - said_t_ns <= _RECENT_NS]
+        said = [text for text in recent if not _ends(text, profile)]
         problems = [problem.cause for problem in agent.flight.problems.values() if problem.is_told]
-        has_returned = agent.link.returns > 0 and t_ns - agent.link.returned_t_ns <= _RECENT_NS
-        if has_returned and not said:
+        if _has_returned(agent, t_ns) and not said:
             problems.append("its link was down")  # and its texts were not heard
         return "; ".join(said or problems) or "its autopilot names no cause"
 
 
 def _failsafe_of(text: str, profile: AutopilotProfile) -> FailsafeText | None:
     return next((one for one in profile.failsafe_texts if one.pattern.match(text)), None)
+
+
+def _ends(text: str, profile: AutopilotProfile) -> bool:
+    """Return True if a text says that a failsafe has ended."""
+    failsafe = _failsafe_of(text, profile)
+    return failsafe is not None and failsafe.ends
+
+
+def _has_returned(agent: Agent, t_ns: int) -> bool:
+    """Return True if the link was down until a short time ago."""
+    return agent.link.returns > 0 and t_ns - agent.link.returned_t_ns <= _RECENT_NS
 
 
 def _is_shown(agent: Agent, profile: AutopilotProfile) -> bool:
@@ -76,10 +88,12 @@ def _is_shown(agent: Agent, profile: AutopilotProfile) -> bool:
 
 def _is_said(agent: Agent, profile: AutopilotProfile) -> bool:
     """Return True if a text shows that a failsafe chose the mode."""
-    mode, chosen_t_ns = agent.authority.mode.mode, _chosen_t_ns(agent)
+    mode = agent.authority.mode.mode
+    chosen_t_ns = _chosen_t_ns(agent)
+    has_returned = _has_returned(agent, chosen_t_ns)
     said = [text for t_ns, text in agent.flight.texts if abs(t_ns - chosen_t_ns) <= _TOGETHER_NS]
-    failsafes = [_failsafe_of(text, profile) for text in said]
-    return any(failsafe is not None and mode in failsafe.modes for failsafe in failsafes)
+    failsafes = [one for text in said if (one := _failsafe_of(text, profile)) is not None]
+    return any(mode in one.modes and (has_returned or not one.ends) for one in failsafes)
 
 
 def _chosen_t_ns(agent: Agent) -> int:

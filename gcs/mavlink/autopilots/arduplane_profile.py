@@ -76,6 +76,7 @@ _FAILSAFE_TEXTS: Final = (
     FailsafeText(re.compile("RC Short Failsafe On"), _WARNING),
     FailsafeText(re.compile("RC Short Failsafe: switched to"), _WARNING, _FAILSAFE_MODES),
     FailsafeText(re.compile("(RC Long|GCS) Failsafe On"), _WARNING, _FAILSAFE_MODES),
+    FailsafeText(re.compile("GCS Failsafe Off"), _WARNING, frozenset({RTL, "CIRCLE", "AUTOLAND"}), ends=True),
     FailsafeText(re.compile(r"Battery \d+ is (low|critical)"), _WARNING, _FAILSAFE_MODES),
     FailsafeText(re.compile(r"[\w ]*fences? breached", re.IGNORECASE), _NOTICE, frozenset({RTL, "GUIDED"})),
     FailsafeText(

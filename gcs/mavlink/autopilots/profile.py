@@ -43,6 +43,8 @@ class FailsafeText:
     """Highest MAV_SEVERITY with which it is sent."""
     modes: frozenset[str] = frozenset()
     """Modes that the failsafe chooses at the time of this text."""
+    ends: bool = False
+    """True if the text says that the failsafe has ended. Its mode stays."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -481,6 +481,28 @@ def test_a_failsafe_that_began_while_the_link_was_down_names_the_link() -> None:
     assert causes_told(plane, "RTL") == ["its link was down"]
 
 
+def test_arduplanes_failsafe_that_ends_as_its_link_returns_names_the_link() -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    for _ in range(20):
+        plane.t_ns += NS_PER_S // 2
+        plane.step(Tick(plane.t_ns))
+    plane.say("GCS Failsafe Off", 4)  # before a heartbeat with its mode, in which it is ACTIVE again
+    plane.mode = "RTL"
+    plane.wait(5.0)
+    assert causes_told(plane, "RTL") == ["its link was down"]
+
+
+@pytest.mark.parametrize("mode", ["RTL", "FBWA"])
+def test_a_failsafe_that_ends_on_a_living_link_chooses_no_mode(mode: str) -> None:
+    plane = Aeroplane(ARDUPLANE)
+    plane.wait(4.0)
+    plane.say("GCS Failsafe Off", 4)
+    plane.mode = mode
+    plane.wait(5.0)
+    assert told(plane, mode)[0].code is NoticeCode.OVERRIDDEN
+
+
 PX4_TEXTS = ["Low battery", "Geofence: approaching or outside geofence", "GNSS data fusion stopped"]
 
 
