@@ -9,7 +9,7 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-from gcs.io.links.manager import Links
+from gcs.io.links.vehicle_links import VehicleLinks
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.link_stats import LinkCounters
 from gcs.mavlink.frames.signing import SigningCounters
@@ -22,12 +22,12 @@ _COLUMNS = (
 _ALWAYS = ("link", "role", "frames", "lost")
 
 
-def link_rows(fleet: Fleet, links: Links | None, t_ns: int) -> list[dict[str, Any]]:
+def link_rows(fleet: Fleet, links: VehicleLinks | None, t_ns: int) -> list[dict[str, Any]]:
     """Return a row for each link: those of vehicles, then the endpoints of other ground stations.
 
     Parameters
     ----------
-    links : Links or None
+    links : VehicleLinks or None
         None in a replay, which has no other ground stations.
     """
     unsent = {} if links is None else links.unsent()
@@ -56,12 +56,11 @@ def link_rows(fleet: Fleet, links: Links | None, t_ns: int) -> list[dict[str, An
     return rows
 
 
-def _signing(links: Links | None, name: str) -> dict[str, Any]:
+def _signing(links: VehicleLinks | None, name: str) -> dict[str, Any]:
     """Return the counters of a link's signing gate; empty without keys and without signed frames."""
-    gate = None if links is None else links.signing.gate
-    if gate is None or not (gate.is_keyed(name) or name in gate.counters):
+    if links is None or not (links.is_keyed(name) or name in links.signing_counters()):
         return {}
-    counters = gate.counters.get(name, SigningCounters())
+    counters = links.signing_counters().get(name, SigningCounters())
     return {"verified": counters.verified, "signed": counters.signed, "rejected": dict(counters.rejected)}
 
 

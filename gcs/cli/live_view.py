@@ -21,7 +21,7 @@ from gcs.cli.status_tables import agents_table, sensors_line, targets_table
 from gcs.config import Config
 from gcs.core.authority.override_notices import overridden_text
 from gcs.core.engine import Engine
-from gcs.io.links.manager import Links
+from gcs.io.links.vehicle_links import VehicleLinks
 from gcs.model import (
     NS_PER_S,
     AgentRecord,
@@ -32,7 +32,6 @@ from gcs.model import (
     Proposal,
     SwarmStatus,
     TargetRecord,
-    system_of,
 )
 from gcs.report.agent_order import attention
 from gcs.report.operator_lines import (
@@ -93,7 +92,12 @@ class LiveView:
     """Live view of a run, drawn by rich; it names the address of the console, `page_url`."""
 
     def __init__(
-        self, config: Config, engine: Engine, speed: float, links: Links | None = None, page_url: str = ""
+        self,
+        config: Config,
+        engine: Engine,
+        speed: float,
+        links: VehicleLinks | None = None,
+        page_url: str = "",
     ) -> None:
         self._config = config
         self._engine = engine
@@ -184,8 +188,7 @@ class LiveView:
         fleet = self._engine.stages.fleet
         if not fleet.is_signed(vehicle):
             return ""
-        gate = None if self._links is None else self._links.signing.gate
-        keyed = gate is not None and gate.is_keyed(fleet.link(vehicle), system_of(vehicle))
+        keyed = self._links is not None and self._links.is_keyed(fleet.link(vehicle), vehicle)
         return "verified" if keyed else "unchecked"
 
     def _targets(self, status: SwarmStatus, max_rows: int) -> RenderableType:

@@ -19,7 +19,7 @@ from gcs.config.schema import RecordingTable
 from gcs.core.engine import Engine
 from gcs.io.background_writer import is_busy
 from gcs.io.console import Printable, console_for
-from gcs.io.links.manager import Links
+from gcs.io.links.vehicle_links import VehicleLinks
 from gcs.io.private_files import new_folder
 from gcs.io.recording.folder import Run, remove_empty, versions
 from gcs.io.recording.writer import DiskBudget, Recorder
@@ -39,7 +39,7 @@ class DisplayedRun(Protocol):
     sinks: list[Sink]
 
     @property
-    def links(self) -> Links | None:
+    def links(self) -> VehicleLinks | None:
         """The links of a live service; None in a replay."""
 
 

@@ -1306,6 +1306,27 @@ class NoticeCode(StrEnum):
         "accepts output again; {dropped} pieces were dropped so far",
         ends="output-blocked disk-blocked",
     )
+    BRIDGE_LOST_MESSAGES = _link(
+        "bridge-lost-messages",
+        _W,
+        "{count} messages of the bridge were lost",
+        "reports of vehicles are missing; uploads repeat what was lost",
+        "check the load of this machine, and the network between it and the bridge",
+    )
+    BRIDGE_ENDED = _link(
+        "bridge-ended",
+        _A,
+        "ended ({cause}); it is started again",
+        "no vehicle hears this service until the bridge runs again, mostly within a second",
+        "if it repeats, check the log of the system and the memory of this machine",
+    )
+    BRIDGE_UNREAD = _link(
+        "bridge-unread",
+        _W,
+        "{count} datagrams were dropped: command did not take them",
+        "command was stopped or slow; the heartbeats went on",
+        "check the load of the machine of command",
+    )
     CONSOLE_ENDED = _link(
         "console-ended",
         _A,

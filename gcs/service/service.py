@@ -26,7 +26,7 @@ from gcs.errors import GcsError, RecordingError, WireError
 from gcs.io.background_writer import BackgroundWriter, QueuedText
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.links.garbage import GarbageFilter
-from gcs.io.links.manager import Links
+from gcs.io.links.vehicle_links import VehicleLinks
 from gcs.io.recording.writer import DiskSpace
 from gcs.io.records import encode, encode_shown
 from gcs.io.zenoh.key_expressions import effect_key, order_key, sensor_of, sensor_scan_keys
@@ -55,7 +55,6 @@ from gcs.model import (
     Snapshot,
     Tick,
     Truth,
-    system_of,
 )
 
 TICK_NS = NS_PER_S // 20
@@ -135,13 +134,13 @@ class Service:
         The mission.
     seed : int
         Seed of the map's random obstacles.
-    links : Links
+    links : VehicleLinks
         MAVLink links to vehicles and other ground stations.
     bus : ZenohSession
         Session for scans, orders and published effects.
     """
 
-    def __init__(self, config: Config, seed: int, links: Links, bus: ZenohSession) -> None:
+    def __init__(self, config: Config, seed: int, links: VehicleLinks, bus: ZenohSession) -> None:
         self.config = config
         self.engine = Engine(config, seed)
         self.health = Health()
@@ -354,12 +353,12 @@ class Service:
 
     def _check_keys(self) -> None:
         """Queue an alarm, once, for each vehicle that signs its frames and has no key here."""
-        fleet, gate = self.engine.stages.fleet, self.links.signing.gate
+        fleet = self.engine.stages.fleet
         for agent in self.config.agents:
             vehicle = agent.vehicle
             if not fleet.is_signed(vehicle) or vehicle in self._keyless:
                 continue
-            if not gate.is_keyed(fleet.link(vehicle), system_of(vehicle)):
+            if not self.links.is_keyed(fleet.link(vehicle), vehicle):
                 self._keyless.add(vehicle)
                 self._put(LinkNews(Notice(self.clock.now_ns(), NoticeCode.KEY_MISSING, vehicle)))
 

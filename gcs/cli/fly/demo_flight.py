@@ -28,13 +28,11 @@ from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import ConfigError, InterruptedRunError, SimulationError
 from gcs.io.background_writer import QueuedText, off_loop
 from gcs.io.clock import RunClock
-from gcs.io.links.manager import Links
 from gcs.io.private_files import new_folder
 from gcs.io.recording.folder import FIRMWARE_NAME, Run
 from gcs.io.recording.reader import read
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.records import decode
-from gcs.io.signing.link_signing import LinkSigning
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.key_expressions import truth_key
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
@@ -44,6 +42,7 @@ from gcs.report.plots.figures import draw_run
 from gcs.report.plots.maps import Ground
 from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of, summary_json
 from gcs.report.run.summary import print_summary
+from gcs.service.bridge_start import local_bridge
 from gcs.service.service import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
 
 _START_TIMEOUT_S: Final = 90.0
@@ -190,8 +189,6 @@ async def _fly(
     """Fly; return health, link counters, run time in seconds, and True if interrupted."""
     forward = [link for link in config.mavlink_links if link.role != "vehicles"]
     open_links = [Link(parse_endpoint("udpin:127.0.0.1:0")), *forward]
-    vehicles = [agent.vehicle for agent in config.agents]
-    links = Links(open_links, vehicles, config.local_frame, LinkSigning(open_links, keys), Scanner())
     stop, interrupt = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
     endpoint = free_endpoint()
@@ -207,10 +204,14 @@ async def _fly(
         if new:
             service.on_notice("simulation", NoticeCode.SIMULATION_SLOW, vehicles=tuple(new))
 
-    with ZenohSession(listen=endpoint) as bus, announced(config.name, endpoint):
+    with (
+        local_bridge(config, open_links, keys, Scanner()) as links,
+        ZenohSession(listen=endpoint) as bus,
+        announced(config.name, endpoint),
+    ):
         service = Service(config, options.seed, links, bus)
         service.recorder = recorder
-        service.outputs += [view.writer, recorder.writer]
+        service.outputs += [view.writer, recorder.writer, links]
         service.sinks.append(EvaluatorSink(evaluator))
         bus.subscribe(
             truth_key(config.name),
@@ -236,7 +237,7 @@ async def _fly(
             relay.cancel()
             undo()
             undo_hangup()
-    rows = tuple(link_rows(service.engine.stages.fleet, links, service.now_ns()))
+        rows = tuple(link_rows(service.engine.stages.fleet, links, service.now_ns()))
     return service.health, rows, duration_s, interrupt.is_set()
 
 

@@ -14,14 +14,14 @@ from gcs.cli.run_setup import display, open_recorder, warm_up
 from gcs.config import Config, parse, read_text
 from gcs.io.background_writer import QueuedText, off_loop
 from gcs.io.clock import RunClock
-from gcs.io.links.manager import Links
+from gcs.io.cluster.bridge_links import BridgeLinks
 from gcs.io.recording.folder import Run
 from gcs.io.recording.writer_thread import RecorderThread
-from gcs.io.signing.link_signing import LinkSigning
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.session import service_bus
 from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.report.run.summary import recording_facts
+from gcs.service.bridge_start import local_bridge
 from gcs.service.journal import Journal, JournalSink, fingerprint
 from gcs.service.resume import default_path, resume_from_journal
 from gcs.service.service import Service, fly_on_after_hangup, wait_for_interrupt
@@ -57,25 +57,23 @@ def serve(
     ):
         path = journal_path or default_path(config.name)
         journal = Journal(path, config.name, fingerprint(text, seed))
-        signing = LinkSigning(config.mavlink_links, config.links.key_file(source))
-        vehicles = [agent.vehicle for agent in config.agents]
-        links = Links(config.mavlink_links, vehicles, config.local_frame, signing, Scanner())
-        asyncio.run(
-            _serve(
-                config,
-                source,
-                seed,
-                links,
-                recorder,
-                journal,
-                console,
-                view,
-                clock,
-                resume,
-                page,
-                headless=headless,
+        with local_bridge(config, config.mavlink_links, config.links.key_file(source), Scanner()) as links:
+            asyncio.run(
+                _serve(
+                    config,
+                    source,
+                    seed,
+                    links,
+                    recorder,
+                    journal,
+                    console,
+                    view,
+                    clock,
+                    resume,
+                    page,
+                    headless=headless,
+                )
             )
-        )
         for name, value in recording_facts(str(recorder.folder)):
             console.print(f"{name}: {value}", highlight=False, markup=False, soft_wrap=True)
 
@@ -84,7 +82,7 @@ async def _serve(
     config: Config,
     source: str,
     seed: int,
-    links: Links,
+    links: BridgeLinks,
     recorder: RecorderThread,
     journal: Journal,
     console: Console,
@@ -106,7 +104,7 @@ async def _serve(
         resume_from_journal(service, journal, resume, clock.now_ns(), console)
         keeper = JournalSink(service, journal)
         service.recorder = recorder
-        service.outputs += [view.writer, recorder.writer, keeper.writer]
+        service.outputs += [view.writer, recorder.writer, keeper.writer, links]
         service.sinks.append(keeper)
         console.print(
             f"MAVLink on {', '.join(link.name for link in links.links)}; zenoh on {config.links.zenoh}; "

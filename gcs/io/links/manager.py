@@ -10,7 +10,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Final, Protocol
+from dataclasses import replace
+from typing import Final
 
 from gcs.endpoints import Endpoint, Link
 from gcs.errors import LinkError
@@ -19,11 +20,12 @@ from gcs.io.links.serial import SerialPort
 from gcs.io.links.tcp import TcpIn, TcpOut
 from gcs.io.links.transport import Transport
 from gcs.io.links.udp import UdpIn, UdpOut
+from gcs.io.links.vehicle_links import LinkHandler
 from gcs.io.signing.link_signing import LinkSigning
 from gcs.mavlink.fleet.heartbeat import heartbeat
 from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.frames.codec import Encoder, Frame, FrameTable, scan
-from gcs.mavlink.frames.signing import SigningGate
+from gcs.mavlink.frames.signing import SigningCounters, SigningGate
 from gcs.mavlink.router.router import PortCounters, Router
 from gcs.mavlink.services.adsb import COMPONENT_ID, adsb_messages
 from gcs.model import NS_PER_S, NoticeCode, Parameter, Picture, network_of, system_of, vehicle_id
@@ -36,19 +38,6 @@ TRANSPORTS: Final[Mapping[str, Callable[[Endpoint], Transport]]] = {
     "serial": SerialPort,
 }
 _REFUSALS_EVERY_NS: Final = 10 * NS_PER_S
-
-
-class LinkHandler(Protocol):
-    """Receives what the links deliver: central command."""
-
-    def now_ns(self) -> int:
-        """Run time."""
-
-    def on_datagram(self, link: str, peer: str, frames: FrameTable) -> None:
-        """Process a datagram from a vehicle, or one that was sent on to a vehicle."""
-
-    def on_notice(self, subject: str, code: NoticeCode, /, **parameters: Parameter) -> None:
-        """Process an operator notice about a link."""
 
 
 class Links:
@@ -66,6 +55,8 @@ class Links:
         Checks incoming and signs outgoing frames; without it no link has a key.
     scan : callable
         Returns the frames of a datagram; a long run takes `gcs.mavlink.frames.fast_scan.Scanner`.
+    ports : mapping, optional
+        Port of a listening endpoint by name, where its own is 0.
 
     Raises
     ------
@@ -80,8 +71,10 @@ class Links:
         frame: LocalFrame,
         signing: LinkSigning | None = None,
         scan: Callable[[bytes], FrameTable] = scan,
+        ports: Mapping[str, int] | None = None,
     ) -> None:
         self.links = tuple(links)
+        ports = ports or {}
         self._scan = scan
         self.signing = signing or LinkSigning(self.links)
         self._now_ns: Callable[[], int] = lambda: 0
@@ -97,7 +90,8 @@ class Links:
         self._heartbeat_encoder = Encoder()
         try:
             for link in links:
-                self._transports[link.name] = TRANSPORTS[link.endpoint.kind](link.endpoint)
+                endpoint = replace(link.endpoint, port=ports.get(link.name) or link.endpoint.port)
+                self._transports[link.name] = TRANSPORTS[link.endpoint.kind](endpoint)
         except LinkError:
             self.close()
             raise
@@ -227,6 +221,14 @@ class Links:
     def unsent(self) -> dict[str, int]:
         """Return the number of sends that the system refused, by endpoint."""
         return {name: transport.refused for name, transport in self._transports.items()}
+
+    def is_keyed(self, link: str, vehicle: int | None = None) -> bool:
+        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of anybody."""
+        return self.signing.gate.is_keyed(link, None if vehicle is None else system_of(vehicle))
+
+    def signing_counters(self) -> Mapping[str, SigningCounters]:
+        """Return the counters of signatures, by link."""
+        return self.signing.gate.counters
 
 
 class _Port:

@@ -102,6 +102,25 @@ def choose_service(mission: str | None, zenoh: str | None) -> tuple[str, str]:
     return mission, zenoh
 
 
+def private_folder() -> Path:
+    """Return the folder of this user's services, which nobody else may write to.
+
+    Raises
+    ------
+    LinkError
+        It cannot be made, or others may write to it.
+    """
+    folder = _folder()
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if _is_ours(folder):
+            return folder
+        problem = "others may write to it"
+    except OSError as error:
+        problem = error.strerror or str(error)
+    raise LinkError(str(folder), f"the folder of running services cannot be used ({problem})")
+
+
 def _folder() -> Path:
     return Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"swarm-gcs-{os.getuid()}"
 

@@ -13,6 +13,7 @@
 ``swarm/<mission>/status``                     `SwarmStatus`, the answer to the order ``status``
 ``swarm/<mission>/proposal``                   `Proposal`, a plan that waits for confirmation
 ``swarm/<mission>/truth``                      `Truth`, from a simulated world only
+``swarm/<mission>/bridge/<name>/up``, ...      between command and a bridge (`gcs.io.cluster.bridge_messages`)
 =============================================  ==================================================
 
 Payloads are the JSON of `gcs.io.records`; scans and orders have own forms (`gcs.io.zenoh.scans`,
@@ -70,6 +71,11 @@ def sensor_scan_keys(mission: str) -> str:
 def truth_key(mission: str) -> str:
     """Return the key on which a simulated world publishes the truth."""
     return f"swarm/{mission}/truth"
+
+
+def bridge_key(mission: str, bridge: str, what: str) -> str:
+    """Return a key between command and a bridge; `what` is "up", "down", "status" or "lease"."""
+    return f"swarm/{mission}/bridge/{bridge}/{what}"
 
 
 def order_key(mission: str) -> str:

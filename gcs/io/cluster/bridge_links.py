@@ -1,0 +1,228 @@
+"""Links in bridges, as command sees them: `gcs.io.links.manager.Links` in other processes.
+
+What is to be sent waits until the event loop has processed what is due, and then goes as one message to each
+bridge. A thread of zenoh decodes what bridges receive; the loop gets it in order.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import Final
+
+from gcs.endpoints import Link
+from gcs.errors import WireError
+from gcs.io.background_writer import BackgroundWriter
+from gcs.io.clock import RunClock
+from gcs.io.cluster.bridge_messages import (
+    MAX_BATCH,
+    BridgeStatus,
+    ClockLine,
+    Down,
+    Packet,
+    Up,
+    decode,
+    encode,
+)
+from gcs.io.links.vehicle_links import LinkHandler
+from gcs.io.zenoh.key_expressions import bridge_key
+from gcs.io.zenoh.session import ZenohSession
+from gcs.mavlink.frames.codec import FrameTable, scan
+from gcs.mavlink.frames.signing import SigningCounters
+from gcs.mavlink.router.router import PortCounters
+from gcs.model import NoticeCode, NoticeContent, Picture
+
+_MAX_UNSENT: Final = 200
+"""Messages that wait for a bridge that does not read."""
+_MAX_UNREAD: Final = 500
+"""Messages of a bridge that wait for the loop; later ones are dropped, as by the buffer of a socket."""
+_END_S: Final = 1.0
+
+
+class BridgeLinks:
+    """The links of one bridge.
+
+    Parameters
+    ----------
+    links : sequence of Link
+        Those that the bridge has opened.
+    vehicles : iterable of int
+        Our vehicles.
+    mission, name : str
+        Of the mission and of the bridge.
+    bus : ZenohSession
+        Session that reaches the bridge.
+    supervise : callable
+        Keeps the bridge running; returns a notice when it has ended.
+    ports : mapping
+        Port of each endpoint by name.
+    scan : callable
+        Returns the frames of a datagram.
+    """
+
+    def __init__(
+        self,
+        links: Sequence[Link],
+        vehicles: Iterable[int],
+        mission: str,
+        name: str,
+        bus: ZenohSession,
+        supervise: Callable[[], NoticeContent | None],
+        ports: Mapping[str, int],
+        scan: Callable[[bytes], FrameTable] = scan,
+    ) -> None:
+        self.links = tuple(links)
+        self.epoch = 0
+        self._vehicles = tuple(vehicles)
+        self.name = f"bridge {name}"
+        """Name in notices."""
+        self._bus = bus
+        self._key = partial(bridge_key, mission, name)
+        self._scan = scan
+        self._supervise = supervise
+        self._status = BridgeStatus(ports=dict(ports), unsent={}, stations={}, counters={})
+        self._is_busy: Callable[[int], bool] = lambda _: False
+        self._busy: tuple[int, ...] = ()
+        self._sends: list[Packet] = []
+        self._targets: Picture | None = None
+        self._unread: deque[Up] = deque()
+        self._missed = 0
+        """Messages that were dropped here, or that never came."""
+        self._number: int | None = None
+        """Of the newest message of the bridge."""
+        self._writer = BackgroundWriter(self.name, _MAX_UNSENT)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._handler: LinkHandler | None = None
+
+    def start(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        handler: LinkHandler,
+        busy: Callable[[int], bool] = lambda _: False,
+    ) -> None:
+        """Start receiving; `busy` returns True during a mission transfer to a vehicle."""
+        self._loop, self._handler, self._is_busy = loop, handler, busy
+        self._bus.subscribe(self._key("up"), self._take)
+        self._bus.subscribe(self._key("status"), self._take_status)
+
+    # ------------------------------------------------------------ in
+
+    def _take(self, key: str, payload: bytes) -> None:
+        """Decode a message, on a thread of zenoh."""
+        with contextlib.suppress(WireError):  # of another version: the start of the bridge tells it
+            message = decode(key, payload, Up)
+            if len(self._unread) >= _MAX_UNREAD:
+                return  # the number of the next one shows it
+            self._unread.append(message)
+            if len(self._unread) == 1 and self._loop is not None:
+                with contextlib.suppress(RuntimeError):  # the loop has ended
+                    self._loop.call_soon_threadsafe(self._read)
+
+    def _take_status(self, key: str, payload: bytes) -> None:
+        with contextlib.suppress(WireError):
+            self._status = decode(key, payload, BridgeStatus)
+
+    def _read(self) -> None:
+        """Pass on what a bridge has received."""
+        handler = self._handler
+        assert handler is not None
+        while self._unread:
+            message = self._unread[0]
+            if self._number is not None:
+                self._missed += max(0, message.number - self._number - 1)
+            self._number = message.number
+            for packet in message.packets:
+                handler.on_datagram(packet.link, packet.peer, self._scan(packet.data))
+            for notice in message.notices:
+                handler.on_notice(str(notice.subject), notice.code, **notice.parameters)
+            self._unread.popleft()
+
+    # ------------------------------------------------------------ out
+
+    def send(self, link: str, peer: str, data: bytes) -> None:
+        """Send to a peer of a link."""
+        if not self._sends and self._loop is not None:
+            self._loop.call_soon(self._flush)
+        self._sends.append(Packet(link, peer, data))
+
+    def picture(self, picture: Picture) -> None:
+        """Set the newest picture of the targets."""
+        if picture.kind == "targets":
+            self._targets = picture
+
+    def tick(self, t_ns: int) -> None:  # noqa: ARG002  the bridge has its own time
+        """Tell the bridge that command is alive, and which vehicles are busy."""
+        self._flush()
+
+    def _flush(self) -> None:
+        sends, self._sends = self._sends, []
+        busy = tuple(vehicle for vehicle in self._vehicles if self._is_busy(vehicle))
+        targets, self._targets = self._targets, None
+        clock = RunClock() if self._handler is None else self._handler.clock
+        first = Down(
+            epoch=self.epoch,
+            packets=tuple(sends[:MAX_BATCH]),
+            busy=busy if busy != self._busy else None,
+            targets=targets,
+            clock=ClockLine(clock.epoch_ns, clock.start_t_ns, clock.speed),
+        )
+        self._busy = busy
+        self._put(first)
+        for begin in range(MAX_BATCH, len(sends), MAX_BATCH):
+            self._put(Down(epoch=self.epoch, packets=tuple(sends[begin : begin + MAX_BATCH])))
+
+    def _put(self, message: Down) -> None:
+        self._writer.put(lambda: self._bus.publish(self._key("down"), encode(message)))
+
+    def close(self) -> None:
+        """Tell the bridge that command ends."""
+        self._put(Down(epoch=self.epoch, ends=True))
+        self._writer.drain(_END_S)
+
+    # ------------------------------------------------------------ state
+
+    @property
+    def port(self) -> int:
+        """Port of the first endpoint."""
+        return self._status.ports[self.links[0].name]
+
+    def notice(self) -> NoticeContent | None:
+        """Return the next notice about the bridge, if any."""
+        if ended := self._supervise():
+            return ended
+        missed, self._missed = self._missed, 0
+        if missed:
+            return NoticeCode.BRIDGE_LOST_MESSAGES, {"count": missed}
+        return self._writer.notice()
+
+    def ground_stations(self, t_ns: int) -> dict[str, list[str]]:  # noqa: ARG002
+        """Return the clients of each endpoint as "HOST:PORT (system/component, ...)"."""
+        names = [link.name for link in self.links if link.role != "vehicles"]
+        return {name: self._status.stations.get(name, []) for name in names}
+
+    def counters(self) -> dict[str, PortCounters]:
+        """Return the counters of the clients' endpoints, by name."""
+        return {
+            name: PortCounters(one.frames, one.passed, one.sent, Counter(one.refused))
+            for name, one in self._status.counters.items()
+        }
+
+    def unsent(self) -> dict[str, int]:
+        """Return the number of sends that the system refused, by endpoint."""
+        return {link.name: self._status.unsent.get(link.name, 0) for link in self.links}
+
+    def is_keyed(self, link: str, vehicle: int | None = None) -> bool:
+        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of anybody."""
+        if vehicle is None:
+            return link in self._status.keyed_links
+        return (link, vehicle) in self._status.keyed_vehicles
+
+    def signing_counters(self) -> Mapping[str, SigningCounters]:
+        """Return the counters of signatures, by link."""
+        return {
+            name: SigningCounters(one.verified, one.signed, Counter(one.rejected))
+            for name, one in self._status.signing.items()
+        }

@@ -1,0 +1,151 @@
+"""Messages between a bridge and command, as MessagePack (https://msgpack.org).
+
+=========================================  ================================================================
+key                                        message
+=========================================  ================================================================
+``swarm/<mission>/bridge/<name>/up``       `Up`, from the bridge: what its links received
+``swarm/<mission>/bridge/<name>/status``   `BridgeStatus`, from the bridge, once a second
+``swarm/<mission>/bridge/<name>/down``     `Down`, from command: what its links are to send
+=========================================  ================================================================
+
+Datagrams keep their order. A bridge and command of different versions refuse each other's messages.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, Literal, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+from gcs.errors import WireError
+from gcs.model import Notice, Picture, read_only
+
+VERSION: Final = 1
+MAX_BYTES: Final = 8 * 1024 * 1024
+MAX_BATCH: Final = 2048
+"""Datagrams in one message."""
+
+MessageT = TypeVar("MessageT", bound="Message")
+
+
+class Message(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Any of them."""
+
+    version: Literal[1] = VERSION
+
+
+class Packet(msgspec.Struct, frozen=True, array_like=True):
+    """A datagram, and its address."""
+
+    link: str
+    peer: str
+    data: bytes
+
+
+Packets = Annotated[tuple[Packet, ...], Meta(max_length=MAX_BATCH)]
+
+
+class Up(Message, frozen=True, kw_only=True, omit_defaults=True):
+    """What a bridge has received."""
+
+    number: int
+    """Of this message, from 0 at the start of the bridge: a gap shows loss."""
+    packets: Packets = ()
+    notices: tuple[Notice, ...] = ()
+    """About its links; command sets the time."""
+
+
+class ClockLine(msgspec.Struct, frozen=True, array_like=True):
+    """The line of a run clock (`gcs.io.clock.RunClock`)."""
+
+    epoch_ns: int
+    start_t_ns: int
+    speed: float
+
+
+class Down(Message, frozen=True, kw_only=True, omit_defaults=True):
+    """What a bridge is to do; each one is a sign of life of command."""
+
+    epoch: int
+    """Of the lease under which it is sent."""
+    packets: Packets = ()
+    busy: tuple[int, ...] | None = None
+    """Vehicles with a mission transfer in progress; None: as before."""
+    targets: Picture | None = None
+    """Newest picture of the targets, for ADS-B."""
+    clock: ClockLine | None = None
+    ends: bool = False
+    """True if command ends: the bridge ends its heartbeats."""
+
+
+class StationCounters(msgspec.Struct, frozen=True, kw_only=True):
+    """Counters of an endpoint for other ground stations."""
+
+    frames: int
+    passed: int
+    sent: int
+    refused: dict[str, int]
+
+
+class GateCounters(msgspec.Struct, frozen=True, kw_only=True):
+    """Counters of a link's signatures."""
+
+    verified: int
+    signed: int
+    rejected: dict[str, int]
+
+
+class BridgeStatus(Message, frozen=True, kw_only=True, omit_defaults=True):
+    """State of a bridge."""
+
+    ports: dict[str, int]
+    """Of each endpoint by name; 0 for those that do not listen."""
+    unsent: dict[str, int]
+    stations: dict[str, list[str]]
+    """Other ground stations of each endpoint."""
+    counters: dict[str, StationCounters]
+    keyed_links: tuple[str, ...] = ()
+    """Links on which somebody has a key."""
+    keyed_vehicles: tuple[tuple[str, int], ...] = ()
+    """(link, vehicle) whose frames must be signed."""
+    signing: dict[str, GateCounters] = {}
+    dropped: int = 0
+    """Datagrams that command did not take."""
+
+
+def _to_plain(value: Any) -> Any:
+    return value.tolist()
+
+
+def _from_plain(_type: type, value: Any) -> Any:
+    return read_only(value)
+
+
+_encode = msgspec.msgpack.Encoder(enc_hook=_to_plain).encode
+_decoders: Final[dict[type, msgspec.msgpack.Decoder[Any]]] = {
+    kind: msgspec.msgpack.Decoder(kind, dec_hook=_from_plain) for kind in (Up, Down, BridgeStatus)
+}
+
+
+def encode(message: Message) -> bytes:
+    """Return a message as MessagePack."""
+    return _encode(message)
+
+
+def decode(source: str, payload: bytes, kind: type[MessageT]) -> MessageT:
+    """Return the message in a payload; `source` says in the error where it came from.
+
+    Raises
+    ------
+    WireError
+        If it is too long, or no such message of this version.
+    """
+    if len(payload) > MAX_BYTES:
+        raise WireError(source, f"{len(payload)} bytes are more than the {MAX_BYTES} allowed")
+    try:
+        message = _decoders[kind].decode(payload)
+    except (msgspec.DecodeError, ValueError, TypeError, RecursionError) as error:
+        raise WireError(source, f"no {kind.__name__} message of version {VERSION}: {error}") from None
+    assert isinstance(message, kind)
+    return message

@@ -1,0 +1,211 @@
+"""A bridge: the MAVLink endpoints of a mission in a process of their own, and heartbeats that nothing delays.
+
+Command connects over zenoh and sees the links of a bridge as its own (`gcs.io.cluster.bridge_links`). The
+bridge frames, checks signatures, routes other ground stations, and sends. It knows nothing of missions. While
+command is slow, restarted or replaced it goes on with the heartbeats (`gcs.mavlink.router.heartbeats`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+from gcs.errors import WireError
+from gcs.io.background_writer import BackgroundWriter
+from gcs.io.clock import RunClock
+from gcs.io.cluster.bridge_messages import (
+    MAX_BATCH,
+    BridgeStatus,
+    Down,
+    GateCounters,
+    Message,
+    Packet,
+    StationCounters,
+    Up,
+    decode,
+    encode,
+)
+from gcs.io.links.manager import Links
+from gcs.io.zenoh.key_expressions import bridge_key
+from gcs.io.zenoh.session import ZenohSession
+from gcs.mavlink.frames.codec import FrameTable
+from gcs.mavlink.router.heartbeats import HeartbeatKeeper
+from gcs.model import NS_PER_S, Notice, NoticeCode, Parameter, network_of
+
+_TICK_S: Final = 0.05
+_STATUS_S: Final = 1.0
+_MAX_UNSENT: Final = 200
+"""Messages that wait for command. Those of a command that is stopped are dropped."""
+
+
+class Bridge:
+    """One bridge.
+
+    Parameters
+    ----------
+    links : Links
+        Its endpoints, open.
+    vehicles : iterable of int
+        Our vehicles.
+    mission, name : str
+        Of the mission and of the bridge.
+    bus : ZenohSession
+        Session at which command connects.
+    failover_s : float
+        Time after the last sign of command for which heartbeats go on.
+    """
+
+    def __init__(
+        self,
+        links: Links,
+        vehicles: tuple[int, ...],
+        mission: str,
+        name: str,
+        bus: ZenohSession,
+        failover_s: float,
+    ) -> None:
+        self.clock = RunClock()
+        self.links = links
+        self.command_t_ns: int | None = None
+        """Time of the last message of command; None before the first, and after its end."""
+        self.has_ended = False
+        """True if command has said that it ends."""
+        self._vehicles = vehicles
+        self._bus = bus
+        self._key = partial(bridge_key, mission, name)
+        self._heartbeats = HeartbeatKeeper(int(failover_s * NS_PER_S))
+        self._busy: frozenset[int] = frozenset()
+        self._packets: list[Packet] = []
+        self._notices: list[Notice] = []
+        self._number = 0
+        self._dropped = self._dropped_told = 0
+        self._writer = BackgroundWriter("command", _MAX_UNSENT)
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Serve until `stop` is set."""
+        loop = self._loop = asyncio.get_running_loop()
+        self.links.start(loop, self, lambda vehicle: vehicle in self._busy)
+        self._bus.subscribe(self._key("down"), partial(self._on_down, loop))
+        timers = [loop.create_task(self._repeat(_TICK_S, self._tick))]
+        timers.append(loop.create_task(self._repeat(_STATUS_S, self._publish_status)))
+        try:
+            stopped = loop.create_task(stop.wait())
+            await asyncio.wait({stopped, *timers}, return_when=asyncio.FIRST_COMPLETED)
+            for timer in timers:
+                if timer.done():
+                    timer.result()  # a program error
+        finally:
+            for timer in timers:
+                timer.cancel()
+            self.links.close()
+
+    async def _repeat(self, period_s: float, action: Callable[[], None]) -> None:
+        while True:
+            action()
+            await asyncio.sleep(period_s)
+
+    def _tick(self) -> None:
+        t_ns = self.now_ns()
+        self.links.tick(t_ns)
+        for (link, peer), data in self._heartbeats.due(t_ns):
+            self.links.send(link, peer, data)
+        if self._dropped > self._dropped_told:
+            count, self._dropped_told = self._dropped - self._dropped_told, self._dropped
+            self.on_notice("bridge", NoticeCode.BRIDGE_UNREAD, count=count)
+
+    # ------------------------------------------------------------ from the links
+
+    def now_ns(self) -> int:
+        """Return the run time now."""
+        return self.clock.now_ns()
+
+    def on_datagram(self, link: str, peer: str, frames: FrameTable) -> None:
+        """Pass a datagram on to command."""
+        self._flush_soon()
+        self._packets.append(Packet(link, peer, frames.data))
+
+    def on_notice(self, subject: str, code: NoticeCode, /, **parameters: Parameter) -> None:
+        """Pass a notice on to command."""
+        self._flush_soon()
+        self._notices.append(Notice(self.now_ns(), code, subject, parameters))
+
+    def _flush_soon(self) -> None:
+        """Send what is received, when the loop has read what has arrived by now."""
+        if not (self._packets or self._notices) and self._loop is not None:
+            self._loop.call_soon(self._flush)
+
+    def _flush(self) -> None:
+        packets, notices = self._packets, self._notices
+        self._packets, self._notices = [], []
+        for begin in range(0, max(1, len(packets)), MAX_BATCH):
+            part = tuple(packets[begin : begin + MAX_BATCH])
+            message = Up(number=self._number, packets=part, notices=() if begin else tuple(notices))
+            self._number += 1
+            if not self._publish("up", message):
+                self._dropped += len(part)
+
+    def _publish(self, what: str, message: Message) -> bool:
+        return self._writer.put(lambda: self._bus.publish(self._key(what), encode(message)))
+
+    def _publish_status(self) -> None:
+        links, t_ns = self.links, self.now_ns()
+        keyed = [
+            (link.name, vehicle)
+            for link in links.links
+            for vehicle in self._vehicles
+            if network_of(vehicle) == link.network and links.is_keyed(link.name, vehicle)
+        ]
+        status = BridgeStatus(
+            ports=links.ports(),
+            unsent=links.unsent(),
+            stations=links.ground_stations(t_ns),
+            counters={
+                name: StationCounters(
+                    frames=one.frames, passed=one.passed, sent=one.sent, refused=dict(one.refused)
+                )
+                for name, one in links.counters().items()
+            },
+            keyed_links=tuple(link.name for link in links.links if links.is_keyed(link.name)),
+            keyed_vehicles=tuple(keyed),
+            signing={
+                name: GateCounters(verified=one.verified, signed=one.signed, rejected=dict(one.rejected))
+                for name, one in links.signing_counters().items()
+            },
+            dropped=self._dropped,
+        )
+        self._publish("status", status)
+
+    # ------------------------------------------------------------ from command
+
+    def _on_down(self, loop: asyncio.AbstractEventLoop, key: str, payload: bytes) -> None:
+        """Take a message of command, on a thread of zenoh."""
+        with contextlib.suppress(WireError, RuntimeError):  # another version; the loop has ended
+            message = decode(key, payload, Down)
+            loop.call_soon_threadsafe(self.obey, message)
+
+    def obey(self, message: Down) -> None:
+        """Carry out a message of command."""
+        if message.clock is not None:
+            line = message.clock
+            if (line.epoch_ns, line.start_t_ns, line.speed) != self._clock_line():
+                self.clock = RunClock(line.epoch_ns, line.start_t_ns, line.speed)
+        t_ns = self.now_ns()
+        self.command_t_ns = t_ns
+        self._heartbeats.note_command(t_ns)
+        if message.busy is not None:
+            self._busy = frozenset(message.busy)
+        if message.targets is not None:
+            self.links.picture(message.targets)
+        for packet in message.packets:
+            self._heartbeats.note_sent(t_ns, (packet.link, packet.peer), packet.data)
+            self.links.send(packet.link, packet.peer, packet.data)
+        if message.ends:
+            self.command_t_ns, self.has_ended = None, True
+            self._heartbeats.end()
+
+    def _clock_line(self) -> tuple[int, int, float]:
+        return self.clock.epoch_ns, self.clock.start_t_ns, self.clock.speed

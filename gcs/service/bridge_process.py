@@ -1,0 +1,125 @@
+"""The process of a bridge: `python -m gcs.service.bridge_process`, with its settings on standard input.
+
+It answers with one line of JSON on standard output: the ports of its endpoints, or an error. The process that
+started it keeps standard input open. When that closes without an end by command, the process was killed: the
+bridge goes on with the heartbeats for the time of a failover, so that another command can take over.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from gcs.endpoints import Link
+from gcs.errors import GcsError
+from gcs.geo import LocalFrame
+from gcs.io.links.manager import Links
+from gcs.io.signing.link_signing import LinkSigning
+from gcs.io.zenoh.session import ZenohSession
+from gcs.mavlink.frames.fast_scan import Scanner
+from gcs.model import NS_PER_S
+from gcs.service.bridge import Bridge
+
+_CHECK_S: Final = 0.2
+
+
+class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """What a bridge needs to know."""
+
+    mission: str
+    name: str
+    links: tuple[Link, ...]
+    vehicles: tuple[int, ...]
+    lat_deg: float
+    lon_deg: float
+    alt_msl_m: float
+    """Origin of the local frame."""
+    keys: str | None
+    """File of signing keys."""
+    zenoh: str
+    """Endpoint at which command connects."""
+    failover_s: float
+    ports: dict[str, int] = {}
+    """Ports of endpoints that listen on any free port: those of the bridge before."""
+
+
+class BridgeStarted(msgspec.Struct, frozen=True, kw_only=True):
+    """First line of a bridge."""
+
+    ports: dict[str, int] = {}
+    error: str = ""
+
+
+def main() -> int:
+    """Run a bridge; return its exit code."""
+    settings = msgspec.json.decode(sys.stdin.buffer.readline(), type=BridgeSettings)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for command, which ends this process
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        signing = LinkSigning(settings.links, None if settings.keys is None else Path(settings.keys))
+        frame = LocalFrame(settings.lat_deg, settings.lon_deg, settings.alt_msl_m)
+        links = Links(settings.links, settings.vehicles, frame, signing, Scanner(), settings.ports)
+        bus = ZenohSession(listen=settings.zenoh)
+    except GcsError as error:
+        _answer(BridgeStarted(error=str(error)))
+        return 2
+    gc.collect()
+    gc.freeze()  # short pauses of the garbage collector
+    bridge = Bridge(
+        links, settings.vehicles, settings.mission, settings.name, bus, failover_s=settings.failover_s
+    )
+    try:
+        with bus:
+            asyncio.run(_serve(bridge, links, settings.failover_s))
+    finally:
+        _remove_socket(settings.zenoh)
+    return 0
+
+
+def _remove_socket(endpoint: str) -> None:
+    """Remove the file of a socket, which zenoh leaves behind."""
+    transport, _, path = endpoint.partition("/")
+    if transport == "unixsock-stream":
+        for name in (path, f"{path}.lock"):
+            Path(name).unlink(missing_ok=True)
+
+
+async def _serve(bridge: Bridge, links: Links, failover_s: float) -> None:
+    """Serve until command ends, or has been gone for the time of a failover."""
+    loop, stop, is_orphan = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event()
+    loop.add_signal_handler(signal.SIGTERM, stop.set)
+    loop.add_reader(sys.stdin, _read_end, loop, is_orphan)
+    serving = loop.create_task(bridge.run(stop))
+    _answer(BridgeStarted(ports=links.ports()))
+    while not serving.done() and not stop.is_set():
+        await asyncio.sleep(_CHECK_S)
+        silent_ns = bridge.now_ns() - (bridge.command_t_ns or 0)
+        is_gone = is_orphan.is_set() and silent_ns > failover_s * NS_PER_S
+        if bridge.has_ended or is_gone:
+            stop.set()
+    await serving
+
+
+def _read_end(loop: asyncio.AbstractEventLoop, is_orphan: asyncio.Event) -> None:
+    """Note that the process that started this one has ended."""
+    if not os.read(sys.stdin.fileno(), 1024):
+        loop.remove_reader(sys.stdin)
+        is_orphan.set()
+
+
+def _answer(started: BridgeStarted) -> None:
+    with contextlib.suppress(OSError):
+        sys.stdout.buffer.write(msgspec.json.encode(started) + b"\n")
+        sys.stdout.buffer.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,261 @@
+"""Start of the bridge of a service on this machine, its supervision, and its end.
+
+A bridge outlives a command that is killed, for the time of a failover. A command that is started again in
+that time with the same mission file takes the bridge over: the vehicles hear no gap in the heartbeats.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import IO, Final
+
+import msgspec
+
+from gcs.config import Config
+from gcs.endpoints import Link
+from gcs.errors import LinkError
+from gcs.io.cluster.bridge_links import BridgeLinks
+from gcs.io.zenoh.discovery import private_folder
+from gcs.io.zenoh.session import ZenohSession
+from gcs.mavlink.frames.codec import FrameTable
+from gcs.model import NoticeCode, NoticeContent
+from gcs.service.bridge_process import BridgeSettings, BridgeStarted
+
+_NAME: Final = "local"
+_ARGUMENTS: Final = (sys.executable, "-P", "-m", "gcs.service.bridge_process")
+_START_S: Final = 20.0
+_END_S: Final = 3.0
+_FIRST_WAIT_S: Final = 0.1
+_MAX_WAIT_S: Final = 5.0
+_STEADY_S: Final = 60.0
+"""A bridge that ran for so long is started again at once."""
+_MAX_TEXT: Final = 200
+
+
+class Running(msgspec.Struct, frozen=True, kw_only=True):
+    """The file of a running bridge."""
+
+    pid: int
+    command_pid: int
+    settings: BridgeSettings
+    started: BridgeStarted
+
+
+class BridgeProcess:
+    """A bridge that this process has started, or taken over.
+
+    Parameters
+    ----------
+    settings : BridgeSettings
+        Its settings.
+    file : Path
+        Where a running bridge is noted for the next command.
+    """
+
+    def __init__(self, settings: BridgeSettings, file: Path) -> None:
+        self.settings = settings
+        self.started = BridgeStarted()
+        self._file = file
+        self._process: subprocess.Popen[bytes] | None = None
+        self._pid = 0
+        """Of a bridge that was taken over; else 0."""
+        self._last_line = ""
+        """Of its error output."""
+        self._began_s = self._due_s = 0.0
+        self._wait_s = _FIRST_WAIT_S
+
+    def begin(self) -> None:
+        """Take over a running bridge with these settings, or start one and wait for it.
+
+        Raises
+        ------
+        LinkError
+            An endpoint cannot be opened, or the bridge does not start.
+        """
+        running = self._without_command()
+        if running is not None and _comparable(running.settings) == _comparable(self.settings):
+            self._pid, self.settings, self.started = running.pid, running.settings, running.started
+            self._note(running.pid)
+            return
+        if running is not None:  # of another version of the mission file: it holds the ports
+            _end_other(running.pid)
+        self._start()
+        reader = threading.Thread(target=self._read_answer, daemon=True)
+        reader.start()
+        reader.join(_START_S)
+        if self.started.error or not self.started.ports:
+            self.end()
+            link, _, problem = self.started.error.partition(": ")
+            raise LinkError(link or "bridge", problem or f"did not start: {self._last_line or 'no answer'}")
+        self.settings = msgspec.structs.replace(self.settings, ports=self.started.ports)
+
+    def _without_command(self) -> Running | None:
+        """Return a running bridge whose command has ended."""
+        with contextlib.suppress(OSError, msgspec.DecodeError):
+            running = msgspec.json.decode(self._file.read_bytes(), type=Running)
+            if _is_bridge(running.pid) and not _exists(running.command_pid):
+                return running
+        return None
+
+    def _note(self, pid: int) -> None:
+        """Note the running bridge for the next command."""
+        running = Running(pid=pid, command_pid=os.getpid(), settings=self.settings, started=self.started)
+        self._file.write_bytes(msgspec.json.encode(running))
+
+    def _start(self) -> None:
+        self._began_s = time.monotonic()
+        process = self._process = subprocess.Popen(  # noqa: S603  this program
+            _ARGUMENTS,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        )
+        assert process.stdin is not None
+        assert process.stderr is not None
+        with contextlib.suppress(OSError):  # it ended at once
+            process.stdin.write(msgspec.json.encode(self.settings) + b"\n")
+            process.stdin.flush()
+        threading.Thread(target=self._read_errors, args=(process.stderr,), daemon=True).start()
+
+    def _read_answer(self) -> None:
+        process = self._process
+        assert process is not None
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        with contextlib.suppress(msgspec.DecodeError, OSError):
+            self.started = msgspec.json.decode(line, type=BridgeStarted)
+            self._note(process.pid)
+
+    def _read_errors(self, stream: IO[bytes]) -> None:
+        for line in stream:
+            if text := line.decode(errors="replace").strip():
+                self._last_line = text[:_MAX_TEXT]
+
+    def poll(self) -> NoticeContent | None:
+        """Start a bridge that has ended again, after a wait that grows; return the alarm of its end."""
+        now_s = time.monotonic()
+        if self._due_s:
+            if now_s >= self._due_s:
+                self._due_s = 0.0
+                self._start()
+                threading.Thread(target=self._read_answer, daemon=True).start()
+            return None
+        ended = self._end()
+        if ended is None:
+            return None
+        if now_s - self._began_s > _STEADY_S:
+            self._wait_s = _FIRST_WAIT_S
+        self._due_s, self._wait_s = now_s + self._wait_s, min(2.0 * self._wait_s, _MAX_WAIT_S)
+        self._pid = 0
+        return NoticeCode.BRIDGE_ENDED, {"cause": ended}
+
+    def _end(self) -> str | None:
+        """Return how the bridge ended; None while it runs."""
+        if self._process is None:
+            return None if _is_bridge(self._pid) else "its process is gone"
+        code = self._process.poll()
+        if code is None:
+            return None
+        if code < 0:
+            return f"killed by {signal.Signals(-code).name}"
+        return self._last_line or f"exit code {code}"
+
+    def end(self) -> None:
+        """Wait for the end of the bridge, which command has told it; kill one that does not end."""
+        self._file.unlink(missing_ok=True)
+        process = self._process
+        if process is None:
+            return
+        assert process.stdin is not None
+        with contextlib.suppress(OSError):
+            process.stdin.close()
+        try:
+            process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+@contextlib.contextmanager
+def local_bridge(
+    config: Config,
+    links: Sequence[Link],
+    keys: Path | None,
+    scan: Callable[[bytes], FrameTable],
+) -> Iterator[BridgeLinks]:
+    """Start the bridge of a mission, or take over the one that runs; yield its links.
+
+    Raises
+    ------
+    LinkError, ConfigError
+        An endpoint or the key file cannot be opened.
+    """
+    folder = private_folder()
+    digest = hashlib.sha256(repr((config.name, [link.name for link in links])).encode()).hexdigest()[:12]
+    own = f"bridge-{digest}-{os.getpid()}"
+    # No other command takes over a bridge on any free port: it cannot know that it is the same flight.
+    is_fixed = all(link.endpoint.port or not link.endpoint.listens for link in links)
+    file = folder / (f"bridge-{digest}.json" if is_fixed else f"{own}.json")
+    vehicles = tuple(agent.vehicle for agent in config.agents)
+    frame = config.frame
+    settings = BridgeSettings(
+        mission=config.name,
+        name=_NAME,
+        links=tuple(links),
+        vehicles=vehicles,
+        lat_deg=frame.lat_deg,
+        lon_deg=frame.lon_deg,
+        alt_msl_m=frame.alt_msl_m,
+        keys=None if keys is None else str(keys.resolve()),
+        zenoh=f"unixsock-stream/{folder / own}.sock",
+        failover_s=config.links.failover_s,
+    )
+    process = BridgeProcess(settings, file)
+    process.begin()
+    try:
+        with ZenohSession(connect=process.settings.zenoh) as bus:
+            yield BridgeLinks(
+                links, vehicles, config.name, _NAME, bus, process.poll, process.started.ports, scan
+            )
+    finally:
+        process.end()
+
+
+def _comparable(settings: BridgeSettings) -> BridgeSettings:
+    """Return settings without what differs between two starts."""
+    return msgspec.structs.replace(settings, zenoh="", ports={})
+
+
+def _is_bridge(pid: int) -> bool:
+    """Return True if a process is a bridge: another program may have its number by now."""
+    try:
+        return b"gcs.service.bridge_process" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except FileNotFoundError:
+        return sys.platform != "linux" and pid > 0 and _exists(pid)
+
+
+def _exists(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except OSError:
+        return False
+    return True
+
+
+def _end_other(pid: int) -> None:
+    """End a bridge of other settings, and wait until it has released its ports."""
+    with contextlib.suppress(OSError):
+        os.kill(pid, signal.SIGTERM)
+    until_s = time.monotonic() + _END_S
+    while _is_bridge(pid) and time.monotonic() < until_s:
+        time.sleep(0.05)
