@@ -70,6 +70,8 @@ class BridgeProcess:
         """Of a bridge that was taken over; else 0."""
         self._last_line = ""
         """Of its error output."""
+        self._errors = threading.Thread()
+        """Reads it."""
         self._began_s = self._due_s = 0.0
         self._wait_s = _FIRST_WAIT_S
 
@@ -125,7 +127,8 @@ class BridgeProcess:
         with contextlib.suppress(OSError):  # it ended at once
             process.stdin.write(msgspec.json.encode(self.settings) + b"\n")
             process.stdin.flush()
-        threading.Thread(target=self._read_errors, args=(process.stderr,), daemon=True).start()
+        self._errors = threading.Thread(target=self._read_errors, args=(process.stderr,), daemon=True)
+        self._errors.start()
 
     def _read_answer(self) -> None:
         process = self._process
@@ -179,11 +182,10 @@ class BridgeProcess:
         assert process.stdin is not None
         with contextlib.suppress(OSError):
             process.stdin.close()
-        try:
-            process.wait(_END_S)
-        except subprocess.TimeoutExpired:
+        self._errors.join(_END_S)  # until the process has closed its output
+        if process.poll() is None:
             process.kill()
-            process.wait()
+        process.wait()
 
 
 @contextlib.contextmanager

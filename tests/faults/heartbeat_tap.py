@@ -1,0 +1,71 @@
+"""A tap between vehicles and a service: when each vehicle hears a heartbeat of the service."""
+
+from __future__ import annotations
+
+import selectors
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import pairwise
+from typing import Any
+
+from gcs.mavlink.fleet.heartbeat import is_heartbeat
+from gcs.mavlink.frames.codec import GCS_SYSTEM_ID, scan
+
+
+class HeartbeatTap:
+    """Passes datagrams on, on a thread.
+
+    Vehicles send to `port`, and the tap to `service`, from one socket for each of them.
+    """
+
+    def __init__(self, port: int, service: int) -> None:
+        self.heard_s: dict[Any, list[float]] = {}
+        """Monotonic times by vehicle's address."""
+        self._service = service
+        self._down = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._down.bind(("127.0.0.1", port))
+        self._ups: dict[Any, socket.socket] = {}
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._down, selectors.EVENT_READ)
+        self._ends = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._ends.is_set():
+            for key, _ in self._selector.select(0.2):
+                with suppress(OSError):
+                    self._pass_on(key)
+
+    def _pass_on(self, key: selectors.SelectorKey) -> None:
+        assert isinstance(key.fileobj, socket.socket)
+        if key.fileobj is self._down:
+            data, vehicle = self._down.recvfrom(65_536)
+            if vehicle not in self._ups:
+                up = self._ups[vehicle] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                up.connect(("127.0.0.1", self._service))
+                self._selector.register(up, selectors.EVENT_READ, vehicle)
+            self._ups[vehicle].send(data)
+            return
+        data = key.fileobj.recv(65_536)
+        if any(frame.system_id == GCS_SYSTEM_ID and is_heartbeat(frame) for frame in scan(data)):
+            self.heard_s.setdefault(key.data, []).append(time.monotonic())
+        self._down.sendto(data, key.data)
+
+    def gaps_s(self, begin_s: float, end_s: float) -> list[float]:
+        """Return the longest time without a heartbeat at each vehicle in an interval."""
+        return [max(_gaps(times, begin_s, end_s)) for times in self.heard_s.values()]
+
+    def end(self) -> None:
+        self._ends.set()
+        self._thread.join()
+        for one in (self._down, *self._ups.values()):
+            one.close()
+
+
+def _gaps(times: list[float], begin_s: float, end_s: float) -> Iterator[float]:
+    within = [begin_s, *(one for one in times if begin_s < one < end_s), end_s]
+    return (later - earlier for earlier, later in pairwise(within))

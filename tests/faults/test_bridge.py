@@ -1,0 +1,131 @@
+"""Command or its bridge stops, is killed and comes back beneath real vehicles: real processes and sockets."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import psutil
+import pytest
+from heartbeat_tap import HeartbeatTap
+from processes import Run, free_port
+
+from gcs.model import AgentStatus, NoticeCode, Resumed, UploadReport
+
+STOPPED_S = 5.0
+MAX_GAP_S = 1.5
+"""On a busy machine. The bridge sends a heartbeat after 0.35 s without one."""
+FAILOVER_S = 3.0
+JOURNAL_S = 1.0
+"""Until the journal has the end of the uploads."""
+
+
+class Flight:
+    def __init__(self, folder: Path) -> None:
+        relay = free_port()
+        self.run = Run(folder, relay=relay)
+        self.tap = HeartbeatTap(relay, self.run.port)
+
+    def serve(self, name: str) -> subprocess.Popen[bytes]:
+        service = self.run.serve(name)
+        self.run.until(name, lambda said: said.count("verified by read-back") == 4)
+        time.sleep(JOURNAL_S)
+        return service
+
+    def end(self) -> None:
+        self.run.end()
+        self.tap.end()
+
+
+@pytest.fixture
+def flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Flight]:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    flying = Flight(tmp_path)
+    yield flying
+    flying.end()
+    for bridge in bridges(tmp_path):
+        bridge.kill()
+
+
+def bridges(folder: Path) -> list[psutil.Process]:
+    """Return the bridges of a test: those whose runtime folder is its own."""
+    found = []
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            is_bridge = "gcs.service.bridge_process" in process.cmdline()
+            if is_bridge and process.environ().get("XDG_RUNTIME_DIR") == str(folder):
+                found.append(process)
+    return found
+
+
+def lost(flight: Flight, name: str) -> list[AgentStatus]:
+    return [one for one in flight.run.all(name, AgentStatus) if one.status == "lost"]
+
+
+def test_vehicles_hear_heartbeats_while_command_is_stopped(flight: Flight) -> None:
+    service = flight.serve("flown")
+    begin_s = time.monotonic()
+    service.send_signal(signal.SIGSTOP)
+    time.sleep(STOPPED_S)
+    service.send_signal(signal.SIGCONT)
+    time.sleep(2.0)
+    gaps_s = flight.tap.gaps_s(begin_s, time.monotonic())
+    assert len(gaps_s) == 4
+    assert max(gaps_s) < MAX_GAP_S
+    service.send_signal(signal.SIGINT)
+    assert service.wait(20.0) == 0
+    assert not lost(flight, "flown")
+
+
+def test_a_command_that_is_killed_and_started_again_takes_its_bridge_over(
+    flight: Flight, tmp_path: Path
+) -> None:
+    first = flight.serve("first")
+    (bridge,) = bridges(tmp_path)
+    begin_s = time.monotonic()
+    first.kill()
+    first.wait()
+    second = flight.run.serve("second")
+    flight.run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
+    assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < MAX_GAP_S
+    assert bridges(tmp_path) == [bridge]
+    second.send_signal(signal.SIGINT)
+    assert second.wait(20.0) == 0
+    assert len(flight.run.all("second", Resumed)) == 1
+    assert not flight.run.all("second", UploadReport)
+    assert not lost(flight, "second")
+    bridge.wait(5.0)
+
+
+def test_without_a_command_the_heartbeats_end_after_the_time_of_a_failover(
+    flight: Flight, tmp_path: Path
+) -> None:
+    text = flight.run.file.read_text().replace("[links]", f"[links]\nfailover_s = {FAILOVER_S}", 1)
+    flight.run.file.write_text(text)
+    service = flight.serve("flown")
+    (bridge,) = bridges(tmp_path)
+    service.kill()
+    killed_s = time.monotonic()
+    bridge.wait(FAILOVER_S + 10.0)
+    last_s = [max(times) for times in flight.tap.heard_s.values()]
+    assert all(FAILOVER_S - MAX_GAP_S < one - killed_s < FAILOVER_S + MAX_GAP_S for one in last_s)
+
+
+def test_a_bridge_that_is_killed_is_started_again_with_an_alarm(flight: Flight, tmp_path: Path) -> None:
+    service = flight.serve("flown")
+    (bridge,) = bridges(tmp_path)
+    begin_s = time.monotonic()
+    bridge.kill()
+    (alarm, *_) = flight.run.until_told("flown", NoticeCode.BRIDGE_ENDED)
+    assert alarm.parameters["cause"] == "killed by SIGKILL"
+    time.sleep(5.0)
+    assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < 3.0
+    (new,) = bridges(tmp_path)
+    assert new != bridge
+    service.send_signal(signal.SIGINT)
+    assert service.wait(20.0) == 0
+    assert not lost(flight, "flown")
