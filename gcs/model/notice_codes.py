@@ -1306,11 +1306,11 @@ class NoticeCode(StrEnum):
         "accepts output again; {dropped} pieces were dropped so far",
         ends="output-blocked disk-blocked",
     )
-    BRIDGE_LOST_MESSAGES = _link(
-        "bridge-lost-messages",
+    BRIDGE_LATE = _link(
+        "bridge-late",
         _W,
-        "{count} messages of the bridge were lost",
-        "reports of vehicles are missing; uploads repeat what was lost",
+        "{missed} messages were lost, and {late} datagrams came more than 1 s late: they are not taken",
+        "reports of vehicles are missing; what is late does not show how a vehicle flies now",
         "check the load of this machine, and the network between it and the bridge",
     )
     BRIDGE_ENDED = _link(
@@ -1323,7 +1323,7 @@ class NoticeCode(StrEnum):
     BRIDGE_UNREAD = _link(
         "bridge-unread",
         _W,
-        "{count} datagrams were dropped: command did not take them",
+        "{count} datagrams were dropped: command did not take them, or sent them more than 1 s late",
         "command was stopped or slow; the heartbeats went on",
         "check the load of the machine of command",
     )

@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 from functools import partial
+from time import monotonic_ns
 from typing import Final
 
 from gcs.errors import WireError
@@ -28,6 +29,7 @@ from gcs.io.cluster.bridge_messages import (
     decode,
     encode,
 )
+from gcs.io.cluster.lateness import MAX_LATE_NS, Lateness
 from gcs.io.links.manager import Links
 from gcs.io.zenoh.key_expressions import bridge_key
 from gcs.io.zenoh.session import ZenohSession
@@ -37,6 +39,8 @@ from gcs.model import NS_PER_S, Notice, NoticeCode, Parameter, network_of
 
 _TICK_S: Final = 0.05
 _STATUS_S: Final = 1.0
+_COLLECT_S: Final = 0.005
+"""Time in which datagrams are collected for one message: each message costs as much as ten datagrams."""
 _MAX_UNSENT: Final = 200
 """Messages that wait for command. Those of a command that is stopped are dropped."""
 
@@ -81,7 +85,10 @@ class Bridge:
         self._packets: list[Packet] = []
         self._notices: list[Notice] = []
         self._number = 0
+        self._sender = monotonic_ns()
+        self._lateness = Lateness()
         self._dropped = self._dropped_told = 0
+        """Datagrams that command did not take, and datagrams of command that came late."""
         self._writer = BackgroundWriter("command", _MAX_UNSENT)
         self._loop: asyncio.AbstractEventLoop | None = None
 
@@ -134,16 +141,22 @@ class Bridge:
         self._notices.append(Notice(self.now_ns(), code, subject, parameters))
 
     def _flush_soon(self) -> None:
-        """Send what is received, when the loop has read what has arrived by now."""
+        """Send what is received, together with what arrives in the next milliseconds."""
         if not (self._packets or self._notices) and self._loop is not None:
-            self._loop.call_soon(self._flush)
+            self._loop.call_later(_COLLECT_S, self._flush)
 
     def _flush(self) -> None:
         packets, notices = self._packets, self._notices
         self._packets, self._notices = [], []
         for begin in range(0, max(1, len(packets)), MAX_BATCH):
             part = tuple(packets[begin : begin + MAX_BATCH])
-            message = Up(number=self._number, packets=part, notices=() if begin else tuple(notices))
+            message = Up(
+                sender=self._sender,
+                sent_ns=monotonic_ns(),
+                number=self._number,
+                packets=part,
+                notices=() if begin else tuple(notices),
+            )
             self._number += 1
             if not self._publish("up", message):
                 self._dropped += len(part)
@@ -200,7 +213,10 @@ class Bridge:
             self._busy = frozenset(message.busy)
         if message.targets is not None:
             self.links.picture(message.targets)
-        for packet in message.packets:
+        late_ns = self._lateness.of(message.sender, message.sent_ns, monotonic_ns())
+        packets = message.packets if late_ns <= MAX_LATE_NS else ()
+        self._dropped += len(message.packets) - len(packets)
+        for packet in packets:
             self._heartbeats.note_sent(t_ns, (packet.link, packet.peer), packet.data)
             self.links.send(packet.link, packet.peer, packet.data)
         if message.ends:

@@ -11,7 +11,8 @@ import contextlib
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import Final
+from time import monotonic_ns
+from typing import Any, Final
 
 from gcs.endpoints import Link
 from gcs.errors import WireError
@@ -27,6 +28,7 @@ from gcs.io.cluster.bridge_messages import (
     decode,
     encode,
 )
+from gcs.io.cluster.lateness import MAX_LATE_NS, Lateness
 from gcs.io.links.vehicle_links import LinkHandler
 from gcs.io.zenoh.key_expressions import bridge_key
 from gcs.io.zenoh.session import ZenohSession
@@ -89,8 +91,10 @@ class BridgeLinks:
         self._sends: list[Packet] = []
         self._targets: Picture | None = None
         self._unread: deque[Up] = deque()
-        self._missed = 0
-        """Messages that were dropped here, or that never came."""
+        self._missed = self._late = 0
+        """Messages that were dropped here or never came; datagrams that came late."""
+        self._lateness = Lateness()
+        self._sender = monotonic_ns()
         self._number: int | None = None
         """Of the newest message of the bridge."""
         self._writer = BackgroundWriter(self.name, _MAX_UNSENT)
@@ -134,7 +138,10 @@ class BridgeLinks:
             if self._number is not None:
                 self._missed += max(0, message.number - self._number - 1)
             self._number = message.number
-            for packet in message.packets:
+            late_ns = self._lateness.of(message.sender, message.sent_ns, monotonic_ns())
+            packets = message.packets if late_ns <= MAX_LATE_NS else ()
+            self._late += len(message.packets) - len(packets)
+            for packet in packets:
                 handler.on_datagram(packet.link, packet.peer, self._scan(packet.data))
             for notice in message.notices:
                 handler.on_notice(str(notice.subject), notice.code, **notice.parameters)
@@ -162,8 +169,7 @@ class BridgeLinks:
         busy = tuple(vehicle for vehicle in self._vehicles if self._is_busy(vehicle))
         targets, self._targets = self._targets, None
         clock = RunClock() if self._handler is None else self._handler.clock
-        first = Down(
-            epoch=self.epoch,
+        first = self._down(
             packets=tuple(sends[:MAX_BATCH]),
             busy=busy if busy != self._busy else None,
             targets=targets,
@@ -172,14 +178,17 @@ class BridgeLinks:
         self._busy = busy
         self._put(first)
         for begin in range(MAX_BATCH, len(sends), MAX_BATCH):
-            self._put(Down(epoch=self.epoch, packets=tuple(sends[begin : begin + MAX_BATCH])))
+            self._put(self._down(packets=tuple(sends[begin : begin + MAX_BATCH])))
+
+    def _down(self, **content: Any) -> Down:
+        return Down(sender=self._sender, sent_ns=monotonic_ns(), epoch=self.epoch, **content)
 
     def _put(self, message: Down) -> None:
         self._writer.put(lambda: self._bus.publish(self._key("down"), encode(message)))
 
     def close(self) -> None:
         """Tell the bridge that command ends."""
-        self._put(Down(epoch=self.epoch, ends=True))
+        self._put(self._down(ends=True))
         self._writer.drain(_END_S)
 
     # ------------------------------------------------------------ state
@@ -194,8 +203,9 @@ class BridgeLinks:
         if ended := self._supervise():
             return ended
         missed, self._missed = self._missed, 0
-        if missed:
-            return NoticeCode.BRIDGE_LOST_MESSAGES, {"count": missed}
+        late, self._late = self._late, 0
+        if missed or late:
+            return NoticeCode.BRIDGE_LATE, {"missed": missed, "late": late}
         return self._writer.notice()
 
     def ground_stations(self, t_ns: int) -> dict[str, list[str]]:  # noqa: ARG002

@@ -33,6 +33,10 @@ class Message(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Any of them."""
 
     version: Literal[1] = VERSION
+    sender: int = 0
+    """Process that sent it, since its start (`gcs.io.cluster.lateness`)."""
+    sent_ns: int = 0
+    """Its monotonic time."""
 
 
 class Packet(msgspec.Struct, frozen=True, array_like=True):
