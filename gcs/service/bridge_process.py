@@ -80,16 +80,17 @@ def main() -> int:
         with bus:
             asyncio.run(_serve(bridge, links, settings.failover_s))
     finally:
-        _remove_socket(settings.zenoh)
+        remove_socket(settings.zenoh)
     return 0
 
 
-def _remove_socket(endpoint: str) -> None:
-    """Remove the file of a socket, which zenoh leaves behind."""
-    transport, _, path = endpoint.partition("/")
-    if transport == "unixsock-stream":
-        for name in (path, f"{path}.lock"):
-            Path(name).unlink(missing_ok=True)
+def remove_socket(endpoint: str) -> None:
+    """Remove the socket and its folder, which zenoh leaves behind."""
+    path = Path(endpoint.partition("/")[2])
+    for name in (path, Path(f"{path}.lock")):
+        name.unlink(missing_ok=True)
+    with contextlib.suppress(OSError):
+        path.parent.rmdir()
 
 
 async def _serve(bridge: Bridge, links: Links, failover_s: float) -> None:

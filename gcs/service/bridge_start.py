@@ -12,6 +12,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -28,7 +29,7 @@ from gcs.io.zenoh.discovery import private_folder
 from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.frames.codec import FrameTable
 from gcs.model import NoticeCode, NoticeContent
-from gcs.service.bridge_process import BridgeSettings, BridgeStarted
+from gcs.service.bridge_process import BridgeSettings, BridgeStarted, remove_socket
 
 _NAME: Final = "local"
 _ARGUMENTS: Final = (sys.executable, "-P", "-m", "gcs.service.bridge_process")
@@ -178,7 +179,7 @@ class BridgeProcess:
         self._file.unlink(missing_ok=True)
         process = self._process
         if process is None:
-            return
+            return  # it ends by itself, and is of no concern to the start of another one
         assert process.stdin is not None
         with contextlib.suppress(OSError):
             process.stdin.close()
@@ -186,6 +187,7 @@ class BridgeProcess:
         if process.poll() is None:
             process.kill()
         process.wait()
+        remove_socket(self.settings.zenoh)
 
 
 @contextlib.contextmanager
@@ -204,10 +206,9 @@ def local_bridge(
     """
     folder = private_folder()
     digest = hashlib.sha256(repr((config.name, [link.name for link in links])).encode()).hexdigest()[:12]
-    own = f"bridge-{digest}-{os.getpid()}"
     # No other command takes over a bridge on any free port: it cannot know that it is the same flight.
     is_fixed = all(link.endpoint.port or not link.endpoint.listens for link in links)
-    file = folder / (f"bridge-{digest}.json" if is_fixed else f"{own}.json")
+    file = folder / (f"bridge-{digest}.json" if is_fixed else f"bridge-{digest}-{os.getpid()}.json")
     vehicles = tuple(agent.vehicle for agent in config.agents)
     frame = config.frame
     settings = BridgeSettings(
@@ -219,7 +220,7 @@ def local_bridge(
         lon_deg=frame.lon_deg,
         alt_msl_m=frame.alt_msl_m,
         keys=None if keys is None else str(keys.resolve()),
-        zenoh=f"unixsock-stream/{folder / own}.sock",
+        zenoh=f"unixsock-stream/{_socket_folder()}/bridge.sock",
         failover_s=config.links.failover_s,
     )
     process = BridgeProcess(settings, file)
@@ -231,6 +232,11 @@ def local_bridge(
             )
     finally:
         process.end()
+
+
+def _socket_folder() -> Path:
+    """Return a new folder of this user alone. A socket's path has 107 characters at most: it is in /tmp."""
+    return Path(tempfile.mkdtemp(prefix="swarm-gcs-", dir="/tmp"))
 
 
 def _comparable(settings: BridgeSettings) -> BridgeSettings:
