@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -70,8 +70,10 @@ class Run:
         self.clock = ["--clock", f"{started['epoch_ns']},{speed}"] if speed != 1.0 else []
         self.services: list[subprocess.Popen[bytes]] = []
 
-    def serve(self, name: str, environment: Mapping[str, str] | None = None) -> subprocess.Popen[bytes]:
-        command = [*GCS, "run", str(self.file), "--headless", "--out", str(self.folder / name)]
+    def serve(
+        self, name: str, environment: Mapping[str, str] | None = None, arguments: Sequence[str] = ()
+    ) -> subprocess.Popen[bytes]:
+        command = [*GCS, "run", str(self.file), "--headless", "--out", str(self.folder / name), *arguments]
         command += ["--journal", str(self.folder / "journal"), *self.clock]
         with (self.folder / f"{name}.log").open("wb") as log:
             whole = {**os.environ, **(environment or {})}
