@@ -43,7 +43,7 @@ class Run:
         port, self.seat = free_port(), free_port()
         self.port = port
         """Of the service; vehicles send to `relay`, if given."""
-        self.zenoh = free_endpoint()
+        self.zenoh, self.standby = free_endpoint(), free_endpoint()
         text = text.replace('mavlink = "udpin:0.0.0.0:14550"', f'mavlink = "udpin:127.0.0.1:{port}"', 1)
         text = text.replace('zenoh = "tcp/127.0.0.1:7447"', f'zenoh = "{self.zenoh}"', 1)
         text += f'\n[[links.forward]]\nendpoint = "udpin:127.0.0.1:{self.seat}"\naccess = "full"\n'
@@ -56,7 +56,7 @@ class Run:
             "--gcs",
             f"127.0.0.1:{relay or port}",
             "--zenoh",
-            self.zenoh,
+            f"{self.zenoh},{self.standby}",
             "--json",
             "--until-stdin-closes",
             "--pack",

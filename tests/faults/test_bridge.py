@@ -14,8 +14,7 @@ import pytest
 from heartbeat_tap import HeartbeatTap
 from processes import Run, free_port
 
-from gcs.io.zenoh.session import free_endpoint
-from gcs.model import AgentStatus, NoticeCode, Resumed, UploadReport
+from gcs.model import AgentStatus, NoticeCode, Resumed, Scan, UploadReport
 
 STOPPED_S = 5.0
 MAX_GAP_S = 1.5
@@ -139,12 +138,10 @@ def test_a_bridge_that_is_killed_is_started_again_with_an_alarm(flight: Flight, 
     assert not lost(flight, "flown")
 
 
-def with_standby(flight: Flight) -> str:
-    """Name a standby in the mission file; return its endpoint."""
-    endpoint = free_endpoint()
-    text = flight.run.file.read_text().replace("[links]", f'[links]\nstandby = "{endpoint}"', 1)
-    flight.run.file.write_text(text)
-    return endpoint
+def with_standby(flight: Flight) -> None:
+    """Name a standby in the mission file."""
+    named = f'[links]\nstandby = "{flight.run.standby}"'
+    flight.run.file.write_text(flight.run.file.read_text().replace("[links]", named, 1))
 
 
 @pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
@@ -169,6 +166,7 @@ def test_a_standby_takes_over_and_nothing_is_uploaded_again(flight: Flight, stop
     assert len(flight.run.all("second", Resumed)) == 1
     assert not flight.run.all("second", UploadReport)
     assert not lost(flight, "second")
+    assert flight.run.all("second", Scan)
 
 
 def test_a_standby_ends_with_a_command_that_ends_in_order(flight: Flight) -> None:

@@ -30,7 +30,8 @@ class ZenohSession:
     Parameters
     ----------
     listen, connect : str
-        One of them, or both: endpoints such as ``tcp/127.0.0.1:7447``.
+        One of them, or both: endpoints such as ``tcp/127.0.0.1:7447``. `connect` may name several, with
+        commas between.
 
     Raises
     ------
@@ -215,7 +216,7 @@ def _config(listen: str | None, connect: str | None) -> zenoh.Config:
         "scouting/gossip/enabled": False,  # Endpoints are explicit only.
         "listen/endpoints": [listen] if listen else [],
         "listen/exit_on_failure": True,
-        "connect/endpoints": [connect] if connect else [],
+        "connect/endpoints": connect.split(",") if connect else [],
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
         "connect/retry": _RETRY,
