@@ -37,7 +37,12 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-ZenohOption = Annotated[str, typer.Option(help="zenoh endpoint for scans and ground truth.")]
+ZenohOption = Annotated[
+    str,
+    typer.Option(
+        help="zenoh endpoint for scans and ground truth; with a standby both, with a comma between."
+    ),
+]
 ZenohRoleOption = Annotated[
     Literal["connect", "listen"],
     typer.Option(help="connect: to a listening central command (`gcs run`); listen: wait for connections."),

@@ -222,6 +222,8 @@ class LinksTable(Table, frozen=True, kw_only=True):
     keys: str = ""
     zenoh: Annotated[str, Meta(pattern=r"^(tcp|udp)/[^/]+:\d{1,5}$")] = "tcp/127.0.0.1:7447"
     zenoh_role: Literal["listen", "connect"] = "listen"
+    bridge: Annotated[str, Meta(pattern=r"^((tcp|udp)/[^/]+:\d{1,5})?$")] = ""
+    standby: Annotated[str, Meta(pattern=r"^((tcp|udp)/[^/]+:\d{1,5})?$")] = ""
     max_parallel_uploads: Annotated[int, Meta(ge=1, le=1000)] = 32
     failover_s: Annotated[float, Meta(ge=0.0, le=600.0)] = 10.0
 

@@ -1323,9 +1323,16 @@ class NoticeCode(StrEnum):
     BRIDGE_UNREAD = _link(
         "bridge-unread",
         _W,
-        "{count} datagrams were dropped: command did not take them, or sent them more than 1 s late",
+        "{count} datagrams were dropped: command did not take them",
         "command was stopped or slow; the heartbeats went on",
         "check the load of the machine of command",
+    )
+    BRIDGE_REFUSED = _link(
+        "bridge-refused",
+        _W,
+        "{count} messages to vehicles were refused: their sender does not have the lease, or they came late",
+        "another command node commands the vehicles, or the connection to the bridge was interrupted",
+        "end the one that should not command; see failover",
     )
     CONSOLE_ENDED = _link(
         "console-ended",

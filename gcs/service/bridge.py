@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import secrets
 from collections.abc import Callable
 from functools import partial
 from time import monotonic_ns
 from typing import Final
 
+from gcs.core.lease.bridge_lease import accepts, answer_ask, start_lease
+from gcs.core.lease.records import Ask
 from gcs.errors import WireError
 from gcs.io.background_writer import BackgroundWriter
 from gcs.io.clock import RunClock
@@ -29,7 +32,6 @@ from gcs.io.cluster.bridge_messages import (
     decode,
     encode,
 )
-from gcs.io.cluster.lateness import MAX_LATE_NS, Lateness
 from gcs.io.links.manager import Links
 from gcs.io.zenoh.key_expressions import bridge_key
 from gcs.io.zenoh.session import ZenohSession
@@ -85,10 +87,12 @@ class Bridge:
         self._packets: list[Packet] = []
         self._notices: list[Notice] = []
         self._number = 0
-        self._sender = monotonic_ns()
-        self._lateness = Lateness()
+        self._boot = secrets.randbits(63)
+        self._lease = start_lease(self._boot, monotonic_ns(), is_only_bridge=True)
         self._dropped = self._dropped_told = 0
-        """Datagrams that command did not take, and datagrams of command that came late."""
+        """Datagrams that command did not take."""
+        self._refused = self._refused_told = 0
+        """Datagrams of command without the lease, or late."""
         self._writer = BackgroundWriter("command", _MAX_UNSENT)
         self._loop: asyncio.AbstractEventLoop | None = None
 
@@ -97,6 +101,7 @@ class Bridge:
         loop = self._loop = asyncio.get_running_loop()
         self.links.start(loop, self, lambda vehicle: vehicle in self._busy)
         self._bus.subscribe(self._key("down"), partial(self._on_down, loop))
+        self._bus.answer(self._key("lease"), partial(self._on_ask, loop))
         timers = [loop.create_task(self._repeat(_TICK_S, self._tick))]
         timers.append(loop.create_task(self._repeat(_STATUS_S, self._publish_status)))
         try:
@@ -123,6 +128,9 @@ class Bridge:
         if self._dropped > self._dropped_told:
             count, self._dropped_told = self._dropped - self._dropped_told, self._dropped
             self.on_notice("bridge", NoticeCode.BRIDGE_UNREAD, count=count)
+        if self._refused > self._refused_told:
+            count, self._refused_told = self._refused - self._refused_told, self._refused
+            self.on_notice("bridge", NoticeCode.BRIDGE_REFUSED, count=count)
 
     # ------------------------------------------------------------ from the links
 
@@ -151,9 +159,9 @@ class Bridge:
         for begin in range(0, max(1, len(packets)), MAX_BATCH):
             part = tuple(packets[begin : begin + MAX_BATCH])
             message = Up(
-                sender=self._sender,
-                sent_ns=monotonic_ns(),
                 number=self._number,
+                boot=self._boot,
+                sent_ns=monotonic_ns(),
                 packets=part,
                 notices=() if begin else tuple(notices),
             )
@@ -194,6 +202,17 @@ class Bridge:
 
     # ------------------------------------------------------------ from command
 
+    def _on_ask(
+        self, loop: asyncio.AbstractEventLoop, key: str, payload: bytes, reply: Callable[[bytes], None]
+    ) -> None:
+        """Take a question for the lease, on a thread of zenoh."""
+        with contextlib.suppress(WireError, RuntimeError):
+            loop.call_soon_threadsafe(self._answer, decode(key, payload, Ask), reply)
+
+    def _answer(self, ask: Ask, reply: Callable[[bytes], None]) -> None:
+        self._lease, answer = answer_ask(self._lease, ask, monotonic_ns())
+        self._writer.put(lambda: reply(encode(answer)))
+
     def _on_down(self, loop: asyncio.AbstractEventLoop, key: str, payload: bytes) -> None:
         """Take a message of command, on a thread of zenoh."""
         with contextlib.suppress(WireError, RuntimeError):  # another version; the loop has ended
@@ -201,7 +220,10 @@ class Bridge:
             loop.call_soon_threadsafe(self.obey, message)
 
     def obey(self, message: Down) -> None:
-        """Carry out a message of command."""
+        """Carry out a message of the node that has the lease."""
+        if not accepts(self._lease, message.permit, monotonic_ns()):
+            self._refused += len(message.packets)
+            return
         if message.clock is not None:
             line = message.clock
             if (line.epoch_ns, line.start_t_ns, line.speed) != self._clock_line():
@@ -213,10 +235,7 @@ class Bridge:
             self._busy = frozenset(message.busy)
         if message.targets is not None:
             self.links.picture(message.targets)
-        late_ns = self._lateness.of(message.sender, message.sent_ns, monotonic_ns())
-        packets = message.packets if late_ns <= MAX_LATE_NS else ()
-        self._dropped += len(message.packets) - len(packets)
-        for packet in packets:
+        for packet in message.packets:
             self._heartbeats.note_sent(t_ns, (packet.link, packet.peer), packet.data)
             self.links.send(packet.link, packet.peer, packet.data)
         if message.ends:

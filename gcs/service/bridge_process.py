@@ -13,6 +13,7 @@ import gc
 import os
 import signal
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -59,29 +60,37 @@ class BridgeStarted(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def main() -> int:
-    """Run a bridge; return its exit code."""
+    """Run the bridge of a command on this machine; return its exit code."""
     settings = msgspec.json.decode(sys.stdin.buffer.readline(), type=BridgeSettings)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for command, which ends this process
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        signing = LinkSigning(settings.links, None if settings.keys is None else Path(settings.keys))
-        frame = LocalFrame(settings.lat_deg, settings.lon_deg, settings.alt_msl_m)
-        links = Links(settings.links, settings.vehicles, frame, signing, Scanner(), settings.ports)
-        bus = ZenohSession(listen=settings.zenoh)
+        with open_bridge(settings) as bridge:
+            asyncio.run(_serve(bridge, settings.failover_s))
     except GcsError as error:
         _answer(BridgeStarted(error=str(error)))
         return 2
-    gc.collect()
-    gc.freeze()  # short pauses of the garbage collector
-    bridge = Bridge(
-        links, settings.vehicles, settings.mission, settings.name, bus, failover_s=settings.failover_s
-    )
-    try:
-        with bus:
-            asyncio.run(_serve(bridge, links, settings.failover_s))
     finally:
         remove_socket(settings.zenoh)
     return 0
+
+
+@contextlib.contextmanager
+def open_bridge(settings: BridgeSettings) -> Iterator[Bridge]:
+    """Open the endpoints of a bridge; yield the bridge, which is to be run.
+
+    Raises
+    ------
+    LinkError, ConfigError
+        An endpoint or the key file cannot be opened.
+    """
+    signing = LinkSigning(settings.links, None if settings.keys is None else Path(settings.keys))
+    frame = LocalFrame(settings.lat_deg, settings.lon_deg, settings.alt_msl_m)
+    links = Links(settings.links, settings.vehicles, frame, signing, Scanner(), settings.ports)
+    with contextlib.closing(links), ZenohSession(listen=settings.zenoh) as bus:
+        gc.collect()
+        gc.freeze()  # short pauses of the garbage collector
+        yield Bridge(links, settings.vehicles, settings.mission, settings.name, bus, settings.failover_s)
 
 
 def remove_socket(endpoint: str) -> None:
@@ -93,13 +102,13 @@ def remove_socket(endpoint: str) -> None:
         path.parent.rmdir()
 
 
-async def _serve(bridge: Bridge, links: Links, failover_s: float) -> None:
+async def _serve(bridge: Bridge, failover_s: float) -> None:
     """Serve until command ends, or has been gone for the time of a failover."""
     loop, stop, is_orphan = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event()
     loop.add_signal_handler(signal.SIGTERM, stop.set)
     loop.add_reader(sys.stdin, _read_end, loop, is_orphan)
     serving = loop.create_task(bridge.run(stop))
-    _answer(BridgeStarted(ports=links.ports()))
+    _answer(BridgeStarted(ports=bridge.links.ports()))
     while not serving.done() and not stop.is_set():
         await asyncio.sleep(_CHECK_S)
         silent_ns = bridge.now_ns() - (bridge.command_t_ns or 0)

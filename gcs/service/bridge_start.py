@@ -10,12 +10,13 @@ import contextlib
 import hashlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Final
 
@@ -100,6 +101,24 @@ class BridgeProcess:
             link, _, problem = self.started.error.partition(": ")
             raise LinkError(link or "bridge", problem or f"did not start: {self._last_line or 'no answer'}")
         self.settings = msgspec.structs.replace(self.settings, ports=self.started.ports)
+
+    def watch(self) -> None:
+        """Watch the running bridge of another command.
+
+        Raises
+        ------
+        LinkError
+            There is none.
+        """
+        try:
+            running = msgspec.json.decode(self._file.read_bytes(), type=Running)
+        except (OSError, msgspec.DecodeError):
+            raise LinkError(
+                "standby",
+                "no bridge of this mission runs on this machine: start `gcs run` first, or name the bridge "
+                "of another machine in links.bridge",
+            ) from None
+        self._pid, self.settings, self.started = running.pid, running.settings, running.started
 
     def _without_command(self) -> Running | None:
         """Return a running bridge whose command has ended."""
@@ -191,47 +210,105 @@ class BridgeProcess:
 
 
 @contextlib.contextmanager
-def local_bridge(
+def bridge_of(
     config: Config,
     links: Sequence[Link],
     keys: Path | None,
     scan: Callable[[bytes], FrameTable],
 ) -> Iterator[BridgeLinks]:
-    """Start the bridge of a mission, or take over the one that runs; yield its links.
+    """Connect to the bridge of a mission; yield its links.
+
+    Without `links.bridge` it is on this machine: started here, or taken over from a command that was killed.
 
     Raises
     ------
     LinkError, ConfigError
         An endpoint or the key file cannot be opened.
     """
-    folder = private_folder()
-    digest = hashlib.sha256(repr((config.name, [link.name for link in links])).encode()).hexdigest()[:12]
-    # No other command takes over a bridge on any free port: it cannot know that it is the same flight.
-    is_fixed = all(link.endpoint.port or not link.endpoint.listens for link in links)
-    file = folder / (f"bridge-{digest}.json" if is_fixed else f"bridge-{digest}-{os.getpid()}.json")
-    vehicles = tuple(agent.vehicle for agent in config.agents)
+    settings = bridge_settings(config, links, keys)
+    if config.links.bridge:
+        with _connected(settings, scan, lambda: None) as found:
+            yield found
+        return
+    settings = msgspec.structs.replace(settings, zenoh=f"unixsock-stream/{_socket_folder()}/bridge.sock")
+    process = BridgeProcess(settings, _file_of(settings))
+    process.begin()
+    try:
+        with _connected(process.settings, scan, process.poll, process.started.ports) as found:
+            yield found
+    finally:
+        process.end()
+
+
+@contextlib.contextmanager
+def bridge_of_command(
+    config: Config, links: Sequence[Link], keys: Path | None, scan: Callable[[bytes], FrameTable]
+) -> Iterator[BridgeLinks]:
+    """Connect to the bridge that a command uses, for a standby; yield its links.
+
+    Raises
+    ------
+    LinkError
+        There is none on this machine, and the mission file names no other.
+    """
+    settings = bridge_settings(config, links, keys)
+    if config.links.bridge:
+        with _connected(settings, scan, lambda: None) as found:
+            yield found
+        return
+    process = BridgeProcess(settings, _file_of(settings))
+    process.watch()
+    with _connected(process.settings, scan, process.poll, process.started.ports) as found:
+        yield found
+
+
+@contextlib.contextmanager
+def _connected(
+    settings: BridgeSettings,
+    scan: Callable[[bytes], FrameTable],
+    supervise: Callable[[], NoticeContent | None],
+    ports: Mapping[str, int] | None = None,
+) -> Iterator[BridgeLinks]:
+    node = f"{socket.gethostname()}-{os.getpid()}"
+    with ZenohSession(connect=settings.zenoh) as bus:
+        yield BridgeLinks(
+            settings.links,
+            settings.vehicles,
+            settings.mission,
+            settings.name,
+            node,
+            bus,
+            supervise,
+            ports or {},
+            scan,
+        )
+
+
+def bridge_settings(config: Config, links: Sequence[Link], keys: Path | None) -> BridgeSettings:
+    """Return the settings of the bridge of a mission."""
     frame = config.frame
-    settings = BridgeSettings(
+    return BridgeSettings(
         mission=config.name,
         name=_NAME,
         links=tuple(links),
-        vehicles=vehicles,
+        vehicles=tuple(agent.vehicle for agent in config.agents),
         lat_deg=frame.lat_deg,
         lon_deg=frame.lon_deg,
         alt_msl_m=frame.alt_msl_m,
         keys=None if keys is None else str(keys.resolve()),
-        zenoh=f"unixsock-stream/{_socket_folder()}/bridge.sock",
+        zenoh=config.links.bridge,
         failover_s=config.links.failover_s,
     )
-    process = BridgeProcess(settings, file)
-    process.begin()
-    try:
-        with ZenohSession(connect=process.settings.zenoh) as bus:
-            yield BridgeLinks(
-                links, vehicles, config.name, _NAME, bus, process.poll, process.started.ports, scan
-            )
-    finally:
-        process.end()
+
+
+def _file_of(settings: BridgeSettings) -> Path:
+    """Return the file of a running bridge on this machine."""
+    links = settings.links
+    text = repr((settings.mission, [link.name for link in links]))
+    # No other command takes over a bridge on any free port: it cannot know that it is the same flight.
+    is_fixed = all(link.endpoint.port or not link.endpoint.listens for link in links)
+    own = "" if is_fixed else f"-{os.getpid()}"
+    return private_folder() / f"bridge-{hashlib.sha256(text.encode()).hexdigest()[:12]}{own}.json"
 
 
 def _socket_folder() -> Path:

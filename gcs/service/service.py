@@ -22,7 +22,7 @@ from gcs.config import Config
 from gcs.core.engine import Engine
 from gcs.core.snapshot import PeriodicSnapshots, encode_state
 from gcs.core.state import State
-from gcs.errors import GcsError, RecordingError, WireError
+from gcs.errors import GcsError, LinkError, RecordingError, WireError
 from gcs.io.background_writer import BackgroundWriter, QueuedText
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.links.garbage import GarbageFilter
@@ -331,6 +331,7 @@ class Service:
             if isinstance(event, Tick):
                 self._tick_waits = False
                 self.links.tick(event.t_ns)
+                self._check_lease()
                 self._queue_orders()
                 self._answer_refused_orders()
                 self._check_keys()
@@ -340,6 +341,15 @@ class Service:
             if ended and end_with_mission:
                 stop.set()
                 return
+
+    def _check_lease(self) -> None:
+        """Raise `LinkError` when another node commands the vehicles."""
+        if other := self.links.commander():
+            raise LinkError(
+                "bridge",
+                f"{other} commands the vehicles; this service sends nothing and ends. To watch over {other}, "
+                "start it with --role standby",
+            )
 
     def _check_outputs(self) -> None:
         """Queue notices about failed outputs and about filtered noise."""

@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,7 @@ class Run:
         port, self.seat = free_port(), free_port()
         self.port = port
         """Of the service; vehicles send to `relay`, if given."""
-        self.zenoh = free_endpoint()
+        self.zenoh, self.standby = free_endpoint(), free_endpoint()
         text = text.replace('mavlink = "udpin:0.0.0.0:14550"', f'mavlink = "udpin:127.0.0.1:{port}"', 1)
         text = text.replace('zenoh = "tcp/127.0.0.1:7447"', f'zenoh = "{self.zenoh}"', 1)
         text += f'\n[[links.forward]]\nendpoint = "udpin:127.0.0.1:{self.seat}"\naccess = "full"\n'
@@ -56,7 +56,7 @@ class Run:
             "--gcs",
             f"127.0.0.1:{relay or port}",
             "--zenoh",
-            self.zenoh,
+            f"{self.zenoh},{self.standby}",
             "--json",
             "--until-stdin-closes",
             "--pack",
@@ -70,8 +70,10 @@ class Run:
         self.clock = ["--clock", f"{started['epoch_ns']},{speed}"] if speed != 1.0 else []
         self.services: list[subprocess.Popen[bytes]] = []
 
-    def serve(self, name: str, environment: Mapping[str, str] | None = None) -> subprocess.Popen[bytes]:
-        command = [*GCS, "run", str(self.file), "--headless", "--out", str(self.folder / name)]
+    def serve(
+        self, name: str, environment: Mapping[str, str] | None = None, arguments: Sequence[str] = ()
+    ) -> subprocess.Popen[bytes]:
+        command = [*GCS, "run", str(self.file), "--headless", "--out", str(self.folder / name), *arguments]
         command += ["--journal", str(self.folder / "journal"), *self.clock]
         with (self.folder / f"{name}.log").open("wb") as log:
             whole = {**os.environ, **(environment or {})}

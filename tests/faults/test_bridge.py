@@ -14,7 +14,7 @@ import pytest
 from heartbeat_tap import HeartbeatTap
 from processes import Run, free_port
 
-from gcs.model import AgentStatus, NoticeCode, Resumed, UploadReport
+from gcs.model import AgentStatus, NoticeCode, Resumed, Scan, UploadReport
 
 STOPPED_S = 5.0
 MAX_GAP_S = 1.5
@@ -60,6 +60,13 @@ def bridges(folder: Path) -> list[psutil.Process]:
             if is_bridge and process.environ().get("XDG_RUNTIME_DIR") == str(folder):
                 found.append(process)
     return found
+
+
+def standby_of(flight: Flight, name: str) -> subprocess.Popen[bytes]:
+    """Start a standby; wait until it follows."""
+    standby = flight.run.serve(name, arguments=("--role", "standby"))
+    flight.run.until(name, lambda said: "follows it" in said)
+    return standby
 
 
 def lost(flight: Flight, name: str) -> list[AgentStatus]:
@@ -129,3 +136,44 @@ def test_a_bridge_that_is_killed_is_started_again_with_an_alarm(flight: Flight, 
     service.send_signal(signal.SIGINT)
     assert service.wait(20.0) == 0
     assert not lost(flight, "flown")
+
+
+def with_standby(flight: Flight) -> None:
+    """Name a standby in the mission file."""
+    named = f'[links]\nstandby = "{flight.run.standby}"'
+    flight.run.file.write_text(flight.run.file.read_text().replace("[links]", named, 1))
+
+
+@pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
+def test_a_standby_takes_over_and_nothing_is_uploaded_again(flight: Flight, stop: signal.Signals) -> None:
+    with_standby(flight)
+    first = flight.serve("first")
+    standby = standby_of(flight, "second")
+    time.sleep(2.0)
+    begin_s = time.monotonic()
+    first.send_signal(stop)
+    flight.run.until("second", lambda said: "takes over" in said, 10.0)
+    took_s = time.monotonic() - begin_s
+    flight.run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
+    assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < MAX_GAP_S
+    assert took_s < 5.0
+    if stop == signal.SIGSTOP:  # it must not command any more
+        first.send_signal(signal.SIGCONT)
+        assert first.wait(20.0) != 0
+        assert "commands the vehicles" in flight.run.printed("first")
+    standby.send_signal(signal.SIGINT)
+    assert standby.wait(20.0) == 0
+    assert len(flight.run.all("second", Resumed)) == 1
+    assert not flight.run.all("second", UploadReport)
+    assert not lost(flight, "second")
+    assert flight.run.all("second", Scan)
+
+
+def test_a_standby_ends_with_a_command_that_ends_in_order(flight: Flight) -> None:
+    with_standby(flight)
+    first = flight.serve("first")
+    standby = standby_of(flight, "second")
+    first.send_signal(signal.SIGINT)
+    assert first.wait(20.0) == 0
+    assert standby.wait(20.0) == 0
+    assert "takes over" not in flight.run.printed("second")

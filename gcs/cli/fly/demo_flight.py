@@ -42,7 +42,7 @@ from gcs.report.plots.figures import draw_run
 from gcs.report.plots.maps import Ground
 from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of, summary_json
 from gcs.report.run.summary import print_summary
-from gcs.service.bridge_start import local_bridge
+from gcs.service.bridge_start import bridge_of
 from gcs.service.service import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
 
 _START_TIMEOUT_S: Final = 90.0
@@ -205,7 +205,7 @@ async def _fly(
             service.on_notice("simulation", NoticeCode.SIMULATION_SLOW, vehicles=tuple(new))
 
     with (
-        local_bridge(config, open_links, keys, Scanner()) as links,
+        bridge_of(config, open_links, keys, Scanner()) as links,
         ZenohSession(listen=endpoint) as bus,
         announced(config.name, endpoint),
     ):

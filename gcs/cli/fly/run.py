@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -21,6 +22,14 @@ from gcs.cli.errors import exit_on_error
 from gcs.io.console import console_for
 
 app = command_app()
+
+
+class Role(StrEnum):
+    """Part of a service that a process is."""
+
+    SERVICE = "service"
+    BRIDGE = "bridge"
+    STANDBY = "standby"
 
 
 @app.command()
@@ -44,6 +53,13 @@ def run(
     page_access: ConsoleAccessOption = None,
     page_map: ConsoleMapOption = None,
     open_page: OpenOption = False,
+    role: Annotated[
+        Role,
+        typer.Option(
+            help="*service*: all parts, on this machine.  *bridge*: only the MAVLink endpoints, at "
+            "`links.bridge`.  *standby*: follow the service, and take over when it is gone."
+        ),
+    ] = Role.SERVICE,
     clock: Annotated[str | None, typer.Option(hidden=True, metavar="EPOCH_NS,SPEED")] = None,
 ) -> None:
     """Run central command on the links of a mission file, until Ctrl-C.
@@ -61,6 +77,11 @@ def run(
         epoch_ns, _, speed = clock.partition(",")
         run_clock = RunClock(int(epoch_ns), int(epoch_ns), float(speed))
     with exit_on_error():
+        if role is Role.BRIDGE:
+            from gcs.cli.fly.live_bridge import serve_bridge
+
+            serve_bridge(config, console_for())
+            return
         serve(
             config,
             seed,
@@ -71,4 +92,5 @@ def run(
             journal_path=journal,
             clock=run_clock,
             page=PageOptions(page, page_access, open_page, page_map),
+            is_standby=role is Role.STANDBY,
         )

@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import secrets
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from time import monotonic_ns
-from typing import Any, Final
+from typing import Final
 
+from gcs.core.lease.node_lease import Duty, duty, permit_for, receive_answer, start_node, take_due_asks
+from gcs.core.lease.records import Answer, NodeId, Permit
 from gcs.endpoints import Link
-from gcs.errors import WireError
+from gcs.errors import LinkError, WireError
 from gcs.io.background_writer import BackgroundWriter
 from gcs.io.clock import RunClock
 from gcs.io.cluster.bridge_messages import (
@@ -41,6 +44,7 @@ _MAX_UNSENT: Final = 200
 """Messages that wait for a bridge that does not read."""
 _MAX_UNREAD: Final = 500
 """Messages of a bridge that wait for the loop; later ones are dropped, as by the buffer of a socket."""
+_ANSWER_S: Final = 1.0
 _END_S: Final = 1.0
 
 
@@ -53,8 +57,8 @@ class BridgeLinks:
         Those that the bridge has opened.
     vehicles : iterable of int
         Our vehicles.
-    mission, name : str
-        Of the mission and of the bridge.
+    mission, name, node : str
+        Names of the mission, of the bridge, and of this command node.
     bus : ZenohSession
         Session that reaches the bridge.
     supervise : callable
@@ -71,13 +75,13 @@ class BridgeLinks:
         vehicles: Iterable[int],
         mission: str,
         name: str,
+        node: str,
         bus: ZenohSession,
         supervise: Callable[[], NoticeContent | None],
         ports: Mapping[str, int],
         scan: Callable[[bytes], FrameTable] = scan,
     ) -> None:
         self.links = tuple(links)
-        self.epoch = 0
         self._vehicles = tuple(vehicles)
         self.name = f"bridge {name}"
         """Name in notices."""
@@ -94,7 +98,9 @@ class BridgeLinks:
         self._missed = self._late = 0
         """Messages that were dropped here or never came; datagrams that came late."""
         self._lateness = Lateness()
-        self._sender = monotonic_ns()
+        self._lease = start_node(
+            NodeId(node, secrets.randbits(63)), (name,), monotonic_ns(), delay_ns=0, is_only_node=True
+        )
         self._number: int | None = None
         """Of the newest message of the bridge."""
         self._writer = BackgroundWriter(self.name, _MAX_UNSENT)
@@ -108,9 +114,11 @@ class BridgeLinks:
         busy: Callable[[int], bool] = lambda _: False,
     ) -> None:
         """Start receiving; `busy` returns True during a mission transfer to a vehicle."""
-        self._loop, self._handler, self._is_busy = loop, handler, busy
-        self._bus.subscribe(self._key("up"), self._take)
-        self._bus.subscribe(self._key("status"), self._take_status)
+        self._handler, self._is_busy = handler, busy
+        if self._loop is None:  # else a standby begins to command
+            self._loop = loop
+            self._bus.subscribe(self._key("up"), self._take)
+            self._bus.subscribe(self._key("status"), self._take_status)
 
     # ------------------------------------------------------------ in
 
@@ -138,7 +146,7 @@ class BridgeLinks:
             if self._number is not None:
                 self._missed += max(0, message.number - self._number - 1)
             self._number = message.number
-            late_ns = self._lateness.of(message.sender, message.sent_ns, monotonic_ns())
+            late_ns = self._lateness.of(message.boot, message.sent_ns, monotonic_ns())
             packets = message.packets if late_ns <= MAX_LATE_NS else ()
             self._late += len(message.packets) - len(packets)
             for packet in packets:
@@ -150,7 +158,7 @@ class BridgeLinks:
     # ------------------------------------------------------------ out
 
     def send(self, link: str, peer: str, data: bytes) -> None:
-        """Send to a peer of a link."""
+        """Send to a peer of a link. Without the lease nothing is sent."""
         if not self._sends and self._loop is not None:
             self._loop.call_soon(self._flush)
         self._sends.append(Packet(link, peer, data))
@@ -161,15 +169,49 @@ class BridgeLinks:
             self._targets = picture
 
     def tick(self, t_ns: int) -> None:  # noqa: ARG002  the bridge has its own time
-        """Tell the bridge that command is alive, and which vehicles are busy."""
+        """Ask for the lease; tell the bridge that command is alive, and which vehicles are busy."""
+        self.ask_for_lease()
         self._flush()
+
+    def ask_for_lease(self) -> None:
+        """Ask the bridge for the lease, or renew it, when that is due."""
+        self._lease, asks = take_due_asks(self._lease, monotonic_ns())
+        for ask in asks.values():
+            with contextlib.suppress(LinkError):  # the session has ended
+                self._bus.ask(self._key("lease"), encode(ask), _ANSWER_S, self._take_answer, lambda: None)
+
+    def _take_answer(self, key: str, payload: bytes) -> None:
+        """Take an answer about the lease, on a thread of zenoh."""
+        with contextlib.suppress(WireError, RuntimeError):
+            answer = decode(key, payload, Answer)
+            if self._loop is not None:
+                self._loop.call_soon_threadsafe(self._note_answer, answer)
+
+    def _note_answer(self, answer: Answer) -> None:
+        self._lease = receive_answer(self._lease, self._lease.bridges[0], answer, monotonic_ns())
+
+    def commander(self) -> str:
+        """Return the name of another node that has the lease now; empty if there is none."""
+        view = self._lease.views[0]
+        return "" if view.hold is not None else view.holder
+
+    def may_command(self) -> bool:
+        """Return True if this node has the lease."""
+        return duty(self._lease, monotonic_ns()) is Duty.COMMANDS
+
+    def _permit(self) -> Permit | None:
+        return permit_for(self._lease, self._lease.bridges[0], monotonic_ns())
 
     def _flush(self) -> None:
         sends, self._sends = self._sends, []
+        permit = self._permit()
+        if permit is None:
+            return
         busy = tuple(vehicle for vehicle in self._vehicles if self._is_busy(vehicle))
         targets, self._targets = self._targets, None
         clock = RunClock() if self._handler is None else self._handler.clock
-        first = self._down(
+        first = Down(
+            permit=permit,
             packets=tuple(sends[:MAX_BATCH]),
             busy=busy if busy != self._busy else None,
             targets=targets,
@@ -178,17 +220,15 @@ class BridgeLinks:
         self._busy = busy
         self._put(first)
         for begin in range(MAX_BATCH, len(sends), MAX_BATCH):
-            self._put(self._down(packets=tuple(sends[begin : begin + MAX_BATCH])))
-
-    def _down(self, **content: Any) -> Down:
-        return Down(sender=self._sender, sent_ns=monotonic_ns(), epoch=self.epoch, **content)
+            self._put(Down(permit=permit, packets=tuple(sends[begin : begin + MAX_BATCH])))
 
     def _put(self, message: Down) -> None:
         self._writer.put(lambda: self._bus.publish(self._key("down"), encode(message)))
 
     def close(self) -> None:
         """Tell the bridge that command ends."""
-        self._put(self._down(ends=True))
+        if permit := self._permit():
+            self._put(Down(permit=permit, ends=True))
         self._writer.drain(_END_S)
 
     # ------------------------------------------------------------ state

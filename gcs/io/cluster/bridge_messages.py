@@ -6,6 +6,7 @@ key                                        message
 ``swarm/<mission>/bridge/<name>/up``       `Up`, from the bridge: what its links received
 ``swarm/<mission>/bridge/<name>/status``   `BridgeStatus`, from the bridge, once a second
 ``swarm/<mission>/bridge/<name>/down``     `Down`, from command: what its links are to send
+``swarm/<mission>/bridge/<name>/lease``    query, an `Ask` for the lease; its `Answer` (``docs/failover.md``)
 =========================================  ================================================================
 
 Datagrams keep their order. A bridge and command of different versions refuse each other's messages.
@@ -18,6 +19,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 import msgspec
 from msgspec import Meta
 
+from gcs.core.lease.records import Answer, Ask, Permit
 from gcs.errors import WireError
 from gcs.model import Notice, Picture, read_only
 
@@ -26,17 +28,13 @@ MAX_BYTES: Final = 8 * 1024 * 1024
 MAX_BATCH: Final = 2048
 """Datagrams in one message."""
 
-MessageT = TypeVar("MessageT", bound="Message")
+MessageT = TypeVar("MessageT")
 
 
 class Message(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Any of them."""
 
     version: Literal[1] = VERSION
-    sender: int = 0
-    """Process that sent it, since its start (`gcs.io.cluster.lateness`)."""
-    sent_ns: int = 0
-    """Its monotonic time."""
 
 
 class Packet(msgspec.Struct, frozen=True, array_like=True):
@@ -55,6 +53,10 @@ class Up(Message, frozen=True, kw_only=True, omit_defaults=True):
 
     number: int
     """Of this message, from 0 at the start of the bridge: a gap shows loss."""
+    boot: int
+    """Start of the bridge."""
+    sent_ns: int
+    """The bridge's monotonic time (`gcs.io.cluster.lateness`)."""
     packets: Packets = ()
     notices: tuple[Notice, ...] = ()
     """About its links; command sets the time."""
@@ -71,7 +73,7 @@ class ClockLine(msgspec.Struct, frozen=True, array_like=True):
 class Down(Message, frozen=True, kw_only=True, omit_defaults=True):
     """What a bridge is to do; each one is a sign of life of command."""
 
-    epoch: int
+    permit: Permit
     """Of the lease under which it is sent."""
     packets: Packets = ()
     busy: tuple[int, ...] | None = None
@@ -128,11 +130,12 @@ def _from_plain(_type: type, value: Any) -> Any:
 
 _encode = msgspec.msgpack.Encoder(enc_hook=_to_plain).encode
 _decoders: Final[dict[type, msgspec.msgpack.Decoder[Any]]] = {
-    kind: msgspec.msgpack.Decoder(kind, dec_hook=_from_plain) for kind in (Up, Down, BridgeStatus)
+    kind: msgspec.msgpack.Decoder(kind, dec_hook=_from_plain)
+    for kind in (Up, Down, BridgeStatus, Ask, Answer)
 }
 
 
-def encode(message: Message) -> bytes:
+def encode(message: Message | Ask | Answer) -> bytes:
     """Return a message as MessagePack."""
     return _encode(message)
 

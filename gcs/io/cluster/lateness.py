@@ -4,8 +4,8 @@ The sender puts its monotonic time into each message. The least difference to th
 stands for a message that was not delayed; what a message has more is its delay. The least difference follows
 a slow drift of the clocks.
 
-A bridge and command do not act on what is late: a heartbeat of five seconds ago does not show the mode of a
-vehicle, and a command of then may contradict what a pilot has done since.
+Command does not take from a bridge what is late: a heartbeat of five seconds ago does not show the mode of a
+vehicle. (In the other direction the permit of the lease ends.)
 """
 
 from __future__ import annotations

@@ -205,6 +205,10 @@ class Links:
 
     # ------------------------------------------------------------ state
 
+    def commander(self) -> str:
+        """Return an empty name: nobody else uses these endpoints."""
+        return ""
+
     def ground_stations(self, t_ns: int) -> dict[str, list[str]]:
         """Return the clients of each endpoint as "HOST:PORT (system/component, ...)"."""
         found: dict[str, list[str]] = {link.name: [] for link in self.links if link.role != "vehicles"}

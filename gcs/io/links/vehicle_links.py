@@ -54,6 +54,9 @@ class VehicleLinks(Protocol):
     def close(self) -> None:
         """Release everything."""
 
+    def commander(self) -> str:
+        """Return the name of another node that commands the vehicles now; empty if there is none."""
+
     def ground_stations(self, t_ns: int) -> dict[str, list[str]]:
         """Return the clients of each endpoint as "HOST:PORT (system/component, ...)"."""
 

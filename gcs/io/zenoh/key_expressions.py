@@ -13,6 +13,7 @@
 ``swarm/<mission>/status``                     `SwarmStatus`, the answer to the order ``status``
 ``swarm/<mission>/proposal``                   `Proposal`, a plan that waits for confirmation
 ``swarm/<mission>/truth``                      `Truth`, from a simulated world only
+``swarm/<mission>/events``, ``snapshot``       from command to a standby (`gcs.io.cluster.event_log`)
 ``swarm/<mission>/bridge/<name>/up``, ...      between command and a bridge (`gcs.io.cluster.bridge_messages`)
 =============================================  ==================================================
 
@@ -76,6 +77,16 @@ def truth_key(mission: str) -> str:
 def bridge_key(mission: str, bridge: str, what: str) -> str:
     """Return a key between command and a bridge; `what` is "up", "down", "status" or "lease"."""
     return f"swarm/{mission}/bridge/{bridge}/{what}"
+
+
+def events_key(mission: str) -> str:
+    """Return the key of the events of a command, for a standby."""
+    return f"swarm/{mission}/events"
+
+
+def snapshot_key(mission: str) -> str:
+    """Return the key on which a standby asks for the state."""
+    return f"swarm/{mission}/snapshot"
 
 
 def order_key(mission: str) -> str:

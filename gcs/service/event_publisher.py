@@ -1,0 +1,101 @@
+"""Publishes the events of a service for a standby, and its state on request."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+from gcs.core.snapshot import encode_state
+from gcs.io.background_writer import BackgroundWriter
+from gcs.io.cluster.bridge_messages import ClockLine
+from gcs.io.cluster.event_log import MAX_EVENTS, EventBatch, StateCheck, StateReply, digest, encode, packed
+from gcs.io.zenoh.key_expressions import events_key, snapshot_key
+from gcs.io.zenoh.session import ZenohSession
+from gcs.model import NS_PER_S, Effect, Event, Tick
+from gcs.service.service import Service
+
+_MAX_UNSENT: Final = 200
+_CHECK_NS: Final = NS_PER_S
+"""Between two hashes of the state."""
+_END_S: Final = 1.0
+
+
+class EventPublisher:
+    """Sink of a service.
+
+    Parameters
+    ----------
+    service : Service
+    bus : ZenohSession
+        Session at which a standby connects.
+    fingerprint : str
+        Of the mission file and the seed (`gcs.service.journal.fingerprint`).
+    """
+
+    def __init__(self, service: Service, bus: ZenohSession, fingerprint: str) -> None:
+        self.writer = BackgroundWriter("standby", _MAX_UNSENT)
+        self._service, self._bus, self._fingerprint = service, bus, fingerprint
+        self._loop = asyncio.get_running_loop()
+        self._number = 0
+        """Of the next event."""
+        self._t_ns = 0
+        self._is_followed = False
+        self._first = 0
+        self._batch: list[tuple[int, bytes]] = []
+        self._check: StateCheck | None = None
+        self._checked_t_ns = 0
+        bus.answer(snapshot_key(service.config.name), self._on_ask)
+
+    def event(self, event: Event) -> None:
+        """Keep an event for the next batch; send the batch at a tick."""
+        if isinstance(event, Tick):
+            self._flush()
+            self._check_state(event)
+        if self._is_followed:
+            self._batch.append(packed(event))
+            if len(self._batch) >= MAX_EVENTS:
+                self._flush()
+        self._number += 1
+        self._t_ns = event.t_ns
+
+    def effect(self, _t_ns: int, effect: Effect) -> None:
+        """Ignore effects: a standby computes them itself."""
+
+    def _check_state(self, tick: Tick) -> None:
+        """Hash the state before a tick, once a second."""
+        if self._is_followed and tick.t_ns - self._checked_t_ns >= _CHECK_NS:
+            self._checked_t_ns = tick.t_ns
+            self._check = StateCheck(self._number, digest(self._service.engine.state))
+
+    def _flush(self, *, ends: bool = False) -> None:
+        if self._batch or ends:
+            batch = EventBatch(first=self._first, events=tuple(self._batch), check=self._check, ends=ends)
+            key = events_key(self._service.config.name)
+            self.writer.put(lambda: self._bus.publish(key, encode(batch)))
+        self._batch, self._check, self._first = [], None, self._number
+        self._is_followed = self._bus.is_subscribed(events_key(self._service.config.name))
+
+    def _on_ask(self, _key: str, _payload: bytes, reply: Callable[[bytes], None]) -> None:
+        """Take a question for the state, on a thread of zenoh."""
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(self._answer, reply)
+
+    def _answer(self, reply: Callable[[bytes], None]) -> None:
+        clock = self._service.clock
+        answer = StateReply(
+            fingerprint=self._fingerprint,
+            number=self._number,
+            t_ns=self._t_ns,
+            clock=ClockLine(clock.epoch_ns, clock.start_t_ns, clock.speed),
+            state=encode_state(self._service.engine.state),
+        )
+        self.writer.put(partial(reply, encode(answer)))
+
+    def close(self) -> None:
+        """Tell a standby that command has ended in order."""
+        if self._is_followed:
+            self._flush(ends=True)
+        self.writer.drain(_END_S)

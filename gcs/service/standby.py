@@ -1,0 +1,212 @@
+"""A standby: a second engine that applies the events of command, and commands when command is gone.
+
+It asks command for its state, and applies the events after it. Once a second it compares a hash of its state
+with that of command. When the lease of the bridge runs out, and the standby has the state, it asks for the
+lease; with it, it continues as a service that resumes (`gcs.core.restart`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic
+from typing import Final, Protocol
+
+from gcs.config import Config
+from gcs.core.engine import Engine
+from gcs.core.snapshot import decode_state, encode_state
+from gcs.core.state import State
+from gcs.errors import LinkError, WireError
+from gcs.io.clock import RunClock
+from gcs.io.cluster.event_log import (
+    EventBatch,
+    StateCheck,
+    StateReply,
+    decode_batch,
+    decode_reply,
+    digest,
+    unpacked,
+)
+from gcs.io.zenoh.key_expressions import events_key, snapshot_key
+from gcs.io.zenoh.session import ZenohSession
+from gcs.mavlink.frames.codec import FrameTable
+from gcs.model import NoticeCode, Parameter, Snapshot
+
+_TICK_S: Final = 0.05
+_MAX_BATCHES: Final = 2_000
+"""Batches that wait for the state; a command sends twenty a second."""
+_ASK_EVERY_S: Final = 1.0
+_ANSWER_S: Final = 5.0
+
+
+class Lease(Protocol):
+    """What a standby needs of the links in bridges."""
+
+    def ask_for_lease(self) -> None:
+        """Ask for the lease when it has run out."""
+
+    def may_command(self) -> bool:
+        """Return True if this node has the lease."""
+
+
+class IgnoredLinks:
+    """Takes nothing of the links: a standby gets the datagrams that command has consumed."""
+
+    clock = RunClock()
+
+    def now_ns(self) -> int:
+        """Return the run time now."""
+        return self.clock.now_ns()
+
+    def on_datagram(self, link: str, peer: str, frames: FrameTable) -> None:
+        """Ignore a datagram."""
+
+    def on_notice(self, subject: str, code: NoticeCode, /, **parameters: Parameter) -> None:
+        """Ignore a notice."""
+
+
+@dataclass(frozen=True, slots=True)
+class TakeOver:
+    """Where a standby continues."""
+
+    snapshot: Snapshot
+    state: State
+    clock: RunClock
+
+
+class Standby:
+    """A standby of one mission.
+
+    Parameters
+    ----------
+    config : Config
+        The mission, equal to that of command.
+    seed : int
+        Seed of the map's random obstacles.
+    bus : ZenohSession
+        Session that reaches command.
+    fingerprint : str
+        Of the mission file and the seed (`gcs.service.journal.fingerprint`).
+    tell : callable
+        Shows a line to the operator.
+    """
+
+    def __init__(
+        self, config: Config, seed: int, bus: ZenohSession, fingerprint: str, tell: Callable[[str], None]
+    ) -> None:
+        self.engine = Engine(config, seed)
+        self._bus, self._mission, self._fingerprint, self._tell = bus, config.name, fingerprint, tell
+        self._has_state = False
+        self._number: int | None = None
+        """Of the next event; None while the state is not that of command."""
+        self._t_ns = 0
+        self._clock = RunClock()
+        self._batches: deque[EventBatch] = deque(maxlen=_MAX_BATCHES)
+        self._reply: StateReply | None = None
+        self._asked_s = -_ASK_EVERY_S
+        self._has_ended = False
+        self._problem = ""
+
+    async def follow(self, lease: Lease, stop: asyncio.Event) -> TakeOver | None:
+        """Follow command until it is gone; return None when `stop` is set or command has ended in order.
+
+        Raises
+        ------
+        LinkError
+            If command flies another mission file.
+        """
+        loop = asyncio.get_running_loop()
+
+        def on_batch(key: str, payload: bytes) -> None:
+            with contextlib.suppress(WireError, RuntimeError):
+                loop.call_soon_threadsafe(self._batches.append, decode_batch(key, payload))
+
+        self._bus.subscribe(events_key(self._mission), on_batch)
+        while not stop.is_set() and not self._has_ended:
+            self._take_state()
+            while self._batches and self._number is not None:
+                self._apply(self._batches.popleft())
+                await asyncio.sleep(0.0)  # a slow batch does not delay the lease
+            if self._has_state:
+                lease.ask_for_lease()
+                if lease.may_command():
+                    return self._take_over()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(stop.wait(), _TICK_S)
+        return None
+
+    def _take_over(self) -> TakeOver:
+        state = self.engine.state
+        return TakeOver(Snapshot(self._t_ns, encode_state(state)), state, self._clock)
+
+    # ------------------------------------------------------------ state
+
+    def _take_state(self) -> None:
+        """Ask for the state while there is none; begin with the one that has come."""
+        reply, self._reply = self._reply, None
+        if self._number is None and reply is not None:
+            self._begin(reply)
+        if self._number is None and monotonic() - self._asked_s >= _ASK_EVERY_S:
+            self._asked_s = monotonic()
+            self._bus.ask(snapshot_key(self._mission), b"", _ANSWER_S, self._on_reply, lambda: None)
+
+    def _on_reply(self, key: str, payload: bytes) -> None:
+        """Keep the state, on a thread of zenoh."""
+        with contextlib.suppress(WireError):
+            self._reply = decode_reply(key, payload)
+
+    def _begin(self, reply: StateReply) -> None:
+        if reply.fingerprint != self._fingerprint:
+            raise LinkError(
+                "standby", "command flies another mission file, or another seed; use the same here"
+            )
+        try:
+            self.engine.state = decode_state("command", reply.state)
+        except (WireError, ValueError) as error:
+            self._say(f"the state of command cannot be used: {error}")
+            return
+        self._has_state = True
+        self._number, self._t_ns = reply.number, reply.t_ns
+        line = reply.clock
+        self._clock = RunClock(line.epoch_ns, line.start_t_ns, line.speed)
+        self._say("has the state of command and follows it")
+
+    def _lose(self, why: str) -> None:
+        """Ask for the state again. If command is gone, the standby continues with the one that it has."""
+        self._number = None
+        self._say(f"{why}; it asks for the state again")
+
+    def _apply(self, batch: EventBatch) -> None:
+        """Apply the events that are new."""
+        self._has_ended = self._has_ended or batch.ends
+        if self._number is None or batch.first + len(batch.events) <= self._number:
+            return
+        if batch.first > self._number:
+            self._lose(f"{batch.first - self._number} events of command are missing")
+            return
+        for kind, data in batch.events[self._number - batch.first :]:
+            if self._differs(batch.check):
+                self._lose("the state differs from that of command")
+                return
+            try:
+                event = unpacked(kind, data)
+            except WireError as error:
+                self._lose(str(error))
+                return
+            self.engine.step(event)
+            self._number += 1
+            self._t_ns = event.t_ns
+
+    def _differs(self, check: StateCheck | None) -> bool:
+        """Return True if the state is not that of command before the same event."""
+        is_here = check is not None and check.number == self._number
+        return is_here and check is not None and check.digest != digest(self.engine.state)
+
+    def _say(self, text: str) -> None:
+        """Tell the operator, unless it was said last."""
+        if text != self._problem:
+            self._problem = text
+            self._tell(text)
