@@ -36,13 +36,14 @@ def has_explicit_turn(start: AgentState, points_m: FloatArray) -> bool:
     return abs(wrap_pi(bearing - start.course_rad)) < _SAME_COURSE_RAD
 
 
-def total_turn_rad(start: AgentState, points_m: FloatArray) -> float:
-    """Return the sum of all turns along a route, that from the agent's course on to it included."""
-    legs = np.diff(np.vstack(((start.east_m, start.north_m), points_m)), axis=0)
+def total_turn_rad(start: AgentState, points_m: FloatArray, within_m: float) -> float:
+    """Return the sum of a route's turns within a distance of its start, that on to it included."""
+    places_m = np.vstack(((start.east_m, start.north_m), points_m))
+    legs = np.diff(places_m, axis=0)
     courses = np.arctan2(legs[:, 0], legs[:, 1])
-    if start.course_rad is not None:
-        courses = np.append(start.course_rad, courses)
-    return math.fsum(abs(wrap_pi(turn)) for turn in np.diff(courses).tolist())
+    turns = np.diff(courses, prepend=courses[0] if start.course_rad is None else start.course_rad)
+    is_near = np.hypot(*(places_m[:-1] - places_m[0]).T) <= within_m
+    return math.fsum(abs(wrap_pi(turn)) for turn in turns[is_near].tolist())
 
 
 def simulate_until_blocked(

@@ -309,6 +309,9 @@ class UploadTask(Upload):
     def abandon(self, reason, t_ns, *, mode=LOITER_NAME):
         return self.order(Event.ABANDON if mode == LOITER_NAME else Event.STOP, t_ns, reason)
 
+    def yield_up(self, t_ns):
+        return self.order(Event.YIELD, t_ns, "another service")
+
     def supersede(self, t_ns):
         return self.order(Event.STOP, t_ns, "superseded")
 

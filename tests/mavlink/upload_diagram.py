@@ -9,7 +9,7 @@ them below.
 from gcs.mavlink.mission.upload_rules import LIST_RULES, MISSION_RULES
 from gcs.mavlink.mission.upload_stages import Choice, Event, Stage
 
-ORDERS = (Event.ABANDON, Event.STOP, Event.REBOOT, Event.RESTART)
+ORDERS = (Event.ABANDON, Event.STOP, Event.YIELD, Event.REBOOT, Event.RESTART)
 NAMES = {Stage.NEW: "[*]", Stage.DONE: "[*]"}
 
 

@@ -97,7 +97,7 @@ class OnboardAudit:
                 audit.download.add_item(message, t_ns, audit.rtt)
             case "MISSION_ACK" if message.type == dialect.MAV_MISSION_ERROR:
                 audit.download.restart_if_in_order(t_ns, audit.rtt)
-        if not audit.download.is_complete:
+        if not (audit.download.is_complete or _count_difference(audit)):
             return self._send(vehicle, audit, t_ns)
         frames = [self._fleet.encoder(vehicle)(audit.download.ack_message())]
         return [*self._fleet.address_frames(vehicle, frames), *self._compare(vehicle, audit, t_ns)]
@@ -149,9 +149,9 @@ class OnboardAudit:
     def _compare(self, vehicle: int, audit: Audit, t_ns: int) -> list[Effect]:
         profile = self._fleet.profile(vehicle)
         assert profile is not None  # `receive` has checked it
-        difference = profile.difference(audit.mission.items, audit.download.items)
+        difference = _count_difference(audit) or profile.difference(audit.mission.items, audit.download.items)
         booted_t_ns = self._fleet.booted_t_ns(vehicle, audit.began_t_ns)
-        is_empty = len(audit.download.items) <= profile.home_items
+        is_empty = audit.download.is_complete and len(audit.download.items) <= profile.home_items
         if is_empty and booted_t_ns is None:
             _begin_again(audit, t_ns + _BOOT_TIME_NS)  # until its boot time is known
             return []
@@ -178,6 +178,15 @@ class OnboardAudit:
         if agent.authority.audit is not None:
             agent.authority.audit = None
             agent.claims.apply(event, t_ns)
+
+
+def _count_difference(audit: Audit) -> str:
+    """Return how many items differ in number; empty if none do, and for a mission that may be empty.
+
+    A mission of another number of items is not downloaded: 65,535 items take an hour.
+    """
+    count, wanted = audit.download.count, len(audit.mission.items)
+    return f"{count} items instead of {wanted}" if count not in (None, 0, 1, wanted) else ""
 
 
 def _begin_again(audit: Audit, t_ns: int) -> None:

@@ -62,6 +62,7 @@ _MAX_GAP_NS: Final = ns(60.0)
 """Longest time between two such answers."""
 _ENDED_NS: Final = ns(60.0)
 _REMINDER_NS: Final = ns(60.0)
+_STOPPED: Final = "stopped: another service with our ids commands the vehicle"
 
 
 class SecondCommander:
@@ -155,8 +156,8 @@ class SecondCommander:
             return self._remind(Notice(t_ns, NoticeCode.SECOND_COMMANDER_TOLERATED, vehicle, parameters))
         agent.claims.apply(ControlEvent.COMMANDED_ELSEWHERE, t_ns)
         agent.routes.drop()
-        self._tasking.forget_onboard(vehicle)
-        return [Notice(t_ns, NoticeCode.SECOND_COMMANDER, vehicle, parameters)]
+        alarm = Notice(t_ns, NoticeCode.SECOND_COMMANDER, vehicle, parameters)
+        return [alarm, *self._tasking.yield_up(vehicle, _STOPPED, t_ns)]
 
     def _remind(self, reminder: Notice) -> list[Effect]:
         """Warn at intervals of a service that an operator has decided to ignore."""

@@ -34,6 +34,6 @@ def receive_from_vehicles(stages: Stages, event: Datagram, frames: FrameTable | 
         effects += stages.disarmed_in_auto.receive(vehicle, message, t_ns)
         effects += stages.onboard_audit.receive(vehicle, message, t_ns)
         effects += stages.external_uploads.receive_reply(vehicle, message, t_ns)
-        effects += stages.second_commander.receive(vehicle, message, t_ns)
+        effects += stages.dispatch.settle(stages.second_commander.receive(vehicle, message, t_ns))
         effects += stages.parameter_changes.receive(vehicle, message, t_ns)
     return effects

@@ -72,7 +72,8 @@ def upload_missions(stages: Stages, event: Tick) -> list[Effect]:
 def watch_other_stations(stages: Stages, event: Tick) -> list[Effect]:
     """Watch what others do to our vehicles: missions, commands, parameters."""
     t_ns = event.t_ns
-    effects = stages.external_uploads.poll(t_ns) + stages.second_commander.poll(t_ns)
+    effects = stages.external_uploads.poll(t_ns)
+    effects += stages.dispatch.settle(stages.second_commander.poll(t_ns))
     return effects + stages.parameter_changes.poll(t_ns)
 
 

@@ -42,6 +42,8 @@ _SAME_PLACE_M = 1.0
 _NEAR_END_M = 100.0
 _MAX_TURN_NEAR_END_RAD = math.radians(270.0)
 """Turns beyond which a vehicle near its target, or near the end of its route, keeps the route it flies."""
+_LOOP_RADII = 4.0
+"""Extent of a loop's waypoints, in turn radii."""
 
 
 class Replanner:
@@ -425,7 +427,8 @@ class Replanner:
         to_target_m = _distance_m(agent.mean, inputs.targets[new.target].mean)
         if min(to_target_m, _distance_m(agent.mean, newest.points_m[-1])) > _NEAR_END_M:
             return False
-        return total_turn_rad(start, new.points_m) > _MAX_TURN_NEAR_END_RAD
+        loop_m = _LOOP_RADII * self._vehicle_options[new.vehicle].turn_radius_m
+        return total_turn_rad(start, new.points_m, _NEAR_END_M + loop_m) > _MAX_TURN_NEAR_END_RAD
 
 
 def is_crossed(closed: Grid, route_m: FloatArray, place: Point | None, passed: int = 0) -> bool:

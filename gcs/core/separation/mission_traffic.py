@@ -30,7 +30,7 @@ class MissionTraffic:
     def holds_back(self, route: Route, t_ns: int) -> str:
         """Return why the upload of a route must wait; empty if it need not."""
         seen = self._agents[route.vehicle].separation
-        if t_ns - seen.traffic_t_ns >= _PERIOD_NS:
+        if not seen.traffic or t_ns - seen.traffic_t_ns >= _PERIOD_NS:
             seen.traffic_t_ns = t_ns
             seen.traffic = self._order_check.mission_problem(route, t_ns)
         if not seen.traffic:
@@ -43,7 +43,9 @@ class MissionTraffic:
         effects: list[Effect] = []
         for vehicle, agent in self._agents.items():
             seen, queued = agent.separation, self._tasking.queue.get(vehicle)
-            if queued is None or queued.at_once or not seen.traffic:
+            if queued is None or queued.at_once:
+                seen.traffic = ""
+            if not seen.traffic:
                 seen.waits_since_t_ns = None
             elif seen.waits_since_t_ns is None:
                 seen.waits_since_t_ns = t_ns

@@ -151,6 +151,10 @@ class ActiveUploads(UploadPolicy):
         """End an upload for an order to a mode; nothing is sent that could undo another one than LOITER."""
         return self._order(vehicle, Event.ABANDON if mode == LOITER else Event.STOP, t_ns, reason)
 
+    def yield_up(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
+        """End an upload because another service with our ids commands the vehicle."""
+        return self._order(vehicle, Event.YIELD, t_ns, reason)
+
     def supersede(self, vehicle: int, t_ns: int) -> list[Effect]:
         """End an upload without a report, for a newer one."""
         if vehicle not in self._uploads:
@@ -205,6 +209,7 @@ class ActiveUploads(UploadPolicy):
         window.note_end(upload.state.began_t_ns, result.t_ns, round_trip_s, repeated)
         if upload.onboard is not None:
             if upload.state.activation.is_unflyable:
+                self._agents[vehicle].tasking.retry.note_rejection()
                 return effects + self._rejected(task.report(), upload)
             effects.append(task.report())
             if result.ok:

@@ -36,6 +36,7 @@ from gcs.core.tasking.records import OnboardMission, QueuedRoute, TaskingState
 from gcs.core.tasking.rejections import Rejections
 from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
 from gcs.core.tasking.upload_pauses import ClearingRetry, RejectionRetry, UploadRetry
+from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
@@ -226,6 +227,19 @@ class UploadManager:
             return self._active.abandon(vehicle, reason, t_ns, mode)
         return [] if queued is None else self._not_begun(vehicle, reason, t_ns)
 
+    def yield_up(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
+        """Send no mission any more to a vehicle that another service with our ids commands.
+
+        Its onboard mission is unknown from then on. An upload in progress leaves none that must not be flown.
+        """
+        queued = self.state.queue.pop(vehicle, None)
+        effects = [] if queued is None else self._not_begun(vehicle, reason, t_ns)
+        if vehicle in self.state.uploads:
+            effects += self._active.yield_up(vehicle, reason, t_ns)
+        self._first_legs.end(vehicle)
+        self._agents[vehicle].tasking.onboard = None
+        return effects
+
     def _observe(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process reboots, mode changes and mission states of a vehicle."""
         tasking = self._agents[vehicle].tasking
@@ -262,8 +276,13 @@ class UploadManager:
         )
 
     def _may_clear(self, vehicle: int, t_ns: int) -> bool:
-        """Return True if an inconsistent mission may be cleared: nobody else commands the vehicle."""
+        """Return True if an inconsistent mission may be cleared: nobody else commands the vehicle.
+
+        One that another service with our ids commands is left alone until it would fly that mission, in AUTO.
+        """
         agent = self._agents[vehicle]
+        if Authority.SECOND_COMMANDER in agent.claims and agent.link.mode != AUTO:
+            return False
         is_taken = bool(self.overrides.of(vehicle).taken_by) or agent.control.suspension == "return"
         return not is_taken and agent.orders.command is None and agent.tasking.clearing.is_due(t_ns)
 

@@ -52,6 +52,10 @@ class UploadRetry:
         if self.first_began_t_ns is None:
             self.first_began_t_ns = t_ns
 
+    def note_rejection(self) -> None:
+        """Note that an upload has ended with a rejected mission; its pauses are those of `RejectionRetry`."""
+        self.first_began_t_ns = None
+
     def note_failure(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Note a failed upload; return a notice if the next one has to wait."""
         self.first_began_t_ns = None

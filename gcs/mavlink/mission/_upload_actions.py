@@ -67,6 +67,7 @@ def request_state(upload: Upload, _t_ns: int) -> None:
 def clear_mission(upload: Upload, t_ns: int) -> None:
     clearing = upload.state.clearing
     clearing.has_begun = True
+    upload.state.verification.onboard = OnboardState.UNKNOWN  # the answer may be lost
     pause_s = upload.limits.pause_s(clearing.acknowledged + 1) if clearing.acknowledged else 0.0
     upload.ask(
         dialect.MAVLink_mission_clear_all_message(*upload.to, upload.mission_type), t_ns, pause_s=pause_s
@@ -256,6 +257,12 @@ def note_reboot(upload: Upload, _t_ns: int) -> None:
 
 
 # ---------------------------------------------------------------- the end without the new mission
+
+
+def distrust(upload: Upload, t_ns: int) -> None:
+    """Note that the onboard mission must not be flown, whole or not."""
+    cancel_transfer(upload, t_ns)
+    upload.state.verification.is_rejected = True
 
 
 def keep_mission(upload: Upload, t_ns: int) -> None:

@@ -262,6 +262,18 @@ def is_whole(upload: Upload, _t_ns: int) -> bool:
     return not upload.is_inconsistent and not upload.state.verification.is_rejected
 
 
+def must_be_removed(upload: Upload, _t_ns: int) -> bool:
+    """Return True if the onboard mission must not be flown while another service commands the vehicle.
+
+    Both may have written items of one transfer: in place, or up to the last item of an atomic one. A PX4
+    counts the items of the service that was first.
+    """
+    is_written = not upload.is_atomic or upload.state.transfer.may_be_stored
+    is_unread = upload.state.verification.onboard is OnboardState.UNKNOWN
+    is_others = bool(upload.flight.authority.taken_by)
+    return not is_others and (upload.is_unselected or (is_written and is_unread))
+
+
 def may_resume(upload: Upload, t_ns: int) -> bool:
     return is_old(upload, t_ns) and upload.state.heartbeats.loiter_t_ns is not None
 

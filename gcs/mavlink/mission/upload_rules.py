@@ -52,7 +52,7 @@ from gcs.mavlink.mission.upload_stages import Choice, Event, Stage
 # fmt: off
 (NEW, PARK, UPLOAD, VERIFY, SELECT, MODE, DIAGNOSE, HOLD, CLEAR, DONE) = Stage
 (COMPARE, RETRY, REMOVE, RESUME, ACTIVATE, OVERRIDDEN) = Choice
-(START, DOWNLOAD, START_CLEARING, ABANDON, STOP, REBOOT, RESTART,
+(START, DOWNLOAD, START_CLEARING, ABANDON, STOP, YIELD, REBOOT, RESTART,
  OVERRIDE, HEARTBEAT, MISSION_REQUEST, MISSION_ACK, MISSION_COUNT, MISSION_ITEM, MISSION_CURRENT, COMMAND_ACK,
  IN_AUTO, OVERTIME, FAILED, OVERDUE, STALLED, UNANSWERED, TICK) = Event
 RUNNING: Final = (PARK, UPLOAD, VERIFY, SELECT, MODE, DIAGNOSE, HOLD, CLEAR)
@@ -227,6 +227,9 @@ _MISSION: Final = (
     # Orders to the vehicle, its reboots, and outages of this service.
     *at(NEW, *RUNNING, rules=(
         On(STOP,            ALWAYS,                      DONE,       do.cancel_transfer, why="{order}"),)),
+    *at(PARK, UPLOAD, VERIFY, SELECT, MODE, DIAGNOSE, rules=(
+        On(YIELD,           when.must_be_removed,        REMOVE,     do.distrust, why="{order}"),
+        On(YIELD,           ALWAYS,                      DONE,       do.cancel_transfer, why="{order}"))),
     *at(UPLOAD, VERIFY, SELECT, MODE, DIAGNOSE, rules=(
         On(REBOOT,          ALWAYS,                      RETRY,
            do.note_reboot, why="the vehicle rebooted"),
@@ -280,10 +283,10 @@ _MESSAGES: Final = (
 _IGNORED_BY_MISSIONS: Final = (
     # What belongs to a stage before, comes again, or says nothing new.
     *at(*Stage, rules=map(On, (*_MESSAGES, IN_AUTO, TICK))),
-    *at(HOLD, CLEAR, rules=(On(ABANDON),)),
+    *at(HOLD, CLEAR, rules=(On(ABANDON), On(YIELD))),
     # What cannot be: the stage waits for nothing of the kind.
     *at(NEW, *RUNNING, rules=map(On, (START, START_CLEARING, DOWNLOAD, OVERTIME, STALLED, OVERDUE, FAILED))),
-    *at(NEW, rules=map(On, (OVERRIDE, REBOOT, RESTART, UNANSWERED))),
+    *at(NEW, rules=map(On, (YIELD, OVERRIDE, REBOOT, RESTART, UNANSWERED))),
     *at(DIAGNOSE, rules=(On(UNANSWERED),)),
     *at(DONE, rules=map(On, Event)),
 )
@@ -291,7 +294,7 @@ _IGNORED_BY_MISSIONS: Final = (
 _IGNORED_BY_LISTS: Final = (
     *at(NEW, UPLOAD, VERIFY, CLEAR, rules=map(On, (*_MESSAGES, TICK))),
     # What cannot be: a list needs no mode, and no order but the first.
-    *at(NEW, UPLOAD, VERIFY, CLEAR, rules=map(On, (START_CLEARING, ABANDON, STOP, REBOOT, RESTART))),
+    *at(NEW, UPLOAD, VERIFY, CLEAR, rules=map(On, (START_CLEARING, ABANDON, STOP, YIELD, REBOOT, RESTART))),
     *at(NEW, UPLOAD, VERIFY, CLEAR, rules=map(On, (OVERRIDE, IN_AUTO))),
     *at(UPLOAD, VERIFY, CLEAR, rules=map(On, (START, DOWNLOAD))),
     *at(NEW, rules=map(On, (OVERTIME, FAILED, OVERDUE, STALLED, UNANSWERED))),

@@ -67,6 +67,8 @@ class Event(StrEnum):
     start clearing   Remove a mission that may be inconsistent.
     abandon          The vehicle goes to LOITER: nothing is started.
     stop             It goes to another mode, or gets a newer mission: nothing that could undo it is sent.
+    yield            Another service with our ids commands it: nothing is started, and no mission is left that
+                     must not be flown.
     reboot           The vehicle has rebooted.
     restart          This service had an outage.
 
@@ -90,6 +92,7 @@ class Event(StrEnum):
     START_CLEARING = "start clearing"
     ABANDON = "abandon"
     STOP = "stop"
+    YIELD = "yield"
     REBOOT = "reboot"
     RESTART = "restart"
     OVERRIDE = "override"

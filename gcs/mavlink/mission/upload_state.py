@@ -90,8 +90,8 @@ class Verification:
     same_differences: int = 0
     """Read-backs in a row with this difference."""
     is_rejected: bool = False
-    """True if a whole mission is stored that must not be flown: it reads back differently, or the vehicle's
-    navigator rejects it."""
+    """True if a mission is stored that must not be flown, though it may be whole: it reads back differently,
+    the vehicle's navigator rejects it, or another service may have mixed it with its own."""
 
 
 @dataclass(slots=True)

@@ -12,12 +12,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
+
+import numpy as np
 
 from gcs.planning.forward_simulation import Motion
 from gcs.planning.map.grid import Grid, Point
-from gcs.planning.map.line_of_sight import line_of_sight, to_cells
+from gcs.planning.map.line_of_sight import line_of_sight, path_clearance, to_cells
 from gcs.planning.path.initial_turn import START_CLEARANCE_SHARE, is_turn_safe, start_clearance
 
 _CLIMB_LENGTH_UNCERTAINTY = 0.1
@@ -124,7 +126,9 @@ def turn_problem(
     """Return where the turn from a climb on to a route is not clear; empty if it is.
 
     The turn must be clear from each possible end of the climb, with the planned radius and with half of it.
-    It keeps the clearance share of every initial turn (`gcs.planning.path.initial_turn`).
+    It keeps the clearance share of every initial turn (`gcs.planning.path.initial_turn`). Obstacles beyond it
+    are those of the leg to the first waypoint after it: from them that share of the leg's own clearance is
+    kept, as in planning.
 
     Parameters
     ----------
@@ -136,19 +140,39 @@ def turn_problem(
     min_clearance_m, far_m = START_CLEARANCE_SHARE * clearance_m, _FIRST_TURN_RADII * radius_m
     far = [k for k, point in enumerate(points_m) if math.dist(climb.end_m, point) > far_m]
     first = far[0] if far else len(points_m) - 1
-    for start, end in pairwise((climb.latest_end_m, *points_m[: first + 1])):
-        if not line_of_sight(grid, start, end, min_clearance_m):
-            place = _last_clear(grid, start, end, min_clearance_m)
+    ends, path = climb.possible_ends_m(), (climb.latest_end_m, *points_m[: first + 1])
+    near = _obstacles_near(grid, ends, far_m + min_clearance_m)
+    for start, end in pairwise(path):
+        if not line_of_sight(near, start, end, min_clearance_m):
+            place = _last_clear(near, start, end, min_clearance_m)
             return f"the first turn comes within {min_clearance_m:.0f} m of {_BLOCKED}{_where(climb, place)}"
     angle, radius = 0.5 * math.pi - climb.heading_rad, radius_m / grid.spacing_m
-    clearance = min_clearance_m / grid.spacing_m
-    for end in climb.possible_ends_m():
+    leg_m = START_CLEARANCE_SHARE * _clearance_m(grid, path, clearance_m)
+    for end, (around, min_m) in product(ends, ((near, min_clearance_m), (grid, leg_m))):
         # A waypoint inside the turn is passed without being reached.
         ahead = [point for point in points_m[:first] if not _is_inside_turn(climb, end, point, radius_m)]
         to_cell = to_cells(grid, ahead[0] if ahead else points_m[first])
-        if not is_turn_safe(grid.blocked, clearance, *to_cells(grid, end), angle, *to_cell, radius, -1):
-            return f"the first turn may come within {min_clearance_m:.0f} m of {_BLOCKED}{_where(climb, end)}"
+        clearance = min_m / grid.spacing_m
+        if not is_turn_safe(around.blocked, clearance, *to_cells(grid, end), angle, *to_cell, radius, -1):
+            return f"the first turn may come within {min_m:.0f} m of {_BLOCKED}{_where(climb, end)}"
     return ""
+
+
+def _obstacles_near(grid: Grid, places_m: Sequence[Point], max_m: float) -> Grid:
+    """Return the map without the obstacles that are farther from all of these places."""
+    rows, cols = grid.shape
+    is_near = np.zeros(grid.shape, np.bool_)
+    for place in places_m:
+        col, row = to_cells(grid, place)
+        north, east = abs(np.arange(rows) - row) - 0.5, abs(np.arange(cols) - col) - 0.5
+        is_near |= np.hypot(np.maximum(north[:, None], 0.0), np.maximum(east, 0.0)) < max_m / grid.spacing_m
+    return replace(grid, blocked=grid.blocked & is_near)
+
+
+def _clearance_m(grid: Grid, path: Sequence[Point], max_m: float) -> float:
+    """Return the distance of a path from the nearest obstacle, at most `max_m`."""
+    frame, most = np.array([*grid.origin_m, grid.spacing_m]), max_m / grid.spacing_m
+    return grid.spacing_m * float(path_clearance(grid.blocked, frame, np.array(path), most))
 
 
 def _is_inside_turn(climb: Climb, end: Point, point: Point, radius_m: float) -> bool:

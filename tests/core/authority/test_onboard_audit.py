@@ -91,6 +91,21 @@ def test_an_empty_mission_without_a_boot_time_does_not_flood_the_link() -> None:
     assert stage.engine.stages.onboard_audit.awaited == []
 
 
+def test_a_foreign_mission_of_65535_items_is_named_at_once() -> None:
+    """It was downloaded to its end, for an hour; meanwhile the vehicle was said not to answer."""
+    stage = audited()
+    stage.wait(1.0)
+    before = len(stage.effects)
+    stage.hear(dialect.MAVLink_mission_count_message(255, 190, 65_535, 0))
+    (notice,) = noticed(stage.effects, NoticeCode.MISSION_DIFFERS)
+    assert notice.parameters["difference"] == "65535 items instead of 4"
+    stage.wait(30.0)
+    sent = [m for e in stage.effects[before:] if isinstance(e, Send) for m in decode(e.data)[0]]
+    assert [m.get_type() for m in sent if m.get_type().startswith("MISSION")] == ["MISSION_ACK"]
+    assert suspensions(stage.engine) == {1: "found"}
+    assert not noticed(stage.effects, NoticeCode.MISSION_UNREAD)
+
+
 def test_an_audit_outlasts_heartbeats_of_a_firmware_that_is_not_known() -> None:
     """The answer to its download ended the service."""
     stage = audited()

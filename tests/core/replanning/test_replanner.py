@@ -280,6 +280,21 @@ def test_near_its_target_an_agent_is_not_led_round_a_full_turn():
     assert desk.vehicles[1].routes.flown.points_m[-1] == pytest.approx((1500.0, 200.0))
 
 
+SLALOM = BESIDE_A_BOX.replace(
+    "[[1409.0, 286.0, 1597.0, 333.0]]",
+    "[[400.0, 600.0, 2000.0, 640.0], [0.0, 1000.0, 1600.0, 1040.0], [400.0, 1400.0, 2000.0, 1440.0]]",
+)
+
+
+def test_the_turns_of_a_far_leg_are_no_full_turn_near_the_end_of_a_route():
+    """The vehicle was left to where its target had been: the way round three walls counted as a loop."""
+    desk = Desk({1: (900.0, 200.0)}, {A: (1500.0, 200.0)}, tables=SLALOM)
+    desk.velocities[1] = (22.0, 0.0)
+    assert desk.check(0.0).changed == (1,)
+    desk.agents[1], desk.targets[A] = (1417.0, 200.0), (1500.0, 1800.0)
+    assert desk.check(30.0).changed == (1,)
+
+
 def test_near_its_target_an_agent_turns_fully_to_another_target():
     desk = near_its_target()
     desk.targets[B] = desk.targets.pop(A)

@@ -7,6 +7,7 @@ import pytest
 from core.separation.test_order_check import fly_on, place
 from core.separation.test_separation import Sky
 
+from gcs.core.tasking.records import QueuedRoute
 from gcs.model import NoticeCode, read_only
 from sim_vehicles.autopilots.base import Mode
 
@@ -40,6 +41,22 @@ def test_a_new_mission_waits_while_it_leads_through_a_held_vehicle(sky):
     assert notice.vehicle == 1
     assert notice.parameters["reason"].startswith("would come within")
     assert "agent 2" in notice.parameters["reason"]
+
+
+def test_another_route_is_not_judged_by_the_one_before(sky):
+    """A route that is planned again when its upload begins was taken for clear, as the older one was."""
+    traffic, t_ns = sky.run_.engine.stages.mission_traffic, sky.run_.t_ns
+    assert not traffic.holds_back(sky.run_.engine.state.agents[1].routes.flown, t_ns)
+    assert traffic.holds_back(higher(sky), t_ns)
+
+
+def test_a_mission_that_waits_for_its_next_item_is_not_said_to_wait_for_the_traffic_of_an_older_one(sky):
+    engine = sky.run_.engine
+    assert engine.stages.mission_traffic.holds_back(higher(sky), sky.run_.t_ns)
+    fly_on(sky, 1.0)
+    waiting = QueuedRoute(engine.state.agents[1].routes.flown, sky.run_.t_ns, 10**30, False, None)
+    engine.state.tasking.queue[1] = waiting
+    assert not engine.stages.mission_traffic.check(sky.run_.t_ns)
 
 
 def test_a_new_mission_does_not_wait_for_a_vehicle_far_away(sky):

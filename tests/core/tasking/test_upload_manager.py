@@ -15,7 +15,7 @@ from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.upload import Upload
 from gcs.mavlink.mission.upload_stages import RuleError, Stage
-from gcs.model import Datagram, NoticeCode, Route, Send, Tick, UploadReport, read_only
+from gcs.model import ControlEvent, Datagram, NoticeCode, Route, Send, Tick, UploadReport, read_only
 from gcs.planning.manoeuvres.landing import ReturnRoute
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import VirtualRun
@@ -270,6 +270,28 @@ def test_a_vehicle_that_keeps_its_inconsistent_mission_is_given_up_with_an_alarm
     assert plane.store == []
 
 
+@pytest.mark.parametrize(("mode", "is_cleared"), [(LOITER, False), (AUTO, True)])
+def test_an_inconsistent_mission_of_a_vehicle_of_two_services_is_cleared_only_where_it_would_be_flown(
+    mode, is_cleared
+):
+    """Nothing else is sent before an operator decides."""
+    swarm = Swarm(1)
+    swarm.task(1)
+    swarm.run(5.0)
+    plane, claims = swarm.planes[1], swarm.tasking._agents[1].claims
+    swarm.carry(swarm.tasking.yield_up(1, "another service", swarm.t_ns))
+    claims.apply(ControlEvent.COMMANDED_ELSEWHERE, swarm.t_ns)
+    swarm.tasking.mark_inconsistent(1)
+    swarm.tasking.overrides.of(1).note_command("LOITER")
+    plane.mode = mode
+    swarm.run(10.0)
+    assert (plane.store == []) is is_cleared
+    assert plane.mode == LOITER
+    claims.apply(ControlEvent.RESUME, swarm.t_ns)
+    swarm.run(10.0)
+    assert plane.store == []
+
+
 def px4_swarm(**options):
     swarm = Swarm(0)
     swarm.planes = {1: Px4(1, **options)}
@@ -293,6 +315,39 @@ def test_a_refused_mission_that_is_cleared_from_a_px4_is_reported():
     swarm.run(60.0)
     assert swarm.planes[1].store == []
     assert any(detail.startswith("read-back differs") for detail in without_mission(swarm))
+
+
+def test_a_newer_route_takes_the_place_of_the_upload_after_a_rejected_one():
+    """The time for that began with the rejected upload: the outdated mission was uploaded to its end."""
+    swarm = px4_swarm(rejects=True)
+    swarm.task(1)
+    swarm.run(15.0)
+    plane = swarm.planes[1]
+    assert swarm.reports()
+    plane.rejects, plane._on_mission_item_int = False, lambda _message, _sender: []
+    for shift_m in (5.0, 10.0):
+        swarm.task(1, ROUTE + shift_m)
+        swarm.run(1.0)
+        assert swarm.tasking.state.uploads[1].onboard.route.points_m[0, 0] == shift_m
+
+
+def test_a_mission_that_is_rejected_and_may_not_be_cleared_is_no_verified_one():
+    """It was read back equal; the answers to its clearing were lost, and the vehicle was armed with it."""
+    swarm = px4_swarm()
+    plane = swarm.planes[1]
+    select = plane._on_mission_set_current
+
+    def rejects(message, sender):
+        plane.valid = False
+        return select(message, sender)
+
+    plane._on_mission_set_current = rejects
+    plane._on_mission_clear_all = lambda _message, _sender: []
+    swarm.task(1)
+    swarm.run(60.0)
+    (report,) = swarm.reports()
+    assert "navigator rejects" in report.detail
+    assert swarm.tasking._agents[1].tasking.onboard is None
 
 
 def test_a_hold_at_the_number_of_the_old_missions_end_is_an_operators_during_an_upload():

@@ -190,6 +190,60 @@ def test_nothing_that_steers_is_sent_after_another_station_commanded_a_mode(make
     assert "system 254/190 commands a mode" in link.task.result.detail
 
 
+LEFT = {
+    arduplane: {Stage.PARK: "old", Stage.MODE: "new"},
+    px4: dict.fromkeys((Stage.SELECT, Stage.MODE), "new") | {Stage.UPLOAD: "old", Stage.DIAGNOSE: "new"},
+}
+"""What a vehicle keeps when its upload yields; nothing in other stages."""
+REMOVAL = {"COMMAND_LONG", "MISSION_CLEAR_ALL"}
+
+
+@pytest.mark.parametrize("stage", RUNNING)
+@pytest.mark.parametrize("make", [arduplane, px4])
+@pytest.mark.parametrize("loss", [0.0, 0.3])
+def test_an_upload_yields_to_another_service_and_no_inconsistent_mission_is_left_in_auto(make, stage, loss):
+    """It went on to the end: the vehicle flew the new mission while the alarm said that it is not tasked."""
+    links = (in_stage(make, stage, loss=loss, seed=seed) for seed in range(1, 4 if loss else 2))
+    for link in filter(None, links):
+        task, vehicle = link.task, link.plane
+        while stage is Stage.UPLOAD and task.state.transfer.sending.sent_count < 3:
+            link.step(0.02)
+        if make is arduplane:
+            vehicle.mean(task.items)
+            vehicle.leg_s = (link.t_ns - vehicle._leg_t_ns) / S + 6.0  # it takes its next item soon
+        t_ns = link.t_ns
+        link.up.put(task.yield_up(t_ns), t_ns)
+        result = link.run(60.0, extra_s=10.0)
+        assert result is not None
+        assert not result.ok
+        kept = LEFT[make].get(stage, "none")
+        old, new = len(build_items(PX4, mission(6, 0.01), PLACE)), len(build_items(PX4, mission(8), PLACE))
+        home = int(make is arduplane)
+        assert len(vehicle.store) == {"old": old + home, "new": new + home, "none": 0}[kept]
+        assert set(link.up.kinds(t_ns)) & STEERS <= {"MISSION_CLEAR_ALL"}
+        modes = [m for sent_ns, m in link.up.sent if sent_ns > t_ns and steers(m)]
+        assert all(m.get_type() == "MISSION_CLEAR_ALL" or commands_loiter(m, make) for m in modes), modes
+        if kept != "none":
+            assert modes == []
+        if make is arduplane:
+            assert vehicle.mixed_legs == []
+
+
+def commands_loiter(message, make):
+    numbers = (LOITER, 0.0) if make is arduplane else (4, 3)
+    return message.get_type() == "COMMAND_LONG" and (message.param2, message.param3) == numbers
+
+
+def test_a_px4_that_mixes_the_missions_of_two_services_does_not_fly_them():
+    """Both have one id: it counts the items of the first, and takes those of both."""
+    link = in_stage(px4, Stage.VERIFY)
+    link.plane.store[3:5] = [item.message(3, 1, 1) for item in build_items(PX4, mission(2, 0.02), PLACE)]
+    link.up.put(link.task.yield_up(link.t_ns), link.t_ns)
+    result = link.run()
+    assert (result.onboard, link.plane.store) == (OnboardState.CLEARED, [])
+    assert link.plane.mode == HOLD
+
+
 @pytest.mark.parametrize("stage", [Stage.UPLOAD, Stage.VERIFY, Stage.SELECT, Stage.MODE])
 def test_a_px4_is_told_that_the_upload_ends_and_keeps_its_whole_mission(stage):
     link = in_stage(px4, stage)

@@ -130,7 +130,7 @@ MESSAGES = st.one_of(
     built("heartbeat", st.just(1), st.just(3), st.just(129), modes, st.just(4), st.just(3)),
 )
 ORDERS = st.sampled_from(
-    ["reboot", "restart", "abandon", "supersede", "no answer", AUTO, LOITER, RTL, MANUAL]
+    ["reboot", "restart", "abandon", "yield", "supersede", "no answer", AUTO, LOITER, RTL, MANUAL]
 )
 
 
@@ -145,6 +145,8 @@ def order(link, what, authority):
             link.up.put(task.resume(t_ns), t_ns)
         case "abandon":
             link.up.put(task.abandon("ordered to", t_ns), t_ns)
+        case "yield":
+            link.up.put(task.yield_up(t_ns), t_ns)
         case "supersede":
             link.up.put(task.supersede(t_ns), t_ns)
         case "no answer":
@@ -334,7 +336,15 @@ def test_an_inconsistent_mission_is_removed_before_the_end_unless_the_vehicle_is
         for rule in MISSION_RULES.table[stage, event]
         if rule.target in (Stage.DONE, Choice.OVERRIDDEN)
     }
-    assert outward == {(Event.STOP, None), (Event.ABANDON, "is_whole"), (Event.OVERRIDE, None)}
+    assert outward == {
+        (Event.STOP, None),
+        (Event.ABANDON, "is_whole"),
+        (Event.YIELD, None),  # where it may be inconsistent, it is removed
+        (Event.OVERRIDE, None),
+    }
+    for stage in (Stage.UPLOAD, Stage.VERIFY):
+        first = MISSION_RULES.table[stage, Event.YIELD][0]
+        assert (first.guard, first.target) == (when.must_be_removed, Choice.REMOVE)
     assert leading_to(Choice.RESUME) == {
         (Choice.REMOVE, None, "is_whole"),
         (Choice.COMPARE, None, "is_old_at_last"),
