@@ -8,6 +8,7 @@ In reading order:
 `frames.signing`                   MAVLink 2 message signing: keys, checks, time stamps
 `frames.fast_scan`                 `scan` compiled; `fast_verify` and `batches` build on it
 `fleet.fleet`                      all vehicles: datagrams in; `Send`, `Notice`, vehicle states out
+`fleet.address_learning`           where a vehicle is heard, and when it has moved
 `fleet.records`                    the state of one vehicle and of all links, as plain records
 `fleet.vehicle`                    one vehicle: position, mode, home, health (mavutil's `messages`)
 `fleet.checks.link_timeouts`       when a silent vehicle is stale, and when its link is down

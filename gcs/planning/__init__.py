@@ -1,6 +1,8 @@
 """Motion planning for a team of fixed-wing vehicles: grid search, assignment, flyable routes.
 
-`plan_routes` takes a `Grid`, the `AgentState` of each vehicle and the targets, and returns a `PlanResult`.
+`plan_mission` takes `MissionInputs` and returns a `PlanResult`: routes in altitude layers, for the engine,
+`gcs plan` and the preflight check. Its first part, `plan_routes`, takes a `Grid`, the `AgentState` of each
+vehicle and the targets.
 The package is pure: no I/O, no clock, no random numbers.
 
 Reading order:
@@ -26,18 +28,30 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gcs.planning.map.grid import Grid
-    from gcs.planning.planner import PlanResult, plan_routes
-    from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions, TargetDemand
+    from gcs.planning.planner import PlanResult, plan_mission, plan_routes
+    from gcs.planning.planner_inputs import AgentState, LoiterSpec, MissionInputs, PlanOptions, TargetDemand
 
-__all__ = ["AgentState", "Grid", "LoiterSpec", "PlanOptions", "PlanResult", "TargetDemand", "plan_routes"]
+__all__ = [
+    "AgentState",
+    "Grid",
+    "LoiterSpec",
+    "MissionInputs",
+    "PlanOptions",
+    "PlanResult",
+    "TargetDemand",
+    "plan_mission",
+    "plan_routes",
+]
 
 _MODULES = {
     "AgentState": "planner_inputs",
     "Grid": "map.grid",
     "LoiterSpec": "planner_inputs",
+    "MissionInputs": "planner_inputs",
     "PlanOptions": "planner_inputs",
     "PlanResult": "planner",
     "TargetDemand": "planner_inputs",
+    "plan_mission": "planner",
     "plan_routes": "planner",
 }
 

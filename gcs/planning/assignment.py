@@ -18,17 +18,26 @@ so keeping targets never costs more than the fraction f of the optimum.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from gcs.model import FloatArray
+from gcs.model import FloatArray, Label
+from gcs.planning.map.grid import Point
+from gcs.planning.planner_inputs import AgentState, TargetDemand
 
 CHANGE_FRACTION = 0.02
 """Greatest increase of the total that keeping targets may cost, as a fraction of the optimum."""
 _MAX_GAIN_M = 1e8
 """Gain that no exchange has. An infinite one would leave no other pair than those that are flown."""
+_GROUNDED_COST = 1e6
+"""Added cost of an agent on the ground: one in the air serves its target, however far it is."""
+_DOUBTFUL_COST = 2e6
+"""Added cost of an agent that rejected its last mission: any other serves its target."""
+_UNFIT_COST = 1e7
+"""Cost of an unfit agent that keeps its target: any other agent goes first."""
 
 
 def with_change_costs(costs: FloatArray, flown: Sequence[int], switch_gain_m: float = 0.0) -> FloatArray:
@@ -48,6 +57,62 @@ def with_change_costs(costs: FloatArray, flown: Sequence[int], switch_gain_m: fl
         if column >= 0:
             counted[row, column] = costs[row, column] / (1.0 + CHANGE_FRACTION)
     return counted
+
+
+def fit_costs(
+    costs: FloatArray, agents: Sequence[AgentState], targets: Sequence[Point], flown_to: Sequence[int]
+) -> FloatArray:
+    """Return the costs without forbidden targets; agents in the air go first, doubtful and unfit ones last.
+
+    `flown_to` has the target that each agent flies to, -1 for none.
+    """
+    unfit = np.array([agent.is_unfit for agent in agents])
+    if unfit.any():
+        costs = np.where(unfit[:, None], math.inf, costs)
+        for i in np.flatnonzero(unfit).tolist():
+            if flown_to[i] >= 0:
+                costs[i, flown_to[i]] = _UNFIT_COST
+    grounded = np.array([agent.is_grounded for agent in agents])
+    if grounded.any() and not grounded.all():
+        costs = costs + _GROUNDED_COST * grounded[:, None]
+    doubtful = np.array([agent.is_doubtful for agent in agents])
+    if doubtful.any() and not doubtful.all():
+        costs = costs + _DOUBTFUL_COST * doubtful[:, None]
+    limited = [i for i, agent in enumerate(agents) if agent.range_m < math.inf]
+    if limited:
+        costs = costs.copy()
+    for i in limited:
+        agent = agents[i]
+        for j, target in enumerate(targets):
+            length_m = math.dist((agent.east_m, agent.north_m), target) + math.dist(target, agent.home_m)
+            if length_m > agent.range_m:
+                costs[i, j] = math.inf
+    return costs
+
+
+def pinned_costs(
+    costs: FloatArray,
+    vehicles: Sequence[int],
+    labels: Sequence[Label],
+    needs: Sequence[TargetDemand],
+    pinned: Mapping[int, Label],
+) -> FloatArray:
+    """Return the costs without the other targets of pinned vehicles, and without their competitors."""
+    pairs = [
+        (i, labels.index(pinned[v])) for i, v in enumerate(vehicles) if v in pinned and pinned[v] in labels
+    ]
+    pairs = [(i, j) for i, j in pairs if np.isfinite(costs[i, j])]
+    if not pairs:
+        return costs
+    allowed = np.ones(costs.shape, np.bool_)
+    for j in {j for _, j in pairs}:
+        rows = [i for i, other in pairs if other == j]
+        if len(rows) >= needs[j].agents:
+            allowed[:, j] = False
+    for i, j in pairs:
+        allowed[i] = False
+        allowed[i, j] = True
+    return np.where(allowed, costs, np.inf)
 
 
 def assign(costs: FloatArray, ranks: Sequence[int] | None = None) -> dict[int, int]:
@@ -81,3 +146,10 @@ def assign(costs: FloatArray, ranks: Sequence[int] | None = None) -> dict[int, i
     dropped = beyond * (float(weights.max()) + 1.0)
     rows, cols = linear_sum_assignment(np.where(finite, costs - beyond * weights, dropped))
     return {int(i): int(j) for i, j in zip(rows, cols, strict=True) if finite[i, j]}
+
+
+def assign_agents(costs: FloatArray, needs: Sequence[TargetDemand]) -> dict[int, int]:
+    """Return the target index of each assigned agent. A target has one column per agent that it needs."""
+    columns = [j for j, demand in enumerate(needs) for _ in range(demand.agents)]
+    pairs = assign(costs[:, columns], [needs[j].rank for j in columns])
+    return {i: columns[column] for i, column in pairs.items()}

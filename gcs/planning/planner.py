@@ -1,4 +1,7 @@
-"""Plan routes for a team: search, assignment, shaping.
+"""Plan the mission of a team: search, assignment, shaping, altitude layers.
+
+`plan_mission` is what the engine, `gcs plan` and the preflight check call. `plan_routes` is its first part:
+the routes of one plan, whatever is flown already.
 
 Source: Hill, Thomas & Larson, simultaneous target assignment and trajectory optimisation. Shortest grid
 paths of all agent-target pairs form the cost matrix (`search.cost_matrix`). The Hungarian algorithm
@@ -14,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Literal, TypeAlias
 
@@ -22,7 +26,8 @@ import numpy as np
 from gcs import jit
 from gcs.model import FloatArray, Label, NoticeCode, Parameter, Route, read_only, target_name
 from gcs.planning import forward_simulation, intercept, layer_assignment
-from gcs.planning.assignment import assign, with_change_costs
+from gcs.planning.assignment import assign_agents, fit_costs, pinned_costs, with_change_costs
+from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers
 from gcs.planning.manoeuvres import loiter
 from gcs.planning.manoeuvres.loiter import plan_terminal_loiter
 from gcs.planning.map import clearance_nodes
@@ -39,19 +44,13 @@ from gcs.planning.path.shortcut import (
 from gcs.planning.path.string_pulling import pull_string
 from gcs.planning.path.turns import make_flyable
 from gcs.planning.plan_notes import PlanNote
-from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
+from gcs.planning.planner_inputs import AgentState, MissionInputs, PlanOptions, TargetDemand
 from gcs.planning.route_joining import capture_length_m, has_explicit_turn, turn_around_s
 from gcs.planning.route_search import RouteSearch
 from gcs.planning.search import canonical_ordering, cost_matrix
 from gcs.planning.search.cost_matrix import Endpoints
 from gcs.planning.search.neighbours import SearchMap, cells, search_map
 
-_GROUNDED_COST = 1e6
-"""Added cost of an agent on the ground: one in the air serves its target, however far it is."""
-_DOUBTFUL_COST = 2e6
-"""Added cost of an agent that rejected its last mission: any other serves its target."""
-_UNFIT_COST = 1e7
-"""Cost of an unfit agent that keeps its target: any other agent goes first."""
 _MAX_ASSIGNMENTS = 4
 """Assignments of one plan. A pair whose route has no clear end is excluded from the next one."""
 Stage: TypeAlias = Literal["search", "assignment", "shaping"]
@@ -78,6 +77,10 @@ class PlanResult:
         Vehicles that fly to their targets now, and get no route there: no loiter circle at its end is clear.
     captured : mapping of int to Route
         Shorter routes without an explicit first turn: the simulated vehicle captures them clear of obstacles.
+    paths_m : mapping of int to ndarray, shape (k, 2)
+        East and north of each new route, from the position of its vehicle; of `plan_mission` only.
+    conflicts : tuple of Conflict
+        Vehicles that come near each other because no layer is left; of `plan_mission` only.
     """
 
     routes: tuple[Route, ...]
@@ -88,6 +91,8 @@ class PlanResult:
     stops_short: frozenset[int] = frozenset()
     captured: Mapping[int, Route] = field(default_factory=dict)
     endless: frozenset[int] = frozenset()
+    paths_m: Mapping[int, FloatArray] = field(default_factory=dict)
+    conflicts: tuple[Conflict, ...] = ()
 
     @property
     def total_length_m(self) -> float:
@@ -95,8 +100,77 @@ class PlanResult:
         return math.fsum(route.length_m for route in self.routes)
 
 
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """New routes of a plan, and those that are kept.
+
+    Attributes
+    ----------
+    new, kept : sequence of Route
+    flights : sequence of PlannedFlight
+        Those on kept routes, and of vehicles without a route; new routes keep clear of them.
+    """
+
+    new: Sequence[Route]
+    kept: Sequence[Route] = ()
+    flights: Sequence[PlannedFlight] = ()
+
+
+def choose_new(result: PlanResult) -> Choice:
+    """Choose all new routes, without an explicit first turn where the vehicle needs none."""
+    return Choice([result.captured.get(route.vehicle, route) for route in result.routes])
+
+
 def _ignore_stage(_stage: Stage) -> None:
     """Ignore the end of a stage."""
+
+
+def plan_mission(
+    inputs: MissionInputs,
+    choose: Callable[[PlanResult], Choice] = choose_new,
+    on_stage: Callable[[Stage], None] = _ignore_stage,
+) -> PlanResult:
+    """Assign targets to agents, plan their routes, and give them altitude layers.
+
+    Parameters
+    ----------
+    choose : callable
+        Returns which of the new routes are flown, and which flights go on.
+    on_stage : callable
+        As for `plan_routes`.
+    """
+    result = plan_routes(
+        inputs.grid,
+        inputs.agents,
+        inputs.targets,
+        inputs.flown_to,
+        inputs.options,
+        on_stage,
+        inputs.demands,
+        inputs.pinned,
+    )
+    choice = choose(result)
+    flights = [_flight(route, inputs) for route in choice.new]
+    layers, conflicts = assign_layers([*flights, *choice.flights], inputs.layers, inputs.separation_m)
+    new = [replace(route, layer=layers[route.vehicle]) for route in choice.new]
+    routes = sorted([*choice.kept, *new], key=attrgetter("vehicle"))
+    busy, served = {route.vehicle for route in routes}, {route.target for route in routes}
+    return replace(
+        result,
+        routes=tuple(routes),
+        unassigned_vehicles=tuple(v for v in result.unassigned_vehicles if v not in busy),
+        unassigned_targets=tuple(label for label in result.unassigned_targets if label not in served),
+        paths_m={flight.vehicle: flight.points_m for flight in flights},
+        conflicts=conflicts,
+    )
+
+
+def _flight(route: Route, inputs: MissionInputs) -> PlannedFlight:
+    """Return the flight on a new route, in any layer."""
+    agent = inputs.agents[route.vehicle]
+    begin_m = inputs.begins_m.get(route.vehicle, [(agent.east_m, agent.north_m)])
+    path_m = np.vstack((*begin_m, route.flown_m))
+    return PlannedFlight(route.vehicle, path_m, agent.speed_m_s, inputs.preferred_layers[route.vehicle])
 
 
 def plan_routes(
@@ -148,9 +222,9 @@ def plan_routes(
         on_stage("search")
         flown_to = [labels.index(current[v]) if current.get(v) in labels else -1 for v in vehicles]
         costs = with_change_costs(search.costs, flown_to, options.switch_gain_m)
-        costs = _fit_costs(costs, [agents[v] for v in vehicles], [targets[one] for one in labels], flown_to)
-        costs = _pinned_costs(costs, vehicles, labels, needs, pinned)
-        pairs = _assign(costs, needs)
+        costs = fit_costs(costs, [agents[v] for v in vehicles], [targets[one] for one in labels], flown_to)
+        costs = pinned_costs(costs, vehicles, labels, needs, pinned)
+        pairs = assign_agents(costs, needs)
         on_stage("assignment")
         for _ in range(_MAX_ASSIGNMENTS):
             for i, j in pairs.items():
@@ -162,7 +236,7 @@ def plan_routes(
             if not dead:
                 break
             costs[tuple(np.transpose(dead))] = np.inf
-            pairs = _assign(costs, needs)
+            pairs = assign_agents(costs, needs)
         on_stage("shaping")
     routes = [one.route for one in shaped if one.route is not None]
     served, busy = {route.target for route in routes}, {route.vehicle for route in routes}
@@ -221,69 +295,6 @@ def _shape_route(
     return _ShapedRoute(
         vehicle, label, route, aimed.grid_length_m, notes, route is not None and problem is not None, captured
     )
-
-
-def _fit_costs(
-    costs: FloatArray, agents: Sequence[AgentState], targets: Sequence[Point], flown_to: Sequence[int]
-) -> FloatArray:
-    """Return the costs without forbidden targets; agents in the air go first, doubtful and unfit ones last.
-
-    `flown_to` has the target that each agent flies to, -1 for none.
-    """
-    unfit = np.array([agent.is_unfit for agent in agents])
-    if unfit.any():
-        costs = np.where(unfit[:, None], math.inf, costs)
-        for i in np.flatnonzero(unfit).tolist():
-            if flown_to[i] >= 0:
-                costs[i, flown_to[i]] = _UNFIT_COST
-    grounded = np.array([agent.is_grounded for agent in agents])
-    if grounded.any() and not grounded.all():
-        costs = costs + _GROUNDED_COST * grounded[:, None]
-    doubtful = np.array([agent.is_doubtful for agent in agents])
-    if doubtful.any() and not doubtful.all():
-        costs = costs + _DOUBTFUL_COST * doubtful[:, None]
-    limited = [i for i, agent in enumerate(agents) if agent.range_m < math.inf]
-    if limited:
-        costs = costs.copy()
-    for i in limited:
-        agent = agents[i]
-        for j, target in enumerate(targets):
-            length_m = math.dist((agent.east_m, agent.north_m), target) + math.dist(target, agent.home_m)
-            if length_m > agent.range_m:
-                costs[i, j] = math.inf
-    return costs
-
-
-def _pinned_costs(
-    costs: FloatArray,
-    vehicles: Sequence[int],
-    labels: Sequence[Label],
-    needs: Sequence[TargetDemand],
-    pinned: Mapping[int, Label],
-) -> FloatArray:
-    """Return the costs without the other targets of pinned vehicles, and without their competitors."""
-    pairs = [
-        (i, labels.index(pinned[v])) for i, v in enumerate(vehicles) if v in pinned and pinned[v] in labels
-    ]
-    pairs = [(i, j) for i, j in pairs if np.isfinite(costs[i, j])]
-    if not pairs:
-        return costs
-    allowed = np.ones(costs.shape, np.bool_)
-    for j in {j for _, j in pairs}:
-        rows = [i for i, other in pairs if other == j]
-        if len(rows) >= needs[j].agents:
-            allowed[:, j] = False
-    for i, j in pairs:
-        allowed[i] = False
-        allowed[i, j] = True
-    return np.where(allowed, costs, np.inf)
-
-
-def _assign(costs: FloatArray, needs: Sequence[TargetDemand]) -> dict[int, int]:
-    """Return the target index of each assigned agent. A target has one column per agent that it needs."""
-    columns = [j for j, demand in enumerate(needs) for _ in range(demand.agents)]
-    pairs = assign(costs[:, columns], [needs[j].rank for j in columns])
-    return {i: columns[column] for i, column in pairs.items()}
 
 
 def _with_terminal_loiter(

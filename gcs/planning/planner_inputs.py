@@ -1,13 +1,15 @@
-"""Inputs of the planner: agent states, target demands and options."""
+"""Inputs of the planner: agent states, target demands and options; all inputs of a mission's plan."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
+from gcs.model import Label
 from gcs.planning.forward_simulation import Motion
-from gcs.planning.map.grid import Point
+from gcs.planning.map.grid import Grid, Point
 from gcs.planning.path.shortcut import Shape
 from gcs.planning.path.turns import TurnAnticipation
 
@@ -98,3 +100,43 @@ class PlanOptions:
     loiter: LoiterSpec | None = None
     turns: TurnAnticipation | None = None
     turn_lag_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class MissionInputs:
+    """Inputs of `planner.plan_mission`.
+
+    Attributes
+    ----------
+    grid : Grid
+    options : PlanOptions
+    layers : int
+        Number of altitude layers.
+    separation_m : float
+        Minimum distance of two vehicles in one layer.
+    agents : mapping of int to AgentState
+    targets : mapping of label to (float, float)
+        East and north.
+    preferred_layers : mapping of int to int
+        Layer of each agent, if it is free.
+    begins_m : mapping of int to positions
+        Where an agent is, and the end of its climb; without an entry the position of its `AgentState`.
+    flown_to : mapping of int to label
+        Assignment that is being flown. Vehicles and targets that are gone are ignored.
+    demands : mapping of label to TargetDemand
+        Targets that need more than one agent, have a rank, or move.
+    pinned : mapping of int to label
+        Vehicles that must get a certain target, if it is there and a path leads to it.
+    """
+
+    grid: Grid
+    options: PlanOptions
+    layers: int
+    separation_m: float
+    agents: Mapping[int, AgentState]
+    targets: Mapping[Label, Point]
+    preferred_layers: Mapping[int, int]
+    begins_m: Mapping[int, Sequence[Point]] = field(default_factory=dict)
+    flown_to: Mapping[int, Label] = field(default_factory=dict)
+    demands: Mapping[Label, TargetDemand] = field(default_factory=dict)
+    pinned: Mapping[int, Label] = field(default_factory=dict)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from planning_desk import replanner
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from staging import track
 
@@ -15,8 +16,7 @@ from gcs.config.key_overrides import override_keys
 from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
 from gcs.core.preflight.return_heights import ReturnHeight, return_of, returns_check
 from gcs.core.preflight.vehicle_checks import VehicleChecks, envelope_of
-from gcs.core.replanning.planned_flights import AltitudeLayers
-from gcs.core.state import State
+from gcs.core.replanning.inputs import PlanningInputs
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Encoder, scan
@@ -66,7 +66,7 @@ def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, mod
         frames = [send.data for send in fleet.poll(now_ns) if isinstance(send, Send)]
         to_plane += frames + talk.poll(now_ns)
         t_ns += S // 20
-    ways = [rehearse(config, 1, {}).routes_m[1]]
+    ways = [rehearse(config, 1, {}).plan.paths_m[1]]
     return {check.name: check for check in VehicleChecks(talk, fleet, config, ways, now_ns).checks()}
 
 
@@ -229,10 +229,9 @@ def test_the_layers_shown_before_the_flight_are_those_that_are_flown(setting):
     rehearsal = rehearse(config, 1, {})
     starts = {agent.vehicle: (agent.east_m, agent.north_m) for agent in config.agents}
     tracks = {vehicle: track((0, vehicle), place) for vehicle, place in starts.items()}
-    state = State.initial(starts)
-    layers = AltitudeLayers(config, state.agents, state.replanning)
-    routes, _ = layers.give(rehearsal.plan.routes, starts, tracks, ())
-    altitudes = {config.mission.altitude_rel_m + r.layer * config.mission.layer_step_m for r in routes}
+    targets = {(0, n): track((0, n), (one.east_m, one.north_m)) for n, one in enumerate(config.births)}
+    plan = replanner(config).check(PlanningInputs(START_NS, START_NS, tracks, targets, frozenset()))
+    altitudes = {config.mission.altitude_rel_m + r.layer * config.mission.layer_step_m for r in plan.routes}
     row = {row.name: row for row in mission_checks(config, rehearsal)}["separation"]
     shown = re.findall(r"[\d.]+(?=,| m)", row.value.split(" at ")[1])
     assert [float(altitude) for altitude in shown] == sorted(altitudes)

@@ -188,3 +188,20 @@ def test_other_ground_stations_commands_go_where_the_vehicle_signs_latest(is_key
     router.route_frame(NOW + 1, HOME, scan(plane.beat(NOW)).frames[0])
     to = router.route_frame(NOW + 2, (GROUND.name, "10.0.0.9:1"), command).to
     assert to == ((HOME,) if is_keyed else (FOE,))
+
+
+def test_our_missions_and_other_stations_commands_take_one_of_two_paths():
+    """The path in use pauses for three seconds: too short for a timeout."""
+    from gcs.mavlink.frames.codec import scan
+
+    fleet = Fleet([1], FRAME, FleetSettings(checks_signatures=True), links=[LINK], kernel=False)
+    router = Router([LINK, GROUND], [1], is_keyed=lambda *_: True)
+    plane = SignedPlane()
+    command = scan(Encoder(254, 190)(dialect.MAVLink_command_long_message(1, 1, 20, 0, *[0] * 7))).frames[0]
+    for after_s, path in ((0, HOME), (3, FOE)):
+        t_ns = NOW + after_s * NS_PER_S
+        data = plane.beat(t_ns)
+        fleet.receive(Datagram(t_ns, *path, data))
+        router.route_frame(t_ns, path, scan(data).frames[0])
+    assert heard_at(fleet) == HOME[1]
+    assert router.route_frame(t_ns, (GROUND.name, "10.0.0.9:1"), command).to == (HOME,)

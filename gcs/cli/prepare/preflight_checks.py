@@ -147,7 +147,7 @@ async def _run_checks(
         queries,
         session.fleet,
         config,
-        lambda vehicle: [rehearsal.routes_m[vehicle]] if vehicle in rehearsal.routes_m else [],
+        lambda vehicle: [path_m for v, path_m in rehearsal.plan.paths_m.items() if v == vehicle],
         session.now_ns(),
         session.has_key,
     )

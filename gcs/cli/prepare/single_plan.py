@@ -15,39 +15,31 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from gcs.cli.warm_up_progress import PLANNING, load_kernels
 from gcs.config import load
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.core.replanning.plan_targets import plan_options, vehicle_options
-from gcs.core.replanning.planned_flights import layer_count
+from gcs.core.replanning.mission_inputs import mission_inputs
 from gcs.core.replanning.return_routes import landing_of
 from gcs.errors import ConfigError, RecordingError
-from gcs.model import Label, NoticeCode, Route, target_name
+from gcs.model import NoticeCode, target_name, vehicle_name
 from gcs.planning.forward_simulation import LoiterCircle
-from gcs.planning.layer_assignment import PlannedFlight, assign_layers
 from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.plan_notes import PlanNote
-from gcs.planning.planner import PlanResult, Stage, plan_routes
-from gcs.planning.planner_inputs import AgentState, PlanOptions
+from gcs.planning.planner import PlanResult, Stage, plan_mission
+from gcs.planning.planner_inputs import AgentState, MissionInputs
 from gcs.report.plots.plan import PlanDrawing, draw_plan
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Map, agents, targets and options of a plan."""
+    """Inputs of a plan, with the name of the mission and its landings."""
 
     name: str
-    grid: Grid
-    agents: dict[int, AgentState]
-    targets: dict[Label, Point]
-    options: PlanOptions
-    layers: int
-    separation_m: float
+    mission: MissionInputs
     landings: Mapping[int, LandingSpec]
     """Landings of agents at their starts; none for agents that loiter at the ends of their routes."""
 
@@ -63,14 +55,15 @@ def run_plan(task: Task, plot: Path | None, console: Console, *, as_json: bool) 
     load_kernels(console, PLANNING)
     result, timings_ms = _plan(task)
     return_routes = _return_routes(task, result)
-    result = replace(result, notes=(*result.notes, *_return_notes(return_routes)))
+    problems = {vehicle: one.problem for vehicle, one in return_routes.items() if one.problem}
+    notes = [PlanNote(NoticeCode.RETURN_ROUTE_PROBLEM, v, {"problem": text}) for v, text in problems.items()]
+    result = replace(result, notes=(*result.notes, *notes))
     if plot is not None:
         _draw(plot, task, result, return_routes)
     _print_plan(task, result, timings_ms, plot, console)
     if as_json:
-        plain = _as_dict(task, result, timings_ms, return_routes)
-        print(json.dumps(plain), flush=True)  # noqa: T201  the output of --json
-    routes_expected = min(len(task.agents), len(task.targets))
+        print(json.dumps(_as_dict(result, timings_ms, return_routes)), flush=True)  # noqa: T201  the output of --json
+    routes_expected = min(len(task.mission.agents), len(task.mission.targets))
     return 0 if routes_expected and len(result.routes) == routes_expected else 1
 
 
@@ -85,41 +78,23 @@ def planning_task(
         When an argument or a file is invalid.
     """
     config = load(scenario)
-    grid = mission_grid(config, seed)
-    own = vehicle_options(config)
-    agents = {
-        a.system_id: AgentState(
-            a.east_m,
-            a.north_m,
-            math.radians(a.course_deg),
-            config.airframe_of(a.vehicle).speed_m_s,
-            options=own[a.vehicle],
-        )
-        for a in config.agents
-    }
-    landings = {
-        a.system_id: landing
-        for a in config.agents
-        if (landing := landing_of(config.airframe_of(a.vehicle))) is not None
-    }
-    targets = [(birth.east_m, birth.north_m) for birth in config.births]
+    mission = mission_inputs(config, mission_grid(config, seed))
     if agent_texts is not None:
-        starts = _positions(agent_texts, "--agents", grid)
-        speed_m_s = config.airframe.speed_m_s
-        agents = {n: AgentState(*place, None, speed_m_s) for n, place in enumerate(starts, start=1)}
+        starts = _positions(agent_texts, "--agents", mission.grid)
+        agents = {
+            number: AgentState(*place, None, config.airframe.speed_m_s)
+            for number, place in enumerate(starts, start=1)
+        }
+        mission = replace(mission, agents=agents, preferred_layers={n: n - 1 for n in agents})
     if target_texts is not None:
-        targets = _positions(target_texts, "--targets", grid)
-    numbered = {(0, number): place for number, place in enumerate(targets)}
-    return Task(
-        config.name,
-        grid,
-        agents,
-        numbered,
-        plan_options(config),
-        layer_count(config),
-        config.planning.separation_m,
-        landings,
-    )
+        targets = _positions(target_texts, "--targets", mission.grid)
+        mission = replace(mission, targets={(0, number): place for number, place in enumerate(targets)})
+    landings = {
+        vehicle: landing
+        for vehicle, airframe in config.airframes_of_agents.items()
+        if (landing := landing_of(airframe)) is not None
+    }
+    return Task(config.name, mission, landings)
 
 
 def _positions(given: Sequence[str], option: str, grid: Grid) -> list[Point]:
@@ -151,58 +126,37 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
         timings_ms[stage] += (now - began) * 1e3
         began = now
 
-    result = plan_routes(task.grid, task.agents, task.targets, {}, task.options, done)
-    notes = list(result.notes)
-    own = {vehicle: number for number, vehicle in enumerate(task.agents)}
-    flights = [
-        PlannedFlight(
-            route.vehicle,
-            np.vstack((_start_position(task, route.vehicle), route.flown_m)),
-            task.agents[route.vehicle].speed_m_s,
-            own[route.vehicle],
-        )
-        for route in result.routes
-    ]
-    layers, conflicts = assign_layers(flights, task.layers, task.separation_m)
-    notes += [
+    result = plan_mission(task.mission, on_stage=done)
+    near = [
         PlanNote(
             NoticeCode.NO_LAYER_LEFT,
             None,
             {"vehicles": conflict.vehicles, "distance_m": conflict.distance_m, "after_s": conflict.after_s},
         )
-        for conflict in conflicts
+        for conflict in result.conflicts
     ]
-    routes = tuple(replace(route, layer=layers[route.vehicle]) for route in result.routes)
-    return replace(result, routes=routes, notes=tuple(notes)), timings_ms
+    return replace(result, notes=(*result.notes, *near)), timings_ms
 
 
 def _return_routes(task: Task, result: PlanResult) -> dict[int, ReturnRoute]:
     """Plan the return routes of agents to their starts, for missions that end with a landing."""
     return {
         route.vehicle: plan_return_route(
-            task.grid,
+            task.mission.grid,
             start,
             route.points_m,
             (start.east_m, start.north_m),
-            start.options or task.options,
+            start.options or task.mission.options,
             task.landings[route.vehicle],
         )
         for route in result.routes
-        for start in (task.agents[route.vehicle],)
+        for start in (task.mission.agents[route.vehicle],)
         if route.vehicle in task.landings
     }
 
 
-def _return_notes(return_routes: Mapping[int, ReturnRoute]) -> list[PlanNote]:
-    return [
-        PlanNote(NoticeCode.RETURN_ROUTE_PROBLEM, vehicle, {"problem": one.problem})
-        for vehicle, one in return_routes.items()
-        if one.problem
-    ]
-
-
 def _as_dict(
-    task: Task, result: PlanResult, timings_ms: dict[str, float], return_routes: Mapping[int, ReturnRoute]
+    result: PlanResult, timings_ms: dict[str, float], return_routes: Mapping[int, ReturnRoute]
 ) -> dict[str, Any]:
     """Return the plan for JSON; the points of a route begin with the agent's position."""
     return {
@@ -213,7 +167,7 @@ def _as_dict(
                 "length_m": route.length_m,
                 "grid_length_m": result.grid_lengths_m[route.vehicle],
                 "layer": route.layer,
-                "points_m": [_start_position(task, route.vehicle), *route.points_m.tolist()],
+                "points_m": [result.paths_m[route.vehicle][0].tolist(), *route.points_m.tolist()],
                 "wait_m": route.wait_m,
                 "home_m": return_routes[route.vehicle].points_m.tolist()
                 if route.vehicle in return_routes
@@ -229,27 +183,24 @@ def _as_dict(
     }
 
 
-def _start_position(task: Task, vehicle: int) -> list[float]:
-    agent = task.agents[vehicle]
-    return [agent.east_m, agent.north_m]
-
-
-def _circle(route: Route, radius_m: float) -> LoiterCircle:
-    east_m, north_m = route.flown_m[-1].tolist()
-    return LoiterCircle((east_m, north_m), radius_m)
-
-
 def _draw(path: Path, task: Task, result: PlanResult, return_routes: Mapping[int, ReturnRoute]) -> None:
-    loiter = task.options.loiter if task.options.shape == "flyable" else None
+    loiter = task.mission.options.loiter if task.mission.options.shape == "flyable" else None
     title = f"{task.name}: {len(result.routes)} routes, {result.total_length_m:,.0f} m"
     drawing = PlanDrawing(
         title,
-        task.grid,
-        task.grid.inflate(task.options.clearance_m),
-        starts={vehicle: (agent.east_m, agent.north_m) for vehicle, agent in task.agents.items()},
-        targets={target_name(target): place for target, place in task.targets.items()},
-        routes={r.vehicle: (_start_position(task, r.vehicle), *r.points_m.tolist()) for r in result.routes},
-        circles={} if loiter is None else {r.vehicle: _circle(r, loiter.radius_m) for r in result.routes},
+        task.mission.grid,
+        task.mission.grid.inflate(task.mission.options.clearance_m),
+        starts={vehicle: (agent.east_m, agent.north_m) for vehicle, agent in task.mission.agents.items()},
+        targets={target_name(target): place for target, place in task.mission.targets.items()},
+        routes={
+            r.vehicle: (result.paths_m[r.vehicle][0].tolist(), *r.points_m.tolist()) for r in result.routes
+        },
+        circles={}
+        if loiter is None
+        else {
+            r.vehicle: LoiterCircle((float(r.flown_m[-1, 0]), float(r.flown_m[-1, 1])), loiter.radius_m)
+            for r in result.routes
+        },
         homes={
             r.vehicle: (r.points_m[-1].tolist(), *return_routes[r.vehicle].points_m.tolist())
             for r in result.routes
@@ -266,10 +217,10 @@ def _draw(path: Path, task: Task, result: PlanResult, return_routes: Mapping[int
 def _print_plan(
     task: Task, result: PlanResult, timings_ms: dict[str, float], plot: Path | None, console: Console
 ) -> None:
-    rows, cols = task.grid.shape
-    blocked = task.grid.blocked.mean()
+    grid = task.mission.grid
     console.print(
-        f"{task.name}: {cols} x {rows} nodes, {task.grid.spacing_m:g} m apart, {blocked:.1%} blocked",
+        f"{task.name}: {grid.shape[1]} x {grid.shape[0]} nodes, {grid.spacing_m:g} m apart, "
+        f"{grid.blocked.mean():.1%} blocked",
         highlight=False,
     )
     table = Table()
@@ -277,7 +228,7 @@ def _print_plan(
         table.add_column(heading, justify="right")
     for route in result.routes:
         table.add_row(
-            str(route.vehicle),
+            vehicle_name(route.vehicle),
             target_name(route.target),
             f"{route.length_m:,.1f} m",
             f"{result.grid_lengths_m[route.vehicle]:,.1f} m",
@@ -291,14 +242,14 @@ def _print_plan(
     if result.routes:
         console.print(table)
     for names, title in (
-        ([str(v) for v in result.unassigned_vehicles], "agents without a route"),
+        ([vehicle_name(v) for v in result.unassigned_vehicles], "agents without a route"),
         ([target_name(target) for target in result.unassigned_targets], "targets without an agent"),
     ):
         if names:
             console.print(f"{title}: {', '.join(names)}", highlight=False)
     for note in result.notes:
         console.print(f"[yellow]note:[/] {note.line}", highlight=False)
-    stages = ", ".join(f"{stage} {ms:.2f} ms" for stage, ms in timings_ms.items())
-    console.print(f"{stages}", highlight=False, style="dim")
+    stages = [f"{stage} {ms:.2f} ms" for stage, ms in timings_ms.items()]
+    console.print(", ".join(stages), highlight=False, style="dim")
     if plot is not None:
         console.print(f"picture: {plot}", highlight=False, markup=False, soft_wrap=True)

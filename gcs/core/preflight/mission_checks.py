@@ -5,26 +5,23 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from operator import attrgetter
-
-import numpy as np
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.result import Check, CheckLevel
-from gcs.core.replanning.plan_targets import plan_options, vehicle_options
-from gcs.core.replanning.planned_flights import layer_count, preferred_layers
+from gcs.core.replanning.mission_inputs import mission_inputs
 from gcs.core.takeoff.climbs import Climbs, Obstruction
 from gcs.fence import fence_of
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.model import NS_PER_S, FloatArray, Label, Scan, vehicle_name
-from gcs.planning.layer_assignment import PlannedFlight, assign_layers
+from gcs.model import NS_PER_S, Scan, vehicle_name
 from gcs.planning.manoeuvres.climb import Climb
-from gcs.planning.planner import PlanResult, plan_routes
-from gcs.planning.planner_inputs import AgentState
+from gcs.planning.map.grid import Point
+from gcs.planning.planner import PlanResult, plan_mission
+from gcs.planning.planner_inputs import MissionInputs
 
 _MAX_CLOCK_ERROR_S = 1.0
 MIN_LANDING_M = 30.0
@@ -35,19 +32,16 @@ MIN_LANDING_M = 30.0
 class Rehearsal:
     """Routes that would be planned now, to the birth components of targets."""
 
+    mission: MissionInputs
     plan: PlanResult
-    routes_m: Mapping[int, FloatArray]
-    """(n, 2) east/north of each vehicle's route, from its position."""
-    climbs: Mapping[int, Climb] = field(default_factory=dict)
+    climbs: Mapping[int, Climb]
     """Climbs of vehicles on the ground."""
-    starts_m: Mapping[int, tuple[float, float]] = field(default_factory=dict)
-    """Position of each vehicle."""
-    obstructions: Mapping[int, Obstruction] = field(default_factory=dict)
+    obstructions: Mapping[int, Obstruction]
     """Of take-offs that are not clear."""
 
 
 def rehearse(
-    config: Config, seed: int, positions_m: Mapping[int, tuple[float, float]], fleet: Fleet | None = None
+    config: Config, seed: int, positions_m: Mapping[int, Point], fleet: Fleet | None = None
 ) -> Rehearsal:
     """Plan from the positions of vehicles, or from the ends of their climbs.
 
@@ -62,43 +56,37 @@ def rehearse(
     fleet : Fleet or None
         States of vehicles; None: none is on the ground.
     """
-    starts = {
-        agent.vehicle: positions_m.get(agent.vehicle, (agent.east_m, agent.north_m))
-        for agent in config.agents
-    }
-    grid = mission_grid(config, seed)
-    takeoffs = None if fleet is None else Climbs(config, NoFlyZones(AirspaceState(), grid), fleet, {})
+    mission = mission_inputs(config, mission_grid(config, seed))
+    zones = NoFlyZones(AirspaceState(), mission.grid)
+    takeoffs = None if fleet is None else Climbs(config, zones, fleet, {})
     climbs = {
         vehicle: climb
-        for vehicle, layer in preferred_layers(config).items()
+        for vehicle, layer in mission.preferred_layers.items()
         if takeoffs is not None and (climb := takeoffs.climb(vehicle, layer)) is not None
     }
-    targets: dict[Label, tuple[float, float]] = {
-        (0, index): (birth.east_m, birth.north_m) for index, birth in enumerate(config.births)
-    }
-    if not targets:  # they may appear anywhere: plan to the middle
-        area = config.map
-        targets = {(0, n): (0.5 * area.width_m, 0.5 * area.height_m) for n in range(len(starts))}
-    speeds_m_s, options = config.speeds_m_s, vehicle_options(config)
-    agents = {v: AgentState(*place, None, speeds_m_s[v], options=options[v]) for v, place in starts.items()}
+    begins_m = {v: [positions_m.get(v, (one.east_m, one.north_m))] for v, one in mission.agents.items()}
     for vehicle, climb in climbs.items():
-        turns = climb.motion
-        agents[vehicle] = AgentState(
-            *turns.place_m, turns.course_rad, turns.speed_m_s, 0.0, turns, options[vehicle]
+        begins_m[vehicle].append(climb.latest_end_m)
+    motions = {vehicle: climb.motion for vehicle, climb in climbs.items()}
+    agents = {
+        vehicle: replace(
+            agent,
+            east_m=begins_m[vehicle][-1][0],
+            north_m=begins_m[vehicle][-1][1],
+            course_rad=motions[vehicle].course_rad if vehicle in motions else None,
+            motion=motions.get(vehicle),
         )
-    plan = plan_routes(grid, agents, targets, {}, plan_options(config))
-    routes_m, obstructions = {}, {}
-    for route in plan.routes:
-        vehicle, before = route.vehicle, [starts[route.vehicle]]
-        if vehicle in climbs:
-            before.append(climbs[vehicle].latest_end_m)
-        routes_m[vehicle] = np.concatenate((before, route.flown_m))
+        for vehicle, agent in mission.agents.items()
+    }
+    # Without birth components, targets may appear anywhere: plan to the middle.
+    middle_m = (0.5 * config.map.width_m, 0.5 * config.map.height_m)
+    targets = mission.targets or {(0, number): middle_m for number in range(len(agents))}
+    mission = replace(mission, agents=agents, targets=targets, begins_m=begins_m)
+    plan = plan_mission(mission)
     points = {route.vehicle: route.points_m for route in plan.routes}
-    for vehicle, climb in climbs.items():
-        obstruction = takeoffs.obstruction(vehicle, climb, points.get(vehicle)) if takeoffs else None
-        if obstruction is not None:
-            obstructions[vehicle] = obstruction
-    return Rehearsal(plan, routes_m, climbs, starts, obstructions)
+    found = {v: takeoffs.obstruction(v, one, points.get(v)) for v, one in climbs.items() if takeoffs}
+    obstructions = {vehicle: obstruction for vehicle, obstruction in found.items() if obstruction is not None}
+    return Rehearsal(mission, plan, climbs, obstructions)
 
 
 def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
@@ -109,15 +97,14 @@ def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
     ConfigError
         When the fence is invalid.
     """
-    takeoffs = [_takeoff(vehicle, rehearsal) for vehicle in sorted(rehearsal.climbs)]
-    rows = [
-        *takeoffs,
+    return [
+        *(_takeoff(vehicle, rehearsal) for vehicle in sorted(rehearsal.climbs)),
         *_standing(config, rehearsal),
         *_landing(config, rehearsal),
         _routes(rehearsal.plan),
         _separation(config, rehearsal),
+        _fence(config, rehearsal),
     ]
-    return [*rows, _fence(config, rehearsal)]
 
 
 def _takeoff(vehicle: int, rehearsal: Rehearsal) -> Check:
@@ -157,9 +144,9 @@ def _standing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
 def _landing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
     """Warn of vehicles that land, and stay, near each other: each lands where it starts."""
     places_m = {
-        vehicle: rehearsal.starts_m[vehicle]
+        vehicle: rehearsal.mission.begins_m[vehicle][0]
         for vehicle, airframe in config.airframes_of_agents.items()
-        if airframe.end == "land" and vehicle in rehearsal.starts_m
+        if airframe.end == "land"
     }
     near_m = {
         pair: math.dist(places_m[pair[0]], places_m[pair[1]])
@@ -188,17 +175,12 @@ def _routes(plan: PlanResult) -> Check:
 
 def _separation(config: Config, rehearsal: Rehearsal) -> Check:
     """Check the separation of the rehearsed routes in their altitude layers."""
-    mission, own, speeds_m_s = config.mission, preferred_layers(config), config.speeds_m_s
-    flights = [
-        PlannedFlight(vehicle, route_m, speeds_m_s[vehicle], own[vehicle])
-        for vehicle, route_m in sorted(rehearsal.routes_m.items())
-    ]
-    count = layer_count(config)
-    layers, conflicts = assign_layers(flights, count, config.planning.separation_m)
+    mission, conflicts = config.mission, rehearsal.plan.conflicts
     heights_m = [
-        mission.altitude_rel_m + layer * mission.layer_step_m for layer in sorted(set(layers.values()))
+        f"{mission.altitude_rel_m + layer * mission.layer_step_m:g}"
+        for layer in sorted({route.layer for route in rehearsal.plan.routes})
     ]
-    value = f"{len(heights_m)} of {count} layers, at {', '.join(f'{height_m:g}' for height_m in heights_m)} m"
+    value = f"{len(heights_m)} of {rehearsal.mission.layers} layers, at {', '.join(heights_m)} m"
     if not conflicts:
         return Check(None, "separation", "ok", value)
     near = ", ".join(" and ".join(map(vehicle_name, conflict.vehicles)) for conflict in conflicts)
@@ -211,7 +193,7 @@ def _fence(config: Config, rehearsal: Rehearsal) -> Check:
     if not fence.areas:
         level: CheckLevel = "ok" if fence.max_alt_rel_m else "warning"
         return Check(None, "fence", level, "no areas in the mission file", "[fence]", "docs/preflight.md")
-    beyond_m = {v: fence.beyond(route_m, frame) for v, route_m in rehearsal.routes_m.items()}
+    beyond_m = {v: fence.beyond(route_m, frame) for v, route_m in rehearsal.plan.paths_m.items()}
     leaving = [f"{vehicle_name(v)}: {metres:.0f} m" for v, metres in sorted(beyond_m.items()) if metres]
     if leaving:
         text = f"beyond the fence: {', '.join(leaving)}"

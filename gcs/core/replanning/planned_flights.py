@@ -5,20 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 
 from gcs.config import Config
+from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.plan_targets import place_of
 from gcs.core.replanning.records import OtherVehicle, ReplanningState
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import flown_points
-from gcs.model import FloatArray, NoticeCode, Route, Track
+from gcs.model import FloatArray, Route
 from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers, min_separation_m
-from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.map.grid import Point
-from gcs.planning.plan_notes import PlanNote
+from gcs.planning.planner_inputs import MissionInputs
 from gcs.planning.route_progress import remaining_m
 
 _SOON_S = 120.0
@@ -27,79 +26,48 @@ _NEAR_LAYER = 0.25
 """A vehicle less than this share of a layer step from a layer is in that layer alone."""
 
 
-def layer_count(config: Config) -> int:
-    """Return the number of altitude layers."""
-    return config.mission.layers if config.mission.layer_step_m > 0.0 else 1
-
-
-def preferred_layers(config: Config) -> dict[int, int]:
-    """Return the preferred layer of each vehicle, in the order of the mission file."""
-    return {agent.vehicle: number % layer_count(config) for number, agent in enumerate(config.agents)}
-
-
 class AltitudeLayers:
     """Assigns altitude layers: one per vehicle while there are enough, and a constant one if possible."""
 
-    def __init__(self, config: Config, agents: Mapping[int, Agent], state: ReplanningState) -> None:
-        self._agents, self._state = agents, state
-        self._count = layer_count(config)
-        self._min_separation_m = config.planning.separation_m
-        self._speeds_m_s = config.speeds_m_s
+    def __init__(
+        self,
+        config: Config,
+        mission: MissionInputs,
+        agents: Mapping[int, Agent],
+        state: ReplanningState,
+    ) -> None:
+        self._mission, self._agents, self._state = mission, agents, state
         airframes = config.airframes_of_agents.items()
         self._radii_m = {vehicle: one.loiter_radius_m for vehicle, one in airframes}
-        self._preferred = preferred_layers(config)
         self._base_m, self._step_m = config.mission.altitude_rel_m, config.mission.layer_step_m
 
     def of(self, vehicle: int) -> int:
         """Return the layer of a vehicle, or its preferred one."""
         latest = self._agents[vehicle].routes.latest
-        return self._preferred[vehicle] if latest is None else latest.layer
+        return self._mission.preferred_layers[vehicle] if latest is None else latest.layer
 
-    def give(
-        self,
-        routes: Sequence[Route],
-        changed: Collection[int],
-        agents: Mapping[int, Track],
-        arrived: Collection[int],
-        climbs: Mapping[int, Climb] = MappingProxyType({}),
-    ) -> tuple[list[Route], list[PlanNote]]:
-        """Return the routes with their layers, and notes for the operator.
+    def flights(
+        self, kept: Sequence[Route], new: Sequence[Route], inputs: PlanningInputs
+    ) -> list[PlannedFlight]:
+        """Return the flights that new routes keep clear of: on routes that are kept, and without a route.
 
-        Routes of vehicles that are not in `changed` are flown already. Arrived vehicles circle at the ends
-        of their last routes. Routes of vehicles with a climb begin at its end.
+        Arrived vehicles circle at the ends of their last routes. Routes of vehicles with a climb begin at its
+        end.
         """
-        begins = {r.vehicle: _begin(agents[r.vehicle], climbs.get(r.vehicle)) for r in routes}
-        flights = [
-            self._new(r, begins[r.vehicle]) if r.vehicle in changed else self._from(r, begins[r.vehicle])
-            for r in routes
-        ]
-        flights += self._others(routes, arrived)
-        layers, conflicts = assign_layers(flights, self._count, self._min_separation_m)
-        given = [
-            replace(route, layer=layers[route.vehicle]) if route.vehicle in changed else route
-            for route in routes
-        ]
-        for route in given:
-            self._agents[route.vehicle].routes.latest = route
-        return given, [_note(conflict) for conflict in conflicts]
+        flights = [self._from(route, begin_m(route.vehicle, inputs)) for route in kept]
+        return flights + self._others([*kept, *new], inputs.arrived)
 
     def separation_m(
-        self,
-        routes: Sequence[Route],
-        proposed: Collection[int],
-        agents: Mapping[int, Track],
-        arrived: Collection[int],
-        climbs: Mapping[int, Climb],
+        self, routes: Sequence[Route], proposed: Collection[int], inputs: PlanningInputs
     ) -> dict[int, float]:
         """Return the minimum distance of each vehicle to another of its layer."""
-        begins = {r.vehicle: _begin(agents[r.vehicle], climbs.get(r.vehicle)) for r in routes}
+        kept = [route for route in routes if route.vehicle not in proposed]
         flights = [
-            replace(self._new(r, begins[r.vehicle]), layer=r.layer)
-            if r.vehicle in proposed
-            else self._from(r, begins[r.vehicle])
+            self._planned(r, np.vstack((*begin_m(r.vehicle, inputs), r.flown_m)), r.layer)
             for r in routes
+            if r.vehicle in proposed
         ]
-        return min_separation_m([*flights, *self._others(routes, arrived)])
+        return min_separation_m([*flights, *self.flights(kept, routes, inputs)])
 
     def _others(self, routes: Sequence[Route], arrived: Collection[int]) -> list[PlannedFlight]:
         """Return the flights of vehicles without a route among these: they circle, or return."""
@@ -118,52 +86,41 @@ class AltitudeLayers:
         flights = [one for one in self._other_flights() if one.vehicle != route.vehicle]
         flown = [one for one in (*routes, route) if one.vehicle in places]
         flights += [self._from(one, [places[one.vehicle]]) for one in flown]
-        _, conflicts = assign_layers(flights, self._count, self._min_separation_m)
+        conflicts = self._conflicts(flights)
         return not any(route.vehicle in conflict.vehicles for conflict in conflicts)
 
-    def occupied(
-        self,
-        routes: Sequence[Route],
-        agents: Mapping[int, Track],
-        arrived: Collection[int],
-        climbs: Mapping[int, Climb] = MappingProxyType({}),
-    ) -> set[int]:
+    def occupied(self, routes: Sequence[Route], inputs: PlanningInputs) -> set[int]:
         """Return the vehicles that soon meet one without a route in their layers, and not in another."""
-        others = self._others(routes, arrived)
-        if self._count < 2 or not others:
+        flights = self.flights(routes, (), inputs)
+        if self._mission.layers < 2 or len(flights) == len(routes):
             return set()
-        flights = [
-            self._from(route, _begin(agents[route.vehicle], climbs.get(route.vehicle))) for route in routes
-        ]
-        _, conflicts = assign_layers([*flights, *others], self._count, self._min_separation_m)
+        conflicts = self._conflicts(flights)
         pairs = [set(one.vehicles) for one in conflicts if one.after_s <= _SOON_S]
         ours = {route.vehicle for route in routes}
         met = set[int]().union(*(pair & ours for pair in pairs if len(pair & ours) == 1))
-        return {vehicle for vehicle in met if self._is_apart_elsewhere(vehicle, [*flights, *others])}
+        return {vehicle for vehicle in met if self._is_apart_elsewhere(vehicle, flights)}
+
+    def _conflicts(self, flights: Sequence[PlannedFlight]) -> tuple[Conflict, ...]:
+        return assign_layers(flights, self._mission.layers, self._mission.separation_m)[1]
 
     def _is_apart_elsewhere(self, vehicle: int, flights: Sequence[PlannedFlight]) -> bool:
         free = [replace(one, keeps_layer=one.vehicle != vehicle) for one in flights]
-        _, conflicts = assign_layers(free, self._count, self._min_separation_m)
+        conflicts = self._conflicts(free)
         return not any(vehicle in conflict.vehicles for conflict in conflicts)
 
     def _other_flights(self) -> list[PlannedFlight]:
         """Return the flights of the other vehicles within a layer."""
         flights = []
         for one in self._state.other_vehicles:
-            level = (one.height_m - self._base_m) / self._step_m if self._count > 1 else 0.0
+            level = (one.height_m - self._base_m) / self._step_m if self._mission.layers > 1 else 0.0
             near = {math.floor(level + _NEAR_LAYER), math.ceil(level - _NEAR_LAYER)}  # between two: both
             places_m = np.array((one.position_m, one.to_m))
             flights += [
                 self._planned(one, places_m, layer, radius_m=one.radius_m)
                 for layer in sorted(near)
-                if 0 <= layer < self._count
+                if 0 <= layer < self._mission.layers
             ]
         return flights
-
-    def _new(self, route: Route, begin: Sequence[Point]) -> PlannedFlight:
-        """Return the flight on a new route, in any layer."""
-        points_m, layer = np.vstack((*begin, route.flown_m)), self.of(route.vehicle)
-        return self._planned(route, points_m, layer, is_fixed=False)
 
     def _from(self, route: Route, begin: Sequence[Point]) -> PlannedFlight:
         """Return the remaining flight on a route."""
@@ -173,23 +130,15 @@ class AltitudeLayers:
         return self._planned(route, points_m, route.layer)
 
     def _planned(
-        self,
-        one: Route | OtherVehicle,
-        points_m: FloatArray,
-        layer: int,
-        *,
-        is_fixed: bool = True,
-        radius_m: float = 0.0,
+        self, one: Route | OtherVehicle, points_m: FloatArray, layer: int, radius_m: float = 0.0
     ) -> PlannedFlight:
-        speed_m_s = self._speeds_m_s[one.vehicle]
-        return PlannedFlight(one.vehicle, points_m, speed_m_s, layer, is_fixed, radius_m)
+        """Return a flight that keeps its layer."""
+        return PlannedFlight(
+            one.vehicle, points_m, self._mission.agents[one.vehicle].speed_m_s, layer, True, radius_m
+        )
 
 
-def _begin(agent: Track, climb: Climb | None) -> list[Point]:
+def begin_m(vehicle: int, inputs: PlanningInputs) -> list[Point]:
     """Return where an agent is, and the end of its climb."""
-    return [place_of(agent)] if climb is None else [place_of(agent), climb.latest_end_m]
-
-
-def _note(conflict: Conflict) -> PlanNote:
-    """Return a note without figures, which would make it new at every check."""
-    return PlanNote(NoticeCode.NO_LAYER_LEFT, None, {"vehicles": conflict.vehicles})
+    place_m, climb = place_of(inputs.agents[vehicle]), inputs.climbs.get(vehicle)
+    return [place_m] if climb is None else [place_m, climb.latest_end_m]

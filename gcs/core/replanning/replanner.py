@@ -14,14 +14,16 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
-from gcs.core.replanning.plan_targets import PlanTargets, plan_options, vehicle_options
-from gcs.core.replanning.planned_flights import AltitudeLayers
+from gcs.core.replanning.mission_inputs import mission_inputs
+from gcs.core.replanning.plan_targets import PlanTargets, vehicle_options
+from gcs.core.replanning.planned_flights import AltitudeLayers, begin_m
 from gcs.core.replanning.reasons import Reason
 from gcs.core.replanning.records import ReplanningState
 from gcs.core.replanning.triggers import Triggers
@@ -29,12 +31,13 @@ from gcs.core.state import Agent, flown_routes
 from gcs.core.tasking.mission_builder import flown_points
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.mission.upload_limits import UploadLimits
-from gcs.model import NS_PER_S, FloatArray, Label, Plan, Route
+from gcs.model import NS_PER_S, FloatArray, Label, NoticeCode, Plan, Route
 from gcs.planning.forward_simulation import Motion, predict_motion
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
-from gcs.planning.planner import PlanResult, plan_routes
-from gcs.planning.planner_inputs import AgentState
+from gcs.planning.plan_notes import PlanNote
+from gcs.planning.planner import Choice, PlanResult, choose_new, plan_mission
+from gcs.planning.planner_inputs import AgentState, MissionInputs
 from gcs.planning.route_joining import total_turn_rad
 
 _FIRST_PLAN_WAIT_S = 5.0
@@ -53,11 +56,12 @@ class Replanner:
         self, config: Config, zones: NoFlyZones, agents: Mapping[int, Agent], state: ReplanningState
     ) -> None:
         self._zones, self._agents, self._state = zones, agents, state
-        self._config, self._planning, self._options = config, config.planning, plan_options(config)
-        self._speeds_m_s, self._vehicle_options = config.speeds_m_s, vehicle_options(config)
+        self._planning = config.planning
+        self._mission = mission_inputs(config, zones.grid)
         self.plan_targets = PlanTargets(config)
-        self.layers = AltitudeLayers(config, agents, state)
-        self._lag_s = min(options.turn_lag_s for options in self._vehicle_options.values())
+        self.layers = AltitudeLayers(config, self._mission, agents, state)
+        self._turn_lags_s = {v: one.turn_lag_s for v, one in vehicle_options(config).items()}
+        self._lag_s = min(self._turn_lags_s.values())
         self._ahead_s = DELIVERY_S + 0.5 * self._lag_s
         self._period_ns = int(config.planning.period_s * NS_PER_S)
         self._triggers = Triggers(config, self.plan_targets, self.layers, zones, agents, state)
@@ -224,37 +228,39 @@ class Replanner:
             for vehicle, label in assignment.items()
             if vehicle in inputs.agents and label in inputs.targets
         }
-        starts = {vehicle: self._start(vehicle, inputs) for vehicle in there}
-        result = self._routed(starts, set(there.values()), there, inputs, fixed=True)
-        routed = [route for route in result.routes if route.target == there[route.vehicle]]
-        renewed = [result.captured.get(route.vehicle, route) for route in routed]
-        vehicles = {route.vehicle for route in renewed}
-        others = [r for v, r in self._triggers.newest.items() if v in inputs.agents and v not in vehicles]
-        given, _ = self.layers.give(
-            [*others, *renewed], vehicles, inputs.agents, inputs.arrived, inputs.climbs
-        )
-        self._note_made(vehicles, result, inputs.t_ns)
-        return {route.vehicle: route for route in given if route.vehicle in vehicles}
+        mission = self._mission_inputs(there, set(there.values()), there, inputs, fixed=True)
 
-    def _note_made(self, vehicles: Iterable[int], result: PlanResult, t_ns: int) -> None:
-        """Note the vehicles that got new routes."""
-        for vehicle in vehicles:
-            routes = self._agents[vehicle].routes
-            routes.made_t_ns, routes.is_short = t_ns, vehicle in result.stops_short
+        def choose(result: PlanResult) -> Choice:
+            new = [route for route in choose_new(result).new if route.target == there[route.vehicle]]
+            routed = {route.vehicle for route in new}
+            kept = [r for v, r in self._triggers.newest.items() if v in inputs.agents and v not in routed]
+            return Choice(new, kept, self.layers.flights(kept, new, inputs))
+
+        made = self._note_made(plan_mission(mission, choose), inputs.t_ns)
+        return {route.vehicle: route for route in made.routes if route.vehicle in made.paths_m}
+
+    def _note_made(self, made: PlanResult, t_ns: int) -> PlanResult:
+        """Note the routes of a plan, and which are new."""
+        for route in made.routes:
+            routes = self._agents[route.vehicle].routes
+            routes.latest = route
+            if route.vehicle in made.paths_m:
+                routes.made_t_ns, routes.is_short = t_ns, route.vehicle in made.stops_short
+        return made
 
     def separation_m(self, inputs: PlanningInputs) -> dict[int, float]:
         """Return the minimum distance of each vehicle to others of its layer; infinite without others."""
         routes = [route for v, route in self._triggers.newest.items() if v in inputs.agents]
         proposed = {v for v, agent in self._agents.items() if agent.routes.proposed is not None}
-        return self.layers.separation_m(routes, proposed, inputs.agents, inputs.arrived, inputs.climbs)
+        return self.layers.separation_m(routes, proposed, inputs)
 
     def _first_plan(self, inputs: PlanningInputs) -> Plan | None:
         """Plan when all expected agents and targets are there, or after a short wait without the rest."""
         state = self._state
         if state.started_t_ns is None:
             state.started_t_ns = inputs.t_ns
-        config = self._config
-        is_complete = len(inputs.agents) >= len(config.agents) and len(inputs.targets) >= len(config.births)
+        agents, targets = len(self._mission.agents), len(self._mission.targets)
+        is_complete = len(inputs.agents) >= agents and len(inputs.targets) >= targets
         waited = inputs.t_ns - state.started_t_ns >= _FIRST_PLAN_WAIT_S * NS_PER_S
         if not (is_complete or (waited and inputs.agents and inputs.targets)):
             return None
@@ -267,49 +273,55 @@ class Replanner:
         keeping = {route.vehicle for route in arriving}
         there = Counter(inputs.at_targets) + Counter(route.target for route in arriving)
         kept_targets = {r.target for r in arriving if there[r.target] >= self.plan_targets.needed(r.target)}
-        starts = {v: self._start(v, inputs) for v in inputs.agents if v not in keeping}
+        free = [vehicle for vehicle in inputs.agents if vehicle not in keeping]
         open_targets = [label for label in inputs.targets if label not in kept_targets]
         pursued = {v: route.target for v, route in self._triggers.newest.items() if v not in keeping}
-        result = self._routed(starts, open_targets, pursued, replace(inputs, at_targets=there))
+        mission = self._mission_inputs(free, open_targets, pursued, replace(inputs, at_targets=there))
         self._triggers.note_planned(inputs.agents, inputs.targets)
-        occupied = self._triggers.in_occupied_layers(inputs)
-        kept: list[Route] = arriving
-        changed: list[int] = []
-        for route in result.routes:
-            current = self._agents[route.vehicle].routes
-            flown, shown = None if current.is_blocked else current.flown, current.proposed
-            short, new = route.vehicle in result.stops_short, result.captured.get(route.vehicle, route)
-            turns_back = self._turns_back(new, starts[route.vehicle], inputs)
-            if shown is not None and self._is_still_good(shown, route, inputs, short, turns_back):
-                kept.append(shown)  # a route that waits for approval stays as long as it is good
-            elif (
-                flown is not None
-                and route.vehicle not in occupied
-                and self._is_still_good(flown, route, inputs, short, turns_back)
-            ):
-                kept.append(flown)
-            else:
-                kept.append(new)
-                changed.append(route.vehicle)
-        kept += self._without_end(result, inputs)
-        self._note_made(changed, result, inputs.t_ns)
-        kept.sort(key=lambda route: route.vehicle)
-        kept, near = self.layers.give(kept, changed, inputs.agents, inputs.arrived, inputs.climbs)
+        choose = partial(self._choose, mission.agents, arriving, inputs)
+        result = self._note_made(plan_mission(mission, choose), inputs.t_ns)
+        pairs = [conflict.vehicles for conflict in result.conflicts]  # distances would be news at every check
+        near = [PlanNote(NoticeCode.NO_LAYER_LEFT, None, {"vehicles": pair}) for pair in pairs]
         notes = (*result.notes, *near)
         self._state.new_notes = tuple(note for note in notes if note not in self._state.noted)
         self._state.noted = notes
-        self._decide(kept, inputs)
-        routed, served = {route.vehicle for route in kept}, {route.target for route in kept}
+        self._decide(result.routes, inputs)
         return Plan(
             t_ns=inputs.t_ns,
             picture_t_ns=inputs.picture_t_ns,
-            routes=tuple(kept),
-            unassigned_vehicles=tuple(v for v in result.unassigned_vehicles if v not in routed),
-            unassigned_targets=tuple(label for label in result.unassigned_targets if label not in served),
+            routes=result.routes,
+            unassigned_vehicles=result.unassigned_vehicles,
+            unassigned_targets=result.unassigned_targets,
             reason="; ".join(reason.text for reason in why),
-            changed=tuple(changed),
+            changed=tuple(result.paths_m),
             causes=tuple(dict.fromkeys(reason.cause for reason in why)),
         )
+
+    def _choose(
+        self,
+        starts: Mapping[int, AgentState],
+        arriving: Sequence[Route],
+        inputs: PlanningInputs,
+        result: PlanResult,
+    ) -> Choice:
+        """Choose between new routes and those that vehicles have."""
+        occupied = self._triggers.in_occupied_layers(inputs)
+        kept = [*arriving, *self._without_end(result, inputs)]
+        new: list[Route] = []
+        for route, changed in zip(result.routes, choose_new(result).new, strict=True):
+            current = self._agents[route.vehicle].routes
+            is_flyable = not current.is_blocked and route.vehicle not in occupied
+            turns_back = self._turns_back(changed, starts[route.vehicle], inputs)
+            # A route that waits for approval stays as long as it is good.
+            good = [
+                one
+                for one in (current.proposed, current.flown if is_flyable else None)
+                if one is not None
+                and self._is_still_good(one, route, inputs, route.vehicle in result.stops_short, turns_back)
+            ]
+            kept += good[:1]
+            new += [] if good else [changed]
+        return Choice(new, kept, self.layers.flights(kept, new, inputs))
 
     def _without_end(self, result: PlanResult, inputs: PlanningInputs) -> list[Route]:
         """Return the flown routes to targets where no new route has a clear end: they are kept."""
@@ -323,16 +335,17 @@ class Replanner:
             and not self._triggers.is_endangered(vehicle, inputs)
         ]
 
-    def _routed(
+    def _mission_inputs(
         self,
-        starts: Mapping[int, AgentState],
+        vehicles: Iterable[int],
         labels: Iterable[Label],
         flown: Mapping[int, Label],
         inputs: PlanningInputs,
         *,
         fixed: bool = False,
-    ) -> PlanResult:
-        """Plan for some agents and targets; `fixed`: each agent keeps its target in `flown`."""
+    ) -> MissionInputs:
+        """Return the planner's inputs for some agents and targets; `fixed`: agents keep those in `flown`."""
+        agents = {vehicle: self._start(vehicle, inputs) for vehicle in vehicles}
         targets = {label: inputs.targets[label] for label in labels}
         counts = Counter(flown.values())
         demands = {
@@ -341,39 +354,49 @@ class Replanner:
             )
             for label, track in targets.items()
         }
-        pinned = flown if fixed else {vehicle: self._agents[vehicle].orders.pinned for vehicle in starts}
+        pinned = flown if fixed else {vehicle: self._agents[vehicle].orders.pinned for vehicle in agents}
         if fixed:
             demands = {label: replace(one, agents=counts[label]) for label, one in demands.items()}
         ahead_s = (inputs.t_ns - inputs.picture_t_ns) / NS_PER_S + self._ahead_s  # begin of the routes
-        return plan_routes(
-            self._zones.grid,
-            starts,
-            {label: self.plan_targets.position(track, ahead_s) for label, track in targets.items()},
-            flown,
-            self._options,
+        return replace(
+            self._mission,
+            grid=self._zones.grid,
+            agents=agents,
+            targets={label: self.plan_targets.position(track, ahead_s) for label, track in targets.items()},
+            preferred_layers={vehicle: self.layers.of(vehicle) for vehicle in agents},
+            begins_m={vehicle: begin_m(vehicle, inputs) for vehicle in agents},
+            flown_to=flown,
             demands=demands,
             pinned={v: label for v, label in pinned.items() if label is not None},
         )
 
     def _start(self, vehicle: int, inputs: PlanningInputs) -> AgentState:
         """Return where and how an agent begins a route that is planned now."""
-        options = self._vehicle_options[vehicle]
-        turns = self._expected(vehicle, inputs, 0.5 * options.turn_lag_s)
+        lag_s = self._turn_lags_s[vehicle]
+        turns = self._expected(vehicle, inputs, 0.5 * lag_s)
         takes_up = self._expected(vehicle, inputs, 0.0)
-        late_s = inputs.late_s.get(vehicle, 0.0) + 0.5 * (options.turn_lag_s - self._lag_s)
+        late_s = inputs.late_s.get(vehicle, 0.0) + 0.5 * (lag_s - self._lag_s)
         if vehicle in inputs.climbs:
             late_s += inputs.climbs[vehicle].duration_s
-        speed_m_s = self._speeds_m_s[vehicle]
         home_m, range_m = inputs.ranges.get(vehicle, ((0.0, 0.0), math.inf))
-        return AgentState(
-            *turns.place_m, turns.course_rad, speed_m_s, late_s, takes_up, options,
-            is_grounded=vehicle in inputs.grounded, is_unfit=vehicle in inputs.unfit,
-            is_doubtful=vehicle in inputs.doubtful, home_m=home_m, range_m=range_m,
-        )  # fmt: skip
+        east_m, north_m = turns.place_m
+        return replace(
+            self._mission.agents[vehicle],
+            east_m=east_m,
+            north_m=north_m,
+            course_rad=turns.course_rad,
+            start_delay_s=late_s,
+            motion=takes_up,
+            is_grounded=vehicle in inputs.grounded,
+            is_unfit=vehicle in inputs.unfit,
+            is_doubtful=vehicle in inputs.doubtful,
+            home_m=home_m,
+            range_m=range_m,
+        )
 
     def _expected(self, vehicle: int, inputs: PlanningInputs, more_s: float) -> Motion:
         """Return an agent's motion `more_s` after it got a route that is planned now, or after its climb."""
-        lag_s = self._vehicle_options[vehicle].turn_lag_s
+        lag_s = self._turn_lags_s[vehicle]
         if vehicle in inputs.climbs:
             return predict_motion(self._zones.grid, inputs.motion(vehicle), more_s, lag_s)
         ahead_s = self.delivery_s(vehicle, inputs) + more_s
@@ -385,7 +408,7 @@ class Replanner:
         until_hold_s = max(0.0, ahead.next_s - UploadLimits().guard_s)
         return DELIVERY_S + ahead.wait_s + min(late_s, until_hold_s)
 
-    def _decide(self, kept: list[Route], inputs: PlanningInputs) -> None:
+    def _decide(self, kept: Iterable[Route], inputs: PlanningInputs) -> None:
         """Make the routes of a plan the flown ones, or propose those that differ."""
         planned = {route.vehicle: route for route in kept}
         for vehicle, agent in self._agents.items():

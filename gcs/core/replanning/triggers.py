@@ -199,7 +199,7 @@ class Triggers:
             for v, route in self.newest.items()
             if v in inputs.agents and self.is_settled(v, inputs) and not self._has_newer(v, inputs)
         ]
-        return self._layers.occupied(routes, inputs.agents, inputs.arrived, inputs.climbs)
+        return self._layers.occupied(routes, inputs)
 
     def _has_newer(self, vehicle: int, inputs: PlanningInputs) -> bool:
         """Return True if a newer route than the flown one is proposed or being uploaded."""

@@ -5,9 +5,8 @@ Vehicles are numbered by `gcs.model.vehicle_id`; on network 0 that is the system
 * A vehicle has an expected system id on the network of its link. Frames of unknown systems are counted up to
   a bound, shown, and never acted on.
 * An outgoing endpoint gets heartbeats from the start, four a second.
-* A vehicle's address is learned from a HEARTBEAT of its own autopilot (component 1) and kept while it is
-  heard there. Another address that uses its id is a conflict: counted and ignored. After a timeout the
-  vehicle may move, and at once to where it signs later. Frames go to learned addresses only.
+* A vehicle's address is that of its autopilot (`gcs.mavlink.fleet.address_learning`). Another address that
+  uses its id is a conflict: counted and ignored. Frames go to learned addresses only.
 * Liveness is the age of the last frame of the vehicle's autopilot, whatever its message id.
 * Only message ids that are needed are unpacked. The others count for loss and liveness.
 """
@@ -25,6 +24,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import AutopilotProfile
+from gcs.mavlink.fleet.address_learning import Contact, move_of, signed_lead_ns
 from gcs.mavlink.fleet.checks.link_timeouts import LOST_AFTER_NS, STALE_AFTER_NS, check_liveness
 from gcs.mavlink.fleet.heartbeat import heartbeat, is_from_autopilot, is_heartbeat
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, total
@@ -57,7 +57,6 @@ from gcs.mavlink.frames.codec import (
     next_sequence,
     scan,
 )
-from gcs.mavlink.frames.signing import MIN_SIGNED_LATER_NS, signed_t_ns
 from gcs.mavlink.mission.items import Home
 from gcs.model import (
     NS_PER_S,
@@ -313,39 +312,31 @@ class Fleet:
         self, vehicle: Vehicle, frame: Frame, message: Message | None, address: Address, t_ns: int
     ) -> bool:
         """Return True if the frame is the vehicle's; an autopilot's heartbeat may set its address."""
-        link = vehicle.link
-        if link.address == address:
+        link, before = vehicle.link, vehicle.link.address
+        if before == address:
             return not is_heartbeat(frame) or is_from_autopilot(message)
-        is_heard = link.address is not None and t_ns - vehicle.heard_t_ns <= LOST_AFTER_NS
-        later = is_heard and is_from_autopilot(message) and self._is_signed_later(vehicle, frame, t_ns)
-        if link.address is not None and is_heard and not later:
+        known = None if before is None else Contact(before, vehicle.heard_t_ns, link.signed_lead_ns)
+        move = move_of(frame, t_ns, known, is_keyed=self._settings.checks_signatures)
+        if known is not None and move == "heard elsewhere":
             link.conflicts += 1
             link.claimed_t_ns = t_ns
             self.links[address[0]].conflicts += 1
-            parameters = {"peer": address[1], "link": address[0], "own_peer": link.address[1]}
-            notice = Notice(t_ns, NoticeCode.ID_CONFLICT, vehicle.system_id, parameters)
-            self._notices.add_rate_limited(notice)
+            parameters = {"peer": address[1], "link": address[0], "own_peer": known.address[1]}
+            self._notices.add_rate_limited(
+                Notice(t_ns, NoticeCode.ID_CONFLICT, vehicle.system_id, parameters)
+            )
             return False
-        if not is_heartbeat(frame) or not is_from_autopilot(message):
+        if move == "no heartbeat":
             self.links[address[0]].ignored += 1
             return False
         notify = self._notifier(t_ns, vehicle.system_id)
-        code = NoticeCode.IN_CONTACT if link.address is None else NoticeCode.ADDRESS_CHANGED
-        if later and link.address is not None:
-            before = {"peer": link.address[1], "link": link.address[0]}
-            notify(NoticeCode.RECORDED_FRAMES, **before)
+        if known is not None and move == "signed later":
+            notify(NoticeCode.RECORDED_FRAMES, peer=known.address[1], link=known.address[0])
         self._set_address(vehicle, address)
-        signed_ns = signed_t_ns(frame)
-        link.signed_lead_ns = None if signed_ns is None else signed_ns - t_ns
+        link.signed_lead_ns = signed_lead_ns(frame, t_ns)
+        code = NoticeCode.IN_CONTACT if known is None else NoticeCode.ADDRESS_CHANGED
         notify(code, peer=address[1], link=address[0])
         return True
-
-    def _is_signed_later(self, vehicle: Vehicle, frame: Frame, t_ns: int) -> bool:
-        """Return True if a checked frame is signed later than frames from the vehicle's address are."""
-        signed_ns, lead_ns = signed_t_ns(frame), vehicle.link.signed_lead_ns
-        if not self._settings.checks_signatures or signed_ns is None or lead_ns is None:
-            return False
-        return signed_ns - t_ns - lead_ns > MIN_SIGNED_LATER_NS
 
     def _set_address(self, vehicle: Vehicle, address: Address) -> None:
         """Set a vehicle's address."""

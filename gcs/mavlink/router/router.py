@@ -6,9 +6,8 @@ learned from where these were heard. Additional rules for swarms on hostile netw
 * Vehicles' frames without a target go to all clients, not to other vehicles: that would grow with the square
   of the swarm. Clients do not see each other. A frame for a target goes to where that target is known, or
   nowhere.
-* A vehicle's component has one address, learned from its HEARTBEAT and kept while it is heard there. Frames
-  of it from another address are refused: a second path, or an impostor. Where signatures are checked, it
-  moves at once to where its heartbeats are signed later.
+* A vehicle's component has one address (`gcs.mavlink.fleet.address_learning`). Frames of it from another
+  address are refused.
 * A client that uses a vehicle's system id or our ids is a loop or an impostor: refused.
 * A client's HEARTBEAT is not forwarded: a vehicle's GCS failsafe watches central command alone.
 * A frame never returns to its sender. A client's frame that comes again from another address within two
@@ -33,9 +32,9 @@ from typing import Final, NamedTuple, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
+from gcs.mavlink.fleet.address_learning import Contact, move_of, signed_lead_ns
 from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Frame, target_of
-from gcs.mavlink.frames.signing import MIN_SIGNED_LATER_NS, signed_t_ns
 from gcs.mavlink.router import access_policy
 from gcs.mavlink.services.retry import ns
 
@@ -50,19 +49,17 @@ _MAX_CANDIDATES: Final = 4096
 _MIN_HEARTBEATS: Final = 2
 """Heartbeats before a UDP client gets telemetry."""
 _MIN_HEARTBEAT_INTERVAL_NS: Final = ns(0.5)
+_DUPLICATE_WINDOW_NS: Final = ns(2.0)
+_CLIENT_TIMEOUT_NS: Final = ns(10.0)
+"""Time without a frame after which a UDP client expires."""
 _CLIENT_IDLE_NS: Final = ns(5.0)
 """Time without a frame after which a client may be replaced."""
 
 
 @dataclass(frozen=True, slots=True)
 class RoutingSettings:
-    """Timeouts and bounds."""
+    """Bounds."""
 
-    vehicle_timeout_s: float = 5.0
-    """Time without a frame after which a vehicle's component may move to another address."""
-    client_timeout_s: float = 10.0
-    """Time without a frame after which a UDP client expires."""
-    duplicate_window_s: float = 2.0
     max_clients: int = 32
     """On one endpoint."""
     max_ids: int = 16
@@ -88,14 +85,6 @@ class PortCounters:
     """Vehicles' frames sent to clients there, each client counted."""
     refused: Counter[str] = field(default_factory=Counter)
     """Frames refused, by reason."""
-
-
-@dataclass(slots=True)
-class _VehicleRoute:
-    address: Address
-    heard_t_ns: int
-    signed_ns: int | None
-    """Time in the signature of its last frame; None if unsigned."""
 
 
 @dataclass(slots=True)
@@ -139,7 +128,7 @@ class Router:
         self._vehicles = frozenset(vehicles)
         self._is_busy = is_busy
         self._settings = settings or RoutingSettings()
-        self._routes: dict[Id, _VehicleRoute] = {}
+        self._contacts: dict[Id, Contact] = {}
         self._clients: dict[Address, _Client] = {}
         self._candidates: dict[Address, _Client] = {}
         """Senders that are not clients yet, those heard the longest ago first."""
@@ -171,17 +160,15 @@ class Router:
         if frame.system_id not in self._vehicles:
             return Routed((), "unknown system")
         id_ = (frame.system_id, frame.component_id)
-        route = self._routes.get(id_)
-        signed_ns = signed_t_ns(frame)
-        moves = route is not None and route.address != address and self._may_move(route, t_ns, frame, address)
-        if route is None or moves:
-            if frame.message_id != _HEARTBEAT:
-                return Routed((), "no heartbeat yet")
-            self._routes[id_] = _VehicleRoute(address, t_ns, signed_ns)
-        elif route.address != address:
-            return Routed((), "is heard elsewhere")
+        contact = self._contacts.get(id_)
+        if contact is not None and contact.address == address:
+            contact.heard_t_ns = t_ns
         else:
-            route.heard_t_ns, route.signed_ns = t_ns, signed_ns
+            is_keyed = self._is_keyed(address[0], frame.system_id)
+            move = move_of(frame, t_ns, contact, is_keyed=is_keyed)
+            if move in ("heard elsewhere", "no heartbeat"):
+                return Routed((), move)
+            self._contacts[id_] = Contact(address, t_ns, signed_lead_ns(frame, t_ns))
         system, component = target_of(frame) or (0, 0)
         if system in self._vehicles:
             return self._to_vehicle(t_ns, address, system, component)
@@ -216,9 +203,9 @@ class Router:
 
     def _to_vehicle(self, t_ns: int, source: Address, system: int, component: int) -> Routed:
         """Route to one component, or to all of a vehicle's if it is unknown."""
-        route = self._routes.get((system, component))
-        if route is not None and not self._has_timed_out(route, t_ns):
-            to: tuple[Address, ...] = (route.address,) if route.address != source else ()
+        contact = self._contacts.get((system, component))
+        if contact is not None and not contact.has_timed_out(t_ns):
+            to: tuple[Address, ...] = (contact.address,) if contact.address != source else ()
         else:
             to = self._addresses(t_ns, lambda id_: id_[0] == system, exclude=source)
         return Routed(to, "" if to else "for a vehicle that is not heard")
@@ -228,24 +215,11 @@ class Router:
     ) -> tuple[Address, ...]:
         """Return the addresses of vehicles' components, each once."""
         found = {
-            route.address: None
-            for id_, route in self._routes.items()
-            if is_wanted(id_) and route.address != exclude and not self._has_timed_out(route, t_ns)
+            contact.address: None
+            for id_, contact in self._contacts.items()
+            if is_wanted(id_) and contact.address != exclude and not contact.has_timed_out(t_ns)
         }
         return tuple(found)
-
-    def _may_move(self, route: _VehicleRoute, t_ns: int, frame: Frame, address: Address) -> bool:
-        """Return True if a component may change its address: timed out, or signed later there."""
-        if self._has_timed_out(route, t_ns):
-            return True
-        signed_ns = signed_t_ns(frame)
-        if signed_ns is None or route.signed_ns is None or frame.message_id != _HEARTBEAT:
-            return False
-        later = signed_ns - route.signed_ns > MIN_SIGNED_LATER_NS
-        return later and self._is_keyed(address[0], frame.system_id)
-
-    def _has_timed_out(self, route: _VehicleRoute, t_ns: int) -> bool:
-        return t_ns - route.heard_t_ns > ns(self._settings.vehicle_timeout_s)
 
     # ------------------------------------------------------------ clients
 
@@ -270,7 +244,7 @@ class Router:
 
     def vehicles_heard(self, t_ns: int) -> tuple[int, ...]:
         """Return the system ids of the vehicles that are heard now, in order."""
-        heard = {id_[0] for id_, route in self._routes.items() if not self._has_timed_out(route, t_ns)}
+        heard = {id_[0] for id_, contact in self._contacts.items() if not contact.has_timed_out(t_ns)}
         return tuple(sorted(heard))
 
     def _ensure_capacity(self, t_ns: int, new_address: Address) -> bool:
@@ -319,17 +293,15 @@ class Router:
 
     def _expire(self, t_ns: int) -> None:
         self._expired_t_ns = t_ns
-        silent_ns = ns(self._settings.client_timeout_s)
         for known in (self._clients, self._candidates):
             for address, client in list(known.items()):
-                if not client.is_permanent and t_ns - client.heard_t_ns > silent_ns:
+                if not client.is_permanent and t_ns - client.heard_t_ns > _CLIENT_TIMEOUT_NS:
                     del known[address]
                 else:
                     self._forget_ids(client, t_ns)
 
     def _forget_ids(self, client: _Client, t_ns: int) -> None:
-        silent_ns = ns(self._settings.client_timeout_s)
-        client.ids = {id_: heard for id_, heard in client.ids.items() if t_ns - heard <= silent_ns}
+        client.ids = {id_: heard for id_, heard in client.ids.items() if t_ns - heard <= _CLIENT_TIMEOUT_NS}
 
     def _recipients(self, t_ns: int, system: int, component: int) -> tuple[Address, ...]:
         """Return the clients that a vehicle's frame is for: all, or those with the target id."""
@@ -348,7 +320,7 @@ class Router:
     def _note_duplicate(self, t_ns: int, address: Address, frame: Frame) -> bool:
         """Note a frame; return True if it came from another address just before."""
         first, first_t_ns = self._recent_frames.get(frame.data, (address, t_ns))
-        young = t_ns - first_t_ns <= ns(self._settings.duplicate_window_s)
+        young = t_ns - first_t_ns <= _DUPLICATE_WINDOW_NS
         if first != address and young:
             return True
         self._recent_frames.pop(frame.data, None)

@@ -142,3 +142,14 @@ def test_mistakes_in_arguments_differ_from_plans_that_failed(arguments, said):
     assert code == 2
     assert found is None
     assert said in output.replace("\n", " ")
+
+
+def test_agents_with_one_system_id_on_two_networks_are_both_planned_for(tmp_path):
+    path = tmp_path / "two.toml"
+    radio, other = "udpin:127.0.0.1:14550", '{ endpoint = "udpin:127.0.0.1:14551", network = 1 }'
+    links = f'[links]\nmavlink = ["{radio}", {other}]\n'
+    second = "[[agents]]\nsystem_id = 1\nnetwork = 1\neast_m = 7.0\nnorth_m = 5.0\n"
+    path.write_text(MISSION + second + links, encoding="utf-8")
+    _, found, output = plan(path, "--targets", "0,5", "--targets", "7,0")
+    assert [route["agent"] for route in found["routes"]] == [1, 1 << 8 | 1]
+    assert "1:1" in output

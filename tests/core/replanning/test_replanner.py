@@ -12,6 +12,7 @@ from staging import at, mission, track
 
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.tasking.upload_latency import DELIVERY_S
+from gcs.model import NoticeCode
 from gcs.planning.forward_simulation import Motion, RemainingMission
 
 
@@ -39,6 +40,14 @@ def test_there_is_no_first_plan_without_anybody_to_send_or_anywhere_to_go(missin
     assert [desk.check(float(t_s)) for t_s in range(30)] == [None] * 30
     getattr(desk, missing).update(absent)
     assert desk.check(30.0).changed == (1,)
+
+
+def test_the_operator_is_warned_of_vehicles_without_a_layer_of_their_own():
+    agents = {1: (100.0, 200.0), 2: (100.0, 220.0)}
+    desk = Desk(agents, {A: (1500.0, 200.0), B: (1500.0, 220.0)}, tables="[mission]\nlayers = 1\n")
+    desk.check(0.0)
+    (note,) = desk.state.new_notes
+    assert (note.code, note.parameters) == (NoticeCode.NO_LAYER_LEFT, {"vehicles": (1, 2)})
 
 
 def test_checks_come_every_period_and_not_at_every_scan():

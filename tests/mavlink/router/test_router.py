@@ -38,7 +38,8 @@ def frame(message, system: int, component: int = 1, sequence: int = 0) -> Frame:
 
 
 def beat(system: int, component: int = 1, *, ground: bool = False) -> Frame:
-    return frame(dialect.MAVLink_heartbeat_message(6 if ground else 1, 8, 0, 0, 4, 3), system, component)
+    kind = (6, 8) if ground else (1, 3)
+    return frame(dialect.MAVLink_heartbeat_message(*kind, 0, 0, 4, 3), system, component)
 
 
 def attitude(system: int, component: int = 1) -> Frame:
@@ -168,12 +169,19 @@ def test_the_same_command_by_two_ways_is_done_once_and_a_repeat_again():
     assert desk.router.route_frame(9 * S, again, arm(1, sequence=1)).refusal != "duplicate"
 
 
+def test_a_payload_with_the_component_id_of_the_autopilot_is_not_the_vehicle():
+    router = Router(LINKS, [1])
+    payload = (RADIO, "10.6.6.6:50")
+    assert router.route_frame(0, payload, beat(1, ground=True)).refusal == "no heartbeat"
+    assert router.vehicles_heard(S) == ()
+
+
 def test_a_vehicle_keeps_its_address_while_it_is_heard_and_moves_after_a_timeout():
     desk = Desk()
     impostor = (RADIO, "10.6.6.6:50")
-    assert desk.router.route_frame(S, impostor, beat(1)).refusal == "is heard elsewhere"
+    assert desk.router.route_frame(S, impostor, beat(1)).refusal == "heard elsewhere"
     assert desk.router.route_frame(S, impostor, attitude(1)).to == ()
-    assert desk.router.route_frame(8 * S, impostor, attitude(1)).refusal == "no heartbeat yet"
+    assert desk.router.route_frame(8 * S, impostor, attitude(1)).refusal == "no heartbeat"
     assert desk.router.route_frame(8 * S, impostor, beat(1)).to
     assert desk.router.route_frame(8 * S, desk.worker, arm(1)).to == (impostor,)
 
