@@ -1,4 +1,4 @@
-"""Compiles the kernels before the first test that calls them. Makes importable what several folders share.
+"""Compiles the kernels before the first test that calls them.
 
 Examples of Hypothesis have no time limit: machines differ. SWARM_GCS_REWORD=1 rewords all notices.
 """
@@ -14,15 +14,11 @@ import pytest
 from hypothesis import HealthCheck, settings
 from rich.console import Console
 
-import sim_vehicles  # noqa: F401  (before tests/sim_vehicles can be taken for it, as in an editable installation)
-
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent / "bench")]
-
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
 if os.environ.get("SWARM_GCS_REWORD"):
-    from rewording import reword_notices
+    from helpers.rewording import reword_notices
 
     reword_notices()
 

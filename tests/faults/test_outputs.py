@@ -14,7 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from missions import short_mission
+from helpers.missions import short_mission
 from rich.console import Console
 
 from gcs.cli.run_setup import display

@@ -1,7 +1,7 @@
 """A user would lose two vehicles to each other: one held or on its way home, one with a new mission."""
 
 import numpy as np
-from staging import mission, track
+from helpers.staging import mission, track
 
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.records import OtherVehicle

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from plane_double import AUTO, LOITER, Channel, Joined, OfPlane, Plane, S, authority_in, upload_task
+from helpers.plane_double import AUTO, LOITER, Channel, Joined, OfPlane, Plane, S, authority_in, upload_task
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE

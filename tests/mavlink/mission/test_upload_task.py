@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from plane_double import (
+from helpers.plane_double import (
     AUTO,
     GCS,
     LOITER,
