@@ -1,4 +1,4 @@
-"""Compiles the kernels before the first test that calls them. Makes importable what several folders share.
+"""Compiles the kernels before the first test that calls them.
 
 Examples of Hypothesis have no time limit: machines differ. SWARM_GCS_REWORD=1 rewords all notices.
 """
@@ -14,52 +14,48 @@ import pytest
 from hypothesis import HealthCheck, settings
 from rich.console import Console
 
-import sim_vehicles  # noqa: F401  (before tests/sim_vehicles can be taken for it, as in an editable installation)
-
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent / "bench")]
+from gcs.cli.warm_up_progress import ALL, load_kernels
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
 if os.environ.get("SWARM_GCS_REWORD"):
-    from rewording import reword_notices
+    from helpers.rewording import reword_notices
 
     reword_notices()
 
 
-STARTS_PROCESSES = {
+TESTS = Path(__file__).parent
+RUNS_SERVICE = (
     "cli",
-    "console",
     "faults",
-    "io",
     "service",
-    "sim_vehicles",
     "system",
+    "sim_vehicles/autopilots/test_firmware.py",
     "test_cli.py",
     "test_docs.py",
     "test_jit.py",
     "test_rewording.py",
-}
-"""Folders and files with tests that call kernels in other processes, or import them when they run."""
+)
+"""Folders and files with tests that run the service in other processes, or import it when they run."""
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """Compile outside of every test: their time limits are not made for a first start."""
-    folder = item.path.relative_to(Path(__file__).parent).parts[0]
-    if "gcs.jit" in sys.modules or folder in STARTS_PROCESSES:
-        load_kernels_once()
+    if any(item.path.is_relative_to(TESTS / one) for one in RUNS_SERVICE):
+        load_kernels_once(ALL)
+    load_kernels_once(tuple(module for module in ALL if module in sys.modules))
     return (yield)
 
 
 @lru_cache
-def load_kernels_once() -> None:
-    """Load the kernels, or compile them in the first worker to come here, while the others wait."""
-    from gcs.cli.warm_up_progress import ALL, load_kernels
-
-    with Path(__file__).open() as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        load_kernels(Console(stderr=True), *ALL)
+def load_kernels_once(modules: tuple[str, ...]) -> None:
+    """Load the kernels of modules; the first worker to come here compiles them, while the others wait."""
+    if modules:
+        with Path(__file__).open() as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            load_kernels(Console(stderr=True), *modules)
 
 
 @pytest.fixture(autouse=True)

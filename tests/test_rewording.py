@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from rewording import reworded
+from helpers.rewording import reworded
 
 from gcs.model import NoticeCode
 

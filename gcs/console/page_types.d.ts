@@ -1,6 +1,6 @@
 // What the server sends to the page's modules. Only the type checker reads this file; it is not shipped.
 // Generated: change gcs/console/view/schema.py or gcs/model, then run
-//   python tests/console/page_types.py > gcs/console/page_types.d.ts
+//   python tests/helpers/page_types.py > gcs/console/page_types.d.ts
 // Positions are east and north in metres. A number that is not known is null.
 
 /** East and north. */

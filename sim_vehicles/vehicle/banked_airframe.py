@@ -5,7 +5,7 @@ at ``efficiency (g + climb acceleration) tan(bank) / airspeed``; the efficiency 
 outwards. Take-off is at full power: the plane rolls, rotates, climbs steeply, and slows to cruising speed
 once level.
 
-Constants are fits to the flights of `tests/sim_vehicles/recorded_flights.py`. Speeds are fractions of the
+Constants are fits to the flights of `tests/helpers/recorded_flights.py`. Speeds are fractions of the
 cruising speed.
 """
 

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from bench_faults import KINDS, Job, Result, field_text, print_table, result_of
 from fault_watch import FaultWatch
-from flown_clearance import distance_to_obstacle_m
+from helpers.flown_clearance import distance_to_obstacle_m
 
 from gcs.config import parse, read_text
 from gcs.core.airspace.obstacle_map import mission_grid

@@ -13,7 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 
 import numpy as np
-from flown_clearance import Nearest, ReturnFlight, flown_home, in_wind, landing, nearest
+from helpers.flown_clearance import Nearest, ReturnFlight, flown_home, in_wind, landing, nearest
 
 from gcs.planning.planner import warm_up as warm_up_planning
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from grid_paths import find_path
+from helpers.grid_paths import find_path
 from movingai import MAX_BYTES, read_map
 
 from gcs.errors import ConfigError

@@ -10,16 +10,11 @@ import multiprocessing
 import resource
 import selectors
 import socket
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path.insert(0, str(Path(__file__).parents[1] / "mavlink"))
-from missions import upload_manager
-from plane_double import LOITER, Plane
+from helpers.missions import upload_manager
+from helpers.plane_double import LOITER, Plane
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet

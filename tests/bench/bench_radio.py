@@ -9,15 +9,10 @@ them fly their mission, bytes sent up, messages that were repeated, and how long
 
 import argparse
 import heapq
-import sys
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path.insert(0, str(Path(__file__).parents[1] / "mavlink"))
-from missions import upload_manager
-from plane_double import LOITER, Plane, S
+from helpers.missions import upload_manager
+from helpers.plane_double import LOITER, Plane, S
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet

@@ -10,9 +10,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "sim_vehicles"))
-from recorded_flights import apart_m, extract, fly, off_path_m
+from helpers.recorded_flights import apart_m, extract, fly, off_path_m
 
 DEFAULT = Path(__file__).parents[3] / "shared/data/arduplane/flights"
 

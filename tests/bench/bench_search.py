@@ -21,7 +21,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
-from grid_paths import distances_m, find_path
+from helpers.grid_paths import distances_m, find_path
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 

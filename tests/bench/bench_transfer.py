@@ -10,13 +10,9 @@ and in AUTO.
 """
 
 import argparse
-import sys
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "mavlink"))
-from plane_double import AUTO, Channel, Joined, OfPlane, Plane, S, upload_task
+from helpers.plane_double import AUTO, Channel, Joined, OfPlane, Plane, S, upload_task
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE, PX4

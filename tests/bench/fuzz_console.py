@@ -32,8 +32,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "faults")]
-
 HEARTBEAT: Final = b"\x00\x00\x00"
 """Number of the message, in a frame of MAVLink 2."""
 STATION: Final = 255
@@ -358,7 +356,7 @@ def fuzz(folder: Path, seconds: float, *options: Any, calm_s: float = 5.0) -> di
 
     Options are those of this program for the attack.
     """
-    from processes import Run, free_port
+    from helpers.processes import Run, free_port
 
     relay = free_port()
     run = Run(folder, relay=relay)

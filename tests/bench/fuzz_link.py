@@ -9,15 +9,11 @@ noise.
 
 import argparse
 import math
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
+from helpers.missions import upload_manager
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from missions import upload_manager
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.fleet import Fleet

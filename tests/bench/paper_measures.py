@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from grid_paths import distances_m, nearest_free
+from helpers.grid_paths import distances_m, nearest_free
 
 from gcs.model import FloatArray, Kind
 from gcs.planning.map.grid import Grid, Node

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from grid_paths import find_path
+from helpers.grid_paths import find_path
 from movingai import read_map
 
 from gcs.errors import ConfigError

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from field_vehicles import field
+from helpers.field_vehicles import field
 from playwright.sync_api import Page, expect, sync_playwright
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from websockets.sync.client import ClientConnection, connect

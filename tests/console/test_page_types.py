@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from console.page_types import TARGET, page_types
+from helpers.page_types import TARGET, page_types
 
 from gcs.console.view.schema import (
     ChartsReply,

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from staging import state
+from helpers.staging import state
 
 from gcs.config import parse
 from gcs.core.airspace.no_fly_zones import NoFlyZones

@@ -8,11 +8,11 @@ from typing import TypeVar
 
 import numpy as np
 import pytest
+from helpers.noticed import noticed
+from helpers.staging import RADAR, S, at, mission, scan
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from staging import RADAR, S, at, mission, scan
 
 from gcs.config import Config
 from gcs.core.engine import Engine

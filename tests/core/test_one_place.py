@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 import pytest
+from helpers.staging import RADAR, at, mission
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from staging import RADAR, at, mission
 
 from gcs.core.engine import Engine
 from gcs.mavlink.frames.codec import Encoder

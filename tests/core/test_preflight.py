@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planning_desk import replanner
+from helpers.planning_desk import replanner
+from helpers.staging import track
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from staging import track
 
 from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys

@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from core.operator.test_plan_approval import Flight, after, silent
-from staging import S, at, mission, track, zones
+from helpers.approved_flight import Flight, after, silent
+from helpers.staging import S, at, mission, track, zones
 
 from gcs.core.operator.plan_approval import MIN_READING_S, PlanApproval
 from gcs.core.replanning.inputs import PlanningInputs

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
-from core.operator.test_vehicle_orders import SEED, Flight, order
-from core.other_station import MISSION as STATIONS
-from noticed import alarms, noticed
+from helpers.noticed import alarms, noticed
+from helpers.ordered_flight import SEED, Flight, flight_with_a_restart, order, standing
+from helpers.other_station import MISSION as STATIONS
+from helpers.staging import S, suspensions
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from staging import S, suspensions
 
 from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
@@ -28,7 +27,6 @@ from gcs.model import (
     NoFlyZone,
     Notice,
     NoticeCode,
-    Order,
     OrderAnswer,
     Plan,
     Resumed,
@@ -37,39 +35,9 @@ from gcs.model import (
 )
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
-from sim_vehicles.world.scenario import Scenario, load, parse_scenario
+from sim_vehicles.world.scenario import load, parse_scenario
 
 MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
-
-
-def flight_with_a_restart(
-    at_s: float,
-    outage_s: float,
-    end_s: float,
-    *,
-    scenario: Scenario | None = None,
-    orders: tuple[Order, ...] = (),
-    loss: float = 0.0,
-    meanwhile: Callable[[VirtualRun], None] = lambda run: None,
-) -> Flight:
-    events: list[Event] = []
-    effects: list[tuple[int, Effect]] = []
-    run = VirtualRun(
-        scenario or load("prescribed"), SEED, events.append, lambda t, e: effects.append((t, e)),
-        loss=loss, orders=orders,
-    )  # fmt: skip
-    run.run(at_s)
-    snapshot = run.snapshot()
-    meanwhile(run)
-    run.restart(outage_s, snapshot)
-    run.run(end_s)
-    return Flight(run, events, effects)
-
-
-def standing() -> Scenario:
-    """Targets that stand still, and routes that are not bettered in flight."""
-    text, source = read_text("deterministic")
-    return parse_scenario(override_keys(text, ["planning.shape=pulled"], source), source)
 
 
 def test_targets_that_stand_still_cost_no_upload_after_a_restart_and_all_arrive() -> None:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from core.operator.test_vehicle_orders import SEED, order
-from core.test_restart import flight_with_a_restart
-from noticed import noticed
+from helpers.noticed import noticed
+from helpers.ordered_flight import SEED, flight_with_a_restart, order
+from helpers.staging import S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from staging import S
 
 from gcs.core.operator.records import Command, OrderInProgress
 from gcs.core.snapshot import decode_state, encode_state

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from test_state import CACHES
+from helpers.recorded_state import CACHES
 
 ROOT = Path(__file__).parents[2]
 MODULES = {

@@ -11,45 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.recorded_state import CACHES, events_of
 
-from gcs.config import Config, parse
 from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.errors import WireError
-from gcs.io.recording.reader import Damage, read, read_info
 from gcs.io.records import encode
-from gcs.model import Event, Truth
 
 RECORDINGS = sorted((Path(__file__).parents[1] / "recordings").glob("*.mcap"))
-CACHES: frozenset[str] = frozenset(
-    {
-        # The picture of the posterior, and its confirmed tracks.
-        "gcs.core.perception.track_lifecycle.TrackConfirmation.existing",
-        "gcs.core.perception.track_lifecycle.TrackConfirmation.tracks",
-        "gcs.core.perception.fusion.ClassTracker.picture",
-        # Arguments of the last update, as arrays, and its detection summary.
-        "gcs.tracking.glmb.filter.Glmb._birth_components",
-        "gcs.tracking.glmb.filter.Glmb._births",
-        "gcs.tracking.glmb.filter.Glmb._sensor",
-        "gcs.tracking.glmb.filter.Glmb._sensor_model",
-        "gcs.tracking.glmb.filter.Glmb.detection_summary",
-        "gcs.core.airspace.no_fly_zones.NoFlyZones.closed",  # cells of the closed zones, drawn from the state
-        "gcs.core.airspace.no_fly_zones.NoFlyZones.grid",
-        "gcs.mavlink.fleet.vehicle.Vehicle._state",  # from its link and its row of the telemetry table
-        "gcs.mavlink.fleet.vehicle.Vehicle._state_positions",
-        "gcs.mavlink.frames.fast_scan.Scanner._rows",  # buffer, empty before each datagram
-        "gcs.planning.map.grid.Grid.blocked",
-    }
-)
-"""Attributes that may change outside the state: they change no result."""
 MAX_DEPTH = 12
-
-
-def events_of(path: Path) -> tuple[Config, int, list[Event]]:
-    info = read_info(path)
-    values = [record.value for record in read(path)]
-    events = [v for v in values if isinstance(v, Event) and not isinstance(v, Truth | Damage)]
-    return parse(info.config_text, path.name), info.run.seed, events
 
 
 def attributes(thing: Any) -> Iterator[tuple[str, Any]]:

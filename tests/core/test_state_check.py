@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from core.other_station import AIR, SEAT, Stage
+from helpers.other_station import AIR, SEAT, Stage
+from helpers.recorded_state import events_of
 from msgspec.msgpack import decode, encode
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from test_state import events_of
 
 from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state

@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
-from staging import RADAR, at, scan
+from helpers.staging import RADAR, at, scan
 
 from gcs.core.perception.input_errors import InputErrors
 from gcs.core.perception.never_heard import check_never_heard

@@ -1,15 +1,9 @@
-"""Makes what several fault tests share importable, and the wall clock settable."""
-
-import sys
-from pathlib import Path
+"""Makes the wall clock settable."""
 
 import pytest
+from helpers.wall_clock import WallClock
 
 from gcs.io import clock
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from wall_clock import WallClock
 
 
 @pytest.fixture

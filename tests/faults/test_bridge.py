@@ -11,8 +11,8 @@ from pathlib import Path
 
 import psutil
 import pytest
-from heartbeat_tap import HeartbeatTap
-from processes import Run, free_port
+from helpers.heartbeat_tap import HeartbeatTap
+from helpers.processes import Run, free_port
 
 from gcs.model import AgentStatus, NoticeCode, Resumed, Scan, UploadReport
 

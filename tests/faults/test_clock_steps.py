@@ -8,10 +8,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from missions import short_mission
-from noticed import noticed
+from helpers.missions import short_mission
+from helpers.noticed import noticed
+from helpers.wall_clock import WallClock
 from rich.console import Console
-from wall_clock import WallClock
 
 from gcs.cli.fly.demo_flight import DemoOptions, run_demo
 from gcs.cli.prepare.preflight_checks import ScanListener, run_preflight

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import GCS, Run
+from helpers.processes import GCS, Run
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 

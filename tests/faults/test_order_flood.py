@@ -11,7 +11,7 @@ import time
 from itertools import pairwise
 
 import pytest
-from noticed import noticed
+from helpers.noticed import noticed
 
 from gcs.config import Config, load
 from gcs.core.airspace.incursion_warning import IncursionWarnings

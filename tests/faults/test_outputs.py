@@ -8,13 +8,12 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from missions import short_mission
+from helpers.missions import short_mission
 from rich.console import Console
 
 from gcs.cli.run_setup import display
@@ -24,6 +23,7 @@ from gcs.errors import RecordingError
 from gcs.io.background_writer import BackgroundWriter, QueuedText, off_loop
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
+from gcs.io.recording import writer, writer_thread
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Record, read
 from gcs.io.recording.writer import Recorder
@@ -36,12 +36,13 @@ from gcs.service.service import Service
 
 GCS = (sys.executable, "-P", "-c", "from gcs.cli import main; main()")
 SPEED = 5
-MAX_GAP_S = 1.2
 SILENT_S = 2.0
 """Run time; a vehicle that was heard more often than this is never lost."""
 SPEAKS_S = 3.0
 """Wall time at the end within which each vehicle was heard."""
 HEARTBEAT = 0
+WORKED_TICKS = 30
+GIVE_UP_S = 30.0
 
 
 class Ticks:
@@ -59,8 +60,8 @@ class Ticks:
         if isinstance(effect, Notice):
             self.notices.append(effect)
 
-    def max_gap_s(self) -> float:
-        return max(later - earlier for earlier, later in pairwise(self.t_ns)) / NS_PER_S
+    def has(self, code: NoticeCode, *subjects: str) -> bool:
+        return set(self.subjects(code)) >= set(subjects)
 
     def subjects(self, code: NoticeCode) -> list[object]:
         return [notice.subject for notice in self.notices if notice.code is code]
@@ -80,32 +81,60 @@ def short_stuck_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gcs.io.background_writer._STUCK_S", 1.0)
 
 
-def serve(service: Service, seconds: float, console: Console | None = None) -> Ticks:
-    """Run a service; return what its loop did."""
+class Blocked:
+    """An output that takes nothing until it is released."""
+
+    def __init__(self) -> None:
+        self._released = threading.Event()
+        self.calls, self.gave_up = 0, False
+
+    def __call__(self, *_arguments: object) -> None:
+        self.calls += 1
+        if not self._released.wait(GIVE_UP_S):
+            self.gave_up = True
+
+    def release(self) -> None:
+        self._released.set()
+
+
+def serve(
+    service: Service, is_enough: Callable[[Ticks], bool], blocked: Blocked, console: Console | None = None
+) -> Ticks:
+    """Run a service until it has worked on beside a blocked output, and enough was said of it."""
     ticks = Ticks()
     service.sinks.append(ticks)
 
+    async def work() -> None:
+        service.on_notice("test", NoticeCode.LINK_OPEN)
+        while not blocked.calls:
+            await asyncio.sleep(0.02)
+        begun = len(ticks.t_ns)
+        while len(ticks.t_ns) < begun + WORKED_TICKS or not is_enough(ticks):
+            await asyncio.sleep(0.02)
+        blocked.release()
+
     async def run() -> None:
-        stop, loop = asyncio.Event(), asyncio.get_running_loop()
-        loop.call_later(0.1, service.on_notice, "test", NoticeCode.LINK_OPEN)
-        loop.call_later(seconds, stop.set)
+        stop = asyncio.Event()
         view = display(service, console, speed=1.0, headless=False) if console else contextlib.nullcontext()
         async with view:
-            await asyncio.wait_for(service.run(RunClock(), stop), 20.0 + seconds)
+            running = asyncio.create_task(service.run(RunClock(), stop))
+            await asyncio.wait_for(work(), 60.0)
+            stop.set()
+            await asyncio.wait_for(running, 20.0)
 
     asyncio.run(run())
+    assert not blocked.gave_up, "the loop waited for the output"
     return ticks
 
 
-def heartbeat_gaps_s(records: list[Record]) -> list[float]:
-    """Return the seconds of wall time between the heartbeats to each vehicle."""
+def heartbeats(records: list[Record]) -> list[list[int]]:
+    """Return the times of the heartbeats to each vehicle."""
     sent: dict[tuple[str, str], list[int]] = {}
     for record in records:
         value = record.value
         if isinstance(value, Send) and any(f.message_id == HEARTBEAT for f in scan(value.data).frames):
             sent.setdefault((value.link, value.peer), []).append(record.t_ns)
-    assert len(sent) == 4
-    return [(b - a) / NS_PER_S / SPEED for times in sent.values() for a, b in pairwise(times)]
+    return list(sent.values())
 
 
 def gaps_s(records: list[Record]) -> list[float]:
@@ -126,10 +155,11 @@ def demo(folder: Path, *arguments: str) -> list[str]:
 
 
 def assert_flown(folder: Path, code: int) -> list[NoticeCode]:
-    """Check that the mission was flown and no heartbeat was late; return what is said of the view."""
+    """Check that the mission was flown and heartbeats went on; return what is said of the view."""
     records = list(read(folder))
     values = [record.value for record in records]
-    assert max(heartbeat_gaps_s(records)) < MAX_GAP_S
+    last_tenth_ns = records[-1].t_ns - (records[-1].t_ns - records[0].t_ns) // 10
+    assert [times[-1] > last_tenth_ns for times in heartbeats(records)] == [True] * 4
     assert [value for value in values if isinstance(value, MissionEnded)]
     longest_s = max(gaps_s(records))
     if code != 0:
@@ -216,11 +246,12 @@ def test_an_unread_live_view_does_not_delay_ticks(service: Service) -> None:
         )
         with off_loop(console) as view:
             service.outputs.append(view.writer)
-            ticks = serve(service, 2.5, console)
+            blocked = Blocked()
+            blocked.calls = 1  # the terminal is full from the start
+            ticks = serve(service, lambda seen: seen.has(NoticeCode.OUTPUT_BLOCKED, "view"), blocked, console)
             os.read(ours, 4096)  # lets the end be written
             assert not view.writer.is_idle
             threading.Thread(target=read_all, args=(ours,), daemon=True).start()
-    assert ticks.max_gap_s() < 0.6
     assert ticks.subjects(NoticeCode.OUTPUT_BLOCKED) == ["view"]
 
 
@@ -230,27 +261,21 @@ def read_all(descriptor: int) -> None:
             pass
 
 
-def slow(seconds: float) -> Callable[..., None]:
-    def wait(*_arguments: object) -> None:
-        time.sleep(seconds)
-
-    return wait
-
-
 @pytest.mark.usefixtures("short_stuck_time")
 def test_a_disk_that_blocks_does_not_delay_ticks_and_nothing_is_missing(
     service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gcs.io.recording.part.RecordingPart.flush", slow(1.5))
-    monkeypatch.setattr("gcs.service.journal.os.fsync", slow(1.5))
+    blocked = Blocked()
+    monkeypatch.setattr("gcs.io.recording.part.RecordingPart.flush", blocked)
+    monkeypatch.setattr("gcs.service.journal.os.fsync", blocked)
     with RecorderThread(Recorder(tmp_path / "run", "", {}, Run("prescribed", 1))) as recorder:
         keeper = JournalSink(service, Journal(tmp_path / "m.journal", "m", ""))
         service.recorder = recorder
         service.outputs += [recorder.writer, keeper.writer]
         service.sinks.append(keeper)
-        ticks = serve(service, 2.5)
-    assert ticks.max_gap_s() < 0.6
-    assert set(ticks.subjects(NoticeCode.DISK_BLOCKED)) >= {"recording", "journal"}
+        ticks = serve(
+            service, lambda seen: seen.has(NoticeCode.DISK_BLOCKED, "recording", "journal"), blocked
+        )
     recorded = [record.value for record in read(tmp_path / "run")]
     assert [value.t_ns for value in recorded if isinstance(value, Tick)] == ticks.t_ns
 
@@ -258,28 +283,25 @@ def test_a_disk_that_blocks_does_not_delay_ticks_and_nothing_is_missing(
 def test_a_disk_that_blocks_for_long_ends_the_recording_and_not_the_flight(
     service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    released = threading.Event()
-    monkeypatch.setattr("gcs.io.recording.part.RecordingPart.flush", lambda _part: released.wait())
+    blocked = Blocked()
+    monkeypatch.setattr("gcs.io.recording.part.RecordingPart.flush", blocked)
     monkeypatch.setattr("gcs.io.recording.writer_thread._MAX_WAITING_RECORDS", 20)
     service.recorder = recorder = RecorderThread(Recorder(tmp_path / "run", "", {}))
     service.outputs.append(recorder.writer)
-    ticks = serve(service, 3.0)
-    released.set()
+    ticks = serve(service, lambda seen: any(one.level == "alarm" for one in seen.notices), blocked)
     recorder.close()
     (alarm,) = [notice for notice in ticks.notices if notice.level == "alarm"]
     assert alarm.code is NoticeCode.RECORDING_ENDED
     assert "the disk blocks" in alarm.parameters["problem"]
-    assert ticks.max_gap_s() < 0.6
 
 
 @pytest.mark.usefixtures("short_stuck_time")
 def test_a_subscriber_that_does_not_read_does_not_delay_ticks(
     service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ZenohSession, "publish", slow(1.5))
-    ticks = serve(service, 2.5)
-    assert ticks.max_gap_s() < 0.6
-    assert "zenoh" in ticks.subjects(NoticeCode.OUTPUT_BLOCKED)
+    blocked = Blocked()
+    monkeypatch.setattr(ZenohSession, "publish", blocked)
+    serve(service, lambda seen: seen.has(NoticeCode.OUTPUT_BLOCKED, "zenoh"), blocked)
 
 
 def test_after_a_crash_at_most_a_second_is_missing(tmp_path: Path) -> None:
@@ -290,22 +312,33 @@ from gcs.io.recording.writer import Recorder
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.model import Tick
 recorder = RecorderThread(Recorder(Path(sys.argv[1]), "", {}))
-print(flush=True)
-while True:
-    recorder.record_event(Tick(time.monotonic_ns()))
+for number in range(1_000_000):
+    recorder.record_event(Tick(number))
+    print(number, flush=True)
     time.sleep(0.01)
 """
     command = [sys.executable, "-P", "-c", code, str(tmp_path / "run")]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
-    process.stdout.readline()
-    time.sleep(2.5)
-    process.kill()
-    killed_ns = time.monotonic_ns()
-    process.wait()
-    process.stdout.close()
-    last_ns = max(r.value.t_ns for r in read(tmp_path / "run") if isinstance(r.value, Tick))
-    assert killed_ns - last_ns < 1.5 * NS_PER_S  # half a second for a loaded machine
+    try:
+        recorded = int(process.stdout.readline())
+        for _ in range(3):
+            recorded = next(n for n in map(int, process.stdout) if n > recorded + 20)
+            while last_tick(tmp_path / "run") < recorded:
+                process.stdout.readline()
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+    assert last_tick(tmp_path / "run") >= recorded
+    assert writer._FLUSH_PERIOD_S + writer_thread._HAND_OVER_PERIOD_S < 1.0
+
+
+def last_tick(run: Path) -> int:
+    """Return the last tick that is on the disk, -1 for none."""
+    with contextlib.suppress(RecordingError):
+        return max((r.value.t_ns for r in read(run) if isinstance(r.value, Tick)), default=-1)
+    return -1
 
 
 # ---------------------------------------------------------------- one writer

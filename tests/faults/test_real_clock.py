@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from processes import Run
+from helpers.processes import Run
 
 from gcs.io.recording.reader import read
 from gcs.mavlink.frames.codec import scan

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from noticed import noticed
+from helpers.noticed import noticed
 
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from noticed import noticed
-from processes import Run, free_port
+from helpers.noticed import noticed
+from helpers.processes import Run, free_port
 
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import Notice, NoticeCode, UploadReport

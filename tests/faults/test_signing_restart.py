@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from noticed import noticed
+from helpers.noticed import noticed
+from helpers.wall_clock import WallClock
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from wall_clock import WallClock
 
 from gcs.endpoints import Link, parse_endpoint
 from gcs.geo import LocalFrame

@@ -1,16 +1,12 @@
-"""Makes the run that tests of recordings share importable, and its recording, once."""
+"""The recording of a run that tests share, made once."""
 
-import sys
 from pathlib import Path
 
 import pytest
+from helpers.recorded import CONFIG, VERSIONS, a_run, record
 
 from gcs.io.recording.topics import Recordable
 from gcs.io.recording.writer import Recorder
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from recorded import CONFIG, VERSIONS, a_run, record
 
 
 @pytest.fixture(scope="session")

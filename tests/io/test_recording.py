@@ -5,7 +5,7 @@ import tracemalloc
 from pathlib import Path
 
 import pytest
-from recorded import CONFIG, VERSIONS, frames, texts, whole
+from helpers.recorded import CONFIG, VERSIONS, frames, texts, whole
 
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import Run

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.recorded import texts, whole
 from mcap.reader import make_reader
-from recorded import texts, whole
 
 from gcs.errors import RecordingError
 from gcs.io.recording.reader import Damage, read, read_info

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
+from helpers.recorded import CONFIG, EVENTS, VERSIONS, in_parts, texts, whole
 from mcap.reader import make_reader
-from recorded import CONFIG, EVENTS, VERSIONS, in_parts, texts, whole
 
 from gcs.errors import RecordingError
 from gcs.io.recording.mcap_file import mcap_paths, recording_bytes

@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
+from helpers.recorded import T0_NS, frames
 from mcap.reader import make_reader
 from pymavlink import mavutil
-from recorded import T0_NS, frames
 
 from gcs.io.recording.tlog import split_frames
 from gcs.io.recording.topics import TOPICS, Recordable

@@ -1,8 +1,8 @@
 """A PX4 would stay armed with a mission that was refused, or be given up as an operator's."""
 
 import pytest
-from plane_double import GCS, Channel, Joined, authority_in, upload_task
-from px4_double import AUTO, HOLD, Px4
+from helpers.plane_double import GCS, Channel, Joined, authority_in, upload_task
+from helpers.px4_double import AUTO, HOLD, Px4
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import PX4

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from grid_paths import distances_m
+from helpers.grid_paths import distances_m
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -6,10 +6,8 @@ import json
 import math
 import selectors
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,8 +16,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.geo import LocalFrame
 from sim_vehicles.process_start import VehicleArguments, process_command
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 S = 1_000_000_000
 START_NS = 1_767_225_600 * S

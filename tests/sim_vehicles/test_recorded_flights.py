@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recorded_flights import fly, load, off_path_m
+from helpers.recorded_flights import fly, load, off_path_m
 
 FLIGHTS = {flight.key: flight for flight in load(Path(__file__).parent / "data/arduplane_flights.json.gz")}
 TURNS_ROUND_S = 152.7

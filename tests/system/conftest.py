@@ -1,5 +1,5 @@
 """Vehicles that several tests check."""
 
-from field_vehicles import field
+from helpers.field_vehicles import field
 
 __all__ = ["field"]

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from missions import short_mission
+from helpers.missions import short_mission
 
 from gcs.io.recording.reader import read
 from gcs.model import AgentStatus, MissionEnded, Plan, Truth

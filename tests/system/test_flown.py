@@ -7,7 +7,7 @@ checked until its vehicle is within twice the capture radius of the end of its r
 from __future__ import annotations
 
 import pytest
-from flown_clearance import flown_home, in_wind, landing, nearest
+from helpers.flown_clearance import flown_home, in_wind, landing, nearest
 
 from sim_vehicles.world.scenario import WindTable, load
 

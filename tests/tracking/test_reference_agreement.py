@@ -6,7 +6,7 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from reference_glmb import ReferenceGlmb
+from helpers.reference_glmb import ReferenceGlmb
 
 from gcs.model import NS_PER_S, Sensor
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams

@@ -1,14 +1,8 @@
 """Files of detections, and what makes them."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from detection_sets import MODEL, RADARS, made, seen_by_both
+from helpers.detection_sets import MODEL, RADARS, made, seen_by_both
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 from bench_baselines import compare
-from detection_sets import KEYS, MODEL, SCANS, made, run, scores
+from helpers.detection_sets import KEYS, MODEL, SCANS, made, run, scores
 from typer.testing import CliRunner
 
 from gcs.cli import app

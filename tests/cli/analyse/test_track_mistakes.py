@@ -4,7 +4,7 @@ import contextlib
 
 import numpy as np
 import pytest
-from detection_sets import MODEL, RADARS, made, run
+from helpers.detection_sets import MODEL, RADARS, made, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from detection_sets import RADARS, scores, seen_by_both
+from helpers.detection_sets import RADARS, scores, seen_by_both
 from typer.testing import CliRunner
 
 from gcs.cli import app

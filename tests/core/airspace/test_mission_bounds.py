@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from core.tasking.test_upload_manager import Swarm
+from helpers.noticed import noticed
+from helpers.plane_double import Plane
+from helpers.plane_swarm import Swarm
+from helpers.staging import mission, state
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from noticed import noticed
-from plane_double import Plane
-from staging import mission, state
 
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.no_fly_zones import NoFlyZones

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from staging import mission
+from helpers.staging import mission
 
 from gcs.core.airspace.obstacle_map import mission_grid
 

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 import pytest
-from core.test_authority import ARDUPLANE, Stage, airborne
-from core.test_restart import SEED, standing
-from noticed import noticed
+from helpers.noticed import noticed
+from helpers.ordered_flight import SEED, standing
+from helpers.played_vehicle import ARDUPLANE, Stage, airborne
+from helpers.staging import mission, suspensions
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from staging import mission, suspensions
 
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.records import OnboardMission

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
-from noticed import noticed
-from other_station import AIR, SEAT, Stage
+from helpers.noticed import noticed
+from helpers.other_station import AIR, SEAT, Stage
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.model import Notice, NoticeCode

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from noticed import noticed
+from helpers.noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode

@@ -6,8 +6,8 @@ One vehicle is played message by message, as ArduPlane or as PX4.
 from __future__ import annotations
 
 import pytest
-from core.test_authority import ARDUPLANE, ARM, BOTH, PX4, SET_MODE, Stage
-from noticed import noticed
+from helpers.noticed import noticed
+from helpers.played_vehicle import ARDUPLANE, ARM, BOTH, PX4, SET_MODE, Stage
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.model import (

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
-from core.operator.test_vehicle_orders import Flight, fly, order
-from noticed import noticed
-from staging import S
+from helpers.noticed import noticed
+from helpers.ordered_flight import Flight, fly, order
+from helpers.staging import S
 
 from gcs.core.state import at_targets
 from gcs.model import AgentStatus, MissionEnded, NoFlyZone, Notice, NoticeCode, OrderAnswer, Plan

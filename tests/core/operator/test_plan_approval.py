@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
-import msgspec
 import pytest
+from helpers.approved_flight import SEED, Flight, after, scenario, silent, word
+from helpers.staging import S, suspensions
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from staging import S, suspensions
 
 from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state, encode_state
@@ -36,67 +35,6 @@ from gcs.model import (
 )
 from gcs.planning.map.line_of_sight import line_of_sight
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
-from sim_vehicles.world.scenario import Scenario, load
-
-SEED = 1
-
-
-def scenario(retask: str = "confirm", name: str = "prescribed") -> Scenario:
-    loaded = load(name)
-    planning = msgspec.structs.replace(loaded.config.planning, retask=retask, when="period", aim="position")
-    return replace(loaded, config=msgspec.structs.replace(loaded.config, planning=planning))
-
-
-class Flight:
-    """A flight with an operator: called with each effect, he may answer with an order."""
-
-    def __init__(self, operator: Callable[[int, Effect], Order | None], retask: str = "confirm") -> None:
-        self.events: list[Event] = []
-        self.effects: list[tuple[int, Effect]] = []
-        self._operator = operator
-        self.run = VirtualRun(scenario(retask), SEED, self.events.append, self._effect)
-
-    def _effect(self, t_ns: int, effect: Effect) -> None:
-        self.effects.append((t_ns, effect))
-        order = self._operator(t_ns, effect)
-        if order is not None:
-            self.run.order(order)
-
-    def fly(self, duration_s: float) -> Flight:
-        self.run.run(duration_s)
-        return self
-
-    def all(self, kind: type) -> list[Any]:
-        return [effect for _, effect in self.effects if isinstance(effect, kind)]
-
-    def counted(self) -> list[tuple[int, int]]:
-        """(time, vehicle) of every upload that was begun or repeated."""
-        found = []
-        for t_ns, effect in self.effects:
-            if isinstance(effect, Send):
-                messages = decode_frames(effect.data)[0]
-                found += [(t_ns, m.target_system) for m in messages if m.get_type() == "MISSION_COUNT"]
-        return found
-
-
-def word(t_ns: int, action: Any, plan_id: int, *vehicles: int) -> Order:
-    name = f"{action}-{plan_id}-{t_ns}-{vehicles}"
-    return Order(t_ns, name, action, tuple(vehicles) or None, plan_id)
-
-
-def after(delay_s: float, action: str = "confirm") -> Callable[[int, Effect], Order | None]:
-    """An operator who gives every plan the same word, once, after a while."""
-
-    def operator(t_ns: int, effect: Effect) -> Order | None:
-        if isinstance(effect, Proposal) and effect.routes and effect.t_ns == effect.shown_t_ns:
-            return word(t_ns + round(delay_s * S), action, effect.plan_id)
-        return None
-
-    return operator
-
-
-def silent(_t_ns: int, _effect: Effect) -> None:
-    return None
 
 
 def test_without_a_word_nothing_is_ever_uploaded_the_first_plan_included() -> None:

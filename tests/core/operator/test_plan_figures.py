@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from core.takeoff.test_climbs import FIELD, Flight
-from staging import S
+from helpers.runway import FIELD, Flight
+from helpers.staging import S
 
 from gcs.model import Order, Proposal
 from sim_vehicles.campaign.virtual_run import START_T_NS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from noticed import noticed
+from helpers.noticed import noticed
 
 from gcs.config import read_text
 from gcs.config.key_overrides import override_keys

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from core.operator.test_vehicle_orders import Flight, fly, order
-from staging import S
+from helpers.ordered_flight import Flight, fly, order
+from helpers.staging import S
 
 from gcs.model import Label, OrderAnswer, Plan, SwarmStatus
 from sim_vehicles.campaign.virtual_run import START_T_NS

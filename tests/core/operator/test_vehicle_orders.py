@@ -2,70 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import pytest
+from helpers.noticed import noticed
+from helpers.ordered_flight import SEED, Flight, fly, order
+from helpers.staging import S, suspensions
 from msgspec.structs import replace as changed
-from noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from staging import S, suspensions
 
 from gcs.io.records import decode, encode
 from gcs.mavlink.frames.codec import Encoder
-from gcs.mavlink.frames.codec import decode as decode_frames
-from gcs.model import Effect, Event, MissionEnded, Notice, NoticeCode, Order, OrderAnswer, Plan, Send
+from gcs.model import Effect, Event, MissionEnded, Notice, NoticeCode, Order, OrderAnswer, Plan
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load
-
-SEED = 1
-
-
-def order(at_s: float, action: Any, *vehicles: int, **fields: Any) -> Order:
-    return Order(START_T_NS + round(at_s * S), f"{action}-{at_s}", action, tuple(vehicles) or None, **fields)
-
-
-@dataclass
-class Flight:
-    """A virtual flight under orders, and everything that went in and came out."""
-
-    run: VirtualRun
-    events: list[Event]
-    effects: list[tuple[int, Effect]]
-
-    def all(self, kind: type) -> list[Any]:
-        return [effect for _, effect in self.effects if isinstance(effect, kind)]
-
-    def answers(self, order_id: str) -> list[tuple[str, int | None]]:
-        return [(a.state, a.vehicle) for a in self.all(OrderAnswer) if a.order_id == order_id]
-
-    def messages_to(self, vehicle: int, from_s: float, to_s: float) -> list[Any]:
-        """Messages to a vehicle within a time."""
-        found = []
-        for t_ns, effect in self.effects:
-            if isinstance(effect, Send) and from_s <= (t_ns - START_T_NS) / S < to_s:
-                found += [
-                    m for m in decode_frames(effect.data)[0] if getattr(m, "target_system", 0) == vehicle
-                ]
-        return found
-
-    def mode(self, vehicle: int) -> Mode:
-        return self.run.vehicles[f"vehicle:{vehicle}"].autopilot.mode
-
-
-def fly(
-    orders: Sequence[Order], duration_s: float, *, loss: float = 0.0, scenario: str = "prescribed"
-) -> Flight:
-    events: list[Event] = []
-    effects: list[tuple[int, Effect]] = []
-    run = VirtualRun(
-        load(scenario), SEED, events.append, lambda t, e: effects.append((t, e)), loss=loss, orders=orders
-    )
-    run.run(duration_s)
-    return Flight(run, events, effects)
-
 
 MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
 

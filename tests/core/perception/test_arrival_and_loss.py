@@ -1,8 +1,8 @@
 """A user would lose vehicles and time: agents falsely lost, losses undetected, arrivals not counted."""
 
+from helpers.staging import at, confirmation_of, confirmed, mission, picture, track, zones
 from hypothesis import given
 from hypothesis import strategies as st
-from staging import at, confirmation_of, confirmed, mission, picture, track, zones
 
 from gcs.core.perception.arrival_and_loss import NEVER_SEEN_S, UNSEEN_S, AgentStatusMonitor
 from gcs.core.state import State, at_targets, with_status

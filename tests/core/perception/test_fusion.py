@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from staging import RADAR, T0, S, at, circle, mission, scan, state
+from helpers.staging import RADAR, T0, S, at, circle, mission, scan, state
 
 from gcs.core.perception.fusion import MultiSensorTracker, at_time, squared_distances, velocity_m_s
 from gcs.core.snapshot import decode_state, encode_state

@@ -1,9 +1,9 @@
 """Sensors publish at their own pace: a scan that comes a little late must count, in its place."""
 
+from helpers.noticed import noticed
+from helpers.staging import RADAR, at, mission, scan
 from hypothesis import given
 from hypothesis import strategies as st
-from noticed import noticed
-from staging import RADAR, at, mission, scan
 
 from gcs.core.engine import Engine
 from gcs.core.perception.oosm_buffer import OutOfSequenceBuffer

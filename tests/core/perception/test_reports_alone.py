@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from noticed import noticed
+from helpers.noticed import noticed
 
 from gcs.model import NS_PER_S, AgentStatus, Datagram, Effect, Event, NoticeCode, Picture, Scan, Tick
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from staging import at
+from helpers.staging import at
 
 from gcs.core.perception.records import PerceptionState
 from gcs.core.perception.report_history import ReportHistory

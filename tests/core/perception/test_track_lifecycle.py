@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
+from helpers.staging import RADAR, confirmation_of, picture, track
 from hypothesis import given
 from hypothesis import strategies as st
-from staging import RADAR, confirmation_of, picture, track
 
 from gcs.core.perception.track_lifecycle import CONFIRMATION_EPOCHS
 

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from helpers.staging import at, confirmed, picture, state, track
 from hypothesis import given
 from hypothesis import strategies as st
-from staging import at, confirmed, picture, state, track
 
 from gcs.core.perception.track_to_vehicle import TrackVehicleAssociation
 from gcs.core.state import State

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from staging import at, circle, state, track
+from helpers.staging import at, circle, state, track
 
 from gcs.core.perception.vehicle_kinematics import VehicleKinematics
 from gcs.core.state import State

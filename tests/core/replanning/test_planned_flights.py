@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from staging import at, mission, track
+from helpers.staging import at, mission, track
 
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.replanning.inputs import PlanningInputs

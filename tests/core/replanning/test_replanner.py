@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.planning_desk import PERIOD_S, A, B, C, Desk, pair, replanner
+from helpers.staging import at, mission, track
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from planning_desk import PERIOD_S, A, B, C, Desk, pair, replanner
-from staging import at, mission, track
 
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.tasking.upload_latency import DELIVERY_S

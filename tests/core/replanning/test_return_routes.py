@@ -5,8 +5,8 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from flown_clearance import landing
-from noticed import noticed
+from helpers.flown_clearance import landing
+from helpers.noticed import noticed
 
 from gcs.core.replanning import return_routes
 from gcs.model import AgentStatus, NoFlyZone, Notice, NoticeCode, Order, Plan, UploadReport

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from planning_desk import CAPTURE_M, MOVED_M, A, B, C, Desk, pair
+from helpers.planning_desk import CAPTURE_M, MOVED_M, A, B, C, Desk, pair
 
 from gcs.model import NoticeCode
 from gcs.planning.plan_notes import PlanNote

@@ -2,24 +2,13 @@
 
 import numpy as np
 import pytest
-from core.separation.test_separation import FIELD, NEAR_HEIGHT_M, NEAR_M, Sky
-from staging import S
+from helpers.sky import LANDING, NEAR_HEIGHT_M, NEAR_M, Sky
+from helpers.staging import S
 
 from gcs.core.preflight.mission_checks import mission_checks, rehearse
 from sim_vehicles.campaign.virtual_run import START_T_NS
 
 MIN_APART_S = 50.0
-LANDING = (
-    FIELD.replace("[mission]", '[mission]\nend = "land"')
-    + """
-[[births]]
-east_m = 1500.0
-north_m = 2900.0
-[[simulation.targets]]
-east_m = 1500.0
-north_m = 2900.0
-"""
-)
 STRIP = [(1480.0 + 9.0 * k, 900.0, 60.0 + 20.0 * k) for k in range(3)]
 
 

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core.separation.test_order_check import fly_on, place
-from core.separation.test_separation import Sky
+from helpers.sky import Sky, fly_on, place
 
 from gcs.core.tasking.records import QueuedRoute
 from gcs.model import NoticeCode, read_only

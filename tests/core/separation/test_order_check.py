@@ -4,13 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core.separation.test_landing_order import LANDING
-from core.separation.test_separation import Sky
-from staging import S
+from helpers.sky import LANDING, Sky, fly_on, place
 
 from gcs.model import NoticeCode, Order
 from sim_vehicles.autopilots.base import Mode
-from sim_vehicles.campaign.virtual_run import START_T_NS
 
 
 def give(sky, action, *vehicles):
@@ -18,19 +15,9 @@ def give(sky, action, *vehicles):
     sky.run_.order(Order(sky.run_.t_ns, f"{action}-{number}", action, vehicles or None))
 
 
-def fly_on(sky, for_s):
-    return sky.fly((sky.run_.t_ns - START_T_NS) / S + for_s)
-
-
 def states(sky, action, vehicle):
     """Return the final answers to the orders of an action for a vehicle."""
     return [one.state for one in sky.answers if one.action == action and one.vehicle == vehicle]
-
-
-def place(plane, east_m, north_m, height_m, course_deg=0.0):
-    """Put a vehicle somewhere; it keeps its mode."""
-    plane.airframe.east_m, plane.airframe.north_m = east_m, north_m
-    plane.airframe.alt_rel_m, plane.airframe.heading_rad = height_m, np.deg2rad(course_deg)
 
 
 def with_one_home(sky):

@@ -4,70 +4,15 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from core.takeoff.test_climbs import BOX, FIELD
-from noticed import alarms, noticed
-from staging import S, at, mission, state
+from helpers.noticed import alarms
+from helpers.runway import Field
+from helpers.staging import at, mission, state
 
 from gcs.core.preflight.mission_checks import mission_checks, rehearse
 from gcs.core.state import State
 from gcs.core.takeoff.sequence import TakeoffSequence
 from gcs.mavlink.mission.items import Home
-from gcs.model import NoticeCode, Order, OrderAnswer
-from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
-from sim_vehicles.vehicle.vehicle import SimVehicle
-from sim_vehicles.world.scenario import parse_scenario
-from sim_vehicles.world.specs import vehicle_specs
-
-SECOND = """
-[[agents]]
-system_id = 2
-east_m = 1530.0
-north_m = 1000.0
-course_deg = 353.0
-[[births]]
-east_m = 600.0
-north_m = 2500.0
-[[simulation.targets]]
-east_m = 600.0
-north_m = 2500.0
-"""
-READY = ((3.0, "hold"), (6.0, "resume"))
-
-
-class Field:
-    """A virtual flight of two vehicles that stand 30 m apart."""
-
-    def __init__(self, *orders, ready=READY):
-        scenario = parse_scenario(
-            FIELD.replace(BOX, "").replace("layers = 1", "layers = 2") + SECOND, "pair.toml"
-        )
-        self.effects, self.low_together = [], 0
-        given = [
-            Order(START_T_NS + round(t_s * S), f"{what}-{t_s}", what, tuple(who) or None)
-            for t_s, what, *who in (*ready, *orders)
-        ]
-        self.run_ = VirtualRun(scenario, 1, None, lambda _, effect: self.effects.append(effect), orders=given)
-        self.planes = [
-            SimVehicle(replace(spec, airborne=False), scenario.frame, START_T_NS)
-            for spec in vehicle_specs(scenario, 1)
-        ]
-        self.run_.vehicles = {f"vehicle:{number}": plane for number, plane in enumerate(self.planes, 1)}
-
-    def run(self, until_s):
-        while self.run_.t_ns < START_T_NS + until_s * S:
-            self.run_.run((self.run_.t_ns - START_T_NS) / S + 0.2)
-            self.low_together += all(1.0 < plane.alt_rel_m < 75.0 for plane in self.planes)
-        return self
-
-    def heights_m(self):
-        return [plane.alt_rel_m for plane in self.planes]
-
-    def noticed(self, code):
-        return noticed(self.effects, code)
-
-    def answers(self, order_id):
-        found = [e for e in self.effects if isinstance(e, OrderAnswer) and e.order_id == order_id]
-        return {answer.vehicle: (answer.state, answer.detail) for answer in found if answer.vehicle}
+from gcs.model import NoticeCode
 
 
 def test_one_order_to_arm_two_vehicles_side_by_side_arms_the_first_and_explains_the_wait():

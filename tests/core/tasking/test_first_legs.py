@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import pytest
-from noticed import noticed
+from helpers.noticed import noticed
+from helpers.staging import at, state
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from staging import at, state
 
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.records import OnboardMission

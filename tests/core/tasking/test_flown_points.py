@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core.airspace.test_flown_missions import WIDE, field
-from staging import state
+from helpers.fenced_field import WIDE, field
+from helpers.staging import state
 
 from gcs.core.replanning.replanner import is_crossed
 from gcs.core.state import State

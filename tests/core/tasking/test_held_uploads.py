@@ -1,8 +1,8 @@
 """A vehicle would turn back to where it was when its mission was planned, not when it got it."""
 
 import pytest
-from core.takeoff.test_sequence import Field
-from staging import S
+from helpers.runway import Field
+from helpers.staging import S
 
 from gcs.mavlink.frames.codec import decode
 from gcs.model import NoticeCode, Order, Plan, Send

@@ -2,9 +2,9 @@
 
 import msgspec
 import pytest
-from core.tasking.test_onboard_missions import CONFIG, Fleet
-from noticed import alarms, noticed
-from staging import at, mission
+from helpers.noticed import alarms, noticed
+from helpers.one_vehicle_fleet import CONFIG, Fleet
+from helpers.staging import at, mission
 
 from gcs.core.state import State
 from gcs.core.tasking.missed_targets import check_missed_targets

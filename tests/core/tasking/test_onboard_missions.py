@@ -1,9 +1,7 @@
 """A user would lose track of a vehicle that has its target behind it, or of the circle that it will fly."""
 
-from types import SimpleNamespace
-
 import pytest
-from staging import mission
+from helpers.one_vehicle_fleet import CONFIG, Fleet
 
 from gcs.core.state import State
 from gcs.core.tasking.mission_builder import MissionBuilder
@@ -15,19 +13,7 @@ from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import Route, read_only
 
-CONFIG = mission()
 FRAME = CONFIG.local_frame
-
-
-class Fleet:
-    """One vehicle, as it reports itself."""
-
-    def __init__(self, seq, mode=AUTO):
-        self.one = SimpleNamespace(t_ns=0, east_m=0.0, north_m=0.0, ground_speed_m_s=15.0, mission_seq=seq)
-        self.one.mode = mode
-
-    def state(self, _vehicle):
-        return self.one
 
 
 def stored(wait_m, seq, mode=AUTO):

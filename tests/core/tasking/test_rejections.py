@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from noticed import alarms
+from helpers.noticed import alarms
+from helpers.staging import S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from staging import S
 
 from gcs.core.state import Agent
 from gcs.core.tasking.rejections import Rejections

@@ -9,7 +9,7 @@ import tty
 from pathlib import Path
 
 import pytest
-from link_handler import RecordingHandler, beat, run
+from helpers.link_handler import RecordingHandler, beat, run
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link, parse_endpoint

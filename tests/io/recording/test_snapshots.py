@@ -6,7 +6,7 @@ import itertools
 from pathlib import Path
 
 import pytest
-from recorded import CONFIG, T0_NS, VERSIONS, a_run, record
+from helpers.recorded import CONFIG, T0_NS, VERSIONS, a_run, record
 
 from gcs.io.recording.folder import MCAP_NAME, Run
 from gcs.io.recording.index import snapshot_places

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from recorded import CONFIG, VERSIONS
+from helpers.recorded import CONFIG, VERSIONS
 
 from gcs.cli.run_setup import open_recorder
 from gcs.config.schema import RecordingTable

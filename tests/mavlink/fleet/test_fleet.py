@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from helpers.noticed import alarms, noticed
+from helpers.plane_double import AUTO, LOITER, Channel, Plane, S, upload_task
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from noticed import alarms, noticed
-from plane_double import AUTO, LOITER, Channel, Plane, S, upload_task
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame

@@ -1,9 +1,9 @@
 """A flood is put together: no frame may be lost, changed or overtaken by a later one of its sender."""
 
 import numpy as np
+from helpers.frame_bytes import BYTES, frame
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mavlink.frames.test_fast_scan import BYTES, frame
 
 from gcs.mavlink.frames.batches import MAX_BYTES, DatagramBatcher
 from gcs.mavlink.frames.codec import scan

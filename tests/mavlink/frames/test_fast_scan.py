@@ -4,9 +4,10 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
+from helpers.frame_bytes import BYTES, GOOD, frame
+from helpers.noticed import noticed
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.snapshot import decode_state, encode_state
@@ -22,47 +23,7 @@ from gcs.model import NS_PER_S, Datagram, NoticeCode, vehicle_id
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 LINKS = [Link(parse_endpoint(f"udpin:0.0.0.0:1455{network}"), network) for network in (0, 1)]
-IDS = sorted(dialect.mavlink_map)
 QUIET = ("GLOBAL_POSITION_INT", "GPS_RAW_INT", "SYS_STATUS")
-
-
-def frame(message_id, payload, *, seq=0, system=1, component=1, version=2, flags=0):
-    """A frame whose checksum holds, of any id."""
-    known = dialect.mavlink_map.get(message_id)
-    if version == 1 and message_id < 256:
-        head, magic = bytes([len(payload), seq, system, component, message_id]), b"\xfe"
-    else:
-        head = bytes([len(payload), flags, 0, seq, system, component]) + message_id.to_bytes(3, "little")
-        magic = b"\xfd"
-    extra = 0 if known is None else known.crc_extra
-    crc = dialect.x25crc(head + payload + bytes([extra])).crc
-    return magic + head + payload + crc.to_bytes(2, "little") + (bytes(13) if flags & 1 else b"")
-
-
-GOOD = st.builds(
-    frame,
-    st.one_of(st.sampled_from(IDS), st.sampled_from([0, 1, 24, 33, 42]), st.integers(0, 2**24 - 1)),
-    st.binary(max_size=255),
-    seq=st.integers(0, 255),
-    version=st.sampled_from([1, 2]),
-    flags=st.sampled_from([0, 0, 0, 1, 2]),
-)
-
-
-@st.composite
-def damaged(draw):
-    data = bytearray(draw(GOOD))
-    if draw(st.booleans()):
-        data[draw(st.integers(0, len(data) - 1))] ^= 1 << draw(st.integers(0, 7))
-    return bytes(data[: draw(st.integers(0, len(data)))])
-
-
-BYTES = st.lists(
-    st.one_of(
-        GOOD, GOOD, damaged(), st.binary(max_size=30), st.sampled_from([b"\xfd", b"\xfe", b"\xfe\x00"])
-    ),
-    max_size=12,
-).map(b"".join)
 
 
 def agree(data, scanner):

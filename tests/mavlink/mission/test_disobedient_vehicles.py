@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from plane_double import AUTO, LOITER, Channel, Joined, OfPlane, Plane, S, authority_in, upload_task
+from helpers.plane_double import AUTO, LOITER, Channel, Joined, OfPlane, Plane, S, authority_in, upload_task
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import ARDUPLANE
@@ -100,11 +100,10 @@ def test_a_wrong_count_ends_with_a_word(wrong):
 def test_an_item_that_is_requested_again_and_again_ends_with_a_word():
     plane = Plane(mode=AUTO, leg_s=math.inf)
 
-    def again(_message, _sender, t_ns):
-        plane._item_t_ns = t_ns
-        return [plane._request(t_ns)] if plane.uploader else []
+    def first(_message, sender, _t_ns):
+        return [dialect.MAVLink_mission_request_message(*sender, 0, 0)]
 
-    plane._on_mission_item_int = again
+    plane._on_mission_count = plane._on_mission_item_int = first
     talk = Talk(plane)
     result = talk.end()
     assert not result.ok

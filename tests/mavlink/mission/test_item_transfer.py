@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from helpers.plane_double import Channel, authority_in, upload_task
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plane_double import Channel, authority_in, upload_task
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame

@@ -6,9 +6,7 @@ A PX4 in RTL follows its mission's landing: with its first item selected again i
 import math
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from plane_double import (
+from helpers.plane_double import (
     AUTO,
     HOME,
     LOITER,
@@ -21,8 +19,10 @@ from plane_double import (
     authority_in,
     upload_task,
 )
-from px4_double import AUTO as PX4_AUTO
-from px4_double import HOLD, Px4
+from helpers.px4_double import AUTO as PX4_AUTO
+from helpers.px4_double import HOLD, Px4
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame

@@ -5,9 +5,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from plane_double import (
+from helpers.plane_double import (
     AUTO,
     GCS,
     LOITER,
@@ -22,8 +20,10 @@ from plane_double import (
     authority_in,
     upload_task,
 )
+from helpers.upload_diagram import diagram
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from upload_diagram import diagram
 
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.mavlink.frames.codec import Encoder, decode
@@ -383,4 +383,4 @@ def test_the_page_draws_the_table():
     drawn = [block.strip().splitlines() for block in page.split("```mermaid\n")[1:]]
     for lines, rules in zip(drawn, (MISSION_RULES, LIST_RULES), strict=True):
         expected = diagram(rules.table)
-        assert lines[: lines.index("```")] == expected, "python tests/mavlink/upload_diagram.py"
+        assert lines[: lines.index("```")] == expected, "python tests/helpers/upload_diagram.py"

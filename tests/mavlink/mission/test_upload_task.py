@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from plane_double import (
+from helpers.plane_double import (
     AUTO,
     GCS,
     LOITER,
@@ -181,7 +181,7 @@ def test_one_kind_of_answer_that_never_comes_does_not_hide_the_truth(name):
 
 def test_a_refused_item_ends_in_loiter_with_nothing_stored_and_a_reason():
     plane, _ = flying()
-    plane.accepts = lambda message: 3 if message.seq == 2 else 0
+    plane.accepts = lambda seq: 3 if seq == 2 else 0
     result = joined(plane, limits=UploadLimits(max_uploads=2)).run()
     assert (result.ok, result.onboard, result.was_held) == (False, "cleared", True)
     assert "UNSUPPORTED" in result.detail
@@ -193,9 +193,9 @@ def test_one_failure_ack_in_mid_transfer_is_not_the_end():
     link = joined(plane)
     failed = []
 
-    def fail_once(message):
-        if message.seq == 3 and not failed:
-            failed.append(message)
+    def fail_once(seq):
+        if seq == 3 and not failed:
+            failed.append(seq)
             return 1
         return 0
 
@@ -364,7 +364,7 @@ def test_another_stations_messages_change_nothing():
 
 def test_another_station_in_the_middle_of_its_own_upload_is_waited_for():
     plane, _ = flying()
-    plane._on_mission_count(dialect.MAVLink_mission_count_message(1, 1, 5, 0), (254, 190), 0)
+    plane.receive(Encoder(254, 190)(dialect.MAVLink_mission_count_message(1, 1, 5, 0)), 0)
     link = joined(plane)
     assert link.run().ok
     assert plane.holds(link.task.items)

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from grid_paths import distances_m
+from helpers.grid_paths import distances_m
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse import coo_matrix

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from grid_paths import distances_m, find_path, nearest_free
+from helpers.grid_paths import distances_m, find_path, nearest_free
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 import pytest
-from noticed import noticed
+from helpers.noticed import noticed
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.io.records import encode

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from reference_glmb import ranked_assignments
+from helpers.reference_glmb import ranked_assignments
 
 from gcs.tracking.glmb.hypotheses import AssociationOptions, Clusters
 from gcs.tracking.glmb.joint_association import update_clusters

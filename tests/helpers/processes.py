@@ -13,14 +13,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from noticed import noticed
-
 from gcs.config import read_text
 from gcs.config.key_overrides import override_keys
 from gcs.errors import RecordingError
 from gcs.io.recording.reader import read
 from gcs.io.zenoh.session import free_endpoint
 from gcs.model import Notice, NoticeCode
+from helpers.noticed import noticed
 
 GCS = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
 

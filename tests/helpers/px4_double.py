@@ -1,6 +1,6 @@
 """A scripted PX4, as far as a mission task sees it: atomic uploads, and a navigator that may reject them.
 
-As seen on PX4 1.17 (`tests/mavlink/plane_double.py` is the same for ArduPlane): a mission that the navigator
+As seen on PX4 1.17 (`plane_double.py` is the same for ArduPlane): a mission that the navigator
 rejects gets ACK 0; then the vehicle is in Hold, MISSION_CURRENT says NO_MISSION, and AUTO is refused.
 """
 

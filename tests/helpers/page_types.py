@@ -1,6 +1,6 @@
 """Types of the page's modules, made from the records that the console sends.
 
-``python tests/console/page_types.py > gcs/console/page_types.d.ts``
+``python tests/helpers/page_types.py > gcs/console/page_types.d.ts``
 
 It reads the text of the records, so that the types keep the names of aliases and the descriptions of fields.
 Arrays of shown records are points.
@@ -21,7 +21,7 @@ TARGET = ROOT / "gcs/console/page_types.d.ts"
 HEAD = """\
 // What the server sends to the page's modules. Only the type checker reads this file; it is not shipped.
 // Generated: change gcs/console/view/schema.py or gcs/model, then run
-//   python tests/console/page_types.py > gcs/console/page_types.d.ts
+//   python tests/helpers/page_types.py > gcs/console/page_types.d.ts
 // Positions are east and north in metres. A number that is not known is null.
 """
 SIMPLE = {

@@ -1,11 +1,10 @@
 """Staging of plans: agents and targets at chosen places, checks at chosen times."""
 
-from staging import at, mission, track, zones
-
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.state import State, flown_routes
+from helpers.staging import at, mission, track, zones
 
 CAPTURE_M, MOVED_M, PERIOD_S = 40.0, 50.0, 5.0
 

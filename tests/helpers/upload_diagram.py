@@ -1,6 +1,6 @@
 """Draw the rules of an upload as they stand in docs/missions.md.
 
-    python tests/mavlink/upload_diagram.py
+    python tests/helpers/upload_diagram.py
 
 prints both diagrams. Left out are rules that stay in their stage, orders, and most overrides: the page tells
 them below.

@@ -1,11 +1,11 @@
 """A scripted ArduPlane and a lossy channel: the other end of the link, in memory, on the test's time.
 
-It does what ArduPlane 4.7 was seen to do with missions: item 0 is home, uploads are in place, it asks with
-MISSION_REQUEST each second and gives up after 8 s with ACK 15, a duplicate gets ACK 13 and the transfer
-goes on, what it sends back is normalised, it refuses to clear while armed in AUTO, denies a read-back and a
-clearing while it receives, flies on to the waypoint that it has cached, and goes to RTL at the mission's end.
-A leg begins at the waypoint before, unless the message MISSION_SET_CURRENT selected its item, or the command
-DO_SET_MISSION_CURRENT a second time (`Plane::set_next_WP`).
+The mission protocol is that of the simulated vehicles (`sim_vehicles.autopilots.mission_protocol`). The
+flight is a script, not an airframe: a leg takes the time that a test says, and a vehicle may be deaf, refuse
+items or answer wrongly. As ArduPlane 4.7 it flies on to the waypoint that it has cached, refuses to clear
+while armed in AUTO, and goes to RTL at the mission's end. A leg begins at the waypoint before, unless the
+message MISSION_SET_CURRENT selected its item, or the command DO_SET_MISSION_CURRENT a second time
+(`Plane::set_next_WP`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -27,6 +27,14 @@ from gcs.mavlink.mission.upload_limits import UploadLimits, UploadPolicy
 from gcs.mavlink.mission.upload_rules import MISSION_RULES
 from gcs.mavlink.mission.upload_stages import Event
 from gcs.mavlink.mission.upload_state import Flight, UploadState
+from sim_vehicles.autopilots.mission_protocol import (
+    MISSION,
+    Item,
+    MissionServer,
+    MissionStore,
+    Refused,
+    normalised,
+)
 
 S = 1_000_000_000
 HOME = (-353632621, 1491652370, 584.09)
@@ -41,28 +49,23 @@ def authority_in(mode):
     return authority
 
 
-@dataclass(frozen=True)
-class Stored:
-    command: int
-    frame: int
-    x: int
-    y: int
-    z_cm: int
-    param2: float
-    param3: float
+class Store(MissionStore):
+    """A plane's mission, which refuses what a test says."""
+
+    def __init__(self, plane):
+        lat, lon, alt = plane.home
+        super().__init__(MISSION, lambda: Item(16, 0, x=lat, y=lon, z=alt))
+        self._plane = plane
+
+    def put(self, index, item):
+        if result := self._plane.accepts(index):
+            raise Refused(result)
+        super().put(index, item)
 
 
-def stored(message) -> Stored:
-    waypoint = message.command == 16
-    return Stored(
-        message.command,
-        {5: 0, 6: 3}.get(message.frame, message.frame),
-        message.x,
-        message.y,
-        round(message.z * 100),
-        float(min(255, int(message.param2))) if waypoint else 0.0,
-        0.0 if math.isnan(message.param3) else message.param3,
-    )
+def normal_form(items):
+    """Return items as they are stored."""
+    return [normalised(item.message(seq, 1, 1), MISSION) for seq, item in enumerate(items)]
 
 
 class Plane:
@@ -71,22 +74,21 @@ class Plane:
     def __init__(self, system_id=1, *, mode=LOITER, armed=True, leg_s=math.inf, home=HOME, boot_t_ns=0):
         self.system_id, self.home = system_id, home
         self.mode, self.armed, self.leg_s = mode, armed, leg_s
-        self.store: list[Stored | None] = []
-        self.whole: list[list[Stored]] = []
+        self.accepts: Callable[[int], int] = lambda seq: 0
+        """Returns the MAV_MISSION_RESULT for an item that is uploaded."""
+        self._missions = Store(self)
+        self._out: list = []
+        self._server = self._new_server()
+        self.whole: list[list[Item]] = []
         """Complete missions that were uploaded: anything else in the store is inconsistent."""
         self.mixed_legs: list[int] = []
         self.current, self.cached = 0, None
-        self.accepts: Callable[[object], int] = lambda message: 0
-        self.uploader: tuple[int, int] | None = None
         self.boot_t_ns = boot_t_ns
         self.silent = False
         self.ignores: set[str] = set()
         self.commands: list[int] = []
         self.requests: list[int] = []
-        self.first_wait_s = 1.0
         self._encode = Encoder(system_id, 1)
-        self._count = self._want = 0
-        self._asked_t_ns = self._item_t_ns = 0
         self._beat_t_ns, self._leg_t_ns = -(10**18), 0
         self.cached_mixed = False
         """Whether it flies to an item that it took from a mixed store."""
@@ -94,23 +96,31 @@ class Plane:
         """Whether the leg being flown starts where the plane was, not at the waypoint before."""
         self._next_leg_tracks = True
 
+    def _new_server(self):
+        stores, may_clear = {MISSION: self._missions}, lambda: not (self.armed and self.mode == AUTO)
+        return MissionServer(stores, self._out.append, may_clear, lambda: None, lambda: self.current)
+
     # -- what the test checks
+
+    @property
+    def store(self) -> list[Item]:
+        return list(self._missions)
 
     def holds(self, items) -> bool:
         """Whether the store is exactly these items, home aside."""
-        want = [stored(item.message(seq, 1, 1)) for seq, item in enumerate(items)]
-        return self.store[1:] == want[1:] and len(self.store) == len(want)
+        return len(self.store) == len(items) and self.store[1:] == normal_form(items)[1:]
 
     def mixed(self) -> bool:
-        return len(self.store) > 1 and all(self.store[1:] != mission[1:] for mission in self.whole)
+        store = self.store[1:]
+        return bool(store) and all(store != mission[1:] for mission in self.whole)
 
     def mean(self, items) -> None:
-        self.whole.append([stored(item.message(seq, 1, 1)) for seq, item in enumerate(items)])
+        self.whole.append(normal_form(items))
 
     def load(self, items, current=1) -> None:
         """Hold a mission from before, and fly item `current` of it."""
         self.mean(items)
-        self.store = list(self.whole[-1])
+        self._missions.replace(self.whole[-1])
         self._fly_to(current)
 
     def time_to_next_s(self, t_ns) -> float:
@@ -120,7 +130,8 @@ class Plane:
         return self.leg_s - (t_ns - self._leg_t_ns) / S
 
     def reboot(self, t_ns) -> None:
-        self.uploader, self.mode, self.boot_t_ns, self.current = None, MANUAL, t_ns, 0
+        self._server = self._new_server()
+        self.mode, self.boot_t_ns, self.current = MANUAL, t_ns, 0
         self._encode = Encoder(self.system_id, 1)
 
     # -- bytes in, bytes out
@@ -140,12 +151,8 @@ class Plane:
     def poll(self, t_ns: int) -> list[bytes]:
         if self.silent:
             return []
-        out = []
-        if self.uploader is not None and t_ns - self._item_t_ns >= 8 * S:
-            out.append(self._ack(15, self.uploader))
-            self.uploader = None
-        elif self.uploader is not None and t_ns - self._asked_t_ns >= S:
-            out.append(self._request(t_ns))
+        self._server.handle_timer(t_ns)
+        out = self._sent()
         if t_ns - self._beat_t_ns >= S:
             self._beat_t_ns = t_ns
             out.append(self._heartbeat())
@@ -181,72 +188,22 @@ class Plane:
 
     # -- missions
 
-    def _request(self, t_ns):
-        self._asked_t_ns = t_ns
-        self.requests.append(self._want)
-        return dialect.MAVLink_mission_request_message(*self.uploader, self._want, 0)
+    def _sent(self):
+        """Return the answers of the mission protocol."""
+        out = list(self._out)
+        self._out.clear()
+        self.requests += [message.seq for message in out if message.get_type() == "MISSION_REQUEST"]
+        return out
 
     def _ack(self, result, sender):
         return dialect.MAVLink_mission_ack_message(*sender, result, 0)
 
-    def _on_mission_count(self, message, sender, t_ns):
-        if self.uploader not in (None, sender):
-            return [self._ack(14, sender)]
-        self.uploader, self._count, self._want, self._item_t_ns = sender, message.count, 0, t_ns
-        del self.store[message.count :]
-        return [self._request(t_ns)]
+    def _on_mission(self, message, sender, t_ns):
+        self._server.handle(message, t_ns)
+        return self._sent()
 
-    def _on_mission_item_int(self, message, sender, t_ns):
-        if self.uploader is None:
-            return [self._ack(1, sender)]
-        if message.seq != self._want:
-            return [self._ack(13, sender)]
-        if self.uploader != sender:
-            return [self._ack(14, sender)]
-        result = self.accepts(message)
-        if result:
-            self.uploader = None
-            return [self._ack(result, sender)]
-        item = stored(message)
-        if self._want < len(self.store):
-            self.store[self._want] = item
-        else:
-            self.store.append(item)
-        self._want += 1
-        self._item_t_ns = t_ns
-        if self._want < self._count:
-            return [self._request(t_ns)]
-        self.uploader = None
-        return [self._ack(0, sender)]
-
-    def _on_mission_request_list(self, message, sender, t_ns):
-        if self.uploader is not None:
-            return [self._ack(14, sender)]
-        return [dialect.MAVLink_mission_count_message(*sender, len(self.store), 0)]
-
-    def _on_mission_request_int(self, message, sender, t_ns):
-        seq = message.seq
-        if self.uploader is not None:
-            return [self._ack(14, sender)]
-        if seq >= len(self.store):
-            return [
-                dialect.MAVLink_mission_count_message(*sender, len(self.store), 0),
-                self._ack(1, sender),
-            ]
-        if seq == 0:
-            lat, lon, alt = self.home
-            fields = (0, 16, 0, 1, 0.0, 0.0, 0.0, 0.0, lat, lon, alt)
-        else:
-            it = self.store[seq]
-            now = int(seq == self.current)
-            fields = (it.frame, it.command, now, 1, 0.0, it.param2, it.param3, 0.0, it.x, it.y, it.z_cm / 100)
-        return [dialect.MAVLink_mission_item_int_message(*sender, seq, *fields, 0)]
-
-    def _on_mission_clear_all(self, message, sender, t_ns):
-        if self.uploader is not None or (self.armed and self.mode == AUTO):
-            return [self._ack(1, sender)]
-        self.store = []
-        return [self._ack(0, sender)]
+    _on_mission_count = _on_mission_item_int = _on_mission
+    _on_mission_request_list = _on_mission_request_int = _on_mission_clear_all = _on_mission
 
     def _on_mission_set_current(self, message, sender, t_ns):
         if message.seq >= len(self.store):
@@ -416,6 +373,4 @@ __all__ = [
     "OfPlane",
     "Plane",
     "S",
-    "replace",
-    "stored",
 ]
