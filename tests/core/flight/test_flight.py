@@ -481,6 +481,33 @@ def test_a_failsafe_that_began_while_the_link_was_down_names_the_link() -> None:
     assert causes_told(plane, "RTL") == ["its link was down"]
 
 
+@pytest.mark.parametrize("silent_s", [0, 12])
+def test_a_px4_that_rebooted_into_hold_is_not_told_as_a_persons_choice(silent_s: int) -> None:
+    """It boots in silence, or so fast that only its clock tells it."""
+    plane = Aeroplane(PX4)
+    plane.wait(6.0)
+    for _ in range(silent_s):
+        plane.t_ns += NS_PER_S
+        plane.step(Tick(plane.t_ns))
+    plane.booted_t_ns, plane.mode = plane.t_ns, "LOITER"
+    plane.wait(4.0)
+    (notice,) = told(plane, "LOITER")
+    assert str(notice.parameters["why"]).startswith("it rebooted, or ")
+    assert plane.noticed(NoticeCode.REBOOTED)
+
+
+def test_a_persons_choice_long_after_a_reboot_is_told_as_such() -> None:
+    plane = Aeroplane(PX4)
+    plane.wait(6.0)
+    plane.booted_t_ns = plane.t_ns
+    plane.wait(40.0)
+    assert plane.noticed(NoticeCode.REBOOTED)
+    plane.mode = "LOITER"
+    plane.wait(4.0)
+    (notice,) = told(plane, "LOITER")
+    assert str(notice.parameters["why"]).startswith("an operator ")
+
+
 PX4_TEXTS = ["Low battery", "Geofence: approaching or outside geofence", "GNSS data fusion stopped"]
 
 

@@ -1,11 +1,11 @@
-"""A vehicle that has landed would be launched into the mission that it flew before, by an order to arm."""
+"""A vehicle on the ground would be launched into its old mission, or keep a target that it cannot reach."""
 
 import pytest
 from core.separation.test_order_check import fly_on, give
 from core.separation.test_separation import Sky
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.model import FlightPhase
+from gcs.model import FlightPhase, NoticeCode
 from sim_vehicles.autopilots.base import Mode
 
 
@@ -51,3 +51,25 @@ def test_what_has_landed_takes_off_only_with_a_verified_take_off_from_there(px4,
     onboard = sky.run_.engine.state.agents[1].tasking.onboard
     assert onboard is not None
     assert [item.command for item in onboard.items] == [item.command for item in plane.autopilot.mission]
+
+
+@pytest.mark.parametrize("px4", [(), (1, 2, 3)], ids=["ArduPlane", "PX4"])
+def test_the_target_of_a_wreck_goes_to_the_spare_in_the_air_and_stays_there(px4):
+    """`resume --all` gave the wreck a mission with a take-off, and its target; the spare had none."""
+    sky = Sky((2500.0, 2000.0, 60.0), (500.0, 2000.0, 80.0), (1500.0, 300.0, 100.0), px4=px4).fly(20.0)
+    agents = sky.run_.engine.state.agents
+    flown = {vehicle: agent.routes.flown.target for vehicle, agent in agents.items() if agent.routes.flown}
+    assert set(flown) == {1, 2}
+    wreck = sky.planes[1]
+    land(wreck)
+    fly_on(sky, 8.0)
+    ((_, alarm),) = sky.told(NoticeCode.CAME_DOWN)
+    assert alarm.vehicle == 1
+    assert agents[3].routes.flown.target == flown[1]
+    stored = list(wreck.autopilot.mission)
+    give(sky, "resume")
+    fly_on(sky, 20.0)
+    assert list(wreck.autopilot.mission) == stored
+    assert wreck.autopilot.mode is not Mode.AUTO
+    assert agents[1].routes.flown is None
+    assert (agents[3].routes.flown.target, sky.planes[3].autopilot.mode) == (flown[1], Mode.AUTO)
