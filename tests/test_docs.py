@@ -17,6 +17,7 @@ import typer
 
 from gcs.cli import app as gcs
 from gcs.config import Config, Table
+from gcs.mavlink.autopilots import ARDUPLANE, PX4, AutopilotProfile
 from sim_vehicles.cli import app as sim_vehicles
 from sim_vehicles.world.scenario import Simulation
 
@@ -113,6 +114,31 @@ def test_commands_are_found_in_fenced_and_indented_blocks() -> None:
     assert len(shown_commands(ROOT / "docs" / "field-guide.md")) > 20
     assert len(shown_commands(ROOT / "docs" / "recordings.md")) >= 7
     assert "gcs demo" in shown_commands(ROOT / "README.md")
+
+
+@pytest.mark.parametrize(
+    ("profile", "names"),
+    [
+        (ARDUPLANE, {"FS_GCS_ENABL", "FS_LONG_ACTN", "FENCE_ENABLE", "RTL_ALTITUDE"}),
+        (PX4, {"MIS_TKO_LAND_REQ", "NAV_DLL_ACT", "GF_ACTION", "RTL_RETURN_ALT"}),
+    ],
+    ids=["ArduPlane", "PX4"],
+)
+def test_the_guide_has_the_parameters_of_each_firmware_to_copy(
+    profile: AutopilotProfile, names: set[str]
+) -> None:
+    guide = blocks(ROOT / "docs" / "field-guide.md", "")
+    (given,) = [found for block in guide if names <= (found := dict(parameters_in(block))).keys()]
+    wanted = {name: one for one in profile.parameters for name in one.names}
+    refused = [name for name, value in given.items() if name in wanted and not wanted[name].accepts(value)]
+    assert refused == []
+
+
+def parameters_in(block: str) -> Iterator[tuple[str, float]]:
+    for line in block.splitlines():
+        if line.startswith("gcs param set CONFIG "):
+            _, _, _, _, name, value, *_ = words_of(line)
+            yield name, float(value)
 
 
 @pytest.mark.parametrize(

@@ -177,7 +177,7 @@ class Stages:
         authority = self.state.authority
         self.second_commander = SecondCommander(agents, self.fleet, self.tasking, authority)
         self.override_notices = OverrideNotices(
-            agents, authority, self.tasking.overrides, self.orders, self.failsafes
+            agents, authority, self.tasking.overrides, self.orders, self.failsafes, self.fleet
         )
         self.planning_inputs = PlanningInputBuilder(
             agents,

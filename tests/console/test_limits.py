@@ -68,6 +68,18 @@ def test_long_addresses_numbers_and_headers_are_refused(fly) -> None:
     assert [number_of(text) for text in ("12", "", "²", "٣", "-1", "1" * 21)] == [12, *[None] * 5]
 
 
+@pytest.mark.parametrize("path", ["/alarms?about=", "/api/status?", "/?", "/api/charts?", "/%s"])
+def test_no_text_in_an_address_takes_time(fly, path: str) -> None:
+    """Regular expressions over `/alarms?about=` stopped all heartbeats for 2 to 16 s."""
+    hostile = ("agent%201:%20", "%20not%20heard%20for%20", "a%20" * 9, "sensor%20radar%20for%205%20s:%20")
+    with fly() as flight:
+        flight.request("/alarms")
+        for part in hostile:
+            begun_s = time.process_time()
+            flight.request(path + part * (7000 // len(part)))
+            assert time.process_time() - begun_s < 0.5, part
+
+
 def _half_open(port: int, count: int) -> Iterator[socket.socket]:
     for _ in range(count):
         link = socket.create_connection(("127.0.0.1", port), 5.0)

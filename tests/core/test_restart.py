@@ -109,6 +109,34 @@ def test_uploads_continue_after_a_restart(px4: list[int], begun_s: float) -> Non
     assert {report.vehicle for report in flight.all(UploadReport) if report.ok} == {1, 2, 3, 4}
 
 
+STEERING = MISSION | {"MISSION_SET_CURRENT", "MISSION_WRITE_PARTIAL_LIST", "SET_MODE"}
+
+
+@pytest.mark.parametrize("px4", [[], [1, 2, 3, 4]], ids=["ArduPlane", "PX4"])
+@pytest.mark.parametrize("begun_s", [0.05, 0.2, 0.35, 0.5, 0.8])
+def test_nothing_is_sent_to_a_vehicle_that_turned_home_while_the_service_was_away(
+    px4: list[int], begun_s: float
+) -> None:
+    """A PX4 in RTL flies to the item that is selected: it flew 590 m away from home."""
+    text, source = read_text("prescribed")
+    scenario = parse_scenario(override_keys(text, [f"simulation.px4={px4}"], source), source)
+    first = VirtualRun(scenario, SEED)
+    while not first.engine.state.tasking.stages:
+        first.run((first.t_ns - START_T_NS) / S + 0.05)
+    at_s = (first.t_ns - START_T_NS) / S + begun_s
+
+    def turn_home(run: VirtualRun) -> None:
+        assert 3 in run.engine.state.tasking.stages
+        run.vehicles["vehicle:3"].autopilot.set_mode(Mode.RTL)
+
+    flight = flight_with_a_restart(at_s, 3.0, 40.0, scenario=scenario, meanwhile=turn_home)
+    sent = flight.messages_to(3, at_s + 3.0, 40.0)
+    set_mode = dialect.MAV_CMD_DO_SET_MODE
+    assert not [m for m in sent if m.get_type() in STEERING or getattr(m, "command", 0) == set_mode]
+    assert flight.mode(3) is Mode.RTL
+    assert "RTL" in flight.run.engine.untaskable()[3]
+
+
 @pytest.mark.parametrize("px4", [[], [1, 2, 3, 4]], ids=["ArduPlane", "PX4"])
 @pytest.mark.parametrize(("saved_s", "killed_s"), [(0.05, 0.8), (0.05, 1.3), (0.3, 1.3)])
 def test_a_mission_that_was_stored_after_the_state_was_saved_is_not_uploaded_again(

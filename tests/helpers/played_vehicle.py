@@ -23,8 +23,8 @@ PEER = "10.0.0.1:5"
 class Stage:
     """A service and one vehicle, which shows what a test says that it shows."""
 
-    away_m, climb_m_s = 0.0, 0.0
-    """Distance north of its first place, and vertical speed."""
+    away_m, climb_m_s, booted_t_ns = 0.0, 0.0, 0
+    """Distance north of its first place, vertical speed, and time of its last boot."""
     system_status = dialect.MAV_STATE_ACTIVE
 
     def __init__(self, autopilot: int, mode: str, *, armed: bool, height_m: float, speed_m_s: float) -> None:
@@ -55,7 +55,7 @@ class Stage:
             )
         )
         alt_mm = round((70 + self.height_m) * 1000)
-        ms, speed_cm_s = self.t_ns // 1_000_000, round(self.speed_m_s * 100)
+        ms, speed_cm_s = (self.t_ns - self.booted_t_ns) // 1_000_000, round(self.speed_m_s * 100)
         self.hear(
             dialect.MAVLink_global_position_int_message(
                 ms,

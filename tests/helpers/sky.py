@@ -120,3 +120,8 @@ def place(plane, east_m, north_m, height_m, course_deg=0.0):
     """Put a vehicle somewhere; it keeps its mode."""
     plane.airframe.east_m, plane.airframe.north_m = east_m, north_m
     plane.airframe.alt_rel_m, plane.airframe.heading_rad = height_m, np.deg2rad(course_deg)
+
+
+def give(sky, action, *vehicles):
+    number = len([one for one in sky.answers if one.action == action])
+    sky.run_.order(Order(sky.run_.t_ns, f"{action}-{number}", action, vehicles or None))

@@ -15,10 +15,13 @@ from gcs.core.flight.failsafes import Failsafes
 from gcs.core.operator.vehicle_orders import PILOTED, Orders
 from gcs.core.state import Agent
 from gcs.mavlink.autopilots.modes import LOITER, RTL
+from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.services.retry import ns
 from gcs.model import Authority, Effect, Label, Notice, NoticeCode, targets_text, vehicle_name
 
 _PERIOD_NS: Final = ns(1.0)
+_BOOT_NS: Final = ns(30.0)
+"""Time after a boot in which a vehicle may come up in LOITER by itself, as a PX4 does."""
 _TOLD: Final = frozenset({Authority.OTHER_STATION, Authority.SECOND_COMMANDER})
 """Claims whose begin has a notice of its own."""
 _MAX_NAMED: Final = 8
@@ -35,9 +38,10 @@ class OverrideNotices:
         overrides: Overrides,
         orders: Orders,
         failsafes: Failsafes,
+        fleet: Fleet,
     ) -> None:
         self._agents, self._state, self._overrides, self._orders = agents, state, overrides, orders
-        self._failsafes = failsafes
+        self._failsafes, self._fleet = failsafes, fleet
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Check once a second."""
@@ -70,7 +74,7 @@ class OverrideNotices:
             LOITER: "an operator or another station chose that mode",
             RTL: "a failsafe, its mission's end, or another station's order",
         }.get(mode, "a pilot or another station chose that mode")
-        if mode == LOITER and self._agents[vehicle].link.boots:
+        if mode == LOITER and self._fleet.may_have_rebooted(vehicle, t_ns - _BOOT_NS):
             why = "it rebooted, or an operator or another station chose that mode"
         return Notice(t_ns, NoticeCode.OVERRIDDEN, vehicle, {"mode": mode, "why": why})
 

@@ -450,7 +450,8 @@ class Replanner:
         to_target_m = _distance_m(agent.mean, inputs.targets[new.target].mean)
         if min(to_target_m, _distance_m(agent.mean, newest.points_m[-1])) > _NEAR_END_M:
             return False
-        loop_m = _LOOP_RADII * self._vehicle_options[new.vehicle].turn_radius_m
+        options = self._mission.agents[new.vehicle].options or self._mission.options
+        loop_m = _LOOP_RADII * options.turn_radius_m
         return total_turn_rad(start, new.points_m, _NEAR_END_M + loop_m) > _MAX_TURN_NEAR_END_RAD
 
 

@@ -37,6 +37,7 @@ from gcs.mavlink.fleet.telemetry_table import (
     BOOT_OFFSET_NS,
     DUE_NS,
     HEARD_NS,
+    IN_LATE_RUN,
     IS_SIGNED,
     LEG_WATCHED,
     NO_ADDRESS,
@@ -458,6 +459,13 @@ class Fleet:
         record = self._vehicles[system_id].record
         is_known = record[POSITIONS] and record[POSITION_NS] >= since_t_ns
         return record.item(BOOT_OFFSET_NS) if is_known else None
+
+    def may_have_rebooted(self, system_id: int, since_t_ns: int) -> bool:
+        """Return True if a vehicle booted, or was not heard for so long that it may have, after a time."""
+        record, link = self._vehicles[system_id].record, self._vehicles[system_id].link
+        has_booted = link.boots > 0 and record.item(BOOT_OFFSET_NS) >= since_t_ns
+        has_returned = link.returns > 0 and link.returned_t_ns >= since_t_ns
+        return has_booted or has_returned or bool(record[IN_LATE_RUN])  # a reboot is confirmed 2 s later
 
     def link(self, system_id: int) -> str:
         """Return the vehicle's link; empty before it is heard."""

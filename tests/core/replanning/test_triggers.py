@@ -105,6 +105,16 @@ def test_a_target_may_move_a_little_far_away_and_drift_does_not_go_unnoticed():
     ]  # 60 m each: measured from where the route ends, not from check to check
 
 
+def test_a_meeting_point_that_moved_is_not_told_as_a_target_that_moved():
+    """A target at 3 m/s was said to have moved 242 m, when only its velocity was estimated anew."""
+    desk = pair(tables='[planning]\naim = "intercept"\n')
+    desk.agents[1] = (1200.0, 200.0)
+    desk.targets[A] = (1500.0, 270.0)
+    plan = desk.check(5.0)
+    assert plan.changed == (1,)
+    assert plan.reason == "target T0.0 will be met 70 m from the planned place"
+
+
 def test_how_far_a_target_may_move_shrinks_to_half_the_capture_radius_as_its_agent_closes_in():
     def tolerated_m(to_go_m):
         for moved_m in np.arange(1.0, 80.0):

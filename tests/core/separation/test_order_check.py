@@ -4,15 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.sky import LANDING, Sky, fly_on, place
+from helpers.sky import LANDING, Sky, fly_on, give, place
 
-from gcs.model import NoticeCode, Order
+from gcs.model import NoticeCode
 from sim_vehicles.autopilots.base import Mode
-
-
-def give(sky, action, *vehicles):
-    number = len([one for one in sky.answers if one.action == action])
-    sky.run_.order(Order(sky.run_.t_ns, f"{action}-{number}", action, vehicles or None))
 
 
 def states(sky, action, vehicle):

@@ -142,7 +142,9 @@ def test_the_log_of_a_failed_launch_is_kept_and_its_folder_is_named(
     started(ended_firmware, None)
     (log,) = tmp_path.glob("sim-vehicles-*/arduplane-1/firmware.log")
     assert log.stat().st_size > 0
-    assert f"are kept in {log.parent.parent}" in capfd.readouterr().err
+    told = capfd.readouterr().err
+    assert f"are kept in {log.parent.parent}" in told
+    assert "vehicle 1 waits until it can be armed" in told, "a launch takes minutes"
 
 
 def test_a_demo_leaves_the_logs_of_the_firmware_beside_the_recording(
