@@ -354,7 +354,8 @@ class Service:
 
     def _check_keys(self) -> None:
         """Queue an alarm, once, for each vehicle that signs its frames and has no key here."""
-        fleet, gate = self.engine.stages.fleet, self.links.signing.gate
+        fleet = self.engine.stages.fleet
+        gate = self.links.signing.gate
         for agent in self.config.agents:
             vehicle = agent.vehicle
             if not fleet.is_signed(vehicle) or vehicle in self._keyless:

@@ -104,11 +104,14 @@ class _Span:
 
 def _recording(path: Path, console: Console) -> dict[str, Any]:
     size = recording_bytes(path)
-    header, traffic, span = read_info(path), Traffic(), _Span()
+    header = read_info(path)
+    traffic = Traffic()
+    span = _Span()
     topics: dict[str, _Span] = {}
     sensors: dict[str, Counter[str]] = {}
     statuses: dict[int, str] = {}
-    damage, ended = None, False
+    damage = None
+    ended = False
     with reading_progress(console, path, size) as advance:
         for record in read(path, advance):
             value = record.value
@@ -156,7 +159,9 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
     from gcs.report.telemetry.flights import Flights, jump_lines
 
     size = _size(path)
-    traffic, flights, span = Traffic(), Flights(), _Span()
+    traffic = Traffic()
+    flights = Flights()
+    span = _Span()
     damage: list[UnreadableBytes] = []
     stretches = bad_bytes = 0
     with open_regular(path) as file, reading_progress(console, path, size) as advance:

@@ -126,7 +126,9 @@ class _Reading:
         path = self.file.path
         header = read_info(path)
         self._find_mission(header.config_text)
-        seed = self.file.seed if self.file.seed is not None else header.run and header.run.seed
+        seed = self.file.seed
+        if seed is None and header.run:
+            seed = header.run.seed
         self.seed = seed or 0
         ground = self._ground(known=seed is not None)
         engine = self._engine(can_repeat=ground is not None)
@@ -165,13 +167,17 @@ class _Reading:
     def log(self) -> Material:
         """Read a telemetry log or a raw stream; run the trackers if a mission is given."""
         file = self.file
-        builder, evaluator, ground = TimelineBuilder(), None, None
+        builder = TimelineBuilder()
+        evaluator = None
+        ground = None
         added = file.load_detections()
         if added is not None:
             self.remarks += added.detections.remarks
         if file.config is not None:
-            self.config, self.seed = load(file.config), file.seed or 0
-            evaluator, ground = evaluator_of(self.config), self._ground(known=True)
+            self.config = load(file.config)
+            self.seed = file.seed or 0
+            evaluator = evaluator_of(self.config)
+            ground = self._ground(known=True)
             builder = TimelineBuilder(evaluator)
         flights = self._flights()
         timed_by, span = self._read_log(flights)
@@ -200,7 +206,9 @@ class _Reading:
         """Read every frame; return the source of the times, and the first and last time."""
         path = self.file.path
         size = path.stat().st_size
-        times, bad_bytes, stretches = [0, 0], 0, 0
+        times = [0, 0]
+        bad_bytes = 0
+        stretches = 0
         with open_regular(path) as file, reading_progress(self.console, path, size) as advance:
             stamped = is_stamped(file, str(path))
             line = FrameTimes(stamped=stamped)
@@ -208,7 +216,8 @@ class _Reading:
                 if number % _PROGRESS_PERIOD == 0:
                     advance(part.offset)
                 if not isinstance(part, LogFrame):
-                    stretches, bad_bytes = stretches + 1, bad_bytes + part.length
+                    stretches = stretches + 1
+                    bad_bytes = bad_bytes + part.length
                 elif part.validity == "good":
                     t_ns = line(part)
                     times = [times[0] or t_ns, max(times[1], t_ns)]
@@ -288,9 +297,11 @@ class _Reading:
         versions: dict[str, str],
         span_t_ns: tuple[int, int] | None = None,
     ) -> Material:
-        start_t_ns, duration_s = timeline.start_t_ns, timeline.duration_s
+        start_t_ns = timeline.start_t_ns
+        duration_s = timeline.duration_s
         if span_t_ns is not None:
-            start_t_ns, duration_s = span_t_ns[0], (span_t_ns[1] - span_t_ns[0]) / 1e9
+            start_t_ns = span_t_ns[0]
+            duration_s = (span_t_ns[1] - span_t_ns[0]) / 1e9
             timeline = replace(timeline, start_t_ns=start_t_ns, duration_s=duration_s)
         flown = flights.flights(start_t_ns)
         self.remarks += jump_lines(flown)

@@ -106,7 +106,8 @@ def _fly_and_summarise(
     warm_up(console)
     evaluator = evaluator_of(config)
     run = Run(config.name, options.seed)
-    name, table = f"{config.name}-{options.seed}", config.recording
+    name = f"{config.name}-{options.seed}"
+    table = config.recording
     with open_recorder(options.out, name, text, run, table) as recorder:
         folder = recorder.folder
         firmware = new_folder(folder, FIRMWARE_NAME) if options.sitl else None
@@ -135,7 +136,8 @@ def _show(
     *,
     interrupted: bool,
 ) -> int:
-    picture, problem = None, ""
+    picture = None
+    problem = ""
     try:
         with console.status("drawing the picture of the run"):
             picture = _draw_recording(folder, config, options.seed)
@@ -192,7 +194,8 @@ async def _fly(
     open_links = [Link(parse_endpoint("udpin:127.0.0.1:0")), *forward]
     vehicles = [agent.vehicle for agent in config.agents]
     links = Links(open_links, vehicles, config.local_frame, LinkSigning(open_links, keys), Scanner())
-    stop, interrupt = asyncio.Event(), asyncio.Event()
+    stop = asyncio.Event()
+    interrupt = asyncio.Event()
     loop = asyncio.get_running_loop()
     endpoint = free_endpoint()
 
@@ -216,7 +219,8 @@ async def _fly(
             truth_key(config.name),
             lambda key, payload: on_loop(loop, add_truth, key, payload),
         )
-        undo, undo_hangup = wait_for_interrupt(interrupt), fly_on_after_hangup(view)
+        undo = wait_for_interrupt(interrupt)
+        undo_hangup = fly_on_after_hangup(view)
         relay = asyncio.create_task(_stop_on_interrupt(interrupt, stop))
         try:
             console.print(

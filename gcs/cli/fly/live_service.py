@@ -95,8 +95,10 @@ async def _serve(
     *,
     headless: bool,
 ) -> None:
-    stop, at_once = asyncio.Event(), asyncio.Event()
-    undo, undo_hangup = wait_for_interrupt(stop, at_once), fly_on_after_hangup(view)
+    stop = asyncio.Event()
+    at_once = asyncio.Event()
+    undo = wait_for_interrupt(stop, at_once)
+    undo_hangup = fly_on_after_hangup(view)
     table = config.links
     with (
         service_bus(table.zenoh_role, table.zenoh) as (bus, zenoh_endpoint),

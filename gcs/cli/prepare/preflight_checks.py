@@ -126,7 +126,8 @@ async def _run_checks(
         PreflightQuery(vehicle, envelope_of(config, vehicle), session.fleet.encoder(vehicle), own)
         for vehicle in config.speeds_m_s
     ]
-    began_s, watch = time.monotonic(), ClockWatch()
+    began_s = time.monotonic()
+    watch = ClockWatch()
 
     def has_heard_enough() -> bool:
         has_scans = scan_listener is None or bool(scan_listener.scans or scan_listener.problems)
@@ -207,7 +208,8 @@ def _table(checks: list[Check], name: str) -> Table:
     for check in checks:
         if subject and check.subject != subject:
             table.add_section()
-        is_first, subject = check.subject != subject, check.subject
+        is_first = check.subject != subject
+        subject = check.subject
         style = _STYLE[check.level]
         table.add_row(
             subject if is_first else "",

@@ -76,7 +76,8 @@ def _is_shown(agent: Agent, profile: AutopilotProfile) -> bool:
 
 def _is_said(agent: Agent, profile: AutopilotProfile) -> bool:
     """Return True if a text shows that a failsafe chose the mode."""
-    mode, chosen_t_ns = agent.authority.mode.mode, _chosen_t_ns(agent)
+    mode = agent.authority.mode.mode
+    chosen_t_ns = _chosen_t_ns(agent)
     said = [text for t_ns, text in agent.flight.texts if abs(t_ns - chosen_t_ns) <= _TOGETHER_NS]
     failsafes = [_failsafe_of(text, profile) for text in said]
     return any(failsafe is not None and mode in failsafe.modes for failsafe in failsafes)

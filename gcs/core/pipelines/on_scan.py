@@ -83,7 +83,8 @@ def update_trackers(stages: Stages, epoch: Epoch) -> list[Effect]:
 
 def associate_vehicles(stages: Stages, epoch: Epoch) -> list[Effect]:
     """Associate tracks with vehicles, and compare reported positions with detections."""
-    agents, targets = stages.trackers.agents.confirmation, stages.trackers.targets.confirmation
+    agents = stages.trackers.agents.confirmation
+    targets = stages.trackers.targets.confirmation
     stages.association.update(agents, epoch.measured_t_ns, epoch.states)
     stages.kinematics.update(epoch.newest)
     effects: list[Effect] = [
@@ -95,7 +96,8 @@ def associate_vehicles(stages: Stages, epoch: Epoch) -> list[Effect]:
 
 def update_statuses(stages: Stages, epoch: Epoch) -> list[Effect]:
     """Decide which agents have arrived, are lost, or are active again."""
-    agents, targets = stages.trackers.agents.confirmation, stages.trackers.targets.confirmation
+    agents = stages.trackers.agents.confirmation
+    targets = stages.trackers.targets.confirmation
     effects: list[Effect] = []
     changes = stages.agent_status.update(epoch.t_ns, epoch.measured_t_ns, agents, targets, epoch.reporting)
     for status in changes:

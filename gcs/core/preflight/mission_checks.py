@@ -79,7 +79,8 @@ def rehearse(
     if not targets:  # they may appear anywhere: plan to the middle
         area = config.map
         targets = {(0, n): (0.5 * area.width_m, 0.5 * area.height_m) for n in range(len(starts))}
-    speeds_m_s, options = config.speeds_m_s, vehicle_options(config)
+    speeds_m_s = config.speeds_m_s
+    options = vehicle_options(config)
     agents = {v: AgentState(*place, None, speeds_m_s[v], options=options[v]) for v, place in starts.items()}
     for vehicle, climb in climbs.items():
         turns = climb.motion
@@ -87,9 +88,11 @@ def rehearse(
             *turns.place_m, turns.course_rad, turns.speed_m_s, 0.0, turns, options[vehicle]
         )
     plan = plan_routes(grid, agents, targets, {}, plan_options(config))
-    routes_m, obstructions = {}, {}
+    routes_m = {}
+    obstructions = {}
     for route in plan.routes:
-        vehicle, before = route.vehicle, [starts[route.vehicle]]
+        vehicle = route.vehicle
+        before = [starts[route.vehicle]]
         if vehicle in climbs:
             before.append(climbs[vehicle].latest_end_m)
         routes_m[vehicle] = np.concatenate((before, route.flown_m))
@@ -122,8 +125,10 @@ def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
 
 def _takeoff(vehicle: int, rehearsal: Rehearsal) -> Check:
     """Check the climb of a vehicle and its first turn."""
-    climb, obstruction = rehearsal.climbs[vehicle], rehearsal.obstructions.get(vehicle)
-    (east_m, north_m), heading_deg = climb.end_m, math.degrees(climb.heading_rad) % 360.0
+    climb = rehearsal.climbs[vehicle]
+    obstruction = rehearsal.obstructions.get(vehicle)
+    east_m, north_m = climb.end_m
+    heading_deg = math.degrees(climb.heading_rad) % 360.0
     value = (
         f"{climb.length_m:.0f} m along {heading_deg:.0f} degrees to {climb.altitude_rel_m:g} m, "
         f"there at ({east_m:.0f}, {north_m:.0f}) m"
@@ -188,7 +193,9 @@ def _routes(plan: PlanResult) -> Check:
 
 def _separation(config: Config, rehearsal: Rehearsal) -> Check:
     """Check the separation of the rehearsed routes in their altitude layers."""
-    mission, own, speeds_m_s = config.mission, preferred_layers(config), config.speeds_m_s
+    mission = config.mission
+    own = preferred_layers(config)
+    speeds_m_s = config.speeds_m_s
     flights = [
         PlannedFlight(vehicle, route_m, speeds_m_s[vehicle], own[vehicle])
         for vehicle, route_m in sorted(rehearsal.routes_m.items())
@@ -207,7 +214,8 @@ def _separation(config: Config, rehearsal: Rehearsal) -> Check:
 
 
 def _fence(config: Config, rehearsal: Rehearsal) -> Check:
-    fence, frame = fence_of(config, config.name), config.local_frame
+    fence = fence_of(config, config.name)
+    frame = config.local_frame
     if not fence.areas:
         level: CheckLevel = "ok" if fence.max_alt_rel_m else "warning"
         return Check(None, "fence", level, "no areas in the mission file", "[fence]", "docs/preflight.md")

@@ -65,7 +65,8 @@ _POSITION_OF: Final = {
 
 def envelope_of(config: Config, vehicle: int) -> Envelope:
     """Return the flight envelope that the mission needs of a vehicle."""
-    airframe, name = config.airframe_of(vehicle), config.airframe_name(vehicle)
+    airframe = config.airframe_of(vehicle)
+    name = config.airframe_name(vehicle)
     table = f"airframes.{name}" if name else "airframe"
     return Envelope(airframe.speed_m_s, airframe.bank_deg, airframe.end == "land", table)
 
@@ -92,7 +93,10 @@ class VehicleChecks:
         has_key: bool = False,
     ) -> None:
         self._has_key = has_key
-        self._query, self._config, self._routes_m, self._t_ns = query, config, routes_m, t_ns
+        self._query = query
+        self._config = config
+        self._routes_m = routes_m
+        self._t_ns = t_ns
         self._vehicle = query.vehicle
         self._state = fleet.state(self._vehicle)
         self._health: Health = next(h for h in fleet.health() if h.system_id == self._vehicle)
@@ -122,19 +126,21 @@ class VehicleChecks:
         level: CheckLevel = "refused" if health.liveness != "alive" else "warning" if part > 0.1 else "ok"
         value = f"{health.liveness} at {where}, {100.0 * part:.0f} % lost"
         if health.conflicts:
-            value, level = f"{value}, {health.conflicts} frames of another with its id", "refused"
+            value = f"{value}, {health.conflicts} frames of another with its id"
+            level = "refused"
         remedy = "antennas, range, radio rate; one system id each"
         return self._row("link", level, value, "alive, < 10 % lost", remedy)
 
     def _firmware(self) -> Check:
-        profile, version = self._query.profile, self._messages.get("AUTOPILOT_VERSION")
+        profile = self._query.profile
+        version = self._messages.get("AUTOPILOT_VERSION")
         if profile is None:
             value = f"MAV_AUTOPILOT {self._messages['HEARTBEAT'].autopilot}"
             remedy = "it is tracked, but never tasked"
             return self._row("firmware", "refused", value, "ArduPlane or PX4", remedy)
         if version is None:
             return self._row("firmware", "warning", profile.name, "a version", "no AUTOPILOT_VERSION")
-        numbers = ".".join(str(version.flight_sw_version >> shift & 0xFF) for shift in (24, 16, 8))
+        numbers = ".".join(str((version.flight_sw_version >> shift) & 0xFF) for shift in (24, 16, 8))
         return self._row("firmware", "ok", f"{profile.name} {numbers}")
 
     def _fix(self) -> Check:
@@ -181,7 +187,8 @@ class VehicleChecks:
         return self._row("home", "ok", text)
 
     def _mode(self) -> Check:
-        mode, who = mode_name(self._messages["HEARTBEAT"]), f"-v {vehicle_name(self._vehicle)}"
+        mode = mode_name(self._messages["HEARTBEAT"])
+        who = f"-v {vehicle_name(self._vehicle)}"
         if self._is_armed and mode not in _TASKABLE:
             remedy = f"it gets no mission in {mode}: gcs order resume {who}, when its pilot agrees"
         elif mode == AUTO and not self._is_armed:
@@ -238,22 +245,26 @@ class VehicleChecks:
         came_t_ns, message = self._query.messages["SYSTEM_TIME"]
         off_s = (message.time_unix_usec * 1000 - came_t_ns) / NS_PER_S
         level: CheckLevel = "ok" if abs(off_s) <= _MAX_CLOCK_S else "warning"
-        value, wanted = f"{off_s:+.1f} s to ours", f"within {_MAX_CLOCK_S:.0f} s"
+        value = f"{off_s:+.1f} s to ours"
+        wanted = f"within {_MAX_CLOCK_S:.0f} s"
         return self._row("clock", level, value, wanted, "is this machine's clock set (NTP)?")
 
     def _signing(self) -> Check:
-        signed, wanted = self._health.signed, bool(self._config.links.keys)
+        signed = self._health.signed
+        wanted = bool(self._config.links.keys)
         if signed and not self._has_key:
             text = "it may ignore our messages: put its key into links.keys (docs/signing.md)"
             return self._row("signing", "refused", "signed, no key for it here", "its key", text)
         level: CheckLevel = "ok" if signed or not wanted else "warning"
-        value, want = "signed" if signed else "not signed", "signed" if wanted else ""
+        value = "signed" if signed else "not signed"
+        want = "signed" if wanted else ""
         return self._row("signing", level, value, want, "gcs keys install, if its link has a key")
 
     # ------------------------------------------------------------ parameters, fence and rally points
 
     def _parameters(self) -> Iterator[Check]:
-        profile, values = self._query.profile, self._query.values
+        profile = self._query.profile
+        values = self._query.values
         assert profile is not None
         if not values:
             yield self._row("parameters", "refused", "no answer", "", "is the link good enough both ways?")
@@ -276,12 +287,15 @@ class VehicleChecks:
         return self._row(name, level, value, wish.wanted, f"{remedy}: {wish.why}")
 
     def _fence(self) -> Iterator[Check]:
-        profile, config = self._query.profile, self._config
+        profile = self._query.profile
+        config = self._config
         assert profile is not None
         limits = profile.fence_limits(self._query.values)
-        wanted, onboard = fence_of(config, config.name), self._query.onboard_lists.get(FENCE)
+        wanted = fence_of(config, config.name)
+        onboard = self._query.onboard_lists.get(FENCE)
         yield self._fence_on_board(wanted, onboard)
-        ceiling_m, wanted_m = self._query.values.get(profile.ceiling_parameter), wanted.max_alt_rel_m
+        ceiling_m = self._query.values.get(profile.ceiling_parameter)
+        wanted_m = wanted.max_alt_rel_m
         if wanted_m and ceiling_m != wanted_m:
             value = "no answer" if ceiling_m is None else f"{ceiling_m:g} m"
             remedy = f"gcs fence upload sets {profile.ceiling_parameter}"
@@ -306,7 +320,8 @@ class VehicleChecks:
         return self._row("fence", level, text, "that of the mission file", "gcs fence upload")
 
     def _rally(self) -> Iterator[Check]:
-        items, onboard = rally_items(rally_of(self._config)), self._query.onboard_lists.get(RALLY)
+        items = rally_items(rally_of(self._config))
+        onboard = self._query.onboard_lists.get(RALLY)
         if onboard is None:
             if items:
                 wanted = f"{len(items)} points"
@@ -320,17 +335,21 @@ class VehicleChecks:
 
     def _return_height(self) -> Iterator[Check]:
         assert self._query.profile is not None
-        profile, values, ceiling_m = self._query.profile, self._query.values, self._config.fence.max_alt_rel_m
+        profile = self._query.profile
+        values = self._query.values
+        ceiling_m = self._config.fence.max_alt_rel_m
         yield from return_height_check(
             self._vehicle, profile, values, _rally_heights_m(self._query, self._config), ceiling_m
         )
 
     def _breach(self, limits: FenceLimits, onboard: Fence | None) -> str:
         """Return how the mission would breach the vehicle's own fence; empty if it would not."""
-        config, frame = self._config, self._config.local_frame
+        config = self._config
+        frame = self._config.local_frame
         if not limits.is_on:
             return ""
-        ceiling_m, altitude_m = limits.max_alt_rel_m, config.mission.highest_rel_m
+        ceiling_m = limits.max_alt_rel_m
+        altitude_m = config.mission.highest_rel_m
         if ceiling_m is not None and ceiling_m < altitude_m + MARGIN_M:
             return (
                 f"ceiling at {ceiling_m:g} m, the highest layer at {altitude_m:g} m: less than {MARGIN_M:g} m"

@@ -41,14 +41,16 @@ class AltitudeLayers:
     """Assigns altitude layers: one per vehicle while there are enough, and a constant one if possible."""
 
     def __init__(self, config: Config, agents: Mapping[int, Agent], state: ReplanningState) -> None:
-        self._agents, self._state = agents, state
+        self._agents = agents
+        self._state = state
         self._count = layer_count(config)
         self._min_separation_m = config.planning.separation_m
         self._speeds_m_s = config.speeds_m_s
         airframes = config.airframes_of_agents.items()
         self._radii_m = {vehicle: one.loiter_radius_m for vehicle, one in airframes}
         self._preferred = preferred_layers(config)
-        self._base_m, self._step_m = config.mission.altitude_rel_m, config.mission.layer_step_m
+        self._base_m = config.mission.altitude_rel_m
+        self._step_m = config.mission.layer_step_m
 
     def of(self, vehicle: int) -> int:
         """Return the layer of a vehicle, or its preferred one."""
@@ -162,7 +164,8 @@ class AltitudeLayers:
 
     def _new(self, route: Route, begin: Sequence[Point]) -> PlannedFlight:
         """Return the flight on a new route, in any layer."""
-        points_m, layer = np.vstack((*begin, route.flown_m)), self.of(route.vehicle)
+        points_m = np.vstack((*begin, route.flown_m))
+        layer = self.of(route.vehicle)
         return self._planned(route, points_m, layer, is_fixed=False)
 
     def _from(self, route: Route, begin: Sequence[Point]) -> PlannedFlight:

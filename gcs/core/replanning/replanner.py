@@ -50,9 +50,14 @@ class Replanner:
     def __init__(
         self, config: Config, zones: NoFlyZones, agents: Mapping[int, Agent], state: ReplanningState
     ) -> None:
-        self._zones, self._agents, self._state = zones, agents, state
-        self._config, self._planning, self._options = config, config.planning, plan_options(config)
-        self._speeds_m_s, self._vehicle_options = config.speeds_m_s, vehicle_options(config)
+        self._zones = zones
+        self._agents = agents
+        self._state = state
+        self._config = config
+        self._planning = config.planning
+        self._options = plan_options(config)
+        self._speeds_m_s = config.speeds_m_s
+        self._vehicle_options = vehicle_options(config)
         self.plan_targets = PlanTargets(config)
         self.layers = AltitudeLayers(config, agents, state)
         self._lag_s = min(options.turn_lag_s for options in self._vehicle_options.values())
@@ -71,7 +76,8 @@ class Replanner:
 
     def _flown_plan(self, t_ns: int, picture_t_ns: int, why: Reason, changed: tuple[int, ...] = ()) -> Plan:
         """Return the plan of the routes that are flown."""
-        routes, targets = flown_routes(self._agents), self._state.planned_targets
+        routes = flown_routes(self._agents)
+        targets = self._state.planned_targets
         planned = [vehicle for vehicle, agent in self._agents.items() if agent.routes.is_planned]
         assigned = {route.target for route in routes.values()}
         return Plan(
@@ -134,8 +140,11 @@ class Replanner:
             Vehicles that will fly through the closed cells unless they get another route.
         """
         for vehicle, agent in self._agents.items():
-            routes, state = agent.routes, agent.perception.motion.state
-            flown, proposed, place = routes.flown, routes.proposed, places.get(vehicle)
+            routes = agent.routes
+            state = agent.perception.motion.state
+            flown = routes.flown
+            proposed = routes.proposed
+            place = places.get(vehicle)
             if flown is not None:
                 passed = flown_points(agent, flown, state)
                 is_blocked = vehicle in without_return or is_crossed(closed, flown.flown_m, place, passed)
@@ -210,7 +219,8 @@ class Replanner:
         renewed = {} if routes.flown is None else self._renewed({vehicle: routes.flown.target}, inputs)
         if vehicle not in renewed:
             return None
-        routes.flown, routes.is_blocked = renewed[vehicle], False
+        routes.flown = renewed[vehicle]
+        routes.is_blocked = False
         why = reasons.of_agent("upload waited", vehicle, "gets its mission later than planned")
         return self._flown_plan(inputs.t_ns, inputs.picture_t_ns, why, (vehicle,))
 
@@ -238,7 +248,8 @@ class Replanner:
         """Note the vehicles that got new routes."""
         for vehicle in vehicles:
             routes = self._agents[vehicle].routes
-            routes.made_t_ns, routes.is_short = t_ns, vehicle in result.stops_short
+            routes.made_t_ns = t_ns
+            routes.is_short = vehicle in result.stops_short
 
     def separation_m(self, inputs: PlanningInputs) -> dict[int, float]:
         """Return the minimum distance of each vehicle to others of its layer; infinite without others."""
@@ -275,8 +286,10 @@ class Replanner:
         changed: list[int] = []
         for route in result.routes:
             current = self._agents[route.vehicle].routes
-            flown, shown = None if current.is_blocked else current.flown, current.proposed
-            short, new = route.vehicle in result.stops_short, result.captured.get(route.vehicle, route)
+            flown = None if current.is_blocked else current.flown
+            shown = current.proposed
+            short = route.vehicle in result.stops_short
+            new = result.captured.get(route.vehicle, route)
             turns_back = self._turns_back(new, starts[route.vehicle], inputs)
             if shown is not None and self._is_still_good(shown, route, inputs, short, turns_back):
                 kept.append(shown)  # a route that waits for approval stays as long as it is good
@@ -297,7 +310,8 @@ class Replanner:
         self._state.new_notes = tuple(note for note in notes if note not in self._state.noted)
         self._state.noted = notes
         self._decide(kept, inputs)
-        routed, served = {route.vehicle for route in kept}, {route.target for route in kept}
+        routed = {route.vehicle for route in kept}
+        served = {route.target for route in kept}
         return Plan(
             t_ns=inputs.t_ns,
             picture_t_ns=inputs.picture_t_ns,
@@ -379,7 +393,8 @@ class Replanner:
 
     def delivery_s(self, vehicle: int, inputs: PlanningInputs) -> float:
         """Return the time until an agent in flight gets a route that is planned now."""
-        ahead, late_s = inputs.motion(vehicle).ahead, inputs.late_s.get(vehicle, 0.0)
+        ahead = inputs.motion(vehicle).ahead
+        late_s = inputs.late_s.get(vehicle, 0.0)
         until_hold_s = max(0.0, ahead.next_s - UploadLimits().guard_s)
         return DELIVERY_S + ahead.wait_s + min(late_s, until_hold_s)
 
@@ -387,9 +402,11 @@ class Replanner:
         """Make the routes of a plan the flown ones, or propose those that differ."""
         planned = {route.vehicle: route for route in kept}
         for vehicle, agent in self._agents.items():
-            routes, route = agent.routes, planned.get(vehicle)
+            routes = agent.routes
+            route = planned.get(vehicle)
             if self._planning.retask == "auto":
-                routes.flown, routes.is_blocked = route, False
+                routes.flown = route
+                routes.is_blocked = False
                 continue
             routes.proposed = None if route is None or route.is_same(routes.flown) else route
             if routes.declined is not None and not routes.declined.is_same(routes.proposed):
@@ -404,7 +421,8 @@ class Replanner:
 
         `short`: the new one ends before its target. `turns_back`: it makes a full turn near its end.
         """
-        vehicle, triggers = new.vehicle, self._triggers
+        vehicle = new.vehicle
+        triggers = self._triggers
         if flown.target != new.target or triggers.is_endangered(vehicle, inputs):
             return False
         if short or turns_back:
@@ -419,7 +437,8 @@ class Replanner:
 
     def _turns_back(self, new: Route, start: AgentState, inputs: PlanningInputs) -> bool:
         """Return True if a vehicle near its target, or near the end of its route, would make a full turn."""
-        newest, agent = self._agents[new.vehicle].routes.newest, inputs.agents[new.vehicle]
+        newest = self._agents[new.vehicle].routes.newest
+        agent = inputs.agents[new.vehicle]
         if newest is None or new.vehicle in inputs.passed:
             return False
         to_target_m = _distance_m(agent.mean, inputs.targets[new.target].mean)

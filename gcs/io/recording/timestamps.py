@@ -112,7 +112,8 @@ class _BootClocks:
     def __call__(self, frame: Frame) -> int:
         """Advance the line to the time of a frame; return its time."""
         if frame.message_id in _BOOT_TIME_MESSAGE_IDS and frame.component_id == AUTOPILOT_COMPONENT_ID:
-            system_id, boot_ms = frame.system_id, _boot_ms(frame)
+            system_id = frame.system_id
+            boot_ms = _boot_ms(frame)
             last_ms = self._last_ms.get(system_id)
             has_rebooted = last_ms is not None and not -_MAX_BACK_MS <= boot_ms - last_ms <= _MAX_AHEAD_MS
             if last_ms is None or has_rebooted:

@@ -66,12 +66,19 @@ def tlog_entries(t_ns: int, datagram: bytes) -> bytes:
 def read_log(file: BinaryIO, *, stamped: bool = True) -> Iterator[LogFrame | UnreadableBytes]:
     """Read a tlog, or a raw MAVLink stream if it is not `stamped`, to its end."""
     lead = _STAMP.size if stamped else 0
-    data, base, at, t_ns, ended = b"", 0, 0, 0, False
+    data = b""
+    base = 0
+    at = 0
+    t_ns = 0
+    ended = False
     bad_from: int | None = None
     while True:
         if len(data) - at < _MAX_ENTRY_BYTES and not ended:
             block = file.read(_BLOCK_BYTES)
-            data, base, at, ended = data[at:] + block, base + at, 0, not block
+            data = data[at:] + block
+            base = base + at
+            at = 0
+            ended = not block
             continue
         if at >= len(data):
             break
@@ -79,7 +86,8 @@ def read_log(file: BinaryIO, *, stamped: bool = True) -> Iterator[LogFrame | Unr
         if found is None:
             bad_from = base + at if bad_from is None else bad_from
             marker = _MARKER.search(data, at + lead + 1)
-            at = marker.start() - lead if marker else len(data) if ended else len(data) - lead
+            kept = 0 if ended else lead
+            at = marker.start() - lead if marker else len(data) - kept
             continue
         if bad_from is not None:
             yield UnreadableBytes(bad_from, base + at - bad_from)
@@ -103,7 +111,8 @@ def is_stamped(file: BinaryIO, name: str) -> bool:
     RecordingError
         If there is no frame in them. `name` is the file's name in the message.
     """
-    stamp_gaps, frames = 0, 0
+    stamp_gaps = 0
+    frames = 0
     head = io.BytesIO(file.read(_SAMPLE_BYTES))
     for part in islice(read_log(head, stamped=False), _SAMPLE_PARTS):
         if isinstance(part, UnreadableBytes):
@@ -142,7 +151,8 @@ def split_frames(datagram: bytes) -> list[bytes]:
     valid checksum are returned.
     """
     frames = []
-    at, end = 0, len(datagram)
+    at = 0
+    end = len(datagram)
     while at < end:
         length = _length(datagram, at, end)
         if not length:

@@ -167,14 +167,16 @@ class Fleet:
             vehicle_links = {vehicle: VehicleLink() for vehicle in called}
         self.links = self._state.links
         """Counters by link, in order of the first datagram."""
-        self._peers, self._notices = self._state.peers, self._state.notices
+        self._peers = self._state.peers
+        self._notices = self._state.notices
         extra = frozenset(extra_ids)
         self._needed = _NEEDED | extra
         self._networks = {link.name: link.network for link in links}
         self._own = own
         self._encoder = Encoder(*own)
         self._outgoing = [(link.name, link.endpoint.remote) for link in links if link.endpoint.remote]
-        self._frame, self._settings = frame, settings or FleetSettings()
+        self._frame = frame
+        self._settings = settings or FleetSettings()
         self._scan: Callable[[bytes], FrameTable] = scan
         self._fast_path: VehicleTable | None = None
         if kernel:
@@ -291,7 +293,8 @@ class Fleet:
                 self._show_text(vehicle, text, message.severity, t_ns)
             if not texts:
                 return None
-            message.text, message.id = texts[-1], 0
+            message.text = texts[-1]
+            message.id = 0
         vehicle.apply_message(message, t_ns, self._notifier(t_ns, vehicle.system_id))
         return message
 
@@ -342,7 +345,8 @@ class Fleet:
 
     def _is_signed_later(self, vehicle: Vehicle, frame: Frame, t_ns: int) -> bool:
         """Return True if a checked frame is signed later than frames from the vehicle's address are."""
-        signed_ns, lead_ns = signed_t_ns(frame), vehicle.link.signed_lead_ns
+        signed_ns = signed_t_ns(frame)
+        lead_ns = vehicle.link.signed_lead_ns
         if not self._settings.checks_signatures or signed_ns is None or lead_ns is None:
             return False
         return signed_ns - t_ns - lead_ns > MIN_SIGNED_LATER_NS
@@ -362,7 +366,8 @@ class Fleet:
             message = frame.message()
             instance = 0 if message is None else message.custom_mode
             self._state.own_ids.add_heartbeat(instance, address, t_ns)
-        unknown, limit = self._state.unknown_systems, self._settings.max_unknown_systems
+        unknown = self._state.unknown_systems
+        limit = self._settings.max_unknown_systems
         if unknown.add_frame(frame.system_id, frame.component_id, address, t_ns, limit):
             sender: dict[str, Parameter] = {
                 "system": frame.system_id,

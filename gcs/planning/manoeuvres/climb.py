@@ -47,7 +47,8 @@ class Climb:
 
     def at(self, along_m: float, aside_m: float = 0.0) -> Point:
         """Return the position at a distance along the climb and to its right."""
-        east, north = math.sin(self.heading_rad), math.cos(self.heading_rad)
+        east = math.sin(self.heading_rad)
+        north = math.cos(self.heading_rad)
         return (
             self.start_m[0] + along_m * east + aside_m * north,
             self.start_m[1] + along_m * north - aside_m * east,
@@ -90,10 +91,8 @@ class Climb:
 
     def possible_ends_m(self) -> tuple[Point, ...]:
         """Return the positions where the altitude may be reached, the farthest first."""
-        late_m, drift_m = (
-            _CLIMB_LENGTH_UNCERTAINTY * self.in_air_m,
-            self.wind_m_s / self.speed_m_s * self.in_air_m,
-        )
+        late_m = _CLIMB_LENGTH_UNCERTAINTY * self.in_air_m
+        drift_m = self.wind_m_s / self.speed_m_s * self.in_air_m
         ends = [self.latest_end_m, self.end_m, self.at(self.length_m - min(late_m + drift_m, self.in_air_m))]
         if drift_m > 0.0:
             ends += [self.at(self.length_m, -drift_m), self.at(self.length_m, drift_m)]
@@ -133,14 +132,16 @@ def turn_problem(
     radius_m : float
         Planned turn radius.
     """
-    min_clearance_m, far_m = START_CLEARANCE_SHARE * clearance_m, _FIRST_TURN_RADII * radius_m
+    min_clearance_m = START_CLEARANCE_SHARE * clearance_m
+    far_m = _FIRST_TURN_RADII * radius_m
     far = [k for k, point in enumerate(points_m) if math.dist(climb.end_m, point) > far_m]
     first = far[0] if far else len(points_m) - 1
     for start, end in pairwise((climb.latest_end_m, *points_m[: first + 1])):
         if not line_of_sight(grid, start, end, min_clearance_m):
             place = _last_clear(grid, start, end, min_clearance_m)
             return f"the first turn comes within {min_clearance_m:.0f} m of {_BLOCKED}{_where(climb, place)}"
-    angle, radius = 0.5 * math.pi - climb.heading_rad, radius_m / grid.spacing_m
+    angle = 0.5 * math.pi - climb.heading_rad
+    radius = radius_m / grid.spacing_m
     clearance = min_clearance_m / grid.spacing_m
     for end in climb.possible_ends_m():
         # A waypoint inside the turn is passed without being reached.
@@ -153,20 +154,26 @@ def turn_problem(
 
 def _is_inside_turn(climb: Climb, end: Point, point: Point, radius_m: float) -> bool:
     """Return True if a place lies inside the turn from the end of a climb, on its side."""
-    east_m, north_m = point[0] - end[0], point[1] - end[1]
-    sin, cos = math.sin(climb.heading_rad), math.cos(climb.heading_rad)
-    ahead_m, aside_m = east_m * sin + north_m * cos, abs(east_m * cos - north_m * sin)
+    east_m = point[0] - end[0]
+    north_m = point[1] - end[1]
+    sin = math.sin(climb.heading_rad)
+    cos = math.cos(climb.heading_rad)
+    ahead_m = east_m * sin + north_m * cos
+    aside_m = abs(east_m * cos - north_m * sin)
     return math.hypot(ahead_m, aside_m - radius_m) < radius_m
 
 
 def _last_clear(grid: Grid, start: Point, end: Point, min_clearance_m: float) -> Point:
     """Return the position on a leg up to which it is clear."""
-    low, high, place = 0.0, 1.0, start
+    low = 0.0
+    high = 1.0
+    place = start
     for _ in range(_HALVINGS):
         share = 0.5 * (low + high)
         there = (start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
         if line_of_sight(grid, start, there, min_clearance_m):
-            low, place = share, there
+            low = share
+            place = there
         else:
             high = share
     return place

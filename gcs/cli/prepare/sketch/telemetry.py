@@ -51,7 +51,8 @@ class _Vehicle:
     def add_position(self, message: Message) -> None:
         """Process a GLOBAL_POSITION_INT or HOME_POSITION message."""
         if message.get_type() == "HOME_POSITION":
-            self.ground_msl_m, self.has_home = message.altitude * 1e-3, True
+            self.ground_msl_m = message.altitude * 1e-3
+            self.has_home = True
             return
         place = message.lat * 1e-7, message.lon * 1e-7
         if not is_place(*place):
@@ -165,7 +166,8 @@ class _LinkListener:
 
     def __init__(self, endpoint: str) -> None:
         parsed = parse_endpoint(endpoint)
-        self.found, self.problem = HeardVehicles(), ""
+        self.found = HeardVehicles()
+        self.problem = ""
         self._transport = TRANSPORTS[parsed.kind](parsed)
         self._peers: dict[int, str] = {}
         self._encode = Encoder()
