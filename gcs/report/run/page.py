@@ -29,7 +29,7 @@ class Material:
 
     name: str
     kind: str
-    """Recording, telemetry log or raw MAVLink."""
+    """Recording or telemetry log."""
     file: Path
     seed: int | None
     timeline: Timeline
