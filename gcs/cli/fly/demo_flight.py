@@ -107,8 +107,7 @@ def _fly_and_summarise(
     evaluator = evaluator_of(config)
     run = Run(config.name, options.seed)
     name = f"{config.name}-{options.seed}"
-    table = config.recording
-    with open_recorder(options.out, name, text, run, table) as recorder:
+    with open_recorder(options.out, name, text, run, config.recording) as recorder:
         folder = recorder.folder
         firmware = new_folder(folder, FIRMWARE_NAME) if options.sitl else None
         health, links, duration_s, interrupted = asyncio.run(

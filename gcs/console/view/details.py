@@ -49,10 +49,9 @@ def vehicle_detail(engine: Engine, vehicle: int, t_ns: int, verified: tuple[int,
         When the mission has no such vehicle.
     """
     agent = engine.state.agents.get(vehicle)
-    fleet = engine.stages.fleet
     if agent is None:
         raise UnknownVehicleError
-    health = fleet.health_of(vehicle)
+    health = engine.stages.fleet.health_of(vehicle)
     height = engine.stages.return_heights.height(vehicle)
     retry = agent.tasking.retry
     integrity = agent.perception.integrity

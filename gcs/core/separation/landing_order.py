@@ -142,13 +142,12 @@ class LandingOrder:
         """Return when a vehicle will land: by its onboard mission, or as planned while that is on its way."""
         agent = self._agents[vehicle]
         state = self._fleet.state(vehicle)
-        onboard = agent.tasking.onboard
         planned_ns = agent.separation.landing_t_ns
         if state is None or agent.control.suspension is not None:
             return None
         is_flown = state.mode == AUTO and agent.tasking.is_selected and state.mission_seq >= 0
         grounded = is_on_ground(state, self._fleet.home(vehicle))
-        if onboard is not None and is_flown and not grounded:
+        if agent.tasking.onboard is not None and is_flown and not grounded:
             left_s = self._left_s(vehicle, (state.east_m, state.north_m), state.mission_seq)
             if left_s is not None:
                 return t_ns + ns(left_s)

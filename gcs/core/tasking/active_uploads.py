@@ -212,8 +212,7 @@ class ActiveUploads(UploadPolicy):
         self._remove(vehicle, task)
         window = self._window(upload.link)
         repeated = result.retries / len(task.items)
-        round_trip_s = upload.state.rtt.round_trip_s
-        window.note_end(upload.state.began_t_ns, result.t_ns, round_trip_s, repeated)
+        window.note_end(upload.state.began_t_ns, result.t_ns, upload.state.rtt.round_trip_s, repeated)
         if upload.onboard is not None:
             if upload.state.activation.is_unflyable:
                 return effects + self._rejected(task.report(), upload)

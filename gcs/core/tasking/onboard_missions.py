@@ -122,10 +122,8 @@ class OnboardMissions:
         index = state.mission_seq - mission.first_point
         if index >= len(mission.route.points_m):
             return math.inf if mission.items[-1].command == MAV_CMD_NAV_LOITER_UNLIM else 0.0
-        points_m = mission.route.points_m
-        speed_m_s = state.ground_speed_m_s
         radius_m = mission.items[state.mission_seq].param2 if state.mission_seq < len(mission.items) else 0.0
-        to_go_s = time_to_point_s(points_m, index, place, speed_m_s, radius_m)
+        to_go_s = time_to_point_s(mission.route.points_m, index, place, state.ground_speed_m_s, radius_m)
         return to_go_s - (t_ns - state.t_ns) / NS_PER_S
 
     def item_wait_s(self, vehicle: int, t_ns: int) -> float:

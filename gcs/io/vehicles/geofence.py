@@ -145,8 +145,7 @@ def fence_vehicles(
         link,
         writes=action != "show",
     )
-    own = session.access.own
-    tasks = [FenceTask(v, lists, ceiling_m, session.fleet.encoder(v), own) for v in vehicles]
+    tasks = [FenceTask(v, lists, ceiling_m, session.fleet.encoder(v), session.access.own) for v in vehicles]
     asyncio.run(session.run(tasks, wait_s))
     return tasks
 

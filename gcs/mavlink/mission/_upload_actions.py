@@ -50,11 +50,10 @@ def read_back(upload: Upload, t_ns: int) -> None:
 
 def select_first_item(upload: Upload, t_ns: int) -> None:
     activation = upload.state.activation
-    flight = upload.flight
     activation.current_before = activation.current
     activation.first_seq = _first_item(upload)
     activation.leg_t_ns = t_ns
-    upload.ask(set_current_item(upload.state.vehicle, flight.profile, activation.first_seq), t_ns)
+    upload.ask(set_current_item(upload.state.vehicle, upload.flight.profile, activation.first_seq), t_ns)
 
 
 def command_auto(upload: Upload, t_ns: int) -> None:

@@ -271,12 +271,11 @@ class _Planner:
         Less clearance at home itself does not count.
         """
         grid = self._grid
-        clearance_m = self._options.clearance_m
         if not grid.contains(from_m) and grid.contains(self._home_m):
             return -1.0
         available_m = self._available_clearance_m(to_m)
         for share in _CLEARANCE_SHARES:
-            if line_of_sight(grid, from_m, to_m, min(share * clearance_m, available_m)):
+            if line_of_sight(grid, from_m, to_m, min(share * self._options.clearance_m, available_m)):
                 return share
         return -1.0
 
