@@ -114,7 +114,8 @@ def _net(text: str, kind: Transport, rest: str) -> Endpoint:
     net = _NET.fullmatch(rest)
     if net is None:
         raise LinkError(text, f"expected {kind}:HOST:PORT, such as {kind}:127.0.0.1:14550 (IPv4 or a name)")
-    host, port = net["host"], int(net["port"])
+    host = net["host"]
+    port = int(net["port"])
     if port > 65_535:
         raise LinkError(text, f"expected a port up to 65535, got {port}")
     if kind in ("udpin", "tcpin"):

@@ -36,7 +36,9 @@ class ConfigError(GcsError):
     """
 
     def __init__(self, file: str, key: str, expected: str) -> None:
-        self.file, self.key, self.expected = file, key, expected
+        self.file = file
+        self.key = key
+        self.expected = expected
         self.all: Sequence[ConfigError] = (self,)
         super().__init__(f"{file}: {self.mistake}")
 
@@ -62,7 +64,8 @@ class LinkError(GcsError):
     """A link cannot be opened or used; ``endpoint`` names it."""
 
     def __init__(self, endpoint: str, problem: str) -> None:
-        self.endpoint, self.problem = endpoint, problem
+        self.endpoint = endpoint
+        self.problem = problem
         super().__init__(f"{endpoint}: {problem}")
 
 
@@ -74,7 +77,8 @@ class WireError(GcsError):
     """A payload from outside is malformed; ``key`` is its source."""
 
     def __init__(self, key: str, problem: str) -> None:
-        self.key, self.problem = key, problem
+        self.key = key
+        self.problem = problem
         super().__init__(f"{key}: {problem}")
 
 
@@ -82,7 +86,8 @@ class RecordingError(GcsError):
     """A recording cannot be read or written; ``path`` names it."""
 
     def __init__(self, path: str, problem: str) -> None:
-        self.path, self.problem = path, problem
+        self.path = path
+        self.problem = problem
         super().__init__(f"{path}: {problem}")
 
 
@@ -90,7 +95,8 @@ class JournalError(GcsError):
     """A journal cannot be read or written; ``path`` names it."""
 
     def __init__(self, path: str, problem: str) -> None:
-        self.path, self.problem = path, problem
+        self.path = path
+        self.problem = problem
         super().__init__(f"{path}: {problem}")
 
 

@@ -44,7 +44,8 @@ class Area:
         """Return the vertices in east/north; a circle as a polygon around it (inclusion: inside it)."""
         if self.corners_deg:
             return [frame.to_local(*corner) for corner in self.corners_deg]
-        (east_m, north_m), step = frame.to_local(*self.centre_deg), math.tau / _CIRCLE_VERTICES
+        east_m, north_m = frame.to_local(*self.centre_deg)
+        step = math.tau / _CIRCLE_VERTICES
         radius_m = self.radius_m if self.stay_in else self.radius_m / math.cos(0.5 * step)
         turns = [n * step for n in range(_CIRCLE_VERTICES)]
         return [(east_m + radius_m * math.sin(a), north_m + radius_m * math.cos(a)) for a in turns]
@@ -128,7 +129,9 @@ def drawn_areas(config: Config, source: str = "") -> list[Area]:
     """
     areas = []
     for index, row in enumerate(config.fence.areas):
-        key, polygon, circle = f"fence.areas[{index}]", row.corners_deg, row.circle
+        key = f"fence.areas[{index}]"
+        polygon = row.corners_deg
+        circle = row.circle
         if bool(polygon) == (circle is not None):
             raise ConfigError(source, key, "expected either corners_deg or circle")
         stay_in = row.kind == "inclusion"
@@ -196,8 +199,10 @@ def _samples(points: FloatArray) -> tuple[FloatArray, float]:
 
 def _is_inside(points: FloatArray, corners: FloatArray) -> np.ndarray:
     """Return a mask by the even-odd rule: a ray to the east crosses the outline an odd number of times."""
-    x, y = points[:, 0, None], points[:, 1, None]
-    (x0, y0), (x1, y1) = corners.T, np.roll(corners, -1, axis=0).T
+    x = points[:, 0, None]
+    y = points[:, 1, None]
+    x0, y0 = corners.T
+    x1, y1 = np.roll(corners, -1, axis=0).T
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = x0 + (y - y0) * (x1 - x0) / (y1 - y0)
     between = (y0 > y) != (y1 > y)

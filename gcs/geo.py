@@ -34,9 +34,13 @@ class LocalFrame:
         """
         x, y, z = _to_ecef(lat_deg, lon_deg, self.alt_msl_m)
         x0, y0, z0 = _to_ecef(self.lat_deg, self.lon_deg, self.alt_msl_m)
-        u, v, w = x - x0, y - y0, z - z0
-        lat0, lon0 = math.radians(self.lat_deg), math.radians(self.lon_deg)
-        sin_lon0, cos_lon0 = math.sin(lon0), math.cos(lon0)
+        u = x - x0
+        v = y - y0
+        w = z - z0
+        lat0 = math.radians(self.lat_deg)
+        lon0 = math.radians(self.lon_deg)
+        sin_lon0 = math.sin(lon0)
+        cos_lon0 = math.cos(lon0)
         outward = cos_lon0 * u + sin_lon0 * v
         return -sin_lon0 * u + cos_lon0 * v, -math.sin(lat0) * outward + math.cos(lat0) * w
 
@@ -45,8 +49,10 @@ class LocalFrame:
 
         What `pymap3d.enu2geodetic` does, on Python's floats, in a thirtieth of the time.
         """
-        lat0, lon0 = math.radians(self.lat_deg), math.radians(self.lon_deg)
-        sin_lon0, cos_lon0 = math.sin(lon0), math.cos(lon0)
+        lat0 = math.radians(self.lat_deg)
+        lon0 = math.radians(self.lon_deg)
+        sin_lon0 = math.sin(lon0)
+        cos_lon0 = math.cos(lon0)
         x0, y0, z0 = _to_ecef(self.lat_deg, self.lon_deg, self.alt_msl_m)
         inward = math.sin(lat0) * north_m
         x = x0 - sin_lon0 * east_m - cos_lon0 * inward
@@ -56,8 +62,10 @@ class LocalFrame:
 
 def _to_ecef(lat_deg: float, lon_deg: float, alt_m: float) -> tuple[float, float, float]:
     """WGS84 to Earth-centred, Earth-fixed x, y, z in metres."""
-    lat, lon = math.radians(lat_deg), math.radians(lon_deg)
-    sin_lat, cos_lat = math.sin(lat), math.cos(lat)
+    lat = math.radians(lat_deg)
+    lon = math.radians(lon_deg)
+    sin_lat = math.sin(lat)
+    cos_lat = math.cos(lat)
     prime_m = _SEMI_MAJOR_M**2 / float(np.hypot(_SEMI_MAJOR_M * cos_lat, _SEMI_MINOR_M * sin_lat))
     ring_m = (prime_m + alt_m) * cos_lat
     z_m = (prime_m * (_SEMI_MINOR_M / _SEMI_MAJOR_M) ** 2 + alt_m) * sin_lat
@@ -71,11 +79,13 @@ def _from_ecef(x: float, y: float, z: float) -> tuple[float, float]:
     Engineering 126 (2000), eq. 4 and 13.
     """
     focal2 = _SEMI_MAJOR_M**2 - _SEMI_MINOR_M**2
-    beyond2, ring_m = x * x + y * y + z * z - focal2, math.hypot(x, y)
+    beyond2 = x * x + y * y + z * z - focal2
+    ring_m = math.hypot(x, y)
     minor_m = math.sqrt(0.5 * (beyond2 + math.hypot(beyond2, 2.0 * math.sqrt(focal2) * z)))
     major_m = math.hypot(minor_m, math.sqrt(focal2))
     reduced = math.atan2(major_m * z, minor_m * ring_m)
-    sin, cos = math.sin(reduced), math.cos(reduced)
+    sin = math.sin(reduced)
+    cos = math.cos(reduced)
     off = _SEMI_MINOR_M * minor_m - _SEMI_MAJOR_M * major_m + focal2
     reduced += off * sin * cos / (_SEMI_MAJOR_M * major_m - focal2 * cos * cos)
     lat = math.atan2(_SEMI_MAJOR_M * math.sin(reduced), _SEMI_MINOR_M * math.cos(reduced))

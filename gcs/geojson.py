@@ -170,7 +170,8 @@ def _position(position: Any, source: str, where: str) -> Position:
     if not isinstance(position, list) or len(position) < 2 or not all(map(_is_number, position[:2])):
         found = reprlib.repr(position)
         raise ConfigError(source, where, f"expected a position [longitude, latitude], not {found}")
-    lon, lat = float(position[0]), float(position[1])
+    lon = float(position[0])
+    lat = float(position[1])
     if not (abs(lon) <= 180.0 and abs(lat) <= 90.0):
         raise ConfigError(
             source, where, f"[{lon}, {lat}] is no [longitude, latitude] in degrees (in this order)"

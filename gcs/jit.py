@@ -131,7 +131,8 @@ class _Codegen:
     """numba's code generator with another class of libraries."""
 
     def __init__(self, codegen: Any, kind: Any) -> None:
-        self._codegen, self._kind = codegen, kind
+        self._codegen = codegen
+        self._kind = kind
 
     def create_library(self, name: str, **options: Any) -> Any:
         """Return an empty library."""
@@ -209,7 +210,8 @@ def prefetch_row(typing: Any, array: Any, row: Any) -> Any:  # noqa: ARG001  num
 
         matrix = make_array(signature.args[0])(context, builder, args[0])
         stride = unpack_tuple(builder, matrix.strides)[0]
-        byte, flag = ir.IntType(8).as_pointer(), ir.IntType(32)
+        byte = ir.IntType(8).as_pointer()
+        flag = ir.IntType(32)
         at = builder.gep(builder.bitcast(matrix.data, byte), [builder.mul(stride, args[1])])
         kind = ir.FunctionType(ir.VoidType(), [byte, flag, flag, flag])
         fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)

@@ -99,7 +99,8 @@ class Supervisor:
         SimulationError
             When a process does not start; its messages are on standard error.
         """
-        plan, scenario = self.plan, self.plan.scenario
+        plan = self.plan
+        scenario = self.plan.scenario
         waits = plan.waits_for_ground
         arguments = WorldArguments(scenario.source, plan.seed, plan.zenoh, plan.zenoh_role, waits)
         world = self._spawn("world.process", arguments)
@@ -122,7 +123,8 @@ class Supervisor:
         self._send_clock()
 
     def _spawn_firmware(self, specs: Sequence[VehicleSpec], truth: Address) -> None:
-        plan, sitl = self.plan, self.plan.sitl
+        plan = self.plan
+        sitl = self.plan.sitl
         folder = self._firmware_folder()
         for instance, spec in enumerate(specs):
             name: Firmware = "px4" if spec.autopilot == "px4" else "arduplane"

@@ -1,6 +1,6 @@
-"""A better wording of a notice would break programs and tests that read its text.
+"""A better wording of a notice or a check would break programs and tests that read its text.
 
-SWARM_GCS_REWORD=1 gives all notices other words (`rewording.py`); tests have to pass with them as well.
+SWARM_GCS_REWORD=1 gives all of them other words (`rewording.py`); tests have to pass with them as well.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from helpers.rewording import reworded
 
+from gcs.core.preflight.check_codes import CheckCode
 from gcs.model import NoticeCode
 
 TESTS = Path(__file__).parent
@@ -21,6 +22,7 @@ PURE = ("core", "mavlink", "model", "planning", "tracking", "recordings", "repor
 """Folders with tests in one process."""
 FEW = (
     "core/flight/test_flight.py",
+    "core/test_preflight.py",
     "core/tasking/test_first_legs.py",
     "mavlink/fleet/test_fleet.py",
     "console/test_alarm_guide.py::test_an_entry_says_what_to_do",
@@ -31,12 +33,16 @@ def fields(template: str) -> list[tuple[str | None, str | None]]:
     return [(name, form) for _, name, form, _ in string.Formatter().parse(template)]
 
 
-@pytest.mark.parametrize("code", list(NoticeCode))
-def test_other_words_keep_the_fields(code):
-    other = reworded(code.text)
-    assert other != code.text
-    assert fields(other) == fields(code.text)
-    assert other.count("[") == code.text.count("[")
+CHECK_TEXTS = {text for code in CheckCode for text in (code.found, code.wanted, code.remedy)}
+TEXTS = sorted({code.text for code in NoticeCode} | CHECK_TEXTS)
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_other_words_keep_the_fields(text):
+    other = reworded(text)
+    assert other != text
+    assert fields(other) == fields(text)
+    assert other.count("[") == text.count("[")
 
 
 def pass_with_other_words(*selection: str) -> None:

@@ -90,7 +90,8 @@ def service_page(
         from gcs.model import NS_PER_S
 
         def take(t_ns: int) -> Capture:
-            recorder, stations = service.recorder, service.links.ground_stations(t_ns).values()
+            recorder = service.recorder
+            stations = service.links.ground_stations(t_ns).values()
             state = ServiceState(
                 lag_s=round(max(0.0, (service.clock.now_ns() - t_ns) / NS_PER_S / speed), 3),
                 dropped=service.health.dropped,

@@ -45,7 +45,8 @@ def link_rows(fleet: Fleet, links: VehicleLinks | None, t_ns: int) -> list[dict[
     ]
     if links is None:
         return rows
-    stations, counters = links.ground_stations(t_ns), links.counters()
+    stations = links.ground_stations(t_ns)
+    counters = links.counters()
     for link in links.links:
         if link.role == "vehicles":
             continue

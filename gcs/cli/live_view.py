@@ -102,7 +102,8 @@ class LiveView:
         self._config = config
         self._engine = engine
         self._links = links
-        self._speed, self._page_url = speed, page_url
+        self._speed = speed
+        self._page_url = page_url
         self._log: deque[Text] = deque(maxlen=_LOG_LINES)
         self._start_t_ns: int | None = None
         self._t_ns = 0
@@ -144,7 +145,8 @@ class LiveView:
     def _tables(self, width: int, rows: int) -> Iterator[RenderableType]:
         """Yield the tables that fit into `rows`, and a line about those that do not."""
         status = self._engine.stages.status_report.build(self._t_ns)
-        agents, targets = len(status.agents), len(status.targets)
+        agents = len(status.agents)
+        targets = len(status.targets)
         link_counters = link_rows(self._engine.stages.fleet, self._links, self._t_ns)
         free_rows = rows - 2 * _TABLE_FRAME
         overridden = overridden_text(self._engine.overridden())

@@ -63,7 +63,10 @@ def agents_table(
         table.add_column("signed", no_wrap=True)
     for agent in agents:
         cells = _agent_cells(agent)
-        table.add_row(*(cells[name] for name in columns), *([signing(agent.vehicle)] if signing else []))
+        row = [cells[name] for name in columns]
+        if signing:
+            row.append(signing(agent.vehicle))
+        table.add_row(*row)
     return table
 
 

@@ -84,7 +84,8 @@ def _zones(config: Config, source: str) -> Iterator[ConfigError]:
             'expected the name of a file on a line of its own: geojson = "zones.geojson"',
         )
         return
-    given, near = read_zones(config.map.geojson, f"{source}: map.geojson"), config.zones
+    given = read_zones(config.map.geojson, f"{source}: map.geojson")
+    near = config.zones
     for what, some, here in (
         ("the boundary", given.boundary, near.boundary),
         ("every no-fly zone", given.polygons + given.circles, near.polygons + near.circles),

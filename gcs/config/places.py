@@ -13,7 +13,8 @@ from gcs.config.validation import Table, convert
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
 
-_DEGREES, _METRES = ("lat_deg", "lon_deg"), ("east_m", "north_m")
+_DEGREES = ("lat_deg", "lon_deg")
+_METRES = ("east_m", "north_m")
 _MAX_DISTANCE_M = 100_000.0
 """Maximum distance from the origin; a tangent plane is inaccurate beyond."""
 _DIGITS = 3

@@ -578,22 +578,29 @@ export interface PreflightResult {
   /** Number of refused checks. */
   refused: number;
   warnings: number;
-  checks: Check[];
+  checks: CheckRow[];
 }
 
-/** One row of the table. */
-export interface Check {
+/** Finding of a check in words: a row of the table. */
+export interface CheckRow {
   /** Null: the mission. */
   vehicle: number | null;
+  /** Stable identity of the finding. */
+  code: string;
   name: string;
   level: CheckLevel;
   value: string;
   wanted: string;
   /** What to do, unless it is ok. */
   remedy: string;
+  /** Parameters of the code. */
+  parameters: Record<string, Parameter>;
 }
 
+/** Refused: do not fly. */
 export type CheckLevel = "ok" | "warning" | "refused";
+
+export type Parameter = number | number | string | number[];
 
 /** Last result of `gcs preflight`. */
 export interface PreflightReply {

@@ -167,7 +167,8 @@ class ConsoleServer:
 
     def notice(self) -> NoticeContent | None:
         """Return, once, the alarm that the console has failed."""
-        error, self._error = self._error, None
+        error = self._error
+        self._error = None
         if error is None:
             return self._failures.notice()
         return NoticeCode.CONSOLE_ENDED, {"error": f"{type(error).__name__}: {error}"}
@@ -231,7 +232,9 @@ class FailedRequests(logging.Handler):
         now_s = time.monotonic()
         if not self._text or now_s - self._told_s < _MIN_NEWS_INTERVAL_S:
             return None
-        text, self._text, self._told_s = self._text, "", now_s
+        text = self._text
+        self._text = ""
+        self._told_s = now_s
         return NoticeCode.CONSOLE_FAILED, {"error": text[:_MAX_NEWS]}
 
 
@@ -242,7 +245,8 @@ class ShownRun:
     """
 
     def __init__(self, source: Source, tiles: Tiles | None, max_pages: int, *, is_compared: bool) -> None:
-        run, submit = source.run, source.submit
+        run = source.run
+        submit = source.submit
         # A replay that begins again has another fleet.
         self.feed = Feed(source.take, lambda: run.engine.stages.fleet.states(), source.start_t_ns)
         if source.on_restart is not None:
@@ -306,7 +310,8 @@ class ShownRun:
             await asyncio.sleep(_SEEK_POLL_S)
         self.playback.is_moved = self.playback.is_seeking
         if self.board.is_watched:
-            before, self._is_asked = self.feed.capture, False
+            before = self.feed.capture
+            self._is_asked = False
             self._watch()
             while self.feed.capture is before and time.monotonic() < until_s:
                 await asyncio.sleep(_SEEK_POLL_S)

@@ -56,7 +56,8 @@ def bridge_gap(state: State, event: Resumed) -> list[Effect]:
 
 def _end_command(state: State, vehicle: int, event: Resumed, *, is_long: bool) -> list[Effect]:
     """End the orders to a vehicle that must not be carried out after the gap."""
-    orders, effects = state.agents[vehicle].orders, list[Effect]()
+    orders = state.agents[vehicle].orders
+    effects = list[Effect]()
     ended = [] if orders.waiting is None or not is_long else [orders.waiting.order]
     if ended:
         orders.waiting = None
@@ -103,7 +104,8 @@ def _begin_sighting_again(agent: Agent, t_ns: int) -> None:
 
 def _contents(state: State) -> str:
     """Return a state in words."""
-    agents, active = state.agents, with_status(state.agents, "active")
+    agents = state.agents
+    active = with_status(state.agents, "active")
     suspended = [v for v, agent in agents.items() if agent.control.suspension is not None]
     not_ours = [v for v, agent in agents.items() if not agent.control.is_ours]
     groups = {

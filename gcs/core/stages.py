@@ -78,7 +78,9 @@ class Stages:
         self.config = config
         self.state = state
         agents = state.agents
-        tracking, telemetry, links = config.tracking, config.telemetry, config.mavlink_links
+        tracking = config.tracking
+        telemetry = config.telemetry
+        links = config.mavlink_links
         self.needs_approval = config.planning.retask == "confirm"
         self.expected_targets = len(config.births)
         self.reorder_window_s = tracking.reorder_window_s
@@ -102,8 +104,10 @@ class Stages:
         self.parameter_changes = ParameterChanges(config, agents, links)
         # Perception
         perception = self.state.perception
-        self.scan_timing, self.oosm_buffer = perception.scan_timing, perception.oosm_buffer
-        self.sensor_watchdog, self.input_errors = perception.sensor_watchdog, perception.input_errors
+        self.scan_timing = perception.scan_timing
+        self.oosm_buffer = perception.oosm_buffer
+        self.sensor_watchdog = perception.sensor_watchdog
+        self.input_errors = perception.input_errors
         self.report_history = ReportHistory(agents, perception)
         self.trackers = MultiSensorTracker(config, perception.trackers)
         self.association = TrackVehicleAssociation(

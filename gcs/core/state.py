@@ -73,7 +73,8 @@ def at_targets(agents: Mapping[int, Agent]) -> Counter[Label]:
 
 def reached(agent: Agent) -> tuple[Label, ...]:
     """Return the targets that an agent has reached."""
-    before, status = agent.perception.reached, agent.perception.status
+    before = agent.perception.reached
+    status = agent.perception.status
     if status.status not in ("arrived", "down") or status.target is None:
         return before
     return (*before, status.target)

@@ -88,7 +88,8 @@ def check_state(state: State) -> None:
 
 
 def _check_agent(vehicle: int, agent: Agent) -> None:
-    tasking, audit = agent.tasking, agent.authority.audit
+    tasking = agent.tasking
+    audit = agent.authority.audit
     _check_mission(vehicle, tasking.onboard, "tasking.onboard")
     _check_mission(vehicle, tasking.before_boot, "tasking.before_boot")
     if audit is not None:

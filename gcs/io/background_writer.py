@@ -59,12 +59,14 @@ class BackgroundWriter:
         """Error that ended the output."""
         self.dropped = 0
         """Jobs that were dropped."""
-        self._max_waiting, self._blocked = max_waiting, blocked
+        self._max_waiting = max_waiting
+        self._blocked = blocked
         self._jobs: deque[Callable[[], None]] = deque()
         """The first one is in progress."""
         self._changed = threading.Condition()
         self._began_s = 0.0
-        self._is_error_reported, self._is_stuck_reported = not reports_error, False
+        self._is_error_reported = not reports_error
+        self._is_stuck_reported = False
         self._notices: deque[NoticeContent] = deque()
         threading.Thread(target=self._work, name=f"write {name}", daemon=True).start()
 
@@ -106,7 +108,8 @@ class BackgroundWriter:
         if self._notices:
             return self._notices.popleft()
         with self._changed:
-            error, stuck_s = self.error, monotonic() - self._began_s if self._jobs else 0.0
+            error = self.error
+            stuck_s = monotonic() - self._began_s if self._jobs else 0.0
         if error is not None:
             if self._is_error_reported:
                 return None

@@ -52,12 +52,13 @@ from gcs.model.names import (
     vehicle_of,
 )
 from gcs.model.notice_codes import NoticeCode
-from gcs.model.notices import Notice, NoticeContent, Notify, Parameter, Subject
+from gcs.model.notices import Notice, NoticeContent, Notify, Subject
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
 from gcs.model.picture import Picture, Track, VehicleState
 from gcs.model.plans import APPROACH_M, Cause, LandingWait, Mission, Plan, Route, Waypoint
 from gcs.model.sensors import Polar, Scan, Sensor
 from gcs.model.status import AgentRecord, SensorRecord, SwarmStatus, TargetRecord
+from gcs.model.templates import Parameter
 from gcs.model.truth import Truth, TruthObject
 
 __all__ = [

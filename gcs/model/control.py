@@ -69,7 +69,8 @@ class Authority(IntEnum):
         """Number the members in their order."""
         member = int.__new__(cls, len(cls.__members__))
         member._value_ = len(cls.__members__)
-        member.word, member.reason = word, reason
+        member.word = word
+        member.reason = reason
         return member
 
 
@@ -114,7 +115,8 @@ class ControlEvent(Enum):
     READY = "ready"
 
 
-_A, _E = Authority, ControlEvent
+_A = Authority
+_E = ControlEvent
 TRANSITIONS: Final[dict[Authority, tuple[ControlEvent, tuple[ControlEvent, ...]]]] = {
     _A.REJECTING: (_E.MISSION_REJECTED, (_E.RESUME, _E.NEXT_ATTEMPT, _E.UPLOAD_VERIFIED)),
     _A.COMMANDED: (_E.STATION_COMMANDS, (_E.RESUME, _E.COMMAND_SETTLED)),

@@ -81,7 +81,8 @@ class FlightEvent(Enum):
     """An operator ordered that the vehicle is ready to fly again."""
 
 
-_P, _E = FlightPhase, FlightEvent
+_P = FlightPhase
+_E = FlightEvent
 _AIRBORNE: Final = {
     _E.CLIMBS: _P.TAKING_OFF,
     _E.FLIES: _P.EN_ROUTE,

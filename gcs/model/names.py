@@ -9,7 +9,7 @@ from gcs.model.basics import Kind, Label
 
 def vehicle_id(network: int, system_id: int) -> int:
     """Return the number of a vehicle: 256 times its MAVLink network, plus its system id."""
-    return network << 8 | system_id
+    return (network << 8) | system_id
 
 
 def network_of(vehicle: int) -> int:
@@ -24,7 +24,8 @@ def system_of(vehicle: int) -> int:
 
 def vehicle_name(vehicle: int) -> str:
     """Return the name of a vehicle: "17", or "2:17" on network 2."""
-    network, system_id = network_of(vehicle), system_of(vehicle)
+    network = network_of(vehicle)
+    system_id = system_of(vehicle)
     return f"{network}:{system_id}" if network else str(system_id)
 
 

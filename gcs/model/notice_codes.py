@@ -3,13 +3,7 @@
 This table is the only place with the words of notices. The alarms page of the documentation and of the
 console are made from it (`gcs.report.alarms_page`); programs use the code, the subject and the parameters.
 
-A text has named fields in the form of `str.format`. A part in square brackets is left out if one of its
-parameters is missing or empty. Formats for fields, besides Python's:
-
-=============  ====================================================
-``{x:agent}``   name of a vehicle: "17", or "2:17" on network 2
-``{x:agents}``  names of vehicles: "agents 1, 3"
-=============  ====================================================
+A text is a template (`gcs.model.templates`).
 
 A condition begins with a warning or an alarm, and ends with the notice whose `ends` names its code, about the
 same subject. Parameters in `by` belong to its identity: two parameters of one vehicle are two conditions.

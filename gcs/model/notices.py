@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import string
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any, Final, Protocol, TypeAlias
 
 from gcs.model.basics import Level
-from gcs.model.names import named, vehicle_name
+from gcs.model.names import vehicle_name
 from gcs.model.notice_codes import NoticeCode
+from gcs.model.templates import Parameter, fill, plain_value
 from gcs.safe_text import printable
 
 Subject: TypeAlias = int | str | None
 """Number of a vehicle; name of a sensor, link or output; None: the mission. Its code says which."""
-Parameter: TypeAlias = int | float | str | tuple[int, ...]
 ConditionKey: TypeAlias = str
 """Identity of a condition: code, subject, and the parameters that belong to it, in one text."""
 
@@ -51,7 +49,7 @@ class Notice:
         """Make texts from outside safe to show."""
         if isinstance(self.subject, str):
             object.__setattr__(self, "subject", printable(self.subject))
-        plain = {name: _plain(value) for name, value in self.parameters.items()}
+        plain = {name: plain_value(value) for name, value in self.parameters.items()}
         object.__setattr__(self, "parameters", plain)
 
     @property
@@ -96,56 +94,12 @@ class Notice:
         return " ".join((code.value, *("" if value is None else str(value) for value in values)))
 
 
-def _plain(value: Parameter) -> Parameter:
-    """Return a value of Python's own types (numbers may be numpy's), with printable characters only."""
-    if isinstance(value, str):
-        return printable(value)
-    return float(value) if isinstance(value, float) else value
-
-
-class _TextFormatter(string.Formatter):
-    """Python's formatter, with names of vehicles."""
-
-    def get_value(self, key: int | str, _args: object, kwargs: Mapping[str, Any]) -> Any:
-        """Return a parameter; a dash for one that a recording of another version lacks."""
-        return kwargs.get(str(key), "–")
-
-    def format_field(self, value: Any, format_spec: str) -> str:
-        """Return a value in words; a value of another type as it is."""
-        try:
-            match format_spec:
-                case "agent":
-                    return vehicle_name(value)
-                case "agents":
-                    return named(value)
-            return str(super().format_field(value, format_spec))
-        except (TypeError, ValueError):
-            return str(value)
-
-
-_FORMATTER: Final = _TextFormatter()
-
-
 def _text(code: NoticeCode, subject: Subject, parameters: Mapping[str, Parameter]) -> str:
     """Return the text of a notice; its optional parts only with their parameters."""
     values: dict[str, Any] = dict(parameters)
     if isinstance(subject, int):
         values.setdefault("vehicle", vehicle_name(subject))
-    text = "".join(
-        _FORMATTER.vformat(template, (), values)
-        for template, names in _parts(code)
-        if names is None or all(values.get(name) not in (None, "") for name in names)
-    )
+    text = fill(code.text, values)
     if MORE_COUNT in values:
         text += f" ({values[MORE_COUNT]} more such notices in {values[MORE_S]:.0f} s)"
     return text
-
-
-@cache
-def _parts(code: NoticeCode) -> tuple[tuple[str, frozenset[str] | None], ...]:
-    """Return the parts of a template; optional ones, in square brackets, with the names of their fields."""
-    parts: list[tuple[str, frozenset[str] | None]] = []
-    for number, piece in enumerate(code.text.replace("]", "[").split("[")):
-        names = frozenset(name for _, name, _, _ in _FORMATTER.parse(piece) if name)
-        parts.append((piece, names if number % 2 else None))
-    return tuple(parts)

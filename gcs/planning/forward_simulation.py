@@ -94,7 +94,8 @@ class SimulatedFlight:
     def motion_at(self, index: int) -> Motion:
         """Return the motion and the remaining mission at a step."""
         east_m, north_m, course_rad, rate, passed = self.states[index].tolist()
-        ahead, count = self.initial.ahead, int(passed)
+        ahead = self.initial.ahead
+        count = int(passed)
         left = RemainingMission(ahead.points_m[count:], ahead.radii_m[count:], circle=ahead.circle)
         return Motion(east_m, north_m, self.initial.speed_m_s, course_rad, rate, 0.0, left)
 
@@ -138,14 +139,16 @@ def _is_reached(
     x: float, y: float, from_x: float, from_y: float, to_x: float, to_y: float, radius: float
 ) -> bool:
     """Return True within the acceptance radius, or past the end of the leg."""
-    dx, dy = to_x - x, to_y - y
+    dx = to_x - x
+    dy = to_y - y
     return math.hypot(dx, dy) <= radius or dx * (to_x - from_x) + dy * (to_y - from_y) <= 0.0
 
 
 @inlined
 def _circle_error(x: float, y: float, course: float, speed: float, circle: FloatArray) -> tuple[float, float]:
     """Return the course error to the vector field of a circle, and the turn rate of the field in flight."""
-    dx, dy = x - circle[0], y - circle[1]
+    dx = x - circle[0]
+    dy = y - circle[1]
     gap = math.hypot(dx, dy)
     clearance = max(speed * _CIRCLE_CAPTURE_S, 1.0)
     inwards = math.atan((gap - circle[2]) / clearance)
@@ -168,22 +171,37 @@ def simulate_states(
     rate, speed. `circle`: east, north, radius, negative for none. `max_rate`: limit of the commanded turn
     rate. `clearance` in cells.
     """
-    x, y, course, rate, speed = motion[0], motion[1], motion[2], motion[3], motion[4]
+    x = motion[0]
+    y = motion[1]
+    course = motion[2]
+    rate = motion[3]
+    speed = motion[4]
     states = np.empty((int(duration_s / STEP_S) + 3, 5))
-    states[0, 0], states[0, 1], states[0, 2], states[0, 3], states[0, 4] = x, y, course, rate, 0.0
-    from_x, from_y, passed, count, left, max_error = x, y, 0, 1, duration_s, 0.0
+    states[0, 0] = x
+    states[0, 1] = y
+    states[0, 2] = course
+    states[0, 3] = rate
+    states[0, 4] = 0.0
+    from_x = x
+    from_y = y
+    passed = 0
+    count = 1
+    left = duration_s
+    max_error = 0.0
     while left > 0.0:
         step = min(STEP_S, left)
         left -= step
         if passed < radii.size and _is_reached(
             x, y, from_x, from_y, points[passed, 0], points[passed, 1], radii[passed]
         ):
-            from_x, from_y = points[passed, 0], points[passed, 1]
+            from_x = points[passed, 0]
+            from_y = points[passed, 1]
             passed += 1
         if passed < radii.size or circle[2] >= 0.0:
             if passed < radii.size:
                 bearing = math.atan2(points[passed, 0] - x, points[passed, 1] - y)
-                off, turning = (bearing - course + math.pi) % (2.0 * math.pi) - math.pi, 0.0
+                off = (bearing - course + math.pi) % (2.0 * math.pi) - math.pi
+                turning = 0.0
             else:
                 off, turning = _circle_error(x, y, course, speed, circle)
                 turning = min(max(turning, -_MAX_LEAD_RAD / lag_s), _MAX_LEAD_RAD / lag_s)
@@ -204,14 +222,14 @@ def simulate_states(
             NO_CELL,
         ):
             return states[:count], False, max_error
-        x, y, course = to_x, to_y, course + 2.0 * half
-        states[count, 0], states[count, 1], states[count, 2], states[count, 3], states[count, 4] = (
-            x,
-            y,
-            course,
-            rate,
-            passed,
-        )
+        x = to_x
+        y = to_y
+        course = course + 2.0 * half
+        states[count, 0] = x
+        states[count, 1] = y
+        states[count, 2] = course
+        states[count, 3] = rate
+        states[count, 4] = passed
         count += 1
     return states[:count], True, max_error
 
@@ -227,6 +245,9 @@ def predict_motion(grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.
 
 def warm_up_calls() -> list[Call]:
     """Return one call of the kernel with the types of a plan."""
-    grid, row = free_grid((2, 2), 10.0), np.zeros(5)
-    points, radii, circle = np.zeros((1, 2)), np.zeros(1), np.array([0.0, 0.0, -1.0])
+    grid = free_grid((2, 2), 10.0)
+    row = np.zeros(5)
+    points = np.zeros((1, 2))
+    radii = np.zeros(1)
+    circle = np.array([0.0, 0.0, -1.0])
     return [(simulate_states, grid.blocked, np.ones(3), row, points, radii, circle, 0.2, 1.0, 1.0, 0.0)]

@@ -107,11 +107,14 @@ def _intercept_kernel(
     late_s: FloatArray, after_s: FloatArray, first: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return arrivals and intercepts of all pairs from the delay (n, k) of each agent at each position."""
-    n, m = late_s.shape[0], first.size - 1
-    arrivals, met = np.full((n, m), np.inf), np.zeros((n, m))
+    n = late_s.shape[0]
+    m = first.size - 1
+    arrivals = np.full((n, m), np.inf)
+    met = np.zeros((n, m))
     for i in range(n):
         for j in range(m):
-            last, in_time = -1, -1
+            last = -1
+            in_time = -1
             for k in range(first[j], first[j + 1]):
                 if np.isfinite(late_s[i, k]):
                     last = k
@@ -121,13 +124,16 @@ def _intercept_kernel(
             if last < 0:
                 continue
             if in_time < 0:
-                arrivals[i, j], met[i, j] = after_s[last] + late_s[i, last], after_s[last]
+                arrivals[i, j] = after_s[last] + late_s[i, last]
+                met[i, j] = after_s[last]
                 continue
             meeting = after_s[in_time]
             if in_time > first[j] and np.isfinite(late_s[i, in_time - 1]):
-                before_s, late = after_s[in_time - 1], late_s[i, in_time - 1]
+                before_s = after_s[in_time - 1]
+                late = late_s[i, in_time - 1]
                 meeting = before_s + late / (late - late_s[i, in_time]) * (meeting - before_s)
-            arrivals[i, j], met[i, j] = meeting, meeting
+            arrivals[i, j] = meeting
+            met[i, j] = meeting
     return arrivals, met
 
 

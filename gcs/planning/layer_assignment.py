@@ -117,12 +117,14 @@ def _positions(flights: Sequence[PlannedFlight]) -> FloatArray:
 def _nearest(places: FloatArray, min_distance_m: float) -> tuple[FloatArray, FloatArray]:
     """Return the least distance of each pair and when it falls below a minimum, (n, n) below the diagonal."""
     n = places.shape[0]
-    distance_m, after_s = np.full((n, n), np.inf), np.full((n, n), np.inf)
+    distance_m = np.full((n, n), np.inf)
+    after_s = np.full((n, n), np.inf)
     for i in range(n):
         for j in range(i):
             nearest2 = np.inf
             for k in range(places.shape[1]):
-                x, y = places[i, k, 0] - places[j, k, 0], places[i, k, 1] - places[j, k, 1]
+                x = places[i, k, 0] - places[j, k, 0]
+                y = places[i, k, 1] - places[j, k, 1]
                 gap2 = x * x + y * y
                 if nearest2 >= min_distance_m * min_distance_m > gap2:
                     after_s[i, j] = k * _STEP_S

@@ -69,14 +69,19 @@ def simulate_mission(
     turn_lag_s, turn_radius_m : float
         Delay until a commanded turn rate is reached, and least turn radius.
     """
-    speed_m_s, climb_m, climb_s = max(motion.speed_m_s, 1.0), np.empty((0, 2)), 0.0
-    begin, course_rad, rate_rad_s = motion.place_m, motion.course_rad, motion.turn_rate_rad_s
+    speed_m_s = max(motion.speed_m_s, 1.0)
+    climb_m = np.empty((0, 2))
+    climb_s = 0.0
+    begin = motion.place_m
+    course_rad = motion.course_rad
+    rate_rad_s = motion.turn_rate_rad_s
     if climb_end_m is not None:
         climb_s = math.dist(begin, climb_end_m) / speed_m_s
         share = np.linspace(0.0, 1.0, max(2, round(climb_s / STEP_S)))
         climb_m = begin + share[:, None] * np.subtract(climb_end_m, begin)
         course_rad = bearing_rad(*begin, *climb_end_m)
-        begin, rate_rad_s = climb_end_m, 0.0
+        begin = climb_end_m
+        rate_rad_s = 0.0
     legs_m = math.fsum(map(math.dist, (begin, *ahead.points_m), ahead.points_m))
     if ahead.circle is not None:
         legs_m += math.dist((begin, *ahead.points_m)[-1], ahead.circle.centre_m)

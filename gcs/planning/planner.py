@@ -154,7 +154,8 @@ def plan_mission(
     layers, conflicts = assign_layers([*flights, *choice.flights], inputs.layers, inputs.separation_m)
     new = [replace(route, layer=layers[route.vehicle]) for route in choice.new]
     routes = sorted([*choice.kept, *new], key=attrgetter("vehicle"))
-    busy, served = {route.vehicle for route in routes}, {route.target for route in routes}
+    busy = {route.vehicle for route in routes}
+    served = {route.target for route in routes}
     return replace(
         result,
         routes=tuple(routes),
@@ -214,10 +215,9 @@ def plan_routes(
     shaped: list[_ShapedRoute] = []
     if vehicles and labels:
         needs = [demands.get(label, TargetDemand()) for label in labels]
-        search = RouteSearch(
-            *(grid, [agents[v] for v in vehicles], [grid.nearest_inside(targets[label]) for label in labels]),
-            *(needs, options),
-        )
+        starts = [agents[v] for v in vehicles]
+        goals = [grid.nearest_inside(targets[label]) for label in labels]
+        search = RouteSearch(grid, starts, goals, needs, options)
         notes += _reachability_notes(grid, search.smap, vehicles, labels, search.starts, search.costs)
         on_stage("search")
         flown_to = [labels.index(current[v]) if current.get(v) in labels else -1 for v in vehicles]
@@ -239,7 +239,8 @@ def plan_routes(
             pairs = assign_agents(costs, needs)
         on_stage("shaping")
     routes = [one.route for one in shaped if one.route is not None]
-    served, busy = {route.target for route in routes}, {route.vehicle for route in routes}
+    served = {route.target for route in routes}
+    busy = {route.vehicle for route in routes}
     notes += [note for one in shaped if one.route is not None for note in one.notes]
     notes += [
         note for one in found.values() if one.route is None and one.label not in served for note in one.notes
@@ -276,8 +277,10 @@ def _shape_route(
     grid: Grid, search: RouteSearch, pair: tuple[int, int], vehicle: int, label: Label, options: PlanOptions
 ) -> _ShapedRoute:
     """Return the route of an agent to a target, with its terminal loiter."""
-    (i, j), start = pair, search.agents[pair[0]]
-    own, aimed = start.options or options, search.route(i, j)
+    i, j = pair
+    start = search.agents[pair[0]]
+    own = start.options or options
+    aimed = search.route(i, j)
     notes = [_of_route(code, vehicle, label, parameters) for code, parameters in aimed.notes]
     planned = Route(vehicle, label, aimed.points_m, aimed.length_m)
     route, problem = _with_terminal_loiter(grid, planned, start, aimed.target_m, own)
@@ -317,7 +320,9 @@ def _with_terminal_loiter(
 
 def _captured_m(grid: Grid, route: Route, start: AgentState, options: PlanOptions) -> float:
     """Return the length of a route captured without an explicit turn; infinite if it is not clear."""
-    motion, turns, lag_s = start.motion, options.turns, options.turn_lag_s
+    motion = start.motion
+    turns = options.turns
+    lag_s = options.turn_lag_s
     if motion is None or turns is None:
         return math.inf
     horizon_s = turn_around_s(motion, options.turn_radius_m, lag_s)
@@ -370,7 +375,9 @@ def _reachability_notes(
 def warm_up_calls() -> list[jit.Call]:
     """Return one call of every kernel, as typed in a plan. The slowest to compile stand at the ends."""
     grid = free_grid((2, 2), 10.0)
-    blocked, smap, xy = grid.blocked, search_map(grid), np.zeros((1, 2))
+    blocked = grid.blocked
+    smap = search_map(grid)
+    xy = np.zeros((1, 2))
     vertices = np.array([[0.0, 0.0], [1.0, 1.0]])
     return [
         (clear_leg, blocked, 0.0, 0.0, 1.0, 1.0, 0.0, -1),

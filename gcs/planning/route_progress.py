@@ -62,13 +62,18 @@ def _next_point(
     max_along_m: float = math.inf,
 ) -> int:
     """Return `next_point` with Python floats: faster for the few waypoints of a route."""
-    first, before_m = 0, 0.0
+    first = 0
+    before_m = 0.0
     for index, ((x, y), (end_x, end_y)) in enumerate(pairwise(points)):
-        leg_x, leg_y, dx, dy = end_x - x, end_y - y, east_m - x, north_m - y
+        leg_x = end_x - x
+        leg_y = end_y - y
+        dx = east_m - x
+        dy = north_m - y
         length_m = math.hypot(leg_x, leg_y)
         if length_m == 0.0:
             continue
-        along_m, across_m = (dx * leg_x + dy * leg_y) / length_m, abs(leg_x * dy - leg_y * dx) / length_m
+        along_m = (dx * leg_x + dy * leg_y) / length_m
+        across_m = abs(leg_x * dy - leg_y * dx) / length_m
         if 0.0 < along_m <= length_m and across_m <= corridor_m and before_m + along_m <= max_along_m:
             first = index + 1
         before_m += length_m
@@ -94,7 +99,8 @@ def time_to_point_s(
     """
     if index >= len(points_m):
         return math.inf
-    end, place = points_m[index], np.asarray(position_m)
+    end = points_m[index]
+    place = np.asarray(position_m)
     to_go_m = float(np.hypot(*(end - place))) - accept_radius_m
     if index > 0:
         leg = end - points_m[index - 1]

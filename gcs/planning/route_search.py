@@ -64,7 +64,9 @@ class RouteSearch:
         demands: Sequence[TargetDemand],
         options: PlanOptions,
     ) -> None:
-        self._grid, self.agents, self._options = grid, agents, options
+        self._grid = grid
+        self.agents = agents
+        self._options = options
         self.smap: SearchMap = search_map(grid, options.clearance_m, shifts_nodes=options.shape != "grid")
         self._velocities = [one.velocity_m_s if options.horizon_s > 0.0 else (0.0, 0.0) for one in demands]
         self._prediction = predict_targets(grid, targets, self._velocities, options.horizon_s)
@@ -91,9 +93,12 @@ class RouteSearch:
 
         The derivative of the path length is the target velocity along the last leg.
         """
-        first, last = self._prediction.first[j], self._prediction.first[j + 1] - 1
-        place_m, velocity_m_s = self._prediction.places_m[first], np.array(self._velocities[j])
-        agent, latest_s = self.agents[i], float(self._prediction.after_s[last])
+        first = self._prediction.first[j]
+        last = self._prediction.first[j + 1] - 1
+        place_m = self._prediction.places_m[first]
+        velocity_m_s = np.array(self._velocities[j])
+        agent = self.agents[i]
+        latest_s = float(self._prediction.after_s[last])
         meeting_s = float(self._intercepts_s[i, j])
         best: PlannedRoute | None = None
         for _ in range(_MAX_CORRECTIONS):
@@ -102,7 +107,8 @@ class RouteSearch:
             lengths_m, waypoints = self._paths(self._endpoint_of(i), goals)
             if not np.isfinite(lengths_m[0, 0]):
                 break
-            shaped, is_inside = self._shape(i, goals, 0, waypoints(0, 0), turns), bool(goals.inside[0])
+            shaped = self._shape(i, goals, 0, waypoints(0, 0), turns)
+            is_inside = bool(goals.inside[0])
             best = self._in_metres(shaped, end_m, is_inside, float(lengths_m[0, 0]))
             late_s = agent.start_delay_s + best.length_m / agent.speed_m_s - meeting_s
             off_m = float(np.hypot(*velocity_m_s)) * abs(late_s)
@@ -124,21 +130,24 @@ class RouteSearch:
 
     def _route_to(self, i: int, k: int, turns: bool) -> PlannedRoute:
         """Return the route of agent i to a predicted position."""
-        shaped, is_inside = self._shape(i, self._goals, k, self._path(i, k), turns), self._goals.inside[k]
+        shaped = self._shape(i, self._goals, k, self._path(i, k), turns)
+        is_inside = self._goals.inside[k]
         return self._in_metres(
             shaped, self._prediction.places_m[k], bool(is_inside), float(self._lengths_m[i, k])
         )
 
     def _endpoints(self, points_m: FloatArray | Sequence[Point]) -> Endpoints:
         """Connect positions to the grid."""
-        grid, smap = self._grid, self.smap
+        grid = self._grid
+        smap = self.smap
         xy = (np.array(points_m, dtype=np.float64) - grid.origin_m) / grid.spacing_m
         return Endpoints(
             xy, *connect_to_grid(grid.blocked, smap.largest_component, smap.tight_nodes, smap.stride, xy)
         )
 
     def _endpoint_of(self, i: int) -> Endpoints:
-        one, of = slice(i, i + 1), self.starts
+        one = slice(i, i + 1)
+        of = self.starts
         return Endpoints(of.xy[one], of.nodes[one], of.gaps[one], of.inside[one])
 
     def _paths(self, starts: Endpoints, goals: Endpoints) -> tuple[FloatArray, PathLookup]:
@@ -146,10 +155,13 @@ class RouteSearch:
 
     def _shape(self, i: int, goals: Endpoints, j: int, nodes: IntArray, turns: bool) -> ShapedPath:
         """Return a shaped route, in cells."""
-        grid, options, course = self._grid, self._options, self.agents[i].course_rad
+        grid = self._grid
+        options = self._options
+        course = self.agents[i].course_rad
         turn_radius_m = (self.agents[i].options or options).turn_radius_m
         ends_at_target = not goals.inside[j]
-        start_xy, goal_xy = self.starts.xy[i], goals.xy[j]
+        start_xy = self.starts.xy[i]
+        goal_xy = goals.xy[j]
         parts = [start_xy[None], self._waypoints(nodes, start_xy, goal_xy)] + [goal_xy[None]] * ends_at_target
         heading = np.zeros(2)
         if turns and course is not None and math.isfinite(course):
@@ -185,7 +197,8 @@ class RouteSearch:
         self, shaped: ShapedPath, place_m: FloatArray, is_inside: bool, grid_length_m: float
     ) -> PlannedRoute:
         """Return a shaped route in metres, with its notes."""
-        grid, clearance_m = self._grid, self._options.clearance_m
+        grid = self._grid
+        clearance_m = self._options.clearance_m
         points = shaped.points * grid.spacing_m + np.array(grid.origin_m)
         notes: list[NoticeContent] = []
         if is_inside:
@@ -200,5 +213,6 @@ class RouteSearch:
             notes.append((NoticeCode.TIGHTEST_TURN, {}))
         if shaped.problem & SHARP_CORNER:
             notes.append((NoticeCode.SHARP_CORNERS, {}))
-        length_m, met_m = shaped.length * grid.spacing_m, (float(place_m[0]), float(place_m[1]))
+        length_m = shaped.length * grid.spacing_m
+        met_m = (float(place_m[0]), float(place_m[1]))
         return PlannedRoute(read_only(points[1:]), length_m, grid_length_m, met_m, tuple(notes))

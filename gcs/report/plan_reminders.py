@@ -22,5 +22,6 @@ class ProposalLog:
         content = proposal.plan_id, tuple(route.vehicle for route in proposal.routes)
         if content == self._last and proposal.t_ns - self._last_t_ns < REMIND_S * NS_PER_S:
             return False
-        self._last, self._last_t_ns = content, proposal.t_ns
+        self._last = content
+        self._last_t_ns = proposal.t_ns
         return True

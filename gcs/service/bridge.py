@@ -126,10 +126,12 @@ class Bridge:
         for (link, peer), data in self._heartbeats.due(t_ns):
             self.links.send(link, peer, data)
         if self._dropped > self._dropped_told:
-            count, self._dropped_told = self._dropped - self._dropped_told, self._dropped
+            count = self._dropped - self._dropped_told
+            self._dropped_told = self._dropped
             self.on_notice("bridge", NoticeCode.BRIDGE_UNREAD, count=count)
         if self._refused > self._refused_told:
-            count, self._refused_told = self._refused - self._refused_told, self._refused
+            count = self._refused - self._refused_told
+            self._refused_told = self._refused
             self.on_notice("bridge", NoticeCode.BRIDGE_REFUSED, count=count)
 
     # ------------------------------------------------------------ from the links
@@ -154,8 +156,10 @@ class Bridge:
             self._loop.call_later(_COLLECT_S, self._flush)
 
     def _flush(self) -> None:
-        packets, notices = self._packets, self._notices
-        self._packets, self._notices = [], []
+        packets = self._packets
+        notices = self._notices
+        self._packets = []
+        self._notices = []
         for begin in range(0, max(1, len(packets)), MAX_BATCH):
             part = tuple(packets[begin : begin + MAX_BATCH])
             message = Up(
@@ -173,7 +177,8 @@ class Bridge:
         return self._writer.put(lambda: self._bus.publish(self._key(what), encode(message)))
 
     def _publish_status(self) -> None:
-        links, t_ns = self.links, self.now_ns()
+        links = self.links
+        t_ns = self.now_ns()
         keyed = [
             (link.name, vehicle)
             for link in links.links
@@ -239,7 +244,8 @@ class Bridge:
             self._heartbeats.note_sent(t_ns, (packet.link, packet.peer), packet.data)
             self.links.send(packet.link, packet.peer, packet.data)
         if message.ends:
-            self.command_t_ns, self.has_ended = None, True
+            self.command_t_ns = None
+            self.has_ended = True
             self._heartbeats.end()
 
     def _clock_line(self) -> tuple[int, int, float]:

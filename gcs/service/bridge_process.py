@@ -104,7 +104,9 @@ def remove_socket(endpoint: str) -> None:
 
 async def _serve(bridge: Bridge, failover_s: float) -> None:
     """Serve until command ends, or has been gone for the time of a failover."""
-    loop, stop, is_orphan = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event()
+    loop = asyncio.get_running_loop()
+    stop = asyncio.Event()
+    is_orphan = asyncio.Event()
     loop.add_signal_handler(signal.SIGTERM, stop.set)
     loop.add_reader(sys.stdin, _read_end, loop, is_orphan)
     serving = loop.create_task(bridge.run(stop))

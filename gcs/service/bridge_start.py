@@ -87,7 +87,9 @@ class BridgeProcess:
         """
         running = self._without_command()
         if running is not None and _comparable(running.settings) == _comparable(self.settings):
-            self._pid, self.settings, self.started = running.pid, running.settings, running.started
+            self._pid = running.pid
+            self.settings = running.settings
+            self.started = running.started
             self._note(running.pid)
             return
         if running is not None:  # of another version of the mission file: it holds the ports
@@ -118,7 +120,9 @@ class BridgeProcess:
                 "no bridge of this mission runs on this machine: start `gcs run` first, or name the bridge "
                 "of another machine in links.bridge",
             ) from None
-        self._pid, self.settings, self.started = running.pid, running.settings, running.started
+        self._pid = running.pid
+        self.settings = running.settings
+        self.started = running.started
 
     def _without_command(self) -> Running | None:
         """Return a running bridge whose command has ended."""
@@ -178,7 +182,8 @@ class BridgeProcess:
             return None
         if now_s - self._began_s > _STEADY_S:
             self._wait_s = _FIRST_WAIT_S
-        self._due_s, self._wait_s = now_s + self._wait_s, min(2.0 * self._wait_s, _MAX_WAIT_S)
+        self._due_s = now_s + self._wait_s
+        self._wait_s = min(2.0 * self._wait_s, _MAX_WAIT_S)
         self._pid = 0
         return NoticeCode.BRIDGE_ENDED, {"cause": ended}
 

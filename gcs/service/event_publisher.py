@@ -37,7 +37,9 @@ class EventPublisher:
 
     def __init__(self, service: Service, bus: ZenohSession, fingerprint: str) -> None:
         self.writer = BackgroundWriter("standby", _MAX_UNSENT)
-        self._service, self._bus, self._fingerprint = service, bus, fingerprint
+        self._service = service
+        self._bus = bus
+        self._fingerprint = fingerprint
         self._loop = asyncio.get_running_loop()
         self._number = 0
         """Of the next event."""
@@ -75,7 +77,9 @@ class EventPublisher:
             batch = EventBatch(first=self._first, events=tuple(self._batch), check=self._check, ends=ends)
             key = events_key(self._service.config.name)
             self.writer.put(lambda: self._bus.publish(key, encode(batch)))
-        self._batch, self._check, self._first = [], None, self._number
+        self._batch = []
+        self._check = None
+        self._first = self._number
         self._is_followed = self._bus.is_subscribed(events_key(self._service.config.name))
 
     def _on_ask(self, _key: str, _payload: bytes, reply: Callable[[bytes], None]) -> None:

@@ -1,8 +1,7 @@
 """A telemetry log as events: frames of the mission's vehicles, with ticks between them.
 
 A tlog has the traffic of both directions. Frames with the system ids of the mission's vehicles are received
-frames; all others (ground stations, radios, unknown systems) are ignored. A raw stream has no time stamps;
-its times come from the vehicles' boot times (`gcs.io.recording.timestamps`).
+frames; all others (ground stations, radios, unknown systems) are ignored.
 
 A log has no scans: agents are tracked by their reports. Detections from another file can be merged by time,
 as if their sensor had published them.
@@ -20,8 +19,8 @@ from gcs.files import open_regular
 from gcs.io.detections.readers import Detections, load
 from gcs.io.detections.table_files import ENDINGS
 from gcs.io.recording.reader import Record
-from gcs.io.recording.timestamps import FrameTimes
-from gcs.io.recording.tlog import LogFrame, is_stamped, read_log
+from gcs.io.recording.timestamps import LogClock
+from gcs.io.recording.tlog import LogFrame, check_log, read_log
 from gcs.mavlink.frames.codec import Frame
 from gcs.model import NS_PER_S, Datagram, Event, Scan, Tick
 from gcs.service.service import TICK_NS
@@ -83,7 +82,7 @@ def telemetry_records(
     Raises
     ------
     RecordingError
-        When the file is no log or has no times, when it has none of the vehicles, or when all detections are
+        When the file is no log, when it has none of the vehicles, or when all detections are
         of another time.
     """
     for number, event in enumerate(_events(path, system_ids, detections)):
@@ -147,15 +146,10 @@ def _frames(path: Path) -> Iterator[tuple[int, Frame]]:
     """Yield the frames of a log with their times."""
     try:
         with open_regular(path) as file:
-            stamped = is_stamped(file, str(path))
-            line = FrameTimes(stamped=stamped)
-            for part in read_log(file, stamped=stamped):
+            check_log(file, str(path))
+            clock = LogClock()
+            for part in read_log(file):
                 if isinstance(part, LogFrame):
-                    yield line(part), part.frame
+                    yield clock.time_of(part.t_ns), part.frame
     except OSError as error:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
-    if line.timed_by is None:
-        raise RecordingError(
-            str(path),
-            "has no times: no time stamps, and no message with the time since a vehicle's boot",
-        )

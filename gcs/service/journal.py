@@ -82,7 +82,8 @@ class Journal:
 
     def __init__(self, path: Path, mission: str, belongs_to: str) -> None:
         self.path = path
-        self._mission, self._belongs_to = mission, belongs_to
+        self._mission = mission
+        self._belongs_to = belongs_to
 
     def write(self, snapshot: Snapshot) -> None:
         """Replace the journal, and wait for the disk.
@@ -145,7 +146,9 @@ class JournalSink:
     """Writes the journal on its own thread: at once for plans and uploads, within 0.5 s for other changes."""
 
     def __init__(self, service: Service, journal: Journal) -> None:
-        self._service, self._engine, self._journal = service, service.engine, journal
+        self._service = service
+        self._engine = service.engine
+        self._journal = journal
         self.writer = BackgroundWriter("journal", 2, NoticeCode.DISK_BLOCKED)
         self._error: JournalError | None = None
         """Error of the last attempt to write."""
@@ -163,11 +166,13 @@ class JournalSink:
             return
         self._report_change()
         uploads = set(self._engine.state.tasking.uploads)
-        begun, self._uploads = uploads - self._uploads, uploads
+        begun = uploads - self._uploads
+        self._uploads = uploads
         if begun:
             self.write(event.t_ns)  # A mission that the journal does not know would be taken for another's.
         if event.t_ns - self._checked_t_ns >= MIN_WRITE_INTERVAL_NS:
-            self._checked_t_ns, before = event.t_ns, self._untaskable
+            self._checked_t_ns = event.t_ns
+            before = self._untaskable
             self._untaskable = self._engine.untaskable()  # a pilot may have changed a mode
             self._is_changed = self._is_changed or self._untaskable != before
         since_ns = event.t_ns - (self._written_t_ns or 0)

@@ -167,7 +167,8 @@ class Replay:
 
     async def run(self, stop: asyncio.Event, speed: float) -> None:
         """Play to the end of the window, of the recording, or until `stop` is set."""
-        playback, records = self.playback, self._records
+        playback = self.playback
+        records = self._records
         playback.speed = speed
         while True:
             number = await self._play(records, stop)
@@ -177,7 +178,8 @@ class Replay:
                 await asyncio.sleep(_NAP_S)
             if playback.restart_s is None or stop.is_set():
                 break
-            at_s, playback.restart_s = playback.restart_s, None
+            at_s = playback.restart_s
+            playback.restart_s = None
             records = self._records_at(at_s)
         broken_off = self.damage is not None or stop.is_set()
         for watcher in self.watchers:
@@ -191,8 +193,11 @@ class Replay:
         first = next(records)
         if not isinstance(first.value, Snapshot):
             self.engine.state = State.initial(agent.vehicle for agent in self.config.agents)
-        self.events, self.damage, self._window = 0, None, replace(self._window, from_s=0.0)
-        self.playback.at_s, self.playback.has_ended = at_s, False
+        self.events = 0
+        self.damage = None
+        self._window = replace(self._window, from_s=0.0)
+        self.playback.at_s = at_s
+        self.playback.has_ended = False
         for notify in self.on_restart:
             notify()
         return itertools.chain([first], records)
@@ -299,7 +304,8 @@ class _Pace:
 
     def _left_s(self, at_s: float) -> float:
         """Return the time until `at_s` is due, as far as is known now."""
-        playback, now_s = self._playback, time.monotonic()
+        playback = self._playback
+        now_s = time.monotonic()
         if at_s < playback.fast_until_s:
             self._anchor = None
             return 0.0

@@ -98,7 +98,10 @@ class Standby:
         self, config: Config, seed: int, bus: ZenohSession, fingerprint: str, tell: Callable[[str], None]
     ) -> None:
         self.engine = Engine(config, seed)
-        self._bus, self._mission, self._fingerprint, self._tell = bus, config.name, fingerprint, tell
+        self._bus = bus
+        self._mission = config.name
+        self._fingerprint = fingerprint
+        self._tell = tell
         self._has_state = False
         self._number: int | None = None
         """Of the next event; None while the state is not that of command."""
@@ -146,7 +149,8 @@ class Standby:
 
     def _take_state(self) -> None:
         """Ask for the state while there is none; begin with the one that has come."""
-        reply, self._reply = self._reply, None
+        reply = self._reply
+        self._reply = None
         if self._number is None and reply is not None:
             self._begin(reply)
         if self._number is None and monotonic() - self._asked_s >= _ASK_EVERY_S:
@@ -169,7 +173,8 @@ class Standby:
             self._say(f"the state of command cannot be used: {error}")
             return
         self._has_state = True
-        self._number, self._t_ns = reply.number, reply.t_ns
+        self._number = reply.number
+        self._t_ns = reply.t_ns
         line = reply.clock
         self._clock = RunClock(line.epoch_ns, line.start_t_ns, line.speed)
         self._say("has the state of command and follows it")

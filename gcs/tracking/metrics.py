@@ -90,7 +90,8 @@ def ospa2(
     x_m: Sequence[Tracks[LabelT]], y_m: Sequence[Tracks[IdT]], c_m: float = 100.0, p: float = 1.0
 ) -> Ospa:
     """Return OSPA(2) of two sets of tracks over a window; element k is what exists at time k."""
-    x, y = _stack_tracks(x_m), _stack_tracks(y_m)
+    x = _stack_tracks(x_m)
+    y = _stack_tracks(y_m)
     gap = np.hypot(*np.moveaxis(x[:, None] - y[None, :], -1, 0))
     here_x = ~np.isnan(x[:, None, :, 0])
     here_y = ~np.isnan(y[None, :, :, 0])

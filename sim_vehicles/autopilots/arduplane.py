@@ -235,7 +235,10 @@ class Autopilot:
     def mission_replaced(self, first: int | None) -> None:
         """Begin a mission that was replaced as a whole at item `first`; None keeps the number."""
         self._mission_complete = False
-        self.seq = first if first is not None else self.seq if self.seq < len(self.mission) else self._first
+        if first is not None:
+            self.seq = first
+        elif self.seq >= len(self.mission):
+            self.seq = self._first
         if self._mission_running:
             self.legs.leave()
             self._start_item(self.seq)
@@ -345,8 +348,10 @@ class Autopilot:
     def _come_down(self, t_ns: int) -> None:
         """Touch the ground where no landing was meant."""
         airframe = self.airframe
-        self._touched_ns, self.is_down = t_ns, True
-        airframe.descent_m_s, airframe.alt_rel_m = 0.0, self.home.alt_m
+        self._touched_ns = t_ns
+        self.is_down = True
+        airframe.descent_m_s = 0.0
+        airframe.alt_rel_m = self.home.alt_m
         if FaultKind.CRASH in self.faults:
             self.is_wreck = True
             self._disarms_ns = self._wreck_disarms_ns(t_ns)
@@ -375,12 +380,14 @@ class Autopilot:
         if not self.flying:
             if not (self.armed and self._may_launch() and self._is_launching()):
                 return
-            self.flying, self.is_down = True, False
+            self.flying = True
+            self.is_down = False
         if self._touched_ns is not None:
             return
         self._check_fence(t_ns)
         # It guides by the estimated position.
-        airframe, (east_m, north_m) = self.airframe, self.position_error_m(t_ns)
+        airframe = self.airframe
+        east_m, north_m = self.position_error_m(t_ns)
         airframe.east_m += east_m
         airframe.north_m += north_m
         self._guide()
@@ -416,7 +423,9 @@ class Autopilot:
         return self.airframe.alt_rel_m >= self.alt_command_m - _ALT_REACHED_M
 
     def _watch_item(self) -> None:
-        item, goal, airframe = self._item, self.goal, self.airframe
+        item = self._item
+        goal = self.goal
+        airframe = self.airframe
         if item is None or self._landing:
             return
         if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
@@ -451,7 +460,8 @@ class Autopilot:
         self.airframe.rest()
         self.flying = self._landing = False
         self.notices.append(ItemReached(self.seq))
-        self._mission_running, self._mission_complete = False, True
+        self._mission_running = False
+        self._mission_complete = True
         self.disarm()
 
     def _next_item(self) -> None:
@@ -472,12 +482,15 @@ class Autopilot:
             self._end_mission()
             return
         first = self._mission_complete or not self._first <= self.seq < len(self.mission)
-        self._mission_running, self._mission_complete = True, False
+        self._mission_running = True
+        self._mission_complete = False
         self._start_item(self._first if first else self.seq)
 
     def _start_item(self, seq: int) -> None:
         item = self.mission[seq]
-        self.seq, self._item, self._landing = seq, item, False
+        self.seq = seq
+        self._item = item
+        self._landing = False
         airframe = self.airframe
         east_m, north_m = self._place(item)
         alt_m = self._alt_m(item)
@@ -555,13 +568,17 @@ class Autopilot:
         return Circle(east_m, north_m, radius_m, leg)
 
     def _fly(self, goal: Goal, alt_m: float) -> None:
-        self.goal, self.alt_command_m = goal, alt_m
+        self.goal = goal
+        self.alt_command_m = alt_m
 
     def _check_fence(self, t_ns: int) -> None:
-        airframe, home = self.airframe, self.home
-        place, home_m = (airframe.east_m, airframe.north_m), (home.east_m, home.north_m)
+        airframe = self.airframe
+        home = self.home
+        place = (airframe.east_m, airframe.north_m)
+        home_m = (home.east_m, home.north_m)
         fence = self.fence
-        text, reaction = fence.check(place, home_m, airframe.alt_rel_m - home.alt_m), fence.reaction
+        text = fence.check(place, home_m, airframe.alt_rel_m - home.alt_m)
+        reaction = fence.reaction
         if text:
             self.notify(self._fence_severity, text)
             if fence.is_breached and reaction is not None:

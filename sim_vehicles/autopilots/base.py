@@ -73,7 +73,7 @@ class AutopilotTraits:
         if self is not PX4:
             return int(mode)
         main, sub = _PX4_MODES.get(mode, _POSITION_CONTROL)
-        return main << 16 | sub << 24
+        return (main << 16) | (sub << 24)
 
     def mode_of_numbers(self, main: int, sub: int) -> Mode | None:
         """Return the mode of DO_SET_MODE's parameters 2 and 3; None if there is none."""
@@ -84,7 +84,7 @@ class AutopilotTraits:
     def mode_of_custom(self, custom_mode: int) -> Mode | None:
         """Return the mode of SET_MODE's `custom_mode`; None if there is none."""
         if self is PX4:
-            return self.mode_of_numbers(custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF)
+            return self.mode_of_numbers((custom_mode >> 16) & 0xFF, (custom_mode >> 24) & 0xFF)
         return self.mode_of_numbers(custom_mode, 0)
 
 

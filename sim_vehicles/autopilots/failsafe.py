@@ -44,7 +44,9 @@ _NOTICED_NS: Final = 2_400_000_000
 _HOLD_NS: Final = 5_100_000_000
 _PX4_ACTIONS: Final = {1: Mode.LOITER, 2: Mode.RTL, 3: Mode.LAND}
 _RC_LOST_S: Final = 0.5
-_LOW, _CRITICAL_LEVEL, _EMERGENCY = 1, 2, 3
+_LOW = 1
+_CRITICAL_LEVEL = 2
+_EMERGENCY = 3
 _BATTERY_LEVELS: Final = ((5.0, _EMERGENCY), (7.0, _CRITICAL_LEVEL), (15.0, _LOW))
 """BAT_EMERGEN_THR, BAT_CRIT_THR and BAT_LOW_THR in percent."""
 _BATTERY_TEXTS: Final = {
@@ -52,7 +54,8 @@ _BATTERY_TEXTS: Final = {
     _CRITICAL_LEVEL: (_CRITICAL, "Critical battery"),
     _EMERGENCY: (mavlink.MAV_SEVERITY_EMERGENCY, "Emergency battery level"),
 }
-_LANDS, _RETURNS_THEN_LANDS = 2, 3
+_LANDS = 2
+_RETURNS_THEN_LANDS = 3
 
 
 class Failsafe(ABC):
@@ -119,7 +122,8 @@ class PlaneFailsafe(Failsafe):
         return self.is_on or self.is_rc_lost or bool(self.battery_level)
 
     def _check_link(self, t_ns: int) -> None:
-        autopilot, heard_ns = self._autopilot, self._heard_ns
+        autopilot = self._autopilot
+        heard_ns = self._heard_ns
         parameters = autopilot.parameters
         if self.is_on or heard_ns is None or not parameters["FS_GCS_ENABL"] or autopilot.is_landing:
             return
@@ -135,7 +139,8 @@ class PlaneFailsafe(Failsafe):
             autopilot.set_mode(Mode.RTL)
 
     def _check_rc(self, t_ns: int) -> None:
-        autopilot, faults = self._autopilot, self._autopilot.faults
+        autopilot = self._autopilot
+        faults = self._autopilot.faults
         parameters = autopilot.parameters
         if FaultKind.RC not in faults:
             if self.is_rc_lost:
@@ -153,7 +158,8 @@ class PlaneFailsafe(Failsafe):
                 autopilot.notify(_WARNING, f"RC Long Failsafe On: {autopilot.mode.name}")
 
     def _act_short(self) -> None:
-        autopilot, mode = self._autopilot, self._autopilot.mode
+        autopilot = self._autopilot
+        mode = self._autopilot.mode
         is_left = mode in _STEERED and not autopilot.parameters["FS_SHORT_ACTN"]
         if mode in _UNTOUCHED or is_left or autopilot.is_landing:
             autopilot.notify(_WARNING, "RC Short Failsafe On")
@@ -228,7 +234,8 @@ class Px4Failsafe(Failsafe):
 
     def check(self, t_ns: int) -> None:
         """Change the mode where a failsafe asks for it."""
-        autopilot, action = self._autopilot, self._action
+        autopilot = self._autopilot
+        action = self._action
         waits = self._acts_ns is not None
         if action is not None and (autopilot.mode is not (Mode.LOITER if waits else action)):
             self._action = self._acts_ns = None  # Somebody chose another mode.
@@ -248,7 +255,8 @@ class Px4Failsafe(Failsafe):
             autopilot.notify(_CRITICAL, "Failsafe activated: entering Hold for 5 seconds")
             self.intended = autopilot.mode
             autopilot.set_mode(Mode.LOITER)
-            self._action, self._acts_ns = action, t_ns + _HOLD_NS
+            self._action = action
+            self._acts_ns = t_ns + _HOLD_NS
         elif self._acts_ns is not None:
             self._action = action
         else:
@@ -260,7 +268,8 @@ class Px4Failsafe(Failsafe):
         self._autopilot.set_mode(action)
 
     def _check_link(self, t_ns: int) -> None:
-        autopilot, parameters = self._autopilot, self._autopilot.parameters
+        autopilot = self._autopilot
+        parameters = self._autopilot.parameters
         if self.is_on or self._heard_ns is None:
             return
         if t_ns - self._heard_ns < parameters["COM_DL_LOSS_T"] * NS_PER_S + _NOTICED_NS:
@@ -271,7 +280,8 @@ class Px4Failsafe(Failsafe):
             self._begin(_PX4_ACTIONS.get(int(parameters["NAV_DLL_ACT"])), t_ns)
 
     def _check_rc(self, t_ns: int) -> None:
-        autopilot, faults = self._autopilot, self._autopilot.faults
+        autopilot = self._autopilot
+        faults = self._autopilot.faults
         if FaultKind.RC not in faults:
             self.is_rc_lost = False
             return
@@ -286,7 +296,8 @@ class Px4Failsafe(Failsafe):
         autopilot = self._autopilot
         percent = autopilot.battery.percent(t_ns)
         level = next((level for bound, level in _BATTERY_LEVELS if percent <= bound), 0)
-        is_worse, self.battery_level = level > self.battery_level, level
+        is_worse = level > self.battery_level
+        self.battery_level = level
         if not is_worse:
             return
         autopilot.notify(*_BATTERY_TEXTS[level])

@@ -28,7 +28,9 @@ _PX4_TEXTS = {
     "Polygon": "Geofence: approaching or outside geofence",
 }
 _RTL = 1
-_HEIGHT, _CIRCLE, _AREAS = 1, 2, 4
+_HEIGHT = 1
+_CIRCLE = 2
+_AREAS = 4
 
 
 class FenceGuard:
@@ -37,7 +39,8 @@ class FenceGuard:
     def __init__(self, parameters: Parameters, geodesy: Geodesy, px4: bool = False) -> None:
         self._px4 = px4
         self.stores = {FENCE: MissionStore(FENCE), RALLY: MissionStore(RALLY)}
-        self._parameters, self._geodesy = parameters, geodesy
+        self._parameters = parameters
+        self._geodesy = geodesy
         self._items: tuple[Item, ...] = ()
         self._areas: tuple[Area, ...] = ()
         self._breached = ""
@@ -56,7 +59,8 @@ class FenceGuard:
 
     def check(self, place_m: tuple[float, float], home_m: tuple[float, float], alt_m: float) -> str:
         """Return the notice about the fence, if any."""
-        kind, was = self.breach(place_m, home_m, alt_m), self._breached
+        kind = self.breach(place_m, home_m, alt_m)
+        was = self._breached
         self._breached = kind
         if kind and not was:
             return _PX4_TEXTS[kind] if self._px4 else f"{kind} fence breached"
@@ -102,7 +106,8 @@ class FenceGuard:
             self._items = items
             held = fence_from_items([MissionItem(i.command, i.frame, i.x, i.y, i.z, i.param1) for i in items])
             self._areas = () if held is None else held.areas
-        point, frame = np.array([place_m]), self._geodesy.frame
+        point = np.array([place_m])
+        frame = self._geodesy.frame
         return any(bool(area.contains(point, frame)[0]) != area.stay_in for area in self._areas)
 
     def return_point(self, place_m: tuple[float, float]) -> tuple[float, float, float] | None:

@@ -163,7 +163,8 @@ class Launch:
         self.stage = Stage.WAITING
         self.last_status = ""
         """The vehicle's last STATUSTEXT, for the error of a failed launch."""
-        self._spec, self._frame = spec, frame
+        self._spec = spec
+        self._frame = frame
         self._traits = TRAITS[spec.autopilot]
         self._is_ready = self._armed = False
         self._mode: Mode | None = None
@@ -228,7 +229,7 @@ class Launch:
         flag = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         custom_mode = self._traits.custom_mode(mode)
         is_px4 = self._spec.autopilot == "px4"
-        numbers = (custom_mode >> 16 & 0xFF, custom_mode >> 24) if is_px4 else (custom_mode,)
+        numbers = ((custom_mode >> 16) & 0xFF, custom_mode >> 24) if is_px4 else (custom_mode,)
         return self._command(mavlink.MAV_CMD_DO_SET_MODE, flag, *numbers)
 
     def _interval(self, message_id: int, rate_hz: float) -> Any:
@@ -251,7 +252,7 @@ def true_place(message: Any) -> tuple[float, float] | None:
 
 def truth_messages(t_ns: int, place: tuple[float, float] | None) -> list[Any]:
     """Return the messages of a true state for `sim_vehicles.world.process`; without a place, of a loss."""
-    messages = [mavlink.MAVLink_system_time_message(t_ns // 1000, t_ns // 1_000_000 & 0xFFFFFFFF)]
+    messages = [mavlink.MAVLink_system_time_message(t_ns // 1000, (t_ns // 1_000_000) & 0xFFFFFFFF)]
     if place is not None:
         lat_deg, lon_deg = place
         lat_lon_e7 = (round(lat_deg * 1e7), round(lon_deg * 1e7))

@@ -113,9 +113,13 @@ class FirmwareHost:
     """One firmware, its two ports, and the sockets to the ground station and the world."""
 
     def __init__(self, arguments: FirmwareArguments) -> None:
-        vehicle, folder, binary = arguments.vehicle, Path(arguments.folder), Path(arguments.binary)
-        (self.spec,), frame = vehicle.specs, vehicle.frame
-        spec, self._frame = self.spec, frame
+        vehicle = arguments.vehicle
+        folder = Path(arguments.folder)
+        binary = Path(arguments.binary)
+        (self.spec,) = vehicle.specs
+        frame = vehicle.frame
+        spec = self.spec
+        self._frame = frame
         self.launch = Launch(spec, frame)
         folder.mkdir(parents=True, exist_ok=True)
         environment: dict[str, str] = {}
@@ -124,7 +128,8 @@ class FirmwareHost:
             self._ground = self._truth_port = _Port(14540 + at, ("127.0.0.1", 14580 + at))
             command, environment = px4_command(binary, spec, frame, at, arguments.speed)
         else:
-            self._ground, self._truth_port = _Port(), _Port()
+            self._ground = _Port()
+            self._truth_port = _Port()
             ports = Ports(self._ground.port, self._truth_port.port)
             command = arduplane_command(binary, spec, frame, ports, arguments.instance, folder)
         self._log = (folder / "firmware.log").open("wb")
@@ -141,7 +146,9 @@ class FirmwareHost:
         self._towards_gcs = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._towards_gcs.setblocking(False)
         assert vehicle.truth is not None
-        self._gcs, self._world, self._loss = vehicle.gcs, vehicle.truth, vehicle.loss
+        self._gcs = vehicle.gcs
+        self._world = vehicle.truth
+        self._loss = vehicle.loss
         self._rng = np.random.default_rng([spec.seed, spec.system_id])
         self._death_rng = np.random.default_rng([spec.seed, zlib.crc32(b"death"), spec.system_id])
         self._ground_contact = GroundContact()
@@ -166,10 +173,13 @@ class FirmwareHost:
         SimulationError
             The firmware ended, or the vehicle was not in LOITER above its start in time.
         """
-        deadline, told, tell_s = time.monotonic() + _LAUNCH_WITHIN_S, self.launch.stage, time.monotonic()
+        deadline = time.monotonic() + _LAUNCH_WITHIN_S
+        told = self.launch.stage
+        tell_s = time.monotonic()
         while self.launch.stage is not Stage.DONE:
             if told is not self.launch.stage or time.monotonic() >= tell_s:
-                told, tell_s = self.launch.stage, time.monotonic() + _PROGRESS_S
+                told = self.launch.stage
+                tell_s = time.monotonic() + _PROGRESS_S
                 is_told = self.launch.last_status and told is Stage.WAITING
                 status = f" ({self.launch.last_status})" if is_told else ""
                 print_message(f"vehicle {self.spec.system_id} {_STAGE_TEXT[told]}{status}")
@@ -308,7 +318,8 @@ class FirmwareHost:
         self._is_down = message.relative_alt * 1e-3 < _DOWN_M and not is_home
 
     def _dies(self, t_ns: int) -> bool:
-        spec, from_ns = self.spec, self._deaths_from_ns
+        spec = self.spec
+        from_ns = self._deaths_from_ns
         if from_ns is None:
             return False
         if spec.dies_at_s is not None and t_ns - from_ns >= spec.dies_at_s * NS_PER_S:

@@ -25,7 +25,9 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 MAX_ITEMS = 700
-MISSION, FENCE, RALLY = 0, 1, 2
+MISSION = 0
+FENCE = 1
+RALLY = 2
 NEVER_NS = 1 << 62
 
 _FRAMES = {0: 0, 5: 0, 3: 3, 6: 3, 10: 10, 11: 10}
@@ -84,7 +86,10 @@ def normalised(message: Any, mission_type: int) -> Item:
         raise Refused(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
     if message.command not in _COMMANDS[mission_type]:
         raise Refused(mavlink.MAV_MISSION_UNSUPPORTED)
-    p1, p2, p3, p4 = message.param1, message.param2, message.param3, message.param4
+    p1 = message.param1
+    p2 = message.param2
+    p3 = message.param3
+    p4 = message.param4
     for index, value in enumerate((p1, p2, p3)):
         if not math.isfinite(value):
             raise Refused(mavlink.MAV_MISSION_INVALID_PARAM1 + index)
@@ -114,7 +119,8 @@ def stored_position(message: Any) -> tuple[int, int]:
     if not (math.isfinite(message.x) and math.isfinite(message.y)):
         raise Refused(mavlink.MAV_MISSION_INVALID_PARAM5_X)
     scale = 1.0 if message.get_type() == "MISSION_ITEM_INT" else 1e7
-    x, y = round(message.x * scale), round(message.y * scale)
+    x = round(message.x * scale)
+    y = round(message.y * scale)
     if abs(x) > 900_000_000:
         raise Refused(mavlink.MAV_MISSION_INVALID_PARAM5_X)
     if abs(y) > 1_800_000_000:
@@ -131,7 +137,8 @@ def _as_ardupilot_packs(item: Item) -> Item:
         radius = math.copysign(min(abs(round(item.param3)), 255), item.param3)
         return replace(item, param1=0.0, param2=0.0, param3=radius, param4=0.0)
     if item.command == mavlink.MAV_CMD_NAV_LOITER_TIME:  # no room for the radius
-        side, tangent = math.copysign(1.0, item.param3), float(item.param4 > 0.0)
+        side = math.copysign(1.0, item.param3)
+        tangent = float(item.param4 > 0.0)
         return replace(item, param1=float(int(item.param1)), param2=0.0, param3=side, param4=tangent)
     if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
         return replace(item, param1=float(int(item.param1)), param2=0.0, param3=0.0, param4=0.0)
@@ -306,7 +313,8 @@ class MissionServer:
         if self._upload is not None and self._upload.peer != peer:
             self._ack(peer, mavlink.MAV_MISSION_DENIED, message.mission_type)
             return
-        first, last = message.start_index, message.end_index
+        first = message.start_index
+        last = message.end_index
         if not 0 <= first <= last < len(self._stores[message.mission_type]):
             self._ack(peer, mavlink.MAV_MISSION_ERROR, message.mission_type)
             return

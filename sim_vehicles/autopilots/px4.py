@@ -37,7 +37,11 @@ _DETECTED_NS = 2_500_000_000
 _DISARMED_NS = 2 * NS_PER_S
 _MISSION_LANDING = 1
 _ALT_REACHED_M = 1.0
-_TAKE_OFF, _LANDING, _BOTH, _BOTH_OR_NEITHER, _LANDING_IN_AIR = 1, 2, 3, 4, 5
+_TAKE_OFF = 1
+_LANDING = 2
+_BOTH = 3
+_BOTH_OR_NEITHER = 4
+_LANDING_IN_AIR = 5
 
 
 class Px4Autopilot(Autopilot):
@@ -85,7 +89,7 @@ class Px4Autopilot(Autopilot):
         """Change the mode, if it is another one."""
         was = self.mode
         super().set_mode(mode)
-        if mode is Mode.AUTO is not was and self.flying:
+        if mode is Mode.AUTO and was is not Mode.AUTO and self.flying:
             self.notify(mavlink.MAV_SEVERITY_INFO, "Executing Mission")
 
     def is_active(self, t_ns: int) -> bool:
@@ -135,7 +139,8 @@ class Px4Autopilot(Autopilot):
         self.notify(mavlink.MAV_SEVERITY_INFO, "Landing detected")
         self.notices.append(ItemReached(self.seq))
         self.notify(mavlink.MAV_SEVERITY_INFO, "Mission finished, landed")
-        self._mission_running, self._mission_complete = False, True
+        self._mission_running = False
+        self._mission_complete = True
         self._disarms_ns = self._check_ns + _DISARMED_NS
 
     def disarm(self, text: str = "") -> bool:
@@ -147,7 +152,8 @@ class Px4Autopilot(Autopilot):
             return False
         if was_armed and self.mode is Mode.LAND:
             assert isinstance(self.failsafe, Px4Failsafe)
-            self.mode, self._mission_complete = self.failsafe.intended, True
+            self.mode = self.failsafe.intended
+            self._mission_complete = True
         return True
 
     def mission_replaced(self, first: int | None) -> None:
@@ -204,7 +210,8 @@ class Px4Autopilot(Autopilot):
 
     def _return_to_landing(self, seq: int) -> None:
         """Climb where it is, then fly the mission from its landing on."""
-        self._mission_running, self._mission_complete = True, False
+        self._mission_running = True
+        self._mission_complete = False
         self.notify(mavlink.MAV_SEVERITY_INFO, "Executing Mission")
         alt_m = self.home.alt_m + self.parameters["RTL_RETURN_ALT"]
         if self.airframe.alt_rel_m >= alt_m - _ALT_REACHED_M:
@@ -212,7 +219,8 @@ class Px4Autopilot(Autopilot):
             return
         alt_msl_m = math.ceil(self.geodesy.frame.alt_msl_m + alt_m)
         self.notify(mavlink.MAV_SEVERITY_INFO, f"RTL Mission land: climb to {alt_msl_m} m")
-        self.seq, self._item = seq, None
+        self.seq = seq
+        self._item = None
         self._circle_here()
         self.alt_command_m = alt_m
 

@@ -113,11 +113,13 @@ class Px4MissionServer(MissionServer):
         elif self.is_busy:
             self._ack(peer, mavlink.MAV_MISSION_ERROR, message.mission_type)
         else:
-            self._partner, self._seq = peer, 0
+            self._partner = peer
+            self._seq = 0
             super()._begin(peer, message, t_ns)
 
     def _prepare(self, store: MissionStore, count: int) -> bool:
-        self._staged, self._marked = [], None
+        self._staged = []
+        self._marked = None
         if count == 0:
             store.truncate(0)
         return count <= _CAPACITY
@@ -162,14 +164,16 @@ class Px4MissionServer(MissionServer):
         self._ack(peer, mavlink.MAV_MISSION_ACCEPTED, message.mission_type)
 
     def _list(self, peer: tuple[int, int], message: Any, t_ns: int) -> None:
-        store, download = self._stores[message.mission_type], self._download
+        store = self._stores[message.mission_type]
+        download = self._download
         if self._seq == len(store):  # Complete: the transfer has ended.
             self._upload = download = self._download = None
         key = peer, message.mission_type
         is_repeated = download is not None and (download.peer, download.mission_type) == key
         if self._upload is not None or (download is not None and not is_repeated):
             return
-        self._partner, self._seq = peer, 0
+        self._partner = peer
+        self._seq = 0
         self._download = _Download(peer, message.mission_type, 0, t_ns)
         self._send_count(peer, message.mission_type)
 

@@ -105,7 +105,8 @@ def fly(job: Job) -> Row:
     scenario = parse_scenario(job.text, job.scenario)
     config = scenario.config
     evaluator = evaluator_of(config)
-    losses, truths = LossWatch(), GroundTruthTrackers()
+    losses = LossWatch()
+    truths = GroundTruthTrackers()
     run = VirtualRun(scenario, job.seed, loss=job.loss)
 
     def on_effect(_t_ns: int, effect: Effect) -> None:
@@ -117,7 +118,8 @@ def fly(job: Job) -> Row:
         evaluator.add_truth(truth)
         losses.add_truth(truth)
 
-    run.on_effect, run.on_truth = on_effect, on_truth
+    run.on_effect = on_effect
+    run.on_truth = on_truth
     if job.planner == "truth":
         run.engine.stages.trackers = trackers = cast("MultiSensorTracker", truths)
         run.engine.stages.planning_inputs = replace(run.engine.stages.planning_inputs, trackers=trackers)
@@ -165,7 +167,8 @@ class Store:
         self._file.close()
 
     def _check_versions(self, folder: Path) -> None:
-        path, now = folder / "versions.json", versions()
+        path = folder / "versions.json"
+        now = versions()
         with suppress(FileNotFoundError, json.JSONDecodeError):
             then = json.loads(path.read_text(encoding="utf-8"))
             changed = [

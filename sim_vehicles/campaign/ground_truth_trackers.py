@@ -69,7 +69,8 @@ class GroundTruthTrackers:
 
     def __init__(self) -> None:
         self.truth: Truth | None = None
-        self.agents, self.targets = GroundTruthClass("agents"), GroundTruthClass("targets")
+        self.agents = GroundTruthClass("agents")
+        self.targets = GroundTruthClass("targets")
 
     def refusal(self, _scan: Scan) -> str:
         """Refuse no scan."""

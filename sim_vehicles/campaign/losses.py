@@ -97,7 +97,10 @@ class LossWatch:
 
     def ours(self) -> LossDetection:
         """Result of central command."""
-        delays, false_losses, revivals, found = [], 0, 0, set[int]()
+        delays = []
+        false_losses = 0
+        revivals = 0
+        found = set[int]()
         for change in self._statuses:
             watched = self._agents.get(change.vehicle)
             if watched is None:

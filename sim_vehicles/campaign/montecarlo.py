@@ -43,7 +43,8 @@ def run_montecarlo(options: MontecarloOptions) -> bool:
     InterruptedRunError
         On Ctrl-C. Flown missions are kept; the same command continues.
     """
-    console, folder = console_for(stderr=options.as_json), Path(options.folder)
+    console = console_for(stderr=options.as_json)
+    folder = Path(options.folder)
     jobs = options.campaign.jobs()
     with closing(Store(folder)) as store:
         missing = [job for job in jobs if job.digest not in store.rows]
@@ -59,7 +60,8 @@ def run_montecarlo(options: MontecarloOptions) -> bool:
                 f"{left} missions are left: the same command goes on with them"
             ) from None
         rows = [store.rows[job.digest] for job in jobs]
-    found, key = groups(rows), options.campaign.sweep_key
+    found = groups(rows)
+    key = options.campaign.sweep_key
     write_csv(rows, folder / "results.csv")
     if options.parquet:
         write_parquet(rows, folder / "results.parquet")

@@ -63,7 +63,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     def of(cls, value: str, planner: str, digest: str, summary: Summary, losses: LossWatch) -> Row:
         """Make a row from the summary and the losses of a mission."""
         statuses = [agent.status for agent in summary.agents]
-        ours, plain = losses.ours(), losses.plain()
+        ours = losses.ours()
+        plain = losses.plain()
         return cls(
             digest=digest,
             scenario=summary.scenario,
@@ -179,7 +180,8 @@ def groups(rows: Iterable[Row]) -> list[Group]:
 
 
 def _group(rows: Sequence[Row], with_truth: dict[int, Row]) -> Group:
-    first, hours = rows[0], sum(row.agent_hours for row in rows)
+    first = rows[0]
+    hours = sum(row.agent_hours for row in rows)
     delays = [delay for row in rows for delay in row.losses_detected_after_s]
     pairs = [
         (row.duration_s, with_truth[row.seed].duration_s)

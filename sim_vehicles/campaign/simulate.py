@@ -47,7 +47,9 @@ def simulate(options: SimulateOptions) -> bool:
     GcsError
         When the scenario is wrong, or the folder cannot be used.
     """
-    scenario, seed, runs = load(options.scenario), options.seed, options.runs
+    scenario = load(options.scenario)
+    seed = options.seed
+    runs = options.runs
     out = None if options.out is None else Path(options.out)
     console = console_for(stderr=options.as_json)
     load_kernels(console, TRACKING, PLANNING, LINKS)

@@ -79,7 +79,8 @@ def discretise(a: FloatArray, b: FloatArray, step_s: float) -> tuple[FloatArray,
     """Return F and G by zero-order hold: ``exp([[a, b], [0, 0]] step) = [[F, G], [0, I]]``."""
     n, m = b.shape
     block = np.zeros((n + m, n + m))
-    block[:n, :n], block[:n, n:] = a * step_s, b * step_s
+    block[:n, :n] = a * step_s
+    block[:n, n:] = b * step_s
     squarings = max(0, math.ceil(math.log2(max(float(np.abs(block).sum(axis=1).max()), 1e-12))) + 4)
     block /= 2.0**squarings
     result = term = np.eye(n + m)
@@ -97,10 +98,13 @@ def riccati(f: FloatArray, g: FloatArray, q: FloatArray, r: FloatArray) -> Float
     Each pass doubles the horizon of the finite-horizon problem.
     """
     eye = np.eye(f.shape[0])
-    transition, reach, cost = f, g @ np.linalg.solve(r, g.T), q
+    transition = f
+    reach = g @ np.linalg.solve(r, g.T)
+    cost = q
     for _ in range(60):
         inner = np.linalg.solve(eye + reach @ cost, np.hstack([transition, reach]))
-        stepped, reached = inner[:, : len(eye)], inner[:, len(eye) :]
+        stepped = inner[:, : len(eye)]
+        reached = inner[:, len(eye) :]
         increment = transition.T @ cost @ stepped
         reach = reach + transition @ reached @ transition.T
         transition = transition @ stepped
@@ -190,9 +194,14 @@ class Airframe:
             gv, gp, gr, gf, gh,
         ) = self._coefficients  # fmt: skip
         e = (heading_error_rad + _PI) % _TAU - _PI
-        v, p, r, f = self.sideslip_m_s, self.roll_rate_rad_s, self.yaw_rate_rad_s, self.roll_rad
-        psi, u = self.heading_rad, self.speed_m_s
-        sin_psi, cos_psi = math.sin(psi), math.cos(psi)
+        v = self.sideslip_m_s
+        p = self.roll_rate_rad_s
+        r = self.yaw_rate_rad_s
+        f = self.roll_rad
+        psi = self.heading_rad
+        u = self.speed_m_s
+        sin_psi = math.sin(psi)
+        cos_psi = math.cos(psi)
         self.north_m += STEP_S * (u * cos_psi - v * sin_psi + self.wind_north_m_s)
         self.east_m += STEP_S * (u * sin_psi + v * cos_psi + self.wind_east_m_s)
         self.sideslip_m_s = vv * v + vp * p + vr * r + vf * f + gv * e
@@ -233,9 +242,12 @@ class Airframe:
     @property
     def velocity_m_s(self) -> tuple[float, float]:
         """(east, north) over ground."""
-        sin_psi, cos_psi = math.sin(self.heading_rad), math.cos(self.heading_rad)
-        u, v = self.speed_m_s, self.sideslip_m_s
-        east, north = u * sin_psi + v * cos_psi, u * cos_psi - v * sin_psi
+        sin_psi = math.sin(self.heading_rad)
+        cos_psi = math.cos(self.heading_rad)
+        u = self.speed_m_s
+        v = self.sideslip_m_s
+        east = u * sin_psi + v * cos_psi
+        north = u * cos_psi - v * sin_psi
         return east + self.wind_east_m_s, north + self.wind_north_m_s
 
     @property

@@ -59,7 +59,9 @@ class BankedAirframe(Airframe):
 
     def step(self, command: float, alt_command_m: float, speed_command_m_s: float) -> None:
         """Advance by 10 ms."""
-        u, heading, climb = self.speed_m_s, self.heading_rad, self.climb_m_s
+        u = self.speed_m_s
+        heading = self.heading_rad
+        climb = self.climb_m_s
         if self.is_climbing_out and not self.descent_m_s:
             is_off = self._climb_out(speed_command_m_s)
         else:

@@ -18,7 +18,8 @@ class Battery:
     """
 
     def __init__(self, faults: Faults, boot_t_ns: int) -> None:
-        self._faults, self._boot_t_ns = faults, boot_t_ns
+        self._faults = faults
+        self._boot_t_ns = boot_t_ns
 
     def percent(self, t_ns: int) -> float:
         """Return the remaining charge in percent."""

@@ -59,7 +59,8 @@ class FrameReader:
 
     def messages(self, data: bytes) -> Iterator[Any]:
         """Yield every message with a valid checksum and a known id."""
-        at, end = 0, len(data)
+        at = 0
+        end = len(data)
         while at < end:
             length = _frame_length(data, at)
             message = self._decode(data[at : at + length]) if 0 < length <= end - at else None
@@ -113,5 +114,6 @@ class Outbox:
 
     def pop_datagrams(self) -> list[bytes]:
         """Return everything queued, as datagrams of at most 1400 bytes."""
-        datagrams, self._datagrams = [bytes(d) for d in self._datagrams], []
+        datagrams = [bytes(d) for d in self._datagrams]
+        self._datagrams = []
         return datagrams

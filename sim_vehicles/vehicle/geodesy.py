@@ -26,7 +26,8 @@ class Geodesy:
 
     def to_geodetic(self, east_m: float, north_m: float) -> tuple[float, float]:
         """Return (lat_deg, lon_deg)."""
-        e, n = east_m - self._east_m, north_m - self._north_m
+        e = east_m - self._east_m
+        n = north_m - self._north_m
         if not (-REACH_M <= e <= REACH_M and -REACH_M <= n <= REACH_M):
             self._anchor(east_m, north_m)
             e = n = 0.0
@@ -43,7 +44,8 @@ class Geodesy:
         return self.frame.to_local(lat_deg, lon_deg)
 
     def _anchor(self, east_m: float, north_m: float) -> None:
-        self._east_m, self._north_m = east_m, north_m
+        self._east_m = east_m
+        self._north_m = north_m
         exact = self.frame.to_geodetic
         around = {
             (i, j): exact(east_m + i * _H_M, north_m + j * _H_M) for i in (-1, 0, 1) for j in (-1, 0, 1)

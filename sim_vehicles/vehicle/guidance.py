@@ -72,7 +72,8 @@ def _ground_velocity(airframe: Airframe) -> tuple[float, float, float]:
     """Return east, north and speed over ground; along the heading when nearly at rest."""
     east, north = airframe.velocity_m_s
     speed = math.hypot(east, north)
-    sin_heading, cos_heading = math.sin(airframe.heading_rad), math.cos(airframe.heading_rad)
+    sin_heading = math.sin(airframe.heading_rad)
+    cos_heading = math.cos(airframe.heading_rad)
     if speed >= _MIN_SPEED_M_S and east * sin_heading + north * cos_heading > 0.0:
         return east, north, speed
     return sin_heading * _MIN_SPEED_M_S, cos_heading * _MIN_SPEED_M_S, _MIN_SPEED_M_S
@@ -133,13 +134,16 @@ class ToPoint:
         self, airframe: Airframe, v_east: float, v_north: float, speed: float, reference_m: float
     ) -> tuple[float, float]:
         """Return the angle from a direction to the line or point, and from there to the reference point."""
-        east, north = self.east_m - airframe.east_m, self.north_m - airframe.north_m
-        leg_east, leg_north = self.leg_east_m, self.leg_north_m
+        east = self.east_m - airframe.east_m
+        north = self.north_m - airframe.north_m
+        leg_east = self.leg_east_m
+        leg_north = self.leg_north_m
         length = math.hypot(leg_east, leg_north)
         if not self.is_tracked or length == 0.0:
             return _angle(v_east, v_north, east, north), 0.0
         along_m = length - (east * leg_east + north * leg_north) / length
-        from_east, from_north = east - leg_east, north - leg_north
+        from_east = east - leg_east
+        from_north = north - leg_north
         from_m = math.hypot(from_east, from_north)
         if from_m > reference_m and along_m < -_CATCHING * from_m:
             return _angle(v_east, v_north, from_east, from_north), 0.0
@@ -154,7 +158,8 @@ class ToPoint:
         length = math.hypot(self.leg_east_m, self.leg_north_m)
         if not self.is_tracked or length == 0.0:
             return 0.0
-        east, north = airframe.east_m - self.east_m, airframe.north_m - self.north_m
+        east = airframe.east_m - self.east_m
+        north = airframe.north_m - self.north_m
         return (north * self.leg_east_m - east * self.leg_north_m) / length
 
     def distance_m(self, airframe: Airframe) -> float:
@@ -163,14 +168,16 @@ class ToPoint:
 
     def is_reached(self, airframe: Airframe) -> bool:
         """Return True within the acceptance radius, or past the finish line."""
-        east, north = self.east_m - airframe.east_m, self.north_m - airframe.north_m
+        east = self.east_m - airframe.east_m
+        north = self.north_m - airframe.north_m
         if east * east + north * north <= self.accept_radius_m * self.accept_radius_m:
             return True
         return self.is_past(airframe)
 
     def is_past(self, airframe: Airframe) -> bool:
         """Return True past the finish line."""
-        east, north = self.east_m - airframe.east_m, self.north_m - airframe.north_m
+        east = self.east_m - airframe.east_m
+        north = self.north_m - airframe.north_m
         return east * self.leg_east_m + north * self.leg_north_m <= 0.0
 
 
@@ -213,7 +220,8 @@ class Circle:
         u = airframe.speed_m_s
         side = -1.0 if self.radius_m < 0.0 else 1.0
         radius = max(abs(self.radius_m), MIN_RADIUS_PER_SPEED_S * u, 1.0)
-        east, north = airframe.east_m - self.east_m, airframe.north_m - self.north_m
+        east = airframe.east_m - self.east_m
+        north = airframe.north_m - self.north_m
         d = math.hypot(east, north)
         # Over the centre there is no bearing: fly straight on, outwards.
         bearing = math.atan2(east, north) if d > 1.0 else airframe.heading_rad
@@ -235,12 +243,15 @@ class Circle:
         v_east, v_north, speed = _ground_velocity(airframe)
         side = -1.0 if self.radius_m < 0.0 else 1.0
         radius = max(abs(self.radius_m), 1.0)
-        east, north = airframe.east_m - self.east_m, airframe.north_m - self.north_m
+        east = airframe.east_m - self.east_m
+        north = airframe.north_m - self.north_m
         distance = math.hypot(east, north)
         if distance > 0.1:
-            east, north = east / distance, north / distance
+            east = east / distance
+            north = north / distance
         else:  # Over the centre: fly straight on, outwards.
-            east, north = v_east / speed, v_north / speed
+            east = v_east / speed
+            north = v_north / speed
         outwards = v_east * east + v_north * north
         round_m_s = side * (v_east * north - v_north * east)
         heading_in = tuning.lateral_m_s2(speed, math.atan2(side * round_m_s, -outwards))
@@ -274,7 +285,8 @@ class Legs:
     def begin(self, east_m: float, north_m: float, accept_radius_m: float) -> ToPoint:
         """Return the leg to a point."""
         here = self._airframe.east_m, self._airframe.north_m
-        is_tracked, self.do_join = self.do_join, True
+        is_tracked = self.do_join
+        self.do_join = True
         begin = self._point if is_tracked else here
         leg = ToPoint(east_m, north_m, east_m - begin[0], north_m - begin[1], accept_radius_m, is_tracked)
         if leg.is_past(self._airframe):  # It would end at once.
@@ -284,4 +296,5 @@ class Legs:
 
     def leave(self) -> None:
         """Start the next leg at the vehicle."""
-        self._point, self.do_join = (self._airframe.east_m, self._airframe.north_m), False
+        self._point = (self._airframe.east_m, self._airframe.north_m)
+        self.do_join = False

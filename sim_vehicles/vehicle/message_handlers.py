@@ -28,9 +28,13 @@ _CHUNK = 50
 """Of a STATUSTEXT, in bytes."""
 _LISTED_AT_ONCE = 4
 
-_FTP_TERMINATE, _FTP_RESET, _FTP_OPEN_TO_READ = 1, 2, 4
-_FTP_ACK, _FTP_NAK = 128, 129
-_FTP_FILE_NOT_FOUND, _FTP_UNKNOWN_COMMAND = 10, 7
+_FTP_TERMINATE = 1
+_FTP_RESET = 2
+_FTP_OPEN_TO_READ = 4
+_FTP_ACK = 128
+_FTP_NAK = 129
+_FTP_FILE_NOT_FOUND = 10
+_FTP_UNKNOWN_COMMAND = 7
 
 _IGNORE_PLACE = mavlink.POSITION_TARGET_TYPEMASK_X_IGNORE | mavlink.POSITION_TARGET_TYPEMASK_Y_IGNORE
 _RELATIVE_FRAMES = frozenset({3, 6, 10, 11})
@@ -204,7 +208,8 @@ class VehicleLink:
             self.outbox.send(answer)
 
     def _list_parameters(self, _message: Any, t_ns: int) -> None:
-        self._list_at, self._list_due_ns = 0, t_ns
+        self._list_at = 0
+        self._list_due_ns = t_ns
 
     def _list_more(self, t_ns: int) -> None:
         assert self._list_at is not None
@@ -213,9 +218,11 @@ class VehicleLink:
         for index in range(self._list_at, end):
             self._send_parameter(parameters.name(index), index)
         if end == len(parameters):
-            self._list_at, self._list_due_ns = None, NEVER_NS
+            self._list_at = None
+            self._list_due_ns = NEVER_NS
         else:
-            self._list_at, self._list_due_ns = end, t_ns + _LISTING_NS
+            self._list_at = end
+            self._list_due_ns = t_ns + _LISTING_NS
 
     def _read_parameter(self, message: Any, _t_ns: int) -> None:
         parameters = self._autopilot.parameters
@@ -261,17 +268,22 @@ class VehicleLink:
 
     def _file_transfer(self, message: Any, _t_ns: int) -> None:
         request = bytes(message.payload)
-        seq, session, opcode = int.from_bytes(request[:2], "little"), request[2], request[3]
+        seq = int.from_bytes(request[:2], "little")
+        session = request[2]
+        opcode = request[3]
         if opcode in (_FTP_ACK, _FTP_NAK):
             return
         answer = bytearray(251)
         answer[:2] = ((seq + 1) & 0xFFFF).to_bytes(2, "little")
-        answer[2], answer[5] = session, opcode
+        answer[2] = session
+        answer[5] = opcode
         if opcode in (_FTP_TERMINATE, _FTP_RESET):
             answer[3] = _FTP_ACK
         else:
             error = _FTP_FILE_NOT_FOUND if opcode == _FTP_OPEN_TO_READ else _FTP_UNKNOWN_COMMAND
-            answer[3], answer[4], answer[12] = _FTP_NAK, 1, error
+            answer[3] = _FTP_NAK
+            answer[4] = 1
+            answer[12] = error
         self.outbox.send(
             mavlink.MAVLink_file_transfer_protocol_message(
                 0, message.get_srcSystem(), message.get_srcComponent(), list(answer)

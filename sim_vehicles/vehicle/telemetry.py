@@ -123,7 +123,7 @@ class Telemetry:
         return self._builders[message_id](t_ns)
 
     def _boot_ms(self, t_ns: int) -> int:
-        return (t_ns - self._autopilot.boot_t_ns) // 1_000_000 & 0xFFFFFFFF
+        return ((t_ns - self._autopilot.boot_t_ns) // 1_000_000) & 0xFFFFFFFF
 
     def _lat_lon_alt(self, t_ns: int, error_m: tuple[float, float]) -> tuple[int, int, int]:
         """Return 1e-7 degrees, 1e-7 degrees and millimetres above sea level, with noise."""
@@ -131,7 +131,8 @@ class Telemetry:
         alt_mm = round((self._geodesy.frame.alt_msl_m + airframe.alt_rel_m) * 1e3)
         if not self._autopilot.is_position_known(t_ns):
             return (*_NO_ORIGIN_E7, alt_mm)
-        std, normal = self._noise_std_m, self._rng.standard_normal
+        std = self._noise_std_m
+        normal = self._rng.standard_normal
         east_m, north_m = error_m
         lat, lon = self._geodesy.to_geodetic(
             airframe.east_m + east_m + std * normal(), airframe.north_m + north_m + std * normal()
@@ -165,7 +166,8 @@ class Telemetry:
 
     def sys_status(self, t_ns: int) -> Any:
         """Return the sensors present, enabled and healthy, and the battery."""
-        autopilot, faults = self._autopilot, self._autopilot.faults
+        autopilot = self._autopilot
+        faults = self._autopilot.faults
         known = autopilot.is_position_known(t_ns)
         ready = autopilot.prearm_failure(t_ns) is None
         is_px4 = autopilot.traits is PX4
@@ -211,7 +213,8 @@ class Telemetry:
         """Return the receiver's fix."""
         has_fault = FaultKind.GPS in self._autopilot.faults
         if has_fault or not self._autopilot.is_position_known(t_ns):
-            fix, satellites = mavlink.GPS_FIX_TYPE_NO_FIX, 0
+            fix = mavlink.GPS_FIX_TYPE_NO_FIX
+            satellites = 0
             if has_fault and self._autopilot.traits is PX4:
                 fix = mavlink.GPS_FIX_TYPE_NO_GPS
             elif has_fault:
@@ -260,14 +263,19 @@ class Telemetry:
 
     def nav_controller_output(self, _t_ns: int) -> Any:
         """Return desired course, bearing and distance of the waypoint, and cross-track error."""
-        a, goal = self._airframe, self._autopilot.goal
-        nav_deg, point_deg, distance_m, off_m = 0.0, 0.0, 0.0, 0.0
+        a = self._airframe
+        goal = self._autopilot.goal
+        nav_deg = 0.0
+        point_deg = 0.0
+        distance_m = 0.0
+        off_m = 0.0
         if isinstance(goal, Straight):
             nav_deg = point_deg = math.degrees(goal.heading_rad)
         else:
             nav_deg = math.degrees(goal.bearing_rad(a, REFERENCE_S * a.speed_m_s))
             point_deg = math.degrees(math.atan2(goal.east_m - a.east_m, goal.north_m - a.north_m))
-            distance_m, off_m = goal.distance_m(a), goal.cross_track_m(a)
+            distance_m = goal.distance_m(a)
+            off_m = goal.cross_track_m(a)
         return mavlink.MAVLink_nav_controller_output_message(
             math.degrees(a.roll_rad), 0.0, _signed_deg(nav_deg), _signed_deg(point_deg),
             min(round(distance_m), 65535), self._autopilot.alt_command_m - a.alt_rel_m, 0.0, off_m,
@@ -275,7 +283,8 @@ class Telemetry:
 
     def vfr_hud(self, _t_ns: int) -> Any:
         """Return speeds, heading, altitude and climb."""
-        a, autopilot = self._airframe, self._autopilot
+        a = self._airframe
+        autopilot = self._autopilot
         speed = math.hypot(a.speed_m_s, a.sideslip_m_s)
         airspeed = a.speed_m_s
         if FaultKind.AIRSPEED in autopilot.faults:
@@ -342,7 +351,7 @@ class Telemetry:
             else mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
         )
         major, minor = (1, 15) if self._autopilot.traits is PX4 else (4, 6)
-        version = major << 24 | minor << 16 | mavlink.FIRMWARE_VERSION_TYPE_OFFICIAL
+        version = (major << 24) | (minor << 16) | mavlink.FIRMWARE_VERSION_TYPE_OFFICIAL
         system_id = int(self._autopilot.parameters["SYSID_THISMAV"])
         return mavlink.MAVLink_autopilot_version_message(
             capabilities, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, system_id

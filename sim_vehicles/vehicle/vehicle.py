@@ -241,8 +241,11 @@ class SimVehicle:
             self._fly(until_ns)
 
     def _fly(self, until_ns: int) -> None:
-        autopilot, now_ns = self.autopilot, self._stepped_ns
-        step, notices, wind = autopilot.step, autopilot.notices, self._wind
+        autopilot = self.autopilot
+        now_ns = self._stepped_ns
+        step = autopilot.step
+        notices = autopilot.notices
+        wind = self._wind
         while (now_ns := now_ns + STEP_NS) <= until_ns:
             self._stepped_ns = now_ns
             if wind is not None and autopilot.flying:

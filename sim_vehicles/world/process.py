@@ -86,7 +86,8 @@ class AgentTruth:
         if later == 0 or (later == len(self.states) and not (extrapolates and later > 1)):
             return self.states[min(later, len(self.states) - 1)][1:]
         later = min(later, len(self.states) - 1)
-        (t0_ns, *before), (t1_ns, *after) = self.states[later - 1], self.states[later]
+        t0_ns, *before = self.states[later - 1]
+        t1_ns, *after = self.states[later]
         part = (t_ns - t0_ns) / (t1_ns - t0_ns)
         return before[0] + part * (after[0] - before[0]), before[1] + part * (after[1] - before[1])
 
@@ -139,7 +140,8 @@ class TruthReceiver:
         except mavlink.MAVError:
             return
         by_type = {message.get_type(): message for message in messages}
-        time_message, state = by_type.get("SYSTEM_TIME"), by_type.get("SIM_STATE")
+        time_message = by_type.get("SYSTEM_TIME")
+        state = by_type.get("SIM_STATE")
         agent = self.agents.get(time_message.get_srcSystem()) if time_message is not None else None
         if time_message is None or agent is None:
             return
@@ -185,7 +187,8 @@ class TruthReceiver:
 def fly(world: World, receiver: TruthReceiver, bus: ZenohSession, clock: RunClock) -> None:
     """Publish scan after scan until standard input closes."""
     mission = world.scenario.config.name
-    index, published_t_ns = 0, -1
+    index = 0
+    published_t_ns = -1
     delayed: list[tuple[int, int, Scan]] = []
     while True:
         t_ns = world.scan_t_ns(index)

@@ -201,7 +201,8 @@ def _cross_check(config: Config, simulation: Simulation, source: str) -> None:
         if name not in known_names:
             raise ConfigError(source, f"simulation.parameters.{name}", "no simulated vehicle has it")
     _check_sensors(simulation, source)
-    width_m, height_m = config.map.width_m, config.map.height_m
+    width_m = config.map.width_m
+    height_m = config.map.height_m
     for index, target in enumerate(simulation.targets):
         if not (0.0 <= target.east_m <= width_m and 0.0 <= target.north_m <= height_m):
             raise ConfigError(
@@ -220,7 +221,8 @@ def _check_sensors(simulation: Simulation, source: str) -> None:
     tables |= {f"more_sensors[{i}]": table for i, table in enumerate(simulation.more_sensors)}
     names: set[str] = set()
     for where, table in tables.items():
-        key, box = f"simulation.{where}", table.field_m
+        key = f"simulation.{where}"
+        box = table.field_m
         if table.name in names:
             raise ConfigError(
                 source, f"{key}.name", f"`{table.name}` is used twice; each sensor needs its own"

@@ -67,7 +67,8 @@ def observe(
 ) -> Scan:
     """Return one scan of all objects at `t_ns`, including those that are not alive."""
     rng = generator(seed, purpose, scan_index)
-    detected, noise = np.empty(len(objects), np.bool_), np.empty((len(objects), 2))
+    detected = np.empty(len(objects), np.bool_)
+    noise = np.empty((len(objects), 2))
     for i in range(len(objects)):
         detected[i] = rng.random() < sensor.detection_probability
         noise[i] = rng.standard_normal(2)
@@ -96,7 +97,8 @@ def _ranges_and_bearings(
     z = sensor_coordinates(sensor, places) + noise * (polar.range_std_m, polar.bearing_std_rad)
     count = rng.poisson(expected_clutter(sensor))
     centre_rad, half_rad = polar.bearing_rad
-    least, most = (polar.range_m[0], centre_rad - half_rad), (polar.range_m[1], centre_rad + half_rad)
+    least = (polar.range_m[0], centre_rad - half_rad)
+    most = (polar.range_m[1], centre_rad + half_rad)
     return map_coordinates(polar, np.concatenate([z, rng.uniform(least, most, (count, 2))]))
 
 

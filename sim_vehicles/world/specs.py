@@ -12,7 +12,8 @@ from sim_vehicles.world.scenario import Scenario
 
 def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
     """Return a specification for each agent of the mission file, in order."""
-    simulation, mission = scenario.simulation, scenario.config.mission
+    simulation = scenario.simulation
+    mission = scenario.config.mission
     dies_at_s = {death.system_id: death.at_s for death in simulation.death.prescribed}
     return [
         VehicleSpec(

@@ -48,14 +48,16 @@ class TruthSource:
     def __init__(self, system_id: int, now_s: float) -> None:
         self.system_id = system_id
         self._has_truth = self._is_reported = False
-        self._heard_s, self._requested_s = now_s, -_AGAIN_S
+        self._heard_s = now_s
+        self._requested_s = -_AGAIN_S
 
     def requests(self, now_s: float) -> list[Any]:
         """Return the requests that are due, until a true position comes."""
         if self._has_truth or now_s - self._requested_s < _AGAIN_S:
             return []
         self._requested_s = now_s
-        command, interval_us = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 1e6 / _RATE_HZ
+        command = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+        interval_us = 1e6 / _RATE_HZ
         return [
             mavlink.MAVLink_command_long_message(
                 self.system_id, 1, command, 0, number, interval_us, 0, 0, 0, 0, 0

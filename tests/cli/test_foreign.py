@@ -1,4 +1,4 @@
-"""Foreign recordings: detections with a log, raw streams, and damaged files."""
+"""Foreign recordings: detections with a log, and damaged files."""
 
 from __future__ import annotations
 
@@ -21,10 +21,8 @@ from gcs.config import load
 from gcs.io.detections import table_files
 from gcs.io.detections.readers import load as load_detections
 from gcs.io.recording.reader import read, read_info
-from gcs.io.recording.timestamps import START_NS, FrameTimes
 from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.io.recording.writer import Recorder
-from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Event, Picture, Scan, Truth
 from gcs.report.run.page import Material
 from gcs.service.foreign_logs import DetectionFile, telemetry_records
@@ -231,52 +229,12 @@ def test_a_report_shows_both_trackers_for_detections_with_a_log(
     assert "--detections is for logs" in text
 
 
-def test_a_raw_stream_is_timed_by_the_vehicles_own_clocks(flight: Path, tmp_path: Path) -> None:
+def test_mavlink_without_time_stamps_is_refused(flight: Path, tmp_path: Path) -> None:
     raw = raw_of(flight / "link.tlog", tmp_path / "uart.bin")
-    stamped = run("info", flight / "link.tlog")[2]
-    code, text, found = run("info", raw)
-    assert (code, found["kind"], found["clock_jumps"]) == (0, "raw MAVLink", 0)
-    assert found["timed_by"] == "boot clocks"
-    assert "by the vehicles' own clocks" in text
-    assert found["seconds"] == pytest.approx(stamped["seconds"], abs=1.5)
-    for one, other in zip(found["vehicles"], stamped["vehicles"], strict=True):
-        assert one["rate_hz"] == pytest.approx(other["rate_hz"], rel=0.1)
-        assert (one["frames"], one["lost"]) == (other["frames"], other["lost"])
-    code, _, found = run("replay", raw, "--config", flight / "mission.toml", "--headless")
-    assert code == 0
-    assert found["seconds"] == pytest.approx(stamped["seconds"], abs=1.5)
-    assert max(missed_m(flight, pictures_of(flight, raw, None), "agents")) < 40.0
-    material = reported(raw)
-    assert (material.kind, len(material.flights)) == ("raw MAVLink", 4)
-    assert material.duration_s == pytest.approx(stamped["seconds"], abs=1.5)
-    assert "the vehicles' own clocks" in " ".join(material.remarks)
-
-
-def test_a_stream_without_times_is_reported(tmp_path: Path) -> None:
-    packer = mavlink.MAVLink(None, srcSystem=1)
-    beat = mavlink.MAVLink_heartbeat_message(1, 3, 128, 10, 4, 3)
-    (tmp_path / "uart.raw").write_bytes(beat.pack(packer) * 50)
-    code, text, found = run("info", tmp_path / "uart.raw")
-    assert (code, found["seconds"], found["timed_by"]) == (0, None, None)
-    assert "without times" in text
-    code, text, _ = run("replay", tmp_path / "uart.raw", "--config", "prescribed", "--headless")
-    assert code == 2
-    assert "has no times" in text
-    assert "without times" in " ".join(reported(tmp_path / "uart.raw").remarks)
-
-
-def attitude(system: int, boot_s: float) -> LogFrame:
-    message = mavlink.MAVLink_attitude_message(round(boot_s * 1000), 0, 0, 0, 0, 0, 0)
-    frame = scan(message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=1))).frames[0]
-    return LogFrame(0, 0, frame, "good")
-
-
-def test_vehicles_that_were_booted_at_different_times_share_one_time_line() -> None:
-    line = FrameTimes(stamped=False)
-    said = [(1, 100.0), (1, 101.0), (2, 7.0), (2, 8.0), (1, 102.5), (1, 102.4), (1, 0.0), (1, 1.0), (2, 10.6)]
-    at_s = [(line(attitude(*one)) - START_NS) / NS_PER_S for one in said]
-    assert at_s == [0.0, 1.0, 1.0, 2.0, 2.5, 2.5, 2.5, 3.5, 4.6]
-    assert line.jumps == 1
+    for command in (("info",), ("report",), ("replay", "--config", flight / "mission.toml", "--headless")):
+        code, text, _ = run(command[0], raw, *command[1:])
+        assert code == 2
+        assert "without time stamps: expected a .tlog" in text
 
 
 def test_a_log_out_of_order_never_runs_back(flight: Path, tmp_path: Path) -> None:
@@ -343,14 +301,10 @@ def test_shared_logs_and_detections_go_together(tmp_path: Path) -> None:
     text = text.replace("lat_deg = 33.2000", f"lat_deg = {positions[0].lat / 1e7 - 0.009}")
     text = text.replace("lon_deg = -87.6000", f"lon_deg = {positions[0].lon / 1e7 - 0.011}")
     (tmp_path / "mission.toml").write_text(text, encoding="utf-8")
-    raw = raw_of(log, tmp_path / "planes.mavlink")
-    stamped, found = run("info", log)[2], run("info", raw)[2]
-    assert found["seconds"] == pytest.approx(stamped["seconds"], abs=5.0)
     demo = SHARED / "vo_linear_gaussian" / "demo_mc00.npz"
-    for path in (log, raw):
-        code, _, found = run(
-            "replay", path, "--config", tmp_path / "mission.toml", "--headless", "--to", 20,
-            "--detections", demo, "--offset", 10,
-        )  # fmt: skip
-        assert code == 0
-        assert found["seconds"] == pytest.approx(20.0, abs=1.0)
+    code, _, found = run(
+        "replay", log, "--config", tmp_path / "mission.toml", "--headless", "--to", 20,
+        "--detections", demo, "--offset", 10,
+    )  # fmt: skip
+    assert code == 0
+    assert found["seconds"] == pytest.approx(20.0, abs=1.0)

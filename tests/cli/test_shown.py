@@ -14,14 +14,22 @@ from gcs.cli.prepare.preflight_checks import print_checks
 from gcs.cli.run_setup import display
 from gcs.config import load
 from gcs.core.engine import Engine
-from gcs.core.preflight.result import Check
+from gcs.core.preflight.result import CheckRow
 from gcs.io.console import console_for
 from gcs.model import Notice, NoticeCode, SwarmStatus, TargetRecord, Tick
 
 CHECKS = [
-    Check(1, "link", "ok", "alive"),
-    Check(1, "BATT_FS_LOW_ACT", "warning", "0", "1 ... 6", "set it: without a link it circles until the end"),
-    Check(None, "scans", "refused", "none came", "within 1 s", "is the sensor there?"),
+    CheckRow(1, "link", "link", "ok", "alive"),
+    CheckRow(
+        1,
+        "parameter-unwise",
+        "BATT_FS_LOW_ACT",
+        "warning",
+        "0",
+        "1 ... 6",
+        "set it: without a link it circles until the end",
+    ),
+    CheckRow(None, "no-scans", "scans", "refused", "none came", "within 1 s", "is the sensor there?"),
 ]
 
 

@@ -1,7 +1,6 @@
 """A user would take off with a vehicle, or a mission, that should have stayed on the ground."""
 
 import math
-import re
 from collections import deque
 from dataclasses import replace
 
@@ -13,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
+from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
 from gcs.core.preflight.return_heights import ReturnHeight, return_of, returns_check
 from gcs.core.preflight.vehicle_checks import VehicleChecks, envelope_of
@@ -40,7 +40,7 @@ def mission(*settings):
 
 
 def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, mode=None, signs=False, **spec):
-    """Ask vehicle 1 everything, in memory; returns its rows by name."""
+    """Ask vehicle 1 everything, in memory; returns its checks by name."""
     defaults = {
         "system_id": 1, "east_m": 120.0, "north_m": 200.0, "course_rad": 0.0, "alt_rel_m": 100.0,
         "forward_speed_m_s": 15.0, "parameters": GOOD,
@@ -67,7 +67,17 @@ def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, mod
         to_plane += frames + talk.poll(now_ns)
         t_ns += S // 20
     ways = [rehearse(config, 1, {}).plan.paths_m[1]]
-    return {check.name: check for check in VehicleChecks(talk, fleet, config, ways, now_ns).checks()}
+    checks = VehicleChecks(talk, fleet, config, ways, now_ns).checks()
+    for check in checks:
+        assert_is_complete(check)
+    return {check.name: check for check in checks}
+
+
+def assert_is_complete(check):
+    """The words have all their parameters: a dash stands for one that is missing."""
+    row = check.row
+    assert "–" not in row.name + row.value + row.wanted + row.remedy, row
+    assert bool(row.remedy) <= (row.level != "ok"), row
 
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
@@ -75,8 +85,10 @@ def test_nothing_stands_against_a_vehicle_that_is_ready(autopilot):
     rows = inspected(mission(), autopilot=autopilot)
     assert {name for name, row in rows.items() if row.level == "refused"} == set()
     assert {name for name, row in rows.items() if row.level == "warning"} == {"armed"}
-    assert rows["firmware"].value.startswith("ArduPlane" if autopilot == "ardupilot" else "PX4")
-    assert rows["mission in fence"].value == "fits"
+    assert (
+        rows["firmware"].parameters["firmware"].startswith("ArduPlane" if autopilot == "ardupilot" else "PX4")
+    )
+    assert rows["mission in fence"].code is CheckCode.MISSION_IN_FENCE
 
 
 @pytest.mark.parametrize(
@@ -96,14 +108,15 @@ def test_nothing_stands_against_a_vehicle_that_is_ready(autopilot):
 def test_a_parameter_that_would_lose_a_vehicle_is_found(parameters, name, level):
     rows = inspected(mission(), parameters=GOOD | parameters)
     assert rows[name].level == level
-    assert rows[name].remedy
+    assert rows[name].row.remedy
     refused = {row.name for row in rows.values() if row.level == "refused"}
     assert refused == ({name} if level == "refused" else set())
 
 
 def test_integers_of_px4_are_not_taken_for_floats():
     rows = inspected(mission(), autopilot="px4", parameters=GOOD | {"MIS_TKO_LAND_REQ": 2})
-    assert (rows["MIS_TKO_LAND_REQ"].level, rows["MIS_TKO_LAND_REQ"].value) == ("refused", "2")
+    required = rows["MIS_TKO_LAND_REQ"]
+    assert (required.code, required.parameters["value"]) == (CheckCode.PARAMETER_WRONG, 2.0)
     assert rows["NAV_DLL_ACT"].level == "ok"
 
 
@@ -143,29 +156,26 @@ def test_a_return_that_would_climb_through_the_ceiling_is_refused(autopilot, par
 
 
 def test_a_failsafe_that_continues_is_explained_outside_auto():
-    value = inspected(mission(), parameters=GOOD | {"FS_LONG_ACTN": 0})["FS_LONG_ACTN"].value
-    assert "LOITER, MANUAL and all other modes go to RTL" in value
+    check = inspected(mission(), parameters=GOOD | {"FS_LONG_ACTN": 0})["FS_LONG_ACTN"]
+    assert "LOITER, MANUAL and all other modes go to RTL" in check.parameters["meaning"]
 
 
-@pytest.mark.parametrize(
-    ("mode", "words"), [(11, "cannot be armed in RTL"), (10, "armed in AUTO it takes off")]
-)
-def test_a_mode_on_the_ground_that_is_not_ours_is_named_with_the_remedy(mode, words):
-    row = inspected(mission(), airborne=False, mode=mode)["mode"]
-    assert row.level == "warning"
-    assert words in row.remedy
-    assert "gcs order hold -v 1" in row.remedy
+@pytest.mark.parametrize(("mode", "code"), [(11, CheckCode.RTL_ON_GROUND), (10, CheckCode.AUTO_ON_GROUND)])
+def test_a_mode_on_the_ground_that_is_not_ours_is_a_warning(mode, code):
+    check = inspected(mission(), airborne=False, mode=mode)["mode"]
+    assert (check.code, check.level) == (code, "warning")
 
 
 def test_the_reason_of_a_failed_pre_arm_check_is_printed():
     rows = inspected(mission(), airborne=False, arming_delay_s=40.0, until_s=22.0, end_s=25.0)
-    assert rows["sensors"].value == "pre-arm check not healthy"
-    assert rows["message"].value == "PreArm: Gyros inconsistent"
+    assert rows["sensors"].code is CheckCode.SENSORS_UNHEALTHY_EXPLAINED
+    assert rows["sensors"].parameters == {"sensors": "pre-arm check"}
+    assert rows["message"].parameters == {"text": "PreArm: Gyros inconsistent"}
 
 
 def test_a_vehicle_that_signs_without_a_key_here_is_refused():
     assert inspected(mission())["signing"].level == "ok"
-    assert inspected(mission(), signs=True)["signing"].value == "signed, no key for it here"
+    assert inspected(mission(), signs=True)["signing"].code is CheckCode.NO_KEY
 
 
 def test_a_vehicle_without_fix_home_and_checks_is_refused_until_it_has_them():
@@ -179,8 +189,9 @@ def test_a_vehicle_without_fix_home_and_checks_is_refused_until_it_has_them():
 
 
 def test_clocks_that_differ_and_batteries_that_are_low_are_reported():
-    assert inspected(mission(), clock_s=7.0)["clock"].value == "-7.0 s to ours"
-    assert inspected(mission(), clock_s=7.0)["clock"].level == "warning"
+    clock = inspected(mission(), clock_s=7.0)["clock"]
+    assert clock.code is CheckCode.CLOCK_OFF
+    assert clock.parameters["off_s"] == pytest.approx(-7.0, abs=0.05)
     levels = [inspected(mission(), battery=percent)["battery"].level for percent in (80, 40, 10, -1)]
     assert levels == ["ok", "warning", "refused", "warning"]
 
@@ -191,7 +202,7 @@ def test_a_missing_vehicle_is_refused_with_one_row():
     talk = PreflightQuery(1, envelope_of(config, 1), Encoder())
     assert talk.poll(START_NS) == []
     (row,) = VehicleChecks(talk, fleet, config, (), START_NS).checks()
-    assert (row.level, row.value) == ("refused", "not heard")
+    assert (row.level, row.code) == ("refused", CheckCode.NOT_HEARD)
 
 
 def test_a_fence_of_the_mission_file_must_be_on_the_vehicle():
@@ -200,14 +211,14 @@ def test_a_fence_of_the_mission_file_must_be_on_the_vehicle():
     )
     rows = inspected(config)
     assert rows["fence"].level == rows["ceiling"].level == "refused"
-    assert rows["fence"].remedy == "gcs fence upload"
+    assert rows["fence"].code is CheckCode.FENCE_DIFFERS
 
 
 def test_starts_beyond_the_fence_and_routes_that_meet_are_found():
     config = mission('fence.areas=[{kind="exclusion", circle=[33.2018, -87.5987, 60.0]}]')
     rows = {row.name: row for row in mission_checks(config, rehearse(config, 1, {}))}
     assert rows["fence"].level == "refused"
-    assert "1: " in rows["fence"].value
+    assert "1: " in rows["fence"].parameters["distances"]
 
 
 def test_vehicles_that_would_come_near_each_other_at_one_altitude_are_reported():
@@ -220,7 +231,7 @@ def test_vehicles_that_would_come_near_each_other_at_one_altitude_are_reported()
     assert separation().level == "ok"
     crowded = separation("mission.layers=1")
     assert crowded.level == "warning"
-    assert "1 and 2" in crowded.value
+    assert "1 and 2" in crowded.parameters["pairs"]
 
 
 @pytest.mark.parametrize("setting", ["mission.layers=5", "mission.layers=3", "mission.layer_step_m=0"])
@@ -233,7 +244,7 @@ def test_the_layers_shown_before_the_flight_are_those_that_are_flown(setting):
     plan = replanner(config).check(PlanningInputs(START_NS, START_NS, tracks, targets, frozenset()))
     altitudes = {config.mission.altitude_rel_m + r.layer * config.mission.layer_step_m for r in plan.routes}
     row = {row.name: row for row in mission_checks(config, rehearsal)}["separation"]
-    shown = re.findall(r"[\d.]+(?=,| m)", row.value.split(" at ")[1])
+    shown = row.parameters["heights"].split(", ")
     assert [float(altitude) for altitude in shown] == sorted(altitudes)
 
 
@@ -249,7 +260,7 @@ def test_central_command_is_not_sent_up_blind_or_with_scans_of_another_time():
     assert sensor_checks([], [], 5.0)[0].level == "refused"
     assert sensor_checks([scan], [], 5.0)[0].level == "ok"
     assert sensor_checks([replace(scan, measured_t_ns=3 * S)], [], 5.0)[0].level == "refused"
-    assert sensor_checks([], ["no JSON"], 5.0)[0].value == "no JSON"
+    assert sensor_checks([], ["no JSON"], 5.0)[0].parameters == {"problem": "no JSON"}
 
 
 def test_an_inspection_changes_nothing_on_the_vehicle():
@@ -285,9 +296,10 @@ def test_a_take_off_into_an_obstacle_is_refused_before_it_is_flown():
         fleet = grounded(config, math.radians(course_deg))
         rows = [row for row in mission_checks(config, rehearse(config, 1, {}, fleet)) if row.vehicle == 1]
         assert [(row.name, row.level) for row in rows] == [("take-off", level)]
-        assert f"along {course_deg:.0f} degrees to 100 m" in rows[0].value
-    assert "the climb leaves the map, 33" in rows[0].value
-    assert "lower takeoff.altitude_rel_m" in rows[0].remedy
+        assert rows[0].parameters["heading_deg"] == pytest.approx(course_deg, abs=0.5)
+        assert rows[0].parameters["altitude_m"] == 100.0
+    assert "the climb leaves the map, 33" in rows[0].parameters["problem"]
+    assert "lower takeoff.altitude_rel_m" in rows[0].parameters["remedy"]
 
 
 def grounded(config, course_rad):
@@ -312,7 +324,7 @@ def grounded(config, course_rad):
 
 
 def returned(profile, heights, rally_m=(), step_m=20.0):
-    """Rows on the return heights of vehicles 1, 2, ... that have these values of their parameter."""
+    """Checks of the return heights of vehicles 1, 2, ... that have these values of their parameter."""
     name = "RTL_ALTITUDE" if profile is ARDUPLANE else "RTL_RETURN_ALT"
     found = [return_of(v, profile, {name: value}, rally_m) for v, value in enumerate(heights, 1)]
     return list(returns_check([one for one in found if one is not None], step_m))
@@ -320,30 +332,27 @@ def returned(profile, heights, rally_m=(), step_m=20.0):
 
 def test_vehicles_that_would_return_at_one_height_are_named_with_the_setting():
     (row,) = returned(ARDUPLANE, [100, 100, 140])
-    assert (row.level, row.value) == (
-        "warning",
-        "agents 1 at 100 m (RTL_ALTITUDE), 2 at 100 m (RTL_ALTITUDE)",
-    )
-    assert "gcs param set CONFIG RTL_ALTITUDE 120 -v 2" in row.remedy
+    assert (row.code, row.level) == (CheckCode.RETURNS_NEAR, "warning")
+    assert row.parameters["heights"] == "1 at 100 m (RTL_ALTITUDE), 2 at 100 m (RTL_ALTITUDE)"
+    assert row.parameters["commands"] == "gcs param set CONFIG RTL_ALTITUDE 120 -v 2"
     (row,) = returned(PX4, [100, 110], rally_m=[20.0])
-    assert "2 at 130 m (rally point 20 m + RTL_RETURN_ALT 110 m)" in row.value
-    assert "gcs param set CONFIG RTL_RETURN_ALT 120 -v 2" in row.remedy
+    assert "2 at 130 m (rally point 20 m + RTL_RETURN_ALT 110 m)" in row.parameters["heights"]
+    assert row.parameters["commands"] == "gcs param set CONFIG RTL_RETURN_ALT 120 -v 2"
 
 
 def test_no_return_height_above_the_ceiling_is_advised():
     heights = [ReturnHeight(v, 100.0, "RTL_ALTITUDE", "RTL_ALTITUDE", 100.0) for v in (1, 2, 3)]
     (row,) = returns_check(heights, 20.0, 155.0)
-    assert "RTL_ALTITUDE 140 -v 3" in row.remedy
+    assert "RTL_ALTITUDE 140 -v 3" in row.parameters["commands"]
     (row,) = returns_check(heights, 20.0, 150.0)
-    assert "gcs param set" not in row.remedy
-    assert "raise fence.max_alt_rel_m: heights 20 m apart from 100 m on reach 140 m, and 135 m" in row.remedy
+    assert row.code is CheckCode.RETURNS_NEAR_UNDER_CEILING
+    reached = [row.parameters[name] for name in ("lowest_m", "highest_m", "max_height_m")]
+    assert reached == [100.0, 140.0, 135.0]
 
 
 def test_arduplanes_with_a_rally_point_return_at_its_height_whatever_their_parameters_say():
     (row,) = returned(ARDUPLANE, [100, 140], rally_m=[90.0])
-    assert row.level == "warning"
-    assert "without rally points" in row.remedy
-    assert "gcs param set" not in row.remedy
+    assert (row.code, row.level) == (CheckCode.RETURNS_NEAR_BY_RALLY, "warning")
 
 
 def test_return_heights_a_layer_apart_are_fine_and_are_not_checked_without_layers():

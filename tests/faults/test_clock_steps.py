@@ -145,7 +145,7 @@ def test_preflight_judges_scans_by_the_run_clock(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(time, "time_ns", lambda: now_ns + int(step_s * NS_PER_S))
     listener._on_scan(key, payload)
     (check,) = sensor_checks(listener.scans, listener.problems, 1.0)
-    assert check.level == "ok", check.value
+    assert check.level == "ok", check.row
 
 
 def test_preflight_warns_of_a_clock_that_was_set_during_the_checks(
@@ -167,6 +167,6 @@ def test_preflight_warns_of_a_clock_that_was_set_during_the_checks(
         )
     setter.join()
     checks = json.loads(capsys.readouterr().out)["checks"]
-    (clock,) = [check for check in checks if check["vehicle"] is None and check["name"] == "clock"]
+    (clock,) = [check for check in checks if check["code"] == "clock-set"]
     assert clock["level"] == "warning"
-    assert clock["value"].startswith("set by -20.0 s")
+    assert clock["parameters"]["step_s"] == pytest.approx(-20.0, abs=0.1)

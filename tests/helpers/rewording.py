@@ -1,17 +1,22 @@
-"""Other words for every notice: tests that pass with them read codes, subjects and parameters, not texts."""
+"""Other words for notices and checks: tests that pass with them read codes and parameters, not texts."""
 
 from __future__ import annotations
 
 import codecs
 import re
 
+from gcs.core.preflight.check_codes import CheckCode
 from gcs.model import NoticeCode
 
 
 def reword_notices() -> None:
-    """Replace the text of every code; its fields stay."""
+    """Replace the text of every code of a notice or check; its fields stay."""
     for code in NoticeCode:
         code.text = reworded(code.text)
+    for check in CheckCode:
+        check.found = reworded(check.found)
+        check.wanted = reworded(check.wanted)
+        check.remedy = reworded(check.remedy)
 
 
 def reworded(template: str) -> str:

@@ -31,10 +31,12 @@ def test_a_fence_is_brought_and_a_bad_failsafe_keeps_the_swarm_on_the_ground(fie
     assert checked.exit_code == 1, checked.stdout + checked.stderr
     result = json.loads(checked.stdout.splitlines()[-1])
     refused = [
-        (row["vehicle"], row["name"], row["value"]) for row in result["checks"] if row["level"] == "refused"
+        (row["vehicle"], row["code"], row["name"], row["value"])
+        for row in result["checks"]
+        if row["level"] == "refused"
     ]
-    assert refused == [(2, "FS_LONG_ACTN", "2")]
-    assert "set it: when the link is lost, 2 glides" in checked.stderr
+    assert refused == [(2, "parameter-wrong", "FS_LONG_ACTN", "2")]
+    assert "when the link is lost, 2 glides" in checked.stderr
     rows = {(row["vehicle"], row["name"]): row["level"] for row in result["checks"]}
     assert {rows[1, name] for name in ("link", "GPS", "home", "clock", "fence", "rally", "RTL_ALTITUDE")} == {
         "ok"

@@ -54,7 +54,8 @@ def linked_replays(both: tuple[ReplayOptions, ReplayOptions], console: Console) 
 
 
 def _replay_of(options: ReplayOptions, console: Console) -> Replay:
-    source, path = open_source(options, console), options.file.path
+    source = open_source(options, console)
+    path = options.file.path
     first = list(itertools.islice(source.records, 1))
     damage = first[0].value if first and isinstance(first[0].value, Damage) else None
     if damage is not None or not first:

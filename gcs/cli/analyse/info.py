@@ -23,8 +23,8 @@ from gcs.io.console import console_for
 from gcs.io.detections.table_files import ENDINGS
 from gcs.io.recording.mcap_file import mcap_paths, recording_bytes
 from gcs.io.recording.reader import Damage, is_recording, read, read_info
-from gcs.io.recording.timestamps import FrameTimes
-from gcs.io.recording.tlog import LogFrame, UnreadableBytes, is_stamped, read_log
+from gcs.io.recording.timestamps import LogClock
+from gcs.io.recording.tlog import LogFrame, UnreadableBytes, check_log, read_log
 from gcs.io.recording.topics import topic_of
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, AgentStatus, Datagram, MissionEnded, Scan, Send
@@ -45,9 +45,7 @@ _PROGRESS_PERIOD: Final = 4096
 def info(
     file: Annotated[
         Path,
-        typer.Argument(
-            help="A recording, a .tlog of any ground station, raw MAVLink, or detections (NPZ, CSV)."
-        ),
+        typer.Argument(help="A recording, a .tlog of any ground station, or detections (NPZ, CSV)."),
     ],
     as_json: JsonOption = False,
 ) -> None:
@@ -104,11 +102,14 @@ class _Span:
 
 def _recording(path: Path, console: Console) -> dict[str, Any]:
     size = recording_bytes(path)
-    header, traffic, span = read_info(path), Traffic(), _Span()
+    header = read_info(path)
+    traffic = Traffic()
+    span = _Span()
     topics: dict[str, _Span] = {}
     sensors: dict[str, Counter[str]] = {}
     statuses: dict[int, str] = {}
-    damage, ended = None, False
+    damage = None
+    ended = False
     with reading_progress(console, path, size) as advance:
         for record in read(path, advance):
             value = record.value
@@ -156,13 +157,15 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
     from gcs.report.telemetry.flights import Flights, jump_lines
 
     size = _size(path)
-    traffic, flights, span = Traffic(), Flights(), _Span()
+    traffic = Traffic()
+    flights = Flights()
+    span = _Span()
     damage: list[UnreadableBytes] = []
     stretches = bad_bytes = 0
     with open_regular(path) as file, reading_progress(console, path, size) as advance:
-        stamped = is_stamped(file, str(path))
-        line = FrameTimes(stamped=stamped)
-        for number, part in enumerate(read_log(file, stamped=stamped)):
+        check_log(file, str(path))
+        clock = LogClock()
+        for number, part in enumerate(read_log(file)):
             if number % _PROGRESS_PERIOD == 0:
                 advance(part.offset)
             if isinstance(part, UnreadableBytes):
@@ -171,19 +174,18 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
                 if len(damage) < _MAX_DAMAGE_LISTED:
                     damage.append(part)
             else:
-                t_ns = line(part)
+                t_ns = clock.time_of(part.t_ns)
                 span.add(t_ns)
                 _count(traffic, part, t_ns)
                 if part.validity == "good":
                     flights.add_frame(t_ns, part.frame)
     flown = flights.flights(span.first_t_ns)
     return {
-        "kind": "tlog" if stamped else "raw MAVLink",
+        "kind": "tlog",
         "file": str(path),
         "bytes": size,
-        "timed_by": line.timed_by,
-        **(span.times() if line.timed_by else {"first_t_ns": None, "last_t_ns": None, "seconds": None}),
-        "clock_jumps": line.jumps,
+        **span.times(),
+        "clock_jumps": clock.jumps,
         "position_jumps": {
             str(system): [jump._asdict() for jump in flight.jumps]
             for system, flight in flown.items()

@@ -36,10 +36,6 @@ def _heading(contents: dict[str, Any]) -> str:
     text = f"{contents['file']}: {contents['kind']}, {decimal(contents['bytes'])}"
     if contents.get("parts", 1) > 1:
         text += f" in {contents['parts']} parts"
-    if contents["seconds"] is None:
-        return text + ", without times"
-    if contents.get("timed_by") == "boot clocks":
-        return f"{text}, {contents['seconds']:.1f} s by the vehicles' own clocks"
     start = datetime.fromtimestamp(contents["first_t_ns"] // NS_PER_S, tz=UTC)
     return f"{text}, {contents['seconds']:.1f} s from {start:%Y-%m-%d %H:%M:%S} UTC"
 
@@ -135,10 +131,9 @@ def _damage(contents: dict[str, Any], console: Console) -> None:
         )
         _print(console, f"frames of unknown message ids: {ids}", "yellow")
     if contents.get("clock_jumps"):
-        stamped = contents["timed_by"] == "stamps"
-        what = "its clock was set" if stamped else "a vehicle was rebooted"
         jumps = contents["clock_jumps"]
-        _print(console, f"{what} {'once' if jumps == 1 else f'{jumps} times'} while it was written", "yellow")
+        often = "once" if jumps == 1 else f"{jumps} times"
+        _print(console, f"its clock was set {often} while it was written", "yellow")
     for remark in contents.get("remarks", ()):
         _print(console, remark, "yellow")
     damage = contents["damage"]

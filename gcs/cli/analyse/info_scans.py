@@ -33,7 +33,8 @@ def detections_contents(path: Path) -> dict[str, Any]:
         raise ConfigError(str(path), "", "is empty")
     if path.suffix.lower() == ".npz":
         arrays = read_npz(path)
-        table, more = array_table(path, arrays, "meas"), sorted(set(arrays) - {"meas"})
+        table = array_table(path, arrays, "meas")
+        more = sorted(set(arrays) - {"meas"})
     else:
         table = read_csv(path, DETECTION_TITLES)
     return {
@@ -51,7 +52,8 @@ def _scans(rows: FloatArray, of: Columns) -> dict[str, Any]:
     """Count scans. Times are in seconds if the file has them, else in scan numbers."""
     title = of.time
     first = rows[:, 0] * (TIME_UNIT_NS[title] / NS_PER_S if title in TIME_UNIT_NS else 1.0)
-    is_detection, is_finite = of.is_detection(rows), np.zeros(len(rows), np.bool_)
+    is_detection = of.is_detection(rows)
+    is_finite = np.zeros(len(rows), np.bool_)
     for pair in (of.position, of.polar):
         if pair is not None:
             is_finite |= np.isfinite(rows[:, pair]).all(axis=1)
@@ -84,7 +86,8 @@ def print_detections(contents: dict[str, Any], console: Console) -> None:
     print_line(f"{contents['file']}: detections, {decimal(contents['bytes'])}{more}")
     if contents["sensors"]:
         print_line(f"sensors: {', '.join(contents['sensors'])}")
-    scans, unit = contents["scans"], "" if contents["column"] == "k" else " s"
+    scans = contents["scans"]
+    unit = "" if contents["column"] == "k" else " s"
     if not scans:
         print_line("no scans", "yellow")
         return

@@ -104,7 +104,8 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
     source = open_source(options, console)
     warm_up(console, TRACKING, PLANNING, LINKS)
     replay = source.replay(options.window)
-    verifier, comparison = Verifier(), Comparison()
+    verifier = Verifier()
+    comparison = Comparison()
     if options.verify:
         replay.watchers.append(verifier)
     compares = options.file.config is not None and source.header is not None
@@ -144,7 +145,8 @@ def open_source(options: ReplayOptions, console: Console) -> _Source:
     RecordingError, ConfigError
         When it cannot be read, or its mission or seed is missing.
     """
-    file, path = options.file, options.file.path
+    file = options.file
+    path = options.file.path
     if not file.is_recording():
         return _open_log(options, console)
     header = read_info(path)
@@ -172,7 +174,8 @@ def open_source(options: ReplayOptions, console: Console) -> _Source:
     if not is_unchanged:
         records = itertools.chain(first, records)
         return _Source(header, config, seed, records, start_t_ns, lambda _: read(path, only=only))
-    places, end_t_ns = cache(partial(snapshot_places, path)), cache(partial(read_end_t_ns, path))
+    places = cache(partial(snapshot_places, path))
+    end_t_ns = cache(partial(read_end_t_ns, path))
 
     def records_from(t_ns: int) -> Iterator[Record]:
         scanned_t_ns = min(t_ns, end_t_ns() or t_ns) - _SCANNED_NS
@@ -189,7 +192,8 @@ def open_source(options: ReplayOptions, console: Console) -> _Source:
 
 
 def _open_log(options: ReplayOptions, console: Console) -> _Source:
-    file, path = options.file, options.file.path
+    file = options.file
+    path = options.file.path
     if options.verify:
         raise RecordingError(str(path), "is not a recording of gcs: it has no outputs to verify")
     config = _derived_mission(path, console) if file.config is None else load(file.config)
@@ -202,7 +206,8 @@ def _open_log(options: ReplayOptions, console: Console) -> _Source:
 def _derived_mission(path: Path, console: Console) -> Config:
     """Return a mission with the vehicles of a log, its positions and speed, and no targets."""
     config = parse(mission_text(read_vehicles(path), mission_name(path.stem), path.name), str(path))
-    frame, area = config.local_frame, config.map
+    frame = config.local_frame
+    area = config.map
     console.print(
         f"mission from the log: {named(agent.vehicle for agent in config.agents)}, no targets, "
         f"{config.airframe.speed_m_s:g} m/s, map {area.width_m / 1e3:.1f} km x {area.height_m / 1e3:.1f} km "
@@ -233,13 +238,9 @@ async def _play(replay: Replay, options: ReplayOptions, console: Console) -> boo
     stop = asyncio.Event()
     undo = wait_for_interrupt(stop)
     plain = options.headless or options.verify or not console.is_terminal
-    speed = (
-        options.speed
-        if options.speed is not None
-        else math.inf
-        if plain and not options.page.is_asked_for
-        else 1.0
-    )
+    speed = options.speed
+    if speed is None:
+        speed = math.inf if plain and not options.page.is_asked_for else 1.0
     try:
         async with _display(replay, options, console, speed):
             await replay.run(stop, speed)
@@ -336,7 +337,8 @@ def _print_verification(
 
 
 def _different_versions(header: RecordingInfo | None) -> list[tuple[str, str, str]]:
-    recorded, present = {} if header is None else header.versions, versions()
+    recorded = {} if header is None else header.versions
+    present = versions()
     return [
         (name, version, present.get(name, "missing"))
         for name, version in recorded.items()

@@ -31,7 +31,7 @@ app = command_app()
 def replay(
     recording: Annotated[
         Path,
-        typer.Argument(help="A recording (its folder or .mcap), a .tlog or raw MAVLink."),
+        typer.Argument(help="A recording (its folder or .mcap), or a .tlog."),
     ],
     speed: Annotated[
         str | None,

@@ -23,9 +23,7 @@ app = command_app()
 
 @app.command()
 def report(
-    recording: Annotated[
-        Path, typer.Argument(help="A recording, a .tlog of any ground station, or raw MAVLink.")
-    ],
+    recording: Annotated[Path, typer.Argument(help="A recording, or a .tlog of any ground station.")],
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder for the page.  [default: RECORDING/report, or NAME-report]"),

@@ -1,6 +1,6 @@
 """Material of the page about a run, read from its file.
 
-The file is read once, whatever its kind: a recording, a telemetry log, a raw MAVLink stream. The page names
+The file is read once, whatever its kind: a recording or a telemetry log. The page names
 what the file does not have (ground truth, tracks, times) and shows the rest.
 """
 
@@ -28,8 +28,8 @@ from gcs.errors import ConfigError, GcsError, RecordingError
 from gcs.files import open_regular
 from gcs.io.recording.mcap_file import recording_bytes
 from gcs.io.recording.reader import Damage, read, read_info
-from gcs.io.recording.timestamps import FrameTimes, TimeSource
-from gcs.io.recording.tlog import LogFrame, is_stamped, read_log
+from gcs.io.recording.timestamps import LogClock
+from gcs.io.recording.tlog import LogFrame, check_log, read_log
 from gcs.mavlink.frames.codec import scan
 from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
 from gcs.report.plots.maps import Ground
@@ -126,7 +126,9 @@ class _Reading:
         path = self.file.path
         header = read_info(path)
         self._find_mission(header.config_text)
-        seed = self.file.seed if self.file.seed is not None else header.run and header.run.seed
+        seed = self.file.seed
+        if seed is None and header.run:
+            seed = header.run.seed
         self.seed = seed or 0
         ground = self._ground(known=seed is not None)
         engine = self._engine(can_repeat=ground is not None)
@@ -163,18 +165,22 @@ class _Reading:
         return self._material(name, "recording", timeline, flights, evaluator, ground, header.versions)
 
     def log(self) -> Material:
-        """Read a telemetry log or a raw stream; run the trackers if a mission is given."""
+        """Read a telemetry log; run the trackers if a mission is given."""
         file = self.file
-        builder, evaluator, ground = TimelineBuilder(), None, None
+        builder = TimelineBuilder()
+        evaluator = None
+        ground = None
         added = file.load_detections()
         if added is not None:
             self.remarks += added.detections.remarks
         if file.config is not None:
-            self.config, self.seed = load(file.config), file.seed or 0
-            evaluator, ground = evaluator_of(self.config), self._ground(known=True)
+            self.config = load(file.config)
+            self.seed = file.seed or 0
+            evaluator = evaluator_of(self.config)
+            ground = self._ground(known=True)
             builder = TimelineBuilder(evaluator)
         flights = self._flights()
-        timed_by, span = self._read_log(flights)
+        span = self._read_log(flights)
         timeline = builder.build()
         with TracksCsv(self.csv) as csv:
             if self.config is not None:
@@ -189,39 +195,36 @@ class _Reading:
                 "A telemetry log has no scans and no mission: the page shows the reports of the vehicles. "
                 "With --config and a mission of these vehicles, the agents' tracker runs on it."
             )
-        if timed_by == "boot clocks":
-            self.remarks.append("A raw MAVLink stream: times are from the vehicles' own clocks.")
-        elif timed_by is None:
-            self.remarks.append("A raw MAVLink stream without times: nothing is shown over time.")
-        kind = "telemetry log" if timed_by == "stamps" else "raw MAVLink"
-        return self._material(file.path.name, kind, timeline, flights, evaluator, ground, {}, span)
+        return self._material(file.path.name, "telemetry log", timeline, flights, evaluator, ground, {}, span)
 
-    def _read_log(self, flights: Flights) -> tuple[TimeSource | None, tuple[int, int]]:
-        """Read every frame; return the source of the times, and the first and last time."""
+    def _read_log(self, flights: Flights) -> tuple[int, int]:
+        """Read every frame; return the first and the last time."""
         path = self.file.path
         size = path.stat().st_size
-        times, bad_bytes, stretches = [0, 0], 0, 0
+        times = [0, 0]
+        bad_bytes = 0
+        stretches = 0
         with open_regular(path) as file, reading_progress(self.console, path, size) as advance:
-            stamped = is_stamped(file, str(path))
-            line = FrameTimes(stamped=stamped)
-            for number, part in enumerate(read_log(file, stamped=stamped)):
+            check_log(file, str(path))
+            clock = LogClock()
+            for number, part in enumerate(read_log(file)):
                 if number % _PROGRESS_PERIOD == 0:
                     advance(part.offset)
                 if not isinstance(part, LogFrame):
-                    stretches, bad_bytes = stretches + 1, bad_bytes + part.length
+                    stretches += 1
+                    bad_bytes += part.length
                 elif part.validity == "good":
-                    t_ns = line(part)
+                    t_ns = clock.time_of(part.t_ns)
                     times = [times[0] or t_ns, max(times[1], t_ns)]
                     self.traffic.add_frame(t_ns, part.frame)
                     flights.add_frame(t_ns, part.frame)
         if bad_bytes:
             places = _times(stretches, "stretch", "stretches")
             self.remarks.append(f"{bad_bytes} damaged bytes, in {places}, were skipped.")
-        if line.jumps:
-            often = _times(line.jumps, "time", "times")
-            what = "Its clock was set" if stamped else "A vehicle was rebooted"
-            self.remarks.append(f"{what} {often} while it was written; the time line continues.")
-        return line.timed_by, (times[0], times[1])
+        if clock.jumps:
+            often = _times(clock.jumps, "time", "times")
+            self.remarks.append(f"Its clock was set {often} while it was written; the time line continues.")
+        return times[0], times[1]
 
     def _find_mission(self, text: str) -> None:
         if self.file.config is not None:
@@ -288,9 +291,11 @@ class _Reading:
         versions: dict[str, str],
         span_t_ns: tuple[int, int] | None = None,
     ) -> Material:
-        start_t_ns, duration_s = timeline.start_t_ns, timeline.duration_s
+        start_t_ns = timeline.start_t_ns
+        duration_s = timeline.duration_s
         if span_t_ns is not None:
-            start_t_ns, duration_s = span_t_ns[0], (span_t_ns[1] - span_t_ns[0]) / 1e9
+            start_t_ns = span_t_ns[0]
+            duration_s = (span_t_ns[1] - span_t_ns[0]) / 1e9
             timeline = replace(timeline, start_t_ns=start_t_ns, duration_s=duration_s)
         flown = flights.flights(start_t_ns)
         self.remarks += jump_lines(flown)

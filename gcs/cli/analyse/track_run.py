@@ -165,7 +165,8 @@ def track_detections(
     clock
         Time in seconds, for the time of a scan.
     """
-    anywhere, params = detections.anywhere, detections.params
+    anywhere = detections.anywhere
+    params = detections.params
     tracker = Glmb(
         "targets",
         params,

@@ -74,7 +74,8 @@ class Comparison:
 
     def restart(self) -> None:
         """Forget everything: the replay begins again at its start."""
-        self.recorded_outcome, self.replayed_outcome = Outcome(), Outcome()
+        self.recorded_outcome = Outcome()
+        self.replayed_outcome = Outcome()
         self._in_window = False
 
     def event(self, number: int, t_ns: int, effects: list[Effect], *, in_window: bool) -> None:  # noqa: ARG002
@@ -94,7 +95,8 @@ class Comparison:
 
     def rows(self, start_t_ns: int) -> list[Row]:
         """Return the compared values, with times in seconds from `start_t_ns`."""
-        recorded, replayed = self.recorded_outcome, self.replayed_outcome
+        recorded = self.recorded_outcome
+        replayed = self.replayed_outcome
 
         def at(t_ns: int) -> str:
             return f"{(t_ns - start_t_ns) / NS_PER_S:.1f} s"

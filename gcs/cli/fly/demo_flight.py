@@ -105,8 +105,8 @@ def _fly_and_summarise(
     warm_up(console)
     evaluator = evaluator_of(config)
     run = Run(config.name, options.seed)
-    name, table = f"{config.name}-{options.seed}", config.recording
-    with open_recorder(options.out, name, text, run, table) as recorder:
+    name = f"{config.name}-{options.seed}"
+    with open_recorder(options.out, name, text, run, config.recording) as recorder:
         folder = recorder.folder
         firmware = new_folder(folder, FIRMWARE_NAME) if options.sitl else None
         health, links, duration_s, interrupted = asyncio.run(
@@ -134,7 +134,8 @@ def _show(
     *,
     interrupted: bool,
 ) -> int:
-    picture, problem = None, ""
+    picture = None
+    problem = ""
     try:
         with console.status("drawing the picture of the run"):
             picture = _draw_recording(folder, config, options.seed)
@@ -189,7 +190,8 @@ async def _fly(
     """Fly; return health, link counters, run time in seconds, and True if interrupted."""
     forward = [link for link in config.mavlink_links if link.role != "vehicles"]
     open_links = [Link(parse_endpoint("udpin:127.0.0.1:0")), *forward]
-    stop, interrupt = asyncio.Event(), asyncio.Event()
+    stop = asyncio.Event()
+    interrupt = asyncio.Event()
     loop = asyncio.get_running_loop()
     endpoint = free_endpoint()
 
@@ -217,7 +219,8 @@ async def _fly(
             truth_key(config.name),
             lambda key, payload: on_loop(loop, add_truth, key, payload),
         )
-        undo, undo_hangup = wait_for_interrupt(interrupt), fly_on_after_hangup(view)
+        undo = wait_for_interrupt(interrupt)
+        undo_hangup = fly_on_after_hangup(view)
         relay = asyncio.create_task(_stop_on_interrupt(interrupt, stop))
         try:
             console.print(

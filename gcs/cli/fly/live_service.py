@@ -104,8 +104,10 @@ class _Flight:
         is_standby: bool,
     ) -> None:
         """Command until interrupted; as a standby, only when the service that commands is gone."""
-        stop, at_once = asyncio.Event(), asyncio.Event()
-        undo, undo_hangup = wait_for_interrupt(stop, at_once), fly_on_after_hangup(view)
+        stop = asyncio.Event()
+        at_once = asyncio.Event()
+        undo = wait_for_interrupt(stop, at_once)
+        undo_hangup = fly_on_after_hangup(view)
         try:
             with self._bus(is_standby=is_standby) as (bus, endpoint):
                 taken = await self._follow(bus, links, stop) if is_standby else None
@@ -161,7 +163,8 @@ class _Flight:
         at_once: asyncio.Event,
     ) -> None:
         """Command, with a recording, a journal, a console and a display."""
-        links, keeper = service.links, JournalSink(service, journal)
+        links = service.links
+        keeper = JournalSink(service, journal)
         publisher = EventPublisher(service, bus, self.fingerprint)
         service.recorder = recorder
         service.outputs += [view.writer, recorder.writer, keeper.writer, publisher.writer]

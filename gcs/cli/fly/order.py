@@ -154,7 +154,8 @@ def confirm(
     Without a number it prints the plan, asks, and confirms what it printed. Routes start where the vehicles
     are at that time. If the plan has changed since, the order is refused.
     """
-    service, printed = _Service(mission, zenoh, timeout, as_json), None
+    service = _Service(mission, zenoh, timeout, as_json)
+    printed = None
     if plan is None:
         printed = _print_proposal(service)
         plan = printed.plan_id
@@ -385,7 +386,8 @@ def _collect(order: OrderMessage, service: _Service, console: Console, answers: 
     for answer in send_order(zenoh, mission, order, min(timeout_s, 5.0), timeout_s):
         answers.append(answer)
         notice = answer_notice(answer)
-        text, level = notice.line, notice.level
+        text = notice.line
+        level = notice.level
         if answer.proposal is not None:
             text = "\n  ".join([proposal_title(answer.proposal), *route_lines(answer.proposal)])
         style = {"info": "", "warning": "yellow", "alarm": "bold red"}[level]

@@ -53,7 +53,9 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     config = load(scenario)
     grid = mission_grid(config, seed)
     blocked = int(grid.blocked.sum())
-    area, planning, tracking = config.map, config.planning, config.tracking
+    area = config.map
+    planning = config.planning
+    tracking = config.tracking
     table = Table(title=f"{config.name}: {config.description}", title_justify="left", show_header=False)
     table.add_column(style="bold")
     table.add_column()
@@ -106,7 +108,8 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     for link in config.mavlink_links:
         network = f", network {link.network}" if link.network else ""
         table.add_row("MAVLink", f"{link.name}: {_ROLES[link.role]}{network}")
-    fence, rally = fence_of(config, scenario), rally_of(config)
+    fence = fence_of(config, scenario)
+    rally = rally_of(config)
     ceiling = f"ceiling {fence.max_alt_rel_m:g} m" if fence.max_alt_rel_m else "no ceiling"
     table.add_row("fence", f"{len(fence.areas)} areas, {ceiling}; {len(rally)} rally points")
     table.add_row("zenoh", f"{config.links.zenoh} ({config.links.zenoh_role}s)")

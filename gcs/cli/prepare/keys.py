@@ -68,7 +68,8 @@ def new(
     console = console_for(stderr=True)
     with exit_on_error():
         keys = read_keys(file) if file.exists() else KeyFile(file)
-        vehicles, links = sorted({*(vehicle or ())}), _endpoints(link)
+        vehicles = sorted({*(vehicle or ())})
+        links = _endpoints(link)
         there = [_name(v) for v in vehicles if v in keys.vehicles] + [n for n in links if n in keys.links]
         if not vehicles and not links and keys.default is not None:
             there = ["all vehicles"]
@@ -255,7 +256,8 @@ def _install(
 
     with console.status(f"waiting for {len(wanted)} vehicles on {escape(endpoint)}"):
         try:
-            where, times = parse_endpoint(endpoint), TimeFile(keys.path)
+            where = parse_endpoint(endpoint)
+            times = TimeFile(keys.path)
             install_keys(
                 where, wanted, times, timeout_s, on_result, lambda text: console.print(text, highlight=False)
             )

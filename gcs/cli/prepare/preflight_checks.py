@@ -15,8 +15,9 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.config import Config, load
+from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
-from gcs.core.preflight.result import Check, PreflightResult
+from gcs.core.preflight.result import Check, CheckRow, PreflightResult
 from gcs.core.preflight.vehicle_checks import envelope_of, vehicle_checks
 from gcs.errors import LinkError, WireError
 from gcs.fence import fence_of
@@ -75,14 +76,15 @@ def run_preflight(
                 console,
             )
         )
-    refused = sum(check.level == "refused" for check in checks)
-    warnings = sum(check.level == "warning" for check in checks)
-    print_checks([c for c in checks if not (brief and c.level == "ok")], config.name, console)
+    rows = [check.row for check in checks]
+    refused = sum(row.level == "refused" for row in rows)
+    warnings = sum(row.level == "warning" for row in rows)
+    print_checks([row for row in rows if not (brief and row.level == "ok")], config.name, console)
     verdict = f"{refused} refused: do not fly" if refused else "nothing refused"
     style = "bold red" if refused else "bold"
     console.print(f"{verdict}, {warnings} warnings", style=style, highlight=False, soft_wrap=True)
     if as_json:
-        result = PreflightResult(config.name, not refused, refused, warnings, tuple(checks))
+        result = PreflightResult(config.name, not refused, refused, warnings, tuple(rows))
         print(msgspec.json.encode(result).decode(), flush=True)  # noqa: T201  the output of --json
     return not refused
 
@@ -126,7 +128,8 @@ async def _run_checks(
         PreflightQuery(vehicle, envelope_of(config, vehicle), session.fleet.encoder(vehicle), own)
         for vehicle in config.speeds_m_s
     ]
-    began_s, watch = time.monotonic(), ClockWatch()
+    began_s = time.monotonic()
+    watch = ClockWatch()
 
     def has_heard_enough() -> bool:
         has_scans = scan_listener is None or bool(scan_listener.scans or scan_listener.problems)
@@ -153,17 +156,13 @@ async def _run_checks(
     )
     checks += mission_checks(config, rehearsal)
     news = {(one.code, one.subject, *one.parameters.items()): one for one in session.notices}
-    checks += [
-        Check(None, "link", "ok" if notice.level == "info" else "warning", notice.line)
-        for notice in news.values()
-    ]
+    for notice in news.values():
+        code = CheckCode.LINK_NEWS if notice.level == "info" else CheckCode.LINK_WARNING
+        checks.append(Check(None, code, {"notice": notice.line}))
     if scan_listener is not None:
         checks += sensor_checks(scan_listener.scans, scan_listener.problems, waited_s)
     if step_ns := watch.step_ns():
-        text = f"set by {step_ns / NS_PER_S:+.1f} s during the checks"
-        checks.append(
-            Check(None, "clock", "warning", text, "not set", "check again: ages of scans may be wrong")
-        )
+        checks.append(Check(None, CheckCode.CLOCK_SET, {"step_s": step_ns / NS_PER_S}))
     return checks
 
 
@@ -176,7 +175,7 @@ def _progress(status: Status, queries: list[PreflightQuery]) -> Callable[[], Non
     return show
 
 
-def print_checks(checks: list[Check], name: str, console: Console) -> None:
+def print_checks(checks: list[CheckRow], name: str, console: Console) -> None:
     """Print the checks: as a table in a wide terminal, else one line for each."""
     if console.is_terminal and console.width >= _MIN_TABLE_COLUMNS:
         console.print(_table(checks, name))
@@ -199,7 +198,7 @@ def print_checks(checks: list[Check], name: str, console: Console) -> None:
         console.print(line, highlight=False, soft_wrap=True)
 
 
-def _table(checks: list[Check], name: str) -> Table:
+def _table(checks: list[CheckRow], name: str) -> Table:
     table = Table(title=f"pre-flight of {name}", title_justify="left", pad_edge=False)
     for column in ("subject", "check", "", "value", "expected", "what to do"):
         table.add_column(column, overflow="fold")
@@ -207,7 +206,8 @@ def _table(checks: list[Check], name: str) -> Table:
     for check in checks:
         if subject and check.subject != subject:
             table.add_section()
-        is_first, subject = check.subject != subject, check.subject
+        is_first = check.subject != subject
+        subject = check.subject
         style = _STYLE[check.level]
         table.add_row(
             subject if is_first else "",

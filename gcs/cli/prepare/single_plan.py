@@ -107,7 +107,8 @@ def _positions(given: Sequence[str], option: str, grid: Grid) -> list[Point]:
             raise ConfigError(option, text, "expected x,y: two numbers with a comma and no space") from None
         if not grid.contains((x, y)):
             rows, cols = grid.shape
-            (west, south), (east, north) = grid.point_of((0, 0)), grid.point_of((rows - 1, cols - 1))
+            west, south = grid.point_of((0, 0))
+            east, north = grid.point_of((rows - 1, cols - 1))
             raise ConfigError(
                 option, text, f"lies off the map, x {west:g} ... {east:g}, y {south:g} ... {north:g}"
             )

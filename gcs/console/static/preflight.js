@@ -1,6 +1,6 @@
 // Preflight page: one table for each vehicle, and one for the mission.
 
-/** @import { Check, PreflightReply, PreflightRun } from "../page_types.d.ts" */
+/** @import { CheckRow, PreflightReply, PreflightRun } from "../page_types.d.ts" */
 
 import { el, part, setClass, setText } from "./dom.js";
 import { utc, vehicleName } from "./format.js";
@@ -23,7 +23,7 @@ function nameOf(vehicle) {
   return vehicle === null ? "Mission" : `Vehicle ${vehicleName(vehicle)}`;
 }
 
-/** @param {Check} check */
+/** @param {CheckRow} check */
 function row({ name, level, value, wanted, remedy }) {
   const isGood = level === "ok";
   return el(
@@ -39,7 +39,7 @@ function row({ name, level, value, wanted, remedy }) {
 
 /**
  * @param {number | null} vehicle
- * @param {Check[]} checks
+ * @param {CheckRow[]} checks
  */
 function table(vehicle, checks) {
   const problems = checks.filter((one) => one.level !== "ok");

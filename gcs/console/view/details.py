@@ -48,11 +48,13 @@ def vehicle_detail(engine: Engine, vehicle: int, t_ns: int, verified: tuple[int,
     UnknownVehicleError
         When the mission has no such vehicle.
     """
-    agent, fleet = engine.state.agents.get(vehicle), engine.stages.fleet
+    agent = engine.state.agents.get(vehicle)
     if agent is None:
         raise UnknownVehicleError
-    health, height = fleet.health_of(vehicle), engine.stages.return_heights.height(vehicle)
-    retry, integrity = agent.tasking.retry, agent.perception.integrity
+    health = engine.stages.fleet.health_of(vehicle)
+    height = engine.stages.return_heights.height(vehicle)
+    retry = agent.tasking.retry
+    integrity = agent.perception.integrity
     return VehicleDetail(
         t_s=t_ns / NS_PER_S,
         agent=engine.stages.status_report.agent(health, t_ns),
@@ -102,11 +104,12 @@ def _link(engine: Engine, health: Health) -> LinkDetail:
 
 
 def _mission(agent: Agent, frame: LocalFrame, t_ns: int, verified: tuple[int, int]) -> MissionDetail | None:
-    tasking, onboard = agent.tasking, agent.tasking.onboard
+    tasking = agent.tasking
+    onboard = agent.tasking.onboard
     if onboard is None:
         return None
     mission_id, verified_t_ns = verified
-    is_known = onboard.mission_id == mission_id != 0
+    is_known = mission_id != 0 and mission_id == onboard.mission_id
     return MissionDetail(
         target=onboard.route.target,
         items=tuple(_item(seq, item, frame) for seq, item in enumerate(onboard.items)),

@@ -82,16 +82,19 @@ class Feed:
         self.is_watched = False
         self.start_t_ns = start_t_ns
         self.news = News()
-        self._take, self._states = take, states
+        self._take = take
+        self._states = states
         self._passed_t_ns = 0
         self.t_ns = start_t_ns or 0
         self._due_s = 0.0
-        self._step_s, self._took_s = 0.0, 0.0
+        self._step_s = 0.0
+        self._took_s = 0.0
 
     def restart(self) -> None:
         """Forget everything: a replay begins again at another time."""
         self.news = News()
-        self._passed_t_ns, self.t_ns = 0, self.start_t_ns or 0
+        self._passed_t_ns = 0
+        self.t_ns = self.start_t_ns or 0
         self._due_s = 0.0
 
     def event(self, event: Event) -> None:
@@ -111,7 +114,8 @@ class Feed:
             self.start_t_ns = event.t_ns
         if self.news.begun_t_ns is None:
             self.news.begun_t_ns = self.t_ns = event.t_ns
-        self._step_s, self._took_s = time.perf_counter(), 0.0
+        self._step_s = time.perf_counter()
+        self._took_s = 0.0
 
     def effect(self, t_ns: int, effect: Effect) -> None:
         """Keep an effect that a page shows."""

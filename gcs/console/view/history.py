@@ -71,11 +71,14 @@ class History:
         self._marks: list[Mark] = []
         self._proposals = ProposalLog()
         self._tasked = set[int]()
-        self._retasks_s, self._failures_s = list[float](), list[float]()
+        self._retasks_s = list[float]()
+        self._failures_s = list[float]()
         """Times of re-tasks and of failed uploads."""
-        self._charts, self._has_charts = ChartData(), False
+        self._charts = ChartData()
+        self._has_charts = False
         self._lock = threading.Lock()
-        self._encoded, self._encoded_s = b"", -_ENCODED_S
+        self._encoded = b""
+        self._encoded_s = -_ENCODED_S
 
     def restart(self) -> None:
         """Ignore the marks that are known: the replay begins again at its start."""

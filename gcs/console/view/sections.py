@@ -20,7 +20,8 @@ MAX_DETECTIONS: Final = 20_000
 
 def mission_info(config: Config, run: RunInfo) -> MissionInfo:
     """Return what does not change in a run."""
-    area, frame = config.map, config.local_frame
+    area = config.map
+    frame = config.local_frame
     return MissionInfo(
         **msgspec.structs.asdict(run),
         name=config.name,

@@ -33,7 +33,8 @@ class _Line:
     """Sum, number and maximum of the values in each bin."""
 
     def __init__(self) -> None:
-        self.total, self.count = np.zeros(BINS), np.zeros(BINS)
+        self.total = np.zeros(BINS)
+        self.count = np.zeros(BINS)
         self.peak = np.full(BINS, -np.inf)
 
     def add(self, index: int, value: float) -> None:
@@ -172,8 +173,10 @@ class ChartData:
             if (index - known[-1]) * self.width_s >= _RATE_S:
                 known.append(index)
         del known[0]
-        rate, loss = np.full(self._used, np.nan), np.full(self._used, np.nan)
-        came, missed = np.diff(frames[known]), np.diff(lost[known])
+        rate = np.full(self._used, np.nan)
+        loss = np.full(self._used, np.nan)
+        came = np.diff(frames[known])
+        missed = np.diff(lost[known])
         with np.errstate(divide="ignore", invalid="ignore"):
             rate[known[1:]] = came / np.diff(time_s[known])
             loss[known[1:]] = 100.0 * np.maximum(missed, 0.0) / (came + np.maximum(missed, 0.0))

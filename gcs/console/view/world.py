@@ -123,7 +123,8 @@ class World:
 
         A replay that has begun again at another time gives a snapshot, as soon as there is something to show.
         """
-        found, news = feed.news, dict[str, Any]()
+        found = feed.news
+        news = dict[str, Any]()
         self._snapshot = None
         is_new = self._news is not None and found is not self._news
         if is_new and found.capture is None:

@@ -19,7 +19,10 @@ from gcs.files import read_bytes
 
 DEFAULT_HOST: Final = "127.0.0.1"
 DEFAULT_PORT: Final = 8480
-CERTIFICATE, KEY, OPERATE, VIEW = "cert.pem", "key.pem", "operate.token", "view.token"
+CERTIFICATE = "cert.pem"
+KEY = "key.pem"
+OPERATE = "operate.token"
+VIEW = "view.token"
 _MIN_TOKEN: Final = 16
 _MAX_BYTES: Final = 64 * 1024
 

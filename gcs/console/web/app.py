@@ -73,9 +73,15 @@ class Board:
         watch: Callable[[], None],
         detail: Callable[[int], Awaitable[VehicleDetail | None]],
     ) -> None:
-        self.world, self.clients, self.desk, self.playback = world, clients, desk, playback
-        self.history, self.preflight, self.tiles = history, preflight, tiles
-        self._watch, self.detail = watch, detail
+        self.world = world
+        self.clients = clients
+        self.desk = desk
+        self.playback = playback
+        self.history = history
+        self.preflight = preflight
+        self.tiles = tiles
+        self._watch = watch
+        self.detail = detail
         self._asked_s = -_ASKED_S
         self._changed = asyncio.Event()
 
@@ -106,7 +112,8 @@ class Board:
 
     async def capture(self) -> Capture | None:
         """Return a capture that is made now; None if the run makes none."""
-        before, until_s = self.world.capture, time.monotonic() + 1.0
+        before = self.world.capture
+        until_s = time.monotonic() + 1.0
         self.ask()
         while self.world.capture is before and time.monotonic() < until_s:
             await self.changed(until_s - time.monotonic())
@@ -115,7 +122,8 @@ class Board:
 
 def make_app(boards: Sequence[Board], access: Access, listener: Listener) -> ASGIApp:
     """Return the application behind its guard. With two boards its first page compares them."""
-    static, attempts = StaticFiles(), Attempts(access)
+    static = StaticFiles()
+    attempts = Attempts(access)
     others = [
         Mount("/b", routes=[Route("/", _Page(board, static).serve), *_data_routes(board)])
         for board in boards[1:]
@@ -163,7 +171,9 @@ class _Page:
     """The page; while a browser loads it, its first picture is made."""
 
     def __init__(self, board: Board, static: StaticFiles, name: str = "index.html") -> None:
-        self._board, self._static, self._name = board, static, name
+        self._board = board
+        self._static = static
+        self._name = name
 
     async def serve(self, _request: Request) -> Response:
         self._board.ask()
@@ -205,11 +215,13 @@ class _Feed:
             await asyncio.gather(sender, return_exceptions=True)
 
     async def _send(self, socket: WebSocket, client: Client) -> None:
-        code, reason = 1008, "the page does not read"
+        code = 1008
+        reason = "the page does not read"
         with contextlib.suppress(WebSocketDisconnect, RuntimeError, TimeoutError):
             while (message := await client.next()) is not None:
                 await asyncio.wait_for(socket.send_bytes(message), _STALLED_S)
-            code, reason = 1013, "too many pages are open"
+            code = 1013
+            reason = "too many pages are open"
         self._board.clients.leave(client)
         with contextlib.suppress(RuntimeError, WebSocketDisconnect):
             await socket.close(code, reason)
@@ -260,7 +272,8 @@ class _Api:
         return _error(problem, 422) if problem else JSONResponse({})
 
     async def marks(self, request: Request) -> Response:
-        history, after = self._board.history, number_of(request.query_params.get("after", "0"))
+        history = self._board.history
+        after = number_of(request.query_params.get("after", "0"))
         if after is None:
             return _error("after: expected a number of marks", 422)
         is_complete = history.is_complete  # before the marks are read
@@ -309,7 +322,8 @@ class _Login:
     """Form that keeps a token in a cookie, out of reach of scripts and of other sites."""
 
     def __init__(self, attempts: Attempts, static: StaticFiles) -> None:
-        self._attempts, self._static = attempts, static
+        self._attempts = attempts
+        self._static = static
 
     async def serve(self, request: Request) -> Response:
         if request.method == "GET":

@@ -48,7 +48,8 @@ class Attempts:
         TooManyAttemptsError
             When the client has tried too many wrong ones.
         """
-        client, now_s = client_of(host), time.monotonic()
+        client = client_of(host)
+        now_s = time.monotonic()
         count, at_s = self._wrong.get(client, (0.0, now_s))
         count = max(0.0, count - _PER_S * (now_s - at_s))
         if count > BURST - 1 and client not in self._known:

@@ -30,7 +30,8 @@ class Client:
     """
 
     def __init__(self, snapshot: Callable[[], bytes], address: str = "", *, may_operate: bool = True) -> None:
-        self.address, self.may_operate = address, may_operate
+        self.address = address
+        self.may_operate = may_operate
         self.used = 0
         """Number of the last use of this page, among the uses of all pages; 0: somebody only opened it."""
         self.is_ended = False
@@ -89,7 +90,8 @@ class Clients:
     """
 
     def __init__(self, snapshot: Callable[[], bytes], limit: int) -> None:
-        self._snapshot, self._limit = snapshot, limit
+        self._snapshot = snapshot
+        self._limit = limit
         self._clients: dict[Client, None] = {}
         self._uses = 0
 

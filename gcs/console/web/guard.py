@@ -66,8 +66,10 @@ class Guard:
     """
 
     def __init__(self, app: ASGIApp, access: Access, listener: Listener, attempts: Attempts) -> None:
-        self._app, self._access = app, access
-        self._listener, self._attempts = listener, attempts
+        self._app = app
+        self._access = access
+        self._listener = listener
+        self._attempts = attempts
         self._hosts = None if access.needs_token else _loopback_names(access.host, access.port or 0)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -92,7 +94,8 @@ class Guard:
         await self._app(scope, receive, _with_headers(send))
 
     async def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str] | None:
-        host, origin = headers.get("host", ""), headers.get("origin")
+        host = headers.get("host", "")
+        origin = headers.get("origin")
         if self._hosts is not None and host.lower() not in self._hosts:
             return 421, f"this console is not {host[:100]!r}"
         if origin is not None and origin.lower() != f"{self._access.scheme}://{host.lower()}":

@@ -68,7 +68,8 @@ class Connection(socket.socket):
 
     def begin(self, *, is_page: bool) -> None:
         """Note that a request has arrived."""
-        self.is_busy, self.is_page = True, is_page
+        self.is_busy = True
+        self.is_page = is_page
         self.since_s = time.monotonic()
 
     def finish(self) -> None:
@@ -146,7 +147,8 @@ class Listener(socket.socket):
                 raise
             self._refuse()  # no descriptor is left: else asyncio logs this as often as it can
             raise BlockingIOError from None
-        client, peer = client_of(address[0]), tuple(address[:2])
+        client = client_of(address[0])
+        peer = tuple(address[:2])
         present = [one for one in self.connections.items() if not one[1].is_ended]
         self._make_room([one for one in present if one[1].client == client], int(self.limit * CLIENT_SHARE))
         self._make_room(present, self.limit)

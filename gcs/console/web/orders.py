@@ -35,7 +35,8 @@ class OrderDesk:
     """
 
     def __init__(self, frame: LocalFrame, submit: Callable[[bytes], None] | None) -> None:
-        self._frame, self._submit = frame, submit
+        self._frame = frame
+        self._submit = submit
 
     def place(self, body: bytes, sender: str) -> str:
         """Check an order and pass it on; return its id.

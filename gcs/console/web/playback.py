@@ -53,7 +53,8 @@ class PlaybackDesk:
     """
 
     def __init__(self, playback: Playback | None, call: Callable[[Callable[[], None]], None]) -> None:
-        self._playback, self._call = playback, call
+        self._playback = playback
+        self._call = call
         self.is_moved = False
         """True after a request for another time, until that time is shown."""
         self.peer: PlaybackDesk | None = None

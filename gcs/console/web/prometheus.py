@@ -51,7 +51,8 @@ def _service(state: ServiceState) -> Iterator[str]:
     stations = float(len(state.stations))
     yield from _gauge("ground_stations", "Other ground stations heard.", [("", stations)])
     if state.space is not None:
-        used, free = float(state.space.used_bytes), float(state.space.free_bytes)
+        used = float(state.space.used_bytes)
+        free = float(state.space.free_bytes)
         yield from _gauge("recording_bytes", "Size of the recording.", [("", used)])
         yield from _gauge("disk_free_bytes", "Space left on its disk.", [("", free)])
 

@@ -55,7 +55,8 @@ class IncursionWarnings:
     """Predicts incursions of onboard missions."""
 
     def __init__(self, state: AirspaceState, onboard_missions: OnboardMissions) -> None:
-        self._state, self._onboard_missions = state, onboard_missions
+        self._state = state
+        self._onboard_missions = onboard_missions
 
     def entries(self, states: Iterable[VehicleState], zones: Mapping[str, Grid]) -> list[Incursion]:
         """Return the first predicted incursion of each vehicle; `zones` have the closed cells of each."""
@@ -77,7 +78,7 @@ class IncursionWarnings:
         notices = []
         for key, entry in due.items():
             before_s = self._state.incursions_s.get(key)
-            if before_s is None or (entry.after_s == 0.0 < before_s):
+            if before_s is None or (entry.after_s == 0.0 and before_s > 0.0):
                 notices.append(entry.notice(t_ns))
         over = sorted(self._state.incursions_s.keys() - due.keys())
         notices += [Notice(t_ns, NoticeCode.ZONE_CLEAR, vehicle, {"zone": zone}) for vehicle, zone in over]
@@ -85,7 +86,8 @@ class IncursionWarnings:
         return notices
 
     def _entry(self, state: VehicleState, name: str, closed: Grid) -> Incursion | None:
-        position, points = (state.east_m, state.north_m), self._onboard_missions.points_ahead(state.system_id)
+        position = (state.east_m, state.north_m)
+        points = self._onboard_missions.points_ahead(state.system_id)
         if not line_of_sight(closed, position, position):
             return Incursion(state.system_id, name, state.mission_seq, 0.0)
         flown_m = 0.0
@@ -100,7 +102,8 @@ class IncursionWarnings:
 
 def _clear_m(closed: Grid, start: Point, end: Point) -> float:
     """Return the clear length of a leg, by bisection."""
-    low, high = 0.0, 1.0
+    low = 0.0
+    high = 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         point = (start[0] + middle * (end[0] - start[0]), start[1] + middle * (end[1] - start[1]))

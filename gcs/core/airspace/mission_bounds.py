@@ -39,8 +39,11 @@ class MissionBoundsCheck:
     """Checks mission items, and the flight along them."""
 
     def __init__(self, config: Config, zones: NoFlyZones) -> None:
-        self._frame, self._zones, self._airframes = config.local_frame, zones, config.airframes_of_agents
-        self._areas, self._ceiling_m = areas_of(config, config.name), config.fence.max_alt_rel_m
+        self._frame = config.local_frame
+        self._zones = zones
+        self._airframes = config.airframes_of_agents
+        self._areas = areas_of(config, config.name)
+        self._ceiling_m = config.fence.max_alt_rel_m
         self._keeps_clear = config.planning.shape == "flyable" and config.planning.clearance_m > 0.0
 
     def problem(self, items: Sequence[Item], state: VehicleState | None) -> str:
@@ -112,10 +115,12 @@ class MissionBoundsCheck:
         first = int(items[0].command == dialect.MAV_CMD_NAV_TAKEOFF)
         if first:
             motion = replace(motion, speed_m_s=airframe.speed_m_s)
-        end, circle = len(items), None
+        end = len(items)
+        circle = None
         if items[-1].command == dialect.MAV_CMD_NAV_LOITER_UNLIM:
             radius_m = max(items[-1].param3 or UNKNOWN_LOITER_RADIUS_M, airframe.turn_radius_m)
-            end, circle = len(items) - 1, LoiterCircle(places_m[-1], radius_m)
+            end = len(items) - 1
+            circle = LoiterCircle(places_m[-1], radius_m)
         radii_m = tuple(item.param2 for item in items[first:end])
         flight = simulate_mission(
             motion,
@@ -155,7 +160,8 @@ class MissionBoundsCheck:
 def _is_blocked(grid: Grid, flown_m: FloatArray) -> BoolArray:
     """Return a mask of the places in blocked cells; none is outside the map."""
     cells = np.round((flown_m - grid.origin_m) / grid.spacing_m).astype(np.int64)
-    (rows, cols), (col, row) = grid.blocked.shape, cells.T
+    rows, cols = grid.blocked.shape
+    col, row = cells.T
     is_on_map = (col >= 0) & (col < cols) & (row >= 0) & (row < rows)
     blocked: BoolArray = is_on_map & grid.blocked[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)]
     return blocked

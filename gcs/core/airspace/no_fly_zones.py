@@ -27,7 +27,8 @@ class NoFlyZones:
     """
 
     def __init__(self, state: AirspaceState, grid: Grid) -> None:
-        self._state, self._open = state, grid
+        self._state = state
+        self._open = grid
         self._draw()
 
     def _draw(self) -> None:

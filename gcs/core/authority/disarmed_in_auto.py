@@ -36,8 +36,11 @@ class DisarmedInAuto:
         tasking: UploadManager,
         orders: Orders,
     ) -> None:
-        self._agents, self._state = agents, state
-        self._fleet, self._tasking, self._orders = fleet, tasking, orders
+        self._agents = agents
+        self._state = state
+        self._fleet = fleet
+        self._tasking = tasking
+        self._orders = orders
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""
@@ -57,7 +60,8 @@ class DisarmedInAuto:
             return effects
         self._state.disarmed_check_t_ns = t_ns + _PERIOD_NS
         for state in self._fleet.states():
-            vehicle, authority = state.system_id, self._agents[state.system_id].authority
+            vehicle = state.system_id
+            authority = self._agents[state.system_id].authority
             if not self._would_take_off(state) or not is_free(vehicle):
                 authority.stays_in_auto = False
             elif authority.loiter is None and not authority.stays_in_auto:
@@ -85,7 +89,8 @@ class DisarmedInAuto:
         return [notice, *self._progress(vehicle, sender, t_ns)]
 
     def _progress(self, vehicle: int, sender: CommandSender, t_ns: int) -> list[Effect]:
-        authority, state = self._agents[vehicle].authority, self._fleet.state(vehicle)
+        authority = self._agents[vehicle].authority
+        state = self._fleet.state(vehicle)
         is_heard = self._agents[vehicle].link.liveness == "alive"
         if not is_heard or (state is not None and state.armed):  # it may fly: it must not be stopped now
             authority.loiter = None

@@ -69,7 +69,8 @@ class ExternalUploads:
 
     def __init__(self, links: Iterable[Link], agents: Mapping[int, Agent], state: AuthorityState) -> None:
         self._networks = {link.name: link.network for link in links if link.role != "vehicles"}
-        self._agents, self._state = agents, state
+        self._agents = agents
+        self._state = state
 
     def hosts(self, link: str) -> bool:
         """Return True if other ground stations use this link."""
@@ -147,7 +148,8 @@ class ExternalUploads:
         message = frame.message()
         if message is None or message.mission_type not in _MISSION_TYPES:
             return
-        agent, sender = self._agents[vehicle], (frame.system_id, frame.component_id)
+        agent = self._agents[vehicle]
+        sender = (frame.system_id, frame.component_id)
         upload = agent.authority.external_upload
         if upload is not None and upload.sender == sender:
             upload.heard_t_ns = datagram.t_ns
@@ -175,7 +177,8 @@ class ExternalUploads:
         if number is not None:
             known = dialect.enums["MAV_CMD"].get(number)
             name = known.name if known is not None else f"command {number}"
-        key, t_ns = (vehicle or 0, (frame.system_id, frame.component_id), name), datagram.t_ns
+        key = (vehicle or 0, (frame.system_id, frame.component_id), name)
+        t_ns = datagram.t_ns
         reports_t_ns = self._state.reports_t_ns
         if t_ns - reports_t_ns.get(key, t_ns - _REPEAT_NS) < _REPEAT_NS:
             return

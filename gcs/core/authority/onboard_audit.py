@@ -48,7 +48,9 @@ class OnboardAudit:
     """Audits in progress."""
 
     def __init__(self, agents: Mapping[int, Agent], fleet: Fleet, tasking: UploadManager) -> None:
-        self._agents, self._fleet, self._tasking = agents, fleet, tasking
+        self._agents = agents
+        self._fleet = fleet
+        self._tasking = tasking
 
     def _audits(self) -> Iterator[tuple[int, Audit]]:
         """Yield the audits in progress, by vehicle."""
@@ -63,7 +65,8 @@ class OnboardAudit:
 
     def begin(self, mission: OnboardMission, t_ns: int, *, known_t_ns: int) -> None:
         """Audit a vehicle that stored a mission at `known_t_ns`."""
-        vehicle, rtt = mission.route.vehicle, RttEstimator()
+        vehicle = mission.route.vehicle
+        rtt = RttEstimator()
         audit = Audit(mission, t_ns, known_t_ns, rtt, _download(vehicle, rtt, t_ns))
         self._agents[vehicle].authority.audit = audit
         self._fleet.forward_next_heartbeat(vehicle)
@@ -75,7 +78,8 @@ class OnboardAudit:
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle; begin an audit after a reboot or a lost link."""
         agent = self._agents[vehicle]
-        mission, authority = agent.tasking.pop_before_boot(), agent.authority
+        mission = agent.tasking.pop_before_boot()
+        authority = agent.authority
         if agent.link.returns != authority.returns:
             authority.returns = agent.link.returns
             mission = mission or agent.tasking.onboard
@@ -104,7 +108,8 @@ class OnboardAudit:
 
     def _check_stored(self, vehicle: int, current: Message, t_ns: int) -> list[Effect]:
         """Audit a vehicle whose MISSION_CURRENT agreed with its verified mission, and no longer does."""
-        agent, profile = self._agents[vehicle], self._fleet.profile(vehicle)
+        agent = self._agents[vehicle]
+        profile = self._fleet.profile(vehicle)
         onboard = agent.tasking.onboard
         if onboard is None or profile is None:
             return []
@@ -114,8 +119,10 @@ class OnboardAudit:
         total = len(onboard.items) - profile.home_items
         opaque_id = int.from_bytes(current.get_payload()[_MISSION_ID], "little")
         if current.total == total and (not stored.opaque_id or opaque_id == stored.opaque_id):
-            stored.is_matched, stored.opaque_id = True, opaque_id
-            stored.differs_t_ns, stored.reports = None, 0
+            stored.is_matched = True
+            stored.opaque_id = opaque_id
+            stored.differs_t_ns = None
+            stored.reports = 0
         elif stored.is_matched:
             stored.differs_t_ns = t_ns if stored.differs_t_ns is None else stored.differs_t_ns
             stored.reports += 1
@@ -185,7 +192,8 @@ def _count_difference(audit: Audit) -> str:
 
     A mission of another number of items is not downloaded: 65,535 items take an hour.
     """
-    count, wanted = audit.download.count, len(audit.mission.items)
+    count = audit.download.count
+    wanted = len(audit.mission.items)
     return f"{count} items instead of {wanted}" if count not in (None, 0, 1, wanted) else ""
 
 

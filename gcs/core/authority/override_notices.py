@@ -40,19 +40,25 @@ class OverrideNotices:
         failsafes: Failsafes,
         fleet: Fleet,
     ) -> None:
-        self._agents, self._state, self._overrides, self._orders = agents, state, overrides, orders
-        self._failsafes, self._fleet = failsafes, fleet
+        self._agents = agents
+        self._state = state
+        self._overrides = overrides
+        self._orders = orders
+        self._failsafes = failsafes
+        self._fleet = fleet
 
     def poll(self, t_ns: int) -> list[Effect]:
         """Check once a second."""
         if t_ns < self._state.override_check_t_ns:
             return []
         self._state.override_check_t_ns = t_ns + _PERIOD_NS
-        modes, unknown = self._overrides.modes(), self._overrides.recently_in_rtl(t_ns)
+        modes = self._overrides.modes()
+        unknown = self._overrides.recently_in_rtl(t_ns)
         effects: list[Effect] = []
         free: list[Effect] = []
         for vehicle, agent in sorted(self._agents.items()):
-            before, mode = agent.authority.reported_mode, modes.get(vehicle, "")
+            before = agent.authority.reported_mode
+            mode = modes.get(vehicle, "")
             agent.authority.is_reported |= bool(before) or not _TOLD.isdisjoint(agent.claims.begun)
             if agent.authority.is_reported and not mode and agent.control.is_ours:
                 agent.authority.is_reported = False

@@ -31,7 +31,8 @@ class Overrides:
     """Overrides of all vehicles."""
 
     def __init__(self, onboard: OnboardMissions, agents: Mapping[int, Agent]) -> None:
-        self._onboard, self._agents = onboard, agents
+        self._onboard = onboard
+        self._agents = agents
 
     def of(self, vehicle: int) -> ModeAuthority:
         """Return the mode authority over one vehicle."""
@@ -55,8 +56,10 @@ class Overrides:
 
         Such a vehicle is ours again. An upload in progress handles this itself.
         """
-        authority, record = self.of(vehicle), self._agents[vehicle].authority
-        before, record.mission_state = record.mission_state, current.mission_state
+        authority = self.of(vehicle)
+        record = self._agents[vehicle].authority
+        before = record.mission_state
+        record.mission_state = current.mission_state
         is_rejected = (
             current.mission_state == dialect.MISSION_STATE_NO_MISSION
             and before == dialect.MISSION_STATE_ACTIVE  # not paused by an operator

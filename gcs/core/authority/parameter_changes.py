@@ -41,7 +41,8 @@ class ParameterChanges:
     """Monitor of parameters that other ground stations set."""
 
     def __init__(self, config: Config, agents: Mapping[int, Agent], links: Iterable[Link]) -> None:
-        self._config, self._agents = config, agents
+        self._config = config
+        self._agents = agents
         self._networks = {link.name: link.network for link in links}
         self._max_values = _MAX_VALUES // max(1, len(agents))
 
@@ -61,7 +62,8 @@ class ParameterChanges:
 
     def _note_set(self, vehicle: int, message: Message, station: str, t_ns: int) -> None:
         agent = self._agents[vehicle]
-        parameters, name = agent.authority.parameters, printable(str(message.param_id))
+        parameters = agent.authority.parameters
+        name = printable(str(message.param_id))
         if name in parameters.sets or len(parameters.sets) < _MAX_SETS:
             value = decode_value(message, agent.link.is_atomic)
             old = parameters.sets.get(name)
@@ -73,8 +75,10 @@ class ParameterChanges:
         if message.get_type() != "PARAM_VALUE":
             return []
         agent = self._agents[vehicle]
-        parameters, name = agent.authority.parameters, printable(str(message.param_id))
-        value, before = decode_value(message, agent.link.is_atomic), parameters.values.get(name)
+        parameters = agent.authority.parameters
+        name = printable(str(message.param_id))
+        value = decode_value(message, agent.link.is_atomic)
+        before = parameters.values.get(name)
         required, problem = self._requirement(vehicle, name, value)
         is_changed = not _is_same(value, before)
         if is_changed:

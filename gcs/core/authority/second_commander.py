@@ -71,7 +71,10 @@ class SecondCommander:
     def __init__(
         self, agents: Mapping[int, Agent], fleet: Fleet, tasking: UploadManager, state: AuthorityState
     ) -> None:
-        self._agents, self._fleet, self._tasking, self._state = agents, fleet, tasking, state
+        self._agents = agents
+        self._fleet = fleet
+        self._tasking = tasking
+        self._state = state
 
     def begin_again(self) -> None:
         """Note a restart: the service before may have sent requests of any kind."""

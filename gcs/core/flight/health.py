@@ -85,7 +85,10 @@ class HealthMonitor:
     """Health of all vehicles in flight."""
 
     def __init__(self, config: Config, fleet: Fleet, agents: Mapping[int, Agent], state: FlightState) -> None:
-        self._config, self._fleet, self._agents, self._state = config, fleet, agents, state
+        self._config = config
+        self._fleet = fleet
+        self._agents = agents
+        self._state = state
         self._max_wind_m_s = {
             agent.vehicle: max(airframe.wind_m_s, _WIND_FRACTION * airframe.speed_m_s)
             for agent in config.agents
@@ -115,7 +118,8 @@ class HealthMonitor:
         return effects
 
     def _check(self, state: VehicleState, agent: Agent, t_ns: int) -> list[Effect]:
-        flight, effects = agent.flight, list[Effect]()
+        flight = agent.flight
+        effects = list[Effect]()
         found = dict(self._problems(state, agent, t_ns))
         for item, cause in found.items():
             problem = flight.problems.setdefault(item, HealthProblem(cause, t_ns))
@@ -142,14 +146,16 @@ class HealthMonitor:
 
     def _problems(self, state: VehicleState, agent: Agent, t_ns: int) -> Iterator[tuple[HealthItem, str]]:
         """Yield the problems that the newest telemetry shows, each with its cause."""
-        flight, now = agent.flight, self._fleet.readings(state.system_id)
+        flight = agent.flight
+        now = self._fleet.readings(state.system_id)
         if now.fix_type is not None and now.fix_type < dialect.GPS_FIX_TYPE_3D_FIX:
             yield HealthItem.GPS, "no 3D fix; it flies by its inertial estimate, and its position drifts"
         if (now.estimator_flags or 0) & _GLITCH_FLAGS.get(agent.link.autopilot, 0):
             yield HealthItem.GPS_POSITION, "it jumps: the estimator rejects it, and may follow it later"
         if problem := _estimate_problem(now):
             yield HealthItem.ESTIMATE, problem
-        failed, good = now.sensors_failed or 0, now.sensors_good or 0
+        failed = now.sensors_failed or 0
+        good = now.sensors_good or 0
         flight.sensors_good |= good
         for item, bit in _SENSOR_BITS.items():
             if failed & bit and (item is not HealthItem.RC or flight.sensors_good & bit):
@@ -163,7 +169,8 @@ class HealthMonitor:
             yield HealthItem.PROPULSION, "it sinks at full throttle: engine or propeller has failed"
         if problem := self._battery_problem(state, agent, now, t_ns):
             yield HealthItem.BATTERY, problem
-        wind_m_s, max_m_s = agent.link.wind_m_s, self._max_wind_m_s[state.system_id]
+        wind_m_s = agent.link.wind_m_s
+        max_m_s = self._max_wind_m_s[state.system_id]
         if wind_m_s is not None and wind_m_s > max_m_s:
             allowed = f"{max_m_s:.0f} m/s that the plan allows (airframe.wind_m_s)"
             yield HealthItem.WIND, f"{wind_m_s:.0f} m/s, above the {allowed}"
@@ -176,7 +183,8 @@ class HealthMonitor:
         if now.battery_percent < CRITICAL_PERCENT:
             return f"{CRITICAL_PERCENT} % is not enough for another target"
         agent.flight.endurance_s = _endurance_s(agent.flight, now.battery_percent, t_ns)
-        endurance_s, needed_s = agent.flight.endurance_s, self._needed_s(state, agent)
+        endurance_s = agent.flight.endurance_s
+        needed_s = self._needed_s(state, agent)
         if endurance_s is None or endurance_s >= needed_s:
             return ""
         text = f"enough for {endurance_s:.0f} s of flight, but its route and the way back to its home take"

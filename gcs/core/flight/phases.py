@@ -82,7 +82,10 @@ class FlightPhases:
         missions: OnboardMissions,
         state: FlightState,
     ) -> None:
-        self._fleet, self._agents, self._missions, self._state = fleet, agents, missions, state
+        self._fleet = fleet
+        self._agents = agents
+        self._missions = missions
+        self._state = state
         self._frame: LocalFrame = config.local_frame
         self._lowest_m = config.mission.altitude_rel_m
 
@@ -114,7 +117,8 @@ class FlightPhases:
     # ------------------------------------------------------------ events
 
     def _observe(self, state: VehicleState, t_ns: int) -> list[Effect]:
-        vehicle, flight = state.system_id, self._agents[state.system_id].flight
+        vehicle = state.system_id
+        flight = self._agents[state.system_id].flight
         if is_on_ground(state, self._fleet.home(vehicle)):
             flight.airborne_since_t_ns = None
             if flight.grounded_since_t_ns is None:
@@ -143,7 +147,8 @@ class FlightPhases:
         after = PHASE_TRANSITIONS[flight.phase].get(event, flight.phase)
         if after is flight.phase:
             return False
-        flight.phase, flight.since_t_ns = after, t_ns
+        flight.phase = after
+        flight.since_t_ns = t_ns
         return True
 
     def _flies_again(self, state: VehicleState, flight: AgentFlight, t_ns: int) -> bool:
@@ -152,7 +157,8 @@ class FlightPhases:
         return state.armed and since_ns >= _SETTLE_NS and self._fleet.height_m(state) >= LOW_M
 
     def _event_in_air(self, state: VehicleState, height_m: float) -> FlightEvent:
-        vehicle, phase = state.system_id, self._agents[state.system_id].flight.phase
+        vehicle = state.system_id
+        phase = self._agents[state.system_id].flight.phase
         ending = self._missions.terminal_phase(vehicle)
         if state.mode in _LANDING_MODES or state.is_landing or ending == "landing":
             return FlightEvent.LANDS
@@ -179,15 +185,18 @@ class FlightPhases:
     # ------------------------------------------------------------ on the ground
 
     def _ground(self, state: VehicleState, t_ns: int) -> list[Effect]:
-        vehicle, flight = state.system_id, self._agents[state.system_id].flight
-        was_in_air, before = flight.phase.is_in_air, flight.phase
+        vehicle = state.system_id
+        flight = self._agents[state.system_id].flight
+        was_in_air = flight.phase.is_in_air
+        before = flight.phase
         if not was_in_air or flight.highest_m < LOW_M:
             event = FlightEvent.STANDS
         else:
             event = FlightEvent.TOUCHED_DOWN if flight.is_landing_planned else FlightEvent.CAME_DOWN
         self._enter(vehicle, event, t_ns)
         flight.highest_m = 0.0
-        flight.is_sinking, flight.sinks_since_t_ns = False, None
+        flight.is_sinking = False
+        flight.sinks_since_t_ns = None
         if not (was_in_air and flight.phase.has_flown):
             return []
         agent = self._agents[vehicle]
@@ -230,7 +239,8 @@ class FlightPhases:
 
     def _check_sinking(self, state: VehicleState, height_m: float, t_ns: int) -> list[Effect]:
         """Notify when a vehicle sinks below its planned height without having been told to."""
-        vehicle, flight = state.system_id, self._agents[state.system_id].flight
+        vehicle = state.system_id
+        flight = self._agents[state.system_id].flight
         planned_m = self._planned_height_m(state)
         is_low = planned_m is not None and height_m < planned_m - _SINK_M
         dives = state.mode in _STEERED_MODES and state.climb_m_s < -_DIVE_M_S
@@ -256,7 +266,8 @@ class FlightPhases:
 
     def _planned_height_m(self, state: VehicleState) -> float | None:
         """Return the height above home that a vehicle should keep; None where none is known."""
-        phase, mode = self._agents[state.system_id].flight.phase, state.mode
+        phase = self._agents[state.system_id].flight.phase
+        mode = state.mode
         if phase not in (FlightPhase.EN_ROUTE, FlightPhase.AT_TARGET) or mode not in (AUTO, LOITER):
             return None
         if mode == LOITER:

@@ -89,9 +89,11 @@ def is_held(lease: BridgeLease, t_ns: int, times: LeaseTimes = TIMES) -> bool:
 
 def _refused(lease: BridgeLease, ask: Ask, t_ns: int, times: LeaseTimes) -> tuple[BridgeLease, Answer]:
     """Refuse a lease."""
-    free_t_ns, holder = lease.opens_t_ns, ""
+    free_t_ns = lease.opens_t_ns
+    holder = ""
     if lease.holder is not None and is_held(lease, t_ns, times):
-        free_t_ns, holder = lease.answered_t_ns + times.lease_ns, lease.holder.name
+        free_t_ns = lease.answered_t_ns + times.lease_ns
+        holder = lease.holder.name
     return lease, Answer(ask.node, ask.sent_t_ns, None, holder, lease.highest, max(free_t_ns - t_ns, 0))
 
 

@@ -98,7 +98,8 @@ def start_node(
 def take_due_asks(node: NodeLease, t_ns: int, times: LeaseTimes = TIMES) -> tuple[NodeLease, dict[str, Ask]]:
     """Return the asks that are to be sent now, by bridge, and the node's new state."""
     own = standing(node, t_ns, times)
-    views, asks = list(node.views), dict[str, Ask]()
+    views = list(node.views)
+    asks = dict[str, Ask]()
     for index, view in enumerate(views):
         if t_ns >= _next_ask_t_ns(view, times, is_standby=own == NO_STANDING):
             asks[node.bridges[index]] = Ask(node.node, t_ns, view.seen, own)

@@ -29,7 +29,8 @@ def continue_mission(
 
     The named agents are free for another target, or all that arrived. The caller plans.
     """
-    ongoing, agents = OrderInProgress(order), state.agents
+    ongoing = OrderInProgress(order)
+    agents = state.agents
     free = with_status(agents, "arrived")
     if order.vehicles is not None:
         free = [vehicle for vehicle in free if vehicle in order.vehicles]
@@ -59,7 +60,8 @@ def leave_zones(state: State, closed: Grid, vehicles: Iterable[VehicleState], t_
     effects: list[Effect] = []
     for vehicle in vehicles:
         agent = state.agents[vehicle.system_id]
-        latest, status = agent.routes.latest, agent.perception.status
+        latest = agent.routes.latest
+        status = agent.perception.status
         is_at_target = latest is not None and (status.status, status.target) == ("arrived", latest.target)
         if is_at_target and agent.control.is_ours and _circles_in(closed, agent, vehicle):
             effects.append(agent.perception.leave_target(t_ns, has_served=False))
@@ -74,7 +76,8 @@ def _circles_in(closed: Grid, agent: Agent, vehicle: VehicleState) -> bool:
     circle = None if mission is None else mission.circle
     points = [(vehicle.east_m, vehicle.north_m)]
     if circle is not None:
-        (east_m, north_m), radius_m = circle.centre_m, circle.radius_m
+        east_m, north_m = circle.centre_m
+        radius_m = circle.radius_m
         angles = [2.0 * math.pi * k / _CIRCLE_POINTS for k in range(_CIRCLE_POINTS + 1)]
         points += [(east_m + radius_m * math.sin(a), north_m + radius_m * math.cos(a)) for a in angles]
     return is_crossed(closed, read_only(points[:1]), None) or is_crossed(closed, read_only(points[1:]), None)

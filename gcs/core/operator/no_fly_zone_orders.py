@@ -41,7 +41,9 @@ class NoFlyZoneOrders:
         replan : callable
             Plans on the new map; vehicles given to it, whose routes lead through the zone, are urgent.
         """
-        zone, ongoing, agents = order.no_fly_zone, OrderInProgress(order), self.state.agents
+        zone = order.no_fly_zone
+        ongoing = OrderInProgress(order)
+        agents = self.state.agents
         remedy = "confirm a plan, or hold or return it" if self.needs_approval else "hold or return it"
         assert zone is not None
         refusal = self._refusal(zone)

@@ -58,8 +58,12 @@ class PlanApproval:
         agents: Mapping[int, Agent],
         state: OperatorState,
     ) -> None:
-        self._zones, self._replanner, self._figures = zones, replanner, PlanFigures(config)
-        self._agents, self._operator, self._state = agents, state, state.approval
+        self._zones = zones
+        self._replanner = replanner
+        self._figures = PlanFigures(config)
+        self._agents = agents
+        self._operator = state
+        self._state = state.approval
 
     # ------------------------------------------------------------ proposals
 
@@ -69,7 +73,8 @@ class PlanApproval:
 
     def check(self, inputs: PlanningInputs) -> list[Effect]:
         """Propose a new plan if there is a trigger, and renew the proposal that waits."""
-        t_ns, state = inputs.t_ns, self._state
+        t_ns = inputs.t_ns
+        state = self._state
         effects = self._withdraw(inputs)
         plan = self._replanner.check(inputs, urgent_only=self._is_early(t_ns) and not state.is_urgent)
         state.is_urgent = False
@@ -111,7 +116,8 @@ class PlanApproval:
 
     def _propose(self, plan: Plan, inputs: PlanningInputs, *, new_number: bool = False) -> list[Effect]:
         """Propose a plan; it keeps the number of the last one with the same assignment."""
-        pending, self._state.plan = self._state.pending, plan
+        pending = self._state.pending
+        self._state.plan = plan
         agents = [agent for _, agent in sorted(self._agents.items())]
         proposed = [agent.routes.proposed for agent in agents if agent.routes.declined is None]
         waiting = tuple(route for route in proposed if route is not None)
@@ -158,7 +164,8 @@ class PlanApproval:
 
     def _changes(self, routes: Sequence[Route], figures: Sequence[RouteFigures]) -> list[str]:
         """Return the changes of routes since they were first shown, in words."""
-        pairs, shown = zip(routes, figures, strict=True), self._state.shown
+        pairs = zip(routes, figures, strict=True)
+        shown = self._state.shown
         found = [self._figures.change(r, now, shown[r.vehicle]) for r, now in pairs]
         return [text for text in found if text]
 
@@ -256,7 +263,8 @@ class PlanApproval:
 
     def _finish(self, vehicle: int, t_ns: int, state: AnswerState, detail: str) -> list[OrderAnswer]:
         orders = self._agents[vehicle].orders
-        number, orders.confirmation = orders.confirmation, None
+        number = orders.confirmation
+        orders.confirmation = None
         return [] if number is None else [self._operator.finish(number, t_ns, state, detail, vehicle)]
 
     def _refusal(self, order: Order) -> str:
@@ -270,7 +278,8 @@ class PlanApproval:
 
     def _adopt(self, order: Order, chosen: list[Route], inputs: PlanningInputs, *, whole: bool) -> Plan:
         """Make routes the flown ones; return them as a plan."""
-        plan, pending = self._state.plan, self._state.pending
+        plan = self._state.plan
+        pending = self._state.pending
         assert plan is not None
         assert pending is not None
         for route in chosen:
@@ -300,7 +309,8 @@ class PlanApproval:
         return [self._state.pending]
 
     def _withdraw_all(self, t_ns: int, reason: str) -> list[Effect]:
-        before, self._state.pending = self._state.pending, None
+        before = self._state.pending
+        self._state.pending = None
         return [] if before is None else [Proposal(t_ns, before.plan_id, (), reason, before.shown_t_ns)]
 
 
@@ -310,7 +320,8 @@ def _assignment(routes: Iterable[Route]) -> frozenset[tuple[int, object]]:
 
 def _has_changed_control(agent: Agent) -> bool:
     """Return True if an active vehicle came under control, or left it, since the last plan."""
-    perception, is_ours = agent.perception, agent.control.authority is Authority.OURS
+    perception = agent.perception
+    is_ours = agent.control.authority is Authority.OURS
     is_seen = perception.association.label is not None
     return (
         perception.status.status == "active"

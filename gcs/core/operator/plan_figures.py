@@ -63,8 +63,10 @@ class PlanFigures:
         """
         found = []
         for route in routes:
-            vehicle, apart_m = route.vehicle, separation_m.get(route.vehicle, math.inf)
-            before, climb = shown.get(vehicle), inputs.climbs.get(vehicle)
+            vehicle = route.vehicle
+            apart_m = separation_m.get(route.vehicle, math.inf)
+            before = shown.get(vehicle)
+            climb = inputs.climbs.get(vehicle)
             length_m = route.length_m + (0.0 if climb is None else climb.latest_length_m)
             flown_m, arrival_s = self._flight(route, inputs, delays_s.get(vehicle, 0.0))
             found.append(
@@ -82,14 +84,19 @@ class PlanFigures:
 
     def _flight(self, route: Route, inputs: PlanningInputs, delay_s: float) -> tuple[FloatArray, float]:
         """Return what will be flown in the air, with the loiter circle, (k, 2), and the time of arrival."""
-        vehicle, airframe = route.vehicle, self._airframes[route.vehicle]
-        climb, before_m, climb_end_m = inputs.climbs.get(vehicle), np.empty((0, 2)), None
+        vehicle = route.vehicle
+        airframe = self._airframes[route.vehicle]
+        climb = inputs.climbs.get(vehicle)
+        before_m = np.empty((0, 2))
+        climb_end_m = None
         if climb is not None:
-            climb_end_m, delay_s = climb.end_m, 2.0 * climb.roll_s
+            climb_end_m = climb.end_m
+            delay_s = 2.0 * climb.roll_s
             begin = Motion(*climb.at(climb.ground_run_m), climb.speed_m_s, climb.heading_rad)
         elif vehicle in inputs.agents:
             before = simulate(NOWHERE, inputs.motion(vehicle), delay_s, airframe.turn_lag_s)
-            before_m, begin = before.states[:-1, :2], before.motion_at(-1)
+            before_m = before.states[:-1, :2]
+            begin = before.motion_at(-1)
         else:
             east_m, north_m = route.points_m[0].tolist()
             begin = Motion(east_m, north_m, airframe.speed_m_s, 0.0)
@@ -106,7 +113,8 @@ class PlanFigures:
         """Return the clearance of a flight from obstacles, at most the required one."""
         if self._clearance_m <= 0.0:
             return None
-        frame, spacing_m = np.array([*grid.origin_m, grid.spacing_m]), grid.spacing_m
+        frame = np.array([*grid.origin_m, grid.spacing_m])
+        spacing_m = grid.spacing_m
         return spacing_m * float(path_clearance(grid.blocked, frame, flown_m, self._clearance_m / spacing_m))
 
     def change(self, route: Route, now: RouteFigures, shown: RouteFigures) -> str:

@@ -42,7 +42,8 @@ def check_standstill(agents: Mapping[int, Agent], state: Standstill, t_ns: int) 
 def _end(reasons: Mapping[int, str], state: Standstill, t_ns: int) -> list[Effect]:
     """End a standstill; return a notice if the operator was told of it."""
     was_told = state.is_told
-    state.since_t_ns, state.is_told = None, False
+    state.since_t_ns = None
+    state.is_told = False
     able = [vehicle_name(vehicle) for vehicle, reason in reasons.items() if not reason]
     if not (was_told and able):
         return []
@@ -51,7 +52,8 @@ def _end(reasons: Mapping[int, str], state: Standstill, t_ns: int) -> list[Effec
 
 def _reason(agent: Agent) -> str:
     """Return why an active agent neither flies to a target nor can get one; empty if it does or can."""
-    control, flight = agent.control, agent.flight
+    control = agent.control
+    flight = agent.flight
     if control.authority in _ORDERED:
         return ""
     if not control.is_ours:

@@ -47,11 +47,14 @@ class StatusReport:
 
     def agent(self, health: Health, t_ns: int) -> AgentRecord:
         """Return the status of one agent now."""
-        vehicle, agent = health.system_id, self.state.agents[health.system_id]
-        state, status = self.fleet.state(vehicle), agent.perception.status
+        vehicle = health.system_id
+        agent = self.state.agents[health.system_id]
+        state = self.fleet.state(vehicle)
+        status = agent.perception.status
         label = agent.perception.association.label
         track = None if label is None else self.trackers.agents.confirmation.tracks.get(label)
-        route, proposed = agent.routes.flown, agent.routes.proposed
+        route = agent.routes.flown
+        proposed = agent.routes.proposed
         lost_at_m = status.position_m if status.status in ("lost", "down") else None
         heard_age_s = (t_ns - health.heard_t_ns) / NS_PER_S if health.frames else None
         to_go_m = eta_s = None
@@ -105,7 +108,9 @@ class StatusReport:
         )
 
     def _targets(self) -> tuple[TargetRecord, ...]:
-        agents, settings, default = self.state.agents, self.state.operator.targets, TargetSettings()
+        agents = self.state.agents
+        settings = self.state.operator.targets
+        default = TargetSettings()
         routes = flown_routes(agents)
 
         def record(label: Label, track: Track) -> TargetRecord:

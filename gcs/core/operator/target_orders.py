@@ -41,7 +41,8 @@ class TargetOrders:
         return [ongoing.answer(order.t_ns, "done", text), *replan()]
 
     def _refusal(self, order: Order) -> str:
-        label, tracks = order.target, self.targets.tracks
+        label = order.target
+        tracks = self.targets.tracks
         if label is not None and label not in tracks and order.action != "attend":
             names = [target_name(one) for one in tracks][:_MAX_NAMED]
             return f"there is no target {target_name(label)}; there are: {', '.join(names) or 'none'}"
@@ -54,7 +55,8 @@ class TargetOrders:
 
     def _note(self, order: Order) -> str:
         """Change the state; return the change in words."""
-        label, targets = order.target, self.state.targets
+        label = order.target
+        targets = self.state.targets
         vehicles = order.vehicles or tuple(self.agents)
         if order.action in ("pin", "unpin"):
             for vehicle in vehicles:

@@ -89,10 +89,16 @@ class Orders:
         order_check: OrderCheck,
         landing_order: LandingOrder,
     ) -> None:
-        self._order_check, self._landing_order = order_check, landing_order
-        self._state, self._agents, self._operator = state, state.agents, state.operator
-        self._fleet, self._tasking, self._layers = fleet, tasking, layers
-        self._takeoff_sequence, self._return_heights = takeoff_sequence, return_heights
+        self._order_check = order_check
+        self._landing_order = landing_order
+        self._state = state
+        self._agents = state.agents
+        self._operator = state.operator
+        self._fleet = fleet
+        self._tasking = tasking
+        self._layers = layers
+        self._takeoff_sequence = takeoff_sequence
+        self._return_heights = return_heights
 
     def has_ordered(self, vehicle: int, mode: str) -> bool:
         """Return True if an order put a vehicle into a mode, or a command is in progress."""
@@ -183,7 +189,8 @@ class Orders:
 
     def _unchanged(self, order: Order, vehicle: int, *, is_heard: bool) -> str:
         """Return why an order would change nothing; empty if it would, or that is unknown."""
-        state, control = self._fleet.state(vehicle), self._agents[vehicle].control
+        state = self._fleet.state(vehicle)
+        control = self._agents[vehicle].control
         if self._agents[vehicle].orders.command is not None or state is None or not is_heard:
             return ""
         match order.action:
@@ -202,7 +209,8 @@ class Orders:
         return ""
 
     def _refusal(self, order: Order, vehicle: int, begun: Collection[int], *, is_heard: bool) -> str:
-        state, claims = self._fleet.state(vehicle), self._agents[vehicle].control.claims
+        state = self._fleet.state(vehicle)
+        claims = self._agents[vehicle].control.claims
         match order.action:
             case "hold" | "return" | "resume" | "arm" if Authority.DOWN in claims:
                 return Authority.DOWN.reason
@@ -253,7 +261,8 @@ class Orders:
 
     def _leads_near(self, vehicle: int, resumed: Collection[int], t_ns: int) -> str:
         """Return which vehicle a resumed one would come near to; empty if none."""
-        state, mode = self._fleet.state(vehicle), self._resumed_mode(vehicle)
+        state = self._fleet.state(vehicle)
+        mode = self._resumed_mode(vehicle)
         is_in_air = state is not None and not is_on_ground(state, self._fleet.home(vehicle))
         if state is None or not is_in_air or state.mode == mode:
             return ""
@@ -263,7 +272,8 @@ class Orders:
 
     def _resumed_mode(self, vehicle: int) -> str:
         """Return AUTO for a vehicle that can fly on with its mission, else LOITER, where it waits for one."""
-        agent, onboard = self._agents[vehicle], self._agents[vehicle].tasking.onboard
+        agent = self._agents[vehicle]
+        onboard = self._agents[vehicle].tasking.onboard
         is_stored = onboard is not None and onboard.route.is_same(
             agent.routes.suspended or agent.routes.flown
         )
@@ -284,7 +294,8 @@ class Orders:
         """
         if order.action not in _MODES:
             return {}
-        mode, before = _MODES[order.action], self._ordered_modes()
+        mode = _MODES[order.action]
+        before = self._ordered_modes()
         together = before | dict.fromkeys(vehicles, mode)
         unclear = [v for v in vehicles if self._order_check.problem(v, together, order.t_ns)]
         modes = before | {v: mode for v in vehicles if v not in unclear}
@@ -305,14 +316,16 @@ class Orders:
     def _wait(self, number: int, order: Order, vehicle: int, problem: str) -> list[Effect]:
         """Let an order wait, with an alarm; an older command to the vehicle goes on."""
         state = self._fleet.state(vehicle)
-        mode, due_t_ns = "" if state is None else state.mode, order.t_ns + _WAIT_PERIOD_NS
+        mode = "" if state is None else state.mode
+        due_t_ns = order.t_ns + _WAIT_PERIOD_NS
         self._agents[vehicle].orders.waiting = WaitingOrder(number, mode, due_t_ns)
         parameters: dict[str, Parameter] = {"action": order.action, "reason": problem}
         return [Notice(order.t_ns, NoticeCode.ORDER_WAITS, vehicle, parameters)]
 
     def _check_waiting(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Carry out an order that waits once its vehicle is clear; end it if somebody else takes over."""
-        waiting, state = self._agents[vehicle].orders.waiting, self._fleet.state(vehicle)
+        waiting = self._agents[vehicle].orders.waiting
+        state = self._fleet.state(vehicle)
         if waiting is None or t_ns < waiting.next_check_t_ns:
             return []
         waiting.next_check_t_ns = t_ns + _WAIT_PERIOD_NS
@@ -339,7 +352,8 @@ class Orders:
     def _end_waiting(self, vehicle: int, t_ns: int, reason: str) -> list[Effect]:
         """End an order that waits."""
         orders = self._agents[vehicle].orders
-        waiting, orders.waiting = orders.waiting, None
+        waiting = orders.waiting
+        orders.waiting = None
         if waiting is None:
             return []
         return [self._operator.finish(waiting.order, t_ns, "failed", reason, vehicle)]
@@ -358,14 +372,16 @@ class Orders:
 
     def may_fly(self, vehicle: int) -> bool:
         """Return True if the verified onboard mission is the one to fly now."""
-        agent, onboard = self._agents[vehicle], self._agents[vehicle].tasking.onboard
+        agent = self._agents[vehicle]
+        onboard = self._agents[vehicle].tasking.onboard
         is_stored = onboard is not None and onboard.route.is_same(agent.routes.flown)
         is_suspended = agent.control.suspension is not None
         return is_stored and not is_suspended and vehicle not in self._state.tasking.stages
 
     def may_take_off(self, vehicle: int) -> bool:
         """Return True if that mission was also verified for a take-off from where the vehicle stands."""
-        state, onboard = self._fleet.state(vehicle), self._agents[vehicle].tasking.onboard
+        state = self._fleet.state(vehicle)
+        onboard = self._agents[vehicle].tasking.onboard
         if state is None or onboard is None or onboard.takeoff_m is None or not self.may_fly(vehicle):
             return False
         return math.dist(onboard.takeoff_m, (state.east_m, state.north_m)) <= _MAX_TAKEOFF_SHIFT_M
@@ -466,7 +482,8 @@ class Orders:
     def _end_command(self, vehicle: int, t_ns: int, reason: str) -> list[Effect]:
         """End a command in progress, for a newer order."""
         orders = self._agents[vehicle].orders
-        command, orders.command = orders.command, None
+        command = orders.command
+        orders.command = None
         if command is None:
             return []
         return [self._operator.finish(command.order, t_ns, "failed", reason, vehicle)]

@@ -36,7 +36,9 @@ class AgentStatusMonitor:
     """Statuses of all agents; within `capture_radius_m` an agent has reached its target."""
 
     def __init__(self, agents: Mapping[int, Agent], zones: NoFlyZones, capture_radius_m: float) -> None:
-        self._agents, self._zones, self._capture_radius_m = agents, zones, capture_radius_m
+        self._agents = agents
+        self._zones = zones
+        self._capture_radius_m = capture_radius_m
 
     def update(
         self,
@@ -57,8 +59,10 @@ class AgentStatusMonitor:
         """
         changed = []
         for vehicle, agent in self._agents.items():
-            perception, label = agent.perception, agent.perception.association.label
-            before, sighting = perception.status, perception.sighting
+            perception = agent.perception
+            label = agent.perception.association.label
+            before = perception.status
+            sighting = perception.sighting
             track = agents.tracks.get(label) if label is not None else None
             if label is not None or vehicle in reporting:
                 sighting.seen_t_ns = t_ns

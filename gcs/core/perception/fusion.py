@@ -85,7 +85,9 @@ class ClassTracker:
         tracking = config.tracking
         table = tracking.agents if kind == "agents" else tracking.targets
         params = glmb_params(tracking, table.accel_psd_m2_s3, table.turn_rate_std_deg_s)
-        self.kind, self.births, self._state = kind, births, state
+        self.kind = kind
+        self.births = births
+        self._state = state
         self._components_again = [replace(one, probability=BIRTH_AGAIN_PROBABILITY) for one in births]
         self._components_closed = [replace(one, probability=0.0) for one in births]
         state.is_born = state.is_born or [False] * len(births)
@@ -160,7 +162,8 @@ class ClassTracker:
         """
         tracks = () if self.picture is None else self.picture.tracks
         dt_s = 0.0 if self.picture is None else max(0.0, (t_ns - self.picture.scan_t_ns) / NS_PER_S)
-        F, Q = transition(dt_s), self._process_noise(dt_s)
+        F = transition(dt_s)
+        Q = self._process_noise(dt_s)
         means = np.reshape([track.mean for track in tracks], (-1, 4)) @ F.T
         covs = F @ np.reshape([track.cov for track in tracks], (-1, 4, 4)) @ F.T + Q
         # The picture has no turn rates: the offset of a turn adds to the covariance.
@@ -172,7 +175,8 @@ class ClassTracker:
     def intensity(self, t_ns: int, z_m: FloatArray, sensor: Sensor) -> FloatArray:
         """Return the intensity of this kind's detections at each of `z_m` (m, 2), per m2."""
         means, covs, existence = self.expected(t_ns)
-        points, noise = np.array(z_m, order="C"), np.array(noise_m2(sensor, z_m), order="C")
+        points = np.array(z_m, order="C")
+        noise = np.array(noise_m2(sensor, z_m), order="C")
         intensity = intensity_per_m2(means, covs, existence, points, noise)
         return np.asarray(sensor.detection_probability * intensity)
 
@@ -199,7 +203,8 @@ class MultiSensorTracker:
     """
 
     def __init__(self, config: Config, state: TrackersState | None = None) -> None:
-        self._config, self._telemetry = config, config.telemetry
+        self._config = config
+        self._telemetry = config.telemetry
         self.state = TrackersState() if state is None else state
         self.untracked = UntrackedDetections(config, self.state.untracked)
         self.agents = ClassTracker("agents", config, agent_births(config), self.state.agents)
@@ -222,9 +227,11 @@ class MultiSensorTracker:
 
     def scan(self, scan: Scan, states: Sequence[VehicleState]) -> tuple[Picture, Picture]:
         """Process one scan that is not refused; return the pictures of agents and targets."""
-        t_ns, state = scan.measured_t_ns, self.state
+        t_ns = scan.measured_t_ns
+        state = self.state
         if t_ns > state.measured_t_ns:
-            state.measured_t_ns, state.sensors_at_epoch = t_ns, []
+            state.measured_t_ns = t_ns
+            state.sensors_at_epoch = []
         state.sensors_at_epoch.append(scan.sensor.name)
         estimation = self._estimation(scan.sensor.name)
         sensor = _with_noise(scan.sensor)
@@ -242,7 +249,8 @@ class MultiSensorTracker:
         for kind in (self.agents, self.targets):
             kind.unknown.add_scan(t_ns, scan.z_m, sensor, explained)
         self.untracked.add_scan(t_ns, scan.z_m, sensor, explained)
-        detected, in_view = ours.detected + theirs.detected, ours.in_view + theirs.in_view
+        detected = ours.detected + theirs.detected
+        in_view = ours.in_view + theirs.in_view
         estimation.add_scan(float((1.0 - explained).sum()), detected, in_view)
         return agents, self.targets.extract(scan.t_ns, sensor)
 
@@ -284,7 +292,8 @@ class MultiSensorTracker:
         return found
 
     def _are_reports_due(self, t_ns: int) -> bool:
-        period_ns, used_t_ns = NS_PER_S / self._telemetry.rate_hz, self.state.reports_t_ns
+        period_ns = NS_PER_S / self._telemetry.rate_hz
+        used_t_ns = self.state.reports_t_ns
         return used_t_ns < 0 or t_ns - used_t_ns >= 0.9 * period_ns
 
     def _reports(
@@ -347,8 +356,11 @@ def velocity_m_s(state: VehicleState) -> tuple[float, float]:
 
 def squared_distances(points: FloatArray, means: FloatArray, S: FloatArray) -> FloatArray:
     """Return squared Mahalanobis distances (m, n) of points (m, 2) from means (n, 2) under S (n, 2, 2)."""
-    x, y = points[:, :1] - means[:, 0], points[:, 1:] - means[:, 1]
-    s00, s01, s11 = S[:, 0, 0], S[:, 0, 1], S[:, 1, 1]
+    x = points[:, :1] - means[:, 0]
+    y = points[:, 1:] - means[:, 1]
+    s00 = S[:, 0, 0]
+    s01 = S[:, 0, 1]
+    s11 = S[:, 1, 1]
     with np.errstate(invalid="ignore", over="ignore"):  # NaN positions are near nothing
         return np.asarray((s11 * x * x - 2.0 * s01 * x * y + s00 * y * y) / (s00 * s11 - s01 * s01))
 

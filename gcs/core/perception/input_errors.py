@@ -60,5 +60,6 @@ class InputErrors:
                     "problem": source.problem,
                 }
                 effects.append(Notice(t_ns, NoticeCode.BAD_INPUT_MORE, None, parameters))
-                source.unreported, source.reported_t_ns = 0, t_ns
+                source.unreported = 0
+                source.reported_t_ns = t_ns
         return effects

@@ -24,7 +24,8 @@ def check_never_heard(agents: Mapping[int, Agent], state: PerceptionState, t_ns:
         return []
     state.is_never_heard_checked = True
     missing = [vehicle for vehicle, agent in agents.items() if agent.link.address is None]
-    was_any_missing, state.is_any_missing = state.is_any_missing, bool(missing)
+    was_any_missing = state.is_any_missing
+    state.is_any_missing = bool(missing)
     if was_any_missing:
         return [] if missing else [Notice(t_ns, NoticeCode.ALL_HEARD)]
     if not missing:

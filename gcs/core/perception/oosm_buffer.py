@@ -36,7 +36,8 @@ class OutOfSequenceBuffer:
 
     def due(self, t_ns: int, window_s: float) -> list[Scan]:
         """Return the scans measured `window_s` before `t_ns`, the oldest first, with this arrival time."""
-        found, window_ns = [], round(window_s * NS_PER_S)
+        found = []
+        window_ns = round(window_s * NS_PER_S)
         while self.held and (
             self.held[0][0] + window_ns <= t_ns or len(self.held) > _MAX_HELD or not window_ns
         ):

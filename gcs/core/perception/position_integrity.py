@@ -79,7 +79,8 @@ class PositionIntegrityMonitor:
         agents, targets
             Confirmed tracks.
         """
-        t_ns, effects = scan.measured_t_ns, list[Effect]()
+        t_ns = scan.measured_t_ns
+        effects = list[Effect]()
         fresh = [s for s in states if s.armed and abs(t_ns - s.t_ns) <= self._max_age_ns]
         positions = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
         S = self._innovation_cov_m2(
@@ -183,6 +184,8 @@ def _near(positions: FloatArray, S: FloatArray, points: FloatArray) -> tuple[Ind
     rows = np.repeat(np.arange(len(positions)), [len(row) for row in found])
     columns = finite[np.fromiter(chain.from_iterable(found), np.int64, len(rows))]
     x, y = (points[columns] - positions[rows]).T
-    s00, s01, s11 = S[rows, 0, 0], S[rows, 0, 1], S[rows, 1, 1]
+    s00 = S[rows, 0, 0]
+    s01 = S[rows, 0, 1]
+    s11 = S[rows, 1, 1]
     d2 = (s11 * x * x - 2.0 * s01 * x * y + s00 * y * y) / (s00 * s11 - s01 * s01)
     return rows[d2 <= _GATE_CHI2], columns[d2 <= _GATE_CHI2]

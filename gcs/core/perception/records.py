@@ -35,7 +35,8 @@ class ConsecutiveEpochs:
         """Return the number up to the epoch `measured_t_ns`; 0 if the condition does not hold."""
         if measured_t_ns > self.t_ns:
             self.before = self.number
-        self.t_ns, self.number = measured_t_ns, self.before + 1 if holds else 0
+        self.t_ns = measured_t_ns
+        self.number = self.before + 1 if holds else 0
         return self.number
 
 

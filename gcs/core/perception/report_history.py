@@ -21,7 +21,8 @@ class ReportHistory:
     """The last reports of each vehicle."""
 
     def __init__(self, agents: Mapping[int, Agent], state: PerceptionState) -> None:
-        self._agents, self._state = agents, state
+        self._agents = agents
+        self._state = state
 
     def add(self, t_ns: int, states: Sequence[VehicleState]) -> None:
         """Add the newest reports."""

@@ -74,7 +74,8 @@ class ScanTiming:
         effects : list of Effect
             Notices about the sensor's clock.
         """
-        clock, effects = self._clock(scan.sensor.name), list[Effect]()
+        clock = self._clock(scan.sensor.name)
+        effects = list[Effect]()
         own_lag_ns = scan.t_ns - scan.measured_t_ns
         if clock.step_ns:
             effects += self._follow_step(scan, clock, own_lag_ns)
@@ -100,10 +101,12 @@ class ScanTiming:
 
     def _follow_step(self, scan: Scan, clock: SensorClock, own_lag_ns: int) -> list[Effect]:
         """Correct a sensor whose clock moved with this machine's clock."""
-        step_ns, clock.step_ns = clock.step_ns, 0
+        step_ns = clock.step_ns
+        clock.step_ns = 0
         if not clock.lags_ns:
             return []
-        usual_ns, lag_ns = clock.usual_lag_ns, own_lag_ns - clock.offset_ns
+        usual_ns = clock.usual_lag_ns
+        lag_ns = own_lag_ns - clock.offset_ns
         if abs(lag_ns + step_ns - usual_ns) >= min(abs(lag_ns - usual_ns), _TOLERANCE_NS):
             return []
         clock.offset_ns -= step_ns
@@ -118,7 +121,8 @@ class ScanTiming:
         if not is_proven or max(lags_ns) - min(lags_ns) > _TOLERANCE_NS:
             return []
         clock.offset_ns = median_low(lags_ns) - clock.usual_lag_ns
-        name, off_s = scan.sensor.name, clock.offset_ns / NS_PER_S
+        name = scan.sensor.name
+        off_s = clock.offset_ns / NS_PER_S
         if abs(clock.offset_ns) < _TOLERANCE_NS:
             clock.offset_ns = 0
             return [Notice(scan.t_ns, NoticeCode.SENSOR_CLOCK_AGREES, name)]

@@ -91,7 +91,8 @@ class SensorWatchdog:
         """Wait for all sensors as at the start of the service."""
         self.start_t_ns = t_ns
         for entry in self.sensors.values():
-            entry.first_t_ns, entry.processed_t_ns = t_ns, None
+            entry.first_t_ns = t_ns
+            entry.processed_t_ns = None
 
     def processed(self, sensor: str, t_ns: int) -> list[Effect]:
         """Note a processed scan; return the all-clear after an alarm."""
@@ -107,8 +108,12 @@ class SensorWatchdog:
         elif self.has_no_sensor:
             since_ns = t_ns - (self.scan_t_ns or self.start_t_ns or t_ns)
             effects.append(Notice(t_ns, NoticeCode.SCANS_AGAIN, None, {"silence_s": since_ns / NS_PER_S}))
-        entry.processed_t_ns, entry.refused, entry.alarmed, entry.reason = t_ns, 0, False, ""
-        self.scan_t_ns, self.has_no_sensor = t_ns, False
+        entry.processed_t_ns = t_ns
+        entry.refused = 0
+        entry.alarmed = False
+        entry.reason = ""
+        self.scan_t_ns = t_ns
+        self.has_no_sensor = False
         return effects
 
     def refused(self, sensor: str, t_ns: int, reason: str) -> None:
@@ -152,9 +157,11 @@ class SensorWatchdog:
     def associated(self, t_ns: int, reporting: Collection[int], associated: Container[int]) -> list[Effect]:
         """Return an alarm, or its all-clear, if no reporting vehicle is associated with a track."""
         is_lost = bool(reporting) and not any(vehicle in associated for vehicle in reporting)
-        was_alarmed, since_t_ns = self.is_unassociated, self.unassociated_t_ns
+        was_alarmed = self.is_unassociated
+        since_t_ns = self.unassociated_t_ns
         if not is_lost:
-            self.unassociated_t_ns, self.is_unassociated = None, False
+            self.unassociated_t_ns = None
+            self.is_unassociated = False
             return [Notice(t_ns, NoticeCode.ASSOCIATED_AGAIN)] if was_alarmed else []
         if since_t_ns is None:
             self.unassociated_t_ns = t_ns

@@ -39,7 +39,8 @@ class TrackConfirmation:
     """
 
     def __init__(self, lost_existence: float, state: ConfirmationState, tracks: Sequence[Track] = ()) -> None:
-        self._lost_existence, self._state = lost_existence, state
+        self._lost_existence = lost_existence
+        self._state = state
         self.existing = self._above_lost_existence(tracks)
         confirmed = set(state.confirmed)
         self.tracks: Mapping[Label, Track] = {
@@ -52,9 +53,11 @@ class TrackConfirmation:
 
     def update(self, picture: Picture, sensor: Sensor | None = None) -> None:
         """Process the next picture, after a scan of `sensor`; None: of a sensor that covers everything."""
-        state, tracks = self._state, picture.tracks
+        state = self._state
+        tracks = picture.tracks
         if picture.scan_t_ns > state.t_ns:
-            state.t_ns, state.counts_before = picture.scan_t_ns, state.counts
+            state.t_ns = picture.scan_t_ns
+            state.counts_before = state.counts
         positions = np.reshape([track.mean[:2] for track in tracks], (-1, 2))
         is_covered = np.ones(len(tracks), np.bool_) if sensor is None else covers(sensor, positions)
         state.counts = {

@@ -56,7 +56,8 @@ class TrackVehicleAssociation:
     def __init__(
         self, agents: Mapping[int, Agent], gate_chi2: float, noise_std_m: float, max_age_s: float
     ) -> None:
-        self._agents, self._gate_chi2 = agents, gate_chi2
+        self._agents = agents
+        self._gate_chi2 = gate_chi2
         self._noise: FloatArray = np.eye(2) * noise_std_m**2
         self._max_age_ns = int(max_age_s * NS_PER_S)
 
@@ -97,7 +98,9 @@ class TrackVehicleAssociation:
     def forget(self, vehicle: int) -> None:
         """End the association of a vehicle."""
         association = self._of(vehicle)
-        association.label, association.was_lost, association.outside = None, False, ConsecutiveEpochs()
+        association.label = None
+        association.was_lost = False
+        association.outside = ConsecutiveEpochs()
 
     def _of(self, vehicle: int) -> Association:
         return self._agents[vehicle].perception.association
@@ -134,8 +137,10 @@ class TrackVehicleAssociation:
         silent = self._silent(tracks, positions)
         losing = [vehicle for vehicle in losing if self._of(vehicle).label not in tracks]
         for vehicle, label in self._nearest(losing, [tracks[label] for label in silent], positions).items():
-            one, other = self._of(vehicle), self._of(silent[label])
-            one.label, other.label = label, one.label
+            one = self._of(vehicle)
+            other = self._of(silent[label])
+            other.label = one.label
+            one.label = label
 
     def _silent(self, tracks: Mapping[Label, Track], positions: Positions) -> dict[Label, int]:
         """Return the silent vehicles, by their confirmed tracks."""
@@ -151,7 +156,8 @@ class TrackVehicleAssociation:
         ]
         for vehicle, label in self._nearest(waiting, [tracks[label] for label in silent], positions).items():
             self.forget(silent[label])
-            self._of(vehicle).label, self._of(vehicle).near = label, None
+            self._of(vehicle).label = label
+            self._of(vehicle).near = None
 
     def _find_unassociated(
         self, confirmation: TrackConfirmation, positions: Positions, losing: Sequence[int]

@@ -28,7 +28,10 @@ class UntrackedDetections:
         """Return an alarm with the new positions, at most every 10 s, or its all-clear."""
         state = self._state
         if state.new_m and (state.notice_t_ns is None or t_ns - state.notice_t_ns >= _REPEAT_NS):
-            positions, state.new_m, state.notice_t_ns, state.is_raised = state.new_m, [], t_ns, True
+            positions = state.new_m
+            state.new_m = []
+            state.notice_t_ns = t_ns
+            state.is_raised = True
             named = "; ".join(self._words(position) for position in positions[:_MAX_NAMED])
             more = f" and at {len(positions) - _MAX_NAMED} more places" if len(positions) > _MAX_NAMED else ""
             found: dict[str, Parameter] = {"places": named + more, "remedy": self._remedy}

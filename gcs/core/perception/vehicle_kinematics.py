@@ -29,7 +29,8 @@ class VehicleKinematics:
     """Newest report of each vehicle, at most `max_age_s` old, and its turn rate."""
 
     def __init__(self, agents: Mapping[int, Agent], max_age_s: float) -> None:
-        self._agents, self._max_age_ns = agents, int(max_age_s * NS_PER_S)
+        self._agents = agents
+        self._max_age_ns = int(max_age_s * NS_PER_S)
 
     def update(self, states: Iterable[VehicleState]) -> None:
         """Process the newest reports."""
@@ -86,7 +87,8 @@ class VehicleKinematics:
 
 def motion_of(track: Track, age_ns: int = 0) -> Motion:
     """Return the motion of a track, along a straight line."""
-    v_east, v_north = float(track.mean[2]), float(track.mean[3])
+    v_east = float(track.mean[2])
+    v_north = float(track.mean[3])
     return Motion(
         *place_of(track), math.hypot(v_east, v_north), math.atan2(v_east, v_north), 0.0, age_ns / NS_PER_S
     )

@@ -83,19 +83,20 @@ def update_trackers(stages: Stages, epoch: Epoch) -> list[Effect]:
 
 def associate_vehicles(stages: Stages, epoch: Epoch) -> list[Effect]:
     """Associate tracks with vehicles, and compare reported positions with detections."""
-    agents, targets = stages.trackers.agents.confirmation, stages.trackers.targets.confirmation
+    agents = stages.trackers.agents.confirmation
+    targets = stages.trackers.targets.confirmation
     stages.association.update(agents, epoch.measured_t_ns, epoch.states)
     stages.kinematics.update(epoch.newest)
     effects: list[Effect] = [
         *stages.position_integrity.update(epoch.scan, epoch.states, agents.tracks, targets.tracks.values())
     ]
-    labels = stages.association.labels
-    return effects + stages.sensor_watchdog.associated(epoch.t_ns, epoch.reporting, labels)
+    return effects + stages.sensor_watchdog.associated(epoch.t_ns, epoch.reporting, stages.association.labels)
 
 
 def update_statuses(stages: Stages, epoch: Epoch) -> list[Effect]:
     """Decide which agents have arrived, are lost, or are active again."""
-    agents, targets = stages.trackers.agents.confirmation, stages.trackers.targets.confirmation
+    agents = stages.trackers.agents.confirmation
+    targets = stages.trackers.targets.confirmation
     effects: list[Effect] = []
     changes = stages.agent_status.update(epoch.t_ns, epoch.measured_t_ns, agents, targets, epoch.reporting)
     for status in changes:
@@ -112,8 +113,7 @@ def check_climbs(stages: Stages, epoch: Epoch) -> list[Effect]:
 def report_missed_targets(stages: Stages, epoch: Epoch) -> list[Effect]:
     """Tell which vehicles ended their routes without having reached their targets."""
     capture_m = stages.config.planning.capture_radius_m
-    missions = stages.tasking.onboard_missions
-    return check_missed_targets(stages.state.agents, missions, capture_m, epoch.t_ns)
+    return check_missed_targets(stages.state.agents, stages.tasking.onboard_missions, capture_m, epoch.t_ns)
 
 
 def refresh_proposal(stages: Stages, epoch: Epoch) -> list[Effect]:

@@ -36,7 +36,8 @@ def check_flight(stages: Stages, event: Tick) -> list[Effect]:
 
 def check_health(stages: Stages, event: Tick) -> list[Effect]:
     """Check the health of vehicles in flight, twice a second; plan for those that have become unfit."""
-    t_ns, agents = event.t_ns, stages.state.agents
+    t_ns = event.t_ns
+    agents = stages.state.agents
     if not stages.health.is_due(t_ns):
         return []
     fit = {vehicle for vehicle, agent in agents.items() if not agent.flight.unfit}
@@ -49,7 +50,8 @@ def check_health(stages: Stages, event: Tick) -> list[Effect]:
 
 def check_sensors(stages: Stages, event: Tick) -> list[Effect]:
     """Tell of silent sensors, of vehicles that were never heard, and of unreadable input."""
-    t_ns, state = event.t_ns, stages.state
+    t_ns = event.t_ns
+    state = stages.state
     effects = stages.sensor_watchdog.poll(t_ns)
     effects += check_never_heard(state.agents, state.perception, t_ns)
     return effects + stages.input_errors.poll(t_ns)

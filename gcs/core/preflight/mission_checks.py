@@ -12,12 +12,13 @@ from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.airspace.records import AirspaceState
-from gcs.core.preflight.result import Check, CheckLevel
+from gcs.core.preflight.check_codes import CheckCode
+from gcs.core.preflight.result import Check
 from gcs.core.replanning.mission_inputs import mission_inputs
 from gcs.core.takeoff.climbs import Climbs, Obstruction
 from gcs.fence import fence_of
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.model import NS_PER_S, Scan, vehicle_name
+from gcs.model import NS_PER_S, Parameter, Scan, vehicle_name
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.map.grid import Point
 from gcs.planning.planner import PlanResult, plan_mission
@@ -109,16 +110,19 @@ def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
 
 def _takeoff(vehicle: int, rehearsal: Rehearsal) -> Check:
     """Check the climb of a vehicle and its first turn."""
-    climb, obstruction = rehearsal.climbs[vehicle], rehearsal.obstructions.get(vehicle)
-    (east_m, north_m), heading_deg = climb.end_m, math.degrees(climb.heading_rad) % 360.0
-    value = (
-        f"{climb.length_m:.0f} m along {heading_deg:.0f} degrees to {climb.altitude_rel_m:g} m, "
-        f"there at ({east_m:.0f}, {north_m:.0f}) m"
-    )
+    climb = rehearsal.climbs[vehicle]
+    obstruction = rehearsal.obstructions.get(vehicle)
+    parameters: dict[str, Parameter] = {
+        "length_m": climb.length_m,
+        "heading_deg": math.degrees(climb.heading_rad) % 360.0,
+        "altitude_m": climb.altitude_rel_m,
+        "east_m": climb.end_m[0],
+        "north_m": climb.end_m[1],
+    }
     if obstruction is None:
-        return Check(vehicle, "take-off", "ok", value)
-    value = f"{value}; {obstruction.problem}"
-    return Check(vehicle, "take-off", "refused", value, "a clear climb and first turn", obstruction.remedy)
+        return Check(vehicle, CheckCode.TAKEOFF, parameters)
+    parameters |= {"problem": obstruction.problem, "remedy": obstruction.remedy}
+    return Check(vehicle, CheckCode.TAKEOFF_OBSTRUCTED, parameters)
 
 
 def _standing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
@@ -132,13 +136,14 @@ def _standing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
     if not near_m:
         return
     first, second, *_ = together = sorted({vehicle for pair in near_m for vehicle in pair})
-    names = ", ".join(map(vehicle_name, together))
-    value = f"agents {names} stand near each other: {min(near_m.values()):.0f} m"
-    remedy = (
-        f"arm them one after another: gcs order arm {vehicle_name(first)}, wait until it has climbed to its "
-        f"altitude, then gcs order arm {vehicle_name(second)}"
-    )
-    yield Check(None, "standing", "warning", value, f"{min_m:g} m apart", remedy)
+    parameters: dict[str, Parameter] = {
+        "vehicles": tuple(together),
+        "distance_m": min(near_m.values()),
+        "min_distance_m": min_m,
+        "first": first,
+        "second": second,
+    }
+    yield Check(None, CheckCode.STANDING_NEAR, parameters)
 
 
 def _landing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
@@ -155,66 +160,75 @@ def _landing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
     near_m = {pair: away_m for pair, away_m in near_m.items() if away_m < MIN_LANDING_M}
     if not near_m:
         return
-    names = ", ".join(map(vehicle_name, sorted({vehicle for pair in near_m for vehicle in pair})))
-    value = f"agents {names} land near each other: {min(near_m.values()):.0f} m"
-    remedy = "they land one after another: clear the strip in between, or let them start farther apart"
-    yield Check(None, "landing", "warning", value, f"{MIN_LANDING_M:g} m apart", remedy)
+    parameters: dict[str, Parameter] = {
+        "vehicles": tuple(sorted({vehicle for pair in near_m for vehicle in pair})),
+        "distance_m": min(near_m.values()),
+        "min_distance_m": MIN_LANDING_M,
+    }
+    yield Check(None, CheckCode.LANDINGS_NEAR, parameters)
 
 
 def _routes(plan: PlanResult) -> Check:
     stuck = plan.unassigned_vehicles if plan.unassigned_targets else ()
-    longest_m = max((route.length_m for route in plan.routes), default=0.0)
-    value = f"{len(plan.routes)} routes, the longest {longest_m:.0f} m"
     notes = "; ".join(note.line for note in plan.notes)
-    if stuck or not plan.routes:
-        names = ", ".join(map(vehicle_name, stuck)) or "any vehicle"
-        return Check(None, "routes", "refused", f"no route for {names}", "a route for all", notes)
-    level: CheckLevel = "warning" if plan.notes else "ok"
-    return Check(None, "routes", level, value, "", notes)
+    if stuck:
+        return Check(None, CheckCode.NO_ROUTE, {"vehicles": tuple(stuck), "notes": notes})
+    if not plan.routes:
+        return Check(None, CheckCode.NO_ROUTES, {"notes": notes})
+    longest_m = max(route.length_m for route in plan.routes)
+    code = CheckCode.ROUTES_WITH_NOTES if plan.notes else CheckCode.ROUTES
+    return Check(None, code, {"count": len(plan.routes), "longest_m": longest_m, "notes": notes})
 
 
 def _separation(config: Config, rehearsal: Rehearsal) -> Check:
     """Check the separation of the rehearsed routes in their altitude layers."""
-    mission, conflicts = config.mission, rehearsal.plan.conflicts
+    mission = config.mission
+    conflicts = rehearsal.plan.conflicts
     heights_m = [
         f"{mission.altitude_rel_m + layer * mission.layer_step_m:g}"
         for layer in sorted({route.layer for route in rehearsal.plan.routes})
     ]
-    value = f"{len(heights_m)} of {rehearsal.mission.layers} layers, at {', '.join(heights_m)} m"
+    parameters: dict[str, Parameter] = {
+        "used": len(heights_m),
+        "layers": rehearsal.mission.layers,
+        "heights": ", ".join(f"{height_m:g}" for height_m in heights_m),
+    }
     if not conflicts:
-        return Check(None, "separation", "ok", value)
-    near = ", ".join(" and ".join(map(vehicle_name, conflict.vehicles)) for conflict in conflicts)
-    text = f"{value}; {near} come near each other"
-    return Check(None, "separation", "warning", text, "a layer each", "more mission.layers, or watch them")
+        return Check(None, CheckCode.ROUTES_APART, parameters)
+    parameters["pairs"] = ", ".join(
+        " and ".join(map(vehicle_name, conflict.vehicles)) for conflict in conflicts
+    )
+    return Check(None, CheckCode.ROUTES_NEAR, parameters)
 
 
 def _fence(config: Config, rehearsal: Rehearsal) -> Check:
-    fence, frame = fence_of(config, config.name), config.local_frame
+    fence = fence_of(config, config.name)
+    frame = config.local_frame
     if not fence.areas:
-        level: CheckLevel = "ok" if fence.max_alt_rel_m else "warning"
-        return Check(None, "fence", level, "no areas in the mission file", "[fence]", "docs/preflight.md")
+        return Check(None, CheckCode.CEILING_ONLY if fence.max_alt_rel_m else CheckCode.NO_AREAS)
     beyond_m = {v: fence.beyond(route_m, frame) for v, route_m in rehearsal.plan.paths_m.items()}
     leaving = [f"{vehicle_name(v)}: {metres:.0f} m" for v, metres in sorted(beyond_m.items()) if metres]
     if leaving:
-        text = f"beyond the fence: {', '.join(leaving)}"
-        return Check(None, "fence", "refused", text, "within", "move the starts, or draw it wider")
-    return Check(None, "fence", "ok", f"{len(fence.areas)} areas, routes within")
+        return Check(None, CheckCode.ROUTES_BEYOND_FENCE, {"distances": ", ".join(leaving)})
+    return Check(None, CheckCode.ROUTES_IN_FENCE, {"count": len(fence.areas)})
 
 
 def sensor_checks(scans: Sequence[Scan], problems: Iterable[str], waited_s: float) -> list[Check]:
     """Check the scans that arrived within `waited_s` seconds."""
-    rows = [Check(None, "scans", "refused", problem, "", "docs/sensors.md") for problem in problems]
-    if not scans and not rows:
-        text = f"none in {waited_s:.0f} s"
-        return [Check(None, "scans", "refused", text, "scans", "do sensors publish to links.zenoh?")]
+    found = [Check(None, CheckCode.BAD_SCANS, {"problem": problem}) for problem in problems]
+    if not scans and not found:
+        return [Check(None, CheckCode.NO_SCANS, {"waited_s": waited_s})]
     by_name = attrgetter("sensor.name")
     for name, some in itertools.groupby(sorted(scans, key=by_name), key=by_name):
         of_one = list(some)
-        late_s = [(scan.t_ns - scan.measured_t_ns) / NS_PER_S for scan in of_one]
-        worst_s = max(late_s, key=abs)
-        detections = sum(len(scan.z_m) for scan in of_one) / len(of_one)
-        level: CheckLevel = "ok" if abs(worst_s) <= _MAX_CLOCK_ERROR_S else "refused"
-        value = f"{len(of_one)} of {name}, {detections:.0f} detections each, {worst_s:+.2f} s old"
-        remedy = "" if level == "ok" else "check the clocks"
-        rows.append(Check(None, "scans", level, value, f"within {_MAX_CLOCK_ERROR_S:.0f} s", remedy))
-    return rows
+        age_s = max(((scan.t_ns - scan.measured_t_ns) / NS_PER_S for scan in of_one), key=abs)
+        parameters: dict[str, Parameter] = {
+            "count": len(of_one),
+            "sensor": name,
+            "detections": sum(len(scan.z_m) for scan in of_one) / len(of_one),
+            "age_s": age_s,
+            "max_off_s": _MAX_CLOCK_ERROR_S,
+        }
+        code = CheckCode.SCANS if abs(age_s) <= _MAX_CLOCK_ERROR_S else CheckCode.SCANS_OFF
+        found.append(Check(None, code, parameters))
+    return found

@@ -1,29 +1,67 @@
-"""Results of pre-flight checks: "ok", "warning", or "refused" (do not fly)."""
+"""Results of preflight checks: findings, and the rows that show them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import msgspec
 
-from gcs.model import vehicle_name
-
-CheckLevel: TypeAlias = Literal["ok", "warning", "refused"]
+from gcs.core.preflight.check_codes import CheckCode, CheckLevel
+from gcs.model import Parameter, vehicle_name
+from gcs.model.templates import fill, plain_value
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One row of the table."""
+    """Finding of a check: code and parameters."""
 
     vehicle: int | None
     """None: the mission."""
+    code: CheckCode
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
+
+    @property
+    def level(self) -> CheckLevel:
+        """Level of its code."""
+        return self.code.level
+
+    @property
+    def name(self) -> str:
+        """Name of the check, or of the parameter that it is about."""
+        return fill(self.code.check, self.parameters)
+
+    @property
+    def row(self) -> CheckRow:
+        """Finding in words, with printable characters only."""
+        values = {name: plain_value(value) for name, value in self.parameters.items()}
+        return CheckRow(
+            self.vehicle,
+            self.code.value,
+            self.name,
+            self.level,
+            fill(self.code.found, values),
+            fill(self.code.wanted, values),
+            fill(self.code.remedy, {"vehicle": self.vehicle, **values}),
+            values,
+        )
+
+
+class CheckRow(msgspec.Struct, frozen=True):
+    """Finding of a check in words: a row of the table."""
+
+    vehicle: int | None
+    """None: the mission."""
+    code: str
+    """Stable identity of the finding."""
     name: str
     level: CheckLevel
     value: str
     wanted: str = ""
     remedy: str = ""
     """What to do, unless it is ok."""
+    parameters: dict[str, Parameter] = {}
+    """Parameters of the code."""
 
     @property
     def subject(self) -> str:
@@ -40,4 +78,4 @@ class PreflightResult(msgspec.Struct, frozen=True):
     refused: int = 0
     """Number of refused checks."""
     warnings: int = 0
-    checks: tuple[Check, ...] = ()
+    checks: tuple[CheckRow, ...] = ()

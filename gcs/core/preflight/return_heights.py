@@ -16,6 +16,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
+from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.result import Check
 from gcs.core.state import Agent
 from gcs.mavlink.autopilots import AutopilotProfile
@@ -38,7 +39,9 @@ _MAX_VALUE: Final = 1e6
 """Greater values are not those of a return height."""
 _TOLERANCE_M: Final = 0.5
 _MAX_NAMED: Final = 8
-_REQUEST_S, _QUICK_REQUESTS, _SLOW_REQUEST_S = 2.0, 5, 30.0
+_REQUEST_S = 2.0
+_QUICK_REQUESTS = 5
+_SLOW_REQUEST_S = 30.0
 """Time between requests for a parameter; after some of them it is longer."""
 _SET_APART: Final = "Set them a layer apart before the next flight (gcs preflight), and return one at a time"
 
@@ -100,7 +103,9 @@ class ReturnHeightMonitor:
     """
 
     def __init__(self, config: Config, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
-        self._fleet, self._agents, self._step_m = fleet, agents, config.mission.layer_step_m
+        self._fleet = fleet
+        self._agents = agents
+        self._step_m = config.mission.layer_step_m
         self._rally_m = [float(point.alt_rel_m) for point in config.rally]
 
     def receive(self, vehicle: int, message: Message) -> None:
@@ -132,15 +137,18 @@ class ReturnHeightMonitor:
 
     def _request(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Request the parameters of a vehicle that has not told them."""
-        agent, profile = self._agents[vehicle], self._fleet.profile(vehicle)
-        returns, is_heard = agent.returns, agent.link.liveness == "alive"
+        agent = self._agents[vehicle]
+        profile = self._fleet.profile(vehicle)
+        returns = agent.returns
+        is_heard = agent.link.liveness == "alive"
         if profile is None or not is_heard or t_ns < returns.next_request_t_ns:
             return []
         is_known = not returns.parameters.keys().isdisjoint(_UNITS_PER_M)
         if is_known and (_TYPE in returns.parameters or _TYPE not in profile.return_parameters):
             return []
         wait_s = _REQUEST_S if returns.requests < _QUICK_REQUESTS else _SLOW_REQUEST_S
-        returns.requests, returns.next_request_t_ns = returns.requests + 1, t_ns + ns(wait_s)
+        returns.requests = returns.requests + 1
+        returns.next_request_t_ns = t_ns + ns(wait_s)
         messages = [
             dialect.MAVLink_param_request_read_message(
                 system_of(vehicle), AUTOPILOT_COMPONENT_ID, name.encode(), -1
@@ -154,9 +162,7 @@ class ReturnHeightMonitor:
         return _too_close([one for v in sorted(vehicles) if (one := self._of(v)) is not None], self._step_m)
 
     def _words(self, near: Sequence[ReturnHeight]) -> str:
-        named = ", ".join(one.words for one in near[:_MAX_NAMED])
-        more = f" and {len(near) - _MAX_NAMED} more" if len(near) > _MAX_NAMED else ""
-        return f"agents {named}{more} return less than {self._step_m:g} m apart in height"
+        return f"agents {_listed(near)} return less than {self._step_m:g} m apart in height"
 
     def warning(self, vehicles: Collection[int]) -> str:
         """Return a warning of vehicles that would return nearer in height than a layer step; else empty."""
@@ -193,31 +199,33 @@ def returns_check(heights: Sequence[ReturnHeight], step_m: float, ceiling_m: flo
     """
     if step_m <= 0.0 or len(heights) < 2:
         return
-    wanted, near = f"{step_m:g} m between them", _too_close(heights, step_m)
+    near = _too_close(heights, step_m)
     if not near:
         listed = ", ".join(f"{one.height_m:g}" for one in heights[:_MAX_NAMED])
-        yield Check(None, "return heights", "ok", f"{listed} m")
+        yield Check(None, CheckCode.RETURNS_APART, {"heights": listed})
         return
-    shown = [one.words for one in near[:_MAX_NAMED]]
+    parameters: dict[str, Parameter] = {"heights": _listed(near), "step_m": step_m}
+    if not all(one.parameter for one in near):
+        yield Check(None, CheckCode.RETURNS_NEAR_BY_RALLY, parameters)
+        return
+    commands = []
+    height_m = near[0].height_m
+    max_height_m = ceiling_m - MARGIN_M if ceiling_m else math.inf
+    for one in near[1:_MAX_NAMED]:
+        height_m = max(height_m + step_m, one.height_m)
+        if height_m > one.height_m:
+            commands.append(one.raised_to(height_m))
+    if height_m <= max_height_m:
+        yield Check(None, CheckCode.RETURNS_NEAR, parameters | {"commands": ", ".join(commands)})
+        return
+    parameters |= {"lowest_m": near[0].height_m, "highest_m": height_m, "max_height_m": max_height_m}
+    yield Check(None, CheckCode.RETURNS_NEAR_UNDER_CEILING, parameters)
+
+
+def _listed(near: Sequence[ReturnHeight]) -> str:
+    """Return the first of some vehicles with their heights, and how many more there are."""
     more = f" and {len(near) - _MAX_NAMED} more" if len(near) > _MAX_NAMED else ""
-    remedy = "sent home together they meet at one height: return them one after another"
-    if all(one.parameter for one in near):
-        commands, height_m = [], near[0].height_m
-        highest_m = ceiling_m - MARGIN_M if ceiling_m else math.inf
-        for one in near[1:_MAX_NAMED]:
-            height_m = max(height_m + step_m, one.height_m)
-            if height_m > one.height_m:
-                commands.append(one.raised_to(height_m))
-        if height_m <= highest_m:
-            remedy += f", or {', '.join(commands)}"
-        else:
-            remedy += (
-                f", or raise fence.max_alt_rel_m: heights {step_m:g} m apart from {near[0].height_m:g} m on "
-                f"reach {height_m:g} m, and {highest_m:g} m are allowed"
-            )
-    else:
-        remedy += ", or fly without rally points: then RTL_ALTITUDE of each counts"
-    yield Check(None, "return heights", "warning", f"agents {', '.join(shown)}{more}", wanted, remedy)
+    return ", ".join(one.words for one in near[:_MAX_NAMED]) + more
 
 
 def return_height_check(
@@ -240,12 +248,12 @@ def return_height_check(
     if not heights_m:
         return
     name, height_m = max(heights_m.items(), key=lambda item: item[1])
-    value, limits = f"{height_m:g} m ({name})", profile.fence_limits(values)
+    parameters: dict[str, Parameter] = {"height_m": height_m, "source": name}
+    limits = profile.fence_limits(values)
     ceilings_m = [limits.max_alt_rel_m] if limits.is_on and limits.max_alt_rel_m else []
     ceilings_m += [ceiling_m] if ceiling_m else []
     if not ceilings_m or height_m <= (highest_m := min(ceilings_m) - MARGIN_M):
-        yield Check(vehicle, "return height", "ok", value)
+        yield Check(vehicle, CheckCode.RETURN_HEIGHT, parameters)
         return
-    wanted = f"at most {highest_m:g} m, {MARGIN_M:g} m below the ceiling"
-    remedy = "RTL would climb into the ceiling: lower it, or the rally points, or raise the ceiling"
-    yield Check(vehicle, "return height", "refused", value, wanted, remedy)
+    parameters |= {"max_height_m": highest_m, "margin_m": MARGIN_M}
+    yield Check(vehicle, CheckCode.RETURN_NEAR_CEILING, parameters)

@@ -44,7 +44,8 @@ class PlanningInputBuilder:
 
     def build(self, t_ns: int, picture_t_ns: int) -> PlanningInputs:
         """Return the inputs of a plan at `t_ns`, with tracks as of `picture_t_ns`."""
-        tracks, untaskable = self._tracks(), without_missions(self.agents)
+        tracks = self._tracks()
+        untaskable = without_missions(self.agents)
         untaskable |= {
             vehicle: "has touched the ground"
             for vehicle, agent in self.agents.items()
@@ -52,7 +53,8 @@ class PlanningInputBuilder:
         }
         picture = self.trackers.agents.picture  # later than that of targets after reports alone
         agents_t_ns = picture_t_ns if picture is None else max(picture_t_ns, picture.scan_t_ns)
-        active, lost = with_status(self.agents, "active"), frozenset(with_status(self.agents, "lost"))
+        active = with_status(self.agents, "active")
+        lost = frozenset(with_status(self.agents, "lost"))
         agents = {v: tracks[v] for v in active if v not in untaskable and v in tracks}
         return PlanningInputs(
             t_ns=t_ns,
@@ -84,7 +86,8 @@ class PlanningInputBuilder:
         """Return home and range of the vehicles whose battery limits them."""
         found = {}
         for vehicle in vehicles:
-            home, state = self.fleet.home(vehicle), self.fleet.state(vehicle)
+            home = self.fleet.home(vehicle)
+            state = self.fleet.state(vehicle)
             endurance_s = self.agents[vehicle].flight.endurance_s
             if home is not None and state is not None and endurance_s is not None:
                 home_m = self.frame.to_local(home.lat_deg, home.lon_deg)
@@ -97,9 +100,11 @@ class PlanningInputBuilder:
 
     def _tracks(self) -> dict[int, Track]:
         """Return the confirmed track of each vehicle; after a break, the one near a planned vehicle."""
-        confirmation, tracks = self.trackers.agents.confirmation, dict[int, Track]()
+        confirmation = self.trackers.agents.confirmation
+        tracks = dict[int, Track]()
         for vehicle, agent in self.agents.items():
-            label, near = agent.perception.association.label, agent.perception.association.near
+            label = agent.perception.association.label
+            near = agent.perception.association.near
             if label is not None and label in confirmation.tracks:
                 tracks[vehicle] = confirmation.tracks[label]
             elif near is not None and agent.routes.is_planned:
@@ -108,7 +113,8 @@ class PlanningInputBuilder:
 
     def open_targets(self) -> dict[Label, Track]:
         """Return the confirmed targets that need more agents, and are not ignored."""
-        arrived, needed = at_targets(self.agents), self.replanner.plan_targets.needed
+        arrived = at_targets(self.agents)
+        needed = self.replanner.plan_targets.needed
         return {
             label: track
             for label, track in self.trackers.targets.confirmation.tracks.items()
@@ -124,7 +130,8 @@ class PlanningInputBuilder:
         """Return the vehicles in the air that are not planned for now, and fly no mission of ours."""
         found = []
         for state in self.fleet.states():
-            vehicle, home = state.system_id, self.fleet.home(state.system_id)
+            vehicle = state.system_id
+            home = self.fleet.home(state.system_id)
             is_ours = self.agents[vehicle].control.authority is Authority.OURS
             if vehicle in planned or vehicle in lost or is_on_ground(state, home):
                 continue
@@ -148,7 +155,8 @@ class PlanningInputBuilder:
 
 def _circle(state: VehicleState, rate_rad_s: float) -> tuple[Point, float]:
     """Return centre and radius of the circle that a vehicle flies; wide round one that has just begun it."""
-    place_m, radius_m = (state.east_m, state.north_m), state.ground_speed_m_s / max(abs(rate_rad_s), 1e-3)
+    place_m = (state.east_m, state.north_m)
+    radius_m = state.ground_speed_m_s / max(abs(rate_rad_s), 1e-3)
     if radius_m > _MAX_CIRCLE_M:
         return place_m, 2.0 * _CIRCLE_M
     side_m = math.copysign(radius_m, rate_rad_s)

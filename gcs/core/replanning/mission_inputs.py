@@ -12,7 +12,8 @@ from gcs.planning.planner_inputs import AgentState, MissionInputs
 
 def mission_inputs(config: Config, grid: Grid) -> MissionInputs:
     """Return the inputs of a plan from the starts of agents to the birth components of targets."""
-    speeds_m_s, options = config.speeds_m_s, vehicle_options(config)
+    speeds_m_s = config.speeds_m_s
+    options = vehicle_options(config)
     layers = config.mission.layers if config.mission.layer_step_m > 0.0 else 1
     agents = {
         one.vehicle: AgentState(

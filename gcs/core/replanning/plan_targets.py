@@ -27,7 +27,8 @@ A noisy velocity moves a far intercept at each check, and each correction is an 
 
 def plan_options(config: Config, airframe: AgentAirframe | None = None) -> PlanOptions:
     """Return the planner options of a mission, for vehicles of an airframe; by default of `[airframe]`."""
-    planning, airframe = config.planning, airframe or config.default_airframe
+    planning = config.planning
+    airframe = airframe or config.default_airframe
     return PlanOptions(
         clearance_m=planning.clearance_m,
         shape=planning.shape,
@@ -97,7 +98,8 @@ class PlanTargets:
         It is `target_moved_m` far away, as in the paper, and less near the target: with a fixed threshold an
         agent may wait at the end of its route while the target moves within it.
         """
-        planning, (east_m, north_m) = self._planning, place_of(agent)
+        planning = self._planning
+        east_m, north_m = place_of(agent)
         distance_m = math.hypot(east_m - float(route.points_m[-1, 0]), north_m - float(route.points_m[-1, 1]))
         max_m = planning.target_moved_m
         if planning.aim == "intercept":
@@ -107,7 +109,8 @@ class PlanTargets:
 
 def is_arriving(agent: Track, target: Track) -> bool:
     """Return True if an agent approaches its target within `ARRIVING_M`: a new mission would be late."""
-    (east_m, north_m), (v_east, v_north) = target.mean[:2] - agent.mean[:2], agent.mean[2:4]
+    east_m, north_m = target.mean[:2] - agent.mean[:2]
+    v_east, v_north = agent.mean[2:4]
     is_closing = east_m * v_east + north_m * v_north > 0.0
     return bool(is_closing and math.hypot(east_m, north_m) <= ARRIVING_M)
 

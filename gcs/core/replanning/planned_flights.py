@@ -36,10 +36,13 @@ class AltitudeLayers:
         agents: Mapping[int, Agent],
         state: ReplanningState,
     ) -> None:
-        self._mission, self._agents, self._state = mission, agents, state
+        self._mission = mission
+        self._agents = agents
+        self._state = state
         airframes = config.airframes_of_agents.items()
         self._radii_m = {vehicle: one.loiter_radius_m for vehicle, one in airframes}
-        self._base_m, self._step_m = config.mission.altitude_rel_m, config.mission.layer_step_m
+        self._base_m = config.mission.altitude_rel_m
+        self._step_m = config.mission.layer_step_m
 
     def of(self, vehicle: int) -> int:
         """Return the layer of a vehicle, or its preferred one."""
@@ -140,5 +143,6 @@ class AltitudeLayers:
 
 def begin_m(vehicle: int, inputs: PlanningInputs) -> list[Point]:
     """Return where an agent is, and the end of its climb."""
-    place_m, climb = place_of(inputs.agents[vehicle]), inputs.climbs.get(vehicle)
+    place_m = place_of(inputs.agents[vehicle])
+    climb = inputs.climbs.get(vehicle)
     return [place_m] if climb is None else [place_m, climb.latest_end_m]

@@ -63,7 +63,8 @@ class AgentRoutes:
 
     def drop_flown(self) -> None:
         """Drop the route of a vehicle whose mission could not be uploaded."""
-        self.flown, self.is_blocked = None, False
+        self.flown = None
+        self.is_blocked = False
 
     def adopt(self, route: Route) -> None:
         """Make a proposed or suspended route the one that is flown."""
@@ -72,7 +73,8 @@ class AgentRoutes:
 
     def resume_latest(self) -> None:
         """Make the last route the flown one again, as one that leads through a closed area."""
-        self.flown, self.is_blocked = self.latest, True
+        self.flown = self.latest
+        self.is_blocked = True
 
     def suspend(self, *, is_uploaded: bool) -> None:
         """Drop the routes; keep one that the vehicle has on board for `pop_suspended`."""
@@ -86,7 +88,8 @@ class AgentRoutes:
 
     def pop_suspended(self) -> Route | None:
         """Return, once, the route of a suspended vehicle."""
-        route, self.suspended = self.suspended, None
+        route = self.suspended
+        self.suspended = None
         return route
 
 

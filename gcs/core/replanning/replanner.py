@@ -55,7 +55,9 @@ class Replanner:
     def __init__(
         self, config: Config, zones: NoFlyZones, agents: Mapping[int, Agent], state: ReplanningState
     ) -> None:
-        self._zones, self._agents, self._state = zones, agents, state
+        self._zones = zones
+        self._agents = agents
+        self._state = state
         self._planning = config.planning
         self._mission = mission_inputs(config, zones.grid)
         self.plan_targets = PlanTargets(config)
@@ -77,7 +79,8 @@ class Replanner:
 
     def _flown_plan(self, t_ns: int, picture_t_ns: int, why: Reason, changed: tuple[int, ...] = ()) -> Plan:
         """Return the plan of the routes that are flown."""
-        routes, targets = flown_routes(self._agents), self._state.planned_targets
+        routes = flown_routes(self._agents)
+        targets = self._state.planned_targets
         planned = [vehicle for vehicle, agent in self._agents.items() if agent.routes.is_planned]
         assigned = {route.target for route in routes.values()}
         return Plan(
@@ -140,8 +143,11 @@ class Replanner:
             Vehicles that will fly through the closed cells unless they get another route.
         """
         for vehicle, agent in self._agents.items():
-            routes, state = agent.routes, agent.perception.motion.state
-            flown, proposed, place = routes.flown, routes.proposed, places.get(vehicle)
+            routes = agent.routes
+            state = agent.perception.motion.state
+            flown = routes.flown
+            proposed = routes.proposed
+            place = places.get(vehicle)
             if flown is not None:
                 passed = flown_points(agent, flown, state)
                 is_blocked = vehicle in without_return or is_crossed(closed, flown.flown_m, place, passed)
@@ -216,7 +222,8 @@ class Replanner:
         renewed = {} if routes.flown is None else self._renewed({vehicle: routes.flown.target}, inputs)
         if vehicle not in renewed:
             return None
-        routes.flown, routes.is_blocked = renewed[vehicle], False
+        routes.flown = renewed[vehicle]
+        routes.is_blocked = False
         why = reasons.of_agent("upload waited", vehicle, "gets its mission later than planned")
         return self._flown_plan(inputs.t_ns, inputs.picture_t_ns, why, (vehicle,))
 
@@ -245,7 +252,8 @@ class Replanner:
             routes = self._agents[route.vehicle].routes
             routes.latest = route
             if route.vehicle in made.paths_m:
-                routes.made_t_ns, routes.is_short = t_ns, route.vehicle in made.stops_short
+                routes.made_t_ns = t_ns
+                routes.is_short = route.vehicle in made.stops_short
         return made
 
     def separation_m(self, inputs: PlanningInputs) -> dict[int, float]:
@@ -259,7 +267,8 @@ class Replanner:
         state = self._state
         if state.started_t_ns is None:
             state.started_t_ns = inputs.t_ns
-        agents, targets = len(self._mission.agents), len(self._mission.targets)
+        agents = len(self._mission.agents)
+        targets = len(self._mission.targets)
         is_complete = len(inputs.agents) >= agents and len(inputs.targets) >= targets
         waited = inputs.t_ns - state.started_t_ns >= _FIRST_PLAN_WAIT_S * NS_PER_S
         if not (is_complete or (waited and inputs.agents and inputs.targets)):
@@ -404,7 +413,8 @@ class Replanner:
 
     def delivery_s(self, vehicle: int, inputs: PlanningInputs) -> float:
         """Return the time until an agent in flight gets a route that is planned now."""
-        ahead, late_s = inputs.motion(vehicle).ahead, inputs.late_s.get(vehicle, 0.0)
+        ahead = inputs.motion(vehicle).ahead
+        late_s = inputs.late_s.get(vehicle, 0.0)
         until_hold_s = max(0.0, ahead.next_s - UploadLimits().guard_s)
         return DELIVERY_S + ahead.wait_s + min(late_s, until_hold_s)
 
@@ -412,9 +422,11 @@ class Replanner:
         """Make the routes of a plan the flown ones, or propose those that differ."""
         planned = {route.vehicle: route for route in kept}
         for vehicle, agent in self._agents.items():
-            routes, route = agent.routes, planned.get(vehicle)
+            routes = agent.routes
+            route = planned.get(vehicle)
             if self._planning.retask == "auto":
-                routes.flown, routes.is_blocked = route, False
+                routes.flown = route
+                routes.is_blocked = False
                 continue
             routes.proposed = None if route is None or route.is_same(routes.flown) else route
             if routes.declined is not None and not routes.declined.is_same(routes.proposed):
@@ -429,7 +441,8 @@ class Replanner:
 
         `short`: the new one ends before its target. `turns_back`: it makes a full turn near its end.
         """
-        vehicle, triggers = new.vehicle, self._triggers
+        vehicle = new.vehicle
+        triggers = self._triggers
         if flown.target != new.target or triggers.is_endangered(vehicle, inputs):
             return False
         if short or turns_back:
@@ -444,7 +457,8 @@ class Replanner:
 
     def _turns_back(self, new: Route, start: AgentState, inputs: PlanningInputs) -> bool:
         """Return True if a vehicle near its target, or near the end of its route, would make a full turn."""
-        newest, agent = self._agents[new.vehicle].routes.newest, inputs.agents[new.vehicle]
+        newest = self._agents[new.vehicle].routes.newest
+        agent = inputs.agents[new.vehicle]
         if newest is None or new.vehicle in inputs.passed:
             return False
         to_target_m = _distance_m(agent.mean, inputs.targets[new.target].mean)

@@ -41,9 +41,12 @@ class ReturnRoutes:
         agents: Mapping[int, Agent],
         landing_order: LandingOrder,
     ) -> None:
-        self._config, self._options = config, vehicle_options(config)
+        self._config = config
+        self._options = vehicle_options(config)
         self._landing_order = landing_order
-        self._zones, self._fleet, self._agents = zones, fleet, agents
+        self._zones = zones
+        self._fleet = fleet
+        self._agents = agents
 
     def plan(self, route: Route, t_ns: int) -> tuple[ReturnRoute | None, list[Effect]]:
         """Return the return route that follows a route, and a warning if it has a new problem.
@@ -51,12 +54,15 @@ class ReturnRoutes:
         None if the mission does not land. A vehicle that was not heard begins at the first point of its
         route, and lands at the origin of the local frame.
         """
-        vehicle, points_m, airframe = route.vehicle, route.points_m, self._config.airframe_of(route.vehicle)
+        vehicle = route.vehicle
+        points_m = route.points_m
+        airframe = self._config.airframe_of(route.vehicle)
         landing = landing_of(airframe)
         if landing is None:
             return None, []
         routes = self._agents[vehicle].routes
-        home, state = self._fleet.home(vehicle), self._fleet.state(vehicle)
+        home = self._fleet.home(vehicle)
+        state = self._fleet.state(vehicle)
         home_m = (0.0, 0.0) if home is None else self._config.local_frame.to_local(*home[:2])
         east_m, north_m = points_m[0].tolist() if state is None else (state.east_m, state.north_m)
         start = AgentState(east_m, north_m, None if state is None else state.course_rad, airframe.speed_m_s)
@@ -64,7 +70,8 @@ class ReturnRoutes:
         planned = plan_return_route(self._zones.grid, start, points_m, home_m, options, landing)
         routes.return_m = np.vstack((points_m[-1:], planned.points_m))
         wait, too_soon = self._landing_order.wait(route, routes.return_m, self._zones.grid, t_ns)
-        before, routes.return_problem = routes.return_problem, planned.problem or too_soon
+        before = routes.return_problem
+        routes.return_problem = planned.problem or too_soon
         is_news = routes.return_problem not in ("", before)
         if before and not routes.return_problem:
             return replace(planned, wait=wait), [Notice(t_ns, NoticeCode.RETURN_ROUTE_CLEAR, vehicle)]
@@ -90,7 +97,8 @@ class ReturnRoutes:
 
 def _passed(agent: Agent) -> int:
     """Return how many points of its return route a vehicle has passed, the end of its route included."""
-    onboard, state = agent.tasking.onboard, agent.perception.motion.state
+    onboard = agent.tasking.onboard
+    state = agent.perception.motion.state
     if onboard is None or state is None or not agent.tasking.is_selected:
         return 0
     return max(state.mission_seq - onboard.first_point - len(onboard.route.points_m) + 1, 0)

@@ -44,7 +44,10 @@ class Triggers:
         state: ReplanningState,
     ) -> None:
         self._layers = layers
-        self._plan_targets, self._zones, self._agents, self._state = plan_targets, zones, agents, state
+        self._plan_targets = plan_targets
+        self._zones = zones
+        self._agents = agents
+        self._state = state
         meets = config.planning.aim == "intercept"
         self._moved = "will be met {:.0f} m from the planned place" if meets else "moved {:.0f} m"
         self._options = vehicle_options(config)
@@ -64,7 +67,8 @@ class Triggers:
 
     def changes(self, inputs: PlanningInputs) -> list[Reason]:
         """Return the agents and targets that came or went since the last plan, and the added triggers."""
-        news, self._state.news = self._state.news, []
+        news = self._state.news
+        self._state.news = []
         planned = self._planned()
         gone = planned - set(inputs.agents) - inputs.arrived
         came = set(inputs.agents) - planned
@@ -122,7 +126,7 @@ class Triggers:
         newest = self.newest
         if not self._is_needed(newest, inputs):
             return []
-        idle = sorted(set(inputs.agents) & self._planned() - set(newest))
+        idle = sorted(set(inputs.agents) & (self._planned() - set(newest)))
         return [reasons.of_agent("agent idle", v, "has no route") for v in idle]
 
     def _planned(self) -> set[int]:
@@ -154,10 +158,14 @@ class Triggers:
 
     def _off_m(self, vehicle: int, route: Route, inputs: PlanningInputs) -> float:
         """Return the distance of a route's end from where its target will be then."""
-        agent, target, climb = self._agents[vehicle], inputs.targets[route.target], inputs.climbs.get(vehicle)
-        place, begins_s = place_of(inputs.agents[vehicle]), inputs.left_s.get(vehicle, 0.0)
+        agent = self._agents[vehicle]
+        target = inputs.targets[route.target]
+        climb = inputs.climbs.get(vehicle)
+        place = place_of(inputs.agents[vehicle])
+        begins_s = inputs.left_s.get(vehicle, 0.0)
         if climb is not None:
-            place, begins_s = climb.latest_end_m, climb.duration_s
+            place = climb.latest_end_m
+            begins_s = climb.duration_s
         passed = flown_points(agent, route, agent.perception.motion.state)
         to_go_m = remaining_length_m(route.points_m, place, passed)
         return self._plan_targets.off_m(route, to_go_m, target, begins_s)
@@ -178,7 +186,8 @@ class Triggers:
 
     def is_endangered(self, vehicle: int, inputs: PlanningInputs) -> bool:
         """Return True if an agent will hit an obstacle on its onboard mission, and no other is on its way."""
-        options, motion = self._options[vehicle], inputs.motion(vehicle)
+        options = self._options[vehicle]
+        motion = inputs.motion(vehicle)
         if options.shape != "flyable" or self._has_newer(vehicle, inputs) or not motion.ahead.points_m:
             return False
         horizon_s = turn_around_s(motion, options.turn_radius_m, options.turn_lag_s)
@@ -207,10 +216,12 @@ class Triggers:
 
     def is_arriving(self, route: Route, inputs: PlanningInputs) -> bool:
         """Return True if a vehicle is about to reach its target on the route that it flies."""
-        vehicle, routes = route.vehicle, self._agents[route.vehicle].routes
+        vehicle = route.vehicle
+        routes = self._agents[route.vehicle].routes
         if not route.is_same(routes.flown) or routes.is_blocked or vehicle in inputs.passed:
             return False
         if vehicle not in inputs.agents or route.target not in inputs.targets:
             return False
-        agent, target = inputs.agents[vehicle], inputs.targets[route.target]
+        agent = inputs.agents[vehicle]
+        target = inputs.targets[route.target]
         return is_arriving(agent, target) and not self.is_endangered(vehicle, inputs)

@@ -45,8 +45,11 @@ class ClimbTraffic:
         layers: AltitudeLayers,
         agents: Mapping[int, Agent],
     ) -> None:
-        self._config, self._intents, self._climbs = config, intents, climbs
-        self._layers, self._agents = layers, agents
+        self._config = config
+        self._intents = intents
+        self._climbs = climbs
+        self._layers = layers
+        self._agents = agents
         self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
 
@@ -60,7 +63,8 @@ class ClimbTraffic:
         others = [one for one in self._intents.flying(t_ns) if one.system_id != vehicle]
         if climb is None or not others:
             return None
-        mission, ground_m = self._config.mission, self._intents.ground_m(vehicle)
+        mission = self._config.mission
+        ground_m = self._intents.ground_m(vehicle)
         top_m = ground_m + mission.altitude_rel_m + layer * mission.layer_step_m
         route = self._agents[vehicle].routes.newest
         points_m = [] if route is None else route.flown_m[:_MAX_POINTS].tolist()
@@ -95,12 +99,14 @@ class ClimbTraffic:
 
     def _met(self, own: FlightPaths, traffic: FlightPaths, run_s: float, top_m: float) -> list[bool]:
         """Return for each vehicle of the traffic whether it meets the climb."""
-        low_m, high_m = own.low_m[:, 0], np.minimum(own.high_m[:, 0], top_m) + _OVERSHOOT_M
+        low_m = own.low_m[:, 0]
+        high_m = np.minimum(own.high_m[:, 0], top_m) + _OVERSHOOT_M
         in_layer = np.flatnonzero(low_m >= top_m - 1.0)
         points = int(in_layer[0]) + 1 if len(in_layer) else len(low_m)
         there_s = run_s + _STEP_S * np.arange(points)
         t_s = _STEP_S * np.arange(len(traffic.east_m))
-        first_s, last_s = there_s - _EARLY_S, (1.0 + _LATE_SHARE) * there_s + _DELAY_S
+        first_s = there_s - _EARLY_S
+        last_s = (1.0 + _LATE_SHARE) * there_s + _DELAY_S
         in_time = (t_s[:, None] >= first_s) & (t_s[:, None] <= last_s)  # (k, points)
         met = []
         for i in range(len(traffic.vehicles)):

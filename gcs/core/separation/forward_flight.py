@@ -110,7 +110,8 @@ class FlightPaths:
 
 def simulate_flights(flights: Sequence[Flight], for_s: float, step_s: float = STEP_S) -> FlightPaths:
     """Return the positions of vehicles for some time ahead; now is the first."""
-    n, steps = len(flights), round(for_s / step_s) + 1
+    n = len(flights)
+    steps = round(for_s / step_s) + 1
     most = max((len(flight.goals) for flight in flights), default=1)
     padded = [flight.goals + (flight.goals[-1],) * (most - len(flight.goals)) for flight in flights]
     table = np.array(
@@ -143,22 +144,31 @@ def simulate_flights(flights: Sequence[Flight], for_s: float, step_s: float = ST
 
 def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray, step_s: float) -> None:
     """Fill (4, k, n) with east, north, lower and upper height."""
-    rows, goal = np.arange(len(last)), np.zeros_like(last)
+    rows = np.arange(len(last))
+    goal = np.zeros_like(last)
     east, north, height, speed, course, climb, turn_rate, max_rate, age, gradient = state.T.copy()
-    low, high, in_air = height.copy(), height.copy(), np.ones(len(last), dtype=bool)
-    circled_s, rising = np.zeros(len(last)), np.maximum(climb, gradient * speed)
+    low = height.copy()
+    high = height.copy()
+    in_air = np.ones(len(last), dtype=bool)
+    circled_s = np.zeros(len(last))
+    rising = np.maximum(climb, gradient * speed)
     dt = step_s + age  # the first step makes up for the age of the state
     paths[:, 0] = east + speed * age * np.sin(course), north + speed * age * np.cos(course), low, high
-    is_new, is_any_done = True, False
+    is_new = True
+    is_any_done = False
     for k in range(1, paths.shape[1]):
         if is_new or is_any_done:
             kind, to_east, to_north, radius, to_height, for_s = table[rows, goal].T
             is_leg = (kind == _WAYPOINT) | (kind == _LAND)
-            is_circle, is_climb = kind == _CIRCLE, kind == _CLIMB
+            is_circle = kind == _CIRCLE
+            is_climb = kind == _CLIMB
             keeps = (kind == _KEEP) | (kind == _DRIFT)
-            circle, side = np.maximum(np.abs(radius), 1.0), np.where(radius < 0.0, -1.0, 1.0)
-            accept, is_new = np.maximum(radius, 0.0), False
-        ahead_east, ahead_north = to_east - east, to_north - north
+            circle = np.maximum(np.abs(radius), 1.0)
+            side = np.where(radius < 0.0, -1.0, 1.0)
+            accept = np.maximum(radius, 0.0)
+            is_new = False
+        ahead_east = to_east - east
+        ahead_north = to_north - north
         away = np.hypot(ahead_east, ahead_north)
         bearing = np.arctan2(ahead_east, ahead_north)
         # Round a circle: the tangent, half a step ahead.
@@ -174,9 +184,11 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
         north += moved * np.cos(course)
         course += 0.5 * turned
         # Heights change at once, or evenly up to the goal.
-        change, most = CLIMB_M_S * dt, _MAX_CLIMB_M_S * dt
+        change = CLIMB_M_S * dt
+        most = _MAX_CLIMB_M_S * dt
         share = np.minimum(moved / np.maximum(away, 1e-3), 1.0)
-        up, up_high = to_height - low, to_height - high
+        up = to_height - low
+        up_high = to_height - high
         at_once = np.minimum(np.maximum(up, -change), change)
         at_once_high = np.minimum(np.maximum(up_high, -change), change)
         evenly = np.minimum(np.maximum(up * share, -most), most)
@@ -198,6 +210,9 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
             in_air &= ~(is_done & (kind == _LAND))
             circled_s[is_done] = 0.0
             goal = np.where(is_done, np.minimum(goal + 1, last), goal)
-        paths[0, k], paths[1, k], paths[2, k], paths[3, k] = east, north, low, high
+        paths[0, k] = east
+        paths[1, k] = north
+        paths[2, k] = low
+        paths[3, k] = high
         paths[2:, k, ~in_air] = np.nan
         dt = step_s

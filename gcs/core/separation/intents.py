@@ -61,8 +61,11 @@ class Intents:
         agents: Mapping[int, Agent],
         return_heights: ReturnHeightMonitor,
     ) -> None:
-        self._fleet, self._agents, self._return_heights = fleet, agents, return_heights
-        self._frame, self._airframes = config.local_frame, config.airframes_of_agents
+        self._fleet = fleet
+        self._agents = agents
+        self._return_heights = return_heights
+        self._frame = config.local_frame
+        self._airframes = config.airframes_of_agents
         self._rally = [
             (*config.local_frame.to_local(point.lat_deg, point.lon_deg), float(point.alt_rel_m))
             for point in config.rally
@@ -156,9 +159,12 @@ class Intents:
         seen = self._agents[state.system_id].separation
         if state.mode not in (LOITER, RTL) or abs(seen.rate_rad_s) <= _STRAIGHT_RAD_S:
             return
-        circle, turned_m = self._goals(state, state.mode)[-1], state.ground_speed_m_s / seen.rate_rad_s
-        east_m, north_m = state.east_m - circle.east_m, state.north_m - circle.north_m
-        away_m, outwards = math.hypot(east_m, north_m), math.atan2(east_m, north_m)
+        circle = self._goals(state, state.mode)[-1]
+        turned_m = state.ground_speed_m_s / seen.rate_rad_s
+        east_m = state.east_m - circle.east_m
+        north_m = state.north_m - circle.north_m
+        away_m = math.hypot(east_m, north_m)
+        outwards = math.atan2(east_m, north_m)
         is_tangent = math.copysign(1.0, turned_m) * math.sin(state.course_rad - outwards) > _TANGENT
         is_settled = abs(away_m - abs(turned_m)) < _SETTLED * away_m and away_m < _MAX_RADIUS_M
         if circle.kind is GoalKind.CIRCLE and is_tangent and is_settled:
@@ -170,18 +176,21 @@ class Intents:
         if onboard is None or not self._return_heights.lands_by_mission(state.system_id):
             return
         landings = [item for item in onboard.items if item.command == dialect.MAV_CMD_NAV_LAND]
-        known, ground_m = self._return_heights.height(state.system_id), self.ground_m(state.system_id)
+        known = self._return_heights.height(state.system_id)
+        ground_m = self.ground_m(state.system_id)
         height_m = ground_m + (_RETURN_HEIGHT_M if known is None else known.height_m)
         is_begun = state.mode == RTL and state.climb_m_s < _LEVEL_M_S
         if landings and not is_begun and height_m > state.alt_msl_m:
-            climb_s, place_m = (height_m - state.alt_msl_m) / CLIMB_M_S, (state.east_m, state.north_m)
+            climb_s = (height_m - state.alt_msl_m) / CLIMB_M_S
+            place_m = (state.east_m, state.north_m)
             yield Goal(GoalKind.CIRCLE, *place_m, _CIRCLE_RADIUS_M, height_m, climb_s)
         for item in landings[:1]:
             yield self._goal(item, ground_m)
 
     def _return(self, state: VehicleState) -> Goal:
         east_m, north_m, ground_m = self._home(state.system_id)
-        known, profile = self._return_heights.height(state.system_id), self._fleet.profile(state.system_id)
+        known = self._return_heights.height(state.system_id)
+        profile = self._fleet.profile(state.system_id)
         above_m = _RETURN_HEIGHT_M if known is None else known.height_m
         if known is None and state.mode == RTL and abs(state.climb_m_s) < _LEVEL_M_S:
             above_m = state.alt_msl_m - ground_m  # it has reached it
@@ -197,7 +206,8 @@ class Intents:
         return Goal(GoalKind.CIRCLE, east_m, north_m, radius_m, height_m)
 
     def _mission(self, state: VehicleState) -> Iterator[Goal]:
-        tasking, profile = self._agents[state.system_id].tasking, self._fleet.profile(state.system_id)
+        tasking = self._agents[state.system_id].tasking
+        profile = self._fleet.profile(state.system_id)
         if tasking.onboard is None or not tasking.is_selected or profile is None or state.mission_seq < 0:
             return
         first = max(state.mission_seq, profile.home_items)

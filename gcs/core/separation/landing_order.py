@@ -40,8 +40,11 @@ class LandingOrder:
     """Finds when each vehicle may land."""
 
     def __init__(self, config: Config, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
-        self._config, self._fleet, self._agents = config, fleet, agents
-        self._frame, self._airframes = config.local_frame, config.airframes_of_agents
+        self._config = config
+        self._fleet = fleet
+        self._agents = agents
+        self._frame = config.local_frame
+        self._airframes = config.airframes_of_agents
 
     def wait(
         self, route: Route, return_m: FloatArray, grid: Grid, t_ns: int
@@ -53,7 +56,8 @@ class LandingOrder:
         return_m : ndarray, shape (k, 2)
             Return route from the end of the route to the landing point.
         """
-        vehicle, speed_m_s = route.vehicle, self._airframes[route.vehicle].speed_m_s
+        vehicle = route.vehicle
+        speed_m_s = self._airframes[route.vehicle].speed_m_s
         flown_m = route.length_m + _length_m(return_m)
         climb_s = 0.0
         if is_on_ground(self._fleet.state(vehicle), self._fleet.home(vehicle)):
@@ -62,11 +66,13 @@ class LandingOrder:
         earliest_ns = t_ns + ns(climb_s + flown_m / speed_m_s)
         place_m = (float(return_m[-1, 0]), float(return_m[-1, 1]))
         others = dict(self._landings(vehicle, place_m, t_ns))
-        lands_ns, before = earliest_ns, 0
+        lands_ns = earliest_ns
+        before = 0
         for other, taken_ns in sorted(others.items(), key=lambda item: item[1]):
             slot_ns = ns(max(self._slot_s(vehicle), self._slot_s(other)))
             if abs(lands_ns - taken_ns) < slot_ns:
-                lands_ns, before = max(lands_ns, taken_ns + slot_ns), other
+                lands_ns = max(lands_ns, taken_ns + slot_ns)
+                before = other
         self._agents[vehicle].separation.landing_t_ns = lands_ns
         wait_s = (lands_ns - earliest_ns) / NS_PER_S
         if wait_s <= 0.0:
@@ -85,7 +91,8 @@ class LandingOrder:
 
         Returns False if the mission comes too near to another landing: the vehicle needs a new one.
         """
-        state, home = self._fleet.state(vehicle), self._fleet.home(vehicle)
+        state = self._fleet.state(vehicle)
+        home = self._fleet.home(vehicle)
         if state is None or home is None or is_on_ground(state, home):
             return True
         seq = max(state.mission_seq, 0)
@@ -103,7 +110,8 @@ class LandingOrder:
 
     def _slot_s(self, vehicle: int) -> float:
         """Return the least time between a landing and that of another vehicle."""
-        mission, latest = self._config.mission, self._agents[vehicle].routes.latest
+        mission = self._config.mission
+        latest = self._agents[vehicle].routes.latest
         layer_m = (mission.layers if latest is None else latest.layer) * mission.layer_step_m
         zone_m = APPROACH_M + (mission.altitude_rel_m + layer_m) / DESCENT_SLOPE
         return zone_m / self._airframes[vehicle].speed_m_s + _MARGIN_S
@@ -119,7 +127,8 @@ class LandingOrder:
     def _landings(self, vehicle: int, place_m: Point, t_ns: int) -> Iterator[tuple[int, int]]:
         """Yield the other vehicles that will land in the same field, and when."""
         for other, agent in self._agents.items():
-            home, status = self._fleet.home(other), agent.perception.status.status
+            home = self._fleet.home(other)
+            status = agent.perception.status.status
             if other == vehicle or self._airframes[other].end != "land" or status == "lost":
                 continue
             home_m = (0.0, 0.0) if home is None else self._frame.to_local(home.lat_deg, home.lon_deg)
@@ -131,13 +140,14 @@ class LandingOrder:
 
     def _lands_at(self, vehicle: int, t_ns: int) -> int | None:
         """Return when a vehicle will land: by its onboard mission, or as planned while that is on its way."""
-        agent, state = self._agents[vehicle], self._fleet.state(vehicle)
-        onboard, planned_ns = agent.tasking.onboard, agent.separation.landing_t_ns
+        agent = self._agents[vehicle]
+        state = self._fleet.state(vehicle)
+        planned_ns = agent.separation.landing_t_ns
         if state is None or agent.control.suspension is not None:
             return None
         is_flown = state.mode == AUTO and agent.tasking.is_selected and state.mission_seq >= 0
         grounded = is_on_ground(state, self._fleet.home(vehicle))
-        if onboard is not None and is_flown and not grounded:
+        if agent.tasking.onboard is not None and is_flown and not grounded:
             left_s = self._left_s(vehicle, (state.east_m, state.north_m), state.mission_seq)
             if left_s is not None:
                 return t_ns + ns(left_s)
@@ -149,7 +159,8 @@ class LandingOrder:
 
         None also for a vehicle that has begun to wait on a circle, or to take off.
         """
-        onboard, left_s = self._agents[vehicle].tasking.onboard, 0.0
+        onboard = self._agents[vehicle].tasking.onboard
+        left_s = 0.0
         items = () if onboard is None else onboard.items[seq:]
         if not items or items[-1].command != dialect.MAV_CMD_NAV_LAND:
             return None

@@ -53,13 +53,17 @@ def encounters(
     apart = np.hypot(
         paths.east_m[:, one] - paths.east_m[:, other], paths.north_m[:, one] - paths.north_m[:, other]
     )
-    low, high = paths.low_m, paths.high_m
+    low = paths.low_m
+    high = paths.high_m
     gap = np.maximum(np.maximum(low[:, one] - high[:, other], low[:, other] - high[:, one]), 0.0)
     is_near = (apart < reach_m[:, None]) & (gap < min_height_m)  # NaN: not in the air
     found = []
     for pair in np.flatnonzero(is_near.any(axis=0)).tolist():
-        a, b, near = int(one[pair]), int(other[pair]), np.flatnonzero(is_near[:, pair])
-        begins, nearest = int(near[0]), int(near[np.argmin(apart[near, pair])])
+        a = int(one[pair])
+        b = int(other[pair])
+        near = np.flatnonzero(is_near[:, pair])
+        begins = int(near[0])
+        nearest = int(near[np.argmin(apart[near, pair])])
         heights = [bound[begins, i] for bound in (low, high) for i in (a, b)]
         place_m = (
             float(0.5 * (paths.east_m[begins, a] + paths.east_m[begins, b])),
@@ -88,6 +92,7 @@ def _candidates(paths: FlightPaths, min_distance_m: float, min_height_m: float) 
         (paths.north_m, paths.north_m, min_distance_m),
         (paths.low_m, paths.high_m, min_height_m),
     ):
-        least, most = np.fmin.reduce(low), np.fmax.reduce(high)
+        least = np.fmin.reduce(low)
+        most = np.fmax.reduce(high)
         is_near &= (least[upper[0]] - most[upper[1]] < margin) & (least[upper[1]] - most[upper[0]] < margin)
     return upper[0][is_near], upper[1][is_near]

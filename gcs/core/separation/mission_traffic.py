@@ -25,7 +25,9 @@ class MissionTraffic:
     """Lets missions of vehicles in the air wait for other vehicles."""
 
     def __init__(self, order_check: OrderCheck, agents: Mapping[int, Agent], tasking: TaskingState) -> None:
-        self._order_check, self._agents, self._tasking = order_check, agents, tasking
+        self._order_check = order_check
+        self._agents = agents
+        self._tasking = tasking
 
     def holds_back(self, route: Route, t_ns: int) -> str:
         """Return why the upload of a route must wait; empty if it need not."""
@@ -42,7 +44,8 @@ class MissionTraffic:
         """Return a warning for each mission that begins to wait."""
         effects: list[Effect] = []
         for vehicle, agent in self._agents.items():
-            seen, queued = agent.separation, self._tasking.queue.get(vehicle)
+            seen = agent.separation
+            queued = self._tasking.queue.get(vehicle)
             if queued is None or queued.at_once:
                 seen.traffic = ""
             if not seen.traffic:

@@ -31,15 +31,18 @@ MIN_DISTANCE_M: Final = 30.0
 """Least horizontal distance, whatever `planning.separation_m` says."""
 _ONE_LAYER_M: Final = 20.0
 """Height between layers that counts where there is one layer."""
-PREDICTED_SHARE, LOST_SHARE = 0.75, 0.5
+PREDICTED_SHARE = 0.75
+LOST_SHARE = 0.5
 """Shares of a layer step: least difference in height, predicted and measured."""
 _PERIOD_NS: Final = ns(1.0)
 _APART_NS: Final = ns(5.0)
 _HYSTERESIS: Final = 1.5
 """Multiple of the minimum distance at which a pair that was told counts as apart."""
-_MIN_TURN_NS, _MAX_TURN_NS = ns(0.75), ns(3.0)
+_MIN_TURN_NS = ns(0.75)
+_MAX_TURN_NS = ns(3.0)
 """Time between two courses that give a turn rate."""
-_MIN_CLIMB_M_S, _GRADIENT_GAIN = 1.0, 0.3
+_MIN_CLIMB_M_S = 1.0
+_GRADIENT_GAIN = 0.3
 _MAX_HOLD_M: Final = 200.0
 """Distance from the centre of its circle at which a vehicle in LOITER was sent elsewhere."""
 
@@ -56,7 +59,9 @@ class SeparationMonitor:
         self, config: Config, intents: Intents, return_heights: ReturnHeightMonitor, state: State
     ) -> None:
         self._return_heights = return_heights
-        self._intents, self._agents, self._state = intents, state.agents, state.separation
+        self._intents = intents
+        self._agents = state.agents
+        self._state = state.separation
         self._base_msl_m = config.frame.alt_msl_m
         self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
         self._step_m = layer_step_m(config)
@@ -93,7 +98,8 @@ class SeparationMonitor:
             return
         turned_rad = wrap_pi(state.course_rad - seen.course_rad)
         seen.rate_rad_s = turned_rad * NS_PER_S / passed_ns if passed_ns <= _MAX_TURN_NS else 0.0
-        seen.t_ns, seen.course_rad = state.t_ns, state.course_rad
+        seen.t_ns = state.t_ns
+        seen.course_rad = state.course_rad
         self._intents.note_circle(state)
         if self._intents.is_climbing_out(state) and state.climb_m_s > _MIN_CLIMB_M_S:
             gradient = state.climb_m_s / max(state.ground_speed_m_s, 1.0)
@@ -116,7 +122,8 @@ class SeparationMonitor:
                 return []
         approach.seen_t_ns = t_ns
         if is_lost and (approach.nearest_m is None or distance_m < approach.nearest_m):
-            approach.nearest_m, approach.nearest_height_m = distance_m, height_m
+            approach.nearest_m = distance_m
+            approach.nearest_height_m = height_m
         if stage <= approach.stage:
             return []
         approach.stage = stage
@@ -138,7 +145,8 @@ class SeparationMonitor:
         approaches = self._state.approaches
         if not any(one.stage for one in approaches.values()):
             return
-        min_m, growth_m_s = _HYSTERESIS * self._min_m, _HYSTERESIS * GROWTH_M_S
+        min_m = _HYSTERESIS * self._min_m
+        growth_m_s = _HYSTERESIS * GROWTH_M_S
         for encounter in encounters(paths, min_m, PREDICTED_SHARE * self._step_m, growth_m_s):
             approach = approaches.get(encounter.vehicles)
             if approach is not None and approach.stage:

@@ -49,7 +49,8 @@ class OrderCheck:
     """Predicts what orders to vehicles in the air lead to."""
 
     def __init__(self, config: Config, intents: Intents) -> None:
-        self._intents, self._mission = intents, config.mission
+        self._intents = intents
+        self._mission = config.mission
         self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
 
@@ -80,7 +81,8 @@ class OrderCheck:
         state = states.pop(route.vehicle, None)
         if state is None or not states or self._intents.is_climbing_out(state):
             return ""
-        mission, ground_m = self._mission, self._intents.ground_m(route.vehicle)
+        mission = self._mission
+        ground_m = self._intents.ground_m(route.vehicle)
         height_m = ground_m + mission.altitude_rel_m + route.layer * mission.layer_step_m
         legs = [
             Goal(GoalKind.WAYPOINT, east_m, north_m, mission.accept_radius_m, height_m)

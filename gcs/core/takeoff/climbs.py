@@ -43,8 +43,11 @@ class Climbs:
     """Climbs of vehicles on the ground, or in their take-off."""
 
     def __init__(self, config: Config, zones: NoFlyZones, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
-        self._zones, self._agents = zones, agents
-        self._config, self._options, self._fleet = config, vehicle_options(config), fleet
+        self._zones = zones
+        self._agents = agents
+        self._config = config
+        self._options = vehicle_options(config)
+        self._fleet = fleet
         self._airframes = config.airframes_of_agents
 
     def climb(self, vehicle: int, layer: int, *, in_takeoff: bool = False) -> Climb | None:
@@ -57,15 +60,21 @@ class Climbs:
         in_takeoff : bool
             True if the vehicle flies to its mission's take-off item.
         """
-        state, home, table = self._fleet.state(vehicle), self._fleet.home(vehicle), self._config.takeoff
+        state = self._fleet.state(vehicle)
+        home = self._fleet.home(vehicle)
+        table = self._config.takeoff
         if state is None:
             return None
-        altitude_rel_m, airframe = self._config.takeoff_altitude_rel_m(layer), self._airframes[vehicle]
-        place_m, course_rad = (state.east_m, state.north_m), state.course_rad
+        altitude_rel_m = self._config.takeoff_altitude_rel_m(layer)
+        airframe = self._airframes[vehicle]
+        place_m = (state.east_m, state.north_m)
+        course_rad = state.course_rad
         if is_on_ground(state, home):
             heading_rad = course_rad if table.heading_deg is None else math.radians(table.heading_deg)
-            run_m, length_m = airframe.ground_run_m, airframe.climb_length_m(altitude_rel_m)
-            speed_m_s, wind_m_s = airframe.speed_m_s, airframe.wind_m_s
+            run_m = airframe.ground_run_m
+            length_m = airframe.climb_length_m(altitude_rel_m)
+            speed_m_s = airframe.speed_m_s
+            wind_m_s = airframe.wind_m_s
             return Climb(place_m, heading_rad, run_m, length_m, altitude_rel_m, speed_m_s, wind_m_s)
         if not in_takeoff or home is None:
             return None
@@ -75,9 +84,11 @@ class Climbs:
 
     def check(self, climbs: Mapping[int, Climb], t_ns: int) -> list[Notice]:
         """Check the climbs of all vehicles that may get a mission; return alarms and all-clears."""
-        alarms, all_clears = [], []
+        alarms = []
+        all_clears = []
         for vehicle, agent in self._agents.items():
-            climb, was_blocked = climbs.get(vehicle), bool(agent.takeoff.blocked)
+            climb = climbs.get(vehicle)
+            was_blocked = bool(agent.takeoff.blocked)
             agent.takeoff.blocked = ""
             if climb is None or not is_on_ground(self._fleet.state(vehicle), self._fleet.home(vehicle)):
                 continue
@@ -101,7 +112,8 @@ class Climbs:
         extra_m : float
             Distance beyond the clearance.
         """
-        options, state = self._options[vehicle], self._fleet.state(vehicle)
+        options = self._options[vehicle]
+        state = self._fleet.state(vehicle)
         course_rad = climb.heading_rad if state is None else state.course_rad
         if abs(wrap_pi(course_rad - climb.heading_rad)) > _MAX_HEADING_ERROR_RAD:
             problem = (

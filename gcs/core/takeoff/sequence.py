@@ -47,8 +47,12 @@ class TakeoffSequence:
         traffic: ClimbTraffic | None = None,
     ) -> None:
         self._traffic = traffic
-        self._config, self._fleet, self._missions = config, fleet, onboard_missions
-        self._agents, self._state, self._uploads = state.agents, state.takeoff, state.tasking
+        self._config = config
+        self._fleet = fleet
+        self._missions = onboard_missions
+        self._agents = state.agents
+        self._state = state.takeoff
+        self._uploads = state.tasking
         self._low_m = config.mission.altitude_rel_m - _ALTITUDE_TOLERANCE_M
         climb_m = max(
             one.climb_length_m(config.mission.altitude_rel_m) for one in config.airframes_of_agents.values()
@@ -93,7 +97,8 @@ class TakeoffSequence:
         """Return which vehicle the climb would meet, at most a second ago."""
         takeoff = self._agents[vehicle].takeoff
         if self._traffic is not None and t_ns - takeoff.traffic_t_ns >= _PERIOD_NS:
-            takeoff.traffic, takeoff.traffic_t_ns = "", t_ns
+            takeoff.traffic = ""
+            takeoff.traffic_t_ns = t_ns
             crossing = self._traffic.crossing(vehicle, t_ns)
             if crossing is not None:
                 other, height_m, away_m = crossing
@@ -128,7 +133,8 @@ class TakeoffSequence:
         """Return why a vehicle blocks take-offs, and what ends that; both empty if it does not."""
         if not (state.armed or is_starting):
             return "", ""
-        vehicle, home = state.system_id, self._fleet.home(state.system_id)
+        vehicle = state.system_id
+        home = self._fleet.home(state.system_id)
         above = f"is {max(self._low_m, 0.0):.0f} m above home or {self.distance_m:.0f} m away"
         if is_on_ground(state, home):
             is_loaded = state.mode in SELF_LAUNCHING or self._uploads.is_uploading(vehicle)
@@ -156,7 +162,8 @@ class TakeoffSequence:
         effects: list[Effect] = []
         stages = self._uploads.stages
         for vehicle, agent in sorted(self._agents.items()):
-            is_queued, was_waiting = stages.get(vehicle) == "waiting", agent.takeoff.is_waiting
+            is_queued = stages.get(vehicle) == "waiting"
+            was_waiting = agent.takeoff.is_waiting
             reason = self.holds_back(vehicle, t_ns) if is_queued else ""
             agent.takeoff.is_waiting = bool(reason)
             if reason and not was_waiting:
@@ -167,7 +174,8 @@ class TakeoffSequence:
         climbing = []
         for state in self._fleet.states():
             takeoff = self._agents[state.system_id].takeoff
-            was_grounded, is_low = takeoff.is_grounded, self._fleet.height_m(state) < self._low_m
+            was_grounded = takeoff.is_grounded
+            is_low = self._fleet.height_m(state) < self._low_m
             takeoff.is_grounded = is_on_ground(state, self._fleet.home(state.system_id))
             takeoff.is_climbing = not takeoff.is_grounded and (was_grounded or takeoff.is_climbing) and is_low
             if not takeoff.is_grounded and self._climbs(state.system_id):

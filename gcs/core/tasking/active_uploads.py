@@ -50,10 +50,16 @@ class ActiveUploads(UploadPolicy):
         rejections: Rejections,
         max_parallel: int,
     ) -> None:
-        self._fleet, self._agents = fleet, agents
-        self._state, self._uploads, self._windows = state, state.uploads, state.windows
-        self._onboard, self._overrides, self._first_legs = onboard, overrides, first_legs
-        self._rejections, self._max_parallel = rejections, max_parallel
+        self._fleet = fleet
+        self._agents = agents
+        self._state = state
+        self._uploads = state.uploads
+        self._windows = state.windows
+        self._onboard = onboard
+        self._overrides = overrides
+        self._first_legs = first_legs
+        self._rejections = rejections
+        self._max_parallel = max_parallel
 
     def has_capacity(self, vehicle: int) -> bool:
         """Return True if an upload to a vehicle may begin; clearing precedes a mission."""
@@ -84,7 +90,8 @@ class ActiveUploads(UploadPolicy):
 
     def first_item(self, vehicle: int) -> int:
         """Return the first item ahead of a vehicle."""
-        upload, profile = self._uploads[vehicle], self._fleet.profile(vehicle)
+        upload = self._uploads[vehicle]
+        profile = self._fleet.profile(vehicle)
         if upload.onboard is None or profile is None:
             return 0
         state = self._fleet.state(vehicle)
@@ -165,7 +172,8 @@ class ActiveUploads(UploadPolicy):
         return [*self._fleet.address_frames(vehicle, frames)]
 
     def _task(self, vehicle: int) -> Upload:
-        state, encode = self._uploads[vehicle].state, self._fleet.encoder(vehicle)
+        state = self._uploads[vehicle].state
+        encode = self._fleet.encoder(vehicle)
         return mission_upload(state, encode, self._overrides.of(vehicle), self)
 
     def _order(self, vehicle: int, event: Event, t_ns: int, reason: str = "") -> list[Effect]:
@@ -174,7 +182,8 @@ class ActiveUploads(UploadPolicy):
 
     def _remove(self, vehicle: int, task: Upload) -> None:
         """Remove an ended upload and keep its result."""
-        upload, result = self._uploads.pop(vehicle), task.result
+        upload = self._uploads.pop(vehicle)
+        result = task.result
         self._window(upload.link).active -= 1
         tasking = self._agents[vehicle].tasking
         assert result is not None
@@ -193,7 +202,8 @@ class ActiveUploads(UploadPolicy):
 
     def _progress(self, vehicle: int, task: Upload, frames: list[bytes], t_ns: int) -> list[Effect]:
         """Send the frames of an upload; report its result if it has ended."""
-        upload, result = self._uploads[vehicle], task.result
+        upload = self._uploads[vehicle]
+        result = task.result
         effects: list[Effect] = [*self._fleet.address_frames(vehicle, frames)]
         if task.error is not None:
             effects.insert(0, Notice(t_ns, NoticeCode.UPLOAD_ERROR, vehicle, {"error": str(task.error)}))
@@ -204,9 +214,9 @@ class ActiveUploads(UploadPolicy):
                 effects.append(Notice(t_ns, NoticeCode.UPLOAD_SLOW, vehicle, slowness))
             return effects
         self._remove(vehicle, task)
-        window, repeated = self._window(upload.link), result.retries / len(task.items)
-        round_trip_s = upload.state.rtt.round_trip_s
-        window.note_end(upload.state.began_t_ns, result.t_ns, round_trip_s, repeated)
+        window = self._window(upload.link)
+        repeated = result.retries / len(task.items)
+        window.note_end(upload.state.began_t_ns, result.t_ns, upload.state.rtt.round_trip_s, repeated)
         if upload.onboard is not None:
             if upload.state.activation.is_unflyable:
                 self._agents[vehicle].tasking.retry.note_rejection()
@@ -217,7 +227,8 @@ class ActiveUploads(UploadPolicy):
                 self._agents[vehicle].tasking.rejections = RejectionRetry()
             else:
                 effects += self._agents[vehicle].tasking.retry.note_failure(vehicle, result.t_ns)
-        tasking, taken_by = self._agents[vehicle].tasking, self._overrides.of(vehicle).taken_by
+        tasking = self._agents[vehicle].tasking
+        taken_by = self._overrides.of(vehicle).taken_by
         if not task.is_inconsistent:
             tasking.clearing = ClearingRetry()
         elif task.state.clearing.has_begun and not taken_by:

@@ -40,14 +40,16 @@ class FirstLegs:
     """Monitor of first legs."""
 
     def __init__(self, fleet: Fleet, legs: dict[int, FirstLeg]) -> None:
-        self._fleet, self._legs = fleet, legs
+        self._fleet = fleet
+        self._legs = legs
 
     def begin(self, mission: OnboardMission, seq: int, began_t_ns: int, t_ns: int) -> None:
         """Monitor the leg to item `seq`, which was selected at `began_t_ns`.
 
         Only route points are monitored, and only with firmware that may start a leg elsewhere.
         """
-        vehicle, index = mission.route.vehicle, seq - mission.first_point
+        vehicle = mission.route.vehicle
+        index = seq - mission.first_point
         profile = self._fleet.profile(vehicle)
         if profile is None or not profile.tracks_old_leg or not 0 <= index < len(mission.route.points_m):
             return
@@ -75,13 +77,15 @@ class FirstLegs:
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""
-        leg, state = self._legs.get(vehicle), self._fleet.state(vehicle)
+        leg = self._legs.get(vehicle)
+        state = self._fleet.state(vehicle)
         if leg is None or state is None:
             return []
         if state.mode not in ("", AUTO):
             self.end(vehicle)
         elif message.get_type() == "NAV_CONTROLLER_OUTPUT":
-            leg.problem, leg.has_sample = _problem(message, leg, state, t_ns), True
+            leg.problem = _problem(message, leg, state, t_ns)
+            leg.has_sample = True
         elif message.get_type() == "MISSION_CURRENT" and message.seq > leg.seq:
             self.end(vehicle)
         elif message.get_type() == "MISSION_CURRENT" and message.seq == leg.seq and leg.has_sample:
@@ -104,7 +108,8 @@ class FirstLegs:
             }
             return [Notice(t_ns, NoticeCode.FIRST_LEG_STILL_WRONG, vehicle, about)]
         leg.corrections += 1
-        leg.off, leg.has_sample = 0, False
+        leg.off = 0
+        leg.has_sample = False
         leg.began_t_ns = t_ns
         effects = self._send(vehicle, [set_current_item(vehicle, profile, leg.seq)])
         if leg.corrections == 1:
@@ -118,7 +123,8 @@ class FirstLegs:
 
 def _problem(output: Message, leg: FirstLeg, state: VehicleState, t_ns: int) -> str:
     """Return the error that a NAV_CONTROLLER_OUTPUT shows; empty if there is none."""
-    speed_m_s, off_m = state.ground_speed_m_s, abs(output.xtrack_error)
+    speed_m_s = state.ground_speed_m_s
+    off_m = abs(output.xtrack_error)
     if off_m > _OFF_M + speed_m_s * (t_ns - leg.began_t_ns) / NS_PER_S:
         return f"{off_m:.0f} m off its line"
     if t_ns - state.t_ns > _REPORT_AGE_S * NS_PER_S:

@@ -38,7 +38,8 @@ def check_missed_targets(
     for agent in agents.values():
         agent.tasking.route_end.has_missed = False
     for vehicle in with_status(agents, "active"):
-        mission, end = agents[vehicle].tasking.onboard, agents[vehicle].tasking.route_end
+        mission = agents[vehicle].tasking.onboard
+        end = agents[vehicle].tasking.route_end
         phase = missions.terminal_phase(vehicle)
         is_old = mission is not None and mission.route.target in agents[vehicle].perception.reached
         if is_old or not phase or (mission is None and phase != "return"):
@@ -46,7 +47,8 @@ def check_missed_targets(
             continue
         mission_id = NO_MISSION if mission is None else mission.mission_id
         if end.since_t_ns is None or end.mission_id != mission_id:
-            end.since_t_ns, end.mission_id = t_ns, mission_id
+            end.since_t_ns = t_ns
+            end.mission_id = mission_id
             continue
         circle = None if mission is None else mission.circle
         is_at_target = phase == "circle" and circle is not None and circle.radius_m <= capture_radius_m

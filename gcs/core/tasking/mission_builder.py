@@ -23,8 +23,10 @@ class MissionBuilder:
     """Makes missions from routes."""
 
     def __init__(self, config: Config) -> None:
-        self._table, self._frame = config.mission, config.local_frame
-        self._airframes, self._default = config.airframes_of_agents, config.default_airframe
+        self._table = config.mission
+        self._frame = config.local_frame
+        self._airframes = config.airframes_of_agents
+        self._default = config.default_airframe
 
     def of(
         self,
@@ -39,7 +41,8 @@ class MissionBuilder:
         It begins with the climb and ends with the return route, if given.
         """
         positions = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)
-        table, airframe = self._table, self._airframes.get(route.vehicle, self._default)
+        table = self._table
+        airframe = self._airframes.get(route.vehicle, self._default)
         altitude_rel_m = table.altitude_rel_m + route.layer * table.layer_step_m
         waypoints = tuple(
             Waypoint(*place, altitude_rel_m, float(radius_m))

@@ -36,7 +36,8 @@ class OnboardMissions:
     """Onboard missions of all vehicles."""
 
     def __init__(self, fleet: Fleet, agents: Mapping[int, Agent]) -> None:
-        self._fleet, self._agents = fleet, agents
+        self._fleet = fleet
+        self._agents = agents
 
     def note(self, mission: OnboardMission) -> None:
         """Note a verified mission."""
@@ -44,7 +45,8 @@ class OnboardMissions:
 
     def _selected(self, vehicle: int) -> tuple[OnboardMission, VehicleState] | None:
         """Return the onboard mission and the state of a vehicle that counts the items of this mission."""
-        tasking, state = self._agents[vehicle].tasking, self._fleet.state(vehicle)
+        tasking = self._agents[vehicle].tasking
+        state = self._fleet.state(vehicle)
         if tasking.onboard is None or state is None or not tasking.is_selected:
             return None
         return tasking.onboard, state
@@ -65,7 +67,8 @@ class OnboardMissions:
 
     def forward_simulation(self, vehicle: int, wait_s: float, t_ns: int) -> RemainingMission:
         """Return what a vehicle flies if it gets no other mission before `wait_s`."""
-        points, mission = self.points_ahead(vehicle), self._agents[vehicle].tasking.onboard
+        points = self.points_ahead(vehicle)
+        mission = self._agents[vehicle].tasking.onboard
         if not points or mission is None:
             return RemainingMission()
         last = mission.first_point + len(mission.route.points_m)
@@ -75,11 +78,13 @@ class OnboardMissions:
 
     def is_in_takeoff(self, vehicle: int) -> bool:
         """Return True if a vehicle in AUTO flies to its take-off item."""
-        mission, state = self._agents[vehicle].tasking.onboard, self._fleet.state(vehicle)
+        mission = self._agents[vehicle].tasking.onboard
+        state = self._fleet.state(vehicle)
         if mission is None or state is None or not state.armed or state.mode != AUTO:
             return False
         seq = state.mission_seq
-        return 0 <= seq == mission.first_point - 1 and mission.items[seq].command == MAV_CMD_NAV_TAKEOFF
+        is_before_route = seq >= 0 and seq == mission.first_point - 1
+        return is_before_route and mission.items[seq].command == MAV_CMD_NAV_TAKEOFF
 
     def has_passed_route_end(self, vehicle: int) -> bool:
         """Return True if a vehicle has passed the last point of its route, on a loiter circle elsewhere."""
@@ -101,7 +106,8 @@ class OnboardMissions:
 
     def is_at_end(self, vehicle: int, profile: AutopilotProfile) -> bool:
         """Return True if LOITER is how the vehicle's mission ends, and it has reached its last item."""
-        mission, state = self._agents[vehicle].tasking.onboard, self._fleet.state(vehicle)
+        mission = self._agents[vehicle].tasking.onboard
+        state = self._fleet.state(vehicle)
         if profile.ends_in != LOITER or mission is None or state is None:
             return False
         return state.mission_seq == len(mission.items) - 1
@@ -112,12 +118,12 @@ class OnboardMissions:
         if selected is None or selected[1].mission_seq < selected[0].first_point:
             return 0.0
         mission, state = selected
-        place, index = (state.east_m, state.north_m), state.mission_seq - mission.first_point
+        place = (state.east_m, state.north_m)
+        index = state.mission_seq - mission.first_point
         if index >= len(mission.route.points_m):
             return math.inf if mission.items[-1].command == MAV_CMD_NAV_LOITER_UNLIM else 0.0
-        points_m, speed_m_s = mission.route.points_m, state.ground_speed_m_s
         radius_m = mission.items[state.mission_seq].param2 if state.mission_seq < len(mission.items) else 0.0
-        to_go_s = time_to_point_s(points_m, index, place, speed_m_s, radius_m)
+        to_go_s = time_to_point_s(mission.route.points_m, index, place, state.ground_speed_m_s, radius_m)
         return to_go_s - (t_ns - state.t_ns) / NS_PER_S
 
     def item_wait_s(self, vehicle: int, t_ns: int) -> float:

@@ -124,7 +124,8 @@ class AgentTasking:
 
     def pop_before_boot(self) -> OnboardMission | None:
         """Return, once, the mission that the vehicle stored before it rebooted outside an upload."""
-        mission, self.before_boot = self.before_boot, None
+        mission = self.before_boot
+        self.before_boot = None
         return mission
 
 

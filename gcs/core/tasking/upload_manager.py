@@ -97,9 +97,14 @@ class UploadManager:
         traffic: MissionTraffic | None = None,
     ) -> None:
         self.state = state
-        self._table, self._frame, self._climbs = config.mission, config.local_frame, climbs
-        self._bounds, self._takeoffs, self._traffic = bounds, takeoffs, traffic
-        self._fleet, self._agents = fleet, agents
+        self._table = config.mission
+        self._frame = config.local_frame
+        self._climbs = climbs
+        self._bounds = bounds
+        self._takeoffs = takeoffs
+        self._traffic = traffic
+        self._fleet = fleet
+        self._agents = agents
         self._missions = MissionBuilder(config)
         self._default_home = Home(config.frame.lat_deg, config.frame.lon_deg, config.frame.alt_msl_m)
         self.onboard_missions = OnboardMissions(fleet, agents)
@@ -147,7 +152,8 @@ class UploadManager:
         """Note that the onboard mission of a vehicle is unknown."""
         self._first_legs.end(vehicle)
         tasking = self._agents[vehicle].tasking
-        tasking.onboard, tasking.is_inconsistent = None, False
+        tasking.onboard = None
+        tasking.is_inconsistent = False
 
     def mark_inconsistent(self, vehicle: int) -> None:
         """Mark an onboard mission as inconsistent: the vehicle is held and cleared when it is heard."""
@@ -157,7 +163,8 @@ class UploadManager:
         """Take control of a vehicle back, on an operator's order."""
         self.overrides.of(vehicle).release(t_ns)
         tasking = self._agents[vehicle].tasking
-        tasking.retry, tasking.clearing = UploadRetry(), ClearingRetry()
+        tasking.retry = UploadRetry()
+        tasking.clearing = ClearingRetry()
         tasking.rejections = RejectionRetry()
 
     # ------------------------------------------------------------ uploads
@@ -179,9 +186,11 @@ class UploadManager:
         ):
             self.state.queue.pop(vehicle, None)
             return self._active.supersede(vehicle, t_ns) + self._start(route, t_ns, return_route, t_ns)
-        before, until_t_ns = self.state.queue.get(vehicle), t_ns if at_once else t_ns + _MAX_ITEM_WAIT_NS
+        before = self.state.queue.get(vehicle)
+        until_t_ns = t_ns if at_once else t_ns + _MAX_ITEM_WAIT_NS
         if before is not None:
-            until_t_ns, at_once = min(before.until_t_ns, until_t_ns), at_once or before.at_once
+            until_t_ns = min(before.until_t_ns, until_t_ns)
+            at_once = at_once or before.at_once
         begins_t_ns = t_ns + round(min(self._item_wait_s(vehicle, t_ns) * NS_PER_S, until_t_ns - t_ns))
         self.state.queue[vehicle] = QueuedRoute(route, t_ns, until_t_ns, at_once, return_route, begins_t_ns)
         return self._start_due(t_ns, renewed=False)
@@ -245,7 +254,8 @@ class UploadManager:
         tasking = self._agents[vehicle].tasking
         if self._agents[vehicle].link.boots != tasking.boots:
             return self._rebooted(vehicle, t_ns)
-        profile, is_uploading = self._fleet.profile(vehicle), vehicle in self.state.uploads
+        profile = self._fleet.profile(vehicle)
+        is_uploading = vehicle in self.state.uploads
         if profile is None:
             return []
         if message.get_type() == "MISSION_CURRENT":
@@ -288,14 +298,17 @@ class UploadManager:
 
     def _rebooted(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Forget the onboard mission, and restart an upload in progress."""
-        agent, is_uploading = self._agents[vehicle], vehicle in self.state.uploads
-        tasking, agent.tasking.boots = agent.tasking, agent.link.boots
+        agent = self._agents[vehicle]
+        is_uploading = vehicle in self.state.uploads
+        tasking = agent.tasking
+        agent.tasking.boots = agent.link.boots
         tasking.rejections.note_change(t_ns)
         self.overrides.of(vehicle).note_reboot(t_ns)
         self._first_legs.end(vehicle)
         if tasking.onboard is not None and not is_uploading:
             tasking.before_boot = tasking.onboard
-        tasking.onboard, tasking.is_selected = None, True
+        tasking.onboard = None
+        tasking.is_selected = True
         return self._active.restart(vehicle, t_ns) if is_uploading else []
 
     def _item_wait_s(self, vehicle: int, t_ns: int) -> float:
@@ -364,8 +377,11 @@ class UploadManager:
         self, route: Route, planned_t_ns: int, return_route: ReturnRoute | None, t_ns: int
     ) -> list[Effect]:
         """Make a mission of a route, check it, and start its upload."""
-        vehicle, fleet = route.vehicle, self._fleet
-        profile, state, authority = fleet.profile(vehicle), fleet.state(vehicle), self.overrides.of(vehicle)
+        vehicle = route.vehicle
+        fleet = self._fleet
+        profile = fleet.profile(vehicle)
+        state = fleet.state(vehicle)
+        authority = self.overrides.of(vehicle)
         if profile is None:
             return self._not_begun(vehicle, "its firmware is not known here, or it was never heard", t_ns)
         if authority.taken_by:
@@ -383,7 +399,8 @@ class UploadManager:
         self.state.mission_count += 1
         mission = self._missions.of(route, self.state.mission_count, state, return_route, climb)
         from_ground = is_on_ground(state, fleet.home(vehicle))
-        tasking, link = self._agents[vehicle].tasking, fleet.link(vehicle)
+        tasking = self._agents[vehicle].tasking
+        link = fleet.link(vehicle)
         upload = UploadState.of_mission(
             mission,
             home,
@@ -399,7 +416,8 @@ class UploadManager:
             problem = self._bounds.problem(items[profile.home_items :], state)
             if not problem and state is not None:
                 passed = 0 if from_ground else points_passed(route, planned_t_ns, state)
-                flown, upload_s = items[profile.home_items + passed :], DELIVERY_S + late_s(tasking)
+                flown = items[profile.home_items + passed :]
+                upload_s = DELIVERY_S + late_s(tasking)
                 problem = self._bounds.flight_problem(flown, vehicle, self._motion(state, t_ns), upload_s)
             if problem:
                 return self._refused(vehicle, f"{problem}; the vehicle keeps its onboard mission", t_ns)

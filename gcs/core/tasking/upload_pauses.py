@@ -120,7 +120,8 @@ class RejectionRetry:
     def note_rejection(self, t_ns: int, began_t_ns: int) -> None:
         """Note a rejection, and when the upload of the mission began."""
         self.count += 1
-        self.rejected_t_ns, self.began_t_ns = t_ns, began_t_ns
+        self.rejected_t_ns = t_ns
+        self.began_t_ns = began_t_ns
         self.next_t_ns = t_ns + self.pause_ns if self.count < _MAX_REJECTIONS else None
 
     def note_change(self, t_ns: int) -> None:

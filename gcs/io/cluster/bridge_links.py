@@ -114,7 +114,8 @@ class BridgeLinks:
         busy: Callable[[int], bool] = lambda _: False,
     ) -> None:
         """Start receiving; `busy` returns True during a mission transfer to a vehicle."""
-        self._handler, self._is_busy = handler, busy
+        self._handler = handler
+        self._is_busy = busy
         if self._loop is None:  # else a standby begins to command
             self._loop = loop
             self._bus.subscribe(self._key("up"), self._take)
@@ -203,12 +204,14 @@ class BridgeLinks:
         return permit_for(self._lease, self._lease.bridges[0], monotonic_ns())
 
     def _flush(self) -> None:
-        sends, self._sends = self._sends, []
+        sends = self._sends
+        self._sends = []
         permit = self._permit()
         if permit is None:
             return
         busy = tuple(vehicle for vehicle in self._vehicles if self._is_busy(vehicle))
-        targets, self._targets = self._targets, None
+        targets = self._targets
+        self._targets = None
         clock = RunClock() if self._handler is None else self._handler.clock
         first = Down(
             permit=permit,
@@ -242,8 +245,10 @@ class BridgeLinks:
         """Return the next notice about the bridge, if any."""
         if ended := self._supervise():
             return ended
-        missed, self._missed = self._missed, 0
-        late, self._late = self._late, 0
+        missed = self._missed
+        self._missed = 0
+        late = self._late
+        self._late = 0
         if missed or late:
             return NoticeCode.BRIDGE_LATE, {"missed": missed, "late": late}
         return self._writer.notice()

@@ -40,7 +40,8 @@ class Lateness:
         """
         difference_ns = now_ns - sent_ns
         if sender != self._sender:
-            self._sender, self._least_ns = sender, difference_ns
+            self._sender = sender
+            self._least_ns = difference_ns
         else:
             drift_ns = int(_DRIFT * (now_ns - self._now_ns))
             self._least_ns = min(self._least_ns + drift_ns, difference_ns)

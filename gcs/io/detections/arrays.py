@@ -64,7 +64,8 @@ def read_arrays(file: BinaryIO, max_numbers: int) -> dict[str, FloatArray]:
     try:
         _check_directory(file)
         with zipfile.ZipFile(file) as archive:
-            left, found = max_numbers, {}
+            left = max_numbers
+            found = {}
             _check_entries(archive.infolist(), max_numbers)
             for entry in archive.infolist():
                 with archive.open(entry) as member:

@@ -55,7 +55,8 @@ def find_columns(table: Table) -> Columns:
         A title is missing, or bearings are more than a turn.
     """
     bearing = next((title for title in _BEARING_UNIT_RAD if title in table.titles), "")
-    position, polar = table.pair("x", "y"), table.pair("range_m", bearing)
+    position = table.pair("x", "y")
+    polar = table.pair("range_m", bearing)
     if position is None and polar is None:
         raise title_error(table.path, DETECTION_TITLES, ",".join(table.titles))
     unit_rad = _BEARING_UNIT_RAD.get(bearing, 1.0)
@@ -64,7 +65,8 @@ def find_columns(table: Table) -> Columns:
         if largest * unit_rad > _MAX_BEARING_RAD:
             problem = "expected bearings of at most a turn; are they in its unit?"
             raise ConfigError(str(table.path), bearing, problem)
-    sensor, origin = table.column((SENSOR,)), table.column((ORIGIN,))
+    sensor = table.column((SENSOR,))
+    origin = table.column((ORIGIN,))
     return Columns(table.titles[0], sensor, position, polar, unit_rad, origin)
 
 

@@ -162,7 +162,8 @@ def npz_model(path: Path, arrays: Mapping[str, FloatArray]) -> ModelTable:
     try:
         means = np.reshape(arrays["birth_mean"], (-1, 4))[:, _STATE_ORDER]
         std = np.broadcast_to(arrays["birth_std"], (4,))[_STATE_ORDER]
-        region, F = np.reshape(arrays["region"], (2, 2)), np.reshape(arrays["F"], (4, 4))
+        region = np.reshape(arrays["region"], (2, 2))
+        F = np.reshape(arrays["F"], (4, 4))
         number = {
             key: float(arrays[key]) for key in ("sigma_v", "sigma_z", "pS", "pD", "lambda_c", "r_birth")
         }

@@ -51,7 +51,8 @@ from gcs.tracking.glmb.filter import Birth, GlmbParams
 from gcs.tracking.metrics import Tracks
 
 _MAX_T_NS: Final = 4.2e18
-_MAX_EMPTY_SCANS, _MAX_EMPTY_PER_SCAN = 10_000, 100
+_MAX_EMPTY_SCANS = 10_000
+_MAX_EMPTY_PER_SCAN = 100
 """Scans without a row, in all and for each scan with rows; more are a mistake in the column."""
 _EXPECTED: Final = "expected detections (NPZ, CSV) or a recording"
 _OTHER_KINDS: Final = {
@@ -192,7 +193,8 @@ def _timed_scans(
     rows: _Rows, title: str, sensors: tuple[Sensor, ...]
 ) -> tuple[dict[int, int], tuple[SensorScan, ...]]:
     """Return scan numbers from 1, and a scan for each time and sensor with a row."""
-    path, t_ns = str(rows.path), rows.first * TIME_UNIT_NS[title]
+    path = str(rows.path)
+    t_ns = rows.first * TIME_UNIT_NS[title]
     if not (np.isfinite(t_ns).all() and (abs(t_ns) < _MAX_T_NS).all()):
         raise ConfigError(path, title, "expected a time in every row, before the year 2100")
     if title == "t_ns" and t_ns.size and 0.0 < np.ptp(t_ns) < _MIN_SPAN_NS:
@@ -214,7 +216,8 @@ def _numbered_scans(
     rows: _Rows, sensors: tuple[Sensor, ...], model: ModelTable, truth: TruthRows | None
 ) -> tuple[dict[int, int], tuple[SensorScan, ...]]:
     """Return scans of every sensor at regular times, from 1 (0 if a row or the truth has it) to the last."""
-    path, k = str(rows.path), rows.first
+    path = str(rows.path)
+    k = rows.first
     if not (np.isfinite(k).all() and (k == np.floor(k)).all() and (k >= 0).all()):
         problem = "expected whole numbers from 0 on; a column of times has the title t_s or t_ns"
         raise ConfigError(path, "k", problem)
@@ -334,8 +337,10 @@ def _moved_since_birth(birth: Birth, dt_s: float) -> Birth:
 
     The age is uniform between 0 and `dt_s`, and the velocity v constant: the moments of p + v age.
     """
-    velocity, spread = birth.mean[2:], birth.cov[2:, 2:]
-    mean, cov = birth.mean.copy(), birth.cov.copy()
+    velocity = birth.mean[2:]
+    spread = birth.cov[2:, 2:]
+    mean = birth.mean.copy()
+    cov = birth.cov.copy()
     mean[:2] += velocity * dt_s / 2.0
     cov[:2, :2] += spread * dt_s**2 / 3.0 + np.outer(velocity, velocity) * dt_s**2 / 12.0
     cov[:2, 2:] += spread * dt_s / 2.0

@@ -44,7 +44,8 @@ def _warnings(model: ModelTable, i: int, sensor: Sensor, z_m: FloatArray) -> Ite
                 f"region_m of {high[0] - low[0]:.6g} m by {high[1] - low[1]:.6g} m: are they in metres?"
             )
     else:
-        inside, where = covers(sensor, z_m), "its field of view"
+        inside = covers(sensor, z_m)
+        where = "its field of view"
     outside = int((~inside).sum())
     if 2 * outside > len(z_m):
         yield (

@@ -172,7 +172,8 @@ def _read_rows(path: Path, file: TextIO, expected: str, word_titles: tuple[str, 
     lines = _lines(path, file)
     titles = _read_titles(path, lines, expected)
     word_column = next((titles.index(title) for title in word_titles if title in titles), None)
-    values, words = array("d"), dict[str, int]()
+    values = array("d")
+    words = dict[str, int]()
     remarks: tuple[str, ...] = ()
     for number, line in lines:
         text = line.split("#", 1)[0].replace('"', "").strip()
@@ -199,7 +200,8 @@ def _row(cells: list[str], word_column: int | None, words: dict[str, int]) -> li
     """Return the numbers of a line, none if a cell is no number; add a new word to `words`."""
     word = None
     if word_column is not None and word_column < len(cells):
-        word, cells[word_column] = cells[word_column].strip()[:_MAX_WORD_CHARACTERS], ""
+        word = cells[word_column].strip()[:_MAX_WORD_CHARACTERS]
+        cells[word_column] = ""
     try:
         row = [float(cell) if cell.strip() else math.nan for cell in cells]
     except ValueError:

@@ -77,12 +77,15 @@ def truth_rows(table: Table) -> TruthRows:
     ConfigError
         A title or a number is missing.
     """
-    rows, title = table.rows, table.titles[0]
+    rows = table.rows
+    title = table.titles[0]
     id_column = table.column(_ID_TITLES)
     position = table.pair("x", "y") or table.pair("px", "py")
     if id_column is None or position is None:
         raise title_error(table.path, _TITLES, ",".join(table.titles))
-    first, ids, positions_m = rows[:, 0], rows[:, id_column], rows[:, position]
+    first = rows[:, 0]
+    ids = rows[:, id_column]
+    positions_m = rows[:, position]
     names: list[object] = [table.words[int(i)] for i in ids] if table.words else ids.tolist()
     without_id = np.isnan(ids) | np.array([name == "" for name in names], np.bool_)
     is_empty = without_id & np.isnan(positions_m).all(axis=1)
@@ -123,7 +126,8 @@ def truth_by_scan(
         if by_number
         else _scans_at(truth.first * TIME_UNIT_NS[truth.title], scan_numbers)
     )
-    scans, with_rows = set(scan_numbers.values()), set(numbers)
+    scans = set(scan_numbers.values())
+    with_rows = set(numbers)
     if truth.ids and scans.isdisjoint(with_rows):
         problem = "no scan of the detections is in it; expected their truth"
         raise ConfigError(str(truth.path), truth.title, problem)

@@ -26,7 +26,8 @@ class GarbageFilter:
 
     def __init__(self) -> None:
         self._scan = Scanner()
-        self._budget, self._t_ns = float(_MAX_SAVED_BYTES), 0
+        self._budget = float(_MAX_SAVED_BYTES)
+        self._t_ns = 0
         self._left_out: Counter[str] = Counter()
         """Bytes by link, not reported yet."""
         self._reported_ns: int | None = None
@@ -36,7 +37,8 @@ class GarbageFilter:
         if not frames.bad_bytes:
             return frames
         self._budget += max(0, t_ns - self._t_ns) / NS_PER_S * _BYTES_PER_S
-        self._budget, self._t_ns = min(self._budget, _MAX_SAVED_BYTES), t_ns
+        self._budget = min(self._budget, _MAX_SAVED_BYTES)
+        self._t_ns = t_ns
         cost = frames.bad_bytes + _OVERHEAD_BYTES
         if cost <= self._budget:
             self._budget -= cost
@@ -50,6 +52,7 @@ class GarbageFilter:
             self._reported_ns is not None and t_ns - self._reported_ns < _MIN_NOTICE_INTERVAL_NS
         ):
             return {}
-        self._reported_ns, left_out = t_ns, self._left_out
+        self._reported_ns = t_ns
+        left_out = self._left_out
         self._left_out = Counter()
         return left_out

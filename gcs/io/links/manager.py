@@ -127,7 +127,8 @@ class Links:
         busy: Callable[[int], bool] = lambda _: False,
     ) -> None:
         """Start all endpoints; `busy` returns True during a mission transfer to a vehicle."""
-        self._busy, self._now_ns = busy, handler.now_ns
+        self._busy = busy
+        self._now_ns = handler.now_ns
         for link in self.links:
             router = self._routers.get(link.network)
             self._ports[link.name] = _Port(
@@ -247,9 +248,13 @@ class _Port:
         gate: SigningGate,
         scan: Callable[[bytes], FrameTable],
     ) -> None:
-        self._handler, self._router, self._forward = handler, router, forward
-        self._name, self._is_for_clients = link.name, link.role != "vehicles"
-        self._gate, self._scan = gate, scan
+        self._handler = handler
+        self._router = router
+        self._forward = forward
+        self._name = link.name
+        self._is_for_clients = link.role != "vehicles"
+        self._gate = gate
+        self._scan = scan
 
     def heard(self, peer: str, data: bytes) -> None:
         frames = self._scan(data)
@@ -273,7 +278,8 @@ class _Port:
         router = self._router
         if router is None:
             return b""
-        t_ns, address = self._handler.now_ns(), (self._name, peer)
+        t_ns = self._handler.now_ns()
+        address = (self._name, peer)
         outgoing: dict[Address, list[Frame]] = {}
         passed = bytearray()
         for frame in frames:

@@ -107,10 +107,13 @@ class BatchReader:
         self._vectors = (_IoVector * SLOTS)()
         self._headers = (_Header * SLOTS)()
         for i, (vector, header) in enumerate(zip(self._vectors, self._headers, strict=True)):
-            vector.base, vector.length = self._slots[i].ctypes.data, _MAX_DATAGRAM_BYTES
+            vector.base = self._slots[i].ctypes.data
+            vector.length = _MAX_DATAGRAM_BYTES
             message = header.message
-            message.name, message.name_length = self._names[i].ctypes.data, self._names[i].nbytes
-            message.vector, message.vectors = ctypes.pointer(vector), 1
+            message.name = self._names[i].ctypes.data
+            message.name_length = self._names[i].nbytes
+            message.vector = ctypes.pointer(vector)
+            message.vectors = 1
         words = np.frombuffer(memoryview(self._headers).cast("B"), np.uint32).reshape(SLOTS, -1)
         self._lengths = words[:, _Header.length.offset // 4]
         self._batcher: DatagramBatcher | None = None
@@ -121,7 +124,8 @@ class BatchReader:
         count = self._recvmmsg(source.fileno(), self._headers, SLOTS, socket.MSG_DONTWAIT, None)
         if count <= 0:
             return 0, []  # Empty, or an ICMP error of an earlier send.
-        lengths, senders = self._lengths[:count].astype(np.int64), self._names[:count, 0].copy()
+        lengths = self._lengths[:count].astype(np.int64)
+        senders = self._names[:count, 0].copy()
         if count < FLOOD:
             parts: Iterable[tuple[int, bytes]] = enumerate(
                 self._slots[i, :n].tobytes() for i, n in enumerate(lengths.tolist())
@@ -184,7 +188,10 @@ class SocketReader:
         heard: Callable[[str, bytes], None],
         failed: Callable[[str], None],
     ) -> None:
-        self.source, self.heard, self.failed, self.is_closed = source, heard, failed, False
+        self.source = source
+        self.heard = heard
+        self.failed = failed
+        self.is_closed = False
         self._thread = _thread_of(loop)
         self._thread.add(self)
 
@@ -200,7 +207,8 @@ class _ReaderThread:
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
         self._sockets: dict[int, SocketReader] = {}
-        self._reading, self._queueing = threading.Lock(), threading.Lock()
+        self._reading = threading.Lock()
+        self._queueing = threading.Lock()
         self._waiting: deque[tuple[float, SocketReader, PeerData]] = deque()
         self._poll = select.poll()
         self._wake, self._woken = socket.socketpair()
@@ -278,7 +286,8 @@ class _ReaderThread:
 
     def _deliver(self) -> None:
         with self._queueing:
-            waiting, self._waiting = self._waiting, deque()
+            waiting = self._waiting
+            self._waiting = deque()
         for _, source, heard in waiting:
             if not source.is_closed:
                 for peer, data in heard:

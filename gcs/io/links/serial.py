@@ -53,7 +53,9 @@ class SerialPort:
         self._running = loop.create_task(self._run(loop, listener))
 
     async def _run(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
-        backoff, notices, endpoint = Backoff(), ChangedNotices(), self._endpoint
+        backoff = Backoff()
+        notices = ChangedNotices()
+        endpoint = self._endpoint
         async for _ in backoff.tries():
             try:
                 self._device = self._open_port(
@@ -118,7 +120,8 @@ class SerialPort:
             self._lost.set_result(reason)
 
     def _shut(self, loop: asyncio.AbstractEventLoop) -> None:
-        device, self._device = self._device, None
+        device = self._device
+        self._device = None
         if device is not None:
             loop.remove_reader(device.fileno())
             loop.remove_writer(device.fileno())

@@ -97,7 +97,9 @@ class TcpOut:
         self._running = loop.create_task(self._run(loop, listener))
 
     async def _run(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
-        backoff, notices, endpoint = Backoff(), ChangedNotices(), self._endpoint
+        backoff = Backoff()
+        notices = ChangedNotices()
+        endpoint = self._endpoint
         async for _ in backoff.tries():
             try:
                 connecting = loop.create_connection(
@@ -155,7 +157,8 @@ class TcpIn:
         self.port: int = self._socket.getsockname()[1]
         self.refused = 0
         self._streams: dict[str, _Stream] = {}
-        self._unreported, self._reported_s = 0, -_MIN_NOTICE_INTERVAL_S
+        self._unreported = 0
+        self._reported_s = -_MIN_NOTICE_INTERVAL_S
         """Connections closed without a valid frame since the last notice, and when that was."""
         self._accepting: asyncio.Task[None] | None = None
         self._serving: set[asyncio.Task[None]] = set()
@@ -223,7 +226,8 @@ class TcpIn:
         if now_s - self._reported_s >= _MIN_NOTICE_INTERVAL_S:
             count = self._unreported
             listener.notify(NoticeCode.CONNECTIONS_CLOSED, count=count, peer=stream.peer)
-            self._unreported, self._reported_s = 0, now_s
+            self._unreported = 0
+            self._reported_s = now_s
 
     def send(self, peer: str, data: bytes) -> None:
         """Send to a connected peer."""

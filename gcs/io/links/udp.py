@@ -75,7 +75,8 @@ class UdpOut:
         self._opening = loop.create_task(self._open(loop, listener))
 
     async def _open(self, loop: asyncio.AbstractEventLoop, listener: Listener) -> None:
-        notices, remote = ChangedNotices(), self._endpoint
+        notices = ChangedNotices()
+        remote = self._endpoint
         async for _ in Backoff().tries():
             fresh = _socket()
             try:

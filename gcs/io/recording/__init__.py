@@ -9,6 +9,6 @@ Modules, in reading order:
 ``schemas``        JSON schemas of the records, for viewers
 ``reader``         `read`: the records of a run in the order of consumption
 ``chunks``         decompression of MCAP chunks within bounds
-``tlog``           telemetry logs (tlog) and raw MAVLink streams
-``timestamps``     times of log frames, by stamps or by the vehicles' boot clocks
+``tlog``           telemetry logs (tlog)
+``timestamps``     one time line of a log's stamps
 """

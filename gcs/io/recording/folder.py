@@ -25,10 +25,15 @@ from importlib import metadata
 from pathlib import Path
 from typing import BinaryIO, Final
 
-MCAP_NAME, TLOG_NAME, CONFIG_NAME, VERSIONS_NAME = "run.mcap", "link.tlog", "mission.toml", "versions.json"
+MCAP_NAME = "run.mcap"
+TLOG_NAME = "link.tlog"
+CONFIG_NAME = "mission.toml"
+VERSIONS_NAME = "versions.json"
 FIRMWARE_NAME: Final = "firmware"
 PROFILE: Final = "swarm-gcs"
-VERSIONS_METADATA, RUN_METADATA, FORMAT_METADATA = "versions", "run", "format"
+VERSIONS_METADATA = "versions"
+RUN_METADATA = "run"
+FORMAT_METADATA = "format"
 FORMAT_VERSION = 3
 """Version of the records in a recording; it changes when they cannot be read as before."""
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
@@ -93,7 +98,8 @@ def remove_empty(folder: Path) -> bool:
     """
     if not folder.is_dir() or len(part_paths(folder)) > 1:
         return False
-    mcap, tlog = folder / MCAP_NAME, folder / TLOG_NAME
+    mcap = folder / MCAP_NAME
+    tlog = folder / TLOG_NAME
     if not mcap.is_file() or (tlog.exists() and tlog.stat().st_size > 0):
         return False
     with mcap.open("rb") as file:

@@ -96,7 +96,8 @@ def _indexed_chunks(
 ) -> Iterator[tuple[tuple[int, int], list[tuple[int, int]]]]:
     """Yield offset and length of each chunk with requested messages, and their times and offsets in it."""
     due_ns: dict[int, int] = {}
-    chunk, entries = (0, 0), list[tuple[int, int]]()
+    chunk = (0, 0)
+    entries = list[tuple[int, int]]()
     for opcode, at, length in mcap_heads(file):
         if opcode in (Opcode.CHUNK, Opcode.DATA_END) and entries:
             yield chunk, entries

@@ -123,7 +123,8 @@ def mcap_records(file: BinaryIO, offset: int = 0) -> Iterator[McapRecord]:
 
 def mcap_heads(file: BinaryIO) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, offset and length of the content of each record; nothing else is read."""
-    at, size = len(MCAP_MAGIC), file.seek(0, io.SEEK_END)
+    at = len(MCAP_MAGIC)
+    size = file.seek(0, io.SEEK_END)
     while at + HEAD.size <= size:
         file.seek(at)
         opcode, length = HEAD.unpack(file.read(HEAD.size))

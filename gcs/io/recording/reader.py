@@ -146,7 +146,8 @@ def read(
     RecordingError
         If there is no such file, it is not an MCAP, or it has another format version.
     """
-    state, before = RunReader(only if start is None else {*only, Snapshot}), 0
+    state = RunReader(only if start is None else {*only, Snapshot})
+    before = 0
     paths = mcap_paths(path)
     _check_format(paths[0])
     for number, file_path in enumerate(paths):
@@ -204,7 +205,9 @@ def _check_format(path: Path) -> None:
     RecordingError
         If the version differs; the text names the version of the software that reads the recording.
     """
-    found, is_whole, software = "", False, ""
+    found = ""
+    is_whole = False
+    software = ""
     with open_mcap(path) as file, contextlib.suppress(DamageError, *LIBRARY_ERRORS):
         for opcode, _, content in mcap_records(file):
             if opcode == Opcode.METADATA:
@@ -212,7 +215,8 @@ def _check_format(path: Path) -> None:
                 if metadata.name == FORMAT_METADATA:
                     found = metadata.metadata["version"]
                 elif metadata.name == VERSIONS_METADATA:
-                    software, is_whole = metadata.metadata.get("swarm-gcs", ""), True
+                    software = metadata.metadata.get("swarm-gcs", "")
+                    is_whole = True
             elif opcode == Opcode.CHUNK:
                 break
     if is_whole and found != str(FORMAT_VERSION):
@@ -232,7 +236,9 @@ def read_info(path: Path) -> RecordingInfo:
     RecordingError
         If there is no such file, it is not an MCAP, or it has another format version.
     """
-    config_text, versions, run = "", {}, None
+    config_text = ""
+    versions = {}
+    run = None
     path = mcap_paths(path)[0]
     _check_format(path)
     with open_mcap(path) as file:
@@ -272,7 +278,8 @@ class RunReader:
 
     def begin(self) -> None:
         """Start a part; record numbers continue."""
-        self._before, self.offset = self.count, 0
+        self._before = self.count
+        self.offset = 0
         self._begins_at_first = True
         self._unpacker = Unpacker()
         self._types.clear()

@@ -46,7 +46,8 @@ def _property(name: str, hint: Any) -> dict[str, Any] | None:
     """Return the schema of a field; None if the dialect cannot express it."""
     if hint in _SIMPLE:
         return dict(_SIMPLE[hint])
-    origin, arguments = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    arguments = get_args(hint)
     if origin is None and isinstance(hint, type):
         return {"type": "string"} if issubclass(hint, StrEnum) else _object(hint)
     if origin is Mapping:

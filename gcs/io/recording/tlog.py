@@ -7,7 +7,7 @@ after each time stamp.
 
 Logs of other programs are read in bounded memory. A frame is valid if its checksum holds. A frame of an
 unknown id, or of another dialect, is accepted between frames. All other bytes are damage, and reading goes on
-at the next valid frame. A raw stream (as it came from a serial port) has frames without time stamps.
+at the next valid frame. A raw stream (as it came from a serial port) has no time stamps, and is no log.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class LogFrame(NamedTuple):
     offset: int
     """Byte of the file at which the entry begins."""
     t_ns: int
-    """Time stamp, or the last valid one; 0 in a raw stream."""
+    """Time stamp, or the last valid one."""
     frame: Frame
     validity: Validity
     """Only the content of a good frame is reliable. A bad checksum is damage or another dialect."""
@@ -63,29 +63,38 @@ def tlog_entries(t_ns: int, datagram: bytes) -> bytes:
     return b"".join(stamp + frame for frame in split_frames(datagram))
 
 
-def read_log(file: BinaryIO, *, stamped: bool = True) -> Iterator[LogFrame | UnreadableBytes]:
-    """Read a tlog, or a raw MAVLink stream if it is not `stamped`, to its end."""
-    lead = _STAMP.size if stamped else 0
-    data, base, at, t_ns, ended = b"", 0, 0, 0, False
+def read_log(file: BinaryIO) -> Iterator[LogFrame | UnreadableBytes]:
+    """Read a tlog to its end."""
+    lead = _STAMP.size
+    data = b""
+    base = 0
+    at = 0
+    t_ns = 0
+    ended = False
     bad_from: int | None = None
     while True:
         if len(data) - at < _MAX_ENTRY_BYTES and not ended:
             block = file.read(_BLOCK_BYTES)
-            data, base, at, ended = data[at:] + block, base + at, 0, not block
+            data = data[at:] + block
+            base = base + at
+            at = 0
+            ended = not block
             continue
         if at >= len(data):
             break
-        found = _entry(data, at + lead, lead, in_step=bad_from is None)
+        found = _entry(data, at + lead, in_step=bad_from is None)
         if found is None:
             bad_from = base + at if bad_from is None else bad_from
             marker = _MARKER.search(data, at + lead + 1)
-            at = marker.start() - lead if marker else len(data) if ended else len(data) - lead
+            kept = 0 if ended else lead
+            at = marker.start() - lead if marker else len(data) - kept
             continue
         if bad_from is not None:
             yield UnreadableBytes(bad_from, base + at - bad_from)
             bad_from = None
         frame, validity = found
-        if stamped and (stamp_us := _STAMP.unpack_from(data, at)[0]) <= _MAX_STAMP_US:
+        (stamp_us,) = _STAMP.unpack_from(data, at)
+        if stamp_us <= _MAX_STAMP_US:
             t_ns = stamp_us * 1000
         yield LogFrame(base + at, t_ns, frame, validity)
         at += lead + len(frame.data)
@@ -93,33 +102,35 @@ def read_log(file: BinaryIO, *, stamped: bool = True) -> Iterator[LogFrame | Unr
         yield UnreadableBytes(bad_from, base + at - bad_from)
 
 
-def is_stamped(file: BinaryIO, name: str) -> bool:
-    """Return True if the file is a tlog, False if it is a raw MAVLink stream.
-
-    The first 16 MB decide, by the bytes between frames. The file is rewound.
+def check_log(file: BinaryIO, name: str) -> None:
+    """Check that a file is a telemetry log, by the entries in its first 16 MB. The file is rewound.
 
     Raises
     ------
     RecordingError
-        If there is no frame in them. `name` is the file's name in the message.
+        If they have no MAVLink frame, or frames without time stamps: no entry follows another. `name` is the
+        file's name in the message.
     """
-    stamp_gaps, frames = 0, 0
+    frames = 0
+    in_step = 0
+    follows = True
     head = io.BytesIO(file.read(_SAMPLE_BYTES))
-    for part in islice(read_log(head, stamped=False), _SAMPLE_PARTS):
-        if isinstance(part, UnreadableBytes):
-            stamp_gaps += part.length == _STAMP.size
-        else:
-            frames += 1
+    for part in islice(read_log(head), _SAMPLE_PARTS):
+        is_frame = isinstance(part, LogFrame)
+        frames += is_frame
+        in_step += is_frame and follows
+        follows = is_frame
+    if file.seek(0, io.SEEK_END) == 0:
+        raise RecordingError(name, "is empty")
     if frames == 0:
-        empty = file.seek(0, io.SEEK_END) == 0
         problem = "is no recording, and no MAVLink frame is in its first 16 MB"
-        expected = "expected a recording (.mcap, or its folder), a .tlog or raw MAVLink"
-        raise RecordingError(name, "is empty" if empty else f"{problem}: {expected}")
+        raise RecordingError(name, f"{problem}: expected a recording (.mcap, or its folder) or a .tlog")
+    if frames > 1 and in_step == 0:
+        raise RecordingError(name, "is MAVLink without time stamps: expected a .tlog")
     file.seek(0)
-    return 2 * stamp_gaps >= frames
 
 
-def _entry(data: bytes, at: int, lead: int, *, in_step: bool) -> tuple[Frame, Validity] | None:
+def _entry(data: bytes, at: int, *, in_step: bool) -> tuple[Frame, Validity] | None:
     """Return the frame at `at` and its validity; None if there is no plausible frame."""
     end = len(data)
     length = _length(data, at, end) if at < end else 0
@@ -128,7 +139,7 @@ def _entry(data: bytes, at: int, lead: int, *, in_step: bool) -> tuple[Frame, Va
     frame = checked_frame(data, at, length)
     if frame is not None:
         return frame, "good"
-    next_at = at + length + lead
+    next_at = at + length + _STAMP.size
     if not in_step or not (at + length == end or (next_at < end and data[next_at] in b"\xfd\xfe")):
         return None
     frame = frame_at(data, at, length)
@@ -142,7 +153,8 @@ def split_frames(datagram: bytes) -> list[bytes]:
     valid checksum are returned.
     """
     frames = []
-    at, end = 0, len(datagram)
+    at = 0
+    end = len(datagram)
     while at < end:
         length = _length(datagram, at, end)
         if not length:

@@ -208,7 +208,8 @@ class Recorder:
         if self._part.is_in_place():
             return
         self._part.abandon()
-        lost, self.folder = self.folder, new_folder(self.folder.parent, self.folder.name)
+        lost = self.folder
+        self.folder = new_folder(self.folder.parent, self.folder.name)
         self._part_count = self._finished_bytes = 0
         self._part = self._next_part()
         self._begin_folder()
@@ -218,7 +219,8 @@ class Recorder:
         """Raise an alarm when disk space runs low; finish the recording when the budget is used up."""
         used = self._finished_bytes + sum(self._part.file_bytes)
         disk = os.statvfs(self.folder)
-        free, budget = disk.f_bavail * disk.f_frsize, self._budget
+        free = disk.f_bavail * disk.f_frsize
+        budget = self._budget
         if used >= budget.max_bytes or free < budget.min_free_bytes:
             self._is_closed = True
             self._part.finish()
@@ -288,7 +290,8 @@ class Recorder:
                 raise self._fail(error) from None
 
     def _write_pending(self) -> None:
-        pending, self._pending = self._pending, []
+        pending = self._pending
+        self._pending = []
         self._part.add(pending, self._sequence)
         self._sequence += len(pending)
         self._is_part_full = max(self._part.file_bytes) > self._budget.rotate_bytes

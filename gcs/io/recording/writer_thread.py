@@ -92,7 +92,8 @@ class RecorderThread:
             raise self._disk_stuck_error()
 
     def _hand_over(self) -> None:
-        batch, self._batch = self._batch, []
+        batch = self._batch
+        self._batch = []
         self._hand_over_at_s = monotonic() + _HAND_OVER_PERIOD_S
         self._handed_over_count += len(batch)
         if self._handed_over_count - self._written_count > _MAX_WAITING_RECORDS:

@@ -56,10 +56,8 @@ class LinkSigning:
             self.gate = SigningGate(Keys(), links)
             return
         table = read_keys(keys).keys
-        self._time, self._writer = (
-            TimeFile(keys),
-            BackgroundWriter("the file of signing times", 2, NoticeCode.DISK_BLOCKED),
-        )
+        self._time = TimeFile(keys)
+        self._writer = BackgroundWriter("the file of signing times", 2, NoticeCode.DISK_BLOCKED)
         self.gate = SigningGate(table, links, *self._time.read(unix_ns()))
         unknown = sorted(table.links.keys() - {link.name for link in links})
         if unknown:

@@ -71,8 +71,11 @@ class _Run:
         on_result: Callable[[Result], None],
         news: Callable[[str], None],
     ) -> None:
-        self._endpoint, self._wanted, self._times = endpoint, wanted, times
-        self._on_result, self._news = on_result, news
+        self._endpoint = endpoint
+        self._wanted = wanted
+        self._times = times
+        self._on_result = on_result
+        self._news = news
         self._time, self._streams = times.read(unix_ns())
         self._pending: dict[int, SigningSetup] = {}
         self._peers: dict[int, str] = {}
@@ -111,7 +114,8 @@ class _Run:
     def _settle(self, vehicle: int, installation: SigningSetup) -> None:
         if installation.outcome:
             del self._pending[vehicle]
-            ok, sent = installation.outcome == "done", installation.sent > 0
+            ok = installation.outcome == "done"
+            sent = installation.sent > 0
             self._on_result(Result(vehicle, ok, installation.detail, sent))
 
     def heard(self, peer: str, data: bytes) -> None:

@@ -52,7 +52,9 @@ class FenceTask:
     ) -> None:
         self.vehicle = vehicle
         self._own = own
-        self._todo, self._ceiling_m, self._encode = lists, ceiling_m, encode
+        self._todo = lists
+        self._ceiling_m = ceiling_m
+        self._encode = encode
         self._tasks: list[Upload] = []
         self._ceiling: ParameterSetter | None = None
         self._autopilot: tuple[int, int] | None = None
@@ -128,7 +130,8 @@ def fence_vehicles(
     ConfigError, LinkError
         The fence is invalid, or a port cannot be opened.
     """
-    fence, rally = fence_of(config, source), rally_of(config)
+    fence = fence_of(config, source)
+    rally = rally_of(config)
     lists: dict[int, Sequence[Item] | None] = {FENCE: (), RALLY: ()}
     if action == "upload":
         lists = {FENCE: fence_items(fence), RALLY: rally_items(rally)}
@@ -142,8 +145,7 @@ def fence_vehicles(
         link,
         writes=action != "show",
     )
-    own = session.access.own
-    tasks = [FenceTask(v, lists, ceiling_m, session.fleet.encoder(v), own) for v in vehicles]
+    tasks = [FenceTask(v, lists, ceiling_m, session.fleet.encoder(v), session.access.own) for v in vehicles]
     asyncio.run(session.run(tasks, wait_s))
     return tasks
 

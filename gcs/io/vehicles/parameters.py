@@ -38,7 +38,10 @@ class ParameterTask:
         armed_too: bool = False,
     ) -> None:
         self.vehicle = vehicle
-        self._names, self._value, self._encode, self._armed_too = tuple(names), value, encode, armed_too
+        self._names = tuple(names)
+        self._value = value
+        self._encode = encode
+        self._armed_too = armed_too
         self._bytewise: bool | None = None
         self._armed = False
         self._setting: ParameterSetter | None = None

@@ -70,7 +70,8 @@ class VehicleSession:
     ) -> None:
         vehicles = [agent.vehicle for agent in config.agents]
         self.access = vehicle_access(config, link, writes=writes)
-        links, is_direct = self.access.links, link is None and self.access.service is None
+        links = self.access.links
+        is_direct = link is None and self.access.service is None
         self.clock = RunClock()
         self.fleet = Fleet(
             vehicles,

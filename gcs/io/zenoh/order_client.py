@@ -110,7 +110,8 @@ def request_status(endpoint: str, mission: str, timeout_s: float) -> SwarmStatus
         except WireError:
             return
 
-    began_s, number = time.monotonic(), 0
+    began_s = time.monotonic()
+    number = 0
     with ZenohSession(connect=endpoint) as bus:
         bus.subscribe(status_key(mission), heard)
         bus.subscribe(answer_key(mission), heard)

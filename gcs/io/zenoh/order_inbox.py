@@ -58,7 +58,8 @@ class _Queues:
         self._senders: deque[str] = deque()
         """Those with waiting orders; the first one is next."""
         self._waiting: dict[str, deque[_Waiting]] = {}
-        self._allowance_ns, self._t_ns = BURST * NS_PER_S, 0
+        self._allowance_ns = BURST * NS_PER_S
+        self._t_ns = 0
         """Orders that may pass now times a second, and the time of that."""
 
     def put(self, order: _Waiting) -> str:
@@ -115,14 +116,17 @@ class OrderInbox:
     def __init__(self, frame: LocalFrame, name: str) -> None:
         self.refused = 0
         """Orders beyond the bounds."""
-        self._frame, self._name = frame, name
+        self._frame = frame
+        self._name = name
         self._lock = threading.Lock()
-        self._safety, self._others = _Queues(SAFETY_PER_S), _Queues(ORDERS_PER_S)
+        self._safety = _Queues(SAFETY_PER_S)
+        self._others = _Queues(ORDERS_PER_S)
         self._accepted_ids: dict[str, None] = {}
         """Ids of the last orders."""
         self._unanswered: dict[str, tuple[_Head, str]] = {}
         """The last refused order of each sender, and why."""
-        self._reported, self._reported_t_ns = 0, 0
+        self._reported = 0
+        self._reported_t_ns = 0
 
     def put(self, key: str, payload: bytes) -> bool:
         """Queue an order; return False if its sender, or too many senders, have too many that wait."""
@@ -185,7 +189,8 @@ class OrderInbox:
         new = self.refused - self._reported
         if not new or 0 <= t_ns - self._reported_t_ns < _MIN_NOTICE_INTERVAL_NS:
             return []
-        self._reported, self._reported_t_ns = self.refused, t_ns
+        self._reported = self.refused
+        self._reported_t_ns = t_ns
         problem = (
             f"{new} orders refused: more than {ORDERS_PER_S} a second, {self.refused} so far; find the "
             "program that publishes them"

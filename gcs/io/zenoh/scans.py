@@ -105,7 +105,8 @@ def encode_scan(scan: Scan, frame: LocalFrame) -> bytes:
     """Return a scan as a sensor publishes it, with the origin of `frame`."""
     origin = OriginMessage(lat_deg=frame.lat_deg, lon_deg=frame.lon_deg)
     message: dict[str, Any] = {"origin": origin, "measured_t_ns": scan.measured_t_ns}
-    sensor, polar = scan.sensor, scan.sensor.polar
+    sensor = scan.sensor
+    polar = scan.sensor.polar
     if polar is None:
         message["sensor"] = {
             "name": sensor.name,

@@ -96,7 +96,8 @@ def _stored(item: Item) -> Item:
         case dialect.MAV_CMD_NAV_LOITER_UNLIM:
             return item._replace(param1=0.0, param2=0.0, param4=0.0)
         case dialect.MAV_CMD_NAV_LOITER_TIME:
-            side, tangent = math.copysign(1.0, item.param3), float(item.param4 > 0.0)
+            side = math.copysign(1.0, item.param3)
+            tangent = float(item.param4 > 0.0)
             return item._replace(param1=_whole(item.param1, 0.0), param2=0.0, param3=side, param4=tangent)
         case dialect.MAV_CMD_NAV_TAKEOFF | dialect.MAV_CMD_NAV_LAND:
             return item._replace(param1=_whole(item.param1, 0.0), param2=0.0, param3=0.0, param4=0.0)

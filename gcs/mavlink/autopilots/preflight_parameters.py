@@ -42,7 +42,8 @@ class WantedParameter:
         """Required values as text."""
         if self.allowed:
             return " or ".join(f"{value:.6g}" for value in self.allowed)
-        low, high = f"{self.low:.6g}", f"{self.high:.6g}"
+        low = f"{self.low:.6g}"
+        high = f"{self.high:.6g}"
         if self.high >= _NO_BOUND:
             return f"{low} and above"
         return low if low == high else f"{low} ... {high}"
@@ -130,7 +131,9 @@ ARDUPLANE_PARAMETERS: Final = (
 
 def arduplane_parameters_for(envelope: Envelope) -> tuple[WantedParameter, ...]:
     """Return the parameters of ArduPlane that must fit a mission."""
-    bank, slow, fast = envelope.bank_deg, 0.75 * envelope.speed_m_s, 1.25 * envelope.speed_m_s
+    bank = envelope.bank_deg
+    slow = 0.75 * envelope.speed_m_s
+    fast = 1.25 * envelope.speed_m_s
     wide = f"it turns wider than routes are planned for ({envelope.table}.bank_deg)"
     speed = f"it flies faster or slower than routes are planned for ({envelope.table}.speed_m_s)"
     return (
@@ -185,7 +188,8 @@ def _px4_mission_requirement(envelope: Envelope) -> WantedParameter:
 
 def px4_parameters_for(envelope: Envelope) -> tuple[WantedParameter, ...]:
     """Return the parameters of PX4 that must fit a mission."""
-    slow, fast = 0.75 * envelope.speed_m_s, 1.25 * envelope.speed_m_s
+    slow = 0.75 * envelope.speed_m_s
+    fast = 1.25 * envelope.speed_m_s
     wide = f"it turns wider than routes are planned for ({envelope.table}.bank_deg)"
     speed = f"it flies faster or slower than routes are planned for ({envelope.table}.speed_m_s)"
     return (

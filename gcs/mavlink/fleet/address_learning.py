@@ -63,7 +63,8 @@ def move_of(frame: Frame, t_ns: int, known: Contact | None, *, is_keyed: bool) -
     )
     if known is None or known.has_timed_out(t_ns):
         return "appeared" if is_proof else "no heartbeat"
-    lead_ns, before_ns = signed_lead_ns(frame, t_ns), known.signed_lead_ns
+    lead_ns = signed_lead_ns(frame, t_ns)
+    before_ns = known.signed_lead_ns
     is_later = lead_ns is not None and before_ns is not None and lead_ns - before_ns > MIN_SIGNED_LATER_NS
     return "signed later" if is_proof and is_keyed and is_later else "heard elsewhere"
 

@@ -193,13 +193,15 @@ def _apply_position(
             return False
     if record[BEST_FIX] != NONE and record[BEST_FIX] < _FIX_3D:
         return False
-    lat, lon = _signed(data, begin, 4, size, 4), _signed(data, begin, 8, size, 4)
+    lat = _signed(data, begin, 4, size, 4)
+    lon = _signed(data, begin, 8, size, 4)
     alt = _signed(data, begin, 12, size, 4)
     if abs(lat) >= 900_000_000 or abs(lon) >= 1_800_000_000 or not _MIN_ALT_MM < alt < _MAX_ALT_MM:
         return False
     if (abs(lat) <= _NULL_1E7 and abs(lon) <= _NULL_1E7) or not _is_near(lat, lon, origin):
         return False
-    v_north, v_east = _signed(data, begin, 20, size, 2), _signed(data, begin, 22, size, 2)
+    v_north = _signed(data, begin, 20, size, 2)
+    v_east = _signed(data, begin, 22, size, 2)
     if not _is_plausible(record, boot_ms, t_ns, lat, lon, v_east * v_east + v_north * v_north, origin[3]):
         return False
     record[BOOT_MS] = boot_ms

@@ -167,14 +167,16 @@ class Fleet:
             vehicle_links = {vehicle: VehicleLink() for vehicle in called}
         self.links = self._state.links
         """Counters by link, in order of the first datagram."""
-        self._peers, self._notices = self._state.peers, self._state.notices
+        self._peers = self._state.peers
+        self._notices = self._state.notices
         extra = frozenset(extra_ids)
         self._needed = _NEEDED | extra
         self._networks = {link.name: link.network for link in links}
         self._own = own
         self._encoder = Encoder(*own)
         self._outgoing = [(link.name, link.endpoint.remote) for link in links if link.endpoint.remote]
-        self._frame, self._settings = frame, settings or FleetSettings()
+        self._frame = frame
+        self._settings = settings or FleetSettings()
         self._scan: Callable[[bytes], FrameTable] = scan
         self._fast_path: VehicleTable | None = None
         if kernel:
@@ -291,7 +293,8 @@ class Fleet:
                 self._show_text(vehicle, text, message.severity, t_ns)
             if not texts:
                 return None
-            message.text, message.id = texts[-1], 0
+            message.text = texts[-1]
+            message.id = 0
         vehicle.apply_message(message, t_ns, self._notifier(t_ns, vehicle.system_id))
         return message
 
@@ -313,7 +316,8 @@ class Fleet:
         self, vehicle: Vehicle, frame: Frame, message: Message | None, address: Address, t_ns: int
     ) -> bool:
         """Return True if the frame is the vehicle's; an autopilot's heartbeat may set its address."""
-        link, before = vehicle.link, vehicle.link.address
+        link = vehicle.link
+        before = vehicle.link.address
         if before == address:
             return not is_heartbeat(frame) or is_from_autopilot(message)
         known = None if before is None else Contact(before, vehicle.heard_t_ns, link.signed_lead_ns)
@@ -354,7 +358,8 @@ class Fleet:
             message = frame.message()
             instance = 0 if message is None else message.custom_mode
             self._state.own_ids.add_heartbeat(instance, address, t_ns)
-        unknown, limit = self._state.unknown_systems, self._settings.max_unknown_systems
+        unknown = self._state.unknown_systems
+        limit = self._settings.max_unknown_systems
         if unknown.add_frame(frame.system_id, frame.component_id, address, t_ns, limit):
             sender: dict[str, Parameter] = {
                 "system": frame.system_id,
@@ -462,7 +467,8 @@ class Fleet:
 
     def may_have_rebooted(self, system_id: int, since_t_ns: int) -> bool:
         """Return True if a vehicle booted, or was not heard for so long that it may have, after a time."""
-        record, link = self._vehicles[system_id].record, self._vehicles[system_id].link
+        record = self._vehicles[system_id].record
+        link = self._vehicles[system_id].link
         has_booted = link.boots > 0 and record.item(BOOT_OFFSET_NS) >= since_t_ns
         has_returned = link.returns > 0 and link.returned_t_ns >= since_t_ns
         return has_booted or has_returned or bool(record[IN_LATE_RUN])  # a reboot is confirmed 2 s later

@@ -83,14 +83,16 @@ class ModeAuthority:
         self, heartbeat: Message, profile: AutopilotProfile, t_ns: int, *, at_end: bool
     ) -> None:
         """Process a heartbeat; `at_end` is True if the mission's end would show as LOITER."""
-        record, mode = self.record, profile.mode_name(heartbeat.custom_mode)
+        record = self.record
+        mode = profile.mode_name(heartbeat.custom_mode)
         was_in_failsafe = record.in_failsafe
         record.in_failsafe = heartbeat.system_status >= dialect.MAV_STATE_CRITICAL
         if record.in_failsafe and not was_in_failsafe:
             record.failsafe_t_ns = t_ns
         if profile.atomic and mode == LOITER and record.in_failsafe and not was_in_failsafe:
             record.mode = record.commanded = ""  # PX4 holds before each failsafe
-            record.tasked, at_end = True, False
+            record.tasked = True
+            at_end = False
             self.claims.apply(ControlEvent.MODE_CHOSEN, t_ns, mode)
         if profile.atomic and mode == RTL and record.mode in (AUTO, LOITER):
             record.tasked = True  # PX4 goes from RTL to Hold by itself: it does not wait for a mission then
@@ -111,7 +113,10 @@ class ModeAuthority:
         record = self.record
         if mode == record.mode:
             return
-        first, record.previous, record.mode, record.has_ended = not record.mode, record.mode, mode, False
+        first = not record.mode
+        record.previous = record.mode
+        record.mode = mode
+        record.has_ended = False
         if mode == AUTO:
             record.tasked = True
             self.claims.apply(ControlEvent.AUTO_SEEN, t_ns)

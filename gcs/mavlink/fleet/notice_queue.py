@@ -81,7 +81,8 @@ class NoticeQueue:
 
     def drain(self) -> list[Notice]:
         """Return the notices since the last call."""
-        notices, self.queued = self.queued, []
+        notices = self.queued
+        self.queued = []
         return notices
 
     def add(self, notice: Notice) -> None:

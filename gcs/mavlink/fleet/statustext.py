@@ -52,7 +52,8 @@ class TextChunks:
         if message.id != self.text_id:
             if self.chunks:
                 texts.append("".join(self.chunks) + _MISSING)
-            self.text_id, self.chunks = message.id, []
+            self.text_id = message.id
+            self.chunks = []
         text = printable(str(message.text), keep="\t")
         if not message.id:
             return [*texts, text.rstrip()]
@@ -63,13 +64,15 @@ class TextChunks:
         self.chunks.append(text)
         if len(text) < _CHUNK_LENGTH:
             texts.append("".join(self.chunks).rstrip())
-            self.text_id, self.chunks = 0, []
+            self.text_id = 0
+            self.chunks = []
         return texts
 
     def count_text(self, t_ns: int) -> bool:
         """Count a text; return True if it is within the rate that is shown."""
         second = t_ns // NS_PER_S
-        self.second, self.count = second, self.count + 1 if second == self.second else 1
+        self.count = self.count + 1 if second == self.second else 1
+        self.second = second
         return self.count <= _MAX_TEXTS_PER_S
 
     def is_repeated(self, text: str, t_ns: int) -> bool:

@@ -111,9 +111,11 @@ class StreamRequests:
         state: StreamRecord,
         record: VehicleRecord,
     ) -> None:
-        self._system_id, self._own = system_id, own
+        self._system_id = system_id
+        self._own = own
         self._requests = {request.message_type: request for request in requests}
-        self.state, self._record = state, record
+        self.state = state
+        self._record = record
         for message_type in self._requests:
             state.progress.setdefault(message_type, RequestProgress())
 
@@ -122,7 +124,8 @@ class StreamRequests:
         self.state.in_flight.clear()
         self._poll_again()
         for progress in self.state.progress.values():
-            progress.is_done, progress.refusals = False, 0
+            progress.is_done = False
+            progress.refusals = 0
 
     def _poll_again(self) -> None:
         self.state.idle_until_ns = self._record[DUE_NS] = 0
@@ -175,13 +178,16 @@ class StreamRequests:
         A message that comes anyway is not refused: PX4 denies an interval for MISSION_CURRENT and sends it
         once a second.
         """
-        state, number, result = self.state, ack.command, ack.result
+        state = self.state
+        number = ack.command
+        result = ack.result
         if number not in state.in_flight or not is_for(ack, self._own):
             return ""
         if result == dialect.MAV_RESULT_IN_PROGRESS:
             return ""
         name, timer = state.in_flight[number]
-        request, progress = self._requests[name], state.progress[name]
+        request = self._requests[name]
+        progress = state.progress[name]
         if number == MESSAGE_INTERVAL:
             took_s = timer.round_trip_s(t_ns)
             state.is_unambiguous &= took_s is not None

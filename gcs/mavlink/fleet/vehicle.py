@@ -125,10 +125,14 @@ class Vehicle:
         max_distance_m: float,
         max_speed_m_s: float,
     ) -> None:
-        self.system_id, self.link, self.record = system_id, link, record
+        self.system_id = system_id
+        self.link = link
+        self.record = record
         self.stream_requests = stream_requests
-        self._encoder, self._frame = encoder, frame
-        self._max_distance_m, self._max_speed_m_s = max_distance_m, max_speed_m_s
+        self._encoder = encoder
+        self._frame = frame
+        self._max_distance_m = max_distance_m
+        self._max_speed_m_s = max_speed_m_s
         self._state: VehicleState | None = None
         """Derived from link and record; None after a change."""
         self._state_positions = 0
@@ -173,7 +177,9 @@ class Vehicle:
     def set_address(self, address: Address, number: int) -> None:
         """Set the address, and its number in the telemetry table; request the streams again."""
         self.link.address = address
-        self.record[ADDRESS], self.record[LAST_SEQUENCE], self.record[DUE_NS] = number, NONE, 0
+        self.record[ADDRESS] = number
+        self.record[LAST_SEQUENCE] = NONE
+        self.record[DUE_NS] = 0
         self.record[HEARTBEAT_KEY] = NONE
         self.stream_requests.begin()
 
@@ -216,7 +222,8 @@ class Vehicle:
         """Return its state; None before its first accepted position."""
         positions = self.record.item(POSITIONS)
         if positions and (self._state is None or positions != self._state_positions):
-            self._state_positions, link = positions, self.link
+            self._state_positions = positions
+            link = self.link
             t_ns, east_m, north_m, alt_msl_m, speed_m_s, course_rad, climb_m_s = self._last_position()
             self._state = VehicleState(
                 self.system_id, t_ns, east_m, north_m, alt_msl_m, speed_m_s, course_rad,
@@ -231,7 +238,8 @@ class Vehicle:
         PX4 reports MAV_LANDED_STATE; so does ArduPilot on request. Its heartbeat is STANDBY while it does not
         fly, also armed (`GCS_MAVLINK_Plane::vehicle_system_status`).
         """
-        landed, status = self.record.item(LANDED_STATE), self.link.system_status
+        landed = self.record.item(LANDED_STATE)
+        status = self.link.system_status
         if landed > dialect.MAV_LANDED_STATE_UNDEFINED:
             return landed == dialect.MAV_LANDED_STATE_ON_GROUND
         if self.link.autopilot != dialect.MAV_AUTOPILOT_ARDUPILOTMEGA or status == dialect.MAV_STATE_CRITICAL:
@@ -244,7 +252,8 @@ class Vehicle:
             POSITION_NS:POSITIONS
         ].tolist()
         east_m, north_m = self._frame.to_local(lat * 1e-7, lon * 1e-7)
-        v_north_m_s, v_east_m_s = v_north_cm_s * 0.01, v_east_cm_s * 0.01
+        v_north_m_s = v_north_cm_s * 0.01
+        v_east_m_s = v_east_cm_s * 0.01
         speed_m_s = math.hypot(v_east_m_s, v_north_m_s)
         if speed_m_s < _SLOW_M_S and heading_cdeg != _UNKNOWN_HEADING:
             course_rad = math.radians(heading_cdeg * 0.01)
@@ -275,11 +284,14 @@ class Vehicle:
 
     def readings(self) -> Readings:
         """Return the newest telemetry that shows its health."""
-        columns = (
-            *(FIX_TYPE, BATTERY_PERCENT, SENSORS_FAILED, SENSORS_GOOD),
-            *(THROTTLE_PERCENT, ESTIMATOR_FLAGS),
+        return Readings(
+            fix_type=self._value_or_none(FIX_TYPE),
+            battery_percent=self._value_or_none(BATTERY_PERCENT),
+            sensors_failed=self._value_or_none(SENSORS_FAILED),
+            sensors_good=self._value_or_none(SENSORS_GOOD),
+            throttle_percent=self._value_or_none(THROTTLE_PERCENT),
+            estimator_flags=self._value_or_none(ESTIMATOR_FLAGS),
         )
-        return Readings(*map(self._value_or_none, columns))
 
     def _value_or_none(self, column: int) -> int | None:
         value = self.record.item(column)
@@ -292,20 +304,24 @@ class Vehicle:
         link.is_awaited = False
         if (message.autopilot, message.type) != (link.autopilot, link.vehicle_type):
             self._set_autopilot(message, notify)
-        mode, armed = mode_name(message), bool(message.base_mode & _ARMED)
+        mode = mode_name(message)
+        armed = bool(message.base_mode & _ARMED)
         if link.mode and mode != link.mode:
             notify(NoticeCode.MODE_CHANGED, before=link.mode, mode=mode)
         if link.mode and armed != link.armed:
             notify(NoticeCode.ARMED if armed else NoticeCode.DISARMED)
         if (mode, armed, message.system_status) != (link.mode, link.armed, link.system_status):
-            link.mode, link.armed, link.system_status = mode, armed, message.system_status
+            link.mode = mode
+            link.armed = armed
+            link.system_status = message.system_status
             self._state = None
         self.record[HEARTBEAT_KEY] = heartbeat_key(message)
 
     def _set_autopilot(self, heartbeat: Message, notify: Notify) -> None:
         """Note its firmware."""
         before = (self.link.autopilot, self.link.vehicle_type)
-        self.link.autopilot, self.link.vehicle_type = heartbeat.autopilot, heartbeat.type
+        self.link.autopilot = heartbeat.autopilot
+        self.link.vehicle_type = heartbeat.type
         if before[0] != dialect.MAV_AUTOPILOT_INVALID:
             notify(
                 NoticeCode.TYPE_CHANGED,
@@ -359,7 +375,8 @@ class Vehicle:
 
     def _check_motion(self, report: Report, notify: Notify, *, late: bool) -> str:
         """Compare a report with those before; return why it is refused."""
-        checks, max_speed_m_s = self.link.checks, self._max_speed_m_s
+        checks = self.link.checks
+        max_speed_m_s = self._max_speed_m_s
         checks.duplicates.add_report(report, max_speed_m_s, notify)
         problem = "late" if late else checks.motion.check_report(report, max_speed_m_s, notify)
         self.record[CHECK_NEXT] = bool(problem) or checks.duplicates.is_watching
@@ -381,7 +398,8 @@ class Vehicle:
 
     def check_consistency(self, t_ns: int, notify: Notify) -> None:
         """Compare the newest position with the one a second ago."""
-        checks, positions = self.link.checks, self.record.item(POSITIONS)
+        checks = self.link.checks
+        positions = self.record.item(POSITIONS)
         if not positions or not checks.consistency.is_due(t_ns):
             return
         at_t_ns, lat, lon, alt_mm, v_north_cm_s, v_east_cm_s, _, _ = self.record[
@@ -418,7 +436,8 @@ class Vehicle:
     def _reboot(self, notify: Notify) -> None:
         """Reset the state after a boot; mode and arming come with the next heartbeat."""
         self.link.boots += 1
-        self.link.mission_seq, self.link.home = -1, None
+        self.link.mission_seq = -1
+        self.link.home = None
         self.record[BEST_FIX] = self.record[LAST_SEQUENCE] = self.record[HEARTBEAT_KEY] = NONE
         self.record[LANDED_STATE] = self.record[ESTIMATOR_FLAGS] = NONE
         self.record[SENSORS_FAILED] = self.record[SENSORS_GOOD] = NONE
@@ -428,7 +447,8 @@ class Vehicle:
 
     def _on_mission_current(self, message: Message, _t_ns: int, _notify: Notify) -> None:
         if message.seq != self.link.mission_seq:
-            self.link.mission_seq, self._state = message.seq, None
+            self.link.mission_seq = message.seq
+            self._state = None
 
     def _on_home(self, message: Message, t_ns: int, _notify: Notify) -> None:
         home = Home(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
@@ -439,7 +459,8 @@ class Vehicle:
     def _on_sys_status(self, message: Message, _t_ns: int, _notify: Notify) -> None:
         percent = message.battery_remaining
         self.record[BATTERY_PERCENT] = percent if 0 <= percent <= 100 else NONE
-        enabled, healthy = message.onboard_control_sensors_enabled, message.onboard_control_sensors_health
+        enabled = message.onboard_control_sensors_enabled
+        healthy = message.onboard_control_sensors_health
         self.record[SENSORS_FAILED] = enabled & ~healthy
         self.record[SENSORS_GOOD] = enabled & healthy
 

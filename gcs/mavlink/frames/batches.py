@@ -40,7 +40,7 @@ def _group(
 ) -> int:  # fmt: skip
     number = 0
     for i in range(count):
-        slot = (senders[i] >> 16 ^ senders[i] >> 40) & _HASH_SLOTS - 1
+        slot = ((senders[i] >> 16) ^ (senders[i] >> 40)) & (_HASH_SLOTS - 1)
         clean = _is_clean(slots[i], lengths[i], extras, scratch)
         group = last_group[slot] if clean else _NO_GROUP
         if (
@@ -99,7 +99,9 @@ class DatagramBatcher:
         """
         out = np.empty(int(lengths.sum()), np.uint8)
         number = _gather(slots, len(lengths), lengths, senders, CRC_EXTRAS, out, self._groups, self._ends)
-        data, begin, found = out.tobytes(), 0, []
+        data = out.tobytes()
+        begin = 0
+        found = []
         for group, end in zip(self._groups[:number].tolist(), self._ends[:number].tolist(), strict=True):
             found.append((group, data[begin:end]))
             begin = end
@@ -109,5 +111,6 @@ class DatagramBatcher:
 def warm_up_calls() -> list[jit.Call]:
     """Return one call of each kernel."""
     numbers = np.zeros(1, np.int64)
-    slots, out = np.zeros((1, 64), np.uint8), np.zeros(1, np.uint8)
+    slots = np.zeros((1, 64), np.uint8)
+    out = np.zeros(1, np.uint8)
     return [(_gather, slots, 0, numbers, numbers, CRC_EXTRAS, out, numbers, numbers)]

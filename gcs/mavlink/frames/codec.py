@@ -54,8 +54,10 @@ AUTOPILOT_COMPONENT_ID = 1
 OFFSET, LENGTH, MESSAGE_ID, SYSTEM, COMPONENT, SEQUENCE, SIGNED, CHECKED, WIDTH = range(9)
 """Columns of `FrameTable.rows`. CHECKED is 0 for a frame of an id that the dialect lacks."""
 
-_MAGIC_V1, _MAGIC_V2 = 0xFE, 0xFD
-_HEADER_BYTES_V1, _HEADER_BYTES_V2 = 6, 10
+_MAGIC_V1 = 0xFE
+_MAGIC_V2 = 0xFD
+_HEADER_BYTES_V1 = 6
+_HEADER_BYTES_V2 = 10
 _CRC_BYTES = 2
 _SIGNATURE_BYTES = 13
 _SIGNED_FLAG = 0x01
@@ -101,7 +103,8 @@ class Frame(NamedTuple):
         if numeric is None:
             return self._decode_any()
         definition, unpack, size, in_order = numeric
-        data, begin = self.data, _HEADER_BYTES_V2 if self.data[0] == _MAGIC_V2 else _HEADER_BYTES_V1
+        data = self.data
+        begin = _HEADER_BYTES_V2 if self.data[0] == _MAGIC_V2 else _HEADER_BYTES_V1
         payload = data[begin : begin + min(data[1], size)]
         message = definition(*in_order(unpack(payload.ljust(size, b"\0"))))
         flags = data[2:4] if begin == _HEADER_BYTES_V2 else b"\0\0"
@@ -109,8 +112,9 @@ class Frame(NamedTuple):
             self.message_id, flags[0], flags[1], data[1], self.sequence, self.system_id, self.component_id
         )
         crc_at = begin + data[1]
-        message._crc = data[crc_at] | data[crc_at + 1] << 8
-        message._msgbuf, message._payload = data, data[begin:crc_at]
+        message._crc = data[crc_at] | (data[crc_at + 1] << 8)
+        message._msgbuf = data
+        message._payload = data[begin:crc_at]
         return message
 
     def _decode_any(self) -> Message | None:
@@ -140,8 +144,12 @@ class FrameTable:
     __slots__ = ("bad_bytes", "count", "crc_errors", "data", "rows", "unknown")
 
     def __init__(self, data: bytes, rows: Int32Array, bad_bytes: int, crc_errors: int, unknown: int) -> None:
-        self.data, self.rows, self.count = data, rows, len(rows)
-        self.bad_bytes, self.crc_errors, self.unknown = bad_bytes, crc_errors, unknown
+        self.data = data
+        self.rows = rows
+        self.count = len(rows)
+        self.bad_bytes = bad_bytes
+        self.crc_errors = crc_errors
+        self.unknown = unknown
 
     def __iter__(self) -> Iterator[Frame]:
         return (self._frame(row) for row in self.rows.tolist())
@@ -170,7 +178,8 @@ def scan(data: bytes) -> FrameTable:
     rows: list[tuple[int, ...]] = []
     bad_bytes = crc_errors = unknown = false_starts = 0
     tries = _MAX_FALSE_STARTS
-    at, end = 0, len(data)
+    at = 0
+    end = len(data)
     while at < end:
         length = _frame_length(data, at, end)
         if length:
@@ -204,7 +213,8 @@ def _covers_good_frame(data: bytes, at: int, length: int, tries: int) -> tuple[b
 
     With none left, the claim is accepted.
     """
-    end, stop = len(data), at + length
+    end = len(data)
+    stop = at + length
     while tries and (marker := _START_BYTE.search(data, at + 1, stop)):
         at = marker.start()
         inner = _frame_length(data, at, end)
@@ -269,7 +279,7 @@ def _frame_length(data: bytes, at: int, end: int) -> int:
 def _message_id(data: bytes, at: int) -> int:
     if data[at] == _MAGIC_V1:
         return data[at + 5]
-    return data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+    return data[at + 7] | (data[at + 8] << 8) | (data[at + 9] << 16)
 
 
 def checked_frame(data: bytes, at: int, length: int) -> Frame | None:
@@ -283,7 +293,7 @@ def _has_valid_checksum(data: bytes, at: int, length: int) -> bool:
         return False
     crc_at = at + length - _CRC_BYTES - (_SIGNATURE_BYTES if _is_signed(data, at) else 0)
     crc = dialect.x25crc(data[at + 1 : crc_at] + bytes((definition.crc_extra,))).crc
-    return bool(crc == data[crc_at] | data[crc_at + 1] << 8)
+    return bool(crc == (data[crc_at] | (data[crc_at + 1] << 8)))
 
 
 def _is_signed(data: bytes, at: int) -> bool:
@@ -321,7 +331,8 @@ def _target_offsets() -> dict[int, tuple[int, int | None]]:
     """Return the payload offsets of target system and target component, by message id."""
     found: dict[int, tuple[int, int | None]] = {}
     for message_id, definition in dialect.mavlink_map.items():
-        at, where = 0, {}
+        at = 0
+        where = {}
         fields = _FIELD_CODE.findall(definition.unpacker.format.lstrip("<"))
         for name, code in zip(definition.ordered_fieldnames, fields, strict=True):
             where[name] = at

@@ -42,10 +42,10 @@ def _crc_steps() -> Int32Array:
     for byte in range(256):
         crc = byte
         for _ in range(8):
-            crc = crc >> 1 ^ (0x8408 if crc & 1 else 0)
+            crc = (crc >> 1) ^ (0x8408 if crc & 1 else 0)
         steps[0, byte] = crc
     for k in range(1, 4):
-        steps[k] = steps[k - 1] >> 8 ^ steps[0, steps[k - 1] & 0xFF]
+        steps[k] = (steps[k - 1] >> 8) ^ steps[0, steps[k - 1] & 0xFF]
     return steps
 
 
@@ -66,14 +66,14 @@ CRC_EXTRAS: Final = _crc_extras()
 @jit.leaf
 def _uint16(data: Bytes, at: int) -> int:
     """Return two bytes as a signed integer: numba would make a float of signed and unsigned operands."""
-    return jit.int64(data[at]) | jit.int64(data[at + 1]) << 8
+    return jit.int64(data[at]) | (jit.int64(data[at + 1]) << 8)
 
 
 @jit.leaf
 def _message_id(data: Bytes, at: int) -> int:
     if data[at] == 0xFE:
         return jit.int64(data[at + 5])
-    return _uint16(data, at + 7) | jit.int64(data[at + 9]) << 16
+    return _uint16(data, at + 7) | (jit.int64(data[at + 9]) << 16)
 
 
 @jit.leaf
@@ -91,9 +91,9 @@ def _crc(data: Bytes, begin: int, end: int, extra: int) -> int:
         )
         at += 4
     while at < end:
-        crc = crc >> 8 ^ CRC_TABLES[0, (crc ^ jit.int64(data[at])) & 0xFF]
+        crc = (crc >> 8) ^ CRC_TABLES[0, (crc ^ jit.int64(data[at])) & 0xFF]
         at += 1
-    return crc >> 8 ^ CRC_TABLES[0, (crc ^ extra) & 0xFF]
+    return (crc >> 8) ^ CRC_TABLES[0, (crc ^ extra) & 0xFF]
 
 
 @jit.leaf
@@ -146,7 +146,8 @@ def _covers_good_frame(
 
     As in `gcs.mavlink.frames.codec`; `frames[row]` is overwritten.
     """
-    end, stop = len(data), at + length
+    end = len(data)
+    stop = at + length
     at += 1
     while tries > 0 and at < stop:
         inner = frame_at(data, at, end, extras, frames, row)
@@ -165,7 +166,8 @@ def _scan_datagram(data: Bytes, extras: Int16Array, frames: Int32Array) -> tuple
     """Fill `frames`; return their number, bad bytes, checksum errors and the number of unknown frames."""
     count = bad_bytes = crc_errors = unknown = false_starts = 0
     tries = _MAX_FALSE_STARTS
-    at, end = 0, len(data)
+    at = 0
+    end = len(data)
     while at < end:
         length = frame_at(data, at, end, extras, frames, count)
         if length > 0 and not frames[count, CHECKED]:

@@ -49,7 +49,9 @@ class Verifier:
         stream_of: Callable[[Link, int, int, int], str],
         streams: Mapping[str, int],
     ) -> None:
-        self._key_of, self._stream_of, self._streams = key_of, stream_of, streams
+        self._key_of = key_of
+        self._stream_of = stream_of
+        self._streams = streams
         self._senders: dict[str, dict[int, tuple[bytes, str]]] = {}
         """Key and stream by link, and by the sender's and the signature's ids in one number."""
 
@@ -58,7 +60,8 @@ class Verifier:
         data = frames.data
         if frames.bad_bytes or frames.unknown or not data:
             return None
-        senders, streams = self._senders.setdefault(name, {}), self._streams
+        senders = self._senders.setdefault(name, {})
+        streams = self._streams
         times: dict[str, int] = {}
         keys: dict[bytes, None] = {}
         last = 0
@@ -67,7 +70,7 @@ class Verifier:
                 return None
             end = offset + length
             link_id = data[end - _LINK_ID_OFFSET]
-            sender = system << 16 | component << 8 | link_id
+            sender = (system << 16) | (component << 8) | link_id
             entry = senders.get(sender)
             if entry is None:
                 entry = self._add_sender(link, senders, sender, (system, component, link_id))
@@ -89,7 +92,8 @@ class Verifier:
         self, link: Link, senders: dict[int, tuple[bytes, str]], sender: int, ids: tuple[int, int, int]
     ) -> tuple[bytes, str] | None:
         """Look up key and stream of a sender; only accepted streams are kept."""
-        key, stream = self._key_of(link, ids[0]), self._stream_of(link, *ids)
+        key = self._key_of(link, ids[0])
+        stream = self._stream_of(link, *ids)
         if key is None or stream not in self._streams:
             return None
         return senders.setdefault(sender, (key, stream))

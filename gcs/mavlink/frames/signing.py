@@ -285,7 +285,8 @@ class SigningGate:
         if not is_signed_by(frame.data, key):
             return "signed with another key"
         self._note_key(address, key)
-        timestamp, now = signing_time(frame), max(self.timestamp, timestamp_of(t_ns))
+        timestamp = signing_time(frame)
+        now = max(self.timestamp, timestamp_of(t_ns))
         stream = _stream(link, frame)
         before = self.streams.get(stream)
         if before is not None and timestamp <= before:
@@ -310,7 +311,8 @@ class SigningGate:
         the first valid frame that it receives. Such frames may also be replayed: one answer a second to each
         address, and few to all, give nobody a lever.
         """
-        stale, self._stale_senders = list(self._stale_senders), {}
+        stale = list(self._stale_senders)
+        self._stale_senders = {}
         recent = {a: at for a, at in self._answered_t_ns.items() if 0 <= t_ns - at < _ANSWER_EVERY_NS}
         due = [address for address in stale if address not in recent][: _MAX_ANSWERS - len(recent)]
         self._answered_t_ns = recent | dict.fromkeys(due, t_ns)
@@ -325,7 +327,8 @@ class SigningGate:
         """
         if not self._keyed[address[0]]:
             return b"".join(frame.data for frame in frames)
-        link, out = self.links[address[0]], bytearray()
+        link = self.links[address[0]]
+        out = bytearray()
         for frame in frames:
             keys = self._keys_to(link, address, frame)
             if not keys:

@@ -33,7 +33,9 @@ class FrameStream:
 
 def _complete_length(data: bytes) -> int:
     """Return the number of bytes before the incomplete frame at the end."""
-    at, end, false_starts = 0, len(data), 0
+    at = 0
+    end = len(data)
+    false_starts = 0
     while marker := _START_BYTE.search(data, at):
         at = marker.start()
         length = _claimed_length(data, at, end)

@@ -49,11 +49,11 @@ def read_back(upload: Upload, t_ns: int) -> None:
 
 
 def select_first_item(upload: Upload, t_ns: int) -> None:
-    activation, flight = upload.state.activation, upload.flight
+    activation = upload.state.activation
     activation.current_before = activation.current
     activation.first_seq = _first_item(upload)
     activation.leg_t_ns = t_ns
-    upload.ask(set_current_item(upload.state.vehicle, flight.profile, activation.first_seq), t_ns)
+    upload.ask(set_current_item(upload.state.vehicle, upload.flight.profile, activation.first_seq), t_ns)
 
 
 def command_auto(upload: Upload, t_ns: int) -> None:
@@ -92,7 +92,9 @@ def send_last_item(upload: Upload, t_ns: int) -> None:
 
 
 def _send_item(upload: Upload, seq: int, t_ns: int) -> None:
-    state, limits, now = upload.state, upload.limits, upload.state.now
+    state = upload.state
+    limits = upload.limits
+    now = upload.state.now
     transfer = state.transfer
     transfer.holds_last_item = False
     items = transfer.sending.answer_request(seq, t_ns, state.rtt, transfer.first_seq)
@@ -124,7 +126,8 @@ def note_acked(upload: Upload, _t_ns: int) -> None:
 
 def await_request(upload: Upload, t_ns: int) -> None:
     """Note a failure ACK, which counts unless the vehicle requests an item soon."""
-    sent, total = upload.state.transfer.sending.sent_count, len(upload.items)
+    sent = upload.state.transfer.sending.sent_count
+    total = len(upload.items)
     answer = result_name("MAV_MISSION_RESULT", upload.message.type)
     failure = (
         t_ns + ns(upload.limits.settle_s),

@@ -27,7 +27,8 @@ def has_recent_heartbeat(upload: Upload, t_ns: int) -> bool:
 
 def has_new_heartbeat(upload: Upload, t_ns: int) -> bool:
     """Return True right after a heartbeat that is newer than the stage and the last try of its request."""
-    request, since_t_ns = upload.state.now.request, upload.state.now.since_t_ns
+    request = upload.state.now.request
+    since_t_ns = upload.state.now.since_t_ns
     if request is not None and request.sent:
         since_t_ns = request.sent_t_ns + 1
     return (upload.state.heartbeats.heard_t_ns or 0) >= since_t_ns and has_recent_heartbeat(upload, t_ns)
@@ -72,7 +73,8 @@ def would_jump(upload: Upload, t_ns: int) -> bool:
 
 def is_loiter_due(upload: Upload, t_ns: int) -> bool:
     """Return True if LOITER is due: near the next item, after it, or after an earlier LOITER command."""
-    activation, loiter_t_ns = upload.state.activation, upload.state.heartbeats.loiter_t_ns
+    activation = upload.state.activation
+    loiter_t_ns = upload.state.heartbeats.loiter_t_ns
     if not upload.is_inconsistent or not has_heartbeat(upload, t_ns):
         return False
     if loiter_t_ns is not None:

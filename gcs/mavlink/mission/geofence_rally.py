@@ -39,7 +39,8 @@ def fence_items(fence: Fence) -> tuple[Item, ...]:
     items = []
     for area in fence.areas:
         if area.corners_deg:
-            command, count = _POLYGONS[area.stay_in], float(len(area.corners_deg))
+            command = _POLYGONS[area.stay_in]
+            count = float(len(area.corners_deg))
             items += [_item(command, *corner, 0.0, count) for corner in area.corners_deg]
         else:
             items.append(_item(_CIRCLES[area.stay_in], *area.centre_deg, 0.0, round(area.radius_m, 2)))
@@ -48,7 +49,8 @@ def fence_items(fence: Fence) -> tuple[Item, ...]:
 
 def rally_items(points: Sequence[Rally]) -> tuple[Item, ...]:
     """Return the items of rally points."""
-    command, frame = dialect.MAV_CMD_NAV_RALLY_POINT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT
+    command = dialect.MAV_CMD_NAV_RALLY_POINT
+    frame = dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT
     return tuple(
         _item(command, point.lat_deg, point.lon_deg, float(point.alt_rel_m))._replace(frame=frame)
         for point in points
@@ -72,7 +74,8 @@ def list_difference(mission_type: int, sent: Sequence[Item], held: Sequence[Item
 
 def fence_from_items(items: Sequence[Item]) -> Fence | None:
     """Return the fence of stored items; None if they are not a valid fence."""
-    areas, at = [], 0
+    areas = []
+    at = 0
     while at < len(items):
         item = items[at]
         stay_in = _STAYS_IN.get(item.command)

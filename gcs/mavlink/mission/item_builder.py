@@ -52,7 +52,8 @@ def build_items(
     items = [home_item] * profile.home_items
     flown = [_waypoint(profile, point) for point in mission.waypoints]
     if from_ground:
-        pitch, takeoff = profile.takeoff_pitch_deg, dialect.MAV_CMD_NAV_TAKEOFF
+        pitch = profile.takeoff_pitch_deg
+        takeoff = dialect.MAV_CMD_NAV_TAKEOFF
         climbed = flown[0] if mission.takeoff is None else _waypoint(profile, mission.takeoff)
         items.append(climbed._replace(command=takeoff, param1=pitch, param2=0.0))
     items += flown
@@ -61,12 +62,14 @@ def build_items(
         wait = mission.landing_wait
         if wait is not None:
             at = (flown[-1], *landing)[wait.corner + 1]
-            timed, radius_m = dialect.MAV_CMD_NAV_LOITER_TIME, float(round(mission.loiter_radius_m))
+            timed = dialect.MAV_CMD_NAV_LOITER_TIME
+            radius_m = float(round(mission.loiter_radius_m))
             circle = at._replace(command=timed, param1=float(wait.seconds), param2=0.0, param3=radius_m)
             landing.insert(wait.corner + 1, circle)
         items += landing
     else:
-        unlimited, radius_m = dialect.MAV_CMD_NAV_LOITER_UNLIM, round(mission.loiter_radius_m)
+        unlimited = dialect.MAV_CMD_NAV_LOITER_UNLIM
+        radius_m = round(mission.loiter_radius_m)
         circle = flown[-1]._replace(command=unlimited, param2=0.0, param3=float(radius_m))
         if mission.wait_deg is not None:
             circle = circle._replace(x=_e7(mission.wait_deg[0]), y=_e7(mission.wait_deg[1]))

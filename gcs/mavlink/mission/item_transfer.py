@@ -139,7 +139,8 @@ class MissionDownload:
 
     def _start(self, t_ns: int, rtt: RttEstimator) -> None:
         self.starts += 1
-        self.count, self.next_seq = None, 0
+        self.count = None
+        self.next_seq = 0
         self.received.clear()
         self.timers.clear()
         self.count_timer = _count_timer(self.to, self.mission_type, rtt, t_ns)
@@ -147,7 +148,8 @@ class MissionDownload:
     def _fill_window(self, t_ns: int, rtt: RttEstimator, window: int) -> None:
         assert self.count is not None
         if self.in_order:
-            window, policy = 1, rtt.retry_policy(_MAX_ITEM_TRIES_IN_ORDER)
+            window = 1
+            policy = rtt.retry_policy(_MAX_ITEM_TRIES_IN_ORDER)
         else:
             policy = rtt.retry_policy(_MAX_ITEM_TRIES, _MIN_ANSWER_S)
         while len(self.timers) < window and self.next_seq < self.count:
@@ -193,7 +195,9 @@ class MissionUpload:
 
     def restart(self) -> None:
         """Start again from the first item."""
-        self.sent_count, self.acked, self.resend_t_ns = 0, False, None
+        self.sent_count = 0
+        self.acked = False
+        self.resend_t_ns = None
         self.sent_once_t_ns.clear()
 
     def count_message(self) -> Message:

@@ -77,7 +77,8 @@ def first_item_difference(
     if len(sent) != len(held):
         return f"{len(held)} items instead of {len(sent)}"
     for seq in range(skip, len(sent)):
-        want, got = normalised(sent[seq]), normalised(held[seq])
+        want = normalised(sent[seq])
+        got = normalised(held[seq])
         if want == got and all(map(math.isfinite, got)):
             continue
         for name, wanted, found in zip(Item._fields, want, got, strict=True):

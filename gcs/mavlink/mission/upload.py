@@ -163,7 +163,8 @@ class Upload:
     @property
     def window(self) -> int:
         """Items or requests that may be in flight."""
-        flight, vehicle = self._flight, self.state.vehicle
+        flight = self._flight
+        vehicle = self.state.vehicle
         return 1 if flight is None else min(flight.profile.window, flight.policy.max_items_in_flight(vehicle))
 
     def may_send(self, t_ns: int) -> bool:
@@ -176,7 +177,8 @@ class Upload:
 
         These are the parameters of `NoticeCode.UPLOAD_SLOW`.
         """
-        state, slow_s = self.state, self.limits.slow_s
+        state = self.state
+        slow_s = self.limits.slow_s
         took_s = (t_ns - state.began_t_ns) / NS_PER_S
         if self.stage in (Stage.NEW, Stage.DONE) or took_s < max(slow_s, 3.0 * state.told_s):
             return {}
@@ -188,7 +190,8 @@ class Upload:
     def report(self) -> UploadReport:
         """Return the result of a mission that has ended."""
         assert self.result is not None
-        end, state = self.result, self.state
+        end = self.result
+        state = self.state
         return UploadReport(
             t_ns=end.t_ns,
             vehicle=state.vehicle,
@@ -202,7 +205,9 @@ class Upload:
 
     def reason_of(self, text: str) -> str:
         """Return a text with the facts that it names."""
-        now, transfer, verification = self.state.now, self.state.transfer, self.state.verification
+        now = self.state.now
+        transfer = self.state.transfer
+        verification = self.state.verification
         items = f"{now.most_items} of {len(self.items)} items"
         return text.format(
             items=items,
@@ -289,7 +294,8 @@ class Upload:
             self.rules.stages[stage].enter(self, t_ns)
 
     def _end(self, t_ns: int) -> None:
-        state, ok = self.state, self.has_succeeded
+        state = self.state
+        ok = self.has_succeeded
         self.result = UploadResult(
             t_ns=t_ns,
             ok=ok,
@@ -373,14 +379,17 @@ class Upload:
 
     def _heartbeat_requests(self, t_ns: int) -> list[Message]:
         """Return the requests for a heartbeat that are due; it shows the mode, otherwise once a second."""
-        heartbeats, rtt = self.state.heartbeats, self.state.rtt
+        heartbeats = self.state.heartbeats
+        rtt = self.state.rtt
         if self.may_send(t_ns):
             asked_t_ns: int | None = max(heartbeats.asked_t_ns or 0, heartbeats.heard_t_ns or 0)
-            copies, wait_s = 1, self.limits.mode_period_s
+            copies = 1
+            wait_s = self.limits.mode_period_s
         else:
             asked_t_ns = heartbeats.asked_t_ns
             grown_s = rtt.wait_s * _HEARTBEAT_GROWTH ** max(0, heartbeats.tries - 1)
-            copies, wait_s = rtt.copies, min(grown_s, _MAX_HEARTBEAT_WAIT_S)
+            copies = rtt.copies
+            wait_s = min(grown_s, _MAX_HEARTBEAT_WAIT_S)
         if asked_t_ns is not None and t_ns - asked_t_ns < ns(wait_s):
             return []
         return [self._heartbeat_request(t_ns)] * copies

@@ -82,7 +82,8 @@ def _is_at_old_end(state: UploadState) -> bool:
 
     From MISSION_COUNT on it is not known whether a number is that of an old or of a new item.
     """
-    old, onboard = state.verification.old, state.verification.onboard
+    old = state.verification.old
+    onboard = state.verification.onboard
     return old is not None and onboard is OnboardState.OLD and state.activation.current == len(old) - 1
 
 
@@ -93,5 +94,5 @@ def _observe_current(state: UploadState, flight: Flight, message: Message) -> No
     if activation.current_before is None:
         activation.current_before = message.seq
     is_selection = state.now.stage is Stage.SELECT and activation.first_seq == flight.profile.home_items
-    is_echo = is_selection and message.seq == 0 != activation.current_before
+    is_echo = is_selection and message.seq == 0 and activation.current_before != 0
     activation.current = activation.first_seq if is_echo else message.seq

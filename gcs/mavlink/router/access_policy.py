@@ -76,7 +76,7 @@ def command_of(frame: Frame) -> int | None:
     """Return the command that a frame carries; None if it carries none."""
     if frame.message_id not in COMMANDS:
         return None
-    return payload_byte(frame, _COMMAND_OFFSET) | payload_byte(frame, _COMMAND_OFFSET + 1) << 8
+    return payload_byte(frame, _COMMAND_OFFSET) | (payload_byte(frame, _COMMAND_OFFSET + 1) << 8)
 
 
 def refusal(role: Role, frame: Frame, target_system: int, *, is_busy: bool) -> str:

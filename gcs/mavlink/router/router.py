@@ -268,13 +268,15 @@ class Router:
 
     def _update_client(self, t_ns: int, address: Address, frame: Frame) -> str:
         """Add or refresh a client; return why it is refused."""
-        id_, client = (frame.system_id, frame.component_id), self._clients.get(address)
+        id_ = (frame.system_id, frame.component_id)
+        client = self._clients.get(address)
         if client is None:
             client = self._candidates.pop(address, None) or _Client(t_ns, is_permanent=False)
             if frame.message_id == _HEARTBEAT and (
                 not client.heartbeats or t_ns - client.heartbeat_t_ns >= _MIN_HEARTBEAT_INTERVAL_NS
             ):
-                client.heartbeats, client.heartbeat_t_ns = client.heartbeats + 1, t_ns
+                client.heartbeats = client.heartbeats + 1
+                client.heartbeat_t_ns = t_ns
             if client.heartbeats >= _MIN_HEARTBEATS and self._ensure_capacity(t_ns, address):
                 self._clients[address] = client
             else:

@@ -33,7 +33,8 @@ _MAX_CM_S: Final = 65_535
 def icao_address(label: Label) -> int:
     """Return the 24-bit address of a track: unique for 64 births a scan over 16384 scans."""
     scan, index = label
-    return _UNASSIGNED_ICAO_BLOCK | (scan << _INDEX_BITS | index & (1 << _INDEX_BITS) - 1) & 0x0FFFFF
+    number = (scan << _INDEX_BITS) | (index & ((1 << _INDEX_BITS) - 1))
+    return _UNASSIGNED_ICAO_BLOCK | (number & 0x0FFFFF)
 
 
 def callsign(label: Label) -> str:

@@ -131,7 +131,8 @@ class CommandSender:
                 self.statustext = printable(str(message.text))
 
     def _on_heartbeat(self, message: Message) -> None:
-        mode, armed = mode_name(message), bool(message.base_mode & _ARMED)
+        mode = mode_name(message)
+        armed = bool(message.base_mode & _ARMED)
         is_done = self.mode in ("", mode) and self.armed in (None, armed)
         self.confirmations = self.confirmations + 1 if self.timer.sent and is_done else 0
         if self.before and mode not in (self.before, self.mode, LOITER):

@@ -31,7 +31,9 @@ _FORMATS: Final = {
     dialect.MAV_PARAM_TYPE_UINT32: "<I",
     dialect.MAV_PARAM_TYPE_INT32: "<i",
 }
-_MAGIC_V2, _HEADER_V1, _HEADER_V2 = 0xFD, 6, 10
+_MAGIC_V2 = 0xFD
+_HEADER_V1 = 6
+_HEADER_V2 = 10
 _BYTEWISE: Final[int] = dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
 _C_CAST: Final[int] = dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
 
@@ -102,7 +104,8 @@ class ParameterReader:
         self.values: dict[str, float] = {}
         self.types: dict[str, int] = {}
         self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
-        self._bytewise, self._encode = bytewise, encode
+        self._bytewise = bytewise
+        self._encode = encode
         self._same = {name: same for same in names for name in same}
         self._waiting = list(self._same)
         self._timers: dict[str, RetryTimer] = {}
@@ -150,7 +153,10 @@ class ParameterSetter:
         self, vehicle: int, name: str, value: float, bytewise: bool, encode: Callable[[Message], bytes]
     ) -> None:
         self.outcome: tuple[bool, str] | None = None
-        self._name, self._value, self._bytewise, self._encode = name, value, bytewise, encode
+        self._name = name
+        self._value = value
+        self._bytewise = bytewise
+        self._encode = encode
         self._to = (system_of(vehicle), AUTOPILOT_COMPONENT_ID)
         self._reading = ParameterReader(vehicle, [(name,)], bytewise, encode)
         self._asking: RetryTimer | None = None

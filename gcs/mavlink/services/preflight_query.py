@@ -83,7 +83,9 @@ class PreflightQuery:
         self.texts: dict[str, None] = {}
         self.values: dict[str, float] = {}
         self.onboard_lists: dict[int, tuple[Item, ...] | None] = {}
-        self._envelope, self._encode, self._own = envelope, encode, own
+        self._envelope = envelope
+        self._encode = encode
+        self._own = own
         self._timers: dict[str, RetryTimer] | None = None
         self._reading: ParameterReader | None = None
         self._list: Upload | None = None

@@ -84,11 +84,16 @@ class RttEstimator:
 
     def retry_policy(self, max_tries: int, min_total_s: float = 0.0) -> RetryPolicy:
         """Return the policy of one request: at least `max_tries`, and more for at least `min_total_s`."""
-        wait_s, growth = self.wait_s, _SHORT_GROWTH if self._is_short else _GROWTH
+        wait_s = self.wait_s
+        growth = _SHORT_GROWTH if self._is_short else _GROWTH
         max_wait_s = max(_MAX_WAIT_S, wait_s)
-        total_s, next_s, needed = 0.0, wait_s, 0
+        total_s = 0.0
+        next_s = wait_s
+        needed = 0
         while total_s < min_total_s:
-            total_s, next_s, needed = total_s + next_s, min(next_s * growth, max_wait_s), needed + 1
+            total_s = total_s + next_s
+            next_s = min(next_s * growth, max_wait_s)
+            needed = needed + 1
         return RetryPolicy(
             wait_s=wait_s, max_wait_s=max_wait_s, growth=growth, max_tries=max(max_tries, needed)
         )

@@ -54,8 +54,10 @@ class SigningSetup:
         self.detail = "was not heard"
         self.sent = 0
         """SETUP_SIGNING frames sent."""
-        self._key, self._old = key, old
-        self._next_time, self._deadline_ns = next_time, deadline_ns
+        self._key = key
+        self._old = old
+        self._next_time = next_time
+        self._deadline_ns = deadline_ns
         self._encode = Encoder()
         self._heard = self._holds_old = self._holds_new = self._has_requested = False
         self._due_ns = 0
@@ -74,7 +76,8 @@ class SigningSetup:
         elif message is not None and name == "STATUSTEXT" and "sign" in message.text.lower():
             self.detail = f"said: {printable(message.text)}"
         elif message is not None and name == "COMMAND_ACK" and self._holds_new and self._has_requested:
-            self.outcome, self.detail = "done", "signs with the key, and accepts frames signed with it"
+            self.outcome = "done"
+            self.detail = "signs with the key, and accepts frames signed with it"
 
     def _on_heartbeat(self, *, armed: bool) -> None:
         if armed and not self._holds_new:
@@ -82,7 +85,8 @@ class SigningSetup:
             self.detail = "is armed: an autopilot accepts a key on the ground only; disarm it, then try again"
             return
         if not self._heard:
-            self._heard, self.detail = True, "did not begin to sign with the key"
+            self._heard = True
+            self.detail = "did not begin to sign with the key"
 
     def poll(self, t_ns: int) -> list[bytes]:
         """Advance the timers; return the frames to send."""

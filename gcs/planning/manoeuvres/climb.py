@@ -49,7 +49,8 @@ class Climb:
 
     def at(self, along_m: float, aside_m: float = 0.0) -> Point:
         """Return the position at a distance along the climb and to its right."""
-        east, north = math.sin(self.heading_rad), math.cos(self.heading_rad)
+        east = math.sin(self.heading_rad)
+        north = math.cos(self.heading_rad)
         return (
             self.start_m[0] + along_m * east + aside_m * north,
             self.start_m[1] + along_m * north - aside_m * east,
@@ -92,10 +93,8 @@ class Climb:
 
     def possible_ends_m(self) -> tuple[Point, ...]:
         """Return the positions where the altitude may be reached, the farthest first."""
-        late_m, drift_m = (
-            _CLIMB_LENGTH_UNCERTAINTY * self.in_air_m,
-            self.wind_m_s / self.speed_m_s * self.in_air_m,
-        )
+        late_m = _CLIMB_LENGTH_UNCERTAINTY * self.in_air_m
+        drift_m = self.wind_m_s / self.speed_m_s * self.in_air_m
         ends = [self.latest_end_m, self.end_m, self.at(self.length_m - min(late_m + drift_m, self.in_air_m))]
         if drift_m > 0.0:
             ends += [self.at(self.length_m, -drift_m), self.at(self.length_m, drift_m)]
@@ -137,16 +136,19 @@ def turn_problem(
     radius_m : float
         Planned turn radius.
     """
-    min_clearance_m, far_m = START_CLEARANCE_SHARE * clearance_m, _FIRST_TURN_RADII * radius_m
+    min_clearance_m = START_CLEARANCE_SHARE * clearance_m
+    far_m = _FIRST_TURN_RADII * radius_m
     far = [k for k, point in enumerate(points_m) if math.dist(climb.end_m, point) > far_m]
     first = far[0] if far else len(points_m) - 1
-    ends, path = climb.possible_ends_m(), (climb.latest_end_m, *points_m[: first + 1])
+    ends = climb.possible_ends_m()
+    path = (climb.latest_end_m, *points_m[: first + 1])
     near = _obstacles_near(grid, ends, far_m + min_clearance_m)
     for start, end in pairwise(path):
         if not line_of_sight(near, start, end, min_clearance_m):
             place = _last_clear(near, start, end, min_clearance_m)
             return f"the first turn comes within {min_clearance_m:.0f} m of {_BLOCKED}{_where(climb, place)}"
-    angle, radius = 0.5 * math.pi - climb.heading_rad, radius_m / grid.spacing_m
+    angle = 0.5 * math.pi - climb.heading_rad
+    radius = radius_m / grid.spacing_m
     leg_m = START_CLEARANCE_SHARE * _clearance_m(grid, path, clearance_m)
     for end, (around, min_m) in product(ends, ((near, min_clearance_m), (grid, leg_m))):
         # A waypoint inside the turn is passed without being reached.
@@ -164,33 +166,41 @@ def _obstacles_near(grid: Grid, places_m: Sequence[Point], max_m: float) -> Grid
     is_near = np.zeros(grid.shape, np.bool_)
     for place in places_m:
         col, row = to_cells(grid, place)
-        north, east = abs(np.arange(rows) - row) - 0.5, abs(np.arange(cols) - col) - 0.5
+        north = abs(np.arange(rows) - row) - 0.5
+        east = abs(np.arange(cols) - col) - 0.5
         is_near |= np.hypot(np.maximum(north[:, None], 0.0), np.maximum(east, 0.0)) < max_m / grid.spacing_m
     return replace(grid, blocked=grid.blocked & is_near)
 
 
 def _clearance_m(grid: Grid, path: Sequence[Point], max_m: float) -> float:
     """Return the distance of a path from the nearest obstacle, at most `max_m`."""
-    frame, most = np.array([*grid.origin_m, grid.spacing_m]), max_m / grid.spacing_m
+    frame = np.array([*grid.origin_m, grid.spacing_m])
+    most = max_m / grid.spacing_m
     return grid.spacing_m * float(path_clearance(grid.blocked, frame, np.array(path), most))
 
 
 def _is_inside_turn(climb: Climb, end: Point, point: Point, radius_m: float) -> bool:
     """Return True if a place lies inside the turn from the end of a climb, on its side."""
-    east_m, north_m = point[0] - end[0], point[1] - end[1]
-    sin, cos = math.sin(climb.heading_rad), math.cos(climb.heading_rad)
-    ahead_m, aside_m = east_m * sin + north_m * cos, abs(east_m * cos - north_m * sin)
+    east_m = point[0] - end[0]
+    north_m = point[1] - end[1]
+    sin = math.sin(climb.heading_rad)
+    cos = math.cos(climb.heading_rad)
+    ahead_m = east_m * sin + north_m * cos
+    aside_m = abs(east_m * cos - north_m * sin)
     return math.hypot(ahead_m, aside_m - radius_m) < radius_m
 
 
 def _last_clear(grid: Grid, start: Point, end: Point, min_clearance_m: float) -> Point:
     """Return the position on a leg up to which it is clear."""
-    low, high, place = 0.0, 1.0, start
+    low = 0.0
+    high = 1.0
+    place = start
     for _ in range(_HALVINGS):
         share = 0.5 * (low + high)
         there = (start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
         if line_of_sight(grid, start, there, min_clearance_m):
-            low, place = share, there
+            low = share
+            place = there
         else:
             high = share
     return place

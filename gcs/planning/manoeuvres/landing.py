@@ -40,10 +40,8 @@ _BASE_LEG_RADII = 2.5
 """Length of a base leg, in turn radii."""
 _SIMULATED_RADII = 6.0
 """Simulated part of the route before its end, in turn radii."""
-_DEPARTURE_RADII, _DEPARTURE_TURNS_RAD = (
-    (1.0, 2.0, 3.0),
-    tuple(np.radians([0.0, 30.0, -30.0, 60.0, -60.0]).tolist()),
-)
+_DEPARTURE_RADII = (1.0, 2.0, 3.0)
+_DEPARTURE_TURNS_RAD = tuple(np.radians([0.0, 30.0, -30.0, 60.0, -60.0]).tolist())
 """Departure points of a vehicle that cannot turn at its target: turn radii ahead, and course change."""
 _MAX_GATES_AFTER_DEPARTURE = 6
 """Number of gates that are tried from each departure point."""
@@ -146,19 +144,23 @@ class _Planner:
         options: PlanOptions,
         landing: LandingSpec,
     ) -> None:
-        self._grid, self._options, self._landing = grid, options, landing
+        self._grid = grid
+        self._options = options
+        self._landing = landing
         self._home_m = home_m
         self._speed_m_s = max(start.speed_m_s, 1.0)
         self._end_m = (float(points_m[-1, 0]), float(points_m[-1, 1]))
         path_m = np.vstack(((start.east_m, start.north_m), points_m))
         _, self._tail_m, is_whole = split_before_end(path_m, _SIMULATED_RADII * options.turn_radius_m)
-        leaves, comes = (_course_rad(path_m[-2:], start), _course_rad(self._tail_m[:2], start))
+        leaves = _course_rad(path_m[-2:], start)
+        comes = _course_rad(self._tail_m[:2], start)
         self._course_rad = leaves
         self._begins_rad = start.course_rad if is_whole and start.course_rad is not None else comes
 
     def straight(self) -> ReturnRoute:
         """Return the straight route; from the nearest free approach if the direct one is not free."""
-        direct_m, approaches_m = self._at(APPROACH_M, self._from_rad), self._free_approaches_m()
+        direct_m = self._at(APPROACH_M, self._from_rad)
+        approaches_m = self._free_approaches_m()
         is_straight = direct_m in approaches_m or not self._grid.contains(self._home_m)
         nearest_m = min(approaches_m, key=lambda place_m: math.dist(place_m, self._end_m), default=direct_m)
         return ReturnRoute(read_only([direct_m if is_straight else nearest_m, self._home_m]), is_straight)
@@ -170,7 +172,8 @@ class _Planner:
 
     def is_clear(self, points_m: FloatArray) -> bool:
         """Return True if a path keeps the clearance and its simulated flight is clear."""
-        clearance_m, places = self._options.clearance_m, [self._end_m, *_points(points_m)]
+        clearance_m = self._options.clearance_m
+        places = [self._end_m, *_points(points_m)]
         for a, b in pairwise(places):
             if not line_of_sight(
                 self._grid,
@@ -226,7 +229,8 @@ class _Planner:
         """Yield points where a vehicle may go after its target before it turns home, the nearest first."""
         for ring in _DEPARTURE_RADII if self._options.shape == "flyable" else ():
             for turn in _DEPARTURE_TURNS_RAD:
-                angle, distance_m = self._course_rad + turn, ring * self._options.turn_radius_m
+                angle = self._course_rad + turn
+                distance_m = ring * self._options.turn_radius_m
                 east_m, north_m = self._end_m
                 place_m = (east_m + distance_m * math.sin(angle), north_m + distance_m * math.cos(angle))
                 if self._share(place_m, self._end_m) >= 0.0:
@@ -266,12 +270,12 @@ class _Planner:
 
         Less clearance at home itself does not count.
         """
-        grid, clearance_m = self._grid, self._options.clearance_m
+        grid = self._grid
         if not grid.contains(from_m) and grid.contains(self._home_m):
             return -1.0
         available_m = self._available_clearance_m(to_m)
         for share in _CLEARANCE_SHARES:
-            if line_of_sight(grid, from_m, to_m, min(share * clearance_m, available_m)):
+            if line_of_sight(grid, from_m, to_m, min(share * self._options.clearance_m, available_m)):
                 return share
         return -1.0
 
@@ -289,19 +293,23 @@ class _Planner:
 
     def _turns_safely(self, to_m: Point) -> bool:
         """Return True if the turn at the end of the route is clear, to either side where that is open."""
-        grid, options = self._grid, self._options
+        grid = self._grid
+        options = self._options
         if options.shape != "flyable":
             return True
-        place, spacing_m = to_cells(grid, self._end_m), grid.spacing_m
+        place = to_cells(grid, self._end_m)
+        spacing_m = grid.spacing_m
         free = start_clearance(grid.blocked, options.clearance_m / spacing_m, *place)
-        angle, radius = 0.5 * math.pi - self._course_rad, options.turn_radius_m / spacing_m
+        angle = 0.5 * math.pi - self._course_rad
+        radius = options.turn_radius_m / spacing_m
         return bool(is_turn_safe(grid.blocked, free, *place, angle, *to_cells(grid, to_m), radius, -1))
 
     def _is_flown_clear(self, points_m: FloatArray, reach_m: float) -> bool:
         """Return True if the simulated flight is clear up to the middle of the approach."""
         if self._options.shape != "flyable":
             return True
-        landing, tail_m = self._landing, self._tail_m
+        landing = self._landing
+        tail_m = self._tail_m
         passes_m = np.vstack((self._end_m, points_m))
         radii_m = [*landing.turns.accept_radii_m(tail_m), *landing.turns.accept_radii_m(passes_m)]
         ahead = RemainingMission(
@@ -323,7 +331,8 @@ class _Planner:
 
     def _available_clearance_m(self, place_m: Point) -> float:
         """Return the distance from obstacles, at most the clearance."""
-        grid, clearance_m = self._grid, self._options.clearance_m
+        grid = self._grid
+        clearance_m = self._options.clearance_m
         free = start_clearance(grid.blocked, 2.0 * clearance_m / grid.spacing_m, *to_cells(grid, place_m))
         return float(free) * grid.spacing_m
 

@@ -44,7 +44,8 @@ _RING_RADII = (0.5, 1.0, 1.5, 2.0, 2.5)
 _BEARINGS = 12
 """Candidate circles: rings around the target, in turn or loiter radii, and circles per ring."""
 _CIRCLE_LAPS = 1.5
-_APPROACH_RADII, _LEAVE_RADII = 1.5, 3.5
+_APPROACH_RADII = 1.5
+_LEAVE_RADII = 3.5
 """Another approach: length of its straight leg, and distance before the target where it leaves the route, in
 turn radii.
 """
@@ -52,7 +53,9 @@ _STOP_SHORT_RADII = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0, 18.0)
 """Distance before the target where a route ends that cannot pass it, in turn radii."""
 _LATERAL_SHARES = (0.0, 0.4, -0.4, 0.7, -0.7)
 """Lateral offsets from the target, as shares of the capture radius."""
-_MIN_PASS_S, _MAX_PASS_SHARE, _REACH_MARGIN = 2.5, 0.6, 0.95
+_MIN_PASS_S = 2.5
+_MAX_PASS_SHARE = 0.6
+_REACH_MARGIN = 0.95
 """Time within the capture radius, the share of a pass through its middle that limits it, and a margin."""
 _EXIT_SHARES = tuple(np.linspace(0.0, 0.99, 100).tolist())
 """Places on the first leg of a vehicle that leaves an obstacle, as shares of its length."""
@@ -122,7 +125,8 @@ def plan_terminal_loiter(
 def _has_room(grid: Grid, start: AgentState, points_m: FloatArray, target_m: Point, spec: LoiterSpec) -> bool:
     """Return True if a route ends straight over its target, with room for the flight onto the circle."""
     before_m, end_m = _with_start(start, points_m)[-2:].tolist()
-    turns, end = spec.turns, (end_m[0], end_m[1])
+    turns = spec.turns
+    end = (end_m[0], end_m[1])
     if math.dist(end, target_m) > _MIN_GAIN_M or math.dist(before_m, end) < 2.0 * turns.radius_m:
         return False
     return line_of_sight(grid, end, end, room_to_circle_m(spec.radius_m, turns) + _MIN_GAIN_M)
@@ -169,7 +173,9 @@ class _CircleSearch:
         self, grid: Grid, start: AgentState, target_m: Point, options: PlanOptions, spec: LoiterSpec
     ) -> None:
         self.flights = 0
-        self._grid, self._start, self._spec = grid, start, spec
+        self._grid = grid
+        self._start = start
+        self._spec = spec
         self._speed_m_s = max(start.speed_m_s, 1.0)
         between_m = 0.5 * STEP_S * self._speed_m_s  # from a straight pass to the nearest simulated state
         self._near = np.array([*target_m, max(_REACH_MARGIN * spec.reach_radius_m, between_m)])
@@ -194,7 +200,9 @@ class _CircleSearch:
 
     def best(self, points_m: FloatArray, so_far: TerminalLoiter, *, must_pass: bool = True) -> TerminalLoiter:
         """Return the best end of a route; `so_far` if that is about as good."""
-        spec, spacing_m, speed_m_s = self._spec, self._grid.spacing_m, self._speed_m_s
+        spec = self._spec
+        spacing_m = self._grid.spacing_m
+        speed_m_s = self._speed_m_s
         path_m, is_whole = self._simulated_path(points_m)
         floor_m = so_far.clearance_m if so_far.clearance_m >= 0.0 else self._least_m - _MIN_GAIN_M
         circles = np.column_stack((path_m[-1] + self._around_m, np.full(len(self._around_m), spec.radius_m)))
@@ -269,7 +277,7 @@ def _approaches(
     left = path_m[:0] if is_whole else path_m[:1]
     course_rad = _course_rad(path_m[-2:])
     for k in range(_BEARINGS):
-        angle = course_rad + 2.0 * math.pi * ((k + 1) // 2 * (1 - k % 2 * 2)) / _BEARINGS
+        angle = course_rad + 2.0 * math.pi * ((k + 1) // 2 * (1 - 2 * (k % 2))) / _BEARINGS
         along = np.array([math.sin(angle), math.cos(angle)])
         for share in _LATERAL_SHARES:
             passed = np.array(target_m) + share * spec.reach_radius_m * np.array([along[1], -along[0]])
@@ -321,7 +329,8 @@ def _is_open(blocked: BoolArray, frame: FloatArray, circle: FloatArray, clearanc
 
     Its centre is on the map.
     """
-    x, y = (circle[0] - frame[0]) / frame[2], (circle[1] - frame[1]) / frame[2]
+    x = (circle[0] - frame[0]) / frame[2]
+    y = (circle[1] - frame[1]) / frame[2]
     return is_free_at(blocked, x, y) and is_clear_at(blocked, x, y, circle[2] / frame[2] + clearance)
 
 
@@ -337,8 +346,11 @@ def best_loiter_circle(
     `times_s`: duration of the path and of the circle. `thresholds`: clearance so far, required gain,
     sufficient clearance. The others as of `simulate_states`.
     """
-    best, found, none = thresholds[0], -1, np.array([0.0, 0.0, -1.0])
-    flown, flights = motion.copy(), 0
+    best = thresholds[0]
+    found = -1
+    none = np.array([0.0, 0.0, -1.0])
+    flown = motion.copy()
+    flights = 0
     for i in range(lags_s.size):  # most collisions occur before the circle
         clearance = max(best + thresholds[1], 0.0)
         flown[2] = motion[2] + off_course[i]
@@ -373,7 +385,8 @@ def best_loiter_circle(
                 break
             margin = path_clearance(blocked, frame, flight, margin)
         if margin >= clearance:
-            best, found = margin, k
+            best = margin
+            found = k
         if best >= thresholds[2]:
             break
     return found, best, flights
@@ -381,8 +394,11 @@ def best_loiter_circle(
 
 def warm_up_calls() -> list[Call]:
     """Return one call of the kernel with the types of a plan."""
-    grid, three = free_grid((2, 2), 10.0), np.ones(3)
-    points, radii, circles = np.zeros((1, 2)), np.zeros(1), np.ones((1, 3))
+    grid = free_grid((2, 2), 10.0)
+    three = np.ones(3)
+    points = np.zeros((1, 2))
+    radii = np.zeros(1)
+    circles = np.ones((1, 3))
     times_s = np.full(2, 0.2)
     return [
         (

@@ -38,7 +38,8 @@ def shifted_nodes(
                 continue
             best = 0.0
             for k in range(1, 9):
-                x, y = col + shift_cols[k], row + shift_rows[k]
+                x = col + shift_cols[k]
+                y = row + shift_rows[k]
                 on_map = 0.0 <= x <= cols - 1.0 and 0.0 <= y <= rows - 1.0
                 if not on_map or not is_clear_at(blocked, x, y, clearance):
                     continue
@@ -63,7 +64,8 @@ def find_tight_moves(
             for move in range(8):
                 if not (moves[row, col] >> move) & 1:
                     continue
-                r, c = row + int(2.0 * shift_rows[move + 1]), col + int(2.0 * shift_cols[move + 1])
+                r = row + int(2.0 * shift_rows[move + 1])
+                c = col + int(2.0 * shift_cols[move + 1])
                 a = place[row, col]
                 b = place[r, c]
                 if tight[row, col] or tight[r, c]:
@@ -75,7 +77,8 @@ def find_tight_moves(
                     back = (move & 4) | ((move + 2) & 3)
                     is_near = ((tight_moves[r, c] >> back) & 1) != 0
                 else:
-                    x, y = col + shift_cols[a], row + shift_rows[a]
+                    x = col + shift_cols[a]
+                    y = row + shift_rows[a]
                     is_near = not clear_leg(
                         blocked, x, y, c + shift_cols[b], r + shift_rows[b], clearance, NO_CELL
                     )

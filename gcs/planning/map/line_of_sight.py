@@ -31,7 +31,8 @@ def _point_square(x: float, y: float, col: float, row: float) -> float:
 @inlined
 def _leg_square(x0: float, y0: float, x1: float, y1: float, col: float, row: float) -> float:
     """Return the distance of a leg from the square of a cell."""
-    dx, dy = x1 - x0, y1 - y0
+    dx = x1 - x0
+    dy = y1 - y0
     # Clip the leg by the two slabs of the square.
     low = 0.0
     high = 1.0
@@ -66,7 +67,8 @@ def leg_clearance(
     """
     rows, cols = blocked.shape
     wide = clearance + 0.5 + 2.0 * TOUCH
-    dx, dy = x1 - x0, y1 - y0
+    dx = x1 - x0
+    dy = y1 - y0
     best = clearance
     first = max(0, math.ceil(min(y0, y1) - wide))
     last = min(rows - 1, math.floor(max(y0, y1) + wide))
@@ -97,7 +99,8 @@ def blocking_cell(
     rows, cols = blocked.shape
     limit = max(clearance - TOUCH, TOUCH)
     wide = clearance + 0.5 + 2.0 * TOUCH
-    dx, dy = x1 - x0, y1 - y0
+    dx = x1 - x0
+    dy = y1 - y0
     norm2 = dx * dx + dy * dy
     # The squared length of a very short leg may underflow.
     length = math.sqrt(norm2) if norm2 > _NO_LEG else math.hypot(dx, dy)
@@ -158,8 +161,10 @@ def path_clearance(blocked: BoolArray, frame: FloatArray, path_m: FloatArray, mo
     """
     margin = most
     for i in range(path_m.shape[0] - 1):
-        x, y = (path_m[i, 0] - frame[0]) / frame[2], (path_m[i, 1] - frame[1]) / frame[2]
-        to_x, to_y = (path_m[i + 1, 0] - frame[0]) / frame[2], (path_m[i + 1, 1] - frame[1]) / frame[2]
+        x = (path_m[i, 0] - frame[0]) / frame[2]
+        y = (path_m[i, 1] - frame[1]) / frame[2]
+        to_x = (path_m[i + 1, 0] - frame[0]) / frame[2]
+        to_y = (path_m[i + 1, 1] - frame[1]) / frame[2]
         margin = leg_clearance(blocked, x, y, to_x, to_y, margin, NO_CELL)
     return margin
 

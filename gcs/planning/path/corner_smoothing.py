@@ -55,8 +55,10 @@ def half_angle_tan(points: FloatArray, i: int) -> float:
     """Return the tangent of half the turn angle at corner i, positive to the left; 0 at the ends."""
     if i <= 0 or i >= points.shape[0] - 1:
         return 0.0
-    ux, uy = points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]
-    vx, vy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+    ux = points[i, 0] - points[i - 1, 0]
+    uy = points[i, 1] - points[i - 1, 1]
+    vx = points[i + 1, 0] - points[i, 0]
+    vy = points[i + 1, 1] - points[i, 1]
     along = ux * vx + uy * vy
     across = ux * vy - uy * vx
     whole = math.sqrt((ux * ux + uy * uy) * (vx * vx + vy * vy))
@@ -79,25 +81,33 @@ def clearance_shortfall(
     if half == 0.0:
         return 0.0
     rows, cols = blocked.shape
-    px, py = points[i, 0], points[i, 1]
-    ux, uy = px - points[i - 1, 0], py - points[i - 1, 1]
-    vx, vy = points[i + 1, 0] - px, points[i + 1, 1] - py
+    px = points[i, 0]
+    py = points[i, 1]
+    ux = px - points[i - 1, 0]
+    uy = py - points[i - 1, 1]
+    vx = points[i + 1, 0] - px
+    vy = points[i + 1, 1] - py
     u = math.hypot(ux, uy)
     v = math.hypot(vx, vy)
     if u == 0.0 or v == 0.0:
         return 0.0
-    ux, uy = ux / u, uy / u
-    vx, vy = vx / v, vy / v
+    ux = ux / u
+    uy = uy / u
+    vx = vx / v
+    vy = vy / v
     side = math.copysign(1.0, half)
     back = radius * abs(half)
-    ax, ay = px - back * ux, py - back * uy
-    bx, by = px + back * vx, py + back * vy
+    ax = px - back * ux
+    ay = py - back * uy
+    bx = px + back * vx
+    by = py + back * vy
     # From the ends of the arc to its centre: obstacles within `clearance` of the arc lie there.
     mx = -side * uy
     my = side * ux
     nx = -side * vy
     ny = side * vx
-    cx, cy = ax + radius * mx, ay + radius * my
+    cx = ax + radius * mx
+    cy = ay + radius * my
     inner = max(radius - clearance, 0.0)
     depth = min(clearance, radius)
     low_x = min(px, ax, bx, ax + depth * mx, bx + depth * nx)
@@ -186,9 +196,11 @@ def _move_corner(
     radius: float, own_cell: int,
 ) -> bool:  # fmt: skip
     """Move corner i by a step to where it costs least; return True if it moved."""
-    x, y = points[i, 0], points[i, 1]
+    x = points[i, 0]
+    y = points[i, 1]
     least = cost(blocked, points, clearances, i - 2, i + 2, radius, own_cell, np.inf) - 1e-9
-    best_x, best_y = x, y
+    best_x = x
+    best_y = y
     moved = False
     ignored_cell = own_cell if i == 1 else NO_CELL
     hit = NO_CELL
@@ -201,19 +213,23 @@ def _move_corner(
         here = cost(blocked, points, clearances, i - 2, i + 2, radius, own_cell, least)
         if here >= least:
             continue
-        ax, ay = points[i - 1, 0], points[i - 1, 1]
-        px, py = points[i, 0], points[i, 1]
+        ax = points[i - 1, 0]
+        ay = points[i - 1, 1]
+        px = points[i, 0]
+        py = points[i, 1]
         seen = blocking_cell(blocked, ax, ay, px, py, clearances[i - 1], ignored_cell, hit)
         if seen >= 0:
             hit = seen
             continue
-        bx, by = points[i + 1, 0], points[i + 1, 1]
+        bx = points[i + 1, 0]
+        by = points[i + 1, 1]
         seen = blocking_cell(blocked, px, py, bx, by, clearances[i], NO_CELL, beyond)
         if seen >= 0:
             beyond = seen
             continue
         least = here
-        best_x, best_y = px, py
+        best_x = px
+        best_y = py
         moved = True
     set_point(points, i, best_x, best_y)
     return moved

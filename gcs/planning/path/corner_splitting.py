@@ -35,8 +35,10 @@ def split_corners(
         back = radius * abs(half_angle_tan(points, i)) - radius * math.tan(0.25 * turn)
         u = back / math.hypot(ux, uy)
         v = back / math.hypot(vx, vy)
-        ax, ay = points[i, 0] - u * ux, points[i, 1] - u * uy
-        bx, by = points[i, 0] + v * vx, points[i, 1] + v * vy
+        ax = points[i, 0] - u * ux
+        ay = points[i, 1] - u * uy
+        bx = points[i, 0] + v * vx
+        by = points[i, 1] + v * vy
         margin = min(clearances[i - 1], clearances[i])
         if is_free_at(blocked, ax, ay) and clear_leg(blocked, ax, ay, bx, by, margin, NO_CELL):
             set_point(result, count - 1, ax, ay)

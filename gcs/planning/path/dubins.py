@@ -44,9 +44,12 @@ def dubins_words(
         # A right turn first is a left turn first in the mirror.
         first = WORD_TURNS[word, 0]
         last = WORD_TURNS[word, 2]
-        ax, ay = x0 - first * radius * math.sin(angle0), y0 + first * radius * math.cos(angle0)
-        bx, by = x1 - last * radius * math.sin(angle1), y1 + last * radius * math.cos(angle1)
-        dx, dy = (bx - ax) / radius, (by - ay) / radius
+        ax = x0 - first * radius * math.sin(angle0)
+        ay = y0 + first * radius * math.cos(angle0)
+        bx = x1 - last * radius * math.sin(angle1)
+        by = y1 + last * radius * math.cos(angle1)
+        dx = (bx - ax) / radius
+        dy = (by - ay) / radius
         gap = math.hypot(dx, dy)
         bearing = math.atan2(dy, dx)
         if word < 2:

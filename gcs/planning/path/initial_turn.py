@@ -66,7 +66,8 @@ def arc_is_clear(blocked: BoolArray, clearance: float, pose: Pose, arc: Arc, own
         to_y = y + chord * math.sin(angle + arc.side * 0.5 * step)
         if not clear_leg(blocked, x, y, to_x, to_y, clearance, own_cell):
             return False
-        x, y = to_x, to_y
+        x = to_x
+        y = to_y
         angle += arc.side * step
     return True
 
@@ -77,7 +78,8 @@ def arc_to(pose: Pose, to_x: float, to_y: float, side: float, radius: float) -> 
 
     Both are inf for a place inside the turn.
     """
-    dx, dy = to_x - pose.x, to_y - pose.y
+    dx = to_x - pose.x
+    dy = to_y - pose.y
     ahead = dx * math.cos(pose.angle) + dy * math.sin(pose.angle)
     beyond = side * (dy * math.cos(pose.angle) - dx * math.sin(pose.angle)) - radius
     gap = math.hypot(ahead, beyond)
@@ -136,7 +138,8 @@ def is_turn_safe(
     may turn to either side.
     """
     pose = Pose(x, y, angle)
-    dx, dy = to_x - x, to_y - y
+    dx = to_x - x
+    dy = to_y - y
     ahead = dx * math.cos(angle) + dy * math.sin(angle)
     aside = dy * math.cos(angle) - dx * math.sin(angle)
     nearer = 1.0 if aside >= 0.0 else -1.0
@@ -166,15 +169,18 @@ def _trace_word(
     """Write the corners of a Dubins word to `corners`; return their number, -1 if it is not clear."""
     count = 0
     x, y, angle = start
-    last_x, last_y = x, y
+    last_x = x
+    last_y = y
     for piece in range(3):
         side = float(turns[piece])
         length = pieces[piece]
         if side == 0.0:
-            to_x, to_y = x + length * radius * math.cos(angle), y + length * radius * math.sin(angle)
+            to_x = x + length * radius * math.cos(angle)
+            to_y = y + length * radius * math.sin(angle)
             if not clear_leg(blocked, x, y, to_x, to_y, margin, own_cell):
                 return -1
-            x, y = to_x, to_y
+            x = to_x
+            y = to_y
             continue
         arc = Arc(side, length, radius)
         if length > MAX_ARC_RAD or not arc_is_clear(blocked, margin, Pose(x, y, angle), arc, own_cell):
@@ -191,7 +197,8 @@ def _trace_word(
                 ):
                     return -1
                 set_point(corners, count, corner_x, corner_y)
-                last_x, last_y = corner_x, corner_y
+                last_x = corner_x
+                last_y = corner_y
                 count += 1
             turned = angle + side * length / parts
             x += side * radius * (math.sin(turned) - math.sin(angle))
@@ -209,8 +216,10 @@ def _candidate_turns(
     turns = np.zeros((count, 3), np.int64)
     pieces = np.zeros((count, 3))
     left = np.zeros(count)
-    ax, ay = points[0, 0], points[0, 1]
-    bx, by = points[1, 0], points[1, 1]
+    ax = points[0, 0]
+    ay = points[0, 1]
+    bx = points[1, 0]
+    by = points[1, 1]
     leg = math.hypot(bx - ax, by - ay)
     toward = math.atan2(by - ay, bx - ax)
     for k in range(2):
@@ -241,7 +250,8 @@ def plan_initial_turn(
     Also returns the length of that turn up to the first corner.
     """
     turns, pieces, left = _candidate_turns(points, angle, radius)
-    x, y = points[1, 0], points[1, 1]
+    x = points[1, 0]
+    y = points[1, 1]
     start = Pose(points[0, 0], points[0, 1], angle)
     corners = np.empty((16, 2))
     lengths = np.empty(left.size)

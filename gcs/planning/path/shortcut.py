@@ -61,8 +61,10 @@ def connect_to_grid(
         for k in range(4):
             nodes[i, k] = -1
             gaps[i, k] = 0.0
-        x, y = places[i, 0], places[i, 1]
-        col, row = _cell(x, cols), _cell(y, rows)
+        x = places[i, 0]
+        y = places[i, 1]
+        col = _cell(x, cols)
+        row = _cell(y, rows)
         inside[i] = blocked[row, col]
         if inside[i]:
             best = np.inf
@@ -77,7 +79,8 @@ def connect_to_grid(
         nodes[i, 0] = (row + 1) * stride + col + 1
         gaps[i, 0] = math.hypot(x - col, y - row)
         found = 1
-        west, south = int(col if x >= col else col - 1), int(row if y >= row else row - 1)
+        west = int(col if x >= col else col - 1)
+        south = int(row if y >= row else row - 1)
         for r in range(south, south + 2):
             for c in range(west, west + 2):
                 if (r == row and c == col) or not (0 <= r < rows and 0 <= c < cols) or blocked[r, c]:
@@ -144,7 +147,8 @@ def _trim_ends(
     size = points.shape[0]
     kept[0] = 0
     while first + 1 < size:
-        dx, dy = points[first, 0] - points[0, 0], points[first, 1] - points[0, 1]
+        dx = points[first, 0] - points[0, 0]
+        dy = points[first, 1] - points[0, 1]
         gap = math.hypot(dx, dy)
         behind = dx * heading[0] + dy * heading[1] < 0.0
         if gap >= _MIN_FIRST_LEG_CELLS and not (behind and gap < _BEHIND_CELLS):
@@ -175,8 +179,10 @@ def _merge_collinear(points: FloatArray, kept: IntArray, n: int) -> int:
         a = kept[count - 1]
         b = kept[i]
         c = kept[i + 1]
-        ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
-        vx, vy = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
+        ux = points[b, 0] - points[a, 0]
+        uy = points[b, 1] - points[a, 1]
+        vx = points[c, 0] - points[b, 0]
+        vy = points[c, 1] - points[b, 1]
         if not (abs(ux * vy - uy * vx) < 1e-9 and ux * vx + uy * vy >= 0.0):
             kept[count] = b
             count += 1

@@ -128,7 +128,8 @@ def _lower_bound(of: _Candidates, cost: FloatArray, i: int, j: int) -> float:
 
     Branch-free arithmetic, so that it is vectorised. A known vertex has no edges.
     """
-    dx, dy = of.x[j] - of.x[i], of.y[j] - of.y[i]
+    dx = of.x[j] - of.x[i]
+    dy = of.y[j] - of.y[i]
     leaves = (dx * of.e1y[i] - dy * of.e1x[i]) * (dx * of.e2y[i] - dy * of.e2x[i]) >= -1e-9
     arrives = (dx * of.e1y[j] - dy * of.e1x[j]) * (dx * of.e2y[j] - dy * of.e2x[j]) >= -1e-9
     beeline = cost[i] + _ROUNDING_FACTOR * math.sqrt(dx * dx + dy * dy) + _CORNER_COST
@@ -141,7 +142,8 @@ def _relax(
     is_known_leg: bool, hit: int,
 ) -> int:  # fmt: skip
     """Let the path to candidate j come from i if that is cheaper; return the last cell that blocked a leg."""
-    dx, dy = of.x[j] - of.x[i], of.y[j] - of.y[i]
+    dx = of.x[j] - of.x[i]
+    dy = of.y[j] - of.y[i]
     leg = math.hypot(dx, dy)
     cost = paths.cost[i] + leg + _CORNER_COST
     need = 0.0
@@ -225,9 +227,12 @@ def _slide_corner(
     least: float, own_cell: int,
 ) -> float:  # fmt: skip
     """Move corner i towards a place while it sees its neighbours; return the distance moved, in cells."""
-    ax, ay = vertices[i - 1, 0], vertices[i - 1, 1]
-    bx, by = vertices[i + 1, 0], vertices[i + 1, 1]
-    x, y = vertices[i, 0], vertices[i, 1]
+    ax = vertices[i - 1, 0]
+    ay = vertices[i - 1, 1]
+    bx = vertices[i + 1, 0]
+    by = vertices[i + 1, 1]
+    x = vertices[i, 0]
+    y = vertices[i, 1]
     ignored_cell = own_cell if i == 1 else NO_CELL
     good = 0.0
     bad = 1.0
@@ -235,7 +240,8 @@ def _slide_corner(
     hit = NO_CELL
     beyond = NO_CELL
     for _ in range(_HALVINGS):
-        px, py = x + step * (aim_x - x), y + step * (aim_y - y)
+        px = x + step * (aim_x - x)
+        py = y + step * (aim_y - y)
         clear = is_free_at(blocked, px, py)
         clear = clear and math.hypot(px - ax, py - ay) >= least and math.hypot(px - bx, py - by) >= least
         if clear:
@@ -273,8 +279,10 @@ def _slide_corners(
             if settled[i]:
                 i += 1
                 continue
-            ax, ay = vertices[i - 1, 0], vertices[i - 1, 1]
-            bx, by = vertices[i + 1, 0], vertices[i + 1, 1]
+            ax = vertices[i - 1, 0]
+            ay = vertices[i - 1, 1]
+            bx = vertices[i + 1, 0]
+            by = vertices[i + 1, 1]
             if clear_leg(blocked, ax, ay, bx, by, clearance, own_cell if i == 1 else NO_CELL):
                 count -= 1
                 for k in range(i, count):

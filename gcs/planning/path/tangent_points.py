@@ -89,14 +89,16 @@ def _wrap(
 ) -> int:  # fmt: skip
     """Add the candidates of the convex corners of one cell; return the new count."""
     for corner in range(4):
-        sx, sy = 2 * (corner >> 1) - 1, 2 * (corner & 1) - 1
+        sx = 2 * (corner >> 1) - 1
+        sy = 2 * (corner & 1) - 1
         if not (
             _is_free(blocked, row + sy, col)
             and _is_free(blocked, row, col + sx)
             and _is_free(blocked, row + sy, col + sx)
         ):
             continue
-        x, y = col + 0.5 * sx, row + 0.5 * sy
+        x = col + 0.5 * sx
+        y = row + 0.5 * sy
         along = leg.along + (x - leg.x) * leg.ux + (y - leg.y) * leg.uy
         far = _CORNER_OFFSET if clearance <= 0.0 else clearance
         edges = _Edges(-1.0 * sx, 0.0, 0.0, -1.0 * sy)
@@ -124,16 +126,20 @@ def tangent_points(
         length += math.hypot(vertices[i + 1, 0] - vertices[i, 0], vertices[i + 1, 1] - vertices[i, 1])
     found = np.empty((size + int(8.0 * (wide + 1.0) * (length + 4.0 * wide)), ROWS))
     known = np.empty(found.shape[0], np.bool_)
-    low_x, low_y = vertices[0, 0], vertices[0, 1]
-    high_x, high_y = vertices[0, 0], vertices[0, 1]
+    low_x = vertices[0, 0]
+    low_y = vertices[0, 1]
+    high_x = vertices[0, 0]
+    high_y = vertices[0, 1]
     for i in range(size):
         low_x = min(low_x, vertices[i, 0])
         high_x = max(high_x, vertices[i, 0])
         low_y = min(low_y, vertices[i, 1])
         high_y = max(high_y, vertices[i, 1])
     # Visited cells, within the bounding box of the corridor.
-    west, south = max(0, math.floor(low_x - wide)), max(0, math.floor(low_y - wide))
-    east, north = min(cols - 1, math.ceil(high_x + wide)), min(rows - 1, math.ceil(high_y + wide))
+    west = max(0, math.floor(low_x - wide))
+    south = max(0, math.floor(low_y - wide))
+    east = min(cols - 1, math.ceil(high_x + wide))
+    north = min(rows - 1, math.ceil(high_y + wide))
     seen = np.zeros((max(north - south, 0) + 1, max(east - west, 0) + 1), np.bool_)
     count = 0
     along = 0.0
@@ -147,8 +153,10 @@ def tangent_points(
         count += 1
         if i == size - 1:
             break
-        ax, ay = vertices[i, 0], vertices[i, 1]
-        dx, dy = vertices[i + 1, 0] - ax, vertices[i + 1, 1] - ay
+        ax = vertices[i, 0]
+        ay = vertices[i, 1]
+        dx = vertices[i + 1, 0] - ax
+        dy = vertices[i + 1, 1] - ay
         leg = math.hypot(dx, dy)
         ux, uy = (dx / leg, dy / leg) if leg > 0.0 else (0.0, 0.0)
         for row in range(

@@ -115,7 +115,8 @@ def _join_corners(
     across = ux * vy - uy * vx
     if abs(across) < 1e-9:
         return points, clearances
-    gx, gy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+    gx = points[i + 1, 0] - points[i, 0]
+    gy = points[i + 1, 1] - points[i, 1]
     ahead = (gx * vy - gy * vx) / across
     behind = (gx * uy - gy * ux) / across
     if ahead <= 0.0 or behind >= 0.0:
@@ -159,8 +160,10 @@ def _reduce_corners(
         if not is_better:
             margin = min(clearances[i - 1], clearances[i])
             ignored_cell = own_cell if i == 1 else NO_CELL
-            ax, ay = points[i - 1, 0], points[i - 1, 1]
-            bx, by = points[i + 1, 0], points[i + 1, 1]
+            ax = points[i - 1, 0]
+            ay = points[i - 1, 1]
+            bx = points[i + 1, 0]
+            by = points[i + 1, 1]
             if clear_leg(blocked, ax, ay, bx, by, margin, ignored_cell):
                 fewer, fewer_clearances = _drop_corner(points, clearances, i)
                 is_better = (
@@ -236,8 +239,10 @@ def make_flyable(
     points = split_corners(blocked, points, clearances, radius)
     if legs > 0 and (heading[0] != 0.0 or heading[1] != 0.0):
         angle = math.atan2(heading[1], heading[0])
-        x, y = points[0, 0], points[0, 1]
-        to_x, to_y = points[1, 0], points[1, 1]
+        x = points[0, 0]
+        y = points[0, 1]
+        to_x = points[1, 0]
+        to_y = points[1, 1]
         margin = start_clearance(blocked, min(clearance, clearances[0]), x, y)
         straight = math.hypot(to_x - x, to_y - y)
         problem += SHARP_START

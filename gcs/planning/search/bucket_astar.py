@@ -5,8 +5,8 @@ estimated cost (after R. B. Dial, CACM 12, 1969). Each bucket is a stack, so equ
 depth first. A bucket holds more than one estimate, so a node may be reached by a longer path first and is
 then reopened. Only moves of the canonical ordering are expanded (`gcs.planning.search.canonical_ordering`).
 
-The plain A* on a heap, with neither buckets nor ordering, is the reference of the tests
-(`tests/planning/search/test_grid_paths.py`).
+The plain form, on a heap and without the ordering, is `gcs.planning.search.astar`. It is the reference of
+the tests.
 """
 
 from __future__ import annotations

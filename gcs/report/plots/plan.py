@@ -17,10 +17,13 @@ from gcs.report.plots.style import AGENTS, AXIS, INK, RED, annotate, legend_belo
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_BLOCKED, _NEAR, _FREE = "#2d3748", "#e2e8f0", "#ffffff"
+_BLOCKED = "#2d3748"
+_NEAR = "#e2e8f0"
+_FREE = "#ffffff"
 _NAMED = 30
 """Up to this many agents or targets are named."""
-_WIDTH_IN, _TALLEST = 9.0, 2.0
+_WIDTH_IN = 9.0
+_TALLEST = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +66,8 @@ def draw_plan(drawing: PlanDrawing, path: Path) -> None:
     few = max(len(drawing.starts), len(drawing.targets)) <= _NAMED
     size = 1.0 if few else 0.6
     for order, (agent, points) in enumerate(sorted(drawing.routes.items())):
-        colour, line = AGENTS[order % len(AGENTS)], np.array(points)
+        colour = AGENTS[order % len(AGENTS)]
+        line = np.array(points)
         axes.plot(*line.T, color=colour, lw=2.0 * size, solid_joinstyle="round", zorder=3)
         axes.plot(*line[1:-1].T, ls="none", marker="o", ms=3.5 * size, mfc="white", mec=colour, zorder=4)
         if agent in drawing.circles:
@@ -101,7 +105,8 @@ def _draw_map(axes: Axes, drawing: PlanDrawing) -> None:
     grid = drawing.grid
     rows, cols = grid.shape
     half = grid.spacing_m / 2.0
-    (west, south), (east, north) = grid.point_of((0, 0)), grid.point_of((rows - 1, cols - 1))
+    west, south = grid.point_of((0, 0))
+    east, north = grid.point_of((rows - 1, cols - 1))
     shade = np.where(grid.blocked, 2, np.where(drawing.inflated.blocked, 1, 0))
     axes.imshow(
         shade,

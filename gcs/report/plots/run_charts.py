@@ -67,7 +67,8 @@ def draw_cardinality(axes: Axes, timeline: Timeline) -> None:
 
     most = 1
     for kind, colour in KINDS.items():
-        series, scans = timeline.ospa[kind], timeline.estimates[kind]
+        series = timeline.ospa[kind]
+        scans = timeline.estimates[kind]
         if series.t_ns:
             t_s = _seconds(timeline, series.t_ns)
             line: dict[str, Any] = {"color": colour, "lw": 2.6, "alpha": 0.35, "label": f"{kind}, true"}
@@ -118,7 +119,8 @@ def agents_of(timeline: Timeline) -> list[int]:
 
 def draw_agent_rows(axes: Axes, timeline: Timeline, agents: Sequence[int]) -> None:
     """Draw one row for each agent: active, re-tasked, mission uploaded, arrived, true and detected loss."""
-    size, row_of = size_for(len(agents)), {vehicle: row for row, vehicle in enumerate(agents)}
+    size = size_for(len(agents))
+    row_of = {vehicle: row for row, vehicle in enumerate(agents)}
     colour = colours(agents)
     for vehicle, row in row_of.items():
         path = timeline.paths["agents"].get(vehicle)
@@ -133,7 +135,8 @@ def draw_agent_rows(axes: Axes, timeline: Timeline, agents: Sequence[int]) -> No
     for t_s, report in timeline.uploads:
         if report.vehicle in row_of:
             row = row_of[report.vehicle]
-            span_s, shade = (t_s - report.duration_s, t_s), INK if report.ok else RED
+            span_s = (t_s - report.duration_s, t_s)
+            shade = INK if report.ok else RED
             axes.plot(span_s, (row, row), color=shade, lw=2.6 * size, solid_capstyle="butt", zorder=4)
     for vehicle, t_s, status in timeline.statuses:
         if vehicle in row_of and status != "active":
@@ -209,7 +212,8 @@ def flight_figure(flights: Mapping[int, Flight], duration_s: float) -> Figure:
     heights = (1.9, 1.9, row_height * max(len(flights), 1) + 0.5)
     figure = new_figure(11.0, sum(heights) + 1.2)
     height, speed, modes = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": heights})
-    size, colour = size_for(len(flights)), colours(flights)
+    size = size_for(len(flights))
+    colour = colours(flights)
     for vehicle, flight in flights.items():
         step = max(1, len(flight.t_s) // 1500)
         line: dict[str, Any] = {"color": colour[vehicle], "lw": 1.4 * size, "label": f"vehicle {vehicle}"}

@@ -27,7 +27,11 @@ AGENTS = (
     "#b03060",
 )  # fmt: skip
 KINDS: dict[Kind, str] = {"agents": "#0072b2", "targets": "#d55e00"}
-TARGETS, RED, INK, GRID, AXIS = "#4a5568", "#d7191c", "#1a202c", "#e2e8f0", "#a0aec0"
+TARGETS = "#4a5568"
+RED = "#d7191c"
+INK = "#1a202c"
+GRID = "#e2e8f0"
+AXIS = "#a0aec0"
 CLUTTER = "#718096"
 TRIGGERS: Final[dict[Cause, str]] = {
     "first plan": "#7a5cc0",

@@ -58,7 +58,8 @@ def draw_tracking(drawing: TrackingDrawing, out: Path) -> None:
         4, 2, width_ratios=(1.25, 1.0), left=0.06, right=0.985, top=0.91, bottom=0.13, wspace=0.15,
         hspace=0.32,
     )  # fmt: skip
-    found, true = _paths(drawing.found), _paths(drawing.true)
+    found = _paths(drawing.found)
+    true = _paths(drawing.true)
     colour = {label: AGENTS[n % len(AGENTS)] for n, label in enumerate(sorted(found))}
     some = slice(None, None, max(1, -(-len(drawing.detections_m) // _MAX_DETECTIONS)))
     clutter = np.column_stack([drawing.detections_k, drawing.detections_m])[some]
@@ -135,7 +136,8 @@ def _draw_ospa(axes: Axes, ospa_m: Mapping[int, float]) -> None:
     if not ospa_m:
         say(axes, "no ground truth")
         return
-    scans, values = list(ospa_m), np.array(list(ospa_m.values()))
+    scans = list(ospa_m)
+    values = np.array(list(ospa_m.values()))
     axes.fill_between(scans, values, color=AGENTS[0], alpha=0.14, lw=0)
     axes.plot(scans, values, color=AGENTS[0], lw=1.4)
     axes.axhline(float(values.mean()), color=AGENTS[0], lw=0.9, ls=(0, (4, 3)))

@@ -193,9 +193,12 @@ class Evaluator:
     def ospa(self, kind: Kind) -> OspaSeries:
         """Return the OSPA at each scan with both a picture and ground truth."""
         times = [t_ns for t_ns in self._ground_truth.times_ns if (kind, t_ns) in self._estimates]
-        scores, true_counts, estimated_counts = [], [], []
+        scores = []
+        true_counts = []
+        estimated_counts = []
         for t_ns in times:
-            estimates, truth = self._estimates[kind, t_ns], self._ground_truth.positions(t_ns, kind)
+            estimates = self._estimates[kind, t_ns]
+            truth = self._ground_truth.positions(t_ns, kind)
             scores.append(ospa(truth, estimates, OSPA_CUTOFF_M, OSPA_ORDER))
             true_counts.append(len(truth))
             estimated_counts.append(len(estimates))
@@ -210,7 +213,8 @@ class Evaluator:
 
     def retasks(self) -> tuple[Retask, ...]:
         """Return the plans that changed the route of a vehicle which had one."""
-        found, tasked = [], set[int]()
+        found = []
+        tasked = set[int]()
         start_t_ns = self._start_t_ns()
         for plan in self._plans:
             vehicles = tuple(vehicle for vehicle in plan.changed if vehicle in tasked)
@@ -335,7 +339,8 @@ class Evaluator:
 
     def _loss_delays(self, statuses: dict[int, AgentStatus]) -> tuple[tuple[float, ...], int]:
         """Return the delay of each detected loss, and the number of losses before arrival."""
-        delays, losses = [], 0
+        delays = []
+        losses = 0
         for vehicle, lost_t_ns in self._ground_truth.losses(self._agents).items():
             final = statuses[vehicle]
             if final.status == "arrived" and final.t_ns <= lost_t_ns:

@@ -29,7 +29,7 @@ class Material:
 
     name: str
     kind: str
-    """Recording, telemetry log or raw MAVLink."""
+    """Recording or telemetry log."""
     file: Path
     seed: int | None
     timeline: Timeline
@@ -99,7 +99,8 @@ def _evaluated(material: Material) -> Summary | None:
 
 
 def _facts(material: Material) -> list[Fact]:
-    summary, timeline = material.summary, material.timeline
+    summary = material.summary
+    timeline = material.timeline
     facts = [Fact("run time", number(material.duration_s), "s")]
     evaluated = _evaluated(material)
     if evaluated is not None:
@@ -173,7 +174,8 @@ def _trackers(material: Material, folder: Path) -> Section:
 
 
 def _decisions(material: Material, folder: Path) -> Section:
-    summary, timeline = material.summary, material.timeline
+    summary = material.summary
+    timeline = material.timeline
     assert summary is not None
     picture = save_figure(
         timeline_figure(timeline), folder, "timeline",

@@ -165,7 +165,8 @@ def senders(traffic: Mapping[str, Any]) -> Table:
     """Return the systems that sent MAVLink frames."""
     rows = []
     for of in (*traffic["vehicles"], *traffic["ground_stations"]):
-        lost, frames = of["lost"], of["frames"]
+        lost = of["lost"]
+        frames = of["frames"]
         share = NONE if lost is None else f"{100.0 * lost / max(1, lost + frames):.2f}"
         longest = max((gap["seconds"] for gap in of["gaps"]), default=None)
         rows.append((

@@ -255,7 +255,8 @@ class TimelineBuilder:
 
     def _sort_out(self, scan: Scan) -> None:
         """Keep the detections of no living object; all without ground truth."""
-        z_m, living_m = scan.z_m, self._living.get(scan.measured_t_ns, ())
+        z_m = scan.z_m
+        living_m = self._living.get(scan.measured_t_ns, ())
         if len(living_m) and len(z_m):
             gaps_m = np.linalg.norm(z_m[:, np.newaxis] - np.asarray(living_m)[np.newaxis], axis=2).min(axis=1)
             z_m = z_m[gaps_m > _CLUTTER_SIGMAS * float(np.sqrt(scan.sensor.noise_cov_m2.trace()))]
@@ -323,7 +324,8 @@ def area_of(corners: Iterable[npt.ArrayLike]) -> tuple[float, float, float, floa
     points = np.concatenate([np.empty((0, 2)), *(np.reshape(one, (-1, 2)) for one in corners)])
     if not len(points):
         return (0.0, 0.0, 1000.0, 1000.0)
-    (west, south), (east, north) = points.min(axis=0), points.max(axis=0)
+    west, south = points.min(axis=0)
+    east, north = points.max(axis=0)
     return (float(west), float(south), float(east), float(north))
 
 

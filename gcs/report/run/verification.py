@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 NOTHING: Final = "nothing"
-_BEFORE, _BEHIND = 40, 80
+_BEFORE = 40
+_BEHIND = 80
 
 
 class Output(NamedTuple):

@@ -114,7 +114,9 @@ class Flights:
             _mode(vehicle, t_ns, message)
 
     def _position(self, vehicle: _Vehicle, t_ns: int, message: Message) -> None:
-        lat_deg, lon_deg, alt_msl_m = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
+        lat_deg = message.lat * 1e-7
+        lon_deg = message.lon * 1e-7
+        alt_msl_m = message.alt * 1e-3
         origin = self.frame if self.frame is not None else LocalFrame(lat_deg, lon_deg, alt_msl_m)
         if position_problem(lat_deg, lon_deg, alt_msl_m, origin, _MAX_DISTANCE_M):
             return

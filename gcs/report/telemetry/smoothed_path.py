@@ -49,13 +49,17 @@ class SmoothedPath(NamedTuple):
 
 def smooth_path(boot_s: FloatArray, points_m: FloatArray) -> SmoothedPath:
     """Smooth reported positions (n, 2) at boot times (n,), and find their jumps."""
-    points, length_m, jumps = np.array(points_m), 0.0, []
-    velocity, velocity_cov = np.zeros(2), np.eye(2) * _SPEED_STD_M_S**2
+    points = np.array(points_m)
+    length_m = 0.0
+    jumps = []
+    velocity = np.zeros(2)
+    velocity_cov = np.eye(2) * _SPEED_STD_M_S**2
     first = 0
     while first < len(points):
         kalman = _filter(points_m[first], velocity, velocity_cov)
         steps = [(kalman.x, kalman.P, kalman.F, kalman.Q)]
-        velocity, velocity_cov = np.zeros(2), np.eye(2) * _SPEED_STD_M_S**2
+        velocity = np.zeros(2)
+        velocity_cov = np.eye(2) * _SPEED_STD_M_S**2
         end = first + 1
         while end < len(points) and boot_s[end] > boot_s[end - 1]:
             dt_s = boot_s[end] - boot_s[end - 1]
@@ -66,7 +70,8 @@ def smooth_path(boot_s: FloatArray, points_m: FloatArray) -> SmoothedPath:
             nis = innovation @ np.linalg.solve(kalman.P[:2, :2] + kalman.R, innovation)
             if nis > _MAX_NIS:
                 jumps.append(Jump(end, float(np.hypot(*innovation))))
-                velocity, velocity_cov = kalman.x[2:], kalman.P[2:, 2:]
+                velocity = kalman.x[2:]
+                velocity_cov = kalman.P[2:, 2:]
                 break
             kalman.update(points_m[end])
             steps.append((kalman.x, kalman.P, F, Q))
@@ -81,7 +86,9 @@ def smooth_path(boot_s: FloatArray, points_m: FloatArray) -> SmoothedPath:
 def _filter(point_m: FloatArray, velocity_m_s: FloatArray, velocity_cov: FloatArray) -> KalmanFilter:
     """Return a filter at the first report of a piece."""
     kalman = KalmanFilter(4, 2)
-    kalman.H, kalman.R = np.eye(2, 4), np.eye(2) * _POSITION_STD_M**2
+    kalman.H = np.eye(2, 4)
+    kalman.R = np.eye(2) * _POSITION_STD_M**2
     kalman.x = np.array([*point_m, *velocity_m_s])
-    kalman.P[:2, :2], kalman.P[2:, 2:] = kalman.R, velocity_cov
+    kalman.P[:2, :2] = kalman.R
+    kalman.P[2:, 2:] = velocity_cov
     return kalman

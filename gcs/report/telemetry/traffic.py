@@ -156,7 +156,8 @@ class Traffic:
                     transfer.seen.add(message.seq)
 
     def _begin(self, t_ns: int, giver: int, message: Message) -> None:
-        taker, items = message.target_system, message.count
+        taker = message.target_system
+        items = message.count
         mission_type = getattr(message, "mission_type", 0)
         known = self._under_way.get((giver, taker))
         if (

@@ -250,7 +250,8 @@ def _list_detections(
     """Add the options of track t for the detections in its gate behind `count`; return the new count."""
     z = detections.z
     strip = detections.strip
-    x, y = meas_model.z_hat[t, 0], meas_model.z_hat[t, 1]
+    x = meas_model.z_hat[t, 0]
+    y = meas_model.z_hat[t, 1]
     a, b, c = innovation_cov(tracks.cov, t, meas_model, 0 if meas_model.A.shape[0] == 1 else t)
     det = a * c - b * b
     log_scale = log_detected - 0.5 * math.log(det) + tracks.log_survival[t]
@@ -262,7 +263,8 @@ def _list_detections(
         if not meas_model.has_bearing:
             j = _first_in_strip(strip, s, y - half_height)
         while j < min((s + 1) * strip.width, z.shape[0]):
-            dx, dy = z[j, 0] - x, z[j, 1] - y
+            dx = z[j, 0] - x
+            dy = z[j, 1] - y
             if meas_model.has_bearing:
                 dy = wrap_angle(dy)
             elif dy > half_height:

@@ -215,7 +215,8 @@ def update_track(
     u = 0 if meas_model.A.shape[0] == 1 else p
     a, b, c = innovation_cov(cov, p, meas_model, u)
     det = a * c - b * b
-    dx, dy = z[j, 0] - meas_model.z_hat[p, 0], z[j, 1] - meas_model.z_hat[p, 1]
+    dx = z[j, 0] - meas_model.z_hat[p, 0]
+    dy = z[j, 1] - meas_model.z_hat[p, 1]
     if meas_model.has_bearing:
         dy = wrap_angle(dy)
     p00 = cov[p, 0, 0]

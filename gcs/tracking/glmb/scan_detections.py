@@ -76,7 +76,8 @@ def order_measurements(scan: Measurements) -> OrderedMeasurements:
     rows = np.empty(scan.z.shape[0], np.int64)
     n = ZERO
     for j in range(scan.z.shape[0]):
-        x, y = scan.z[j, 0], scan.z[j, 1]
+        x = scan.z[j, 0]
+        y = scan.z[j, 1]
         clutter = scan.log_clutter[j * step]
         if np.isfinite(x) and np.isfinite(y) and np.isfinite(clutter):
             rows[n] = j

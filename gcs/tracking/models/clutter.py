@@ -34,7 +34,8 @@ def intensity_per_m2(
     for j in range(z.shape[0]):
         total = 0.0
         for i in range(mean.shape[0]):
-            x, y = z[j, 0] - mean[i, 0], z[j, 1] - mean[i, 1]
+            x = z[j, 0] - mean[i, 0]
+            y = z[j, 1] - mean[i, 1]
             s00 = cov[i, 0, 0] + noise[j, 0, 0]
             s11 = cov[i, 1, 1] + noise[j, 1, 1]
             if x * x > _MAX_CHI2 * s00 or y * y > _MAX_CHI2 * s11:

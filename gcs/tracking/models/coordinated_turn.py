@@ -196,7 +196,8 @@ def update(
         h1 = H[1, 0] * turn[p, 2] + H[1, 1] * turn[p, 3]
         g0 = (h0 * c - h1 * b) / det
         g1 = (h1 * a - h0 * b) / det
-        dx, dy = z[j, 0] - meas_model.z_hat[p, 0], z[j, 1] - meas_model.z_hat[p, 1]
+        dx = z[j, 0] - meas_model.z_hat[p, 0]
+        dy = z[j, 1] - meas_model.z_hat[p, 1]
         if meas_model.has_bearing:
             dy = wrap_angle(dy)
         out[i, 0] += g0 * dx + g1 * dy

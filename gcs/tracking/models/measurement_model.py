@@ -123,7 +123,8 @@ def _range_bearing(
     dp = np.zeros((5, 2))
     dz = np.zeros((5, 2))
     for t in range(n):
-        x, y = mean[t, 0] - place[0], mean[t, 1] - place[1]
+        x = mean[t, 0] - place[0]
+        y = mean[t, 1] - place[1]
         r0 = math.hypot(x, y)
         b0 = math.atan2(x, y)
         l00 = math.sqrt(3.0 * max(cov[t, 0, 0], 1e-12))
@@ -138,7 +139,8 @@ def _range_bearing(
         m0 = 0.0
         m1 = 0.0
         for i in range(1, 5):
-            px, py = x + dp[i, 0], y + dp[i, 1]
+            px = x + dp[i, 0]
+            py = y + dp[i, 1]
             dz[i, 0] = math.hypot(px, py) - r0
             dz[i, 1] = wrap_angle(math.atan2(px, py) - b0)
             m0 += dz[i, 0] / 6.0

@@ -24,7 +24,8 @@ def sensor_coordinates(sensor: Sensor, z_m: FloatArray) -> FloatArray:
     """Return detections (m, 2) in sensor coordinates: east/north, or range and bearing."""
     if sensor.polar is None:
         return z_m
-    x, y = z_m[:, 0] - sensor.polar.east_m, z_m[:, 1] - sensor.polar.north_m
+    x = z_m[:, 0] - sensor.polar.east_m
+    y = z_m[:, 1] - sensor.polar.north_m
     return np.column_stack([np.hypot(x, y), np.arctan2(x, y)])
 
 
@@ -129,7 +130,8 @@ def covers(sensor: Sensor, places_m: FloatArray) -> BoolArray:
     """Return True for each position (n, 2) in the field of view."""
     if sensor.polar is None:
         (west, east), (south, north) = field_bounds_m(sensor)
-        x, y = places_m[:, 0], places_m[:, 1]
+        x = places_m[:, 0]
+        y = places_m[:, 1]
         return np.asarray((west <= x) & (x <= east) & (south <= y) & (y <= north))
     range_m, bearing_rad = sensor_coordinates(sensor, places_m).T
     centre_rad, half_rad = sensor.polar.bearing_rad

@@ -102,15 +102,6 @@ def test_missions_and_how_they_ended(log: dict[str, Any]) -> None:
     assert mission["result"] == "ACCEPTED"
 
 
-def test_a_raw_stream_has_the_vehicles_times_and_all_else(tmp_path: Path) -> None:
-    (tmp_path / "raw.bin").write_bytes(b"".join(entry[8:] for entry in a_log()))
-    code, text, found = info(tmp_path / "raw.bin")
-    assert (code, found["kind"], found["timed_by"]) == (0, "raw MAVLink", "boot clocks")
-    assert "by the vehicles' own clocks" in text
-    assert found["seconds"] == 0.059  # its ATTITUDE counts milliseconds where it means seconds
-    assert found["vehicles"][0]["messages"]["ATTITUDE"]["count"] == 60
-
-
 def test_damage_is_reported_and_skipped(tmp_path: Path) -> None:
     entries = a_log()
     data = b"".join(entries[:100]) + b"\x00\xfd\xfe junk" * 10 + b"".join(entries[100:])

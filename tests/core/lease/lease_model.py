@@ -314,7 +314,9 @@ class Model:
 
     def _permits(self, node: Part, t: int) -> list[Effect]:
         permits = [self.rules.permit_for(node.value, bridge, t, self.times) for bridge in self.names]
-        return [Effect(b, node.value.node, permit, 0) for b, permit in enumerate(permits) if permit is not None]
+        return [
+            Effect(b, node.value.node, permit, 0) for b, permit in enumerate(permits) if permit is not None
+        ]
 
     def arrives(self, state: State, effect: Effect) -> bool:
         """Return True if the bridge accepts an effect now."""
@@ -342,9 +344,12 @@ class Model:
 
     def settle(self, state: State) -> State:
         """Forget what makes no difference any more."""
-        nodes = tuple(self.settled_node(node, self.time_of_node(state, n)) for n, node in enumerate(state.nodes))
+        nodes = tuple(
+            self.settled_node(node, self.time_of_node(state, n)) for n, node in enumerate(state.nodes)
+        )
         bridges = tuple(
-            self.settled_bridge(bridge, self.time_of_bridge(state, b)) for b, bridge in enumerate(state.bridges)
+            self.settled_bridge(bridge, self.time_of_bridge(state, b))
+            for b, bridge in enumerate(state.bridges)
         )
         messages = frozenset(m for m in state.messages if not self.is_spent(m, nodes))
         effects = state.effects

@@ -5,6 +5,7 @@ import pytest
 from helpers.sky import LANDING, NEAR_HEIGHT_M, NEAR_M, Sky
 from helpers.staging import S
 
+from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.mission_checks import mission_checks, rehearse
 from sim_vehicles.campaign.virtual_run import START_T_NS
 
@@ -52,6 +53,6 @@ def test_a_vehicle_that_lands_alone_does_not_wait():
 def test_preflight_names_vehicles_that_would_land_beside_each_other():
     config = Sky(*STRIP, field=LANDING).run_.scenario.config
     rows = mission_checks(config, rehearse(config, 1, {}))
-    (row,) = [row for row in rows if row.name == "landing"]
-    assert row.level == "warning"
-    assert row.value.startswith("agents 1, 2, 3 land near each other: 9 m")
+    (row,) = [row for row in rows if row.code is CheckCode.LANDINGS_NEAR]
+    assert row.parameters["vehicles"] == (1, 2, 3)
+    assert round(row.parameters["distance_m"]) == 9

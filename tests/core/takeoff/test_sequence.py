@@ -8,6 +8,7 @@ from helpers.noticed import alarms
 from helpers.runway import Field
 from helpers.staging import at, mission, state
 
+from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.mission_checks import mission_checks, rehearse
 from gcs.core.state import State
 from gcs.core.takeoff.sequence import TakeoffSequence
@@ -130,7 +131,8 @@ def test_preflight_names_vehicles_that_stand_near_each_other(apart_m, is_reporte
     swarm = Swarm((apart_m, 0.0), 0.0, speed=0.0, armed=False)
     places = {1: (0.0, 0.0), 2: (apart_m, 0.0)}
     rows = mission_checks(swarm.config, rehearse(swarm.config, 1, places, swarm))
-    reported = [(row.level, row.value, row.remedy) for row in rows if row.name == "standing"]
-    remedy = "arm them one after another: gcs order arm 1, wait until it has climbed to its altitude, then "
-    value = "agents 1, 2 stand near each other: 30 m"
-    assert reported == ([("warning", value, remedy + "gcs order arm 2")] if is_reported else [])
+    reported = [row.parameters for row in rows if row.code is CheckCode.STANDING_NEAR]
+    assert len(reported) == is_reported
+    for parameters in reported:
+        assert parameters["vehicles"] == (1, 2)
+        assert (parameters["first"], parameters["second"], parameters["distance_m"]) == (1, 2, 30.0)

@@ -11,7 +11,7 @@ from pymavlink.dialects.v10 import ardupilotmega as mavlink1
 from pymavlink.dialects.v20 import ardupilotmega as mavlink2
 
 from gcs.errors import RecordingError
-from gcs.io.recording.tlog import LogFrame, UnreadableBytes, is_stamped, read_log
+from gcs.io.recording.tlog import LogFrame, UnreadableBytes, check_log, read_log
 
 T0_US = 1_436_056_003_000_000
 NO_MARKERS = bytes.maketrans(b"\xfd\xfe", b"ab")
@@ -34,8 +34,8 @@ def entry(data: bytes, at_us: int = T0_US) -> bytes:
     return at_us.to_bytes(8, "big") + data
 
 
-def parts(data: bytes, *, stamped: bool = True) -> list[LogFrame | UnreadableBytes]:
-    return list(read_log(io.BytesIO(data), stamped=stamped))
+def parts(data: bytes) -> list[LogFrame | UnreadableBytes]:
+    return list(read_log(io.BytesIO(data)))
 
 
 def frames(found: Sequence[LogFrame | UnreadableBytes]) -> list[bytes]:
@@ -62,24 +62,22 @@ def test_both_versions_are_read_with_their_times() -> None:
     ),
     before=st.integers(0, 5),
     behind=st.integers(0, 5),
-    stamped=st.booleans(),
 )
-def test_damage_costs_nothing_but_itself(junk: bytes, before: int, behind: int, stamped: bool) -> None:
+def test_damage_costs_nothing_but_itself(junk: bytes, before: int, behind: int) -> None:
     wanted = [frame(number, version=1 + number % 2) for number in range(before + behind)]
-    texts = [entry(data) if stamped else data for data in wanted]
+    texts = [entry(data) for data in wanted]
     head, tail = b"".join(texts[:before]), b"".join(texts[before:])
-    found = parts(head + junk + tail, stamped=stamped)
+    found = parts(head + junk + tail)
     assert frames(found) == wanted
     assert damage(found) == [UnreadableBytes(len(head), len(junk))]
 
 
-@given(st.binary(max_size=2000), st.booleans())
-def test_every_byte_is_accounted_for_whatever_the_file_holds(data: bytes, stamped: bool) -> None:
-    lead = 8 if stamped else 0
+@given(st.binary(max_size=2000))
+def test_every_byte_is_accounted_for_whatever_the_file_holds(data: bytes) -> None:
     at = 0
-    for part in parts(entry(frame(1)) + data, stamped=stamped):
+    for part in parts(entry(frame(1)) + data):
         assert part.offset == at
-        at += part.length if isinstance(part, UnreadableBytes) else lead + len(part.frame.data)
+        at += part.length if isinstance(part, UnreadableBytes) else 8 + len(part.frame.data)
     assert at == len(entry(frame(1)) + data)
 
 
@@ -121,14 +119,19 @@ def test_an_impossible_timestamp_is_refused() -> None:
     assert [part.t_ns // 1000 - T0_US for part in found if isinstance(part, LogFrame)] == [0, 0, 5]
 
 
-def test_a_tlog_is_distinguished_from_a_raw_stream() -> None:
+def test_a_tlog_is_distinguished_from_other_files() -> None:
     some = [frame(number) for number in range(5)]
-    assert is_stamped(io.BytesIO(b"".join(map(entry, some))), "x") is True
-    assert is_stamped(io.BytesIO(b"junk" * 100 + b"".join(map(entry, some))), "x") is True
-    assert is_stamped(io.BytesIO(b"junk" * 100 + b"".join(some)), "x") is False
-    for content, problem in ((b"no frames here" * 100, "no MAVLink frame"), (b"", "x: is empty")):
+    check_log(io.BytesIO(b"".join(map(entry, some))), "x")
+    check_log(io.BytesIO(entry(some[0])), "x")
+    check_log(io.BytesIO(b"junk" * 100 + b"".join(map(entry, some))), "x")
+    for content, problem in (
+        (b"".join(some), "without time stamps"),
+        (b"junk" * 100 + b"".join(some), "without time stamps"),
+        (b"no frames here" * 100, "no MAVLink frame"),
+        (b"", "x: is empty"),
+    ):
         with pytest.raises(RecordingError, match=problem):
-            is_stamped(io.BytesIO(content), "x")
+            check_log(io.BytesIO(content), "x")
 
 
 def test_memory_does_not_grow_with_the_file() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 import itertools
 import math
 
@@ -16,6 +15,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from gcs.planning.map.grid import Grid, free_grid, random_obstacles
+from gcs.planning.search.astar import astar
+from gcs.planning.search.grid_search import borrow_search
+from gcs.planning.search.neighbours import flat_index, search_map
 
 MOVES = [m for m in itertools.product((-1, 0, 1), repeat=2) if m != (0, 0)]
 
@@ -27,26 +29,6 @@ def neighbours(blocked, node):
         r, c = row + dr, col + dc
         if 0 <= r < rows and 0 <= c < cols and not (blocked[r, c] or blocked[row, c] or blocked[r, col]):
             yield (r, c), math.hypot(dr, dc)
-
-
-def plain_astar_cost(blocked, start, goal):
-    """A textbook A* on heapq: nothing shared with the code under test."""
-    heap = [(0.0, 0.0, start)]
-    cost = {start: 0.0}
-    while heap:
-        _, here, node = heapq.heappop(heap)
-        if node == goal:
-            return here
-        if here > cost[node]:
-            continue
-        for there, step in neighbours(blocked, node):
-            if here + step < cost.get(there, math.inf) - 1e-12:
-                cost[there] = here + step
-                dr = abs(there[0] - goal[0])
-                dc = abs(there[1] - goal[1])
-                ahead = max(dr, dc) + (math.sqrt(2) - 1) * min(dr, dc)
-                heapq.heappush(heap, (here + step + ahead, here + step, there))
-    return math.inf
 
 
 def scipy_distances(blocked, source):
@@ -90,8 +72,10 @@ def test_a_path_is_as_short_as_the_map_allows_and_legal_move_by_move(blocked, da
     start = node_in(data, blocked)
     goal = node_in(data, blocked)
     blocked[start] = blocked[goal] = False
-    path = find_path(Grid((0.0, 0.0), 1.0, blocked), start, goal)
-    best = plain_astar_cost(blocked, start, goal)
+    grid = Grid((0.0, 0.0), 1.0, blocked)
+    path = find_path(grid, start, goal)
+    smap = search_map(grid)
+    _, best = astar(smap, flat_index(smap, start), flat_index(smap, goal))
     if path is None:
         assert best == math.inf
         return
@@ -100,6 +84,35 @@ def test_a_path_is_as_short_as_the_map_allows_and_legal_move_by_move(blocked, da
     steps = [dict(neighbours(blocked, a)).get(b) for a, b in itertools.pairwise(nodes)]
     assert None not in steps, "a move that is none, hits an obstacle or cuts a corner"
     assert path.length_m == pytest.approx(best, abs=1e-9) == sum(steps)
+
+
+@settings(max_examples=150)
+@given(maps(), st.data())
+def test_a_path_with_clearance_costs_as_little_as_that_of_the_plain_form(blocked, data):
+    ends = [node_in(data, blocked), node_in(data, blocked)]
+    for end in ends:
+        blocked[end] = False
+    grid = Grid((0.0, 0.0), 40.0, blocked)
+    smap = search_map(grid, 50.0)
+    start, goal = (flat_index(smap, end) for end in ends)
+    plain, best = astar(smap, start, goal)
+    at_node = np.zeros(1)
+    with borrow_search(grid, 50.0) as search:
+        nodes, cost, _, _ = search.path(np.array([start]), at_node, np.array([goal]), at_node)
+    assert cost == pytest.approx(best, abs=1e-9)
+    assert (len(nodes) == 0) == (not plain)
+
+
+@settings(max_examples=50)
+@given(maps(), st.data())
+def test_the_plain_form_has_the_distance_of_dijkstra(blocked, data):
+    start = node_in(data, blocked)
+    goal = node_in(data, blocked)
+    blocked[start] = blocked[goal] = False
+    smap = search_map(Grid((0.0, 0.0), 1.0, blocked))
+    nodes, cost = astar(smap, flat_index(smap, start), flat_index(smap, goal))
+    assert cost == pytest.approx(scipy_distances(blocked, start)[goal], abs=1e-9)
+    assert [*nodes[:1], *nodes[-1:]] == ([flat_index(smap, start), flat_index(smap, goal)] if nodes else [])
 
 
 def test_a_path_does_not_squeeze_between_two_obstacles_that_meet_at_a_corner():

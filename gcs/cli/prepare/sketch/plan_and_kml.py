@@ -163,7 +163,8 @@ def read_kml(path: Path) -> Sketch:
     ConfigError
         When the file has another format, or a position in it is invalid.
     """
-    source, text = str(path), _text(path)
+    source = str(path)
+    text = _text(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise ConfigError(source, "", "has a document type, which KML does not need: not read")
     try:
@@ -173,7 +174,8 @@ def read_kml(path: Path) -> Sketch:
         raise ConfigError(source, "", f"is not XML: {error}") from None
     if _tag(root) != "kml":
         raise ConfigError(source, "", f"expected KML, got <{_tag(root)[:40]}>")
-    sketch, paths = Sketch(), 0
+    sketch = Sketch()
+    paths = 0
     for placemark in (one for one in root.iter() if _tag(one) == "Placemark"):
         name = next((one.text or "" for one in placemark if _tag(one) == "name"), "").strip()[:60]
         for shape in placemark.iter():
@@ -195,7 +197,8 @@ class _Tree(ET.TreeBuilder):
 
     def __init__(self, source: str) -> None:
         super().__init__()
-        self._source, self._depth = source, 0
+        self._source = source
+        self._depth = 0
 
     def start(self, tag: str, attrs: dict[str, str]) -> ET.Element:
         self._depth += 1
@@ -247,13 +250,15 @@ def _choose_boundary(sketch: Sketch) -> None:
     without starts, the one around everything else. A vehicle cannot start in an exclusion area: another
     polygon around a start is left out.
     """
-    areas, starts = sketch.areas, [start.place for start in sketch.starts]
+    areas = sketch.areas
+    starts = [start.place for start in sketch.starts]
     marked = [area for area in areas if any(word in area.name.lower() for word in _BOUNDARY_WORDS)]
     around = [area for area in areas if any(_contains(area, place) for place in starts)]
     why = 'by its name: it may have "fence", "boundary", "border" or "perimeter"'
     chosen = marked
     if not marked and starts:
-        chosen, why = sorted(around, key=_extent_deg2)[-1:], "since a vehicle starts in it"
+        chosen = sorted(around, key=_extent_deg2)[-1:]
+        why = "since a vehicle starts in it"
     elif not marked:
         places = [place for place, _ in sketch.targets]
         chosen = [area for area in areas if _contains_all(area, [*places, *_corners_except(area, areas)])][:1]

@@ -17,7 +17,7 @@ from gcs.endpoints import parse_endpoint
 from gcs.errors import LinkError, RecordingError
 from gcs.files import open_regular
 from gcs.io.links.manager import TRANSPORTS
-from gcs.io.recording.tlog import LogFrame, is_stamped, read_log
+from gcs.io.recording.tlog import LogFrame, check_log, read_log
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Encoder, Frame, Message, scan
 from gcs.model import Notice, NoticeCode, Parameter
 
@@ -51,7 +51,8 @@ class _Vehicle:
     def add_position(self, message: Message) -> None:
         """Process a GLOBAL_POSITION_INT or HOME_POSITION message."""
         if message.get_type() == "HOME_POSITION":
-            self.ground_msl_m, self.has_home = message.altitude * 1e-3, True
+            self.ground_msl_m = message.altitude * 1e-3
+            self.has_home = True
             return
         place = message.lat * 1e-7, message.lon * 1e-7
         if not is_place(*place):
@@ -113,7 +114,7 @@ class HeardVehicles:
 
 
 def read_vehicles(path: Path) -> Sketch:
-    """Read the vehicles of a telemetry log, or of a raw MAVLink stream.
+    """Read the vehicles of a telemetry log.
 
     Raises
     ------
@@ -133,7 +134,8 @@ def read_vehicles(path: Path) -> Sketch:
 
 
 def _read_into(heard: HeardVehicles, file: BinaryIO, name: str) -> None:
-    for part in read_log(file, stamped=is_stamped(file, name)):
+    check_log(file, name)
+    for part in read_log(file):
         if isinstance(part, LogFrame) and part.validity == "good":
             heard.add_frame(part.frame)
         if part.offset > _MAX_LOG_BYTES:
@@ -165,7 +167,8 @@ class _LinkListener:
 
     def __init__(self, endpoint: str) -> None:
         parsed = parse_endpoint(endpoint)
-        self.found, self.problem = HeardVehicles(), ""
+        self.found = HeardVehicles()
+        self.problem = ""
         self._transport = TRANSPORTS[parsed.kind](parsed)
         self._peers: dict[int, str] = {}
         self._encode = Encoder()

@@ -22,12 +22,15 @@ _CLAIM_NS: Final = 10 * NS_PER_S
 
 def check_liveness(vehicle: Vehicle, t_ns: int, notify: Notify) -> None:
     """Notify of timeouts, and of the end of an id conflict."""
-    link, silent_ns = vehicle.link, t_ns - vehicle.heard_t_ns
+    link = vehicle.link
+    silent_ns = t_ns - vehicle.heard_t_ns
     if link.liveness in ("alive", "stale") and silent_ns > LOST_AFTER_NS:
-        link.liveness, vehicle.record[ADDRESS] = "down", NO_ADDRESS
+        link.liveness = "down"
+        vehicle.record[ADDRESS] = NO_ADDRESS
         notify(NoticeCode.LINK_DOWN, silence_s=silent_ns / NS_PER_S)
     elif link.liveness == "alive" and silent_ns > STALE_AFTER_NS:
-        link.liveness, vehicle.record[ADDRESS] = "stale", NO_ADDRESS
+        link.liveness = "stale"
+        vehicle.record[ADDRESS] = NO_ADDRESS
         notify(NoticeCode.LINK_STALE, silence_s=silent_ns / NS_PER_S)
     elif link.liveness == "alive":
         vehicle.check_position_age(t_ns, notify)

@@ -57,7 +57,8 @@ class BootClock:
 
     def add_report(self, record: VehicleRecord, boot_ms: int, t_ns: int) -> ReportOrder:
         """Add a report's time since boot to a vehicle's record; only "new" and "rebooted" reports count."""
-        latest_ms, latest_offset_ns = record.item(BOOT_MS), record.item(BOOT_OFFSET_NS)
+        latest_ms = record.item(BOOT_MS)
+        latest_offset_ns = record.item(BOOT_OFFSET_NS)
         offset_ns = t_ns - boot_ms * _NS_PER_MS
         ahead_ms = 1 if latest_ms == NONE else (boot_ms - latest_ms) % _BOOT_WRAP_MS
         if 0 < ahead_ms < _BOOT_WRAP_MS // 2:
@@ -75,7 +76,9 @@ class BootClock:
 
 
 def _set_latest(record: VehicleRecord, boot_ms: int, offset_ns: int, order: ReportOrder) -> ReportOrder:
-    record[BOOT_MS], record[BOOT_OFFSET_NS], record[IN_LATE_RUN] = boot_ms, offset_ns, False
+    record[BOOT_MS] = boot_ms
+    record[BOOT_OFFSET_NS] = offset_ns
+    record[IN_LATE_RUN] = False
     return order
 
 
@@ -94,7 +97,9 @@ def position_problem(
 
 def distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:
     """Return the great-circle distance on a sphere (haversine), within 0.5 %."""
-    lat1, lat2 = math.radians(lat1_deg), math.radians(lat2_deg)
-    half_lat, half_lon = (lat2 - lat1) / 2.0, math.radians(lon2_deg - lon1_deg) / 2.0
+    lat1 = math.radians(lat1_deg)
+    lat2 = math.radians(lat2_deg)
+    half_lat = (lat2 - lat1) / 2.0
+    half_lon = math.radians(lon2_deg - lon1_deg) / 2.0
     chord = math.sin(half_lat) ** 2 + math.cos(lat1) * math.cos(lat2) * math.sin(half_lon) ** 2
     return 2.0 * EARTH_RADIUS_M * math.asin(min(1.0, math.sqrt(chord)))

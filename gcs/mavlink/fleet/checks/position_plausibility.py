@@ -79,7 +79,8 @@ class MotionCheck:
     def resume(self, report: Report) -> None:
         """Continue from a report that was accepted elsewhere (`gcs.mavlink.fleet.fast_telemetry`)."""
         self.last = self.still_report = self.before = report
-        self.jump, self.flown_m = None, 0.0
+        self.jump = None
+        self.flown_m = 0.0
 
     def check_report(self, report: Report, max_speed_m_s: float, notify: Notify) -> str:
         """Return why a report is refused; empty if it is accepted.
@@ -104,8 +105,8 @@ class MotionCheck:
         if jump is None or not is_in_reach(report, jump[1], max_speed_m_s):
             self.jump = (report, report, 1)
             return "jump"
-        first, _, count = self.jump = (jump[0], report, jump[2] + 1)
-        if count < 3 or _elapsed_s(report, first) < CONFIRM_S:
+        self.jump = (jump[0], report, jump[2] + 1)
+        if self.jump[2] < 3 or _elapsed_s(report, self.jump[0]) < CONFIRM_S:
             return "jump"
         notify(NoticeCode.POSITION_JUMP, distance_m=_distance_m(report, self.last))
         self.jump = None
@@ -113,11 +114,13 @@ class MotionCheck:
 
     def _check_frozen(self, report: Report, notify: Notify) -> str:
         """Compare the distance flown by the reported speed with the reported position."""
-        still, before = self.still_report, self.before
+        still = self.still_report
+        before = self.before
         self.before = report
         stands = report.speed_m_s < MAX_STANDING_M_S
         if still is None or before is None or stands or _distance_m(report, still) > 0.0:
-            self.still_report, self.flown_m = report, 0.0
+            self.still_report = report
+            self.flown_m = 0.0
             if self.is_frozen:
                 self.is_frozen = False
                 notify(NoticeCode.POSITION_MOVES)
@@ -147,7 +150,8 @@ class DuplicateIdDetector:
 
     def add_report(self, report: Report, max_speed_m_s: float, notify: Notify) -> None:
         """Add a report with a possible position, accepted or not; parameters as for `MotionCheck`."""
-        sources, t_ns = self.sources, report.t_ns
+        sources = self.sources
+        t_ns = report.t_ns
         if len(sources) > 1 and t_ns - sources[1].t_ns > _SWITCH_WINDOW_NS:
             del sources[1]
         if not sources:

@@ -63,7 +63,8 @@ class Condition:
         self.samples = self.samples + 1 if is_bad is not self.is_raised else 0
         if self.samples < needed:
             return False
-        self.is_raised, self.samples = is_bad, 0
+        self.is_raised = is_bad
+        self.samples = 0
         return True
 
 
@@ -98,11 +99,13 @@ class ReportConsistency:
         self._check_frames(last, sample, notify)
 
     def _check_velocity(self, last: Sample, now: Sample, elapsed_s: float, notify: Notify) -> None:
-        east_m, north_m = now.east_m - last.east_m, now.north_m - last.north_m
+        east_m = now.east_m - last.east_m
+        north_m = now.north_m - last.north_m
         v_east_m_s = 0.5 * (last.v_east_m_s + now.v_east_m_s)
         v_north_m_s = 0.5 * (last.v_north_m_s + now.v_north_m_s)
         error_m = math.hypot(east_m - v_east_m_s * elapsed_s, north_m - v_north_m_s * elapsed_s)
-        moved_m, speed_m_s = math.hypot(east_m, north_m), math.hypot(v_east_m_s, v_north_m_s)
+        moved_m = math.hypot(east_m, north_m)
+        speed_m_s = math.hypot(v_east_m_s, v_north_m_s)
         slack_m = max(_VELOCITY_SLACK_M, _VELOCITY_SLACK * max(moved_m, speed_m_s * elapsed_s))
         if not self.velocity.add(is_bad=now.is_armed and error_m > slack_m, needed=_MIN_SAMPLES):
             return
