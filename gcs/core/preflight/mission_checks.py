@@ -185,7 +185,7 @@ def _separation(config: Config, rehearsal: Rehearsal) -> Check:
     mission = config.mission
     conflicts = rehearsal.plan.conflicts
     heights_m = [
-        f"{mission.altitude_rel_m + layer * mission.layer_step_m:g}"
+        mission.altitude_rel_m + layer * mission.layer_step_m
         for layer in sorted({route.layer for route in rehearsal.plan.routes})
     ]
     parameters: dict[str, Parameter] = {
