@@ -20,6 +20,7 @@ from typing import Any, Final, Protocol, TypeVar
 import h11
 import msgspec
 import uvicorn
+from websockets.exceptions import InvalidState
 
 from gcs.config import Config
 from gcs.console.view.capture import Capture
@@ -58,8 +59,8 @@ _MAX_MESSAGE_BYTES: Final = 1024
 _MAX_HEADER_BYTES: Final = 16 * 1024
 _MIN_NEWS_INTERVAL_S: Final = 60.0
 _MAX_NEWS: Final = 200
-_CLIENT_ERRORS: Final = (h11.LocalProtocolError, UnicodeDecodeError)
-"""The client broke the protocol: HTTP before its answer, or a WebSocket's text."""
+_CLIENT_ERRORS: Final = (h11.LocalProtocolError, UnicodeDecodeError, InvalidState)
+"""The client broke the protocol, HTTP before its answer or a WebSocket's text, or was just closing."""
 
 
 class DisplayedRun(Protocol):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 import resource
 import socket
 import time
@@ -12,10 +13,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from starlette.datastructures import Headers
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, InvalidState
 from websockets.sync.client import ClientConnection
 
 from gcs.console import Access
+from gcs.console.server import FailedRequests
 from gcs.console.web import attempts as attempts_module
 from gcs.console.web import guard, listener
 from gcs.console.web.app import number_of
@@ -212,3 +214,20 @@ def test_without_descriptors_a_connection_is_refused_and_nothing_is_logged() -> 
             assert small.limit == 100
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@pytest.mark.parametrize(
+    ("error", "is_told"),
+    [
+        (InvalidState("connection is closing"), False),
+        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"), False),
+        (KeyError("vehicle"), True),
+    ],
+)
+def test_a_page_that_closes_at_the_wrong_moment_is_no_program_error(error: Exception, is_told: bool) -> None:
+    failures = FailedRequests()
+    record = logging.LogRecord(
+        "uvicorn.error", logging.ERROR, "", 0, "failed", (), (type(error), error, None)
+    )
+    failures.emit(record)
+    assert (failures.notice() is not None) is is_told
