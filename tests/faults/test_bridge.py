@@ -14,6 +14,7 @@ import pytest
 from helpers.heartbeat_tap import HeartbeatTap
 from helpers.processes import Run, free_port
 
+from gcs.io.zenoh.session import free_endpoint
 from gcs.model import AgentStatus, NoticeCode, Resumed, Scan, UploadReport
 
 STOPPED_S = 5.0
@@ -177,3 +178,40 @@ def test_a_standby_ends_with_a_command_that_ends_in_order(flight: Flight) -> Non
     assert first.wait(20.0) == 0
     assert standby.wait(20.0) == 0
     assert "takes over" not in flight.run.printed("second")
+
+
+@pytest.fixture
+def bridge(flight: Flight) -> Iterator[subprocess.Popen[bytes]]:
+    """A bridge that is run by itself, as on another machine."""
+    endpoint = free_endpoint()
+    named = f'[links]\nbridge = "{endpoint}"'
+    flight.run.file.write_text(flight.run.file.read_text().replace("[links]", named, 1))
+    running = flight.run.serve("bridge", arguments=("--role", "bridge"))
+    flight.run.until("bridge", lambda said: "command connects to" in said)
+    yield running
+    running.kill()
+
+
+def test_a_bridge_elsewhere_serves_one_command_after_the_other_and_never_two(
+    flight: Flight, bridge: subprocess.Popen[bytes], tmp_path: Path
+) -> None:
+    first = flight.serve("first")
+    assert not bridges(tmp_path)  # none was started
+    text = flight.run.file.read_text()
+    own = flight.run.file.with_name("other.toml")
+    own.write_text(text.replace(flight.run.zenoh, free_endpoint(), 1))
+    other = flight.run.serve("other", arguments=("--journal", str(tmp_path / "other-journal")), file=own)
+    assert other.wait(60.0) == 2
+    assert "commands the vehicles" in flight.run.printed("other")
+    assert not flight.run.all("other", UploadReport)
+    begin_s = time.monotonic()
+    first.kill()
+    first.wait()
+    second = flight.run.serve("second")
+    flight.run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
+    assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < MAX_GAP_S
+    second.send_signal(signal.SIGINT)
+    assert second.wait(20.0) == 0
+    assert bridge.poll() is None  # it waits for the next command
+    bridge.send_signal(signal.SIGINT)
+    assert bridge.wait(20.0) == 0

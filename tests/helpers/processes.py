@@ -70,10 +70,15 @@ class Run:
         self.services: list[subprocess.Popen[bytes]] = []
 
     def serve(
-        self, name: str, environment: Mapping[str, str] | None = None, arguments: Sequence[str] = ()
+        self,
+        name: str,
+        environment: Mapping[str, str] | None = None,
+        arguments: Sequence[str] = (),
+        file: Path | None = None,
     ) -> subprocess.Popen[bytes]:
-        command = [*GCS, "run", str(self.file), "--headless", "--out", str(self.folder / name), *arguments]
-        command += ["--journal", str(self.folder / "journal"), *self.clock]
+        """Start a service; `file` is another mission file."""
+        command = [*GCS, "run", str(file or self.file), "--headless", "--out", str(self.folder / name)]
+        command += ["--journal", str(self.folder / "journal"), *self.clock, *arguments]
         with (self.folder / f"{name}.log").open("wb") as log:
             whole = {**os.environ, **(environment or {})}
             self.services.append(subprocess.Popen(command, stdout=log, stderr=log, env=whole))
