@@ -41,6 +41,7 @@ _MAX_WAIT_S: Final = 5.0
 _STEADY_S: Final = 60.0
 """A bridge that ran for so long is started again at once."""
 _MAX_TEXT: Final = 200
+_MAX_FOLDER: Final = 70
 
 
 class Running(msgspec.Struct, frozen=True, kw_only=True):
@@ -317,8 +318,9 @@ def _file_of(settings: BridgeSettings) -> Path:
 
 
 def _socket_folder() -> Path:
-    """Return a new folder of this user alone. A socket's path has 107 characters at most: it is in /tmp."""
-    return Path(tempfile.mkdtemp(prefix="swarm-gcs-", dir="/tmp"))
+    """Return a new folder of this user alone, with a short path: that of a socket has 107 characters at most."""
+    folder = private_folder()
+    return Path(tempfile.mkdtemp(prefix="bridge-", dir=folder if len(str(folder)) < _MAX_FOLDER else "/tmp"))
 
 
 def _comparable(settings: BridgeSettings) -> BridgeSettings:

@@ -162,12 +162,12 @@ def test_a_standby_takes_over_and_nothing_is_uploaded_again(flight: Flight, stop
         first.send_signal(signal.SIGCONT)
         assert first.wait(20.0) != 0
         assert "commands the vehicles" in flight.run.printed("first")
+    flight.run.until("second", lambda _: bool(flight.run.all("second", Scan)), 10.0)
     standby.send_signal(signal.SIGINT)
     assert standby.wait(20.0) == 0
     assert len(flight.run.all("second", Resumed)) == 1
     assert not flight.run.all("second", UploadReport)
     assert not lost(flight, "second")
-    assert flight.run.all("second", Scan)
 
 
 def test_a_standby_ends_with_a_command_that_ends_in_order(flight: Flight) -> None:

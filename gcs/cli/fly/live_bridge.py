@@ -8,6 +8,7 @@ from rich.console import Console
 
 from gcs.config import parse, read_text
 from gcs.errors import ConfigError
+from gcs.io.service_manager import watched
 from gcs.service.bridge import Bridge
 from gcs.service.bridge_process import open_bridge
 from gcs.service.bridge_start import bridge_settings
@@ -45,6 +46,7 @@ async def _serve(bridge: Bridge) -> None:
     stop = asyncio.Event()
     undo = wait_for_interrupt(stop)
     try:
-        await bridge.run(stop)
+        async with watched():
+            await bridge.run(stop)
     finally:
         undo()
