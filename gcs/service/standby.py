@@ -125,7 +125,7 @@ class Standby:
 
         def on_batch(key: str, payload: bytes) -> None:
             with contextlib.suppress(WireError, RuntimeError):
-                loop.call_soon_threadsafe(self._batches.append, decode_batch(key, payload))
+                loop.call_soon_threadsafe(self._take_batch, decode_batch(key, payload))
 
         self._bus.subscribe(events_key(self._mission), on_batch)
         while not stop.is_set() and not self._has_ended:
@@ -140,6 +140,10 @@ class Standby:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), _TICK_S)
         return None
+
+    def _take_batch(self, batch: EventBatch) -> None:
+        self._batches.append(batch)
+        self._has_ended = self._has_ended or batch.ends
 
     def _take_over(self) -> TakeOver:
         state = self.engine.state
@@ -186,7 +190,6 @@ class Standby:
 
     def _apply(self, batch: EventBatch) -> None:
         """Apply the events that are new."""
-        self._has_ended = self._has_ended or batch.ends
         if self._number is None or batch.first + len(batch.events) <= self._number:
             return
         if batch.first > self._number:
