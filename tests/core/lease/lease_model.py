@@ -74,8 +74,8 @@ class Bounds:
     """Ticks that a clock loses."""
     reach: tuple[str, ...] = ()
     """Bridges that each node reaches after the cut; empty for all."""
-    cut_t: int = 0
-    """Tick from which asks reach only these bridges."""
+    cut_t: tuple[int, ...] = (0, 0)
+    """Tick from which asks of each node reach only these bridges."""
     is_held: bool = True
     """True to begin with a lease of all bridges of the first node."""
 
@@ -176,10 +176,10 @@ class Model:
             accepted=(-1,) * bounds.bridges,
         )
         if bounds.is_held:
-            state = self.ask(state, 0)
+            node, sent = self.asked(state.nodes[0], NODE_CLOCK)
+            state = state._replace(nodes=_with(state.nodes, 0, node), messages=frozenset(sent))
             while state.messages:
                 state = self.deliver(state, next(iter(state.messages)), is_kept=False)
-            state = state._replace(asks=bounds.asks)
         return self.settle(self.send_effects(state))
 
     def new_node(self, n: int, run: int, t: int) -> Part:
@@ -236,7 +236,7 @@ class Model:
         node, sent = self.asked(state.nodes[n], self.time_of_node(state, n))
         if not sent:
             return state
-        if self.bounds.reach and state.t >= self.bounds.cut_t:
+        if self.bounds.reach and state.t >= self.bounds.cut_t[n]:
             sent = [message for message in sent if self.names[message.value.bridge] in self.bounds.reach[n]]
         asks = _with(state.asks, n, state.asks[n] - 1)
         nodes = _with(state.nodes, n, node)
