@@ -1,5 +1,5 @@
 """The lease: which command node may send to the vehicles of which bridge (``docs/failover.md``).
 
-`bridge_lease` is the side of a bridge, which grants; `node_lease` that of a command node, which asks. Both are
-functions over frozen records. No clock of one machine is compared with that of another.
+`bridge_lease` is the side of a bridge, which grants; `node_lease` that of a command node, which asks. Both
+are functions over frozen records. Clocks of two machines are never compared.
 """

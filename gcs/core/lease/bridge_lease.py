@@ -1,8 +1,8 @@
 """Bridge's side of the lease: one epoch at a time may command its vehicles.
 
-An epoch is granted when the lease before it has ended. Its holder renews it, also after its end, as long as no other
-node got the bridge. Effects need a permit of the present epoch that is younger than a lease. So those of older
-epochs are dropped, and those that took too long.
+An epoch is granted when the lease before it has ended. Its holder renews it, also after its end, as long as
+no other node got the bridge. Effects need a permit of the present epoch that is younger than a lease. So
+those of older epochs are dropped, and those that took too long.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """Command node's side of the lease: when it asks, which bridges it holds, whether it commands.
 
-A node counts a bridge as held from the answer until a lease after it *sent* the ask, less a margin: the bridge's
-answer is later than the ask, so the permit ends later, whatever the two clocks show.
+A node counts a bridge as held until a lease after it *sent* the ask, less a margin. The bridge's answer is
+later than the ask, so the permit ends later, whatever the two clocks show.
 
-A node commands while it holds most of the mission's bridges; of half of them, those with the first. Two nodes with
-most of them have one in common, which granted them one after the other. Effects of the node before may still be
-accepted by a bridge that the new one does not hold, for a lease. So a new bridge counts only after that time, unless
-all are held.
+A node commands while it holds most of the mission's bridges; of half of them, those with the first. Two
+nodes with most of them have one in common, which granted them one after the other. For a lease, a bridge
+that the new node does not hold may still accept effects of the one before. So a new bridge counts after
+that time only, unless all are held.
 """
 
 from __future__ import annotations
@@ -132,8 +132,8 @@ def receive_answer(node: NodeLease, bridge: str, answer: Answer, t_ns: int) -> N
 def epochs_held(node: NodeLease, t_ns: int, times: LeaseTimes = TIMES) -> dict[str, Epoch]:
     """Return the epoch of each bridge that this node holds.
 
-    An epoch that is not the one before it is a take-over of that bridge's vehicles: they are reconciled. The same
-    epoch after a time without it is not: no other node had the bridge.
+    A new epoch is a take-over of that bridge's vehicles: they are reconciled. The same epoch after a time
+    without it is none: no other node had the bridge.
     """
     return {
         bridge: view.hold.permit.epoch
@@ -181,7 +181,7 @@ def standing(node: NodeLease, t_ns: int, times: LeaseTimes = TIMES) -> Standing:
 
 
 def _next_ask_t_ns(view: BridgeView, times: LeaseTimes, *, is_standby: bool) -> int:
-    """Return when a bridge is asked next: each period by a holder, by a standby when the lease has run out."""
+    """Return when a bridge is asked next: by a standby when the lease has ended, by others each period."""
     due_t_ns = view.asked_t_ns + times.period_ns
     return max(due_t_ns, view.free_t_ns) if is_standby else due_t_ns
 

@@ -41,11 +41,14 @@ class Epoch(NamedTuple):
     number: int
     """Grows strictly while the bridge runs, and for each node over restarts of the bridge, too."""
     boot: int
-    """Random number of 63 bits, new at each start of the bridge: a restarted bridge never grants an epoch again."""
+    """Random number of 63 bits, new at each start of the bridge. So no epoch is granted twice."""
 
 
 class Permit(NamedTuple):
-    """Right to send effects to the vehicles of a bridge, for a lease from its time. Each batch of effects has one."""
+    """Right to send effects to the vehicles of a bridge; each batch of effects has one.
+
+    It lasts for a lease from its time.
+    """
 
     epoch: Epoch
     t_ns: int

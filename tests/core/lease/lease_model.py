@@ -1,21 +1,21 @@
 """Model of the lease: all interleavings of asks, answers, effects, ticks and restarts, breadth first.
 
-Nodes and bridges are the functions of `gcs.core.lease`. The network loses, delays and reorders any message: a sent
-message waits until it is delivered, now or never, and a number of messages are delivered twice. A node or bridge
-that is down or cut off is one to which nothing happens. Restarts forget everything. Each machine has its own clock;
-one of them may lose a tick.
+Nodes and bridges are the functions of `gcs.core.lease`. The network loses, delays and reorders any message:
+a sent message waits until it is delivered, now or never, and a number of messages are delivered twice. A
+node or bridge that is down or cut off is one to which nothing happens. Restarts forget everything. Each
+machine has its own clock; some of them may lose a tick.
 
-States are equal when they can lead to the same: times that have passed, and effects that no bridge will accept any
-more, are forgotten (`Model.settle`).
+States are equal when they can lead to the same. So times that have passed are forgotten, and effects that
+no bridge will accept any more (`Model.settle`).
 
-Effects need no moves of their own: a node sends one with each permit that it has, and a bridge may get it at any
-later time. So each state is checked with all effects that were sent before it. One vehicle is reached over all
-bridges.
+Effects need no moves of their own: a node sends one with each permit that it has, and a bridge may get it
+at any later time. So each state is checked with all effects that were sent before it. One vehicle is
+reached over all bridges.
 
 A reign is a time in which effects of one process only would be accepted. The invariants, in each state:
 
 holder   a bridge accepts effects of the process only that has its lease, or had it last
-epoch    after effects of an epoch, a bridge accepts none of an epoch that it granted before; no epoch comes twice
+epoch    after effects of an epoch, a bridge accepts none of an epoch before; no epoch is granted twice
 order    after effects of a reign, no bridge accepts effects of a reign before
 one      effects of two processes that are sent now are not both accepted
 """
@@ -74,8 +74,8 @@ class Bounds:
     """Ticks that a clock loses."""
     reach: tuple[str, ...] = ()
     """Bridges that each node reaches after the cut; empty for all."""
-    cut_t: int = 0
-    """Tick from which asks reach only these bridges."""
+    cut_t: tuple[int, ...] = (0, 0)
+    """Tick from which asks of each node reach only these bridges."""
     is_held: bool = True
     """True to begin with a lease of all bridges of the first node."""
 
@@ -146,7 +146,9 @@ class Model:
     def __init__(self, bounds: Bounds, rules: Rules | None = None, times: LeaseTimes = TIMES) -> None:
         self.bounds = bounds
         self.rules = rules or Rules()
-        self.is_right = rules is None
+        self.is_bridge_right = self.rules.answer_ask is bridge_lease.answer_ask
+        self.is_node_right = self.rules.receive_answer is node_lease.receive_answer
+        self.is_fenced = self.rules.accepts is bridge_lease.accepts and self.rules.new_boot(1) != 0
         self.times = times
         self.names = tuple("xyz"[: bounds.bridges])
         self.part = cache(Part)
@@ -176,10 +178,10 @@ class Model:
             accepted=(-1,) * bounds.bridges,
         )
         if bounds.is_held:
-            state = self.ask(state, 0)
+            node, sent = self.asked(state.nodes[0], NODE_CLOCK)
+            state = state._replace(nodes=_with(state.nodes, 0, node), messages=frozenset(sent))
             while state.messages:
                 state = self.deliver(state, next(iter(state.messages)), is_kept=False)
-            state = state._replace(asks=bounds.asks)
         return self.settle(self.send_effects(state))
 
     def new_node(self, n: int, run: int, t: int) -> Part:
@@ -208,7 +210,7 @@ class Model:
     # ---------------------------------------------------------------- moves
 
     def moves(self, state: State) -> Iterator[tuple[Move, State]]:
-        """Yield each move that is possible in a state, and the state after it; a message is one that arrives."""
+        """Yield each move that is possible in a state, and the state after it."""
         if state.t < self.bounds.ticks:
             yield "tick", state._replace(t=state.t + 1)
             if sum(state.clocks) < self.bounds.lost_ticks:
@@ -236,7 +238,7 @@ class Model:
         node, sent = self.asked(state.nodes[n], self.time_of_node(state, n))
         if not sent:
             return state
-        if self.bounds.reach and state.t >= self.bounds.cut_t:
+        if self.bounds.reach and state.t >= self.bounds.cut_t[n]:
             sent = [message for message in sent if self.names[message.value.bridge] in self.bounds.reach[n]]
         asks = _with(state.asks, n, state.asks[n] - 1)
         nodes = _with(state.nodes, n, node)
@@ -291,7 +293,7 @@ class Model:
     # ---------------------------------------------------------------- effects and invariants
 
     def send_effects(self, state: State) -> State:
-        """Send an effect with each permit, accept each effect that a bridge accepts, and check the invariants."""
+        """Send an effect with each permit; check the invariants with all effects that bridges accept."""
         sent: list[Effect] = []
         for n, node in enumerate(state.nodes):
             sent += self.permits(node, self.time_of_node(state, n))
@@ -329,7 +331,7 @@ class Model:
     def accept(
         self, state: State, effect: Effect, accepted_reign: int, accepted: tuple[int, ...]
     ) -> tuple[int, tuple[int, ...]]:
-        """Check an effect that a bridge accepts; return the latest reign and the latest epoch of each bridge."""
+        """Check an accepted effect; return the latest reign, and the latest epoch of each bridge."""
         b = effect.bridge
         if effect.node != state.bridges[b].value.holder:
             raise ViolationError("holder")
@@ -343,7 +345,7 @@ class Model:
     # ---------------------------------------------------------------- equal states
 
     def settle(self, state: State) -> State:
-        """Forget what makes no difference any more."""
+        """Forget what makes no difference any more, as far as the rules are the right ones."""
         nodes = tuple(
             self.settled_node(node, self.time_of_node(state, n)) for n, node in enumerate(state.nodes)
         )
@@ -353,7 +355,7 @@ class Model:
         )
         messages = frozenset(m for m in state.messages if not self.is_spent(m, nodes))
         effects = state.effects
-        if self.is_right:
+        if self.is_fenced:
             effects = frozenset(effect for effect in effects if self.arrives(state, effect))
         return state._replace(nodes=nodes, bridges=bridges, messages=messages, effects=effects)
 
@@ -368,7 +370,7 @@ class Model:
         if hold is not None:
             since = max(hold.since_t_ns, t - times.lease_ns - times.margin_ns)
             hold = hold._replace(since_t_ns=since)
-            if t >= hold.sent_t_ns + times.lease_ns and self.is_right:
+            if t >= hold.sent_t_ns + times.lease_ns and self.is_node_right:
                 hold = hold._replace(permit=hold.permit._replace(t_ns=0), sent_t_ns=0)
         asked = max(view.asked_t_ns, t - times.period_ns)
         return view._replace(asked_t_ns=asked, free_t_ns=max(view.free_t_ns, t), hold=hold)
@@ -377,7 +379,7 @@ class Model:
         """Replace times of a bridge that have passed."""
         lease: BridgeLease = part.value
         times = self.times
-        if self.is_right:
+        if self.is_bridge_right:
             lease = lease._replace(
                 answered_t_ns=max(lease.answered_t_ns, t - times.lease_ns),
                 opens_t_ns=max(lease.opens_t_ns, t),
@@ -393,7 +395,7 @@ class Model:
         if isinstance(body, Ask):
             return False
         node: NodeLease = nodes[NODES.index(body.node.name)].value
-        return self.is_right and (node.node != body.node or body.sent_t_ns < node.views[b].answered_t_ns)
+        return self.is_node_right and (node.node != body.node or body.sent_t_ns < node.views[b].answered_t_ns)
 
     # ---------------------------------------------------------------- exploration
 
