@@ -10,8 +10,9 @@ inwards by atan((d - R) / (V tau)). A vehicle without a known mission keeps its 
 
 Behind the first waypoint autopilots follow the line of each leg. The L1 guidance of ArduPlane (S. Park, J.
 Deyst and J. How, "A new nonlinear guidance logic for trajectory tracking", AIAA 2004) aims at a point of the
-line a time T1 of flight ahead. Its loop is no faster than `_L1_TURN` T1. Flights along a whole mission are
-simulated with it; turns on to a route fly to their waypoints straight.
+line a time T1 of flight ahead. It commands sin(e) in place of e, at most that of 90 degrees, and its loop is
+no faster than `_L1_TURN` T1. Flights along a whole mission are simulated with it; turns on to a route fly to
+their waypoints straight.
 
 A turn rate may be limited: a fast vehicle with a short lag turns with its greatest bank, much wider than by
 its lag alone. Whether a flight is clear is decided by two flights: with the lag and the limit, and with half
@@ -226,7 +227,10 @@ def simulate_states(
                 loop_s = lag_s
                 turning = min(max(turning, -_MAX_LEAD_RAD / lag_s), _MAX_LEAD_RAD / lag_s)
             max_error = max(max_error, abs(off))
-            wanted = min(max(off, -_MAX_BEARING_ERROR_RAD), _MAX_BEARING_ERROR_RAD) / loop_s + turning
+            off = min(max(off, -_MAX_BEARING_ERROR_RAD), _MAX_BEARING_ERROR_RAD)
+            if l1_s > 0.0 and passed < radii.size:
+                off = math.sin(min(max(off, -0.5 * math.pi), 0.5 * math.pi))
+            wanted = off / loop_s + turning
             wanted = min(max(wanted, -max_rate), max_rate)
             rate += (wanted - rate) * (1.0 - math.exp(-3.0 * step / lag_s))
         half = 0.5 * rate * step
