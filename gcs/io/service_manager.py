@@ -1,7 +1,7 @@
-"""Messages to systemd (https://www.freedesktop.org/software/systemd/man/sd_notify.html), if it started the program.
+"""Messages to systemd (https://www.freedesktop.org/software/systemd/man/sd_notify.html), if it starts us.
 
-A unit with ``Type=notify`` counts as started when the program says so. With ``WatchdogSec`` a program that gives
-no sign of life in time is killed and started again: one whose event loop no longer runs.
+A unit with ``Type=notify`` counts as started when the program says so. With ``WatchdogSec`` a program that
+gives no sign of life in time is killed and started again: one whose event loop no longer runs.
 """
 
 from __future__ import annotations

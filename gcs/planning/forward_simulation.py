@@ -8,6 +8,12 @@ turn rate follows with a lag of L / 3, a second-order heading loop with a dampin
 of radius R, at distance d from the centre and speed V, a vector field commands the tangent course turned
 inwards by atan((d - R) / (V tau)). A vehicle without a known mission keeps its turn rate.
 
+Behind the first waypoint autopilots follow the line of each leg. The L1 guidance of ArduPlane (S. Park, J.
+Deyst and J. How, "A new nonlinear guidance logic for trajectory tracking", AIAA 2004) aims at a point of the
+line a time T1 of flight ahead. It commands sin(e) in place of e, at most that of 90 degrees, and its loop is
+no faster than `_L1_TURN` T1. Flights along a whole mission are simulated with it; turns on to a route fly to
+their waypoints straight.
+
 A turn rate may be limited: a fast vehicle with a short lag turns with its greatest bank, much wider than by
 its lag alone. Whether a flight is clear is decided by two flights: with the lag and the limit, and with half
 the lag without it.
@@ -30,6 +36,12 @@ _MIN_LAG_S = 0.5
 _MAX_BEARING_ERROR_RAD = 0.75 * math.pi
 _MAX_LEAD_RAD = 1.6
 """Limit of the feed-forward turn rate times lag. The field turns faster near the centre than vehicles can."""
+L1_S = 3.6
+"""T1 by default: NAVL1_DAMPING NAVL1_PERIOD / pi, 0.75 times 15 s / pi."""
+_L1_TURN = 0.59
+"""1 / (4 damping^2), and a quarter of the turn rate lost by slip, as in recorded flights of ArduPlane."""
+_CATCHING = math.sqrt(0.5)
+"""Sine of the greatest angle to a line."""
 _CIRCLE_CAPTURE_S = 5.0
 """Time constant tau of the vector field."""
 
@@ -107,10 +119,12 @@ def simulate(
     lag_s: float = 1.0,
     clearance_m: float = 0.0,
     min_radius_m: float = 0.0,
+    l1_s: float = 0.0,
 ) -> SimulatedFlight:
     """Simulate a vehicle ahead, until it comes nearer than the clearance to an obstacle.
 
-    No turn is tighter than `min_radius_m`; 0 for no limit.
+    No turn is tighter than `min_radius_m`; 0 for no limit. Lines are followed with T1 = `l1_s`; 0: each
+    waypoint is flown to straight.
     """
     ahead = motion.ahead
     circle = (0.0, 0.0, -1.0) if ahead.circle is None else (*ahead.circle.centre_m, ahead.circle.radius_m)
@@ -125,6 +139,7 @@ def simulate(
         max(lag_s, _MIN_LAG_S),
         max_turn_rate_rad_s(motion.speed_m_s, min_radius_m),
         max(clearance_m, 0.0) / grid.spacing_m,
+        l1_s,
     )
     return SimulatedFlight(motion, states, bool(is_clear), float(max_bearing_error_rad))
 
@@ -142,6 +157,17 @@ def _is_reached(
     dx = to_x - x
     dy = to_y - y
     return math.hypot(dx, dy) <= radius or dx * (to_x - from_x) + dy * (to_y - from_y) <= 0.0
+
+
+@inlined
+def _line_bearing(
+    x: float, y: float, from_x: float, from_y: float, to_x: float, to_y: float, reference: float
+) -> float:
+    """Return the bearing of the point of a line that is `reference` ahead."""
+    leg_x = to_x - from_x
+    leg_y = to_y - from_y
+    aside = ((y - to_y) * leg_x - (x - to_x) * leg_y) / max(math.hypot(leg_x, leg_y), 1.0)
+    return math.atan2(leg_x, leg_y) + math.asin(min(max(aside / reference, -_CATCHING), _CATCHING))
 
 
 @inlined
@@ -163,13 +189,13 @@ def _circle_error(x: float, y: float, course: float, speed: float, circle: Float
 @kernel
 def simulate_states(
     blocked: BoolArray, frame: FloatArray, motion: FloatArray, points: FloatArray, radii: FloatArray,
-    circle: FloatArray, duration_s: float, lag_s: float, max_rate: float, clearance: float,
+    circle: FloatArray, duration_s: float, lag_s: float, max_rate: float, clearance: float, l1_s: float,
 ) -> tuple[FloatArray, bool, float]:  # fmt: skip
     """Simulate the states of a flight: `SimulatedFlight.states`, `is_clear` and `max_bearing_error_rad`.
 
     `frame`: east and north of the grid origin and spacing, in metres. `motion`: east, north, course, turn
     rate, speed. `circle`: east, north, radius, negative for none. `max_rate`: limit of the commanded turn
-    rate. `clearance` in cells.
+    rate. `clearance` in cells. `l1_s` as of `simulate`.
     """
     x = motion[0]
     y = motion[1]
@@ -188,6 +214,7 @@ def simulate_states(
     count = 1
     left = duration_s
     max_error = 0.0
+    guidance_s = max(lag_s, _L1_TURN * l1_s)
     while left > 0.0:
         step = min(STEP_S, left)
         left -= step
@@ -197,16 +224,33 @@ def simulate_states(
             from_x = points[passed, 0]
             from_y = points[passed, 1]
             passed += 1
+            # A leg that would end at once begins at the vehicle.
+            if (
+                l1_s > 0.0
+                and passed < radii.size
+                and _is_reached(x, y, from_x, from_y, points[passed, 0], points[passed, 1], 0.0)
+            ):
+                from_x = x
+                from_y = y
         if passed < radii.size or circle[2] >= 0.0:
             if passed < radii.size:
                 bearing = math.atan2(points[passed, 0] - x, points[passed, 1] - y)
+                loop_s = guidance_s
+                if l1_s > 0.0 and passed > 0:
+                    bearing = _line_bearing(
+                        x, y, from_x, from_y, points[passed, 0], points[passed, 1], max(l1_s * speed, 1.0)
+                    )
                 off = (bearing - course + math.pi) % (2.0 * math.pi) - math.pi
                 turning = 0.0
             else:
                 off, turning = _circle_error(x, y, course, speed, circle)
+                loop_s = lag_s
                 turning = min(max(turning, -_MAX_LEAD_RAD / lag_s), _MAX_LEAD_RAD / lag_s)
             max_error = max(max_error, abs(off))
-            wanted = min(max(off, -_MAX_BEARING_ERROR_RAD), _MAX_BEARING_ERROR_RAD) / lag_s + turning
+            off = min(max(off, -_MAX_BEARING_ERROR_RAD), _MAX_BEARING_ERROR_RAD)
+            if l1_s > 0.0 and passed < radii.size:
+                off = math.sin(min(max(off, -0.5 * math.pi), 0.5 * math.pi))
+            wanted = off / loop_s + turning
             wanted = min(max(wanted, -max_rate), max_rate)
             rate += (wanted - rate) * (1.0 - math.exp(-3.0 * step / lag_s))
         half = 0.5 * rate * step
@@ -250,4 +294,4 @@ def warm_up_calls() -> list[Call]:
     points = np.zeros((1, 2))
     radii = np.zeros(1)
     circle = np.array([0.0, 0.0, -1.0])
-    return [(simulate_states, grid.blocked, np.ones(3), row, points, radii, circle, 0.2, 1.0, 1.0, 0.0)]
+    return [(simulate_states, grid.blocked, np.ones(3), row, points, radii, circle, 0.2, 1.0, 1.0, 0.0, 0.0)]

@@ -14,7 +14,7 @@ import numpy as np
 
 from gcs.geo import bearing_rad
 from gcs.model import FloatArray, IntArray
-from gcs.planning.forward_simulation import STEP_S, Motion, RemainingMission, simulate
+from gcs.planning.forward_simulation import L1_S, STEP_S, Motion, RemainingMission, simulate
 from gcs.planning.map.grid import Point, free_grid
 
 _CIRCLE_LAPS: Final = 1.5
@@ -92,6 +92,7 @@ def simulate_mission(
         (_MORE_TIME * legs_m + round_m) / speed_m_s + _TURNS_S,
         turn_lag_s,
         min_radius_m=turn_radius_m,
+        l1_s=L1_S,
     ).states
     return MissionFlight(
         np.concatenate((climb_m, states[:, :2])),

@@ -318,9 +318,11 @@ def _file_of(settings: BridgeSettings) -> Path:
 
 
 def _socket_folder() -> Path:
-    """Return a new folder of this user alone, with a short path: that of a socket has 107 characters at most."""
+    """Return a new folder of this user alone; the path of a socket has 107 characters at most."""
     folder = private_folder()
-    return Path(tempfile.mkdtemp(prefix="bridge-", dir=folder if len(str(folder)) < _MAX_FOLDER else "/tmp"))
+    if len(str(folder)) > _MAX_FOLDER:
+        folder = Path("/tmp")  # noqa: S108  a new folder in it is our own
+    return Path(tempfile.mkdtemp(prefix="bridge-", dir=folder))
 
 
 def _comparable(settings: BridgeSettings) -> BridgeSettings:

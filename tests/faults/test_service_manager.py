@@ -1,4 +1,4 @@
-"""systemd would take a service for dead that lives, or wait for ever for its start: a real process, a real socket."""
+"""systemd would take a service for dead that lives, or wait for ever for its start: a real process."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Figures of proposed routes, and the changes that make a plan a different one.
 
 The figures are those of the flight that is forward-simulated from the plan: the flight until the mission
-arrives, or ground roll and climb, then the legs with their turns, and the loiter circle.
+arrives, or ground roll and climb, then the legs with their turns, and the loiter circle. A vehicle turns with
+its planned bank or more steeply: its clearance is the lesser of both.
 
 A number identifies an assignment, with routes of about the length and separation first shown. Routes are
 planned again while vehicles fly on. A larger change makes it another plan, with another number.
@@ -68,22 +69,30 @@ class PlanFigures:
             before = shown.get(vehicle)
             climb = inputs.climbs.get(vehicle)
             length_m = route.length_m + (0.0 if climb is None else climb.latest_length_m)
-            flown_m, arrival_s = self._flight(route, inputs, delays_s.get(vehicle, 0.0))
+            flights = [
+                self._flight(route, inputs, delays_s.get(vehicle, 0.0), radius_m)
+                for radius_m in (self._airframes[vehicle].turn_radius_m, 0.0)
+            ]
             found.append(
                 RouteFigures(
                     vehicle,
                     length_m,
                     before.shown_length_m if before is not None else length_m,
-                    arrival_s,
+                    flights[0][1],
                     apart_m if math.isfinite(apart_m) else None,
-                    self._clear_m(grid, flown_m),
+                    self._clear_m(grid, [flown_m for flown_m, _ in flights]),
                     vehicle in short,
                 )
             )
         return tuple(found)
 
-    def _flight(self, route: Route, inputs: PlanningInputs, delay_s: float) -> tuple[FloatArray, float]:
-        """Return what will be flown in the air, with the loiter circle, (k, 2), and the time of arrival."""
+    def _flight(
+        self, route: Route, inputs: PlanningInputs, delay_s: float, turn_radius_m: float
+    ) -> tuple[FloatArray, float]:
+        """Return what will be flown in the air, with the loiter circle, (k, 2), and the time of arrival.
+
+        `turn_radius_m` is that of the tightest turn; 0: as the autopilot's guidance commands it.
+        """
         vehicle = route.vehicle
         airframe = self._airframes[route.vehicle]
         climb = inputs.climbs.get(vehicle)
@@ -105,17 +114,19 @@ class PlanFigures:
             climb_end_m,
             mission_ahead(route, climb_end_m or begin.place_m, airframe),
             airframe.turn_lag_s,
-            airframe.turn_radius_m,
+            turn_radius_m,
         )
         return np.concatenate((before_m, flight.places_m)), delay_s + flight.time_to_s(len(route.points_m))
 
-    def _clear_m(self, grid: Grid, flown_m: FloatArray) -> float | None:
-        """Return the clearance of a flight from obstacles, at most the required one."""
+    def _clear_m(self, grid: Grid, flights_m: Sequence[FloatArray]) -> float | None:
+        """Return the clearance of possible flights from obstacles, at most the required one."""
         if self._clearance_m <= 0.0:
             return None
         frame = np.array([*grid.origin_m, grid.spacing_m])
-        spacing_m = grid.spacing_m
-        return spacing_m * float(path_clearance(grid.blocked, frame, flown_m, self._clearance_m / spacing_m))
+        most = self._clearance_m / grid.spacing_m
+        for flown_m in flights_m:
+            most = float(path_clearance(grid.blocked, frame, flown_m, most))
+        return grid.spacing_m * most
 
     def change(self, route: Route, now: RouteFigures, shown: RouteFigures) -> str:
         """Return how a route differs from the one shown; empty if it is about the same."""

@@ -356,7 +356,7 @@ def best_loiter_circle(
         flown[2] = motion[2] + off_course[i]
         flights += 1
         _, is_clear, off = simulate_states(
-            blocked, frame, flown, points, radii, none, times_s[0], lags_s[i], max_rates[i], clearance
+            blocked, frame, flown, points, radii, none, times_s[0], lags_s[i], max_rates[i], clearance, 0.0
         )
         if not is_clear or off > _AMBIGUOUS_TURN_RAD:
             return -1, best, flights
@@ -379,6 +379,7 @@ def best_loiter_circle(
                 lags_s[i],
                 max_rates[i],
                 clearance,
+                0.0,
             )
             if not is_clear or off > _AMBIGUOUS_TURN_RAD or _time_within(flight, reach_circle) < min_reach_s:
                 margin = -1.0
