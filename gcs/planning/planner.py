@@ -6,7 +6,7 @@ the routes of one plan, whatever is flown already.
 Source: Hill, Thomas & Larson, simultaneous target assignment and trajectory optimisation. Shortest grid
 paths of all agent-target pairs form the cost matrix (`search.cost_matrix`). The Hungarian algorithm
 assigns agents to targets (`assignment`). Each assigned path becomes a route (`route_search`, `path`), with a
-terminal loiter (`terminal.loiter`).
+terminal loiter (`manoeuvres.loiter`).
 
 Bad input raises nothing: an agent inside an obstacle, an unreachable target and an empty team are reported in
 `PlanResult.notes`.

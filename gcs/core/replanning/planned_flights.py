@@ -27,7 +27,7 @@ _NEAR_LAYER = 0.25
 
 
 class AltitudeLayers:
-    """Assigns altitude layers: one per vehicle while there are enough, and a constant one if possible."""
+    """Altitude layers of vehicles, and the flights that a new route keeps clear of."""
 
     def __init__(
         self,
