@@ -6,6 +6,10 @@ A peer that connects keeps trying, so that the listener may start later or resta
 Messages are reliable with congestion control BLOCK: zenoh's default drops messages on a saturated link, and a
 dropped scan would look like missed detections. A connected peer that no longer reads blocks `publish` once
 for 5 s, when the buffers are full, until zenoh closes it.
+
+With a folder of a certificate (`gcs.io.zenoh.certificates`) a session uses mutual TLS: both sides need a
+certificate of one authority. A command node also enforces the roles of `gcs.io.zenoh.access_control`. A link
+that is up stays up when a certificate expires: nothing is cut in flight.
 """
 
 from __future__ import annotations
@@ -14,14 +18,19 @@ import contextlib
 import json
 import socket
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import TracebackType
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Final, Literal, Self
 
 import zenoh
 
 from gcs.errors import LinkError
+from gcs.io.zenoh.access_control import Act, access_control, may
 
-_RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+if TYPE_CHECKING:
+    from gcs.io.zenoh.certificates import Node
+
+_RETRY: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 
 
 class ZenohSession:
@@ -30,20 +39,30 @@ class ZenohSession:
     Parameters
     ----------
     listen, connect : str
-        One of them, or both: endpoints such as ``tcp/127.0.0.1:7447``.
+        One of them, or both: endpoints such as ``tcp/127.0.0.1:7447``, or ``tls/10.0.0.5:7447`` with `tls`.
+    tls : Path
+        Folder with the certificate of this node.
 
     Raises
     ------
     LinkError
         When the endpoint is invalid, or cannot be listened on. A missing listener is no error.
+    ConfigError
+        When the certificate is unusable.
     """
 
-    def __init__(self, *, listen: str | None = None, connect: str | None = None) -> None:
+    def __init__(
+        self, *, listen: str | None = None, connect: str | None = None, tls: Path | None = None
+    ) -> None:
         self.endpoint = connect or listen or ""
         if not self.endpoint:
             raise ValueError("a session listens or connects")
+        _check_transport([one for one in (listen, connect) if one], tls)
+        self.node = None if tls is None else _read_node(tls)
+        """Own certificate; None without TLS."""
+        config = _config(listen, connect) | ({} if self.node is None else _tls_config(self.node))
         try:
-            self._session = zenoh.open(_config(listen, connect))
+            self._session = zenoh.open(_zenoh_config(config))
         except zenoh.ZError as error:
             raise LinkError(self.endpoint, _what_to_do(error, listening=listen is not None)) from None
         self._publishers: dict[str, zenoh.Publisher] = {}
@@ -55,11 +74,12 @@ class ZenohSession:
         Raises
         ------
         LinkError
-            When the key is malformed or the session is closed.
+            When the key is malformed, the role of this node has no right to it, or the session is closed.
         """
         try:
             publisher = self._publishers.get(key)
             if publisher is None:
+                self._check_right("put", "publish on", key)
                 publisher = self._session.declare_publisher(
                     key,
                     congestion_control=zenoh.CongestionControl.BLOCK,
@@ -76,18 +96,46 @@ class ZenohSession:
         Raises
         ------
         LinkError
-            When the key expression is malformed or the session is closed.
+            When the key expression is malformed, the role of this node has no right to it, or the session is
+            closed.
         """
 
         def handle(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.payload.to_bytes())
 
         try:
+            self._check_right("subscribe", "subscribe to", key_expr)
             self._subscribers.append(self._session.declare_subscriber(key_expr, handle))
         except zenoh.ZError as error:
             raise LinkError(
                 self.endpoint, f"cannot subscribe to `{key_expr}`: {_first_sentence(error)}"
             ) from None
+
+    def names_connected(self) -> list[str]:
+        """Return the common names of connected nodes; "" for one without a certificate."""
+        return [link.auth_identifier or "" for link in self._session.info.links()]
+
+    def why_unanswered(self) -> str:
+        """Return the likely cause when nothing answers at the endpoint to which this session connects.
+
+        This tries the connection once more, for up to three seconds.
+        """
+        names = self.names_connected()
+        if names and self.node is not None:
+            own = self.node.common_name
+            return f"{names[0]} is connected and does not answer: is {own} in its nodes.toml?"
+        if names or self.node is None:
+            return "is it running?"
+        from gcs.io.zenoh.handshake import tls_problem
+
+        return tls_problem(self.endpoint, self.node.folder) or "is it running?"
+
+    def _check_right(self, act: Act, verb: str, key: str) -> None:
+        """Refuse what the other side would drop without a word."""
+        node = self.node
+        if node is not None and not may(node.role, node.name, act, key):
+            problem = f"{node.common_name} may not {verb} `{key}`: its role is {node.role} (docs/security.md)"
+            raise LinkError(self.endpoint, problem)
 
     def close(self) -> None:
         """End the session; published messages were handed to the system."""
@@ -103,7 +151,9 @@ class ZenohSession:
 
 
 @contextlib.contextmanager
-def service_bus(role: Literal["listen", "connect"], endpoint: str) -> Iterator[tuple[ZenohSession, str]]:
+def service_bus(
+    role: Literal["listen", "connect"], endpoint: str, tls: Path | None = None
+) -> Iterator[tuple[ZenohSession, str]]:
     """Open a service's session; yield it, and the endpoint for orders.
 
     A service that connects to a sensor's endpoint also listens at its own endpoint on this machine, since two
@@ -114,21 +164,58 @@ def service_bus(role: Literal["listen", "connect"], endpoint: str) -> Iterator[t
     LinkError
         As `ZenohSession`.
     """
-    own_endpoint = endpoint if role == "listen" else free_endpoint()
-    with ZenohSession(listen=own_endpoint, connect=None if role == "listen" else endpoint) as bus:
-        yield bus, own_endpoint
+    own_endpoint = endpoint if role == "listen" else free_endpoint("tcp" if tls is None else "tls")
+    with ZenohSession(listen=own_endpoint, connect=None if role == "listen" else endpoint, tls=tls) as bus:
+        yield bus, _from_this_machine(own_endpoint)
 
 
-def free_endpoint() -> str:
-    """Return a free TCP endpoint on this machine; zenoh does not report the port that it got for port 0."""
+def free_endpoint(protocol: Literal["tcp", "tls"] = "tcp") -> str:
+    """Return a free endpoint on this machine; zenoh does not report the port that it got for port 0."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"
 
 
-def _config(listen: str | None, connect: str | None) -> zenoh.Config:
-    config = zenoh.Config()
-    settings: dict[str, object] = {
+def _from_this_machine(endpoint: str) -> str:
+    """Return the endpoint at which a listener on all addresses is reached: certificates name no 0.0.0.0."""
+    return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
+
+
+def _check_transport(endpoints: list[str], tls: Path | None) -> None:
+    for endpoint in endpoints:
+        is_tls = endpoint.startswith("tls/")
+        if is_tls and tls is None:
+            problem = "needs a certificate: --zenoh-tls FOLDER, or links.zenoh_tls in a mission file"
+            raise LinkError(endpoint, problem)
+        if tls is not None and not is_tls:
+            raise LinkError(endpoint, f"would not use the certificate in {tls}; expected tls/HOST:PORT")
+
+
+def _read_node(folder: Path) -> Node:
+    from gcs.io.zenoh.certificates import read_node
+
+    return read_node(folder)
+
+
+def _tls_config(node: Node) -> dict[str, object]:
+    certificate, key = str(node.folder / "node.pem"), str(node.folder / "node.key")
+    tls = {
+        "root_ca_certificate": str(node.folder / "ca.pem"),
+        "enable_mtls": True,
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": False,
+        "listen_certificate": certificate,
+        "listen_private_key": key,
+        "connect_certificate": certificate,
+        "connect_private_key": key,
+    }
+    nodes = node.access()
+    access = {} if nodes is None else {"access_control": access_control(nodes)}
+    return {"transport/link/tls": tls} | access
+
+
+def _config(listen: str | None, connect: str | None) -> dict[str, object]:
+    return {
         "mode": "peer",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,  # Endpoints are explicit only.
@@ -139,6 +226,10 @@ def _config(listen: str | None, connect: str | None) -> zenoh.Config:
         "connect/exit_on_failure": False,
         "connect/retry": _RETRY,
     }
+
+
+def _zenoh_config(settings: dict[str, object]) -> zenoh.Config:
+    config = zenoh.Config()
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     return config
