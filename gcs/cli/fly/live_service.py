@@ -11,6 +11,7 @@ from rich.console import Console
 from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, service_page
 from gcs.cli.link_table import link_rows, link_table
 from gcs.cli.run_setup import display, open_recorder, warm_up
+from gcs.cli.zenoh_security import zenoh_warnings
 from gcs.config import Config, parse, read_text
 from gcs.io.background_writer import QueuedText, off_loop
 from gcs.io.clock import RunClock
@@ -98,10 +99,13 @@ async def _serve(
     stop, at_once = asyncio.Event(), asyncio.Event()
     undo, undo_hangup = wait_for_interrupt(stop, at_once), fly_on_after_hangup(view)
     table = config.links
+    tls = table.tls_folder(source)
     with (
-        service_bus(table.zenoh_role, table.zenoh) as (bus, zenoh_endpoint),
-        announced(config.name, zenoh_endpoint),
+        service_bus(table.zenoh_role, table.zenoh, tls) as (bus, zenoh_endpoint),
+        announced(config.name, zenoh_endpoint, tls),
     ):
+        for warning in zenoh_warnings(table, bus.node):
+            console.print(warning, style="yellow", highlight=False, markup=False, soft_wrap=True)
         service = Service(config, seed, links, bus)
         resume_from_journal(service, journal, resume, clock.now_ns(), console)
         keeper = JournalSink(service, journal)

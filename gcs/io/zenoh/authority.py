@@ -8,6 +8,7 @@ servers; others may be TLS clients only, so that nobody can pose as central comm
 from __future__ import annotations
 
 import ipaddress
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -28,7 +29,7 @@ from gcs.errors import ConfigError
 from gcs.files import read_bytes
 from gcs.io.private_files import make_private
 from gcs.io.signing.keystore import write_secret
-from gcs.io.zenoh.access_control import Role, common_name
+from gcs.io.zenoh.access_control import NODE_NAME, Role, common_name
 from gcs.io.zenoh.certificates import CA, CERTIFICATE, KEY, NODES, read_nodes
 
 CA_KEY: Final = "ca.key"
@@ -76,6 +77,8 @@ def make_node(authority: Path, name: str, role: Role, hosts: Sequence[str], days
     ConfigError
         When the authority cannot be read, or the node exists already.
     """
+    if not re.match(NODE_NAME, name):
+        raise ConfigError("NAME", name, "expected 1 to 48 letters, digits, - and _")
     issuer, issuer_key = _read_authority(authority)
     path = authority / NODES
     nodes = read_nodes(path) if path.exists() else {}

@@ -25,7 +25,8 @@ from typing import TYPE_CHECKING, Final, Literal, Self
 import zenoh
 
 from gcs.errors import LinkError
-from gcs.io.zenoh.access_control import Act, access_control, may
+from gcs.io.zenoh.access_control import Act, access_control, common_name, may
+from gcs.safe_text import printable
 
 if TYPE_CHECKING:
     from gcs.io.zenoh.certificates import Node
@@ -110,6 +111,23 @@ class ZenohSession:
             raise LinkError(
                 self.endpoint, f"cannot subscribe to `{key_expr}`: {_first_sentence(error)}"
             ) from None
+
+    def watch_nodes(self, callback: Callable[[str], None]) -> None:
+        """Call `callback(common name)`, on a thread of zenoh, when a node without rights connects.
+
+        Once for each name, and only on a command node: others do not know the nodes.
+        """
+        if self.node is None or (nodes := self.node.access()) is None:
+            return
+        known = {common_name(role, name) for name, role in nodes.items()}
+
+        def handle(event: zenoh.LinkEvent) -> None:
+            name = event.link.auth_identifier or ""
+            if event.kind == zenoh.SampleKind.PUT and name not in known:
+                known.add(name)
+                callback(printable(name))
+
+        self._session.info.declare_link_events_listener(handle, history=True)
 
     def names_connected(self) -> list[str]:
         """Return the common names of connected nodes; "" for one without a certificate."""
@@ -210,8 +228,10 @@ def _tls_config(node: Node) -> dict[str, object]:
         "connect_private_key": key,
     }
     nodes = node.access()
-    access = {} if nodes is None else {"access_control": access_control(nodes)}
-    return {"transport/link/tls": tls} | access
+    config: dict[str, object] = {"transport/link/tls": tls}
+    if nodes is not None:
+        config["access_control"] = access_control(nodes)
+    return config
 
 
 def _config(listen: str | None, connect: str | None) -> dict[str, object]:

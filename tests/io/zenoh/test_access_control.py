@@ -315,7 +315,7 @@ def test_liveliness_is_seen_of_whom_it_is_announced_by_right(
         f"{MISSION}/**", lambda sample: seen_by_hub.add(str(sample.key_expr))
     )
     token = hub._session.liveliness().declare_token(f"{MISSION}/command/hub")
-    with hostile(hub, keys["mast"]) as bridge:
+    with hostile(hub, keys["mast"]) as bridge, hostile(hub, keys["hill"]) as hill:
         seen = bridge.liveliness().declare_subscriber(
             f"{MISSION}/command/*", lambda sample: seen_by_bridge.add(str(sample.key_expr)), history=True
         )
@@ -326,7 +326,7 @@ def test_liveliness_is_seen_of_whom_it_is_announced_by_right(
         wait_until(lambda: f"{MISSION}/bridge/mast" in seen_by_hub and bool(seen_by_bridge))
         time.sleep(QUIET_S)
         del seen, tokens
-    assert {one for one in seen_by_hub if "hub" not in one} == {f"{MISSION}/bridge/mast"}
+    assert {one for one in seen_by_hub if "hub" not in one} == {f"{MISSION}/bridge/hill"}
     assert seen_by_bridge == {f"{MISSION}/command/hub"}
     watcher.undeclare()
     token.undeclare()
