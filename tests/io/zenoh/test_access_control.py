@@ -320,10 +320,10 @@ def test_liveliness_is_seen_of_whom_it_is_announced_by_right(
             f"{MISSION}/command/*", lambda sample: seen_by_bridge.add(str(sample.key_expr)), history=True
         )
         tokens = [
-            bridge.liveliness().declare_token(f"{MISSION}/{key}")
-            for key in ("bridge/mast", "bridge/hill", "command/spare")
+            hill.liveliness().declare_token(f"{MISSION}/{key}")
+            for key in ("bridge/mast", "command/spare", "bridge/hill")
         ]
-        wait_until(lambda: f"{MISSION}/bridge/mast" in seen_by_hub and bool(seen_by_bridge))
+        wait_until(lambda: f"{MISSION}/bridge/hill" in seen_by_hub and bool(seen_by_bridge))
         time.sleep(QUIET_S)
         del seen, tokens
     assert {one for one in seen_by_hub if "hub" not in one} == {f"{MISSION}/bridge/hill"}
@@ -369,3 +369,25 @@ def test_rights_are_checked_for_whole_key_expressions() -> None:
 
 def test_every_role_is_in_the_table() -> None:
     assert list(RIGHTS) == list(ROLES)
+
+
+def test_the_page_shows_the_table() -> None:
+    """The documentation would promise other rights."""
+    page = (Path(__file__).parents[3] / "docs" / "security.md").read_text(encoding="utf-8")
+    expected = "\n".join(row_of(role) for role in ROLES)
+    assert expected in page, f"docs/security.md needs these rows:\n{expected}"
+
+
+def row_of(role: Role) -> str:
+    rights = RIGHTS[role]
+    cells = [keys_text(keys) for keys in (rights.put, rights.subscribe, rights.query, rights.answer)]
+    liveliness = [
+        f"{verb} {keys_text(keys)}"
+        for verb, keys in (("announces", rights.announce), ("watches", rights.watch))
+        if keys
+    ]
+    return f"| {role} | {' | '.join(cells)} | {'; '.join(liveliness)} |"
+
+
+def keys_text(keys: tuple[str, ...]) -> str:
+    return ", ".join(f"`{key.format(name='<name>')}`" for key in keys)
