@@ -179,7 +179,7 @@ MissionOption = Annotated[
 ]
 ZenohOption = Annotated[
     str | None,
-    typer.Option(help="zenoh endpoint of the service, such as tcp/10.0.0.5:7447.  [default: this machine]"),
+    typer.Option(help="zenoh endpoint of the service, such as tls/10.0.0.5:7447.  [default: this machine]"),
 ]
 ZenohTlsOption = Annotated[
     Path | None,

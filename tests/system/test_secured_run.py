@@ -1,5 +1,5 @@
-"""`gcs run` with certificates: viewers and operators do what their roles allow, are told what they may not, and
-no key gets into a log or a recording."""
+"""`gcs run` with certificates: viewers and operators do what their roles allow, and are told what they may
+not. No key gets into a log or a recording."""
 
 from __future__ import annotations
 

@@ -83,7 +83,8 @@ def make_node(authority: Path, name: str, role: Role, hosts: Sequence[str], days
     path = authority / NODES
     nodes = read_nodes(path) if path.exists() else {}
     if nodes.get(name, role) != role:
-        raise ConfigError(str(path), f"nodes.{name}", f"is listed with the role {nodes[name]}; choose another name")
+        problem = f"is listed with the role {nodes[name]}; choose another name"
+        raise ConfigError(str(path), f"nodes.{name}", problem)
     folder = authority / common_name(role, name)
     _refuse_existing(folder, (CERTIFICATE, KEY))
     key = ec.generate_private_key(ec.SECP256R1())

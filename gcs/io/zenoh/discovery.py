@@ -96,7 +96,7 @@ def find_service(mission: str | None) -> ServiceInfo:
     raise NoAnswerError(
         "gcs",
         f"{what} runs on this machine: start `gcs run` or `gcs demo`, or name another machine's with "
-        "--mission NAME --zenoh tcp/HOST:PORT",
+        "--mission NAME --zenoh tls/HOST:PORT",
     )
 
 
