@@ -58,9 +58,8 @@ def make_node_certificate(
     with exit_on_error():
         folder = make_node(ca, name, role, host or [], days)
     _say(f"{folder}: certificate {folder.name} made, valid for {days} days. Copy this folder to its machine.")
-    if role != "command":
-        nodes = ca / "nodes.toml"
-        _say(f"{nodes} lists it: copy that file to the folder of the command node, and start it again.")
+    nodes = ca / "nodes.toml"
+    _say(f"{nodes} lists it: command nodes need a copy of that file in their folders, and a new start.")
 
 
 def _say(text: str) -> None:

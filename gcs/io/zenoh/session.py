@@ -68,6 +68,7 @@ class ZenohSession:
             raise LinkError(self.endpoint, _what_to_do(error, listening=listen is not None)) from None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._subscribers: list[zenoh.Subscriber[None]] = []
+        self._watcher: zenoh.LinkEventsListener[None] | None = None
 
     def publish(self, key: str, payload: bytes) -> None:
         """Publish to the present subscribers, if any.
@@ -127,7 +128,7 @@ class ZenohSession:
                 known.add(name)
                 callback(printable(name))
 
-        self._session.info.declare_link_events_listener(handle, history=True)
+        self._watcher = self._session.info.declare_link_events_listener(handle, history=True)
 
     def names_connected(self) -> list[str]:
         """Return the common names of connected nodes; "" for one without a certificate."""
