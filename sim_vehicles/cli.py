@@ -23,7 +23,7 @@ from gcs.cli.arguments import (
     SpeedOption,
 )
 from gcs.cli.errors import exit_on_error
-from gcs.errors import ConfigError, GcsError
+from gcs.errors import ConfigError, GcsError, LinkError
 from gcs.io.console import console_for
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def run(
     with exit_on_error():
         firmware = dict(parse_sitl(text) for text in sitl or [])
         loaded = with_faults(load(scenario), faults or [])
-        _check_certificate(zenoh_tls)
+        _check_certificate(zenoh, zenoh_role, zenoh_tls)
     waits = not start_at_once
     connections = _address(gcs), zenoh, zenoh_role
     plan = SimulationPlan(
@@ -150,23 +150,26 @@ def world(
 
     with exit_on_error():
         loaded = load(scenario)
-        _check_certificate(zenoh_tls)
+        _check_certificate(zenoh, zenoh_role, zenoh_tls)
     plan = SimulationPlan(
         loaded, seed, 1.0, ("", 0), zenoh, zenoh_role, truth_links=link, zenoh_tls=zenoh_tls
     )
     _supervise(plan, as_json)
 
 
-def _check_certificate(folder: Path | None) -> None:
-    """Check that a certificate lets the world publish scans of all sensors and the ground truth."""
+def _check_certificate(endpoint: str, role: str, folder: Path | None) -> None:
+    """Check that a certificate is accepted, and lets the world publish for all sensors."""
     if folder is None:
         return
     from gcs.io.zenoh.certificates import read_node
+    from gcs.io.zenoh.handshake import tls_problem
 
     node = read_node(folder)
     if node.role != "command":
         problem = f"{node.common_name} may publish for itself alone; the simulated world has all sensors: "
         raise ConfigError(str(folder), "--zenoh-tls", problem + "expected a certificate of the role command")
+    if role == "connect" and (refusal := tls_problem(endpoint, folder)):
+        raise LinkError(endpoint, refusal)
 
 
 def _address(text: str) -> tuple[str, int]:

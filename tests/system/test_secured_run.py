@@ -17,11 +17,12 @@ from typer.testing import CliRunner
 from gcs.cli import app
 from gcs.config import read_text
 from gcs.io.recording.reader import read
-from gcs.io.zenoh.authority import make_authority, make_node
+from gcs.io.zenoh.certificate_authority import make_certificate_authority, make_node
 from gcs.io.zenoh.key_expressions import order_key, scan_key
 from gcs.io.zenoh.order_messages import OrderMessage, encode_order
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import Notice, NoticeCode, Order, Scan
+from sim_vehicles.cli import app as sim_vehicles
 
 GCS = [sys.executable, "-P", "-c", "from gcs.cli import main; main()"]
 MISSION = "prescribed"
@@ -29,12 +30,12 @@ TIMEOUT_S = 60.0
 
 
 class Swarm:
-    """A running service with an authority, and its nodes."""
+    """A running service with a CA, and its nodes."""
 
     def __init__(self, folder: Path, runtime: Path) -> None:
         self.folder = folder
         ca = folder / "ca"
-        make_authority(ca, 30)
+        make_certificate_authority(ca, 30)
         nodes = {"vic": "viewer", "anna": "operator", "radar": "sensor", "hub": "command"}
         self.tls = {name: make_node(ca, name, role, [], 30) for name, role in nodes.items()}
         nodes_of_hub = (self.tls["hub"] / "nodes.toml").read_text()
@@ -126,11 +127,23 @@ def test_without_a_certificate_the_option_is_named(swarm: Swarm) -> None:
 
 
 def test_a_certificate_of_another_authority_is_told_so(swarm: Swarm, tmp_path: Path) -> None:
-    make_authority(tmp_path / "ca", 30)
+    make_certificate_authority(tmp_path / "ca", 30)
     folder = make_node(tmp_path / "ca", "anna", "operator", [], 30)
     refused = swarm.gcs("order", "hold", "--all", "--timeout", "1", tls=folder)
     assert refused.exit_code == 1
     assert "the certificate there is not valid" in refused.output
+
+
+def test_a_simulated_world_that_would_be_refused_says_why_and_starts_nothing(
+    swarm: Swarm, tmp_path: Path
+) -> None:
+    make_certificate_authority(tmp_path / "ca", 30)
+    foreign = make_node(tmp_path / "ca", "sim", "command", [], 30)
+    for tls, words in ((swarm.tls["radar"], "a certificate of the role command"), (foreign, "is not valid")):
+        arguments = ["run", MISSION, "--zenoh", swarm.endpoint, "--zenoh-tls", str(tls)]
+        refused = CliRunner(env={"COLUMNS": "200"}).invoke(sim_vehicles, arguments)
+        assert refused.exit_code == 2
+        assert words in refused.output
 
 
 def test_nothing_secret_is_in_logs_and_recordings_and_nothing_refused_was_taken(tmp_path: Path) -> None:

@@ -14,19 +14,19 @@ _DAYS = "Validity in days, from now."
 
 
 def make_ca(
-    folder: Annotated[Path, typer.Argument(help="Folder of the authority.", metavar="FOLDER")] = Path("ca"),
+    folder: Annotated[Path, typer.Argument(help="Folder of the CA.", metavar="FOLDER")] = Path("ca"),
     days: Annotated[int, typer.Option(min=1, max=36_500, help=_DAYS)] = 3650,
 ) -> None:
     """Make a certificate authority for the zenoh nodes of a swarm.
 
     Keep FOLDER/ca.key off the machines that fly: its holder can make certificates of every role.
     """
-    from gcs.io.zenoh.authority import make_authority
+    from gcs.io.zenoh.certificate_authority import make_certificate_authority
 
     with exit_on_error():
-        make_authority(folder, days)
+        make_certificate_authority(folder, days)
     next_step = f"gcs keys node NAME --role ROLE --ca {folder}"
-    _say(f"{folder}: authority made, valid for {days} days. Next: {next_step}")
+    _say(f"{folder}: certificate authority made, valid for {days} days. Next: {next_step}")
 
 
 def make_node_certificate(
@@ -38,7 +38,7 @@ def make_node_certificate(
         Literal["sensor", "viewer", "operator", "bridge", "command"],
         typer.Option(help="What it may do (docs/security.md)."),
     ],
-    ca: Annotated[Path, typer.Option(help="Folder of the authority.", metavar="FOLDER")] = Path("ca"),
+    ca: Annotated[Path, typer.Option(help="Folder of the CA.", metavar="FOLDER")] = Path("ca"),
     host: Annotated[
         list[str] | None,
         typer.Option(
@@ -53,7 +53,7 @@ def make_node_certificate(
     The folder FOLDER/ROLE.NAME goes to the node's machine: `zenoh_tls` under `[links]` of a mission file, or
     `--zenoh-tls`.
     """
-    from gcs.io.zenoh.authority import make_node
+    from gcs.io.zenoh.certificate_authority import make_node
 
     with exit_on_error():
         folder = make_node(ca, name, role, host or [], days)

@@ -69,10 +69,12 @@ def read_nodes(path: Path) -> dict[str, Role]:
     Raises
     ------
     ConfigError
-        When it is missing, not TOML, or names something else.
+        When it is missing, writable by others, not TOML, or names something else.
     """
     source = str(path)
     try:
+        if path.stat().st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            raise ConfigError(source, "", f"others may change this list: chmod go-w {path}")
         raw = decode_toml(read_text(path, _MAX_BYTES), source)
     except FileNotFoundError:
         problem = "is missing; it says who may connect: `gcs keys node` writes it beside ca.key, copy it here"

@@ -15,16 +15,16 @@ _TIMEOUT_S: Final = 2.0
 _ALERT_S: Final = 1.0
 """Wait for a refusal after the handshake."""
 _ALERTS: Final = {
-    "UNKNOWN_CA": "this node's certificate is of another authority than that one's",
+    "UNKNOWN_CA": "this node's certificate is of another CA than that one's",
     "CERTIFICATE_EXPIRED": "this node's certificate has expired",
     "CERTIFICATE_REQUIRED": "no certificate was sent",
-    "DECRYPT_ERROR": "this node's certificate is of another authority of the same name",
+    "DECRYPT_ERROR": "this node's certificate is of another CA of the same name",
 }
 """Reasons of OpenSSL, by the words of the alert in them."""
 
 
 def tls_problem(endpoint: str, folder: Path) -> str:
-    """Return why the TLS handshake with a zenoh endpoint fails; empty if it does not.
+    """Return why the TLS handshake with a zenoh endpoint is refused; empty if it is not, or nothing listens.
 
     Parameters
     ----------
@@ -51,8 +51,6 @@ def tls_problem(endpoint: str, folder: Path) -> str:
         reason = error.reason or str(error)
         told = next((text for word, text in _ALERTS.items() if word in reason), None)
         return f"the connection is refused: {told or reason.replace('_', ' ').lower()}"
-    except TimeoutError:
+    except OSError:  # nothing listens
         return ""
-    except OSError as error:
-        return f"nothing listens there ({error.strerror or error}): is it running?"
     return ""

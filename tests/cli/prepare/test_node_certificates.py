@@ -1,4 +1,4 @@
-"""A user would lose an authority, hand out a wrong certificate, or show a key: `gcs keys ca|node`."""
+"""A user would lose a CA, hand out a wrong certificate, or show a key: `gcs keys ca|node`."""
 
 from __future__ import annotations
 
@@ -138,12 +138,19 @@ def test_a_damaged_or_open_folder_is_refused_without_its_key(ca: Path) -> None:
 
 
 def test_a_certificate_without_a_role_is_refused(ca: Path) -> None:
-    """Such as one of another authority, for another purpose."""
+    """Such as one of another CA, for another purpose."""
     folder = node(ca, "anna", "operator")
     for name in ("node.pem", "node.key"):
         (folder / name).write_bytes((ca / name.replace("node", "ca")).read_bytes())
     with pytest.raises(ConfigError, match=r"expected a common name such as sensor.radar-1"):
         read_node(folder)
+
+
+def test_a_list_of_nodes_that_others_may_change_is_refused(ca: Path) -> None:
+    node(ca, "anna", "operator")
+    (ca / "nodes.toml").chmod(0o664)
+    with pytest.raises(ConfigError, match="chmod go-w"):
+        read_nodes(ca / "nodes.toml")
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,9 @@ import zenoh
 from zenoh import ext
 
 from gcs.errors import ConfigError, LinkError
-from gcs.io.zenoh import authority
+from gcs.io.zenoh import certificate_authority
 from gcs.io.zenoh.access_control import RIGHTS, ROLES, Role, may
-from gcs.io.zenoh.authority import make_authority, make_node
+from gcs.io.zenoh.certificate_authority import make_certificate_authority, make_node
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 
 MISSION = "swarm/m"
@@ -57,7 +57,7 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def make_keys(folder: Path) -> dict[str, Path]:
-    make_authority(folder, 30)
+    make_certificate_authority(folder, 30)
     return {name: make_node(folder, name, role, [], 30) for name, role in NODES.items()}
 
 
@@ -133,8 +133,8 @@ def test_a_program_without_a_certificate_reaches_nothing(hub: ZenohSession) -> N
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("connect/endpoints", f'["{hub.endpoint}"]')
     config.insert_json5("connect/exit_on_failure", "false")
-    authority_pem = hub.node.folder / "ca.pem" if hub.node else ""
-    config.insert_json5("transport/link/tls", f'{{"root_ca_certificate": "{authority_pem}"}}')
+    ca_pem = hub.node.folder / "ca.pem" if hub.node else ""
+    config.insert_json5("transport/link/tls", f'{{"root_ca_certificate": "{ca_pem}"}}')
     with zenoh.open(config) as stranger:
         publish_until(stranger, found, set())
         assert stranger.info.links() == []
@@ -142,14 +142,14 @@ def test_a_program_without_a_certificate_reaches_nothing(hub: ZenohSession) -> N
 
 
 def foreign(tmp_path: Path, name: str) -> Path:
-    """Return a certificate of the same name from another authority, with the public part of ours."""
+    """Return a certificate of the same name from another CA, with the public part of ours."""
     return make_keys(tmp_path)[name]
 
 
 def expired(keys: dict[str, Path], name: str, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a certificate of our authority that has expired."""
+    """Return a certificate of our CA that has expired."""
     home = keys[name].parent
-    monkeypatch.setattr(authority, "_CLOCK_TOLERANCE", datetime.timedelta(days=9))
+    monkeypatch.setattr(certificate_authority, "_CLOCK_TOLERANCE", datetime.timedelta(days=9))
     kept = keys[name].rename(home / "kept")
     folder = make_node(home, name, NODES[name], [], -2).rename(home / "expired")
     kept.rename(keys[name])
@@ -195,7 +195,7 @@ def test_a_wrong_or_expired_certificate_reaches_nothing_and_is_told_why(
             ZenohSession(connect=hub.endpoint, tls=folder)
     else:
         with ZenohSession(connect=hub.endpoint, tls=folder) as session:
-            assert "of another authority" in session.why_unanswered()
+            assert "of another CA" in session.why_unanswered()
     shutil.rmtree(folder)
 
 
@@ -219,7 +219,7 @@ def test_a_node_cannot_pose_as_central_command(keys: dict[str, Path]) -> None:
 
 def test_central_command_does_not_obey_a_sensor_that_it_connects_to(tmp_path: Path) -> None:
     """`zenoh_role = "connect"`: the rights are those of the certificate, whoever opened the connection."""
-    make_authority(tmp_path, 30)
+    make_certificate_authority(tmp_path, 30)
     command = make_node(tmp_path, "hub", "command", [], 30)
     radar = make_node(tmp_path, "radar-1", "sensor", ["localhost"], 30)
     endpoint = free_endpoint("tls")

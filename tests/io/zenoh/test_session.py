@@ -11,7 +11,7 @@ import pytest
 
 from gcs.config import load
 from gcs.errors import LinkError
-from gcs.io.zenoh.authority import make_authority, make_node
+from gcs.io.zenoh.certificate_authority import make_certificate_authority, make_node
 from gcs.io.zenoh.key_expressions import sensor_scan_keys
 from gcs.io.zenoh.scans import decode_scan
 from gcs.io.zenoh.session import ZenohSession, free_endpoint, service_bus
@@ -148,7 +148,7 @@ def test_the_documented_sensor_feeds_a_service_with_certificates(tmp_path: Path)
     (program,) = re.findall(r"```python\n(.*?)```", (docs / "sensors.md").read_text("utf-8"), re.DOTALL)
     (secured,) = re.findall(r"```python\n(.*?)```", (docs / "security.md").read_text("utf-8"), re.DOTALL)
     endpoint = free_endpoint("tls")
-    make_authority(tmp_path, 30)
+    make_certificate_authority(tmp_path, 30)
     make_node(tmp_path, "radar-1", "sensor", [], 30)
     command = make_node(tmp_path, "hub", "command", [], 30)
     (line,) = re.findall(r"^config.*connect/endpoints.*\n", program, re.MULTILINE)
@@ -167,7 +167,7 @@ def test_the_documented_sensor_feeds_a_service_with_certificates(tmp_path: Path)
 def test_a_service_with_certificates_that_connects_to_a_sensor_is_reached_by_operators(
     tmp_path: Path,
 ) -> None:
-    make_authority(tmp_path, 30)
+    make_certificate_authority(tmp_path, 30)
     sensor_tls = make_node(tmp_path, "a", "sensor", ["localhost"], 30)
     operator_tls = make_node(tmp_path, "anna", "operator", [], 30)
     command_tls = make_node(tmp_path, "hub", "command", [], 30)

@@ -1,6 +1,6 @@
 """Making a certificate authority and the certificates of nodes (X.509 v3, RFC 5280; EC P-256).
 
-The authority is a folder with `ca.pem` (public), `ca.key` (secret) and `nodes.toml`. Each node has a folder
+The CA is a folder with `ca.pem` (public), `ca.key` (secret) and `nodes.toml`. Each node has a folder
 there, named as its certificate. Nodes that accept connections get names of their hosts and may be TLS
 servers; others may be TLS clients only, so that nobody can pose as central command with their certificates.
 """
@@ -43,7 +43,7 @@ _NODES_HEAD: Final = (
 )
 
 
-def make_authority(folder: Path, days: int) -> None:
+def make_certificate_authority(folder: Path, days: int) -> None:
     """Make a certificate authority in a folder for its owner alone.
 
     Raises
@@ -64,7 +64,7 @@ def make_authority(folder: Path, days: int) -> None:
     _write(folder, {CA: certificate.public_bytes(Encoding.PEM), CA_KEY: _pem(key)})
 
 
-def make_node(authority: Path, name: str, role: Role, hosts: Sequence[str], days: int) -> Path:
+def make_node(ca: Path, name: str, role: Role, hosts: Sequence[str], days: int) -> Path:
     """Make a node's certificate; return its folder. Adds the node to `nodes.toml`, and to its copies.
 
     Parameters
@@ -75,17 +75,17 @@ def make_node(authority: Path, name: str, role: Role, hosts: Sequence[str], days
     Raises
     ------
     ConfigError
-        When the authority cannot be read, or the node exists already.
+        When the CA cannot be read, or the node exists already.
     """
     if not re.match(NODE_NAME, name):
         raise ConfigError("NAME", name, "expected 1 to 48 letters, digits, - and _")
-    issuer, issuer_key = _read_authority(authority)
-    path = authority / NODES
+    issuer, issuer_key = _read_ca(ca)
+    path = ca / NODES
     nodes = read_nodes(path) if path.exists() else {}
     if nodes.get(name, role) != role:
         problem = f"is listed with the role {nodes[name]}; choose another name"
         raise ConfigError(str(path), f"nodes.{name}", problem)
-    folder = authority / common_name(role, name)
+    folder = ca / common_name(role, name)
     _refuse_existing(folder, (CERTIFICATE, KEY))
     key = ec.generate_private_key(ec.SECP256R1())
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name(role, name))])
@@ -106,27 +106,27 @@ def make_node(authority: Path, name: str, role: Role, hosts: Sequence[str], days
     certificate = builder.sign(issuer_key, hashes.SHA256())
     public = {CA: issuer.public_bytes(Encoding.PEM), CERTIFICATE: certificate.public_bytes(Encoding.PEM)}
     _write(folder, public | {KEY: _pem(key)})
-    _save_nodes(authority, nodes | {name: role})
+    _save_nodes(ca, nodes | {name: role})
     return folder
 
 
-def _save_nodes(authority: Path, nodes: dict[str, Role]) -> None:
-    """Write `nodes.toml` of the authority and of the command nodes beside it."""
+def _save_nodes(ca: Path, nodes: dict[str, Role]) -> None:
+    """Write `nodes.toml` of the CA and of the command nodes beside it."""
     text = _NODES_HEAD + "".join(f'{name} = "{role}"\n' for name, role in sorted(nodes.items()))
-    commands = [authority / common_name(role, name) for name, role in nodes.items() if role == "command"]
-    for folder in (authority, *(one for one in commands if one.is_dir())):
+    commands = [ca / common_name(role, name) for name, role in nodes.items() if role == "command"]
+    for folder in (ca, *(one for one in commands if one.is_dir())):
         _write(folder, {NODES: text.encode()})
 
 
-def _read_authority(folder: Path) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey]:
+def _read_ca(folder: Path) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey]:
     try:
         certificate = x509.load_pem_x509_certificate(read_bytes(folder / CA, _MAX_BYTES))
         key = load_pem_private_key(read_bytes(folder / CA_KEY, _MAX_BYTES), None)
     except FileNotFoundError as error:
-        problem = f"is missing: `gcs keys ca {folder}` makes an authority"
+        problem = f"is missing: `gcs keys ca {folder}` makes a CA"
         raise ConfigError(str(error.filename), "", problem) from None
     except (OSError, ValueError, TypeError):
-        problem = f"expected {CA} and {CA_KEY} of an authority, as `gcs keys ca` makes them"
+        problem = f"expected {CA} and {CA_KEY} of a CA, as `gcs keys ca` makes them"
         raise ConfigError(str(folder), "", problem) from None
     if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
         raise ConfigError(str(folder / CA_KEY), "", f"is not the key of {CA}")
