@@ -9,7 +9,8 @@ for 5 s, when the buffers are full, until zenoh closes it.
 
 With a folder of a certificate (`gcs.io.zenoh.certificates`) a session uses mutual TLS: both sides need a
 certificate of one certificate authority. A command node also enforces the roles of
-`gcs.io.zenoh.access_control`. A link that is up stays up when a certificate expires: nothing is cut in flight.
+`gcs.io.zenoh.access_control`. A link that is up stays up when a certificate expires: nothing is cut in
+flight.
 """
 
 from __future__ import annotations
