@@ -15,6 +15,7 @@ the canonical form of the table.
 
 from __future__ import annotations
 
+import ipaddress
 import re
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
@@ -133,3 +134,12 @@ def _serial(text: str, rest: str) -> Endpoint:
     if baud == 0:
         raise LinkError(text, "expected a baud rate above 0, such as 57600")
     return Endpoint("serial", device=match["device"], baud=baud)
+
+
+def is_loopback(zenoh: str) -> bool:
+    """Return True if an endpoint of zenoh, such as tcp/127.0.0.1:7447, is reached from this machine only."""
+    host = zenoh.partition("/")[2].rpartition(":")[0].removeprefix("[").removesuffix("]")
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

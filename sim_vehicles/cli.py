@@ -23,7 +23,7 @@ from gcs.cli.arguments import (
     SpeedOption,
 )
 from gcs.cli.errors import exit_on_error
-from gcs.errors import GcsError
+from gcs.errors import ConfigError, GcsError, LinkError
 from gcs.io.console import console_for
 
 if TYPE_CHECKING:
@@ -46,6 +46,14 @@ ZenohOption = Annotated[
 ZenohRoleOption = Annotated[
     Literal["connect", "listen"],
     typer.Option(help="connect: to a listening central command (`gcs run`); listen: wait for connections."),
+]
+ZenohTlsOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FOLDER",
+        help="Folder with a certificate of the role command (the world has all sensors), for zenoh endpoints "
+        "tls/HOST:PORT.",
+    ),
 ]
 JsonLinesOption = Annotated[bool, typer.Option("--json", help="Print events as JSON, one object a line.")]
 
@@ -78,6 +86,7 @@ def run(
     ] = "127.0.0.1:14550",
     zenoh: ZenohOption = "tcp/127.0.0.1:7447",
     zenoh_role: ZenohRoleOption = "connect",
+    zenoh_tls: ZenohTlsOption = None,
     pack: PackOption = 1,
     loss: LossOption = 0.0,
     start_at_once: Annotated[
@@ -110,9 +119,12 @@ def run(
     with exit_on_error():
         firmware = dict(parse_sitl(text) for text in sitl or [])
         loaded = with_faults(load(scenario), faults or [])
+        _check_certificate(zenoh, zenoh_role, zenoh_tls)
     waits = not start_at_once
     connections = _address(gcs), zenoh, zenoh_role
-    plan = SimulationPlan(loaded, seed, speed, *connections, pack, loss, waits, firmware, sitl_folder)
+    plan = SimulationPlan(
+        loaded, seed, speed, *connections, pack, loss, waits, firmware, sitl_folder, zenoh_tls=zenoh_tls
+    )
     _supervise(plan, as_json, sys.stdin.fileno() if until_stdin_closes else None)
 
 
@@ -130,6 +142,7 @@ def world(
     seed: SeedOption = 1,
     zenoh: ZenohOption = "tcp/127.0.0.1:7447",
     zenoh_role: ZenohRoleOption = "connect",
+    zenoh_tls: ZenohTlsOption = None,
     as_json: JsonLinesOption = False,
 ) -> None:
     """Simulate the targets and sensors of a scenario around running vehicles, until Ctrl-C.
@@ -142,8 +155,26 @@ def world(
 
     with exit_on_error():
         loaded = load(scenario)
-    plan = SimulationPlan(loaded, seed, 1.0, ("", 0), zenoh, zenoh_role, truth_links=link)
+        _check_certificate(zenoh, zenoh_role, zenoh_tls)
+    plan = SimulationPlan(
+        loaded, seed, 1.0, ("", 0), zenoh, zenoh_role, truth_links=link, zenoh_tls=zenoh_tls
+    )
     _supervise(plan, as_json)
+
+
+def _check_certificate(endpoint: str, role: str, folder: Path | None) -> None:
+    """Check that a certificate is accepted, and lets the world publish for all sensors."""
+    if folder is None:
+        return
+    from gcs.io.zenoh.certificates import read_node
+    from gcs.io.zenoh.handshake import tls_problem
+
+    node = read_node(folder)
+    if node.role != "command":
+        problem = f"{node.common_name} may publish for itself alone; the simulated world has all sensors: "
+        raise ConfigError(str(folder), "--zenoh-tls", problem + "expected a certificate of the role command")
+    if role == "connect" and (refusal := tls_problem(endpoint, folder)):
+        raise LinkError(endpoint, refusal)
 
 
 def _address(text: str) -> tuple[str, int]:

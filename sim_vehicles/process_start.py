@@ -62,6 +62,8 @@ class WorldArguments:
     zenoh_role: Literal["listen", "connect"]
     waits_for_ground: bool
     """True if targets stand until ground contact."""
+    zenoh_tls: str = ""
+    """Folder of the certificate; empty without TLS."""
 
 
 @dataclass(frozen=True, slots=True)

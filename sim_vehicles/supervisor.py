@@ -74,6 +74,8 @@ class SimulationPlan:
     """Folder for the firmware's files; None: a temporary one."""
     truth_links: Sequence[str] = ()
     """MAVLink endpoints of running vehicles. If not empty, no vehicle is started."""
+    zenoh_tls: Path | None = None
+    """Folder of the world's certificate."""
 
 
 @dataclass(slots=True)
@@ -102,7 +104,8 @@ class Supervisor:
         plan = self.plan
         scenario = self.plan.scenario
         waits = plan.waits_for_ground
-        arguments = WorldArguments(scenario.source, plan.seed, plan.zenoh, plan.zenoh_role, waits)
+        tls = "" if plan.zenoh_tls is None else str(plan.zenoh_tls)
+        arguments = WorldArguments(scenario.source, plan.seed, plan.zenoh, plan.zenoh_role, waits, tls)
         world = self._spawn("world.process", arguments)
         truth = "127.0.0.1", int(self._await_ready(world).split()[1])
         specs = [replace(spec, waits_for_ground=waits) for spec in vehicle_specs(scenario, plan.seed)]

@@ -305,3 +305,46 @@ def test_a_renamed_key_is_refused_with_its_new_name(old, hint):
     with pytest.raises(ConfigError) as refused:
         parse(f'name = "x"\n[frame]\nlat_deg = 33.2\nlon_deg = -87.6\nalt_msl_m = 70.0\n{old}\n', "x.toml")
     assert hint in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("links", "key", "words"),
+    [
+        ('zenoh = "tcp/0.0.0.0:7447"', "links.zenoh", "lets every program on that network command"),
+        ('zenoh = "tcp/10.0.0.5:7447"\nzenoh_role = "connect"', "links.zenoh", "expected tls/HOST:PORT"),
+        ('zenoh = "udp/[::]:7447"', "links.zenoh", "zenoh_unprotected = true"),
+        ('zenoh = "tls/0.0.0.0:7447"', "links.zenoh_tls", "gcs keys node"),
+        ('zenoh_tls = "hub"', "links.zenoh", "would not use links.zenoh_tls"),
+    ],
+)
+def test_an_endpoint_that_other_machines_reach_without_certificates_is_refused(
+    links: str, key: str, words: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse(f"{GOOD}\n[links]\n{links}\n", "mission.toml")
+    assert caught.value.key == key
+    assert words in caught.value.expected
+
+
+@pytest.mark.parametrize(
+    "links",
+    [
+        'zenoh = "tcp/127.0.0.1:7447"',
+        'zenoh = "tcp/[::1]:7447"',
+        'zenoh = "tcp/localhost:7447"',
+        'zenoh = "tcp/0.0.0.0:7447"\nzenoh_unprotected = true',
+        'zenoh = "tls/0.0.0.0:7447"\nzenoh_tls = "hub"',
+    ],
+)
+def test_a_protected_endpoint_or_one_of_this_machine_needs_no_word(links: str) -> None:
+    config = parse(f"{GOOD}\n[links]\n{links}\n", "missions/mission.toml")
+    folder = config.links.tls_folder("missions/mission.toml")
+    assert folder == (Path("missions/hub") if config.links.zenoh_tls else None)
+
+
+def test_the_check_warns_of_an_unprotected_endpoint(tmp_path: Path) -> None:
+    path = tmp_path / "mission.toml"
+    path.write_text(f'{GOOD}\n[links]\nzenoh = "tcp/0.0.0.0:7447"\nzenoh_unprotected = true\n')
+    done = CliRunner(env={"COLUMNS": "200"}).invoke(app, ["check", str(path)])
+    assert done.exit_code == 0
+    assert "every program that reaches tcp/0.0.0.0:7447 may command the vehicles" in done.output

@@ -56,7 +56,7 @@ _COMMANDS: Final[dict[str, dict[str, tuple[str, str]]]] = {
             "Upload, show or clear the fence and the rally points of vehicles.",
         ),
         "param": ("gcs.cli.prepare.param", "Read and set parameters of vehicles."),
-        "keys": ("gcs.cli.prepare.keys", "Make and install keys for MAVLink 2 signing."),
+        "keys": ("gcs.cli.prepare.keys", "Make keys for MAVLink 2 signing, and certificates for zenoh."),
     },
     "Recordings": {
         "replay": ("gcs.cli.analyse.replay", "Play a recording through central command again."),

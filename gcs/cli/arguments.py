@@ -179,7 +179,15 @@ MissionOption = Annotated[
 ]
 ZenohOption = Annotated[
     str | None,
-    typer.Option(help="zenoh endpoint of the service, such as tcp/10.0.0.5:7447.  [default: this machine]"),
+    typer.Option(help="zenoh endpoint of the service, such as tls/10.0.0.5:7447.  [default: this machine]"),
+]
+ZenohTlsOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FOLDER",
+        help="Folder with your certificate, as `gcs keys node` makes it, for an endpoint tls/HOST:PORT.  "
+        "[default: that of the service on this machine]",
+    ),
 ]
 RecordedSeedOption = Annotated[
     int | None, typer.Option(min=0, help="Seed of the random obstacles.  [default: the recorded seed]")

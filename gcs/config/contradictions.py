@@ -8,8 +8,8 @@ import numpy as np
 
 from gcs.area_corners import corner_error
 from gcs.config.mission_file import Config
-from gcs.config.schema import AgentTable, BirthTable, link_of
-from gcs.endpoints import Link
+from gcs.config.schema import AgentTable, BirthTable, LinksTable, link_of
+from gcs.endpoints import Link, is_loopback
 from gcs.errors import ConfigError, LinkError
 from gcs.geojson import read_zones
 from gcs.model import vehicle_name
@@ -26,6 +26,7 @@ def _contradictions(config: Config, source: str) -> Iterator[ConfigError]:
     if config.map.geojson:
         yield from _zones(config, source)
     yield from _links(config, source)
+    yield from _zenoh(config.links, source)
     ids = [agent.vehicle for agent in config.agents]
     for index, vehicle in enumerate(ids):
         if vehicle in ids[:index]:
@@ -97,6 +98,28 @@ def _zones(config: Config, source: str) -> Iterator[ConfigError]:
                 f"{what} lies far from the frame's origin ({config.frame.lat_deg:.3f}°, "
                 f"{config.frame.lon_deg:.3f}°); positions are [longitude, latitude], in this order",
             )
+
+
+def _zenoh(links: LinksTable, source: str) -> Iterator[ConfigError]:
+    """Check that other machines do not reach an endpoint without certificates by mistake."""
+    named = {"zenoh": links.zenoh, "bridge": links.bridge, "standby": links.standby}
+    for key, endpoint in named.items():
+        if not endpoint:
+            continue
+        is_tls = endpoint.startswith("tls/")
+        if is_tls and not links.zenoh_tls:
+            problem = f"is missing: {endpoint} needs a folder with a certificate (gcs keys node)"
+            yield ConfigError(source, "links.zenoh_tls", problem)
+        if links.zenoh_tls and not is_tls:
+            problem = f"{endpoint} would not use links.zenoh_tls; expected tls/HOST:PORT"
+            yield ConfigError(source, f"links.{key}", problem)
+        if not (is_tls or is_loopback(endpoint) or links.zenoh_unprotected):
+            problem = (
+                f"{endpoint} lets every program on that network command the vehicles: expected tls/HOST:PORT "
+                "with links.zenoh_tls (gcs keys node), or zenoh_unprotected = true where no one else is on "
+                "that network"
+            )
+            yield ConfigError(source, f"links.{key}", problem)
 
 
 def _links(config: Config, source: str) -> Iterator[ConfigError]:

@@ -220,16 +220,22 @@ class LinksTable(Table, frozen=True, kw_only=True):
     )
     forward: list[ForwardTable] = []
     keys: str = ""
-    zenoh: Annotated[str, Meta(pattern=r"^(tcp|udp)/[^/]+:\d{1,5}$")] = "tcp/127.0.0.1:7447"
+    zenoh: Annotated[str, Meta(pattern=r"^(tcp|udp|tls)/[^/]+:\d{1,5}$")] = "tcp/127.0.0.1:7447"
     zenoh_role: Literal["listen", "connect"] = "listen"
-    bridge: Annotated[str, Meta(pattern=r"^((tcp|udp)/[^/]+:\d{1,5})?$")] = ""
-    standby: Annotated[str, Meta(pattern=r"^((tcp|udp)/[^/]+:\d{1,5})?$")] = ""
+    bridge: Annotated[str, Meta(pattern=r"^((tcp|udp|tls)/[^/]+:\d{1,5})?$")] = ""
+    standby: Annotated[str, Meta(pattern=r"^((tcp|udp|tls)/[^/]+:\d{1,5})?$")] = ""
+    zenoh_tls: str = ""
+    zenoh_unprotected: bool = False
     max_parallel_uploads: Annotated[int, Meta(ge=1, le=1000)] = 32
     failover_s: Annotated[float, Meta(ge=0.0, le=600.0)] = 10.0
 
     def key_file(self, source: str) -> Path | None:
         """Return the file of signing keys, relative to the mission file `source`; None: nothing is signed."""
         return Path(source).parent / self.keys if self.keys else None
+
+    def tls_folder(self, source: str) -> Path | None:
+        """Return the folder of the certificate for zenoh, relative to the mission file; None: no TLS."""
+        return Path(source).parent / self.zenoh_tls if self.zenoh_tls else None
 
     def entries(self) -> list[tuple[str, str | EndpointTable | ForwardTable]]:
         """Return all MAVLink endpoints with their keys, those of vehicles first."""

@@ -1205,6 +1205,14 @@ class NoticeCode(StrEnum):
         "add it to `[[agents]]`, or ignore it",
         by="system component",
     )
+    NODE_WITHOUT_RIGHTS = _link(
+        "node-without-rights",
+        _W,
+        "{name} connected and may do nothing here: nodes.toml does not list it",
+        "a program with a valid certificate for zenoh, which was not or is no longer admitted",
+        "add it to `nodes.toml` of this service and start it again, or find out who that is",
+        by="name",
+    )
     LINK_OPEN = _link("link-open", _I, "connected", ends="link-failed")
     LINK_FAILED = _link(
         "link-failed",

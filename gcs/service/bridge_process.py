@@ -48,8 +48,15 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True):
     zenoh: str
     """Endpoint at which command connects."""
     failover_s: float
+    tls: str | None = None
+    """Folder of the certificate for zenoh."""
     ports: dict[str, int] = {}
     """Ports of endpoints that listen on any free port: those of the bridge before."""
+
+    @property
+    def tls_folder(self) -> Path | None:
+        """Folder of the certificate for zenoh; None: no TLS."""
+        return None if self.tls is None else Path(self.tls)
 
 
 class BridgeStarted(msgspec.Struct, frozen=True, kw_only=True):
@@ -87,7 +94,7 @@ def open_bridge(settings: BridgeSettings) -> Iterator[Bridge]:
     signing = LinkSigning(settings.links, None if settings.keys is None else Path(settings.keys))
     frame = LocalFrame(settings.lat_deg, settings.lon_deg, settings.alt_msl_m)
     links = Links(settings.links, settings.vehicles, frame, signing, Scanner(), settings.ports)
-    with contextlib.closing(links), ZenohSession(listen=settings.zenoh) as bus:
+    with contextlib.closing(links), ZenohSession(listen=settings.zenoh, tls=settings.tls_folder) as bus:
         gc.collect()
         gc.freeze()  # short pauses of the garbage collector
         yield Bridge(links, settings.vehicles, settings.mission, settings.name, bus, settings.failover_s)

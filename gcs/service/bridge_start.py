@@ -32,7 +32,7 @@ from gcs.mavlink.frames.codec import FrameTable
 from gcs.model import NoticeCode, NoticeContent
 from gcs.service.bridge_process import BridgeSettings, BridgeStarted, remove_socket
 
-_NAME: Final = "local"
+_NAME: Final = "main"
 _ARGUMENTS: Final = (sys.executable, "-P", "-m", "gcs.service.bridge_process")
 _START_S: Final = 20.0
 _END_S: Final = 3.0
@@ -217,10 +217,7 @@ class BridgeProcess:
 
 @contextlib.contextmanager
 def bridge_of(
-    config: Config,
-    links: Sequence[Link],
-    keys: Path | None,
-    scan: Callable[[bytes], FrameTable],
+    config: Config, source: str, links: Sequence[Link], scan: Callable[[bytes], FrameTable]
 ) -> Iterator[BridgeLinks]:
     """Connect to the bridge of a mission; yield its links.
 
@@ -231,7 +228,7 @@ def bridge_of(
     LinkError, ConfigError
         An endpoint or the key file cannot be opened.
     """
-    settings = bridge_settings(config, links, keys)
+    settings = bridge_settings(config, source, links)
     if config.links.bridge:
         with _connected(settings, scan, lambda: None) as found:
             yield found
@@ -248,7 +245,7 @@ def bridge_of(
 
 @contextlib.contextmanager
 def bridge_of_command(
-    config: Config, links: Sequence[Link], keys: Path | None, scan: Callable[[bytes], FrameTable]
+    config: Config, source: str, links: Sequence[Link], scan: Callable[[bytes], FrameTable]
 ) -> Iterator[BridgeLinks]:
     """Connect to the bridge that a command uses, for a standby; yield its links.
 
@@ -257,7 +254,7 @@ def bridge_of_command(
     LinkError
         There is none on this machine, and the mission file names no other.
     """
-    settings = bridge_settings(config, links, keys)
+    settings = bridge_settings(config, source, links)
     if config.links.bridge:
         with _connected(settings, scan, lambda: None) as found:
             yield found
@@ -276,7 +273,7 @@ def _connected(
     ports: Mapping[str, int] | None = None,
 ) -> Iterator[BridgeLinks]:
     node = f"{socket.gethostname()}-{os.getpid()}"
-    with ZenohSession(connect=settings.zenoh) as bus:
+    with ZenohSession(connect=settings.zenoh, tls=settings.tls_folder) as bus:
         yield BridgeLinks(
             settings.links,
             settings.vehicles,
@@ -290,9 +287,11 @@ def _connected(
         )
 
 
-def bridge_settings(config: Config, links: Sequence[Link], keys: Path | None) -> BridgeSettings:
-    """Return the settings of the bridge of a mission."""
+def bridge_settings(config: Config, source: str, links: Sequence[Link]) -> BridgeSettings:
+    """Return the settings of the bridge of a mission, whose file is `source`."""
     frame = config.frame
+    keys = config.links.key_file(source)
+    tls = config.links.tls_folder(source) if config.links.bridge else None
     return BridgeSettings(
         mission=config.name,
         name=_NAME,
@@ -303,6 +302,7 @@ def bridge_settings(config: Config, links: Sequence[Link], keys: Path | None) ->
         alt_msl_m=frame.alt_msl_m,
         keys=None if keys is None else str(keys.resolve()),
         zenoh=config.links.bridge,
+        tls=None if tls is None else str(tls.resolve()),
         failover_s=config.links.failover_s,
     )
 

@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol
+from typing import Protocol, TypeVarTuple
 
 from gcs.config import Config
 from gcs.core.engine import Engine
@@ -29,7 +29,13 @@ from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.vehicle_links import VehicleLinks
 from gcs.io.recording.writer import DiskSpace
 from gcs.io.records import encode, encode_shown
-from gcs.io.zenoh.key_expressions import effect_key, order_key, sensor_of, sensor_scan_keys
+from gcs.io.zenoh.key_expressions import (
+    effect_key,
+    order_key,
+    sensor_of,
+    sensor_scan_keys,
+    status_request_key,
+)
 from gcs.io.zenoh.order_inbox import OrderInbox
 from gcs.io.zenoh.scans import decode_scan
 from gcs.io.zenoh.session import ZenohSession
@@ -70,6 +76,7 @@ _TIMES_KEPT = 10_000
 _MAX_UNPUBLISHED = 1000
 _PUBLISH_S = 5.0
 """Wait at the end for subscribers that do not read; zenoh drops them after the same time."""
+_Parts = TypeVarTuple("_Parts")
 LAG_WARNING_NS = NS_PER_S // 2
 """Start of a notice that the service adds itself: a replay does not repeat it."""
 
@@ -211,7 +218,9 @@ class Service:
             sensor_scan_keys(self.config.name),
             lambda key, payload: on_loop(loop, self._on_scan, key, payload),
         )
-        self._bus.subscribe(order_key(self.config.name), partial(self._on_order, loop))
+        for key in (order_key(self.config.name), status_request_key(self.config.name)):
+            self._bus.subscribe(key, partial(self._on_order, loop))
+        self._bus.watch_nodes(lambda name: on_loop(loop, self._on_unknown_node, name))
         try:
             async with asyncio.TaskGroup() as group:
                 ticker = group.create_task(self._tick())
@@ -282,6 +291,9 @@ class Service:
             self._put(decode_scan(key, payload, t_ns, self.config.local_frame))
         except WireError as error:
             self._put(BadInput(t_ns, key, str(error), sensor_of(key)))
+
+    def _on_unknown_node(self, name: str) -> None:
+        self.on_notice("zenoh", NoticeCode.NODE_WITHOUT_RIGHTS, name=name)
 
     def _on_order(self, loop: asyncio.AbstractEventLoop, key: str, payload: bytes) -> None:
         """Take an order on a thread of zenoh; one that is refused does not reach the event loop."""
@@ -461,12 +473,10 @@ def _first(failures: BaseExceptionGroup[GcsError]) -> GcsError:
     return _first(first) if isinstance(first, BaseExceptionGroup) else first
 
 
-def on_loop(
-    loop: asyncio.AbstractEventLoop, callback: Callable[[str, bytes], None], key: str, payload: bytes
-) -> None:
+def on_loop(loop: asyncio.AbstractEventLoop, callback: Callable[[*_Parts], None], *message: *_Parts) -> None:
     """Pass a message from a zenoh thread to the event loop; a message after its end is dropped."""
     with contextlib.suppress(RuntimeError):
-        loop.call_soon_threadsafe(callback, key, payload)
+        loop.call_soon_threadsafe(callback, *message)
 
 
 def fly_on_after_hangup(view: QueuedText) -> Callable[[], object]:

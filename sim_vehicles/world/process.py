@@ -21,6 +21,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -221,7 +222,8 @@ def main() -> None:
     arguments = read_arguments(WorldArguments)
     scenario = load(arguments.scenario)
     receiver = TruthReceiver(scenario)
-    with ZenohSession(**{arguments.zenoh_role: arguments.zenoh}) as bus:
+    tls = Path(arguments.zenoh_tls) if arguments.zenoh_tls else None
+    with ZenohSession(**{arguments.zenoh_role: arguments.zenoh}, tls=tls) as bus:
         clock = await_clock(f"ready {receiver.port}")
         if clock is not None:
             moves_from_t_ns = NEVER_NS if arguments.waits_for_ground else clock.start_t_ns

@@ -126,12 +126,12 @@ def mission_file(firmware: str, folder: Path) -> Path:
 
 def order(action: str, vehicle: int, target: str | None = None) -> str:
     """Give an order; return the last answer."""
-    mission, endpoint = choose_service(None, None)
+    address = choose_service(None, None, None)
     message = OrderMessage(
         order_id=f"{action}-{secrets.token_hex(6)}", action=action, vehicles=[vehicle], target=target
     )
     try:
-        for answer in send_order(endpoint, mission, message, 5.0, 5.0):
+        for answer in send_order(address, message, 5.0, 5.0):
             if action == "pin":  # the upload begins at the next tick
                 return f"{answer.state} {answer.detail}"
     except GcsError as error:

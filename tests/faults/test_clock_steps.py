@@ -134,7 +134,7 @@ def test_a_mission_is_flown_to_its_end_while_the_wall_clock_is_set(
 @pytest.mark.parametrize("step_s", [-3600.0, -20.0, 20.0, 3600.0])
 def test_preflight_judges_scans_by_the_run_clock(monkeypatch: pytest.MonkeyPatch, step_s: float) -> None:
     config, key = load("prescribed"), scan_key("prescribed", "radar")
-    now_ns, listener = time.time_ns(), ScanListener(config)
+    now_ns, listener = time.time_ns(), ScanListener(config, None)
     scan = Scan(
         0,
         now_ns,

@@ -22,6 +22,7 @@ from gcs.geo import LocalFrame
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
 from gcs.io.zenoh import order_inbox
+from gcs.io.zenoh.discovery import ServiceAddress
 from gcs.io.zenoh.key_expressions import order_key
 from gcs.io.zenoh.order_client import request_status, send_order
 from gcs.io.zenoh.order_inbox import BURST, MAX_SENDERS, MAX_WAITING, ORDERS_PER_S, OrderInbox
@@ -170,9 +171,10 @@ def test_the_command_names_a_full_queue(monkeypatch):
         message = OrderMessage(order_id="a", action="hold", vehicles="all", origin="operator")
 
         def ask() -> None:
-            found.extend(one.detail for one in send_order(endpoint, "prescribed", message, 5.0, 5.0))
+            address = ServiceAddress("prescribed", endpoint, None)
+            found.extend(one.detail for one in send_order(address, message, 5.0, 5.0))
             with pytest.raises(LinkError) as error:
-                request_status(endpoint, "prescribed", 2.0)
+                request_status(address, 2.0)
             found.append(str(error.value))
 
         await asyncio.to_thread(ask)
@@ -240,7 +242,7 @@ def test_hold_all_is_at_the_vehicles_within_a_second_while_a_program_sends_a_tho
         message = OrderMessage(order_id="hold", action="hold", vehicles="all", origin="operator")
         time.sleep(2.0)
         given_s = time.monotonic()
-        for answer in send_order(endpoint, "prescribed", message, 5.0, 10.0):
+        for answer in send_order(ServiceAddress("prescribed", endpoint, None), message, 5.0, 10.0):
             answers.append((answer.state, time.monotonic() - given_s))
 
     async def serve(bus: ZenohSession) -> None:

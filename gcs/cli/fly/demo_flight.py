@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from msgspec import structs
 from rich.console import Console
 
 from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, service_page
@@ -91,6 +92,8 @@ def run_demo(options: DemoOptions, console: Console) -> int:
         parse_endpoint(endpoint)
         text += f'\n[[links.forward]]  # by --forward\nendpoint = "{endpoint}"\n'
     config = parse(text, source)
+    links = structs.replace(config.links, bridge="")
+    config = structs.replace(config, links=links)  # all of it is on this machine
     with off_loop(console) as view:
         code, summary = _fly_and_summarise(options, config, text, source, console, view)
     if options.as_json:
@@ -110,7 +113,7 @@ def _fly_and_summarise(
         folder = recorder.folder
         firmware = new_folder(folder, FIRMWARE_NAME) if options.sitl else None
         health, links, duration_s, interrupted = asyncio.run(
-            _fly(config, config.links.key_file(source), options, recorder, firmware, evaluator, console, view)
+            _fly(config, source, options, recorder, firmware, evaluator, console, view)
         )
     summary = evaluator.summary(
         scenario=config.name,
@@ -179,7 +182,7 @@ def _draw_recording(folder: Path, config: Config, seed: int) -> Path:
 
 async def _fly(
     config: Config,
-    keys: Path | None,
+    source: str,
     options: DemoOptions,
     recorder: RecorderThread,
     firmware: Path | None,
@@ -207,7 +210,7 @@ async def _fly(
             service.on_notice("simulation", NoticeCode.SIMULATION_SLOW, vehicles=tuple(new))
 
     with (
-        bridge_of(config, open_links, keys, Scanner()) as links,
+        bridge_of(config, source, open_links, Scanner()) as links,
         ZenohSession(listen=endpoint) as bus,
         announced(config.name, endpoint),
     ):

@@ -30,7 +30,7 @@ def serve_bridge(scenario: str, console: Console) -> None:
             "expected where the bridge listens, such as tcp/127.0.0.1:7449; the same mission file is for all"
         )
         raise ConfigError(source, "links.bridge", problem)
-    settings = bridge_settings(config, config.mavlink_links, config.links.key_file(source))
+    settings = bridge_settings(config, source, config.mavlink_links)
     with open_bridge(settings) as bridge:
         names = ", ".join(link.name for link in settings.links)
         console.print(

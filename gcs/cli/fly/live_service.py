@@ -15,6 +15,7 @@ from rich.console import Console
 from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, service_page
 from gcs.cli.link_table import link_rows, link_table
 from gcs.cli.run_setup import display, open_recorder, warm_up
+from gcs.cli.zenoh_security import zenoh_warnings
 from gcs.config import Config, parse, read_text
 from gcs.errors import ConfigError
 from gcs.io.background_writer import QueuedText, off_loop
@@ -24,7 +25,7 @@ from gcs.io.recording.folder import Run
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.service_manager import watched
 from gcs.io.zenoh.discovery import announced
-from gcs.io.zenoh.session import ZenohSession, service_bus
+from gcs.io.zenoh.session import ZenohSession, from_this_machine, service_bus
 from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.report.run.summary import recording_facts
 from gcs.service.bridge_start import bridge_of, bridge_of_command
@@ -73,11 +74,12 @@ def serve(
     belongs_to = fingerprint(text, seed)
     with (
         off_loop(console) as view,
-        connected(config, config.mavlink_links, config.links.key_file(source), Scanner()) as links,
+        connected(config, source, config.mavlink_links, Scanner()) as links,
     ):
         flight = _Flight(
             config=config,
             source=source,
+            tls=config.links.tls_folder(source),
             seed=seed,
             console=console,
             view=view,
@@ -100,6 +102,8 @@ class _Flight:
 
     config: Config
     source: str
+    tls: Path | None
+    """Folder of the certificate for zenoh."""
     seed: int
     console: Console
     view: QueuedText
@@ -121,10 +125,12 @@ class _Flight:
         undo_hangup = fly_on_after_hangup(self.view)
         try:
             with self._bus() as (bus, endpoint):
+                for warning in zenoh_warnings(self.config.links, bus.node):
+                    self.console.print(warning, style="yellow", highlight=False, markup=False, soft_wrap=True)
                 async with watched():
                     taken = await self._follow(bus, stop) if self.is_standby else None
                     if taken is not None or not self.is_standby:
-                        with announced(self.config.name, endpoint):
+                        with announced(self.config.name, endpoint, self.tls):
                             await self._command(bus, taken, stop, at_once)
         finally:
             undo()
@@ -135,11 +141,11 @@ class _Flight:
         """Open the session of sensors, operators and standby; yield it, and the endpoint for orders."""
         table = self.config.links
         if not self.is_standby:
-            with service_bus(table.zenoh_role, table.zenoh) as found:
+            with service_bus(table.zenoh_role, table.zenoh, self.tls) as found:
                 yield found
             return
-        with ZenohSession(listen=table.standby, connect=table.zenoh) as bus:
-            yield bus, table.standby
+        with ZenohSession(listen=table.standby, connect=table.zenoh, tls=self.tls) as bus:
+            yield bus, from_this_machine(table.standby)
 
     async def _follow(self, bus: ZenohSession, stop: asyncio.Event) -> TakeOver | None:
         """Follow the service that commands; return where to go on, or None if it ended in order."""

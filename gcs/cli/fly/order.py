@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import secrets
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, TypeAlias
 
 import typer
@@ -21,6 +22,7 @@ from gcs.cli.arguments import (
     VehicleOption,
     YesOption,
     ZenohOption,
+    ZenohTlsOption,
     command_app,
     confirm_or_abort,
     parse_vehicle,
@@ -68,6 +70,7 @@ class _Service(NamedTuple):
 
     mission: str | None
     zenoh: str | None
+    zenoh_tls: Path | None
     timeout_s: float
     as_json: bool
 
@@ -105,6 +108,7 @@ def _add_vehicle_order(action: VehicleAction, summary: str) -> None:
         yes: bool = typer.Option(False, "--yes", hidden=not is_confirmed, help=YES_HELP),
         mission: MissionOption = None,
         zenoh: ZenohOption = None,
+        zenoh_tls: ZenohTlsOption = None,
         timeout: TimeoutOption = 60.0,
         as_json: JsonOption = False,
     ) -> None:
@@ -114,7 +118,7 @@ def _add_vehicle_order(action: VehicleAction, summary: str) -> None:
         if is_confirmed and not yes:
             whom = "all vehicles" if all_vehicles else vehicles_text(named)
             confirm_or_abort(f"{_QUESTIONS.get(action, action)} {whom}")
-        _send(action, named or "all", _Service(mission, zenoh, timeout, as_json))
+        _send(action, named or "all", _Service(mission, zenoh, zenoh_tls, timeout, as_json))
 
 
 for _action, _summary in _SUMMARIES.items():
@@ -125,11 +129,12 @@ for _action, _summary in _SUMMARIES.items():
 def show_plan(
     mission: MissionOption = None,
     zenoh: ZenohOption = None,
+    zenoh_tls: ZenohTlsOption = None,
     timeout: TimeoutOption = 60.0,
     as_json: JsonOption = False,
 ) -> None:
     """Print the proposed plan: routes, reason, lengths, times, separation, clearance and age."""
-    _send("plan", "all", _Service(mission, zenoh, timeout, as_json))
+    _send("plan", "all", _Service(mission, zenoh, zenoh_tls, timeout, as_json))
 
 
 @app.command()
@@ -146,6 +151,7 @@ def confirm(
     yes: YesOption = False,
     mission: MissionOption = None,
     zenoh: ZenohOption = None,
+    zenoh_tls: ZenohTlsOption = None,
     timeout: TimeoutOption = 330.0,
     as_json: JsonOption = False,
 ) -> None:
@@ -154,7 +160,7 @@ def confirm(
     Without a number it prints the plan, asks, and confirms what it printed. Routes start where the vehicles
     are at that time. If the plan has changed since, the order is refused.
     """
-    service = _Service(mission, zenoh, timeout, as_json)
+    service = _Service(mission, zenoh, zenoh_tls, timeout, as_json)
     printed = None
     if plan is None:
         printed = _print_proposal(service)
@@ -171,11 +177,12 @@ def reject(
     vehicle: VehicleOption = None,
     mission: MissionOption = None,
     zenoh: ZenohOption = None,
+    zenoh_tls: ZenohTlsOption = None,
     timeout: TimeoutOption = 60.0,
     as_json: JsonOption = False,
 ) -> None:
     """Reject the proposed plan. It is not proposed again until the situation changes."""
-    _send("reject", vehicle or "all", _Service(mission, zenoh, timeout, as_json), plan_id=plan)
+    _send("reject", vehicle or "all", _Service(mission, zenoh, zenoh_tls, timeout, as_json), plan_id=plan)
 
 
 @app.command(name="no-fly-zone")
@@ -194,6 +201,7 @@ def no_fly_zone(
     open_zone: Annotated[bool, typer.Option("--open", help="Remove the zone with this name.")] = False,
     mission: MissionOption = None,
     zenoh: ZenohOption = None,
+    zenoh_tls: ZenohTlsOption = None,
     timeout: TimeoutOption = 60.0,
     as_json: JsonOption = False,
 ) -> None:
@@ -204,7 +212,7 @@ def no_fly_zone(
     if sum((circle is not None, polygon is not None, open_zone)) != 1:
         raise typer.BadParameter("expected one of --circle, --polygon and --open")
     zone = _zone(name, circle, polygon, "wgs84" if degrees else "local")
-    _send("no-fly-zone", "all", _Service(mission, zenoh, timeout, as_json), no_fly_zone=zone)
+    _send("no-fly-zone", "all", _Service(mission, zenoh, zenoh_tls, timeout, as_json), no_fly_zone=zone)
 
 
 _TARGET_SUMMARIES: Final[dict[Literal["ignore", "attend"], str]] = {
@@ -219,10 +227,11 @@ def _add_target_order(action: Literal["ignore", "attend"], summary: str) -> None
         target: TargetArgument,
         mission: MissionOption = None,
         zenoh: ZenohOption = None,
+        zenoh_tls: ZenohTlsOption = None,
         timeout: TimeoutOption = 60.0,
         as_json: JsonOption = False,
     ) -> None:
-        _send(action, "all", _Service(mission, zenoh, timeout, as_json), target=target)
+        _send(action, "all", _Service(mission, zenoh, zenoh_tls, timeout, as_json), target=target)
 
 
 for _target_action, _target_summary in _TARGET_SUMMARIES.items():
@@ -235,11 +244,18 @@ def priority(
     value: Annotated[int, typer.Argument(min=0, max=9, help="Higher is served first.", metavar="0-9")],
     mission: MissionOption = None,
     zenoh: ZenohOption = None,
+    zenoh_tls: ZenohTlsOption = None,
     timeout: TimeoutOption = 60.0,
     as_json: JsonOption = False,
 ) -> None:
     """Set the priority of a target. With too few vehicles, targets of higher priority get them."""
-    _send("priority", "all", _Service(mission, zenoh, timeout, as_json), target=target, priority=value)
+    _send(
+        "priority",
+        "all",
+        _Service(mission, zenoh, zenoh_tls, timeout, as_json),
+        target=target,
+        priority=value,
+    )
 
 
 @app.command()
@@ -248,6 +264,7 @@ def pin(
     vehicles: Annotated[list[int], typer.Argument(parser=parse_vehicle, metavar="ID...", help="System ids.")],
     mission: MissionOption = None,
     zenoh: ZenohOption = None,
+    zenoh_tls: ZenohTlsOption = None,
     timeout: TimeoutOption = 60.0,
     as_json: JsonOption = False,
 ) -> None:
@@ -255,7 +272,7 @@ def pin(
 
     Example: `gcs order pin T0.2 3`
     """
-    _send("pin", vehicles, _Service(mission, zenoh, timeout, as_json), target=target)
+    _send("pin", vehicles, _Service(mission, zenoh, zenoh_tls, timeout, as_json), target=target)
 
 
 @app.command()
@@ -264,13 +281,14 @@ def unpin(
     all_vehicles: AllOption = False,
     mission: MissionOption = None,
     zenoh: ZenohOption = None,
+    zenoh_tls: ZenohTlsOption = None,
     timeout: TimeoutOption = 60.0,
     as_json: JsonOption = False,
 ) -> None:
     """Let pinned vehicles fly to any target again."""
     if bool(vehicles) == all_vehicles:
         raise typer.BadParameter("name the vehicles, such as: gcs order unpin 3 (or --all)")
-    _send("unpin", vehicles or "all", _Service(mission, zenoh, timeout, as_json))
+    _send("unpin", vehicles or "all", _Service(mission, zenoh, zenoh_tls, timeout, as_json))
 
 
 @app.command(name="continue")
@@ -279,6 +297,7 @@ def continue_mission(
     vehicle: VehicleOption = None,
     mission: MissionOption = None,
     zenoh: ZenohOption = None,
+    zenoh_tls: ZenohTlsOption = None,
     timeout: TimeoutOption = 60.0,
     as_json: JsonOption = False,
 ) -> None:
@@ -287,7 +306,7 @@ def continue_mission(
     Agents that have reached their targets are free for others; with ids only these.
     """
     named = [*(vehicles or ()), *(vehicle or ())]
-    _send("continue", named or "all", _Service(mission, zenoh, timeout, as_json))
+    _send("continue", named or "all", _Service(mission, zenoh, zenoh_tls, timeout, as_json))
 
 
 def _zone(
@@ -382,8 +401,8 @@ def _collect(order: OrderMessage, service: _Service, console: Console, answers: 
     from gcs.report.operator_lines import answer_notice, proposal_title, route_lines
 
     timeout_s = service.timeout_s
-    mission, zenoh = choose_service(service.mission, service.zenoh)
-    for answer in send_order(zenoh, mission, order, min(timeout_s, 5.0), timeout_s):
+    address = choose_service(service.mission, service.zenoh, service.zenoh_tls)
+    for answer in send_order(address, order, min(timeout_s, 5.0), timeout_s):
         answers.append(answer)
         notice = answer_notice(answer)
         text = notice.line

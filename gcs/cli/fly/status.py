@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gcs.cli.arguments import JsonOption, MissionOption, ZenohOption, command_app
+from gcs.cli.arguments import JsonOption, MissionOption, ZenohOption, ZenohTlsOption, command_app
 from gcs.cli.errors import exit_on_error
 from gcs.io.console import console_for
 
@@ -25,6 +25,7 @@ def status(
     ] = None,
     mission: MissionOption = None,
     zenoh: ZenohOption = None,
+    zenoh_tls: ZenohTlsOption = None,
     timeout: Annotated[float, typer.Option(min=1.0, help="Time to wait for the service, in seconds.")] = 5.0,
     as_json: JsonOption = False,
 ) -> None:
@@ -37,9 +38,9 @@ def status(
     from gcs.io.zenoh.order_client import request_status
 
     with exit_on_error():
-        mission, zenoh = choose_service(mission, zenoh)
+        address = choose_service(mission, zenoh, zenoh_tls)
         while True:
-            _print(request_status(zenoh, mission, timeout), mission, as_json=as_json)
+            _print(request_status(address, timeout), address.mission, as_json=as_json)
             if watch is None:
                 return
             time.sleep(watch)

@@ -11,11 +11,13 @@ from rich.table import Table
 
 from gcs.cli.arguments import ConfigArgument, MapSeedOption, command_app
 from gcs.cli.errors import exit_on_error
+from gcs.cli.zenoh_security import zenoh_warnings
 from gcs.io.console import console_for
 
 if TYPE_CHECKING:
     from gcs.config import Config
     from gcs.config.schema import AgentTable, BirthTable
+    from gcs.io.zenoh.certificates import Node
     from gcs.planning.map.grid import Grid
 
 app = command_app()
@@ -112,14 +114,35 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     rally = rally_of(config)
     ceiling = f"ceiling {fence.max_alt_rel_m:g} m" if fence.max_alt_rel_m else "no ceiling"
     table.add_row("fence", f"{len(fence.areas)} areas, {ceiling}; {len(rally)} rally points")
-    table.add_row("zenoh", f"{config.links.zenoh} ({config.links.zenoh_role}s)")
+    node = _node(config, scenario)
+    table.add_row("zenoh", _zenoh_text(config, node))
     table.add_row(
         "simulated world",
         "yes: `gcs demo` can fly it (`sim-vehicles` checks its keys)" if config.simulation else "no",
     )
     console.print(table)
-    for warning in position_warnings(config, grid, scenario):
-        console.print(f"warning: {warning}", style="yellow", highlight=False, markup=False, soft_wrap=True)
+    warnings = [f"warning: {warning}" for warning in position_warnings(config, grid, scenario)]
+    for warning in (*warnings, *zenoh_warnings(config.links, node)):
+        console.print(warning, style="yellow", highlight=False, markup=False, soft_wrap=True)
+
+
+def _node(config: Config, source: str) -> Node | None:
+    """Return the certificate of the mission file."""
+    folder = config.links.tls_folder(source)
+    if folder is None:
+        return None
+    from gcs.io.zenoh.certificates import read_node
+
+    return read_node(folder)
+
+
+def _zenoh_text(config: Config, node: Node | None) -> str:
+    """Return endpoint, certificate, and the nodes that may connect."""
+    text = f"{config.links.zenoh} ({config.links.zenoh_role}s)"
+    if node is None:
+        return text
+    nodes = ", ".join(f"{role} {name}" for name, role in sorted((node.access() or {}).items()))
+    return f"{text} as {node.common_name}, valid until {node.expires:%Y-%m-%d}; for {nodes}"
 
 
 def position_warnings(config: Config, grid: Grid, source: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""`gcs keys`: make, show, install and rotate the keys for MAVLink 2 signing.
+"""`gcs keys`: make, show, install and rotate the keys for MAVLink 2 signing; certificates for zenoh.
 
 Exit codes: 0 done for all vehicles; 1 a vehicle did not accept its key; 2 a mistake in the arguments or
 files.
@@ -18,6 +18,7 @@ from rich.markup import escape
 
 from gcs.cli.arguments import JsonOption, VehicleOption, command_app
 from gcs.cli.errors import exit_on_error
+from gcs.cli.prepare.node_certificates import make_ca, make_node_certificate
 from gcs.errors import ConfigError
 from gcs.io.console import console_for
 
@@ -25,12 +26,14 @@ if TYPE_CHECKING:
     from gcs.io.signing.keystore import KeyFile
     from gcs.io.signing.provisioning import KeyInstallation, Result
 
-app = command_app("""Make and install keys for MAVLink 2 signing.
+app = command_app("""Make keys for MAVLink 2 signing, and certificates for zenoh.
 
-    With a key, a vehicle obeys only signed commands, and central command accepts only its signed reports.
+    **Vehicles** (new, show, install, rotate). With a key, a vehicle obeys only signed commands, and central
+    command accepts only its signed reports. First **new**, then **install** over a cable, then `keys =
+    "keys.toml"` under `[links]` of the mission file. Keys are printed only by `show --secret`.
 
-    First **new**, then **install** over a cable, then `keys = "keys.toml"` under `[links]` of the mission
-    file. Keys are printed only by `show --secret`.""")
+    **zenoh** (ca, node). With a certificate, a sensor, operator or other program may connect from another
+    machine, and do what its role allows. First **ca**, then **node** for each.""")
 
 FileArgument = Annotated[Path, typer.Argument(help="The key file, such as keys.toml.", metavar="FILE")]
 EndpointArgument = Annotated[
@@ -44,7 +47,7 @@ YesOption = Annotated[bool, typer.Option("--yes", help="Confirm that the link is
 TimeoutOption = Annotated[float, typer.Option(min=0.5, help="Timeout in seconds.")]
 
 
-@app.command()
+@app.command(rich_help_panel="MAVLink 2 signing")
 def new(
     file: FileArgument,
     vehicle: VehicleOption = None,
@@ -88,7 +91,7 @@ def new(
     )
 
 
-@app.command()
+@app.command(rich_help_panel="MAVLink 2 signing")
 def show(
     file: FileArgument,
     secret: Annotated[
@@ -107,7 +110,7 @@ def show(
         _print(keys, secret=secret)
 
 
-@app.command()
+@app.command(rich_help_panel="MAVLink 2 signing")
 def install(
     file: FileArgument,
     endpoint: EndpointArgument,
@@ -136,7 +139,7 @@ def install(
     _finish(results, as_json=as_json)
 
 
-@app.command()
+@app.command(rich_help_panel="MAVLink 2 signing")
 def rotate(
     file: FileArgument,
     endpoint: EndpointArgument,
@@ -174,6 +177,10 @@ def rotate(
             "Run the same command again; until then signed links reject its frames."
         )
     _finish(results, as_json=as_json)
+
+
+app.command("ca", rich_help_panel="zenoh")(make_ca)
+app.command("node", rich_help_panel="zenoh")(make_node_certificate)
 
 
 def _keys_and_vehicles(file: Path, vehicles: list[int] | None) -> tuple[KeyFile, list[int]]:

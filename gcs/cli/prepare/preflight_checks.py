@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Final
 
 import msgspec
@@ -58,7 +59,7 @@ def run_preflight(
     config = load(source)
     fence_of(config, source)  # Reports mistakes in the fence before anything is sent.
     entrance = vehicle_access(config, link, writes=False)
-    scan_listener = ScanListener(config)
+    scan_listener = ScanListener(config, config.links.tls_folder(source))
     with ExitStack() as stack:
         if entrance.service is not None:
             sensors = False
@@ -92,17 +93,18 @@ def run_preflight(
 class ScanListener:
     """Collects the scans that arrive on zenoh during the checks."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, tls: Path | None) -> None:
         self.scans: list[Scan] = []
         self.problems: dict[str, None] = {}
         self._config = config
+        self._tls = tls
         self._clock = RunClock()
 
     def open(self, stack: ExitStack) -> None:
         """Listen until the stack is closed."""
         links = self._config.links
         try:
-            bus = stack.enter_context(ZenohSession(**{links.zenoh_role: links.zenoh}))
+            bus = stack.enter_context(ZenohSession(**{links.zenoh_role: links.zenoh}, tls=self._tls))
         except LinkError as error:
             self.problems[str(error)] = None
             return

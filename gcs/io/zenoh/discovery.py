@@ -11,6 +11,7 @@ import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
@@ -24,15 +25,28 @@ class ServiceInfo(msgspec.Struct, frozen=True, kw_only=True):
     zenoh: str
     """Endpoint to connect to."""
     pid: int
+    zenoh_tls: str = ""
+    """Folder of its certificate, which its user may use as well; empty without TLS."""
+
+
+class ServiceAddress(NamedTuple):
+    """Where a service is reached."""
+
+    mission: str
+    zenoh: str
+    """Endpoint to connect to."""
+    tls: Path | None
+    """Folder of the certificate to use."""
 
 
 _decoder = msgspec.json.Decoder(ServiceInfo)
 
 
 @contextlib.contextmanager
-def announced(mission: str, zenoh: str) -> Iterator[None]:
+def announced(mission: str, zenoh: str, tls: Path | None = None) -> Iterator[None]:
     """Announce this process to `gcs order` on this machine, if a file can be written."""
-    here = ServiceInfo(mission=mission, zenoh=zenoh, pid=os.getpid())
+    folder_text = "" if tls is None else str(tls.absolute())
+    here = ServiceInfo(mission=mission, zenoh=zenoh, pid=os.getpid(), zenoh_tls=folder_text)
     path: Path | None = None
     with contextlib.suppress(OSError):
         folder = _folder()
@@ -82,12 +96,14 @@ def find_service(mission: str | None) -> ServiceInfo:
     raise NoAnswerError(
         "gcs",
         f"{what} runs on this machine: start `gcs run` or `gcs demo`, or name another machine's with "
-        "--mission NAME --zenoh tcp/HOST:PORT",
+        "--mission NAME --zenoh tls/HOST:PORT",
     )
 
 
-def choose_service(mission: str | None, zenoh: str | None) -> tuple[str, str]:
-    """Return mission and zenoh endpoint of a service: those given, else of the one on this machine.
+def choose_service(mission: str | None, zenoh: str | None, tls: Path | None) -> ServiceAddress:
+    """Return the address of a service: the given one, else that of the service on this machine.
+
+    There its own certificate is used, unless another one is given.
 
     Raises
     ------
@@ -96,10 +112,11 @@ def choose_service(mission: str | None, zenoh: str | None) -> tuple[str, str]:
     """
     if zenoh is None:
         found = find_service(mission)
-        return found.mission, found.zenoh
+        own = Path(found.zenoh_tls) if found.zenoh_tls else None
+        return ServiceAddress(found.mission, found.zenoh, tls or own)
     if mission is None:
         raise LinkError(zenoh, "name the mission of its service with --mission")
-    return mission, zenoh
+    return ServiceAddress(mission, zenoh, tls)
 
 
 def private_folder() -> Path:

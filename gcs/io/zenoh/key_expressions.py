@@ -10,6 +10,7 @@
 ``swarm/<mission>/ended``                      `MissionEnded`
 ``swarm/<mission>/order``                      an operator's order (``docs/orders.md``), for the service
 ``swarm/<mission>/answer``                     `OrderAnswer`
+``swarm/<mission>/status_request``             the order ``status``, from viewers too
 ``swarm/<mission>/status``                     `SwarmStatus`, the answer to the order ``status``
 ``swarm/<mission>/proposal``                   `Proposal`, a plan that waits for confirmation
 ``swarm/<mission>/truth``                      `Truth`, from a simulated world only
@@ -18,7 +19,7 @@
 =============================================  ==================================================
 
 Payloads are the JSON of `gcs.io.records`; scans and orders have own forms (`gcs.io.zenoh.scans`,
-`gcs.io.zenoh.order_messages`).
+`gcs.io.zenoh.order_messages`). Who may use which key: `gcs.io.zenoh.access_control`.
 """
 
 from __future__ import annotations
@@ -97,6 +98,11 @@ def order_key(mission: str) -> str:
 def answer_key(mission: str) -> str:
     """Return the key of answers to orders."""
     return f"swarm/{mission}/answer"
+
+
+def status_request_key(mission: str) -> str:
+    """Return the key of requests for the status: who may see, and not order, uses it."""
+    return f"swarm/{mission}/status_request"
 
 
 def status_key(mission: str) -> str:

@@ -16,7 +16,8 @@ from collections.abc import Iterator
 
 from gcs.errors import NoAnswerError, WireError
 from gcs.io.records import decode
-from gcs.io.zenoh.key_expressions import answer_key, order_key, status_key
+from gcs.io.zenoh.discovery import ServiceAddress
+from gcs.io.zenoh.key_expressions import answer_key, order_key, status_key, status_request_key
 from gcs.io.zenoh.order_messages import OrderMessage, encode_order
 from gcs.io.zenoh.session import ZenohSession
 from gcs.model import OrderAnswer, SwarmStatus
@@ -34,7 +35,7 @@ def sender_name() -> str:
 
 
 def send_order(
-    endpoint: str, mission: str, order: OrderMessage, answer_s: float, end_s: float
+    address: ServiceAddress, order: OrderMessage, answer_s: float, end_s: float
 ) -> Iterator[OrderAnswer]:
     """Send an order to a running service; yield its answers until the last.
 
@@ -49,7 +50,12 @@ def send_order(
     ------
     NoAnswerError
         There is no answer, or the last answers do not come in time.
+    LinkError, ConfigError
+        The certificate gives no right to order, or is unusable.
     """
+    endpoint = address.zenoh
+    mission = address.mission
+    tls = address.tls
     answers: queue.Queue[OrderAnswer] = queue.Queue()
 
     def heard(key: str, payload: bytes) -> None:
@@ -62,15 +68,13 @@ def send_order(
 
     began_s = time.monotonic()
     answered = False
-    with ZenohSession(connect=endpoint) as bus:
+    with ZenohSession(connect=endpoint, tls=tls) as bus:
         bus.subscribe(answer_key(mission), heard)
         while True:
             waited_s = time.monotonic() - began_s
             if not answered:
                 if waited_s > answer_s:
-                    raise NoAnswerError(
-                        endpoint, f"no service of the mission {mission} answers here: is it running?"
-                    )
+                    raise _no_answer(bus, mission)
                 bus.publish(order_key(mission), encode_order(order))
             elif waited_s > end_s:
                 raise NoAnswerError(
@@ -86,17 +90,27 @@ def send_order(
                 return
 
 
-def request_status(endpoint: str, mission: str, timeout_s: float) -> SwarmStatus:
+def _no_answer(bus: ZenohSession, mission: str) -> NoAnswerError:
+    problem = f"no service of the mission {mission} answers here: {bus.why_unanswered()}"
+    return NoAnswerError(bus.endpoint, problem)
+
+
+def request_status(address: ServiceAddress, timeout_s: float) -> SwarmStatus:
     """Return the status of a running service.
 
     Raises
     ------
     NoAnswerError
         There is no answer in time.
+    LinkError, ConfigError
+        The certificate gives no right to ask, or is unusable.
     """
+    endpoint = address.zenoh
+    mission = address.mission
+    tls = address.tls
     order_id = f"status-{secrets.token_hex(6)}"
     replies: queue.Queue[SwarmStatus] = queue.Queue()
-    problem = f"no service of the mission {mission} answers here: is it running?"
+    problem = ""
 
     def heard(key: str, payload: bytes) -> None:
         nonlocal problem
@@ -112,15 +126,15 @@ def request_status(endpoint: str, mission: str, timeout_s: float) -> SwarmStatus
 
     began_s = time.monotonic()
     number = 0
-    with ZenohSession(connect=endpoint) as bus:
+    with ZenohSession(connect=endpoint, tls=tls) as bus:
         bus.subscribe(status_key(mission), heard)
         bus.subscribe(answer_key(mission), heard)
         while time.monotonic() - began_s < timeout_s:
             number += 1
             message = OrderMessage(order_id=f"{order_id}-{number}", action="status", origin=sender_name())
-            bus.publish(order_key(mission), encode_order(message))
+            bus.publish(status_request_key(mission), encode_order(message))
             try:
                 return replies.get(timeout=_REPEAT_S)
             except queue.Empty:
                 continue
-    raise NoAnswerError(endpoint, problem)
+        raise NoAnswerError(endpoint, problem) if problem else _no_answer(bus, mission)

@@ -2,9 +2,9 @@
 
 An order costs up to 60 ms of the one consumer (a new no-fly zone is planned around at once). A flood would
 delay vehicles' frames and heartbeats. `BURST` orders pass at once, then `ORDERS_PER_S`, senders in turn: one
-that sends many waits for itself. `SAFETY` orders go before all others and have a rate of their own. Of each
-sender `MAX_WAITING` wait; more are refused, answered as such, and counted. Senders repeat an order until it
-is answered.
+that sends many waits for itself. `SAFETY` orders go before all others and have a rate of their own. So do
+requests for the status: viewers may send them, and must not delay orders. Of each sender `MAX_WAITING` wait;
+more are refused, answered as such, and counted. Senders repeat an order until it is answered.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import msgspec
 
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
+from gcs.io.zenoh.key_expressions import status_request_key
 from gcs.io.zenoh.order_messages import MAX_ORDER_BYTES, decode_order
 from gcs.model import NS_PER_S, Action, BadInput, Order, OrderAnswer
 
@@ -119,8 +120,11 @@ class OrderInbox:
         self._frame = frame
         self._name = name
         self._lock = threading.Lock()
+        self._status_key = status_request_key(name)
         self._safety = _Queues(SAFETY_PER_S)
         self._others = _Queues(ORDERS_PER_S)
+        self._requests = _Queues(ORDERS_PER_S)
+        """Requests for the status."""
         self._accepted_ids: dict[str, None] = {}
         """Ids of the last orders."""
         self._unanswered: dict[str, tuple[_Head, str]] = {}
@@ -132,7 +136,10 @@ class OrderInbox:
         """Queue an order; return False if its sender, or too many senders, have too many that wait."""
         order = _Waiting(_head(payload), key, payload[: MAX_ORDER_BYTES + 1])
         with self._lock:
-            queues = self._safety if order.head.action in SAFETY else self._others
+            if key == self._status_key:
+                queues = self._requests
+            else:
+                queues = self._safety if order.head.action in SAFETY else self._others
             problem = queues.put(order)
             if not problem:
                 return True
@@ -145,7 +152,7 @@ class OrderInbox:
         """Return the orders whose turn it is, safety orders first, and bad input; drop repeated orders."""
         due: list[Order | BadInput] = []
         with self._lock:
-            for queues in (self._safety, self._others):
+            for queues in (self._safety, self._others, self._requests):
                 queues.refill(t_ns)
                 while (waiting := queues.pop()) is not None:
                     found = self._read(t_ns, waiting)
@@ -159,6 +166,8 @@ class OrderInbox:
             order = decode_order(waiting.key, waiting.payload, t_ns, self._frame)
         except WireError as error:
             return BadInput(t_ns, waiting.key, str(error))
+        if waiting.key == self._status_key and order.action != "status":
+            return BadInput(t_ns, waiting.key, f"only status can be asked for here, not {order.action}")
         if order.order_id in self._accepted_ids:
             return None
         self._accepted_ids[order.order_id] = None

@@ -6,6 +6,11 @@ A peer that connects keeps trying, so that the listener may start later or resta
 Messages are reliable with congestion control BLOCK: zenoh's default drops messages on a saturated link, and a
 dropped scan would look like missed detections. A connected peer that no longer reads blocks `publish` once
 for 5 s, when the buffers are full, until zenoh closes it.
+
+With a folder of a certificate (`gcs.io.zenoh.certificates`) a session uses mutual TLS: both sides need a
+certificate of one certificate authority. A command node also enforces the roles of
+`gcs.io.zenoh.access_control`. A link that is up stays up when a certificate expires: nothing is cut in
+flight.
 """
 
 from __future__ import annotations
@@ -14,14 +19,20 @@ import contextlib
 import json
 import socket
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import zenoh
 
 from gcs.errors import LinkError
+from gcs.io.zenoh.access_control import Act, access_control, common_name, may
+from gcs.safe_text import printable
 
-_RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+if TYPE_CHECKING:
+    from gcs.io.zenoh.certificates import Node
+
+_RETRY: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 
 
 class ZenohSession:
@@ -30,26 +41,37 @@ class ZenohSession:
     Parameters
     ----------
     listen, connect : str
-        One of them, or both: endpoints such as ``tcp/127.0.0.1:7447``. `connect` may name several, with
-        commas between.
+        One of them, or both: endpoints such as ``tcp/127.0.0.1:7447``, or ``tls/10.0.0.5:7447`` with `tls`.
+        `connect` may name several, with commas between.
+    tls : Path
+        Folder with the certificate of this node.
 
     Raises
     ------
     LinkError
         When the endpoint is invalid, or cannot be listened on. A missing listener is no error.
+    ConfigError
+        When the certificate is unusable.
     """
 
-    def __init__(self, *, listen: str | None = None, connect: str | None = None) -> None:
+    def __init__(
+        self, *, listen: str | None = None, connect: str | None = None, tls: Path | None = None
+    ) -> None:
         self.endpoint = connect or listen or ""
         if not self.endpoint:
             raise ValueError("a session listens or connects")
+        _check_transport([*_endpoints(listen), *_endpoints(connect)], tls)
+        self.node = None if tls is None else _read_node(tls)
+        """Own certificate; None without TLS."""
+        config = _config(listen, connect) | ({} if self.node is None else _tls_config(self.node))
         try:
-            self._session = zenoh.open(_config(listen, connect))
+            self._session = zenoh.open(_zenoh_config(config))
         except zenoh.ZError as error:
             raise LinkError(self.endpoint, _what_to_do(error, listening=listen is not None)) from None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._subscribers: list[zenoh.Subscriber[None]] = []
         self._queryables: list[zenoh.Queryable[None]] = []
+        self._watcher: zenoh.LinkEventsListener[None] | None = None
 
     def publish(self, key: str, payload: bytes) -> None:
         """Publish to the present subscribers, if any.
@@ -57,7 +79,7 @@ class ZenohSession:
         Raises
         ------
         LinkError
-            When the key is malformed or the session is closed.
+            When the key is malformed, the role of this node has no right to it, or the session is closed.
         """
         try:
             self._publisher(key).put(payload)
@@ -81,6 +103,7 @@ class ZenohSession:
     def _publisher(self, key: str) -> zenoh.Publisher:
         publisher = self._publishers.get(key)
         if publisher is None:
+            self._check_right("put", "publish on", key)
             publisher = self._session.declare_publisher(
                 key,
                 congestion_control=zenoh.CongestionControl.BLOCK,
@@ -95,13 +118,15 @@ class ZenohSession:
         Raises
         ------
         LinkError
-            When the key expression is malformed or the session is closed.
+            When the key expression is malformed, the role of this node has no right to it, or the session is
+            closed.
         """
 
         def handle(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.payload.to_bytes())
 
         try:
+            self._check_right("subscribe", "subscribe to", key_expr)
             self._subscribers.append(self._session.declare_subscriber(key_expr, handle))
         except zenoh.ZError as error:
             raise LinkError(
@@ -131,6 +156,7 @@ class ZenohSession:
             callback(asked, b"" if query.payload is None else query.payload.to_bytes(), reply)
 
         try:
+            self._check_right("answer", "answer on", key_expr)
             self._queryables.append(self._session.declare_queryable(key_expr, handle))
         except zenoh.ZError as error:
             problem = f"cannot answer on `{key_expr}`: {_first_sentence(error)}"
@@ -160,6 +186,7 @@ class ZenohSession:
                 answered(str(sample.key_expr), sample.payload.to_bytes())
 
         try:
+            self._check_right("query", "ask on", key_expr)
             self._session.get(
                 key_expr,
                 zenoh.handlers.Callback(handle, ended),
@@ -170,6 +197,49 @@ class ZenohSession:
             )
         except zenoh.ZError as error:
             raise LinkError(self.endpoint, f"cannot ask on `{key_expr}`: {_first_sentence(error)}") from None
+
+    def watch_nodes(self, callback: Callable[[str], None]) -> None:
+        """Call `callback(common name)`, on a thread of zenoh, when a node without rights connects.
+
+        Once for each name, and only on a command node: others do not know the nodes.
+        """
+        if self.node is None or (nodes := self.node.access()) is None:
+            return
+        known = {common_name(role, name) for name, role in nodes.items()}
+
+        def handle(event: zenoh.LinkEvent) -> None:
+            name = event.link.auth_identifier or ""
+            if event.kind == zenoh.SampleKind.PUT and name not in known:
+                known.add(name)
+                callback(printable(name))
+
+        self._watcher = self._session.info.declare_link_events_listener(handle, history=True)
+
+    def names_connected(self) -> list[str]:
+        """Return the common names of connected nodes; "" for one without a certificate."""
+        return [link.auth_identifier or "" for link in self._session.info.links()]
+
+    def why_unanswered(self) -> str:
+        """Return the likely cause when nothing answers at the endpoint to which this session connects.
+
+        This tries the connection once more, for up to three seconds.
+        """
+        names = self.names_connected()
+        if names and self.node is not None:
+            own = self.node.common_name
+            return f"{names[0]} is connected and does not answer: is {own} in its nodes.toml?"
+        if names or self.node is None:
+            return "is it running?"
+        from gcs.io.zenoh.handshake import tls_problem
+
+        return tls_problem(self.endpoint, self.node.folder) or "is it running?"
+
+    def _check_right(self, act: Act, verb: str, key: str) -> None:
+        """Refuse what the other side would drop without a word."""
+        node = self.node
+        if node is not None and not may(node.role, node.name, act, key):
+            problem = f"{node.common_name} may not {verb} `{key}`: its role is {node.role} (docs/security.md)"
+            raise LinkError(self.endpoint, problem)
 
     def close(self) -> None:
         """End the session; published messages were handed to the system."""
@@ -185,7 +255,9 @@ class ZenohSession:
 
 
 @contextlib.contextmanager
-def service_bus(role: Literal["listen", "connect"], endpoint: str) -> Iterator[tuple[ZenohSession, str]]:
+def service_bus(
+    role: Literal["listen", "connect"], endpoint: str, tls: Path | None = None
+) -> Iterator[tuple[ZenohSession, str]]:
     """Open a service's session; yield it, and the endpoint for orders.
 
     A service that connects to a sensor's endpoint also listens at its own endpoint on this machine, since two
@@ -196,31 +268,79 @@ def service_bus(role: Literal["listen", "connect"], endpoint: str) -> Iterator[t
     LinkError
         As `ZenohSession`.
     """
-    own_endpoint = endpoint if role == "listen" else free_endpoint()
-    with ZenohSession(listen=own_endpoint, connect=None if role == "listen" else endpoint) as bus:
-        yield bus, own_endpoint
+    own_endpoint = endpoint if role == "listen" else free_endpoint("tcp" if tls is None else "tls")
+    with ZenohSession(listen=own_endpoint, connect=None if role == "listen" else endpoint, tls=tls) as bus:
+        yield bus, from_this_machine(own_endpoint)
 
 
-def free_endpoint() -> str:
-    """Return a free TCP endpoint on this machine; zenoh does not report the port that it got for port 0."""
+def free_endpoint(protocol: Literal["tcp", "tls"] = "tcp") -> str:
+    """Return a free endpoint on this machine; zenoh does not report the port that it got for port 0."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"
 
 
-def _config(listen: str | None, connect: str | None) -> zenoh.Config:
-    config = zenoh.Config()
-    settings: dict[str, object] = {
+def from_this_machine(endpoint: str) -> str:
+    """Return the endpoint at which a listener on all addresses is reached: certificates name no 0.0.0.0."""
+    return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
+
+
+def _endpoints(text: str | None) -> list[str]:
+    return text.split(",") if text else []
+
+
+def _check_transport(endpoints: list[str], tls: Path | None) -> None:
+    for endpoint in endpoints:
+        is_tls = endpoint.startswith("tls/")
+        if is_tls and tls is None:
+            problem = "needs a certificate: --zenoh-tls FOLDER, or links.zenoh_tls in a mission file"
+            raise LinkError(endpoint, problem)
+        if tls is not None and not is_tls and not endpoint.startswith("unixsock-stream/"):
+            raise LinkError(endpoint, f"would not use the certificate in {tls}; expected tls/HOST:PORT")
+
+
+def _read_node(folder: Path) -> Node:
+    from gcs.io.zenoh.certificates import read_node
+
+    return read_node(folder)
+
+
+def _tls_config(node: Node) -> dict[str, object]:
+    certificate = str(node.folder / "node.pem")
+    key = str(node.folder / "node.key")
+    tls = {
+        "root_ca_certificate": str(node.folder / "ca.pem"),
+        "enable_mtls": True,
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": False,
+        "listen_certificate": certificate,
+        "listen_private_key": key,
+        "connect_certificate": certificate,
+        "connect_private_key": key,
+    }
+    nodes = node.access()
+    config: dict[str, object] = {"transport/link/tls": tls}
+    if nodes is not None:
+        config["access_control"] = access_control(nodes)
+    return config
+
+
+def _config(listen: str | None, connect: str | None) -> dict[str, object]:
+    return {
         "mode": "peer",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,  # Endpoints are explicit only.
         "listen/endpoints": [listen] if listen else [],
         "listen/exit_on_failure": True,
-        "connect/endpoints": connect.split(",") if connect else [],
+        "connect/endpoints": _endpoints(connect),
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
         "connect/retry": _RETRY,
     }
+
+
+def _zenoh_config(settings: dict[str, object]) -> zenoh.Config:
+    config = zenoh.Config()
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     return config

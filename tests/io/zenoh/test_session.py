@@ -11,6 +11,7 @@ import pytest
 
 from gcs.config import load
 from gcs.errors import LinkError
+from gcs.io.zenoh.certificate_authority import make_certificate_authority, make_node
 from gcs.io.zenoh.key_expressions import sensor_scan_keys
 from gcs.io.zenoh.scans import decode_scan
 from gcs.io.zenoh.session import ZenohSession, free_endpoint, service_bus
@@ -140,3 +141,49 @@ def test_the_documented_sensor_feeds_the_service() -> None:
     scan = decode_scan(key, payload, time.time_ns(), frame)
     assert scan.z_m.tolist() == [[102.5, 880.0], [1460.2, 310.7]]
     assert decode_scan(key, example.encode(), 0, frame).z_m.tolist() == scan.z_m.tolist()
+
+
+def test_the_documented_sensor_feeds_a_service_with_certificates(tmp_path: Path) -> None:
+    docs = Path(__file__).parents[3] / "docs"
+    (program,) = re.findall(r"```python\n(.*?)```", (docs / "sensors.md").read_text("utf-8"), re.DOTALL)
+    (secured,) = re.findall(r"```python\n(.*?)```", (docs / "security.md").read_text("utf-8"), re.DOTALL)
+    endpoint = free_endpoint("tls")
+    make_certificate_authority(tmp_path, 30)
+    make_node(tmp_path, "radar-1", "sensor", [], 30)
+    command = make_node(tmp_path, "hub", "command", [], 30)
+    (line,) = re.findall(r"^config.*connect/endpoints.*\n", program, re.MULTILINE)
+    program = program.replace(line, secured.replace("tls/10.0.0.5:7447", endpoint))
+    with ZenohSession(listen=endpoint, tls=command) as service:
+        scans = inbox(service, sensor_scan_keys("prescribed"))
+        sensor = subprocess.Popen([sys.executable, "-P", "-c", program], cwd=tmp_path)
+        try:
+            key, _ = scans.get(timeout=TIMEOUT_S)
+        finally:
+            sensor.terminate()
+            sensor.wait()
+    assert key == "swarm/prescribed/sensor/radar-1/scan"
+
+
+def test_a_service_with_certificates_that_connects_to_a_sensor_is_reached_by_operators(
+    tmp_path: Path,
+) -> None:
+    make_certificate_authority(tmp_path, 30)
+    sensor_tls = make_node(tmp_path, "a", "sensor", ["localhost"], 30)
+    operator_tls = make_node(tmp_path, "anna", "operator", [], 30)
+    command_tls = make_node(tmp_path, "hub", "command", [], 30)
+    endpoint = free_endpoint("tls")
+    with (
+        ZenohSession(listen=endpoint, tls=sensor_tls) as sensor,
+        service_bus("connect", endpoint, command_tls) as (service, door),
+        ZenohSession(connect=door, tls=operator_tls) as operator,
+    ):
+        scans, orders = inbox(service, "swarm/m/sensor/*/scan"), inbox(service, "swarm/m/order")
+        assert publish_until_heard(sensor, "swarm/m/sensor/a/scan", scans)
+        assert publish_until_heard(operator, "swarm/m/order", orders)
+
+
+def test_certificate_and_endpoint_belong_together(tmp_path: Path) -> None:
+    with pytest.raises(LinkError, match="needs a certificate"):
+        ZenohSession(connect="tls/127.0.0.1:7447")
+    with pytest.raises(LinkError, match="expected tls/HOST:PORT"):
+        ZenohSession(connect="tcp/127.0.0.1:7447", tls=tmp_path)
