@@ -141,7 +141,7 @@ def _zenoh_text(config: Config, node: Node | None) -> str:
     text = f"{config.links.zenoh} ({config.links.zenoh_role}s)"
     if node is None:
         return text
-    nodes = ", ".join(f"{role} {name}" for name, role in sorted((node.access() or {}).items()))
+    nodes = ", ".join(f"{role} {name}" for name, role in sorted((node.access(listens=True) or {}).items()))
     return f"{text} as {node.common_name}, valid until {node.expires:%Y-%m-%d}; for {nodes}"
 
 

@@ -46,15 +46,15 @@ class Node:
         """Common name of the certificate."""
         return f"{self.role}.{self.name}"
 
-    def access(self) -> dict[str, Role] | None:
-        """Return the nodes that may connect to this one; None if it is no command or bridge.
+    def access(self, *, listens: bool) -> dict[str, Role] | None:
+        """Return the nodes that may connect to this one; None if it is no command, nor a bridge that listens.
 
         Raises
         ------
         ConfigError
             When `nodes.toml` is missing or wrong.
         """
-        if self.role not in ("command", "bridge"):
+        if not (self.role == "command" or (self.role == "bridge" and listens)):
             return None
         return read_nodes(self.folder / NODES) | {self.name: self.role}
 

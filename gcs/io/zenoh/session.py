@@ -63,11 +63,14 @@ class ZenohSession:
         _check_transport([*_endpoints(listen), *_endpoints(connect)], tls)
         self.node = None if tls is None else _read_node(tls)
         """Own certificate; None without TLS."""
-        config = _config(listen, connect) | ({} if self.node is None else _tls_config(self.node))
+        config = _config(listen, connect)
+        if self.node is not None:
+            config |= _tls_config(self.node, listens=listen is not None)
         try:
             self._session = zenoh.open(_zenoh_config(config))
         except zenoh.ZError as error:
             raise LinkError(self.endpoint, _what_to_do(error, listening=listen is not None)) from None
+        self._listens = listen is not None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._subscribers: list[zenoh.Subscriber[None]] = []
         self._queryables: list[zenoh.Queryable[None]] = []
@@ -203,7 +206,7 @@ class ZenohSession:
 
         Once for each name, and only on a command node: others do not know the nodes.
         """
-        if self.node is None or (nodes := self.node.access()) is None:
+        if self.node is None or (nodes := self.node.access(listens=self._listens)) is None:
             return
         known = {common_name(role, name) for name, role in nodes.items()}
 
@@ -305,7 +308,7 @@ def _read_node(folder: Path) -> Node:
     return read_node(folder)
 
 
-def _tls_config(node: Node) -> dict[str, object]:
+def _tls_config(node: Node, *, listens: bool) -> dict[str, object]:
     certificate = str(node.folder / "node.pem")
     key = str(node.folder / "node.key")
     tls = {
@@ -318,7 +321,7 @@ def _tls_config(node: Node) -> dict[str, object]:
         "connect_certificate": certificate,
         "connect_private_key": key,
     }
-    nodes = node.access()
+    nodes = node.access(listens=listens)
     config: dict[str, object] = {"transport/link/tls": tls}
     if nodes is not None:
         config["access_control"] = access_control(nodes)

@@ -207,6 +207,7 @@ def test_central_command_of_another_authority_is_refused(hub: ZenohSession, tmp_
 
 def test_a_node_cannot_pose_as_central_command(keys: dict[str, Path]) -> None:
     endpoint = free_endpoint("tls")
+    shutil.copy(keys["hub"] / "nodes.toml", keys["mast"])
     for name in ("radar-1", "vic", "anna", "mast"):
         with (
             ZenohSession(listen=endpoint, tls=keys[name]) as impostor,
@@ -215,6 +216,25 @@ def test_a_node_cannot_pose_as_central_command(keys: dict[str, Path]) -> None:
             time.sleep(QUIET_S)
             assert operator.names_connected() == []
             assert impostor.names_connected() == []
+
+
+def test_a_bridge_that_listens_obeys_command_alone(tmp_path: Path) -> None:
+    make_certificate_authority(tmp_path, 30)
+    command = make_node(tmp_path, "hub", "command", [], 30)
+    anna = make_node(tmp_path, "anna", "operator", [], 30)
+    mast = make_node(tmp_path, "mast", "bridge", ["localhost"], 30)
+    endpoint = free_endpoint("tls")
+    with pytest.raises(ConfigError, match=r"nodes\.toml"):
+        ZenohSession(listen=endpoint, tls=mast)
+    shutil.copy(command / "nodes.toml", mast)
+    with ZenohSession(listen=endpoint, tls=mast) as bridge, hostile(bridge, anna) as operator:
+        found = heard(bridge._session, KEYS)
+        for _ in range(5):
+            operator.put(f"{MISSION}/bridge/mast/down", b"anna")
+            time.sleep(0.1)
+        assert not found
+        with ZenohSession(connect=endpoint, tls=command) as hub:
+            publish_until(hub._session, found, {"bridge/mast/down"})
 
 
 def test_central_command_does_not_obey_a_sensor_that_it_connects_to(tmp_path: Path) -> None:
