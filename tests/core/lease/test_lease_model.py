@@ -74,6 +74,7 @@ BEGUN = [
     (Bounds(ticks=4, asks=(3, 3)), TIMES),
     (Bounds(ticks=4, twice=1), TIMES),
     (replace(CUT, asks=(2, 2)), TIMES),
+    (replace(CUT, ticks=4, reach=("y", "xy")), TIMES),
     (replace(CUT_RESTART, ticks=4), TIMES),
 ]
 """The million states that are nearest to the first one are visited."""
