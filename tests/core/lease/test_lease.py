@@ -6,6 +6,7 @@ import heapq
 import itertools
 from dataclasses import dataclass, field
 
+import msgspec
 import pytest
 
 from gcs.core.lease.bridge_lease import accepts, answer_ask, is_held, start_lease
@@ -20,7 +21,7 @@ from gcs.core.lease.node_lease import (
     start_node,
     take_due_asks,
 )
-from gcs.core.lease.records import NO_STANDING, Answer, Ask, NodeId
+from gcs.core.lease.records import NO_STANDING, Answer, Ask, Epoch, NodeId, Permit
 from gcs.model import NS_PER_S
 
 MS = NS_PER_S // 1000
@@ -239,6 +240,18 @@ def test_an_ask_says_what_the_node_knows() -> None:
     node = start_node(NodeId("A", 1), ("x",), 0, delay_ns=0, is_only_node=False)
     _, asks = take_due_asks(node, 5)
     assert asks == {"x": Ask(NodeId("A", 1), 5, 0, NO_STANDING)}
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Ask(NodeId("A", 2**63 - 1), 5, 3, (2, -1)),
+        Answer(NodeId("A", 1), 5, Permit(Epoch(1, 2**63 - 1), 7), "A", 1, 9),
+        Answer(NodeId("A", 1), 5, None, "B", 1, 9),
+    ],
+)
+def test_messages_pass_through_msgpack(message: Ask | Answer) -> None:
+    assert msgspec.msgpack.decode(msgspec.msgpack.encode(message), type=type(message)) == message
 
 
 @pytest.mark.parametrize(
