@@ -4,6 +4,7 @@ import math
 from collections import deque
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -13,6 +14,7 @@ from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
+from gcs.core.preflight.result import Check, CheckRow
 from gcs.core.preflight.return_heights import ReturnHeight, return_of, returns_check
 from gcs.core.preflight.vehicle_checks import VehicleChecks, envelope_of
 from gcs.core.replanning.planned_flights import AltitudeLayers
@@ -111,6 +113,11 @@ def test_a_parameter_that_would_lose_a_vehicle_is_found(parameters, name, level)
     assert rows[name].row.remedy
     refused = {row.name for row in rows.values() if row.level == "refused"}
     assert refused == ({name} if level == "refused" else set())
+
+
+def test_a_parameter_that_is_no_number_can_be_read_by_programs():
+    check = Check(1, CheckCode.PARAMETER_WRONG, {"parameter": "X", "value": math.nan, "why": "it drifts"})
+    assert msgspec.json.decode(msgspec.json.encode(check.row), type=CheckRow).parameters["value"] == "nan"
 
 
 def test_integers_of_px4_are_not_taken_for_floats():
