@@ -64,7 +64,7 @@ class PlanFigures:
         found = []
         for route in routes:
             vehicle = route.vehicle
-            apart_m = separation_m.get(route.vehicle, math.inf)
+            apart_m = separation_m.get(vehicle, math.inf)
             before = shown.get(vehicle)
             climb = inputs.climbs.get(vehicle)
             length_m = route.length_m + (0.0 if climb is None else climb.latest_length_m)
@@ -85,7 +85,7 @@ class PlanFigures:
     def _flight(self, route: Route, inputs: PlanningInputs, delay_s: float) -> tuple[FloatArray, float]:
         """Return what will be flown in the air, with the loiter circle, (k, 2), and the time of arrival."""
         vehicle = route.vehicle
-        airframe = self._airframes[route.vehicle]
+        airframe = self._airframes[vehicle]
         climb = inputs.climbs.get(vehicle)
         before_m = np.empty((0, 2))
         climb_end_m = None

@@ -93,7 +93,7 @@ def rehearse(
     obstructions = {}
     for route in plan.routes:
         vehicle = route.vehicle
-        before = [starts[route.vehicle]]
+        before = [starts[vehicle]]
         if vehicle in climbs:
             before.append(climbs[vehicle].latest_end_m)
         routes_m[vehicle] = np.concatenate((before, route.flown_m))
