@@ -18,12 +18,13 @@ from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.result import Check
 from gcs.core.replanning.plan_targets import plan_options, vehicle_options
 from gcs.core.replanning.planned_flights import layer_count, preferred_layers
-from gcs.core.takeoff.climbs import Climbs, Obstruction
+from gcs.core.takeoff.climbs import Climbs
 from gcs.fence import fence_of
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import NS_PER_S, FloatArray, Label, Parameter, Scan, vehicle_name
 from gcs.planning.layer_assignment import PlannedFlight, assign_layers
 from gcs.planning.manoeuvres.climb import Climb
+from gcs.planning.manoeuvres.takeoff_obstruction import Obstruction
 from gcs.planning.planner import PlanResult, plan_routes
 from gcs.planning.planner_inputs import AgentState
 
@@ -137,7 +138,11 @@ def _takeoff(vehicle: int, rehearsal: Rehearsal) -> Check:
     }
     if obstruction is None:
         return Check(vehicle, CheckCode.TAKEOFF, parameters)
-    parameters |= {"problem": obstruction.problem, "remedy": obstruction.remedy}
+    parameters |= {
+        "obstruction": obstruction.code.value,
+        "problem": obstruction.problem,
+        "remedy": obstruction.code.remedy,
+    }
     return Check(vehicle, CheckCode.TAKEOFF_OBSTRUCTED, parameters)
 
 
