@@ -102,7 +102,7 @@ class Supervisor:
             When a process does not start; its messages are on standard error.
         """
         plan = self.plan
-        scenario = self.plan.scenario
+        scenario = plan.scenario
         waits = plan.waits_for_ground
         tls = "" if plan.zenoh_tls is None else str(plan.zenoh_tls)
         arguments = WorldArguments(scenario.source, plan.seed, plan.zenoh, plan.zenoh_role, waits, tls)
@@ -127,7 +127,7 @@ class Supervisor:
 
     def _spawn_firmware(self, specs: Sequence[VehicleSpec], truth: Address) -> None:
         plan = self.plan
-        sitl = self.plan.sitl
+        sitl = plan.sitl
         folder = self._firmware_folder()
         for instance, spec in enumerate(specs):
             name: Firmware = "px4" if spec.autopilot == "px4" else "arduplane"

@@ -6,15 +6,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
 from gcs.errors import GcsError, InterruptedRunError, NoAnswerError
 from gcs.io.console import console_for
 
 
-def print_error(error: GcsError, console: Console | None = None) -> int:
-    """Print an error as one line, on stderr by default; return the exit code.
+def print_error(error: GcsError) -> int:
+    """Print an error as one line on stderr; return the exit code.
 
     The code is 130 after Ctrl-C, 1 when no service answers, else 2. The text is not read as markup: file
     names may have brackets.
@@ -23,7 +22,7 @@ def print_error(error: GcsError, console: Console | None = None) -> int:
         line = Text.assemble(("interrupted: ", "yellow"), str(error))
     else:
         line = Text.assemble(("error: ", "bold red"), str(error))
-    (console or console_for(stderr=True)).print(line, highlight=False, soft_wrap=True)
+    console_for(stderr=True).print(line, highlight=False, soft_wrap=True)
     if isinstance(error, InterruptedRunError):
         return 130
     return 1 if isinstance(error, NoAnswerError) else 2

@@ -105,7 +105,7 @@ def _begin_sighting_again(agent: Agent, t_ns: int) -> None:
 def _contents(state: State) -> str:
     """Return a state in words."""
     agents = state.agents
-    active = with_status(state.agents, "active")
+    active = with_status(agents, "active")
     suspended = [v for v, agent in agents.items() if agent.control.suspension is not None]
     not_ours = [v for v, agent in agents.items() if not agent.control.is_ours]
     groups = {

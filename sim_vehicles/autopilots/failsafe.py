@@ -140,7 +140,7 @@ class PlaneFailsafe(Failsafe):
 
     def _check_rc(self, t_ns: int) -> None:
         autopilot = self._autopilot
-        faults = self._autopilot.faults
+        faults = autopilot.faults
         parameters = autopilot.parameters
         if FaultKind.RC not in faults:
             if self.is_rc_lost:
@@ -159,7 +159,7 @@ class PlaneFailsafe(Failsafe):
 
     def _act_short(self) -> None:
         autopilot = self._autopilot
-        mode = self._autopilot.mode
+        mode = autopilot.mode
         is_left = mode in _STEERED and not autopilot.parameters["FS_SHORT_ACTN"]
         if mode in _UNTOUCHED or is_left or autopilot.is_landing:
             autopilot.notify(_WARNING, "RC Short Failsafe On")
@@ -269,7 +269,7 @@ class Px4Failsafe(Failsafe):
 
     def _check_link(self, t_ns: int) -> None:
         autopilot = self._autopilot
-        parameters = self._autopilot.parameters
+        parameters = autopilot.parameters
         if self.is_on or self._heard_ns is None:
             return
         if t_ns - self._heard_ns < parameters["COM_DL_LOSS_T"] * NS_PER_S + _NOTICED_NS:
@@ -281,7 +281,7 @@ class Px4Failsafe(Failsafe):
 
     def _check_rc(self, t_ns: int) -> None:
         autopilot = self._autopilot
-        faults = self._autopilot.faults
+        faults = autopilot.faults
         if FaultKind.RC not in faults:
             self.is_rc_lost = False
             return

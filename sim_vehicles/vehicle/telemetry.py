@@ -167,7 +167,7 @@ class Telemetry:
     def sys_status(self, t_ns: int) -> Any:
         """Return the sensors present, enabled and healthy, and the battery."""
         autopilot = self._autopilot
-        faults = self._autopilot.faults
+        faults = autopilot.faults
         known = autopilot.is_position_known(t_ns)
         ready = autopilot.prearm_failure(t_ns) is None
         is_px4 = autopilot.traits is PX4

@@ -4,6 +4,7 @@ import math
 from collections import deque
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 from helpers.planning_desk import replanner
@@ -14,6 +15,7 @@ from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
+from gcs.core.preflight.result import Check, CheckRow
 from gcs.core.preflight.return_heights import ReturnHeight, return_of, returns_check
 from gcs.core.preflight.vehicle_checks import VehicleChecks, envelope_of
 from gcs.core.replanning.inputs import PlanningInputs
@@ -111,6 +113,11 @@ def test_a_parameter_that_would_lose_a_vehicle_is_found(parameters, name, level)
     assert rows[name].row.remedy
     refused = {row.name for row in rows.values() if row.level == "refused"}
     assert refused == ({name} if level == "refused" else set())
+
+
+def test_a_parameter_that_is_no_number_can_be_read_by_programs():
+    check = Check(1, CheckCode.PARAMETER_WRONG, {"parameter": "X", "value": math.nan, "why": "it drifts"})
+    assert msgspec.json.decode(msgspec.json.encode(check.row), type=CheckRow).parameters["value"] == "nan"
 
 
 def test_integers_of_px4_are_not_taken_for_floats():
@@ -298,8 +305,8 @@ def test_a_take_off_into_an_obstacle_is_refused_before_it_is_flown():
         assert [(row.name, row.level) for row in rows] == [("take-off", level)]
         assert rows[0].parameters["heading_deg"] == pytest.approx(course_deg, abs=0.5)
         assert rows[0].parameters["altitude_m"] == 100.0
-    assert "the climb leaves the map, 33" in rows[0].parameters["problem"]
-    assert "lower takeoff.altitude_rel_m" in rows[0].parameters["remedy"]
+    assert rows[0].parameters["obstruction"] == "outside-map"
+    assert_is_complete(rows[0])
 
 
 def grounded(config, course_rad):

@@ -146,7 +146,7 @@ def open_source(options: ReplayOptions, console: Console) -> _Source:
         When it cannot be read, or its mission or seed is missing.
     """
     file = options.file
-    path = options.file.path
+    path = file.path
     if not file.is_recording():
         return _open_log(options, console)
     header = read_info(path)
@@ -193,7 +193,7 @@ def open_source(options: ReplayOptions, console: Console) -> _Source:
 
 def _open_log(options: ReplayOptions, console: Console) -> _Source:
     file = options.file
-    path = options.file.path
+    path = file.path
     if options.verify:
         raise RecordingError(str(path), "is not a recording of gcs: it has no outputs to verify")
     config = _derived_mission(path, console) if file.config is None else load(file.config)

@@ -295,7 +295,7 @@ class _Reading:
         duration_s = timeline.duration_s
         if span_t_ns is not None:
             start_t_ns = span_t_ns[0]
-            duration_s = (span_t_ns[1] - span_t_ns[0]) / 1e9
+            duration_s = (span_t_ns[1] - start_t_ns) / 1e9
             timeline = replace(timeline, start_t_ns=start_t_ns, duration_s=duration_s)
         flown = flights.flights(start_t_ns)
         self.remarks += jump_lines(flown)

@@ -105,7 +105,7 @@ def _link(engine: Engine, health: Health) -> LinkDetail:
 
 def _mission(agent: Agent, frame: LocalFrame, t_ns: int, verified: tuple[int, int]) -> MissionDetail | None:
     tasking = agent.tasking
-    onboard = agent.tasking.onboard
+    onboard = tasking.onboard
     if onboard is None:
         return None
     mission_id, verified_t_ns = verified

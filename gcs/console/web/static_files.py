@@ -61,12 +61,12 @@ class StaticFiles:
         return Response(content, headers=headers, media_type=media_type)
 
 
-def script(modules: dict[str, str], main: str = "main.js") -> bytes:
-    """Return one script of a module and all that it imports.
+def script(modules: dict[str, str]) -> bytes:
+    """Return one script of `main.js` and all that it imports.
 
     Each module becomes a block. Imports and exports become reads and writes of an object of modules.
     """
-    blocks = (_block(name, modules[name]) for name in dict.fromkeys(_in_order(modules, main)))
+    blocks = (_block(name, modules[name]) for name in dict.fromkeys(_in_order(modules, "main.js")))
     return "\n".join(("const modules = {};", *blocks)).encode()
 
 

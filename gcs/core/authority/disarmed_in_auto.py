@@ -61,7 +61,7 @@ class DisarmedInAuto:
         self._state.disarmed_check_t_ns = t_ns + _PERIOD_NS
         for state in self._fleet.states():
             vehicle = state.system_id
-            authority = self._agents[state.system_id].authority
+            authority = self._agents[vehicle].authority
             if not self._would_take_off(state) or not is_free(vehicle):
                 authority.stays_in_auto = False
             elif authority.loiter is None and not authority.stays_in_auto:

@@ -118,7 +118,7 @@ class FlightPhases:
 
     def _observe(self, state: VehicleState, t_ns: int) -> list[Effect]:
         vehicle = state.system_id
-        flight = self._agents[state.system_id].flight
+        flight = self._agents[vehicle].flight
         if is_on_ground(state, self._fleet.home(vehicle)):
             flight.airborne_since_t_ns = None
             if flight.grounded_since_t_ns is None:
@@ -158,7 +158,7 @@ class FlightPhases:
 
     def _event_in_air(self, state: VehicleState, height_m: float) -> FlightEvent:
         vehicle = state.system_id
-        phase = self._agents[state.system_id].flight.phase
+        phase = self._agents[vehicle].flight.phase
         ending = self._missions.terminal_phase(vehicle)
         if state.mode in _LANDING_MODES or state.is_landing or ending == "landing":
             return FlightEvent.LANDS
@@ -186,7 +186,7 @@ class FlightPhases:
 
     def _ground(self, state: VehicleState, t_ns: int) -> list[Effect]:
         vehicle = state.system_id
-        flight = self._agents[state.system_id].flight
+        flight = self._agents[vehicle].flight
         was_in_air = flight.phase.is_in_air
         before = flight.phase
         if not was_in_air or flight.highest_m < LOW_M:
@@ -240,7 +240,7 @@ class FlightPhases:
     def _check_sinking(self, state: VehicleState, height_m: float, t_ns: int) -> list[Effect]:
         """Notify when a vehicle sinks below its planned height without having been told to."""
         vehicle = state.system_id
-        flight = self._agents[state.system_id].flight
+        flight = self._agents[vehicle].flight
         planned_m = self._planned_height_m(state)
         is_low = planned_m is not None and height_m < planned_m - _SINK_M
         dives = state.mode in _STEERED_MODES and state.climb_m_s < -_DIVE_M_S

@@ -65,7 +65,7 @@ class PlanFigures:
         found = []
         for route in routes:
             vehicle = route.vehicle
-            apart_m = separation_m.get(route.vehicle, math.inf)
+            apart_m = separation_m.get(vehicle, math.inf)
             before = shown.get(vehicle)
             climb = inputs.climbs.get(vehicle)
             length_m = route.length_m + (0.0 if climb is None else climb.latest_length_m)
@@ -94,7 +94,7 @@ class PlanFigures:
         `turn_radius_m` is that of the tightest turn; 0: as the autopilot's guidance commands it.
         """
         vehicle = route.vehicle
-        airframe = self._airframes[route.vehicle]
+        airframe = self._airframes[vehicle]
         climb = inputs.climbs.get(vehicle)
         before_m = np.empty((0, 2))
         climb_end_m = None

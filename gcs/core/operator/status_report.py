@@ -48,7 +48,7 @@ class StatusReport:
     def agent(self, health: Health, t_ns: int) -> AgentRecord:
         """Return the status of one agent now."""
         vehicle = health.system_id
-        agent = self.state.agents[health.system_id]
+        agent = self.state.agents[vehicle]
         state = self.fleet.state(vehicle)
         status = agent.perception.status
         label = agent.perception.association.label

@@ -273,7 +273,7 @@ class Orders:
     def _resumed_mode(self, vehicle: int) -> str:
         """Return AUTO for a vehicle that can fly on with its mission, else LOITER, where it waits for one."""
         agent = self._agents[vehicle]
-        onboard = self._agents[vehicle].tasking.onboard
+        onboard = agent.tasking.onboard
         is_stored = onboard is not None and onboard.route.is_same(
             agent.routes.suspended or agent.routes.flown
         )
@@ -373,7 +373,7 @@ class Orders:
     def may_fly(self, vehicle: int) -> bool:
         """Return True if the verified onboard mission is the one to fly now."""
         agent = self._agents[vehicle]
-        onboard = self._agents[vehicle].tasking.onboard
+        onboard = agent.tasking.onboard
         is_stored = onboard is not None and onboard.route.is_same(agent.routes.flown)
         is_suspended = agent.control.suspension is not None
         return is_stored and not is_suspended and vehicle not in self._state.tasking.stages

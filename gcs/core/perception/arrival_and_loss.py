@@ -60,7 +60,7 @@ class AgentStatusMonitor:
         changed = []
         for vehicle, agent in self._agents.items():
             perception = agent.perception
-            label = agent.perception.association.label
+            label = perception.association.label
             before = perception.status
             sighting = perception.sighting
             track = agents.tracks.get(label) if label is not None else None

@@ -15,11 +15,12 @@ from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.result import Check
 from gcs.core.replanning.mission_inputs import mission_inputs
-from gcs.core.takeoff.climbs import Climbs, Obstruction
+from gcs.core.takeoff.climbs import Climbs
 from gcs.fence import fence_of
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import NS_PER_S, Parameter, Scan, vehicle_name
 from gcs.planning.manoeuvres.climb import Climb
+from gcs.planning.manoeuvres.takeoff_obstruction import Obstruction
 from gcs.planning.map.grid import Point
 from gcs.planning.planner import PlanResult, plan_mission
 from gcs.planning.planner_inputs import MissionInputs
@@ -121,7 +122,11 @@ def _takeoff(vehicle: int, rehearsal: Rehearsal) -> Check:
     }
     if obstruction is None:
         return Check(vehicle, CheckCode.TAKEOFF, parameters)
-    parameters |= {"problem": obstruction.problem, "remedy": obstruction.remedy}
+    parameters |= {
+        "obstruction": obstruction.code.value,
+        "problem": obstruction.problem,
+        "remedy": obstruction.code.remedy,
+    }
     return Check(vehicle, CheckCode.TAKEOFF_OBSTRUCTED, parameters)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -34,7 +35,7 @@ class Check:
     @property
     def row(self) -> CheckRow:
         """Finding in words, with printable characters only."""
-        values = {name: plain_value(value) for name, value in self.parameters.items()}
+        values = {name: _json_value(value) for name, value in self.parameters.items()}
         return CheckRow(
             self.vehicle,
             self.code.value,
@@ -45,6 +46,12 @@ class Check:
             fill(self.code.remedy, {"vehicle": self.vehicle, **values}),
             values,
         )
+
+
+def _json_value(value: Parameter) -> Parameter:
+    """Return a value with printable characters only; a float that JSON lacks, such as NaN, as its text."""
+    plain = plain_value(value)
+    return str(plain) if isinstance(plain, float) and not math.isfinite(plain) else plain
 
 
 class CheckRow(msgspec.Struct, frozen=True):

@@ -11,6 +11,7 @@ import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from operator import attrgetter
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -78,12 +79,13 @@ def return_of(
 
     Of several rally points the highest counts, as if it were the nearest.
     """
-    heights_m = profile.return_heights(values, rally_m)
-    if not heights_m:
+    possible = profile.return_heights(values, rally_m)
+    if not possible:
         return None
-    source, height_m = next(iter(heights_m.items()))  # a rally point goes before what counts without one
-    parameter = next((name for name in _UNITS_PER_M if name in values and name in source), "")
-    return ReturnHeight(vehicle, height_m, source, parameter, values.get(parameter, 0.0))
+    first = possible[0]
+    return ReturnHeight(
+        vehicle, first.height_m, first.source, first.parameter, values.get(first.parameter, 0.0)
+    )
 
 
 def _too_close(heights: Sequence[ReturnHeight], step_m: float) -> list[ReturnHeight]:
@@ -244,11 +246,12 @@ def return_height_check(
     ceiling_m : float
         Ceiling of the mission file, above home; 0 for none.
     """
-    heights_m = profile.return_heights(values, rally_m)
-    if not heights_m:
+    possible = profile.return_heights(values, rally_m)
+    if not possible:
         return
-    name, height_m = max(heights_m.items(), key=lambda item: item[1])
-    parameters: dict[str, Parameter] = {"height_m": height_m, "source": name}
+    highest = max(possible, key=attrgetter("height_m"))
+    height_m = highest.height_m
+    parameters: dict[str, Parameter] = {"height_m": height_m, "source": highest.source}
     limits = profile.fence_limits(values)
     ceilings_m = [limits.max_alt_rel_m] if limits.is_on and limits.max_alt_rel_m else []
     ceilings_m += [ceiling_m] if ceiling_m else []

@@ -131,7 +131,7 @@ class PlanningInputBuilder:
         found = []
         for state in self.fleet.states():
             vehicle = state.system_id
-            home = self.fleet.home(state.system_id)
+            home = self.fleet.home(vehicle)
             is_ours = self.agents[vehicle].control.authority is Authority.OURS
             if vehicle in planned or vehicle in lost or is_on_ground(state, home):
                 continue

@@ -56,7 +56,7 @@ class ReturnRoutes:
         """
         vehicle = route.vehicle
         points_m = route.points_m
-        airframe = self._config.airframe_of(route.vehicle)
+        airframe = self._config.airframe_of(vehicle)
         landing = landing_of(airframe)
         if landing is None:
             return None, []

@@ -217,7 +217,7 @@ class Triggers:
     def is_arriving(self, route: Route, inputs: PlanningInputs) -> bool:
         """Return True if a vehicle is about to reach its target on the route that it flies."""
         vehicle = route.vehicle
-        routes = self._agents[route.vehicle].routes
+        routes = self._agents[vehicle].routes
         if not route.is_same(routes.flown) or routes.is_blocked or vehicle in inputs.passed:
             return False
         if vehicle not in inputs.agents or route.target not in inputs.targets:

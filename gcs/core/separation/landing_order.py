@@ -57,7 +57,7 @@ class LandingOrder:
             Return route from the end of the route to the landing point.
         """
         vehicle = route.vehicle
-        speed_m_s = self._airframes[route.vehicle].speed_m_s
+        speed_m_s = self._airframes[vehicle].speed_m_s
         flown_m = route.length_m + _length_m(return_m)
         climb_s = 0.0
         if is_on_ground(self._fleet.state(vehicle), self._fleet.home(vehicle)):

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
@@ -18,25 +17,14 @@ from gcs.core.state import Agent
 from gcs.geo import wrap_pi
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
-from gcs.model import FloatArray, Notice, NoticeCode
-from gcs.planning.manoeuvres.climb import Climb, climb_problem, turn_problem
+from gcs.model import FloatArray, Notice, NoticeCode, Parameter
+from gcs.planning.manoeuvres.climb import Climb, climb_obstruction, turn_obstruction
+from gcs.planning.manoeuvres.takeoff_obstruction import Obstruction, ObstructionCode
 
 _MAX_HEADING_ERROR_RAD = math.radians(15.0)
 """Maximum angle between nose and runway."""
 _HYSTERESIS_M = 10.0
 """Added clearance that ends a blocked take-off: reported positions and headings are noisy."""
-_REMEDY = "lower takeoff.altitude_rel_m, or take off from elsewhere or in another direction"
-
-
-class Obstruction(NamedTuple):
-    """What obstructs a take-off, and where."""
-
-    problem: str
-    remedy: str
-
-    def __str__(self) -> str:
-        """Return both in one text."""
-        return f"{self.problem}; {self.remedy}"
 
 
 class Climbs:
@@ -116,16 +104,14 @@ class Climbs:
         state = self._fleet.state(vehicle)
         course_rad = climb.heading_rad if state is None else state.course_rad
         if abs(wrap_pi(course_rad - climb.heading_rad)) > _MAX_HEADING_ERROR_RAD:
-            problem = (
-                f"its nose points to {math.degrees(course_rad) % 360.0:.0f} degrees, takeoff.heading_deg is "
-                f"{math.degrees(climb.heading_rad):.0f}"
-            )
-            return Obstruction(problem, "turn it along the runway, or correct the key")
+            directions: dict[str, Parameter] = {
+                "nose_deg": math.degrees(course_rad) % 360.0,
+                "heading_deg": math.degrees(climb.heading_rad),
+            }
+            return Obstruction(ObstructionCode.NOT_ALONG_RUNWAY, directions)
         grid = self._zones.grid
-        problem = climb_problem(grid, climb, options.clearance_m + extra_m)
-        if not problem and points_m is not None:
-            points = [(east_m, north_m) for east_m, north_m in points_m.tolist()]
-            problem = turn_problem(
-                self._zones.grid, climb, points, options.turn_radius_m, options.clearance_m
-            )
-        return Obstruction(problem, _REMEDY) if problem else None
+        found = climb_obstruction(grid, climb, options.clearance_m + extra_m)
+        if found is not None or points_m is None:
+            return found
+        points = [(east_m, north_m) for east_m, north_m in points_m.tolist()]
+        return turn_obstruction(grid, climb, points, options.turn_radius_m, options.clearance_m)

@@ -134,7 +134,7 @@ class TakeoffSequence:
         if not (state.armed or is_starting):
             return "", ""
         vehicle = state.system_id
-        home = self._fleet.home(state.system_id)
+        home = self._fleet.home(vehicle)
         above = f"is {max(self._low_m, 0.0):.0f} m above home or {self.distance_m:.0f} m away"
         if is_on_ground(state, home):
             is_loaded = state.mode in SELF_LAUNCHING or self._uploads.is_uploading(vehicle)

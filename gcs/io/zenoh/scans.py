@@ -106,7 +106,7 @@ def encode_scan(scan: Scan, frame: LocalFrame) -> bytes:
     origin = OriginMessage(lat_deg=frame.lat_deg, lon_deg=frame.lon_deg)
     message: dict[str, Any] = {"origin": origin, "measured_t_ns": scan.measured_t_ns}
     sensor = scan.sensor
-    polar = scan.sensor.polar
+    polar = sensor.polar
     if polar is None:
         message["sensor"] = {
             "name": sensor.name,

@@ -31,7 +31,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.autopilots.preflight_parameters import ARDUPLANE_PARAMETERS, arduplane_parameters_for
-from gcs.mavlink.autopilots.profile import AutopilotProfile, FailsafeText, FenceLimits
+from gcs.mavlink.autopilots.profile import AutopilotProfile, FailsafeText, FenceLimits, PossibleReturn
 from gcs.mavlink.mission.items import Item
 
 _MAX_RADIUS_M: Final = 255.0
@@ -121,17 +121,18 @@ def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
     )
 
 
-def _return_heights(values: Mapping[str, float], rally_m: Sequence[float]) -> dict[str, float]:
+def _return_heights(values: Mapping[str, float], rally_m: Sequence[float]) -> list[PossibleReturn]:
     """Return the nearest rally point's height; RTL_ALTITUDE with none within RALLY_LIMIT_KM.
 
     Source: `Plane::do_RTL`, `AP_Rally::calc_best_rally_or_home_location`. A negative RTL_ALTITUDE keeps the
     height.
     """
-    heights_m = {"rally point": max(rally_m)} if rally_m else {}
-    home_m = {"RTL_ALTITUDE": values.get("RTL_ALTITUDE"), "ALT_HOLD_RTL": values.get("ALT_HOLD_RTL")}
-    if home_m["ALT_HOLD_RTL"] is not None:
-        home_m["ALT_HOLD_RTL"] /= 100.0
-    return heights_m | {name: height_m for name, height_m in home_m.items() if height_m and height_m > 0.0}
+    found = [PossibleReturn(max(rally_m))] if rally_m else []
+    for name, units_per_m in (("RTL_ALTITUDE", 1.0), ("ALT_HOLD_RTL", 100.0)):
+        height_m = values.get(name, 0.0) / units_per_m
+        if height_m > 0.0:
+            found.append(PossibleReturn(height_m, name))
+    return found
 
 
 ARDUPLANE: Final = AutopilotProfile(

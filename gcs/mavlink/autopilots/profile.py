@@ -34,6 +34,27 @@ class FenceLimits:
 
 
 @dataclass(frozen=True, slots=True)
+class PossibleReturn:
+    """Height at which a vehicle may return."""
+
+    height_m: float
+    """Above home."""
+    parameter: str = ""
+    """Name of the parameter that sets it; empty if a rally point alone does."""
+    rally_m: float = 0.0
+    """Height of the rally point that the parameter is added to."""
+
+    @property
+    def source(self) -> str:
+        """Rally point and parameter that set the height, in words."""
+        if not self.parameter:
+            return "rally point"
+        if self.rally_m == 0.0:
+            return self.parameter
+        return f"rally point {self.rally_m:g} m + {self.parameter} {self.height_m - self.rally_m:g} m"
+
+
+@dataclass(frozen=True, slots=True)
 class FailsafeText:
     """STATUSTEXT that names a failsafe or its cause."""
 
@@ -95,9 +116,9 @@ class AutopilotProfile:
     """Parameter of a fence's greatest height, in metres above home."""
     return_parameters: tuple[str, ...]
     """Parameters that `return_heights` reads, the newest name first."""
-    return_heights: Callable[[Mapping[str, float], Sequence[float]], Mapping[str, float]]
-    """Returns the possible return heights above home in metres, by what sets them, from parameters and the
-    heights of rally points."""
+    return_heights: Callable[[Mapping[str, float], Sequence[float]], Sequence[PossibleReturn]]
+    """Returns the possible return heights, from parameters and the heights of rally points. The height at a
+    rally point is the first."""
 
     # ------------------------------------------------------------ modes
 

@@ -30,7 +30,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.autopilots.preflight_parameters import PX4_PARAMETERS, px4_parameters_for
-from gcs.mavlink.autopilots.profile import AutopilotProfile, FailsafeText, FenceLimits
+from gcs.mavlink.autopilots.profile import AutopilotProfile, FailsafeText, FenceLimits, PossibleReturn
 from gcs.mavlink.mission.items import Item
 
 _MODES: Final = {
@@ -71,15 +71,13 @@ def _fence_limits(values: Mapping[str, float]) -> FenceLimits:
     )
 
 
-def _return_heights(values: Mapping[str, float], rally_m: Sequence[float]) -> dict[str, float]:
+def _return_heights(values: Mapping[str, float], rally_m: Sequence[float]) -> list[PossibleReturn]:
     """Return RTL_RETURN_ALT above the return position (`RTL::findRtlDestination`)."""
     above_m = values.get("RTL_RETURN_ALT")
     if above_m is None:
-        return {}
-    highest_m = max(rally_m, default=0.0)
-    if highest_m <= 0.0:
-        return {"RTL_RETURN_ALT": above_m}
-    return {f"rally point {highest_m:g} m + RTL_RETURN_ALT {above_m:g} m": highest_m + above_m}
+        return []
+    highest_m = max((0.0, *rally_m))
+    return [PossibleReturn(highest_m + above_m, "RTL_RETURN_ALT", highest_m)]
 
 
 def _stored(item: Item) -> Item:

@@ -104,7 +104,7 @@ class Frame(NamedTuple):
             return self._decode_any()
         definition, unpack, size, in_order = numeric
         data = self.data
-        begin = _HEADER_BYTES_V2 if self.data[0] == _MAGIC_V2 else _HEADER_BYTES_V1
+        begin = _HEADER_BYTES_V2 if data[0] == _MAGIC_V2 else _HEADER_BYTES_V1
         payload = data[begin : begin + min(data[1], size)]
         message = definition(*in_order(unpack(payload.ljust(size, b"\0"))))
         flags = data[2:4] if begin == _HEADER_BYTES_V2 else b"\0\0"

@@ -94,7 +94,7 @@ def send_last_item(upload: Upload, t_ns: int) -> None:
 def _send_item(upload: Upload, seq: int, t_ns: int) -> None:
     state = upload.state
     limits = upload.limits
-    now = upload.state.now
+    now = state.now
     transfer = state.transfer
     transfer.holds_last_item = False
     items = transfer.sending.answer_request(seq, t_ns, state.rtt, transfer.first_seq)

@@ -18,6 +18,7 @@ from itertools import pairwise, product
 import numpy as np
 
 from gcs.planning.forward_simulation import Motion
+from gcs.planning.manoeuvres.takeoff_obstruction import Obstruction, ObstructionCode
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight, path_clearance, to_cells
 from gcs.planning.path.initial_turn import START_CLEARANCE_SHARE, is_turn_safe, start_clearance
@@ -26,7 +27,6 @@ _CLIMB_LENGTH_UNCERTAINTY = 0.1
 """Relative uncertainty of the length of the airborne climb."""
 _FIRST_TURN_RADII = 2.0
 """A waypoint within this many turn radii is part of the first turn."""
-_BLOCKED = "an obstacle, a no-fly zone or the fence"
 _HALVINGS = 12
 
 
@@ -101,8 +101,8 @@ class Climb:
         return tuple(ends)
 
 
-def climb_problem(grid: Grid, climb: Climb, clearance_m: float) -> str:
-    """Return where a climb comes too near to an obstacle or leaves the map; empty if it is clear.
+def climb_obstruction(grid: Grid, climb: Climb, clearance_m: float) -> Obstruction | None:
+    """Return where a climb comes too near to an obstacle or leaves the map; None if it is clear.
 
     The airborne part keeps the clearance. On the ground the vehicle keeps the clearance of its position.
     """
@@ -113,16 +113,16 @@ def climb_problem(grid: Grid, climb: Climb, clearance_m: float) -> str:
     for start, end, min_clearance_m in legs:
         if not line_of_sight(grid, start, end, min_clearance_m):
             place = _last_clear(grid, start, end, min_clearance_m)
-            return f"the climb comes within {min_clearance_m:.0f} m of {_BLOCKED}{_where(climb, place)}"
+            return _obstruction(ObstructionCode.CLIMB_BLOCKED, climb, place, min_clearance_m)
         if not grid.contains(end):
-            return f"the climb leaves the map{_where(climb, end)}"
-    return ""
+            return _obstruction(ObstructionCode.OUTSIDE_MAP, climb, end, min_clearance_m)
+    return None
 
 
-def turn_problem(
+def turn_obstruction(
     grid: Grid, climb: Climb, points_m: Sequence[Point], radius_m: float, clearance_m: float
-) -> str:
-    """Return where the turn from a climb on to a route is not clear; empty if it is.
+) -> Obstruction | None:
+    """Return where the turn from a climb on to a route is not clear; None if it is clear.
 
     The turn must be clear from each possible end of the climb, with the planned radius and with half of it.
     It keeps the clearance share of every initial turn (`gcs.planning.path.initial_turn`). Obstacles beyond it
@@ -146,7 +146,7 @@ def turn_problem(
     for start, end in pairwise(path):
         if not line_of_sight(near, start, end, min_clearance_m):
             place = _last_clear(near, start, end, min_clearance_m)
-            return f"the first turn comes within {min_clearance_m:.0f} m of {_BLOCKED}{_where(climb, place)}"
+            return _obstruction(ObstructionCode.TURN_BLOCKED, climb, place, min_clearance_m)
     angle = 0.5 * math.pi - climb.heading_rad
     radius = radius_m / grid.spacing_m
     leg_m = START_CLEARANCE_SHARE * _clearance_m(grid, path, clearance_m)
@@ -156,8 +156,8 @@ def turn_problem(
         to_cell = to_cells(grid, ahead[0] if ahead else points_m[first])
         clearance = min_m / grid.spacing_m
         if not is_turn_safe(around.blocked, clearance, *to_cells(grid, end), angle, *to_cell, radius, -1):
-            return f"the first turn may come within {min_m:.0f} m of {_BLOCKED}{_where(climb, end)}"
-    return ""
+            return _obstruction(ObstructionCode.TURN_MAY_BE_BLOCKED, climb, end, min_m)
+    return None
 
 
 def _obstacles_near(grid: Grid, places_m: Sequence[Point], max_m: float) -> Grid:
@@ -206,6 +206,13 @@ def _last_clear(grid: Grid, start: Point, end: Point, min_clearance_m: float) ->
     return place
 
 
-def _where(climb: Climb, place: Point) -> str:
-    far_m = math.dist(climb.start_m, place)
-    return f", {far_m:.0f} m from where it stands, at ({place[0]:.0f}, {place[1]:.0f}) m"
+def _obstruction(code: ObstructionCode, climb: Climb, place: Point, min_clearance_m: float) -> Obstruction:
+    return Obstruction(
+        code,
+        {
+            "min_clearance_m": min_clearance_m,
+            "distance_m": math.dist(climb.start_m, place),
+            "east_m": place[0],
+            "north_m": place[1],
+        },
+    )

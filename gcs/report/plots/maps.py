@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gcs.model import FloatArray, Kind, Label
+from gcs.model import FloatArray, Label
 from gcs.planning.map.grid import Grid
 from gcs.report.plots.style import (
     AGENTS,
@@ -186,14 +186,14 @@ def _reported_until(axes: Axes, timeline: Timeline, flights: Mapping[int, Flight
                 axes, points[:1], s=58 * size**2, facecolors="none", edgecolors=RED, linewidths=1.9, zorder=8
             )
             dots(axes, points[-1:], marker="x", s=60 * size**2, color=RED, linewidths=2.2 * size, zorder=8)
-    for path in _track_lines(timeline, "agents", until_s).values():
+    for path in _agent_lines(timeline, until_s).values():
         axes.plot(*_thin(path).T, color=INK, lw=0.9 * size, zorder=6)
 
 
-def _track_lines(timeline: Timeline, kind: Kind, until_s: float) -> dict[Label, FloatArray]:
-    """Return (n, 2) positions of each label with at least two estimates."""
+def _agent_lines(timeline: Timeline, until_s: float) -> dict[Label, FloatArray]:
+    """Return (n, 2) positions of each agent track with at least two estimates."""
     found: dict[Label, list[FloatArray]] = {}
-    for estimate in timeline.estimates[kind]:
+    for estimate in timeline.estimates["agents"]:
         if estimate.t_s <= until_s:
             for label, point in zip(estimate.labels, estimate.points_m, strict=True):
                 found.setdefault(label, []).append(point)
@@ -273,8 +273,8 @@ def _ground_entries(obstacles: bool) -> list[Artist]:
     return [sample("obstacle", marker="s", ms=7, color=INK, mec=AXIS)] if obstacles else []
 
 
-def _legend(figure: Figure, entries: list[Artist], columns: int = 8) -> None:
+def _legend(figure: Figure, entries: list[Artist]) -> None:
     figure.legend(
-        handles=entries, loc="outside lower center", ncol=min(columns, max(1, len(entries))), frameon=False,
+        handles=entries, loc="outside lower center", ncol=min(8, max(1, len(entries))), frameon=False,
         fontsize=9, handletextpad=0.5, columnspacing=1.4,
     )  # fmt: skip

@@ -164,7 +164,6 @@ def times_figure(timeline: Timeline, work_ms: Mapping[str, Sequence[float]]) -> 
     _panel(
         over_time,
         "time of each mission transfer, s",
-        "time, s",
         bool(timeline.uploads),
         "no mission transfers",
     )
@@ -172,16 +171,16 @@ def times_figure(timeline: Timeline, work_ms: Mapping[str, Sequence[float]]) -> 
     late = {name: 1e3 * sensor.delay_s for name, sensor in timeline.sensors.items() if len(sensor.t_s)}
     for sensor, values in late.items():
         delays.plot(timeline.sensors[sensor].t_s, values, ".", ms=3, label=sensor)
-    _panel(delays, "delay of each scan, from measurement to arrival, ms", "time, s", bool(late), "no scans")
+    _panel(delays, "delay of each scan, from measurement to arrival, ms", bool(late), "no scans")
     delays.set_ylim(bottom=min(0.0, delays.get_ylim()[0]), top=max(1.0, delays.get_ylim()[1]))
     _shares(work, work_ms, "work measured again on this machine: share that took at most …", "ms")
     return figure
 
 
-def _panel(axes: Axes, title: str, xlabel: str, any_there: bool, otherwise: str) -> None:
+def _panel(axes: Axes, title: str, any_there: bool, otherwise: str) -> None:
     tidy(axes)
     heading(axes, title)
-    axes.set_xlabel(xlabel)
+    axes.set_xlabel("time, s")
     if any_there:
         axes.set_ylim(bottom=0.0)
         legend(axes, loc="best")

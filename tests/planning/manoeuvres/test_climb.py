@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from gcs.planning.manoeuvres.climb import Climb, climb_problem, turn_problem
+from gcs.planning.manoeuvres.climb import Climb, climb_obstruction, turn_obstruction
+from gcs.planning.manoeuvres.takeoff_obstruction import ObstructionCode
 from gcs.planning.map.grid import free_grid
 
 HEADING_RAD = math.radians(352.9)
@@ -48,25 +49,27 @@ def test_the_wind_carries_a_climb_no_farther_than_the_checked_area(altitude_m, e
 
 @pytest.mark.parametrize("altitude_m", [90.0, 120.0])
 def test_an_obstacle_ahead_of_the_runway_is_not_flown_through(altitude_m):
-    problem = climb_problem(field(BOX_M), climb(altitude_m), 60.0)
-    assert "the climb comes within 60 m" in problem
-    assert "161 m from where it stands, at (1482, 1160) m" in problem
-    assert not climb_problem(field(), climb(altitude_m), 60.0)
+    found = climb_obstruction(field(BOX_M), climb(altitude_m), 60.0)
+    assert found.code is ObstructionCode.CLIMB_BLOCKED
+    assert {name: round(value) for name, value in found.parameters.items()} == {
+        "min_clearance_m": 60, "distance_m": 161, "east_m": 1482, "north_m": 1160,
+    }  # fmt: skip
+    assert not climb_obstruction(field(), climb(altitude_m), 60.0)
 
 
 def test_a_low_take_off_altitude_turns_before_the_obstacle():
     grid, low = field(BOX_M), climb(20.0)
     route = [(1336.0, 1157.0), (1073.0, 2067.0)]
-    assert not climb_problem(grid, low, 60.0)
-    assert not turn_problem(grid, low, route, 78.0, 60.0)
+    assert not climb_obstruction(grid, low, 60.0)
+    assert not turn_obstruction(grid, low, route, 78.0, 60.0)
 
 
 def test_an_obstacle_in_the_first_turn_is_named():
     grid, straight = field((1260.0, 1320.0, 1380.0, 1400.0)), climb(90.0)
-    assert not climb_problem(grid, straight, 60.0)
-    problem = turn_problem(grid, straight, [(700.0, 1350.0)], 78.0, 60.0)
-    assert "the first turn" in problem
-    assert not turn_problem(grid, straight, [(2200.0, 1350.0)], 78.0, 60.0)
+    assert not climb_obstruction(grid, straight, 60.0)
+    found = turn_obstruction(grid, straight, [(700.0, 1350.0)], 78.0, 60.0)
+    assert found.code in (ObstructionCode.TURN_BLOCKED, ObstructionCode.TURN_MAY_BE_BLOCKED)
+    assert not turn_obstruction(grid, straight, [(2200.0, 1350.0)], 78.0, 60.0)
 
 
 GAP = ((900.0, 2190.0, 1335.0, 2210.0), (1385.0, 2190.0, 1800.0, 2210.0))
@@ -90,15 +93,15 @@ def test_a_far_gap_that_is_missed_after_the_first_turn_is_a_problem():
 
 def test_wind_requires_more_clearance_at_the_climb():
     grid = field((1580.0, 1240.0, 1660.0, 1400.0))
-    assert not climb_problem(grid, climb(90.0), 60.0)
-    assert climb_problem(grid, climb(90.0, wind_m_s=6.0), 60.0)
+    assert not climb_obstruction(grid, climb(90.0), 60.0)
+    assert climb_obstruction(grid, climb(90.0, wind_m_s=6.0), 60.0)
 
 
 def test_a_climb_out_of_the_map_is_refused():
     out = Climb((1500.0, 100.0), math.pi, 30.0, 280.0, 90.0, 22.0)
-    assert "leaves the map" in climb_problem(field(), out, 60.0)
+    assert climb_obstruction(field(), out, 60.0).code is ObstructionCode.OUTSIDE_MAP
 
 
 def test_on_the_ground_a_vehicle_may_stand_near_a_hangar():
     hangar = (1540.0, 960.0, 1580.0, 1000.0)
-    assert not climb_problem(field(hangar), climb(20.0), 40.0)
+    assert not climb_obstruction(field(hangar), climb(20.0), 40.0)
