@@ -33,7 +33,7 @@ def fields(template: str) -> list[tuple[str | None, str | None]]:
     return [(name, form) for _, name, form, _ in string.Formatter().parse(template)]
 
 
-CHECK_TEXTS = {text for code in CheckCode for text in (code.found, code.wanted, code.remedy)}
+CHECK_TEXTS = {text for code in CheckCode for text in (code.found, code.wanted, code.remedy) if text}
 TEXTS = sorted({code.text for code in NoticeCode} | CHECK_TEXTS)
 
 

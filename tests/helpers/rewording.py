@@ -14,9 +14,9 @@ def reword_notices() -> None:
     for code in NoticeCode:
         code.text = reworded(code.text)
     for check in CheckCode:
-        check.found = reworded(check.found)
-        check.wanted = reworded(check.wanted)
-        check.remedy = reworded(check.remedy)
+        for part in ("found", "wanted", "remedy"):
+            if text := getattr(check, part):
+                setattr(check, part, reworded(text))
 
 
 def reworded(template: str) -> str:
