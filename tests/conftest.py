@@ -1,6 +1,7 @@
 """Compiles the kernels before the first test that calls them.
 
-Examples of Hypothesis have no time limit: machines differ. SWARM_GCS_REWORD=1 rewords all notices.
+Examples of Hypothesis have no time limit: machines differ. SWARM_GCS_REWORD=1 rewords all notices; some
+tests always run with other words.
 """
 
 import fcntl
@@ -11,17 +12,18 @@ from functools import lru_cache
 from pathlib import Path
 
 import pytest
+from helpers.rewording import reword_notices, reworded
 from hypothesis import HealthCheck, settings
 from rich.console import Console
 
 from gcs.cli.warm_up_progress import ALL, load_kernels
+from gcs.model import NoticeCode
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
-if os.environ.get("SWARM_GCS_REWORD"):
-    from helpers.rewording import reword_notices
-
+IS_REWORDED = bool(os.environ.get("SWARM_GCS_REWORD"))
+if IS_REWORDED:
     reword_notices()
 
 
@@ -35,7 +37,6 @@ RUNS_SERVICE = (
     "test_cli.py",
     "test_docs.py",
     "test_jit.py",
-    "test_rewording.py",
 )
 """Folders and files with tests that run the service in other processes, or import it when they run."""
 
@@ -56,6 +57,22 @@ def load_kernels_once(modules: tuple[str, ...]) -> None:
         with Path(__file__).open() as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             load_kernels(Console(stderr=True), *modules)
+
+
+REWORDED = (
+    "console/test_alarm_guide.py",
+    "core/flight/test_flight.py",
+    "core/tasking/test_first_legs.py",
+    "mavlink/fleet/test_fleet.py",
+)
+"""Tests of notices that always run with other words: they, and the code, read codes and parameters."""
+
+
+@pytest.fixture(autouse=True)
+def _other_words(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not IS_REWORDED and request.path in [TESTS / one for one in REWORDED]:
+        for code in NoticeCode:
+            monkeypatch.setattr(code, "text", reworded(code.text))
 
 
 @pytest.fixture(autouse=True)

@@ -1,6 +1,7 @@
 """A better wording of a notice or a check would break programs and tests that read its text.
 
-SWARM_GCS_REWORD=1 gives all of them other words (`rewording.py`); tests have to pass with them as well.
+SWARM_GCS_REWORD=1 gives all notices other words (`helpers/rewording.py`); tests have to pass with them as
+well. Some do so in each session (`REWORDED` in `conftest.py`).
 """
 
 from __future__ import annotations
@@ -20,13 +21,6 @@ from gcs.model import NoticeCode
 TESTS = Path(__file__).parent
 PURE = ("core", "mavlink", "model", "planning", "tracking", "recordings", "report", "cli", "service")
 """Folders with tests in one process."""
-FEW = (
-    "core/flight/test_flight.py",
-    "core/test_preflight.py",
-    "core/tasking/test_first_legs.py",
-    "mavlink/fleet/test_fleet.py",
-    "console/test_alarm_guide.py::test_an_entry_says_what_to_do",
-)
 
 
 def fields(template: str) -> list[tuple[str | None, str | None]]:
@@ -45,20 +39,16 @@ def test_other_words_keep_the_fields(text):
     assert other.count("[") == text.count("[")
 
 
-def pass_with_other_words(*selection: str) -> None:
-    places = [str(TESTS / one) for one in selection]
-    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", "--tb", "short", *places]
-    environment = {**os.environ, "SWARM_GCS_REWORD": "1"}
-    done = subprocess.run(command, env=environment, cwd=TESTS.parent, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-1000:]
-
-
-def test_a_few_tests_of_notices_pass_with_other_words():
-    pass_with_other_words(*FEW)
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("folder", PURE)
 def test_all_tests_of_the_core_pass_with_other_words(folder):
-    pass_with_other_words(folder)
+    options = ("-n", "0", "-p", "no:cacheprovider", "--tb", "short")
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", *options, str(TESTS / folder)],
+        env={**os.environ, "SWARM_GCS_REWORD": "1"},
+        cwd=TESTS.parent,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-1000:]

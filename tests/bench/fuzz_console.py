@@ -356,7 +356,7 @@ def fuzz(folder: Path, seconds: float, *options: Any, calm_s: float = 5.0) -> di
 
     Options are those of this program for the attack.
     """
-    from helpers.processes import Run, free_port
+    from helpers.processes import Run, free_port, waited_ns
 
     relay = free_port()
     run = Run(folder, relay=relay)
@@ -368,11 +368,11 @@ def fuzz(folder: Path, seconds: float, *options: Any, calm_s: float = 5.0) -> di
         time.sleep(calm_s)
         begun_s, lines = time.monotonic(), len((folder / "flown.log").read_text().splitlines())
         attacker = start("--attack", url.rstrip("/").rpartition(":")[2], *options)
-        operator, most = Operator(url), 0
+        operator, most, waited_before_ns = Operator(url), 0, waited_ns(service) + waited_ns(taps)
         while time.monotonic() - begun_s < seconds and service.poll() is None:
             time.sleep(0.2)
             most = max(most, sum(1 for _ in Path(f"/proc/{service.pid}/fd").iterdir()))
-        ended_s = time.monotonic()
+        ended_s, waited_after_ns = time.monotonic(), waited_ns(service) + waited_ns(taps)
         operator.end()
         sent, alive = result_of(attacker), service.poll() is None
         memory = re.search(r"VmHWM:\s+(\d+)", Path(f"/proc/{service.pid}/status").read_text())
@@ -388,6 +388,7 @@ def fuzz(folder: Path, seconds: float, *options: Any, calm_s: float = 5.0) -> di
         "sent": sent,
         "vehicles": len(heard),
         "longest_gap_s": round(max(attacked), 3),
+        "waited_for_processor_s": round((waited_after_ns - waited_before_ns) / 1e9, 3),
         "longest_gap_before_s": round(max(calm), 3),
         "gaps_above_0.6_s": sum(gap > 0.6 for gap in attacked),
         "operator_requests": len(operator.waits_s),

@@ -76,16 +76,22 @@ def _problems(page: Page, *rules: str) -> list[tuple[str, str]]:
 
 
 class Events:
-    """Sink that keeps events, and the times at which ticks came."""
+    """Sink that keeps events."""
 
     def __init__(self) -> None:
         self.events: list[Event] = []
-        self.tick_times_s: list[float] = []
+        self.ticks = 0
 
     def event(self, event: Event) -> None:
         self.events.append(event)
-        if isinstance(event, Tick):
-            self.tick_times_s.append(time.monotonic())
+        self.ticks += isinstance(event, Tick)
+
+    def await_ticks(self, count: int) -> None:
+        """Wait until the service has worked on for as many ticks, of 50 ms or more."""
+        begun, until_s = self.ticks, time.monotonic() + 30.0
+        while self.ticks < begun + count:
+            assert time.monotonic() < until_s, "the service stands still"
+            time.sleep(0.01)
 
     def effect(self, _t_ns: int, _effect: Any) -> None:
         pass

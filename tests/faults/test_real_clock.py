@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import signal
-import subprocess
 import time
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from helpers.processes import Run
+from helpers.processes import Run, waited_ns
 
 from gcs.io.recording.reader import read
 from gcs.mavlink.frames.codec import scan
@@ -39,12 +38,6 @@ class WallClock:
         temporary = self._file.with_suffix(".new")
         temporary.write_text(f"{sum(self.set_by_s):+d}\n")
         temporary.replace(self._file)
-
-
-def waited_ns(process: subprocess.Popen[bytes]) -> int:
-    """Return how long the process' main thread was ready to run while others had the processors."""
-    schedstat = Path(f"/proc/{process.pid}/schedstat")
-    return int(schedstat.read_text().split()[1]) if schedstat.exists() else 0
 
 
 def heartbeats_ns(folder: Path) -> list[list[int]]:

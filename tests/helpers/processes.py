@@ -120,3 +120,9 @@ class Run:
         assert self.world.stdin is not None
         self.world.stdin.close()
         self.world.wait(20.0)
+
+
+def waited_ns(process: subprocess.Popen[Any]) -> int:
+    """Return how long the process' main thread was ready to run while others had the processors."""
+    schedstat = Path(f"/proc/{process.pid}/schedstat")
+    return int(schedstat.read_text().split()[1]) if schedstat.exists() else 0

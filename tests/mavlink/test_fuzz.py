@@ -1,18 +1,10 @@
 """Anybody on the link could stop the service if one datagram could make it raise."""
 
-import importlib.util
-from pathlib import Path
-
+import fuzz_link
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs.mavlink.frames.codec import decode, scan
-
-_SPEC = importlib.util.spec_from_file_location(
-    "fuzz_link", Path(__file__).parents[1] / "bench" / "fuzz_link.py"
-)
-fuzz_link = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(fuzz_link)
 
 
 @settings(max_examples=100)

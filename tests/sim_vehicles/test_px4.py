@@ -217,8 +217,7 @@ def test_its_mission_current_comes_once_a_second_and_at_no_other_rate(px4, item)
     assert len([m for m in px4.fly(5.0) if m.get_type() == "MISSION_CURRENT"]) == 5
 
 
-@pytest.mark.parametrize("loss", [0.0, 0.1])
-def test_a_mixed_swarm_flies_its_mission(loss):
+def test_a_mixed_swarm_flies_its_mission_over_a_lossy_link():
     scenario = load("deterministic")
     scenario = replace(scenario, simulation=_with_px4(scenario.simulation, [1, 3]))
     reports, statuses = [], []
@@ -229,7 +228,7 @@ def test_a_mixed_swarm_flies_its_mission(loss):
         elif isinstance(effect, AgentStatus):
             statuses.append(effect)
 
-    VirtualRun(scenario, 1, on_effect=keep, loss=loss).run()
+    VirtualRun(scenario, 1, on_effect=keep, loss=0.1).run()
     assert {(f.vehicle, f.status) for f in statuses} == {(v, "arrived") for v in (1, 2, 3, 4)}
     assert all(report.ok for report in reports)
     assert {report.items for report in reports if report.vehicle in (1, 3)}

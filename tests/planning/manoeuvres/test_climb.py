@@ -82,13 +82,13 @@ def ahead(far_m, aside_m=0.0):
 
 def test_a_narrow_gap_on_a_far_leg_is_not_the_first_turn():
     """The take-off was refused, although the route leads through the gap with what clearance there is."""
-    assert not turn_problem(field(*GAP), climb(90.0), ahead(1600.0), 78.0, 60.0)
-    assert turn_problem(field((900.0, 2190.0, 1800.0, 2210.0)), climb(90.0), ahead(1600.0), 78.0, 60.0)
+    assert not turn_obstruction(field(*GAP), climb(90.0), ahead(1600.0), 78.0, 60.0)
+    assert turn_obstruction(field((900.0, 2190.0, 1800.0, 2210.0)), climb(90.0), ahead(1600.0), 78.0, 60.0)
 
 
 def test_a_far_gap_that_is_missed_after_the_first_turn_is_a_problem():
     """From where the wind may carry the climb the way to the waypoint leads into its edge."""
-    assert turn_problem(field(*GAP), climb(90.0, wind_m_s=6.0), ahead(1600.0), 78.0, 60.0)
+    assert turn_obstruction(field(*GAP), climb(90.0, wind_m_s=6.0), ahead(1600.0), 78.0, 60.0)
 
 
 def test_wind_requires_more_clearance_at_the_climb():

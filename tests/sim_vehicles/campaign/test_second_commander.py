@@ -174,7 +174,7 @@ def bad_link(name: str, seed: int) -> tuple[VirtualRun, Flown]:
     return run, flown
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 @pytest.mark.parametrize("name", ["prescribed", "random-targets"])
 def test_late_and_repeated_answers_to_our_own_requests_never_stop_the_tasking(name: str, seed: int) -> None:
     """Also those to the service before a restart, with its journal, an older one, or none."""
