@@ -79,7 +79,7 @@ def test_no_text_in_an_address_takes_time(fly, path: str) -> None:
         for part in hostile:
             begun_s = time.process_time()
             flight.request(path + part * (7000 // len(part)))
-            assert time.process_time() - begun_s < 0.5, part
+            assert time.process_time() - begun_s < 1.0, part
 
 
 def _half_open(port: int, count: int) -> Iterator[socket.socket]:
