@@ -8,12 +8,19 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 from gcs.model import NS_PER_S
 
+_STEADY: Final = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 STEP_NS = NS_PER_S // 5
 """A wall clock that moved this far against the monotonic one has been set; smaller moves are NTP's
 slewing."""
+
+
+def steady_ns() -> int:
+    """Return the time of a clock that is never set, and on Linux counts the time of a suspended machine."""
+    return time.clock_gettime_ns(_STEADY)
 
 
 def unix_ns() -> int:

@@ -12,14 +12,13 @@ import contextlib
 import secrets
 from collections.abc import Callable
 from functools import partial
-from time import monotonic_ns
 from typing import Final
 
 from gcs.core.lease.bridge_lease import accepts, answer_ask, start_lease
 from gcs.core.lease.records import Ask
 from gcs.errors import WireError
 from gcs.io.background_writer import BackgroundWriter
-from gcs.io.clock import RunClock
+from gcs.io.clock import RunClock, steady_ns
 from gcs.io.cluster.bridge_messages import (
     MAX_BATCH,
     BridgeStatus,
@@ -88,7 +87,7 @@ class Bridge:
         self._notices: list[Notice] = []
         self._number = 0
         self._boot = secrets.randbits(63)
-        self._lease = start_lease(self._boot, monotonic_ns(), is_only_bridge=True)
+        self._lease = start_lease(self._boot, steady_ns(), is_only_bridge=True)
         self._dropped = self._dropped_told = 0
         """Datagrams that command did not take."""
         self._refused = self._refused_told = 0
@@ -165,7 +164,7 @@ class Bridge:
             message = Up(
                 number=self._number,
                 boot=self._boot,
-                sent_ns=monotonic_ns(),
+                sent_ns=steady_ns(),
                 packets=part,
                 notices=() if begin else tuple(notices),
             )
@@ -215,7 +214,7 @@ class Bridge:
             loop.call_soon_threadsafe(self._answer, decode(key, payload, Ask), reply)
 
     def _answer(self, ask: Ask, reply: Callable[[bytes], None]) -> None:
-        self._lease, answer = answer_ask(self._lease, ask, monotonic_ns())
+        self._lease, answer = answer_ask(self._lease, ask, steady_ns())
         self._writer.put(lambda: reply(encode(answer)))
 
     def _on_down(self, loop: asyncio.AbstractEventLoop, key: str, payload: bytes) -> None:
@@ -226,7 +225,7 @@ class Bridge:
 
     def obey(self, message: Down) -> None:
         """Carry out a message of the node that has the lease."""
-        if not accepts(self._lease, message.permit, monotonic_ns()):
+        if not accepts(self._lease, message.permit, steady_ns()):
             self._refused += len(message.packets)
             return
         if message.clock is not None:

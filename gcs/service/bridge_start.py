@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import secrets
 import signal
 import socket
 import subprocess
@@ -42,6 +43,8 @@ _STEADY_S: Final = 60.0
 """A bridge that ran for so long is started again at once."""
 _MAX_TEXT: Final = 200
 _MAX_FOLDER: Final = 70
+_MAX_DELAY_NS: Final = 300_000_000
+"""Time that a standby leaves to other standbys: another one for each."""
 
 
 class Running(msgspec.Struct, frozen=True, kw_only=True):
@@ -255,13 +258,14 @@ def bridge_of_command(
         There is none on this machine, and the mission file names no other.
     """
     settings = bridge_settings(config, source, links)
+    delay_ns = secrets.randbelow(_MAX_DELAY_NS)
     if config.links.bridge:
-        with _connected(settings, scan, lambda: None) as found:
+        with _connected(settings, scan, lambda: None, delay_ns=delay_ns) as found:
             yield found
         return
     process = BridgeProcess(settings, _file_of(settings))
     process.watch()
-    with _connected(process.settings, scan, process.poll, process.started.ports) as found:
+    with _connected(process.settings, scan, process.poll, process.started.ports, delay_ns) as found:
         yield found
 
 
@@ -271,6 +275,7 @@ def _connected(
     scan: Callable[[bytes], FrameTable],
     supervise: Callable[[], NoticeContent | None],
     ports: Mapping[str, int] | None = None,
+    delay_ns: int = 0,
 ) -> Iterator[BridgeLinks]:
     node = f"{socket.gethostname()}-{os.getpid()}"
     with ZenohSession(connect=settings.zenoh, tls=settings.tls_folder) as bus:
@@ -284,6 +289,7 @@ def _connected(
             supervise,
             ports or {},
             scan,
+            delay_ns,
         )
 
 

@@ -12,7 +12,6 @@ import secrets
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from time import monotonic_ns
 from typing import Final
 
 from gcs.core.lease.node_lease import Duty, duty, permit_for, receive_answer, start_node, take_due_asks
@@ -20,7 +19,7 @@ from gcs.core.lease.records import Answer, NodeId, Permit
 from gcs.endpoints import Link
 from gcs.errors import LinkError, WireError
 from gcs.io.background_writer import BackgroundWriter
-from gcs.io.clock import RunClock
+from gcs.io.clock import RunClock, steady_ns
 from gcs.io.cluster.bridge_messages import (
     MAX_BATCH,
     BridgeStatus,
@@ -67,6 +66,8 @@ class BridgeLinks:
         Port of each endpoint by name.
     scan : callable
         Returns the frames of a datagram.
+    delay_ns : int
+        Time that this node leaves to others when the lease has run out.
     """
 
     def __init__(
@@ -80,6 +81,7 @@ class BridgeLinks:
         supervise: Callable[[], NoticeContent | None],
         ports: Mapping[str, int],
         scan: Callable[[bytes], FrameTable] = scan,
+        delay_ns: int = 0,
     ) -> None:
         self.links = tuple(links)
         self._vehicles = tuple(vehicles)
@@ -99,7 +101,7 @@ class BridgeLinks:
         """Messages that were dropped here or never came; datagrams that came late."""
         self._lateness = Lateness()
         self._lease = start_node(
-            NodeId(node, secrets.randbits(63)), (name,), monotonic_ns(), delay_ns=0, is_only_node=True
+            NodeId(node, secrets.randbits(63)), (name,), steady_ns(), delay_ns=delay_ns, is_only_node=True
         )
         self._number: int | None = None
         """Of the newest message of the bridge."""
@@ -147,7 +149,7 @@ class BridgeLinks:
             if self._number is not None:
                 self._missed += max(0, message.number - self._number - 1)
             self._number = message.number
-            late_ns = self._lateness.of(message.boot, message.sent_ns, monotonic_ns())
+            late_ns = self._lateness.of(message.boot, message.sent_ns, steady_ns())
             packets = message.packets if late_ns <= MAX_LATE_NS else ()
             self._late += len(message.packets) - len(packets)
             for packet in packets:
@@ -176,7 +178,7 @@ class BridgeLinks:
 
     def ask_for_lease(self) -> None:
         """Ask the bridge for the lease, or renew it, when that is due."""
-        self._lease, asks = take_due_asks(self._lease, monotonic_ns())
+        self._lease, asks = take_due_asks(self._lease, steady_ns())
         for ask in asks.values():
             with contextlib.suppress(LinkError):  # the session has ended
                 self._bus.ask(self._key("lease"), encode(ask), _ANSWER_S, self._take_answer, lambda: None)
@@ -189,7 +191,7 @@ class BridgeLinks:
                 self._loop.call_soon_threadsafe(self._note_answer, answer)
 
     def _note_answer(self, answer: Answer) -> None:
-        self._lease = receive_answer(self._lease, self._lease.bridges[0], answer, monotonic_ns())
+        self._lease = receive_answer(self._lease, self._lease.bridges[0], answer, steady_ns())
 
     def commander(self) -> str:
         """Return the name of another node that has the lease now; empty if there is none."""
@@ -198,10 +200,10 @@ class BridgeLinks:
 
     def may_command(self) -> bool:
         """Return True if this node has the lease."""
-        return duty(self._lease, monotonic_ns()) is Duty.COMMANDS
+        return duty(self._lease, steady_ns()) is Duty.COMMANDS
 
     def _permit(self) -> Permit | None:
-        return permit_for(self._lease, self._lease.bridges[0], monotonic_ns())
+        return permit_for(self._lease, self._lease.bridges[0], steady_ns())
 
     def _flush(self) -> None:
         sends = self._sends
