@@ -85,11 +85,13 @@ class Link:
     role: Role = "vehicles"
     adsb: bool = False
     """True if target tracks are sent there as ADSB_VEHICLE."""
+    bridge: str = ""
+    """Bridge that opens it; empty: the only one."""
 
     @property
     def name(self) -> str:
         """Name of the link in events, recordings and views."""
-        return str(self.endpoint)
+        return f"{self.bridge}/{self.endpoint}" if self.bridge else str(self.endpoint)
 
 
 def parse_endpoint(text: str) -> Endpoint:

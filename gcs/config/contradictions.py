@@ -102,7 +102,8 @@ def _zones(config: Config, source: str) -> Iterator[ConfigError]:
 
 def _zenoh(links: LinksTable, source: str) -> Iterator[ConfigError]:
     """Check that other machines do not reach an endpoint without certificates by mistake."""
-    named = {"zenoh": links.zenoh, "bridge": links.bridge, "standby": links.standby}
+    named = {"zenoh": links.zenoh, "standby": links.standby}
+    named |= {f"bridges[{index}].zenoh": one.zenoh for index, one in enumerate(links.bridges)}
     for key, endpoint in named.items():
         if not endpoint:
             continue
@@ -122,8 +123,23 @@ def _zenoh(links: LinksTable, source: str) -> Iterator[ConfigError]:
             yield ConfigError(source, f"links.{key}", problem)
 
 
+def _bridge(config: Config, source: str, key: str, link: Link) -> Iterator[ConfigError]:
+    """Check that an endpoint names its bridge, if there are several, and one that exists."""
+    names = [one.name for one in config.links.bridges]
+    if link.bridge and link.bridge not in names:
+        listed = ", ".join(names) or "none"
+        yield ConfigError(source, f"{key}.bridge", f"no bridge is called {link.bridge}; there is {listed}")
+    if len(names) > 1 and not link.bridge:
+        problem = f"expected the bridge that opens it: {', '.join(names)}"
+        yield ConfigError(source, f"{key}.bridge", problem)
+
+
 def _links(config: Config, source: str) -> Iterator[ConfigError]:
-    """Parse all connection strings; check that networks have endpoints."""
+    """Parse all connection strings; check that networks have endpoints, and bridges names of their own."""
+    names = [one.name for one in config.links.bridges]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            yield ConfigError(source, f"links.bridges[{index}].name", f"{name} is there twice")
     links: list[tuple[str, Link]] = []
     for key, entry in config.links.entries():
         try:
@@ -131,6 +147,7 @@ def _links(config: Config, source: str) -> Iterator[ConfigError]:
         except LinkError as error:
             yield ConfigError(source, key, str(error))
             continue
+        yield from _bridge(config, source, key, link)
         if link.name in (other.name for _, other in links):
             yield ConfigError(source, key, f"{link.name} is there twice; each endpoint is one link")
         links.append((key, link))

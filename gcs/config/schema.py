@@ -23,6 +23,7 @@ Box = Annotated[list[float], Meta(min_length=4, max_length=4)]
 AcceptRadius = Annotated[float, Meta(gt=0.0, le=255.0)]
 LoiterRadius = Annotated[float, Meta(ge=0.0, le=255.0)]
 ClimbAngle = Annotated[float, Meta(ge=2.0, le=60.0)]
+NODE_NAME = r"^[A-Za-z0-9_-]{1,48}$"
 MissionEnd = Literal["loiter", "land"]
 Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]
 Longitude = Annotated[float, Meta(ge=-180.0, le=180.0)]
@@ -197,19 +198,28 @@ class RecordingTable(Table, frozen=True, kw_only=True):
 
 
 class EndpointTable(Table, frozen=True, kw_only=True):
-    """Endpoint of vehicles, with its MAVLink network."""
+    """Endpoint of vehicles, with its MAVLink network and its bridge."""
 
     endpoint: str
     network: Network = 0
+    bridge: str = ""
 
 
 class ForwardTable(Table, frozen=True, kw_only=True):
     """Endpoint of another ground station, and its access."""
 
     endpoint: str
+    bridge: str = ""
     access: Literal["read-only", "full"] = "read-only"
     adsb: bool = True
     network: Network = 0
+
+
+class BridgeTable(Table, frozen=True, kw_only=True):
+    """A bridge that runs by itself, and where it listens."""
+
+    name: Annotated[str, Meta(pattern=NODE_NAME)]
+    zenoh: Annotated[str, Meta(pattern=r"^(tcp|udp|tls)/[^/]+:\d{1,5}$")]
 
 
 class LinksTable(Table, frozen=True, kw_only=True):
@@ -222,7 +232,7 @@ class LinksTable(Table, frozen=True, kw_only=True):
     keys: str = ""
     zenoh: Annotated[str, Meta(pattern=r"^(tcp|udp|tls)/[^/]+:\d{1,5}$")] = "tcp/127.0.0.1:7447"
     zenoh_role: Literal["listen", "connect"] = "listen"
-    bridge: Annotated[str, Meta(pattern=r"^((tcp|udp|tls)/[^/]+:\d{1,5})?$")] = ""
+    bridges: list[BridgeTable] = []
     standby: Annotated[str, Meta(pattern=r"^((tcp|udp|tls)/[^/]+:\d{1,5})?$")] = ""
     zenoh_tls: str = ""
     zenoh_unprotected: bool = False
@@ -259,6 +269,7 @@ def link_of(entry: str | EndpointTable | ForwardTable) -> Link:
         case str():
             return Link(parse_endpoint(entry))
         case EndpointTable():
-            return Link(parse_endpoint(entry.endpoint), entry.network)
+            return Link(parse_endpoint(entry.endpoint), entry.network, bridge=entry.bridge)
         case ForwardTable():
-            return Link(parse_endpoint(entry.endpoint), entry.network, entry.access, entry.adsb)
+            endpoint = parse_endpoint(entry.endpoint)
+            return Link(endpoint, entry.network, entry.access, entry.adsb, entry.bridge)

@@ -1329,6 +1329,14 @@ class NoticeCode(StrEnum):
         "command was stopped or slow; the heartbeats went on",
         "check the load of the machine of command",
     )
+    LEASE_MISSING = _link(
+        "lease-missing",
+        _A,
+        "has not most of the bridges ({bridges} missing): nothing is sent to the vehicles",
+        "vehicles fly their verified missions to the end; their failsafes act when the heartbeats end",
+        "check those bridges, and the network to them; see failover",
+    )
+    LEASE_AGAIN = _link("lease-again", _I, "commands the vehicles again", ends="lease-missing")
     BRIDGE_REFUSED = _link(
         "bridge-refused",
         _W,

@@ -61,6 +61,8 @@ class Bridge:
         Session at which command connects.
     failover_s : float
         Time after the last sign of command for which heartbeats go on.
+    is_only : bool
+        True if the mission has no other bridge.
     """
 
     def __init__(
@@ -71,6 +73,8 @@ class Bridge:
         name: str,
         bus: ZenohSession,
         failover_s: float,
+        *,
+        is_only: bool = True,
     ) -> None:
         self.clock = RunClock()
         self.links = links
@@ -87,7 +91,7 @@ class Bridge:
         self._notices: list[Notice] = []
         self._number = 0
         self._boot = secrets.randbits(63)
-        self._lease = start_lease(self._boot, steady_ns(), is_only_bridge=True)
+        self._lease = start_lease(self._boot, steady_ns(), is_only_bridge=is_only)
         self._dropped = self._dropped_told = 0
         """Datagrams that command did not take."""
         self._refused = self._refused_told = 0

@@ -48,6 +48,8 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True):
     zenoh: str
     """Endpoint at which command connects."""
     failover_s: float
+    is_only: bool = True
+    """True if the mission has no other bridge."""
     tls: str | None = None
     """Folder of the certificate for zenoh."""
     ports: dict[str, int] = {}
@@ -97,7 +99,15 @@ def open_bridge(settings: BridgeSettings) -> Iterator[Bridge]:
     with contextlib.closing(links), ZenohSession(listen=settings.zenoh, tls=settings.tls_folder) as bus:
         gc.collect()
         gc.freeze()  # short pauses of the garbage collector
-        yield Bridge(links, settings.vehicles, settings.mission, settings.name, bus, settings.failover_s)
+        yield Bridge(
+            links,
+            settings.vehicles,
+            settings.mission,
+            settings.name,
+            bus,
+            settings.failover_s,
+            is_only=settings.is_only,
+        )
 
 
 def remove_socket(endpoint: str) -> None:

@@ -17,7 +17,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import IO, Final
 
@@ -26,7 +26,9 @@ import msgspec
 from gcs.config import Config
 from gcs.endpoints import Link
 from gcs.errors import LinkError
+from gcs.io.cluster.all_bridges import AllBridges
 from gcs.io.cluster.bridge_links import BridgeLinks
+from gcs.io.cluster.command_lease import CommandLease
 from gcs.io.zenoh.discovery import private_folder
 from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.frames.codec import FrameTable
@@ -122,7 +124,7 @@ class BridgeProcess:
             raise LinkError(
                 "standby",
                 "no bridge of this mission runs on this machine: start `gcs run` first, or name the bridge "
-                "of another machine in links.bridge",
+                "of another machine in links.bridgess",
             ) from None
         self._pid = running.pid
         self.settings = running.settings
@@ -219,97 +221,125 @@ class BridgeProcess:
 
 
 @contextlib.contextmanager
-def bridge_of(
+def bridges_of(
     config: Config, source: str, links: Sequence[Link], scan: Callable[[bytes], FrameTable]
-) -> Iterator[BridgeLinks]:
-    """Connect to the bridge of a mission; yield its links.
+) -> Iterator[AllBridges]:
+    """Connect to the bridges of a mission; yield their links.
 
-    Without `links.bridge` it is on this machine: started here, or taken over from a command that was killed.
+    Without `links.bridges` there is one on this machine: started here, or taken over from a command that was
+    killed.
 
     Raises
     ------
     LinkError, ConfigError
         An endpoint or the key file cannot be opened.
     """
-    settings = bridge_settings(config, source, links)
-    if config.links.bridge:
-        with _connected(settings, scan, lambda: None) as found:
+    if config.links.bridges:
+        with _connected_to_all(config, source, links, scan) as found:
             yield found
         return
+    settings = bridge_settings(config, source, links)
     settings = msgspec.structs.replace(settings, zenoh=f"unixsock-stream/{_socket_folder()}/bridge.sock")
     process = BridgeProcess(settings, _file_of(settings))
     process.begin()
     try:
-        with _connected(process.settings, scan, process.poll, process.started.ports) as found:
+        with _connected_to_local(config, process, scan) as found:
             yield found
     finally:
         process.end()
 
 
 @contextlib.contextmanager
-def bridge_of_command(
+def bridges_of_command(
     config: Config, source: str, links: Sequence[Link], scan: Callable[[bytes], FrameTable]
-) -> Iterator[BridgeLinks]:
-    """Connect to the bridge that a command uses, for a standby; yield its links.
+) -> Iterator[AllBridges]:
+    """Connect to the bridges that a command uses, for a standby; yield their links.
 
     Raises
     ------
     LinkError
         There is none on this machine, and the mission file names no other.
     """
-    settings = bridge_settings(config, source, links)
     delay_ns = secrets.randbelow(_MAX_DELAY_NS)
-    if config.links.bridge:
-        with _connected(settings, scan, lambda: None, delay_ns=delay_ns) as found:
+    if config.links.bridges:
+        with _connected_to_all(config, source, links, scan, delay_ns) as found:
             yield found
         return
+    settings = bridge_settings(config, source, links)
     process = BridgeProcess(settings, _file_of(settings))
     process.watch()
-    with _connected(process.settings, scan, process.poll, process.started.ports, delay_ns) as found:
+    with _connected_to_local(config, process, scan, delay_ns) as found:
         yield found
 
 
 @contextlib.contextmanager
-def _connected(
-    settings: BridgeSettings,
-    scan: Callable[[bytes], FrameTable],
-    supervise: Callable[[], NoticeContent | None],
-    ports: Mapping[str, int] | None = None,
-    delay_ns: int = 0,
-) -> Iterator[BridgeLinks]:
-    node = f"{socket.gethostname()}-{os.getpid()}"
-    with ZenohSession(connect=settings.zenoh, tls=settings.tls_folder) as bus:
-        yield BridgeLinks(
+def _connected_to_local(
+    config: Config, process: BridgeProcess, scan: Callable[[bytes], FrameTable], delay_ns: int = 0
+) -> Iterator[AllBridges]:
+    """Connect to the bridge of this machine."""
+    settings = process.settings
+    lease = _lease_of(config, (settings.name,), delay_ns)
+    with ZenohSession(connect=settings.zenoh) as bus:
+        one = BridgeLinks(
             settings.links,
             settings.vehicles,
             settings.mission,
             settings.name,
-            node,
             bus,
-            supervise,
-            ports or {},
+            lease,
+            process.poll,
+            process.started.ports,
             scan,
-            delay_ns,
         )
+        yield AllBridges([one], lease)
 
 
-def bridge_settings(config: Config, source: str, links: Sequence[Link]) -> BridgeSettings:
-    """Return the settings of the bridge of a mission, whose file is `source`."""
+@contextlib.contextmanager
+def _connected_to_all(
+    config: Config,
+    source: str,
+    links: Sequence[Link],
+    scan: Callable[[bytes], FrameTable],
+    delay_ns: int = 0,
+) -> Iterator[AllBridges]:
+    """Connect to the bridges that run by themselves."""
+    names = tuple(one.name for one in config.links.bridges)
+    lease = _lease_of(config, names, delay_ns)
+    with contextlib.ExitStack() as stack:
+        found = []
+        for name in names:
+            settings = bridge_settings(config, source, links, name)
+            bus = stack.enter_context(ZenohSession(connect=settings.zenoh, tls=settings.tls_folder))
+            found.append(
+                BridgeLinks(settings.links, settings.vehicles, settings.mission, name, bus, lease, scan=scan)
+            )
+        yield AllBridges(found, lease)
+
+
+def _lease_of(config: Config, bridges: tuple[str, ...], delay_ns: int) -> CommandLease:
+    node = f"{socket.gethostname()}-{os.getpid()}"
+    return CommandLease(node, bridges, delay_ns, is_only_node=not config.links.standby)
+
+
+def bridge_settings(config: Config, source: str, links: Sequence[Link], name: str = _NAME) -> BridgeSettings:
+    """Return the settings of a bridge of a mission, whose file is `source`."""
     frame = config.frame
     keys = config.links.key_file(source)
-    tls = config.links.tls_folder(source) if config.links.bridge else None
+    named = {one.name: one.zenoh for one in config.links.bridges}
+    tls = config.links.tls_folder(source) if named else None
     return BridgeSettings(
         mission=config.name,
-        name=_NAME,
-        links=tuple(links),
+        name=name,
+        links=tuple(link for link in links if link.bridge in ("", name)),
         vehicles=tuple(agent.vehicle for agent in config.agents),
         lat_deg=frame.lat_deg,
         lon_deg=frame.lon_deg,
         alt_msl_m=frame.alt_msl_m,
         keys=None if keys is None else str(keys.resolve()),
-        zenoh=config.links.bridge,
+        zenoh=named.get(name, ""),
         tls=None if tls is None else str(tls.resolve()),
         failover_s=config.links.failover_s,
+        is_only=len(named) < 2,
     )
 
 

@@ -184,8 +184,8 @@ def test_a_standby_ends_with_a_command_that_ends_in_order(flight: Flight) -> Non
 def bridge(flight: Flight) -> Iterator[subprocess.Popen[bytes]]:
     """A bridge that is run by itself, as on another machine."""
     endpoint = free_endpoint()
-    named = f'[links]\nbridge = "{endpoint}"'
-    flight.run.file.write_text(flight.run.file.read_text().replace("[links]", named, 1))
+    with flight.run.file.open("a") as file:
+        file.write(f'\n[[links.bridges]]\nname = "main"\nzenoh = "{endpoint}"\n')
     running = flight.run.serve("bridge", arguments=("--role", "bridge"))
     flight.run.until("bridge", lambda said: "command connects to" in said)
     yield running
@@ -215,3 +215,36 @@ def test_a_bridge_elsewhere_serves_one_command_after_the_other_and_never_two(
     assert bridge.poll() is None  # it waits for the next command
     bridge.send_signal(signal.SIGINT)
     assert bridge.wait(20.0) == 0
+
+
+def test_of_two_bridges_one_may_end_and_a_standby_still_takes_over(flight: Flight) -> None:
+    with_standby(flight)
+    text = flight.run.file.read_text()
+    own = f'mavlink = "udpin:127.0.0.1:{flight.run.port}"'
+    two = (
+        f'mavlink = [{{ endpoint = "udpin:127.0.0.1:{flight.run.port}", bridge = "hill" }}, '
+        f'{{ endpoint = "udpin:127.0.0.1:{free_port()}", bridge = "mast" }}]'
+    )
+    text = text.replace(own, two, 1).replace("[[links.forward]]", '[[links.forward]]\nbridge = "hill"', 1)
+    for name in ("hill", "mast"):
+        text += f'\n[[links.bridges]]\nname = "{name}"\nzenoh = "{free_endpoint()}"\n'
+    flight.run.file.write_text(text)
+    running = [
+        flight.run.serve(name, arguments=("--role", "bridge", "--bridge", name)) for name in ("hill", "mast")
+    ]
+    for name in ("hill", "mast"):
+        flight.run.until(name, lambda said: "command connects to" in said)
+    first = flight.serve("first")
+    standby = standby_of(flight, "second")
+    running[1].kill()
+    time.sleep(4.0)
+    begin_s = time.monotonic()
+    first.kill()
+    flight.run.until("second", lambda said: "takes over" in said, 10.0)
+    flight.run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
+    assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < MAX_GAP_S
+    standby.send_signal(signal.SIGINT)
+    assert standby.wait(20.0) == 0
+    assert not flight.run.all("second", UploadReport)
+    running[0].send_signal(signal.SIGINT)
+    assert running[0].wait(20.0) == 0

@@ -43,7 +43,7 @@ from gcs.report.plots.figures import draw_run
 from gcs.report.plots.maps import Ground
 from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of, summary_json
 from gcs.report.run.summary import print_summary
-from gcs.service.bridge_start import bridge_of
+from gcs.service.bridge_start import bridges_of
 from gcs.service.service import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
 
 _START_TIMEOUT_S: Final = 90.0
@@ -92,7 +92,7 @@ def run_demo(options: DemoOptions, console: Console) -> int:
         parse_endpoint(endpoint)
         text += f'\n[[links.forward]]  # by --forward\nendpoint = "{endpoint}"\n'
     config = parse(text, source)
-    links = structs.replace(config.links, bridge="")
+    links = structs.replace(config.links, bridges=[])
     config = structs.replace(config, links=links)  # all of it is on this machine
     with off_loop(console) as view:
         code, summary = _fly_and_summarise(options, config, text, source, console, view)
@@ -210,13 +210,13 @@ async def _fly(
             service.on_notice("simulation", NoticeCode.SIMULATION_SLOW, vehicles=tuple(new))
 
     with (
-        bridge_of(config, source, open_links, Scanner()) as links,
+        bridges_of(config, source, open_links, Scanner()) as links,
         ZenohSession(listen=endpoint) as bus,
         announced(config.name, endpoint),
     ):
         service = Service(config, options.seed, links, bus)
         service.recorder = recorder
-        service.outputs += [view.writer, recorder.writer, links]
+        service.outputs += [view.writer, recorder.writer, links, *links.bridges]
         service.sinks.append(EvaluatorSink(evaluator))
         bus.subscribe(
             truth_key(config.name),

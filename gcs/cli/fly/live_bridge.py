@@ -6,7 +6,7 @@ import asyncio
 
 from rich.console import Console
 
-from gcs.config import parse, read_text
+from gcs.config import Config, parse, read_text
 from gcs.errors import ConfigError
 from gcs.io.service_manager import watched
 from gcs.service.bridge import Bridge
@@ -15,8 +15,13 @@ from gcs.service.bridge_start import bridge_settings
 from gcs.service.service import wait_for_interrupt
 
 
-def serve_bridge(scenario: str, console: Console) -> None:
+def serve_bridge(scenario: str, bridge: str | None, console: Console) -> None:
     """Serve until interrupted.
+
+    Parameters
+    ----------
+    bridge : str, optional
+        Its name, where the mission file has several.
 
     Raises
     ------
@@ -25,21 +30,31 @@ def serve_bridge(scenario: str, console: Console) -> None:
     """
     text, source = read_text(scenario)
     config = parse(text, source)
-    if not config.links.bridge:
-        problem = (
-            "expected where the bridge listens, such as tcp/127.0.0.1:7449; the same mission file is for all"
-        )
-        raise ConfigError(source, "links.bridge", problem)
-    settings = bridge_settings(config, source, config.mavlink_links)
-    with open_bridge(settings) as bridge:
+    name = _name(config, source, bridge)
+    settings = bridge_settings(config, source, config.mavlink_links, name)
+    with open_bridge(settings) as opened:
         names = ", ".join(link.name for link in settings.links)
         console.print(
-            f"bridge: MAVLink on {names}; command connects to {config.links.bridge}; Ctrl-C ends it",
+            f"bridge {name}: MAVLink on {names}; command connects to {settings.zenoh}; Ctrl-C ends it",
             highlight=False,
             markup=False,
             soft_wrap=True,
         )
-        asyncio.run(_serve(bridge))
+        asyncio.run(_serve(opened))
+
+
+def _name(config: Config, source: str, bridge: str | None) -> str:
+    """Return the name of the bridge that is to be run."""
+    names = [one.name for one in config.links.bridges]
+    listed = ", ".join(names)
+    if not names:
+        problem = "expected a table with the bridge's name and where it listens"
+        raise ConfigError(source, "links.bridges", problem)
+    if bridge is None and len(names) > 1:
+        raise ConfigError(source, "links.bridges", f"has several bridges: choose one by --bridge ({listed})")
+    if bridge is not None and bridge not in names:
+        raise ConfigError(source, "links.bridges", f"has no bridge {bridge}; there is {listed}")
+    return bridge or names[0]
 
 
 async def _serve(bridge: Bridge) -> None:

@@ -20,7 +20,7 @@ from gcs.config import Config, parse, read_text
 from gcs.errors import ConfigError
 from gcs.io.background_writer import QueuedText, off_loop
 from gcs.io.clock import RunClock
-from gcs.io.cluster.bridge_links import BridgeLinks
+from gcs.io.cluster.all_bridges import AllBridges
 from gcs.io.recording.folder import Run
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.service_manager import watched
@@ -28,7 +28,7 @@ from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.session import ZenohSession, from_this_machine, service_bus
 from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.report.run.summary import recording_facts
-from gcs.service.bridge_start import bridge_of, bridge_of_command
+from gcs.service.bridge_start import bridges_of, bridges_of_command
 from gcs.service.event_publisher import EventPublisher
 from gcs.service.journal import Journal, JournalSink, fingerprint
 from gcs.service.resume import default_path, resume_from_journal
@@ -69,7 +69,7 @@ def serve(
             "tcp/127.0.0.1:7448; the same mission file is for all",
         )
     warm_up(console)
-    connected = bridge_of_command if is_standby else bridge_of
+    connected = bridges_of_command if is_standby else bridges_of
     name = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}"
     belongs_to = fingerprint(text, seed)
     with (
@@ -107,7 +107,7 @@ class _Flight:
     seed: int
     console: Console
     view: QueuedText
-    links: BridgeLinks
+    links: AllBridges
     record: Callable[[], RecorderThread]
     journal: Journal
     fingerprint: str
@@ -177,6 +177,7 @@ class _Flight:
                 keeper.writer,
                 publisher.writer,
                 self.links,
+                *self.links.bridges,
             ]
             service.sinks += [keeper, publisher]
             names = ", ".join(link.name for link in self.links.links)

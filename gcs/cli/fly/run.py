@@ -56,10 +56,13 @@ def run(
     role: Annotated[
         Role,
         typer.Option(
-            help="*service*: all parts, on this machine.  *bridge*: only the MAVLink endpoints, at "
-            "`links.bridge`.  *standby*: follow the service, and take over when it is gone."
+            help="*service*: all parts, on this machine.  *bridge*: only the MAVLink endpoints of "
+            "a bridge in `links.bridges`.  *standby*: follow the service, and take over when it is gone."
         ),
     ] = Role.SERVICE,
+    bridge: Annotated[
+        str | None, typer.Option(help="With `--role bridge`: its name, where the mission file has several.")
+    ] = None,
     clock: Annotated[str | None, typer.Option(hidden=True, metavar="EPOCH_NS,SPEED")] = None,
 ) -> None:
     """Run central command on the links of a mission file, until Ctrl-C.
@@ -80,7 +83,7 @@ def run(
         if role is Role.BRIDGE:
             from gcs.cli.fly.live_bridge import serve_bridge
 
-            serve_bridge(config, console_for())
+            serve_bridge(config, bridge, console_for())
             return
         serve(
             config,

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import secrets
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Final
 
-from gcs.core.lease.node_lease import Duty, duty, permit_for, receive_answer, start_node, take_due_asks
-from gcs.core.lease.records import Answer, NodeId, Permit
+from gcs.core.lease.records import Answer, Ask
 from gcs.endpoints import Link
 from gcs.errors import LinkError, WireError
 from gcs.io.background_writer import BackgroundWriter
@@ -30,6 +28,7 @@ from gcs.io.cluster.bridge_messages import (
     decode,
     encode,
 )
+from gcs.io.cluster.command_lease import CommandLease
 from gcs.io.cluster.lateness import MAX_LATE_NS, Lateness
 from gcs.io.links.vehicle_links import LinkHandler
 from gcs.io.zenoh.key_expressions import bridge_key
@@ -56,18 +55,18 @@ class BridgeLinks:
         Those that the bridge has opened.
     vehicles : iterable of int
         Our vehicles.
-    mission, name, node : str
-        Names of the mission, of the bridge, and of this command node.
+    mission, bridge : str
+        Names of the mission and of the bridge.
     bus : ZenohSession
         Session that reaches the bridge.
+    lease : CommandLease
+        Lease of this node over all bridges.
     supervise : callable
         Keeps the bridge running; returns a notice when it has ended.
     ports : mapping
         Port of each endpoint by name.
     scan : callable
         Returns the frames of a datagram.
-    delay_ns : int
-        Time that this node leaves to others when the lease has run out.
     """
 
     def __init__(
@@ -75,34 +74,36 @@ class BridgeLinks:
         links: Sequence[Link],
         vehicles: Iterable[int],
         mission: str,
-        name: str,
-        node: str,
+        bridge: str,
         bus: ZenohSession,
-        supervise: Callable[[], NoticeContent | None],
-        ports: Mapping[str, int],
+        lease: CommandLease,
+        supervise: Callable[[], NoticeContent | None] = lambda: None,
+        ports: Mapping[str, int] | None = None,
         scan: Callable[[bytes], FrameTable] = scan,
-        delay_ns: int = 0,
     ) -> None:
         self.links = tuple(links)
-        self._vehicles = tuple(vehicles)
-        self.name = f"bridge {name}"
+        self.bridge = bridge
+        self.name = f"bridge {bridge}"
         """Name in notices."""
+        self._vehicles = tuple(vehicles)
         self._bus = bus
-        self._key = partial(bridge_key, mission, name)
+        self._key = partial(bridge_key, mission, bridge)
+        self._lease = lease
         self._scan = scan
         self._supervise = supervise
-        self._status = BridgeStatus(ports=dict(ports), unsent={}, stations={}, counters={})
+        self._status = BridgeStatus(ports=dict(ports or {}), unsent={}, stations={}, counters={})
         self._is_busy: Callable[[int], bool] = lambda _: False
-        self._busy: tuple[int, ...] = ()
+        self._busy: tuple[int, ...] | None = None
+        """Busy vehicles that the bridge knows of; None if it knows nothing yet."""
         self._sends: list[Packet] = []
         self._targets: Picture | None = None
         self._unread: deque[Up] = deque()
-        self._missed = self._late = 0
-        """Messages that were dropped here or never came; datagrams that came late."""
+        self._missed = 0
+        """Messages that were dropped here or never came."""
+        self._late = 0
+        """Datagrams that came late."""
         self._lateness = Lateness()
-        self._lease = start_node(
-            NodeId(node, secrets.randbits(63)), (name,), steady_ns(), delay_ns=delay_ns, is_only_node=True
-        )
+        self._boot = 0
         self._number: int | None = None
         """Of the newest message of the bridge."""
         self._writer = BackgroundWriter(self.name, _MAX_UNSENT)
@@ -146,7 +147,10 @@ class BridgeLinks:
         assert handler is not None
         while self._unread:
             message = self._unread[0]
-            if self._number is not None:
+            if message.boot != self._boot:  # it has started again
+                self._boot = message.boot
+                self._busy = None
+            elif self._number is not None:
                 self._missed += max(0, message.number - self._number - 1)
             self._number = message.number
             late_ns = self._lateness.of(message.boot, message.sent_ns, steady_ns())
@@ -171,44 +175,26 @@ class BridgeLinks:
         if picture.kind == "targets":
             self._targets = picture
 
-    def tick(self, t_ns: int) -> None:  # noqa: ARG002  the bridge has its own time
-        """Ask for the lease; tell the bridge that command is alive, and which vehicles are busy."""
-        self.ask_for_lease()
+    def tick(self) -> None:
+        """Tell the bridge that command is alive, and which vehicles are busy."""
         self._flush()
 
-    def ask_for_lease(self) -> None:
-        """Ask the bridge for the lease, or renew it, when that is due."""
-        self._lease, asks = take_due_asks(self._lease, steady_ns())
-        for ask in asks.values():
-            with contextlib.suppress(LinkError):  # the session has ended
-                self._bus.ask(self._key("lease"), encode(ask), _ANSWER_S, self._take_answer, lambda: None)
+    def ask(self, ask: Ask) -> None:
+        """Ask the bridge for the lease, or renew it."""
+        with contextlib.suppress(LinkError):  # the session has ended
+            self._bus.ask(self._key("lease"), encode(ask), _ANSWER_S, self._take_answer, lambda: None)
 
     def _take_answer(self, key: str, payload: bytes) -> None:
         """Take an answer about the lease, on a thread of zenoh."""
         with contextlib.suppress(WireError, RuntimeError):
             answer = decode(key, payload, Answer)
             if self._loop is not None:
-                self._loop.call_soon_threadsafe(self._note_answer, answer)
-
-    def _note_answer(self, answer: Answer) -> None:
-        self._lease = receive_answer(self._lease, self._lease.bridges[0], answer, steady_ns())
-
-    def commander(self) -> str:
-        """Return the name of another node that has the lease now; empty if there is none."""
-        view = self._lease.views[0]
-        return "" if view.hold is not None else view.holder
-
-    def may_command(self) -> bool:
-        """Return True if this node has the lease."""
-        return duty(self._lease, steady_ns()) is Duty.COMMANDS
-
-    def _permit(self) -> Permit | None:
-        return permit_for(self._lease, self._lease.bridges[0], steady_ns())
+                self._loop.call_soon_threadsafe(self._lease.note_answer, self.bridge, answer)
 
     def _flush(self) -> None:
         sends = self._sends
         self._sends = []
-        permit = self._permit()
+        permit = self._lease.permit(self.bridge)
         if permit is None:
             return
         busy = tuple(vehicle for vehicle in self._vehicles if self._is_busy(vehicle))
@@ -232,16 +218,15 @@ class BridgeLinks:
 
     def close(self) -> None:
         """Tell the bridge that command ends."""
-        if permit := self._permit():
+        if permit := self._lease.permit(self.bridge):
             self._put(Down(permit=permit, ends=True))
         self._writer.drain(_END_S)
 
     # ------------------------------------------------------------ state
 
-    @property
-    def port(self) -> int:
-        """Port of the first endpoint."""
-        return self._status.ports[self.links[0].name]
+    def ports(self) -> dict[str, int]:
+        """Return the port of each endpoint by name."""
+        return self._status.ports
 
     def notice(self) -> NoticeContent | None:
         """Return the next notice about the bridge, if any."""
