@@ -290,11 +290,6 @@ class Service:
             with contextlib.suppress(RuntimeError):  # the loop has ended
                 loop.call_soon_threadsafe(self._queue_orders_unless_busy)
 
-    def give_order(self, payload: bytes) -> None:
-        """Queue an order of the console, in the form and within the limits of orders on zenoh."""
-        self._orders.put(order_key(self.config.name), payload)
-        self._queue_orders_unless_busy()
-
     def _queue_orders_unless_busy(self) -> None:
         if self._queue.qsize() < _BUSY:
             self._queue_orders()

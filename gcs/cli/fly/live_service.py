@@ -113,9 +113,11 @@ async def _serve(
             "Ctrl-C ends it",
             highlight=False,
         )
-        with service_page(service, page, console, clock.speed, source) as url:
-            async with display(service, console, speed=clock.speed, headless=headless, page_url=url):
-                await service.run(clock, stop, at_once=at_once)
+        async with (
+            service_page(service, bus, zenoh_endpoint, page, console, clock.speed, source) as url,
+            display(service, console, speed=clock.speed, headless=headless, page_url=url),
+        ):
+            await service.run(clock, stop, at_once=at_once)
         keeper.write(service.now_ns())
         keeper.close()
         console.print(link_table(link_rows(service.engine.stages.fleet, links, service.now_ns())))

@@ -208,6 +208,8 @@ class Sections(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
     """Sections of the page's data."""
 
     mission: MissionInfo | UnsetType = UNSET
+    lost: int | UnsetType | None = UNSET
+    """Milliseconds since 1970 at which the service was last heard; null while it answers."""
     replay: ReplayState | UnsetType | None = UNSET
     """Null for a live run."""
     head: Head | UnsetType = UNSET

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import msgspec
 
+from gcs.console.view.world import World
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.io.zenoh.order_messages import OrderMessage, decode_order, encode_order
@@ -28,14 +29,14 @@ class OrderDesk:
 
     Parameters
     ----------
-    frame : LocalFrame
-        Frame for areas in degrees.
+    world : World
+        What is shown: its mission has the frame of areas in degrees.
     submit : callable or None
         Passes the JSON of an order to the service; None: a replay, which takes no orders.
     """
 
-    def __init__(self, frame: LocalFrame, submit: Callable[[bytes], None] | None) -> None:
-        self._frame, self._submit = frame, submit
+    def __init__(self, world: World, submit: Callable[[bytes], None] | None) -> None:
+        self._world, self._submit = world, submit
 
     def place(self, body: bytes, sender: str) -> str:
         """Check an order and pass it on; return its id.
@@ -43,10 +44,13 @@ class OrderDesk:
         Raises
         ------
         RefusedOrderError
-            When the order has a mistake, or in a replay.
+            When the order has a mistake, the service does not answer, or in a replay.
         """
         if self._submit is None:
             raise RefusedOrderError("this is a replay: nothing can be ordered")
+        if self._world.is_lost:
+            raise RefusedOrderError("the service does not answer; the order was not sent")
+        mission = self._world.mission
         try:
             fields = msgspec.json.decode(body, type=dict[str, Any])
         except (msgspec.DecodeError, RecursionError) as error:
@@ -55,13 +59,10 @@ class OrderDesk:
         fields["origin"] = f"console at {sender}"
         payload = msgspec.json.encode(fields)
         try:
-            order = decode_order(_SOURCE, payload, 0, self._frame)
+            order = decode_order(_SOURCE, payload, 0, LocalFrame(*mission.origin_deg, mission.origin_alt_m))
         except WireError as error:
             raise RefusedOrderError(str(error)) from None
-        try:
-            self._submit(encode_order(msgspec.json.decode(payload, type=OrderMessage)))
-        except RuntimeError:
-            raise RefusedOrderError("the service has ended") from None
+        self._submit(encode_order(msgspec.json.decode(payload, type=OrderMessage)))
         return order.order_id
 
 

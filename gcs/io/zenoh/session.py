@@ -48,6 +48,7 @@ class ZenohSession:
             raise LinkError(self.endpoint, _what_to_do(error, listening=listen is not None)) from None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._subscribers: list[zenoh.Subscriber[None]] = []
+        self._queryables: list[zenoh.Queryable[None]] = []
 
     def publish(self, key: str, payload: bytes) -> None:
         """Publish to the present subscribers, if any.
@@ -88,6 +89,68 @@ class ZenohSession:
             raise LinkError(
                 self.endpoint, f"cannot subscribe to `{key_expr}`: {_first_sentence(error)}"
             ) from None
+
+    def answer(self, key_expr: str, callback: Callable[[str, bytes, Callable[[bytes], None]], None]) -> None:
+        """Call `callback(key, payload, reply)` for each query of `ask`, on a thread of zenoh.
+
+        `reply` may be called later, by any thread that may wait: a peer that asks and does not read blocks it
+        as it blocks `publish`.
+
+        Raises
+        ------
+        LinkError
+            When the key expression is malformed or the session is closed.
+        """
+
+        def handle(query: zenoh.Query) -> None:
+            asked = str(query.key_expr)
+            key = asked if "*" in key_expr else key_expr
+
+            def reply(payload: bytes) -> None:
+                with contextlib.suppress(zenoh.ZError), query:  # the peer has gone
+                    query.reply(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+
+            callback(asked, b"" if query.payload is None else query.payload.to_bytes(), reply)
+
+        try:
+            self._queryables.append(self._session.declare_queryable(key_expr, handle))
+        except zenoh.ZError as error:
+            problem = f"cannot answer on `{key_expr}`: {_first_sentence(error)}"
+            raise LinkError(self.endpoint, problem) from None
+
+    def ask(
+        self,
+        key_expr: str,
+        payload: bytes,
+        within_s: float,
+        answered: Callable[[str, bytes], None],
+        ended: Callable[[], None],
+    ) -> None:
+        """Ask those who answer on matching keys: call `answered(key, payload)` for each, then `ended()`.
+
+        Both are called on threads of zenoh. Without a peer that answers it ends at once, else after all have
+        answered, `within_s` at the latest.
+
+        Raises
+        ------
+        LinkError
+            When the key expression is malformed or the session is closed.
+        """
+
+        def handle(reply: zenoh.Reply) -> None:
+            if (sample := reply.ok) is not None:
+                answered(str(sample.key_expr), sample.payload.to_bytes())
+
+        try:
+            self._session.get(
+                key_expr,
+                zenoh.handlers.Callback(handle, ended),
+                consolidation=zenoh.ConsolidationMode.NONE,
+                payload=payload,
+                timeout=within_s,
+            )
+        except zenoh.ZError as error:
+            raise LinkError(self.endpoint, f"cannot ask on `{key_expr}`: {_first_sentence(error)}") from None
 
     def close(self) -> None:
         """End the session; published messages were handed to the system."""
