@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from gcs.cli.analyse.run_file import RunFile
     from gcs.console.server import ConsoleServer
     from gcs.console.source import Source
+    from gcs.console.view.feed import Feed
     from gcs.console.web.access import Access
     from gcs.console.web.listener import Listener
     from gcs.io.zenoh.session import ZenohSession
@@ -103,7 +104,7 @@ async def service_page(
     ConsoleError
         When it cannot be served as the options say.
     """
-    _answer_consoles(service, bus, speed)
+    answer_consoles(service, bus, speed)
     found = _opened(options, console)
     if found is None:
         yield ""
@@ -124,8 +125,8 @@ async def service_page(
         await child.close()
 
 
-def _answer_consoles(service: Service, bus: ZenohSession, speed: float) -> None:
-    """Answer what consoles ask about a service."""
+def answer_consoles(service: Service, bus: ZenohSession, speed: float) -> Feed:
+    """Answer what consoles ask about a service; return what they get."""
     from gcs.console.engine.captures import capture
     from gcs.console.engine.local import feed_of
     from gcs.console.remote.answers import ConsoleAnswers
@@ -146,6 +147,7 @@ def _answer_consoles(service: Service, bus: ZenohSession, speed: float) -> None:
 
     feed = feed_of(service, RunInfo(speed=speed, begun=str(time.time_ns())), take, None)
     ConsoleAnswers(bus, service.engine, feed)
+    return feed
 
 
 def _command(

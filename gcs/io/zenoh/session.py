@@ -108,7 +108,7 @@ class ZenohSession:
 
             def reply(payload: bytes) -> None:
                 with contextlib.suppress(zenoh.ZError), query:  # the peer has gone
-                    query.reply(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+                    query.reply(key, payload)
 
             callback(asked, b"" if query.payload is None else query.payload.to_bytes(), reply)
 
@@ -145,6 +145,7 @@ class ZenohSession:
             self._session.get(
                 key_expr,
                 zenoh.handlers.Callback(handle, ended),
+                congestion_control=zenoh.CongestionControl.BLOCK,  # of the answers, too
                 consolidation=zenoh.ConsolidationMode.NONE,
                 payload=payload,
                 timeout=within_s,
