@@ -26,7 +26,7 @@ class Source:
     """Returns the details of a vehicle, given the number and time of its last verified mission; None if the
     run does not answer. Raises `UnknownVehicleError`."""
     submit: Callable[[bytes], None] | None = None
-    """Passes the JSON of an order to the service; None in a replay."""
+    """Passes the JSON of an order to the service, or raises `LinkError`; None in a replay."""
     playback: Playback | None = None
     """Position and speed of a replay; None for a live service."""
     call: Callable[[Callable[[], None]], object] = lambda function: function()

@@ -2,7 +2,8 @@
 
 - ``--pages 0 1 100``: CPU time of the service and of the console of `gcs demo swarm-50` with so many pages
   that read all messages, one of them with the details of a vehicle, the longest time that a tick waited, and
-  the longest time between two heartbeats at any vehicle. This needs the right to read all UDP datagrams of the machine (CAP_NET_RAW).
+  the longest time between two heartbeats at any vehicle. This needs the right to read all UDP datagrams of
+  the machine (CAP_NET_RAW).
 - ``--frames``: frames a second of Chromium with software rendering while the map is dragged, with 1,000
   tracks and 5,000 detections a second. The server is in a process of its own.
 """
@@ -137,7 +138,8 @@ def cpu_of_pages(counts: list[int]) -> None:
                 vehicles = len(heard_s)
             each = max(1, count)
             print(
-                f"{count:4d} pages: service {percents[0]:.1f} %, console {percents[1:].sum():.1f} % of a core, longest wait of a tick {max(lags_s):.2f} s, "
+                f"{count:4d} pages: service {percents[0]:.1f} %, console {percents[1:].sum():.1f} % "
+                f"of a core, longest wait of a tick {max(lags_s):.2f} s, "
                 f"longest time between heartbeats at {vehicles} vehicles {gap_s:.2f} s, "
                 f"{len(sizes) / each / SECONDS:.1f} messages and {sum(sizes) / each / SECONDS / 1e3:.0f} kB "
                 "a second for each"

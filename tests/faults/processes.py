@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import psutil
 from noticed import noticed
 
 from gcs.config import read_text
@@ -30,6 +31,18 @@ def free_port() -> int:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
         return port
+
+
+def console_of(service: int) -> psutil.Process:
+    """Return the process of the console that a service has started, as soon as it runs."""
+    deadline = time.monotonic() + 30.0
+    while time.monotonic() < deadline:
+        with suppress(psutil.NoSuchProcess):
+            for child in psutil.Process(service).children():
+                if "console" in child.cmdline():
+                    return child
+        time.sleep(0.05)
+    raise AssertionError("no console")
 
 
 class Run:
@@ -70,8 +83,10 @@ class Run:
         self.clock = ["--clock", f"{started['epoch_ns']},{speed}"] if speed != 1.0 else []
         self.services: list[subprocess.Popen[bytes]] = []
 
-    def serve(self, name: str, environment: Mapping[str, str] | None = None) -> subprocess.Popen[bytes]:
-        command = [*GCS, "run", str(self.file), "--headless", "--out", str(self.folder / name)]
+    def serve(
+        self, name: str, environment: Mapping[str, str] | None = None, *options: str
+    ) -> subprocess.Popen[bytes]:
+        command = [*GCS, "run", str(self.file), "--headless", "--out", str(self.folder / name), *options]
         command += ["--journal", str(self.folder / "journal"), *self.clock]
         with (self.folder / f"{name}.log").open("wb") as log:
             whole = {**os.environ, **(environment or {})}

@@ -57,9 +57,17 @@ class RemoteRun:
         return None
 
     def submit(self, payload: bytes) -> None:
-        """Send an order."""
-        with contextlib.suppress(LinkError):  # the session is closed: the console ends
-            self._bus.publish(order_key(self._mission), payload)
+        """Send an order.
+
+        Raises
+        ------
+        LinkError
+            When no service is there.
+        """
+        key = order_key(self._mission)
+        if not self._bus.is_subscribed(key):
+            raise LinkError(self._bus.endpoint, "the service is gone")
+        self._bus.publish(key, payload)
 
 
 async def find_run(

@@ -12,12 +12,13 @@ from typing import Any, Final
 import msgspec
 
 from gcs.console.view.world import World
-from gcs.errors import WireError
+from gcs.errors import LinkError, WireError
 from gcs.geo import LocalFrame
 from gcs.io.zenoh.order_messages import OrderMessage, decode_order, encode_order
 from gcs.model import OrderAnswer
 
 _SOURCE: Final = "console"
+_NO_SERVICE: Final = "the service does not answer; the order was NOT sent"
 
 
 class RefusedOrderError(Exception):
@@ -49,7 +50,7 @@ class OrderDesk:
         if self._submit is None:
             raise RefusedOrderError("this is a replay: nothing can be ordered")
         if self._world.is_lost:
-            raise RefusedOrderError("the service does not answer; the order was not sent")
+            raise RefusedOrderError(_NO_SERVICE)
         mission = self._world.mission
         try:
             fields = msgspec.json.decode(body, type=dict[str, Any])
@@ -62,7 +63,10 @@ class OrderDesk:
             order = decode_order(_SOURCE, payload, 0, LocalFrame(*mission.origin_deg, mission.origin_alt_m))
         except WireError as error:
             raise RefusedOrderError(str(error)) from None
-        self._submit(encode_order(msgspec.json.decode(payload, type=OrderMessage)))
+        try:
+            self._submit(encode_order(msgspec.json.decode(payload, type=OrderMessage)))
+        except LinkError:
+            raise RefusedOrderError(_NO_SERVICE) from None
         return order.order_id
 
 

@@ -15,7 +15,7 @@ import json
 import socket
 from collections.abc import Callable, Iterator
 from types import TracebackType
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import zenoh
 
@@ -59,17 +59,34 @@ class ZenohSession:
             When the key is malformed or the session is closed.
         """
         try:
-            publisher = self._publishers.get(key)
-            if publisher is None:
-                publisher = self._session.declare_publisher(
-                    key,
-                    congestion_control=zenoh.CongestionControl.BLOCK,
-                    encoding=zenoh.Encoding.APPLICATION_JSON,
-                )
-                self._publishers[key] = publisher
-            publisher.put(payload)
+            self._publisher(key).put(payload)
         except zenoh.ZError as error:
             raise LinkError(self.endpoint, f"cannot publish on `{key}`: {_first_sentence(error)}") from None
+
+    def is_subscribed(self, key: str) -> bool:
+        """Return True if somebody subscribes to a key.
+
+        Raises
+        ------
+        LinkError
+            When the key is malformed or the session is closed.
+        """
+        try:
+            status: Any = self._publisher(key).matching_status  # an object; zenoh's types say bool
+            return bool(status.matching)
+        except zenoh.ZError as error:
+            raise LinkError(self.endpoint, f"cannot publish on `{key}`: {_first_sentence(error)}") from None
+
+    def _publisher(self, key: str) -> zenoh.Publisher:
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            publisher = self._session.declare_publisher(
+                key,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                encoding=zenoh.Encoding.APPLICATION_JSON,
+            )
+            self._publishers[key] = publisher
+        return publisher
 
     def subscribe(self, key_expr: str, callback: Callable[[str, bytes], None]) -> None:
         """Call `callback(key, payload)` for each message on matching keys, on a thread of zenoh.
