@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -28,8 +29,8 @@ from sim_vehicles.world.scenario import load
 class Reader:
     """A console: it asks, and shows what it gets."""
 
-    def __init__(self) -> None:
-        self.request, self.world = NewsRequest(is_watched=True), None
+    def __init__(self, *, is_watched: bool = False) -> None:
+        self.request, self.world = NewsRequest(is_watched=is_watched), None
         self.news: News | None = None
 
     def take(self, news: News) -> None:
@@ -38,7 +39,7 @@ class Reader:
             self.world = World(news.mission, History(is_recorded=False))
         self.world.update(news)
         captured = news.capture.number if news.capture is not None else self.request.capture
-        self.request = NewsRequest(news.run, news.cursor, captured, is_watched=True)
+        self.request = NewsRequest(news.run, news.cursor, captured, self.request.is_watched)
         self.news = news
 
     @property
@@ -72,21 +73,22 @@ def test_a_console_over_zenoh_shows_what_one_in_the_process_shows(monkeypatch):
         lambda t_ns, effect: feed.effect(t_ns, effect),
         orders=[order],
     )
-    run.config = run.engine.config
-    run.sinks = []
-    feed = feed_of(run, RunInfo(), lambda t_ns: capture(run.engine, t_ns), None)
-    near, far, encoder, sizes = Reader(), Reader(), NewsEncoder(), []
+    displayed = SimpleNamespace(config=run.engine.config, engine=run.engine, sinks=[])
+    feed = feed_of(displayed, RunInfo(), lambda t_ns: capture(run.engine, t_ns), None)
+    near, far = Reader(is_watched=True), Reader(is_watched=True)
+    encoder, payloads = NewsEncoder(), []
     for step in range(1, 61):
         run.run(0.25 * step)
         near.take(feed.pull(near.request))
         payload = encoder.encode(feed.pull(far.request), far.request.capture)
-        sizes.append(len(payload))
+        payloads.append(payload)
         far.take(decode_news(payload, far.world and far.world.capture))
     assert {"log", "trails", "targets_tracks", "routes", "map", "zones", "head"} <= near.snapshot.keys()
     assert near.snapshot["zones"][0]["name"] == "fire"
     for name, shown in near.snapshot.items():
         assert far.snapshot[name] == shown, name
-    assert sizes[-1] < sizes[0] / 2, "what has not changed is not sent again"
+    with_map = [number for number, payload in enumerate(payloads) if b"blocked" in payload]
+    assert len(with_map) == 2, "at first, and when the zone was closed"
 
 
 def test_a_late_console_gets_everything_in_pieces_and_in_order():
