@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Final
 from rich.console import Console
 
 from gcs.errors import ConsoleError
+from gcs.model import NS_PER_S, Effect, Event, Tick
 from gcs.service.child_process import ChildProcess
 
 if TYPE_CHECKING:
@@ -132,12 +133,14 @@ def answer_consoles(service: Service, bus: ZenohSession, speed: float) -> Feed:
     from gcs.console.remote.answers import ConsoleAnswers
     from gcs.console.view.capture import Capture
     from gcs.console.view.schema import RunInfo, ServiceState
-    from gcs.model import NS_PER_S
+
+    lag = _TickLag(service)
+    service.sinks.append(lag)
 
     def take(t_ns: int) -> Capture:
         recorder, stations = service.recorder, service.links.ground_stations(t_ns).values()
         state = ServiceState(
-            lag_s=round(max(0.0, (service.clock.now_ns() - t_ns) / NS_PER_S / speed), 3),
+            lag_s=round(lag.newest_ns / NS_PER_S / speed, 3),
             dropped=service.health.dropped,
             is_recording=recorder is not None,
             space=None if recorder is None else recorder.space,
@@ -148,6 +151,22 @@ def answer_consoles(service: Service, bus: ZenohSession, speed: float) -> Feed:
     feed = feed_of(service, RunInfo(speed=speed, begun=str(time.time_ns())), take, None)
     ConsoleAnswers(bus, service.engine, feed)
     return feed
+
+
+class _TickLag:
+    """Sink that keeps how long the newest tick waited before it was processed."""
+
+    def __init__(self, service: Service) -> None:
+        self.newest_ns = 0
+        self._service = service
+
+    def event(self, event: Event) -> None:
+        """Keep the wait of a tick."""
+        if isinstance(event, Tick):
+            self.newest_ns = max(0, self._service.clock.now_ns() - event.t_ns)
+
+    def effect(self, t_ns: int, effect: Effect) -> None:
+        """Ignore effects."""
 
 
 def _command(

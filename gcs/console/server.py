@@ -38,6 +38,9 @@ _PUBLISH_S: Final = 0.1
 """Between updates of the pages."""
 _IDLE_S: Final = 0.9
 """Added without a page: enough for trails and the log."""
+_ORDER_S: Final = 0.02
+"""Between updates after an order, for `_ANSWER_S`: its answers come soon."""
+_ANSWER_S: Final = 1.0
 LOST_S: Final = 2.5
 """Time without an answer after which the pages say that the service is gone."""
 _SEEK_POLL_S: Final = 0.02
@@ -211,7 +214,7 @@ class ShownRun:
         self.history = History(is_recorded=source.recording is not None and not source.has_other_settings)
         self.world = World(mission, self.history)
         self.clients = Clients(self.world.snapshot, max_pages)
-        desk = OrderDesk(self.world, source.submit)
+        desk = OrderDesk(self.world, None if source.submit is None else self._submit)
         self.playback = PlaybackDesk(source.playback, source.call)
         preflight = PreflightDesk(source.mission_file)
         parts = (self.world, self.clients, desk, self.playback, self.history, preflight, tiles)
@@ -222,7 +225,10 @@ class ShownRun:
         """True if the state is wanted as it is now."""
         self._heard_s, self._heard_ms = time.monotonic(), time.time_ns() // 1_000_000
         """When the run has last answered."""
-        self._asked = asyncio.Event()
+        self._asked, self._ordered = asyncio.Event(), asyncio.Event()
+        self._ordered_s = -_ANSWER_S
+        self._shows_passed = False
+        """True while a replay takes long to reach a time: it shows what it passes."""
 
     async def publish(self) -> None:
         """Send what is new to all pages, ten times a second."""
@@ -236,11 +242,13 @@ class ShownRun:
                 self._recording = None
 
     async def _pause(self) -> None:
-        await asyncio.sleep(_PUBLISH_S)
+        await asyncio.sleep(_ORDER_S)
+        if time.monotonic() - self._ordered_s > _ANSWER_S:
+            await _wait(self._ordered, _PUBLISH_S - _ORDER_S)
         if not self.board.is_watched:
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._asked.wait(), _IDLE_S)
+            await _wait(self._asked, _IDLE_S)
         self._asked.clear()
+        self._ordered.clear()
 
     async def _update(self) -> bool:
         """Ask the run for what is new, and send it to the pages; return True if there is more."""
@@ -254,6 +262,8 @@ class ShownRun:
                 self._send(self.world.lose(self._heard_ms))
             return False
         self._heard_s, self._heard_ms = time.monotonic(), time.time_ns() // 1_000_000
+        if self.playback.is_moved and not self._shows_passed:  # somebody has just asked for another time
+            news = dataclasses.replace(news, capture=None)
         captured = news.capture.number if news.capture is not None else 0
         known = 0 if news.begins_anew else self._request.capture
         self._request = NewsRequest(news.run, news.cursor, captured or known)
@@ -281,18 +291,26 @@ class ShownRun:
 
     async def _reach_time(self) -> None:
         """Wait until a replay has reached the time that was asked for."""
+        self._shows_passed = False
         if not self.playback.is_moved:
             return
         until_s = time.monotonic() + _MAX_SEEK_S
         while self.playback.is_seeking and time.monotonic() < until_s:
             await asyncio.sleep(_SEEK_POLL_S)
-        self.playback.is_moved = self.playback.is_seeking
+        self.playback.is_moved = self._shows_passed = self.playback.is_seeking
         self._is_urgent = True
 
     def _read_history(self, recording: Path) -> None:
         vehicles = sorted(self.world.mission.loiter_radii_m)
         arguments = (recording, vehicles, self.world.start_t_ns, self.ends)
         threading.Thread(target=self.history.read, args=arguments, name="history", daemon=True).start()
+
+    def _submit(self, order: bytes) -> None:
+        assert self._source.submit is not None
+        self._source.submit(order)
+        self._ordered_s = time.monotonic()
+        self._ordered.set()
+        self._asked.set()
 
     def _watch(self) -> None:
         """Ask for the state as it is now; once for all pages that open before the next update."""
@@ -302,3 +320,9 @@ class ShownRun:
     async def _detail(self, vehicle: int) -> VehicleDetail | None:
         """Return the details of a vehicle now; None without a run."""
         return await self._source.detail(vehicle, self.world.verified.get(vehicle, (0, 0)))
+
+
+async def _wait(event: asyncio.Event, within_s: float) -> None:
+    """Wait for an event, no longer than a time."""
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(event.wait(), within_s)
