@@ -31,8 +31,6 @@ from gcs.service.child_process import Report
 _FIND_S: Final = 10.0
 """Time in which the service of an operator's console must answer."""
 _NOTICES_S: Final = 1.0
-_NICE: Final = 5
-"""The console of a service gives way to the service."""
 
 
 def serve_console(connect: str | None, mission: str | None, options: PageOptions, console: Console) -> None:
@@ -64,7 +62,6 @@ def serve_for_parent(
 ) -> None:
     """Serve the console on a socket of the service that has started this process, until its pipe closes."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    os.nice(_NICE)
     access = parse_access(options.address, options.access) or Access()
     found = access, Listener(fileno=descriptor)
     with _served(endpoint, mission, options, found, inf, mission_file) as server:

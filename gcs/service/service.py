@@ -27,7 +27,7 @@ from gcs.io.background_writer import BackgroundWriter, QueuedText
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.manager import Links
-from gcs.io.recording.writer import DiskSpace
+from gcs.io.recording.disk_space import DiskSpace
 from gcs.io.records import encode, encode_shown
 from gcs.io.zenoh.key_expressions import effect_key, order_key, sensor_of, sensor_scan_keys
 from gcs.io.zenoh.order_inbox import OrderInbox

@@ -15,7 +15,7 @@ import msgspec
 from msgspec import UNSET, Struct, UnsetType
 
 from gcs.core.preflight.result import PreflightResult
-from gcs.io.recording.writer import DiskSpace
+from gcs.io.recording.disk_space import DiskSpace
 from gcs.model import (
     AgentRecord,
     Kind,
