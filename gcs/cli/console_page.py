@@ -36,10 +36,6 @@ if TYPE_CHECKING:
     from gcs.service.service import Service
 
 
-_GIVES_WAY: Final = ("nice", "-n", "5")
-"""Where a processor is busy, the flight goes before its console."""
-
-
 @dataclass(frozen=True, slots=True)
 class PageOptions:
     """The options of the console."""
@@ -182,8 +178,7 @@ def _command(
     mission_file: str | None,
 ) -> list[str]:
     """Return the command of the process that serves the console on a socket."""
-    command = [*_GIVES_WAY, sys.executable, "-P", "-m", "gcs", "console"]
-    command += ["--connect", endpoint, "--mission", mission]
+    command = [sys.executable, "-P", "-m", "gcs", "console", "--connect", endpoint, "--mission", mission]
     address = f"{access.host}:{listener.getsockname()[1]}"
     command += ["--console", address, "--listener", str(listener.fileno())]
     for name, value in (
