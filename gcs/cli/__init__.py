@@ -38,7 +38,10 @@ _COMMANDS: Final[dict[str, dict[str, tuple[str, str]]]] = {
             "Fly many simulated missions and report success rates with confidence intervals.",
         ),
         "run": ("gcs.cli.fly.run", "Run central command on the links of a mission file, until Ctrl-C."),
-        "console": ("gcs.cli.fly.console", "Serve the console of a service that runs elsewhere."),
+        "console": (
+            "gcs.cli.fly.console",
+            "Serve the console of a service that runs elsewhere, until Ctrl-C.",
+        ),
         "status": ("gcs.cli.fly.status", "Print the agents, targets and sensors of a running service."),
         "order": ("gcs.cli.fly.order", "Give orders to a running service (`gcs run` or `gcs demo`)."),
     },
