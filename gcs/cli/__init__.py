@@ -1,6 +1,6 @@
 """The ``gcs`` command. Each command has a file: its arguments, its work and its output.
 
-- ``fly``: ``demo``, ``run``, ``order``, ``simulate``, ``montecarlo``.
+- ``fly``: ``demo``, ``run``, ``console``, ``order``, ``simulate``, ``montecarlo``.
 - ``prepare``: mission files, plans, vehicles and keys before a flight.
 - ``analyse``: recordings and logs after a flight.
 - `arguments`, `errors`: arguments of several commands; error messages and exit codes.
@@ -38,6 +38,10 @@ _COMMANDS: Final[dict[str, dict[str, tuple[str, str]]]] = {
             "Fly many simulated missions and report success rates with confidence intervals.",
         ),
         "run": ("gcs.cli.fly.run", "Run central command on the links of a mission file, until Ctrl-C."),
+        "console": (
+            "gcs.cli.fly.console",
+            "Serve the console of a service that runs elsewhere, until Ctrl-C.",
+        ),
         "status": ("gcs.cli.fly.status", "Print the agents, targets and sensors of a running service."),
         "order": ("gcs.cli.fly.order", "Give orders to a running service (`gcs run` or `gcs demo`)."),
     },

@@ -1,11 +1,18 @@
-"""Console of `gcs demo`, `gcs run` and `gcs replay`: options, start and end."""
+"""Console of `gcs demo`, `gcs run` and `gcs replay`: options, start and end.
+
+That of a live service is a process of its own: `gcs console`, with the socket that is opened here. So
+mistakes in the options end the command at once, and browsers reach the next process when one has ended.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import sys
 import threading
+import time
 import webbrowser
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,11 +21,17 @@ from typing import TYPE_CHECKING, Final
 from rich.console import Console
 
 from gcs.errors import ConsoleError
+from gcs.model import NS_PER_S, Effect, Event, Tick
+from gcs.service.child_process import ChildProcess
 
 if TYPE_CHECKING:
     from gcs.cli.analyse.run_file import RunFile
-    from gcs.console import ConsoleServer
-    from gcs.console.server import Source
+    from gcs.console.server import ConsoleServer
+    from gcs.console.source import Source
+    from gcs.console.view.feed import Feed
+    from gcs.console.web.access import Access
+    from gcs.console.web.listener import Listener
+    from gcs.io.zenoh.session import ZenohSession
     from gcs.service.replay import Replay
     from gcs.service.service import Service
 
@@ -66,14 +79,24 @@ class PageOptions:
 DEFAULT_PAGE: Final = PageOptions()
 
 
-@contextmanager
-def service_page(
-    service: Service, options: PageOptions, console: Console, speed: float, mission_file: str | None = None
-) -> Iterator[str]:
-    """Serve the console of a live service while the context lasts; yield its address, empty without one.
+@asynccontextmanager
+async def service_page(
+    service: Service,
+    bus: ZenohSession,
+    endpoint: str,
+    options: PageOptions,
+    console: Console,
+    speed: float,
+    mission_file: str | None = None,
+) -> AsyncIterator[str]:
+    """Serve the console of a live service in a process of its own while the context lasts.
+
+    Yield its address, empty without one. Consoles that others start get the same news.
 
     Parameters
     ----------
+    endpoint : str
+        zenoh endpoint of the service.
     mission_file : str, optional
         Mission file of a service whose vehicles `gcs preflight` can check.
 
@@ -82,31 +105,92 @@ def service_page(
     ConsoleError
         When it cannot be served as the options say.
     """
+    answer_consoles(service, bus, speed)
+    found = _opened(options, console)
+    if found is None:
+        yield ""
+        return
+    access, listener = found
+    url = access.url(listener.getsockname()[1])
+    command = _command(service.config.name, endpoint, access, listener, options, mission_file)
+    if bus.node is not None:
+        command += ["--zenoh-tls", str(bus.node.folder)]
+    child = ChildProcess("console", command, [listener.fileno()])
+    service.outputs.append(child)
+    supervisor = asyncio.create_task(child.run())
+    supervisor.add_done_callback(lambda _: listener.close())
+    show_address(url, options, console)
+    try:
+        yield url
+    finally:
+        supervisor.cancel()
+        await asyncio.gather(supervisor, return_exceptions=True)
+        await child.close()
 
-    def source() -> Source:
-        from gcs.console.server import Source
-        from gcs.console.view.capture import Capture, capture
-        from gcs.console.view.schema import ServiceState
-        from gcs.model import NS_PER_S
 
-        def take(t_ns: int) -> Capture:
-            recorder = service.recorder
-            stations = service.links.ground_stations(t_ns).values()
-            state = ServiceState(
-                lag_s=round(max(0.0, (service.clock.now_ns() - t_ns) / NS_PER_S / speed), 3),
-                dropped=service.health.dropped,
-                is_recording=recorder is not None,
-                space=None if recorder is None else recorder.space,
-                stations=tuple(one for found in stations for one in found),
-            )
-            return capture(service.engine, t_ns, state)
+def answer_consoles(service: Service, bus: ZenohSession, speed: float) -> Feed:
+    """Answer what consoles ask about a service; return what they get."""
+    from gcs.console.engine.captures import capture
+    from gcs.console.engine.local import feed_of
+    from gcs.console.remote.answers import ConsoleAnswers
+    from gcs.console.view.capture import Capture
+    from gcs.console.view.schema import RunInfo, ServiceState
 
-        return Source(service, take, service.give_order, speed, mission_file=mission_file)
+    lag = _TickLag(service)
+    service.sinks.append(lag)
 
-    with _page(source, options, console) as server:
-        if server is not None:
-            service.outputs.append(server)
-        yield _address(server)
+    def take(t_ns: int) -> Capture:
+        recorder = service.recorder
+        stations = service.links.ground_stations(t_ns).values()
+        state = ServiceState(
+            lag_s=round(lag.newest_ns / NS_PER_S / speed, 3),
+            dropped=service.health.dropped,
+            is_recording=recorder is not None,
+            space=None if recorder is None else recorder.space,
+            stations=tuple(one for found in stations for one in found),
+        )
+        return capture(service.engine, t_ns, state)
+
+    feed = feed_of(service, RunInfo(speed=speed, begun=str(time.time_ns())), take, None)
+    ConsoleAnswers(bus, service.engine, feed)
+    return feed
+
+
+class _TickLag:
+    """Sink that keeps how long the newest tick waited before it was processed."""
+
+    def __init__(self, service: Service) -> None:
+        self.newest_ns = 0
+        self._service = service
+
+    def event(self, event: Event) -> None:
+        """Keep the wait of a tick."""
+        if isinstance(event, Tick):
+            self.newest_ns = max(0, self._service.clock.now_ns() - event.t_ns)
+
+    def effect(self, t_ns: int, effect: Effect) -> None:
+        """Ignore effects."""
+
+
+def _command(
+    mission: str,
+    endpoint: str,
+    access: Access,
+    listener: Listener,
+    options: PageOptions,
+    mission_file: str | None,
+) -> list[str]:
+    """Return the command of the process that serves the console on a socket."""
+    command = [sys.executable, "-P", "-m", "gcs", "console", "--connect", endpoint, "--mission", mission]
+    address = f"{access.host}:{listener.getsockname()[1]}"
+    command += ["--console", address, "--listener", str(listener.fileno())]
+    for name, value in (
+        ("--console-access", options.access),
+        ("--console-map", options.map_file),
+        ("--mission-file", mission_file),
+    ):
+        command += [] if value is None else [name, str(value)]
+    return command
 
 
 @contextmanager
@@ -144,10 +228,10 @@ def comparison_page(
 
 def replay_source(replay: Replay, file: RunFile) -> Source:
     """Return what the console needs of the replay of a file."""
-    from gcs.console.server import Source
-    from gcs.console.view.capture import capture
+    from gcs.console.engine.captures import capture
+    from gcs.console.engine.local import local_source
 
-    return Source(
+    return local_source(
         replay,
         lambda t_ns: capture(replay.engine, t_ns),
         playback=replay.playback,
@@ -166,41 +250,57 @@ def _page(
     console: Console,
     other: Callable[[], Source] | None = None,
 ) -> Iterator[ConsoleServer | None]:
-    server = _started(source, options, console, other)
-    if server is None:
+    found = _opened(options, console)
+    if found is None:
         yield None
         return
-    console.print(f"console: {server.url}", highlight=False, markup=False, soft_wrap=True)
-    if options.opens_browser:  # A browser in a terminal would block.
-        threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
+    from gcs.console.server import ConsoleServer
+    from gcs.console.web.tiles import Tiles
+
+    tiles = None if options.map_file is None else Tiles(options.map_file)
+    server = ConsoleServer(source(), found[0], tiles, other and other(), found[1])
+    show_address(server.url, options, console)
     try:
         yield server
     finally:
         server.close()
 
 
-def _started(
-    source: Callable[[], Source],
-    options: PageOptions,
-    console: Console,
-    other: Callable[[], Source] | None,
-) -> ConsoleServer | None:
-    """Return the server; None without one.
+def _opened(options: PageOptions, console: Console) -> tuple[Access, Listener] | None:
+    """Return who may open the console, and its socket; None without a console.
 
     A failure is an error only if an option asks for the console.
     """
-    if options.address == "off":
-        return None
     try:
-        from gcs.console import ConsoleServer
-        from gcs.console.web.access import parse_access
-        from gcs.console.web.tiles import Tiles
-
-        access = parse_access(options.address, options.access)
-        tiles = None if options.map_file is None else Tiles(options.map_file)
-        return None if access is None else ConsoleServer(source(), access, tiles, other and other())
-    except (ConsoleError, ImportError) as error:
+        return open_listener(options)
+    except ConsoleError as error:
         if options.is_asked_for:
-            raise ConsoleError(str(error)) from None
+            raise
         console.print(f"no console: {error}", style="yellow", highlight=False, markup=False, soft_wrap=True)
         return None
+
+
+def open_listener(options: PageOptions) -> tuple[Access, Listener] | None:
+    """Return who may open the console, and its socket; None for ``--console off``.
+
+    Raises
+    ------
+    ConsoleError
+        When it cannot be served as the options say.
+    """
+    from gcs.console.web.access import parse_access, tls_context
+    from gcs.console.web.listener import bind
+
+    access = parse_access(options.address, options.access)
+    if access is None:
+        return None
+    if access.folder is not None:
+        tls_context(access.folder)
+    return access, bind(access)
+
+
+def show_address(url: str, options: PageOptions, console: Console) -> None:
+    """Print the address; open the browser, if that is wanted."""
+    console.print(f"console: {url}", highlight=False, markup=False, soft_wrap=True)
+    if options.opens_browser:  # A browser in a terminal would block.
+        threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()

@@ -1,14 +1,15 @@
-"""Console: the swarm in a browser, served beside the service.
+"""Console: the swarm in a browser, in a process of its own; that of a replay is beside it.
 
 Reading order:
 
-- `server`: the thread of the console.
-- `view.feed`: on the loop of the service. It keeps references to scans, effects and the state; it encodes
-  nothing.
-- `view.capture`: what the console reads of the engine, in one place.
+- `source`: what the console needs of a run. `view.news`: what it asks, and what it gets.
+- `view.feed`: on the loop of the run. It keeps references to scans, effects and the state; it encodes
+  nothing. `engine`: what the console reads of the engine; nothing else here imports it.
+- `remote`: news of a service for consoles in other processes, over zenoh: the answers of the service, the
+  questions of the console.
+- `server`: the server with its thread.
 - `view.schema`: the records that pages and programs get.
-- `view.world`, `view.sections`: all that a page shows, as JSON, on the own thread. `view.details`: everything
-  of one vehicle, when a page or program asks.
+- `view.world`, `view.sections`: all that a page shows, as JSON.
 - `view.history`, `view.series`: marks of the whole run, and the data of its charts; of a recording, read from
   its file.
 - `web.clients`: bounded queues of the pages; a slow page loses messages, then gets everything anew.
@@ -19,8 +20,3 @@ Reading order:
 - `web.app`, `web.openapi`, `web.prometheus`, `web.static_files`, `web.tiles`: what is served.
 - `static`: the page, plain ES modules and CSS. `compare`: the pages of two recordings, in frames.
 """
-
-from gcs.console.server import ConsoleServer, Source
-from gcs.console.web.access import Access
-
-__all__ = ["Access", "ConsoleServer", "Source"]

@@ -213,6 +213,8 @@ export interface RoleMessage {
 /** Sections of the page's data. */
 export interface Sections {
   mission?: MissionInfo;
+  /** Milliseconds since 1970 at which the service was last heard; null while it answers. */
+  lost?: number | null;
   /** Null for a live run. */
   replay?: ReplayState | null;
   head?: Head;

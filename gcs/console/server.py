@@ -1,56 +1,52 @@
-"""The console's thread: its own event loop with an HTTP server.
+"""The server of the console: a thread with its own event loop.
 
-The service hands it references (`gcs.console.view.feed`). Encoding, sockets and browsers are here, so a slow
-browser delays this thread only.
+For a live service it is in a process of its own, for a replay beside it. In both cases it asks the run for
+what is new (`Source`), and encodes it once for all pages. A slow browser delays this thread only.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import dataclasses
 import logging
-import socket
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final
 
 import h11
 import msgspec
 import uvicorn
 from websockets.exceptions import InvalidState
 
-from gcs.config import Config
-from gcs.console.view.capture import Capture
-from gcs.console.view.details import vehicle_detail
-from gcs.console.view.feed import Feed
+from gcs.console.source import Source
 from gcs.console.view.history import History
-from gcs.console.view.schema import ReplayState, RunInfo, VehicleDetail
+from gcs.console.view.news import NewsRequest
+from gcs.console.view.schema import MissionInfo, ReplayState, VehicleDetail
 from gcs.console.view.world import World
-from gcs.console.web.access import DEFAULT_PORT, Access, tls_context
+from gcs.console.web.access import Access, tls_context
 from gcs.console.web.app import Board, make_app
 from gcs.console.web.clients import Clients
-from gcs.console.web.listener import LISTEN_BACKLOG, Listener
+from gcs.console.web.listener import LISTEN_BACKLOG, Listener, bind
 from gcs.console.web.orders import OrderDesk
-from gcs.console.web.playback import Playback, PlaybackDesk
+from gcs.console.web.playback import PlaybackDesk
 from gcs.console.web.preflight import PreflightDesk
 from gcs.console.web.tiles import Tiles
-from gcs.core.engine import Engine
-from gcs.errors import ConsoleError
 from gcs.model import NoticeCode, NoticeContent
 
-T = TypeVar("T")
-
 _PUBLISH_S: Final = 0.1
+"""Between updates of the pages."""
+_IDLE_S: Final = 0.9
+"""Added without a page: enough for trails and the log."""
+_ORDER_S: Final = 0.02
+"""Between updates after an order, for `_ANSWER_S`: its answers come soon."""
+_ANSWER_S: Final = 1.0
+LOST_S: Final = 2.5
+"""Time without an answer after which the pages say that the service is gone."""
 _SEEK_POLL_S: Final = 0.02
 _MAX_SEEK_S: Final = 2.0
 """A replay that takes longer than this to reach a time shows what it passes."""
-_DETAIL_S: Final = 1.0
-"""Time in which the loop of the run gives the details of a vehicle."""
-_PORTS: Final = 50
-"""Ports that are tried from the default one on."""
 _END_S: Final = 3.0
 _CHECK_S: Final = 1.0
 """Between looks for connections that keep the server waiting."""
@@ -63,44 +59,13 @@ _CLIENT_ERRORS: Final = (h11.LocalProtocolError, UnicodeDecodeError, InvalidStat
 """The client broke the protocol, HTTP before its answer or a WebSocket's text, or was just closing."""
 
 
-class DisplayedRun(Protocol):
-    """A live service or a replay, as far as the console needs it."""
-
-    config: Config
-    engine: Engine
-    sinks: list[Any]
-
-
-@dataclass(frozen=True, slots=True)
-class Source:
-    """The run that a console shows, and how to act on it."""
-
-    run: DisplayedRun
-    """The service or the replay; it gets a sink."""
-    take: Callable[[int], Capture]
-    """Returns a capture of the run at a time."""
-    submit: Callable[[bytes], None] | None = None
-    """Passes the JSON of an order to the service; None in a replay."""
-    speed: float = 1.0
-    """Of the run's clock, as a multiple of real time."""
-    playback: Playback | None = None
-    """Position and speed of a replay; None for a live service."""
-    on_restart: list[Callable[[], None]] | None = None
-    """Where to put what is called when a replay begins again at another time."""
-    recording: Path | None = None
-    """Recording that is replayed; None: a log, or a live service."""
-    has_other_settings: bool = False
-    """True if the recording is replayed with other settings: only the truth in it is that of the replay."""
-    title: str = ""
-    """File that is replayed."""
-    start_t_ns: int | None = None
-    """Start of the run; None: its first event."""
-    mission_file: str | None = None
-    """Mission file of a service whose vehicles `gcs preflight` can check; else None."""
-
-
 class ConsoleServer:
     """Serves the console of one run, or of two that are compared, from construction until `close`.
+
+    Parameters
+    ----------
+    listener : Listener, optional
+        Socket that listens already; by default one is opened.
 
     Raises
     ------
@@ -109,16 +74,24 @@ class ConsoleServer:
     """
 
     def __init__(
-        self, source: Source, access: Access, tiles: Tiles | None = None, other: Source | None = None
+        self,
+        source: Source,
+        access: Access,
+        tiles: Tiles | None = None,
+        other: Source | None = None,
+        listener: Listener | None = None,
     ) -> None:
         self.name = "console"
         """Name in notices."""
-        self._error: Exception | None = None
+        self.error: Exception | None = None
+        """Program error that has ended it."""
+        self.ended = threading.Event()
+        """Set at its end."""
         self._failures = FailedRequests()
-        self._socket = bind(access)
+        self._socket = bind(access) if listener is None else listener
         self._socket.abort = self._abort
         self.port: int = self._socket.getsockname()[1]
-        self._access = replace(access, port=self.port)
+        self._access = dataclasses.replace(access, port=self.port)
         sources = [one for one in (source, other) if one is not None]
         self.runs = [
             ShownRun(one, tiles, self._socket.max_pages, is_compared=other is not None) for one in sources
@@ -152,11 +125,7 @@ class ConsoleServer:
     @property
     def url(self) -> str:
         """Address for a browser."""
-        host = self._access.host
-        if host in ("0.0.0.0", "::"):  # noqa: S104  not an address that a browser opens
-            host = socket.gethostname()
-        host = f"[{host}]" if ":" in host else host
-        return f"{self._access.scheme}://{host}:{self.port}/"
+        return self._access.url(self.port)
 
     def close(self) -> None:
         """End the server; wait for it, but not for a browser that does not read."""
@@ -167,12 +136,8 @@ class ConsoleServer:
         self._socket.close()
 
     def notice(self) -> NoticeContent | None:
-        """Return, once, the alarm that the console has failed."""
-        error = self._error
-        self._error = None
-        if error is None:
-            return self._failures.notice()
-        return NoticeCode.CONSOLE_ENDED, {"error": f"{type(error).__name__}: {error}"}
+        """Return, once a minute at most, that a request has failed by a program error."""
+        return self._failures.notice()
 
     def _abort(self, peer: tuple[Any, ...]) -> None:
         for connection in list(self._server.server_state.connections):
@@ -182,8 +147,9 @@ class ConsoleServer:
     def _serve(self) -> None:
         try:
             asyncio.run(self._serve_and_publish())
-        except Exception as error:  # The flight continues; the operator gets an alarm.
-            self._error = error
+        except Exception as error:  # The flight continues.
+            self.error = error
+        self.ended.set()
 
     async def _serve_and_publish(self) -> None:
         server = asyncio.create_task(self._server.serve(sockets=[self._socket]))
@@ -240,61 +206,90 @@ class FailedRequests(logging.Handler):
 
 
 class ShownRun:
-    """What the console shows of one run.
-
-    It is made on the loop of the run: there it takes captures and passes on orders.
-    """
+    """What the console shows of one run."""
 
     def __init__(self, source: Source, tiles: Tiles | None, max_pages: int, *, is_compared: bool) -> None:
-        run = source.run
-        submit = source.submit
-        # A replay that begins again has another fleet.
-        self.feed = Feed(source.take, lambda: run.engine.stages.fleet.states(), source.start_t_ns)
-        if source.on_restart is not None:
-            source.on_restart.append(self.feed.restart)
-        self._run_loop = asyncio.get_running_loop()
-        self._run = run
-        info = RunInfo(
-            kind="live" if source.playback is None else "replay",
-            speed=source.speed,
-            begun=str(time.time_ns()),
-            preflight=source.mission_file is not None,
-            tiles=None if tiles is None else tiles.info,
-            title=source.title,
-        )
+        self._source = source
+        self._tiles = tiles
         self._is_compared = is_compared
         self._recording = source.recording
-        self._vehicles = sorted(agent.vehicle for agent in run.config.agents)
-        is_recorded = source.recording is not None and not source.has_other_settings
-        self.history = History(is_recorded=is_recorded)
         self.ends = threading.Event()
-        world = World(run.config, info, self.history)
-        self.clients = Clients(world.snapshot, max_pages)
-        desk = OrderDesk(run.config.local_frame, None if submit is None else self._on_run_loop(submit))
-        self.playback = PlaybackDesk(source.playback, self._on_run_loop(lambda action: action()))
+        mission = self._shown(source.mission)
+        self.history = History(is_recorded=source.recording is not None and not source.has_other_settings)
+        self.world = World(mission, self.history)
+        self.clients = Clients(self.world.snapshot, max_pages)
+        desk = OrderDesk(self.world, None if source.submit is None else self._submit)
+        self.playback = PlaybackDesk(source.playback, source.call)
         preflight = PreflightDesk(source.mission_file)
-        parts = (world, self.clients, desk, self.playback, self.history, preflight, tiles)
+        parts = (self.world, self.clients, desk, self.playback, self.history, preflight, tiles)
         self.board = Board(*parts, self._watch, self._detail)
-        self._is_asked = False
-        """True if the service was asked for a capture since the last update."""
-        run.sinks.append(self.feed)
+        self._request = NewsRequest()
+        """What is known of the run."""
+        self._is_urgent = False
+        """True if the state is wanted as it is now."""
+        self._heard_s = time.monotonic()
+        self._heard_ms = time.time_ns() // 1_000_000
+        """When the run has last answered."""
+        self._asked = asyncio.Event()
+        self._ordered = asyncio.Event()
+        self._ordered_s = -_ANSWER_S
+        self._shows_passed = False
+        """True while a replay takes long to reach a time: it shows what it passes."""
 
     async def publish(self) -> None:
         """Send what is new to all pages, ten times a second."""
         while True:
-            await asyncio.sleep(_PUBLISH_S)
-            self._is_asked = False
+            await self._pause()
             await self._reach_time()
-            self.feed.is_watched = self.board.is_watched
-            if self.feed.is_watched and self.feed.is_stale:
-                self._watch()
-            message = self.board.world.update(self.feed, self._replay_state())
-            if message is not None:
-                self.clients.send(message)
-                self.board.wake()
-            if self._recording is not None and self.board.world.capture is not None:
+            while await self._update():
+                pass
+            if self._recording is not None and self.world.capture is not None:
                 self._read_history(self._recording)  # after the first picture, which it would delay
                 self._recording = None
+
+    async def _pause(self) -> None:
+        await asyncio.sleep(_ORDER_S)
+        if time.monotonic() - self._ordered_s > _ANSWER_S:
+            await _wait(self._ordered, _PUBLISH_S - _ORDER_S)
+        if not self.board.is_watched:
+            await _wait(self._asked, _IDLE_S)
+        self._asked.clear()
+        self._ordered.clear()
+
+    async def _update(self) -> bool:
+        """Ask the run for what is new, and send it to the pages; return True if there is more."""
+        is_watched = self.board.is_watched
+        is_urgent = self._is_urgent
+        self._is_urgent = False
+        request = msgspec.structs.replace(self._request, is_watched=is_watched, is_urgent=is_urgent)
+        news = await self._source.pull(request)
+        if news is None:
+            self._is_urgent = is_urgent
+            if time.monotonic() - self._heard_s > LOST_S and not self.world.is_lost:
+                self._send(self.world.lose(self._heard_ms))
+            return False
+        self._heard_s = time.monotonic()
+        self._heard_ms = time.time_ns() // 1_000_000
+        if self.playback.is_moved and not self._shows_passed:  # somebody has just asked for another time
+            news = dataclasses.replace(news, capture=None)
+        captured = news.capture.number if news.capture is not None else 0
+        known = 0 if news.begins_anew else self._request.capture
+        self._request = NewsRequest(news.run, news.cursor, captured or known)
+        if news.mission is not None:
+            news = dataclasses.replace(news, mission=self._shown(news.mission))
+        self._send(self.world.update(news, self._replay_state()))
+        return news.has_more
+
+    def _send(self, message: bytes | None) -> None:
+        if message is not None:
+            self.clients.send(message)
+        self.board.wake()
+
+    def _shown(self, mission: MissionInfo) -> MissionInfo:
+        """Return the mission, with what this console adds."""
+        has_checks = self._source.mission_file is not None
+        tiles = None if self._tiles is None else self._tiles.info
+        return msgspec.structs.replace(mission, preflight=has_checks, tiles=tiles)
 
     def _replay_state(self) -> ReplayState | None:
         state = self.playback.state()
@@ -303,78 +298,39 @@ class ShownRun:
         return msgspec.structs.replace(state, figures=self.history.figures(state.at_s))
 
     async def _reach_time(self) -> None:
-        """Wait until a replay has reached the time that was asked for, and for a capture there."""
+        """Wait until a replay has reached the time that was asked for."""
+        self._shows_passed = False
         if not self.playback.is_moved:
             return
         until_s = time.monotonic() + _MAX_SEEK_S
         while self.playback.is_seeking and time.monotonic() < until_s:
             await asyncio.sleep(_SEEK_POLL_S)
-        self.playback.is_moved = self.playback.is_seeking
-        if self.board.is_watched:
-            before = self.feed.capture
-            self._is_asked = False
-            self._watch()
-            while self.feed.capture is before and time.monotonic() < until_s:
-                await asyncio.sleep(_SEEK_POLL_S)
+        self.playback.is_moved = self._shows_passed = self.playback.is_seeking
+        self._is_urgent = True
 
     def _read_history(self, recording: Path) -> None:
-        start_t_ns = self.feed.start_t_ns or 0
-        arguments = (recording, self._vehicles, start_t_ns, self.ends)
+        vehicles = sorted(self.world.mission.loiter_radii_m)
+        arguments = (recording, vehicles, self.world.start_t_ns, self.ends)
         threading.Thread(target=self.history.read, args=arguments, name="history", daemon=True).start()
 
+    def _submit(self, order: bytes) -> None:
+        assert self._source.submit is not None
+        self._source.submit(order)
+        self._ordered_s = time.monotonic()
+        self._ordered.set()
+        self._asked.set()
+
     def _watch(self) -> None:
-        """Ask the service for a capture now; once for all pages that open before the next update."""
-        if self._is_asked:
-            return
-        self._is_asked = True
-        with contextlib.suppress(RuntimeError):  # the run has ended
-            self._run_loop.call_soon_threadsafe(self.feed.refresh)
+        """Ask for the state as it is now; once for all pages that open before the next update."""
+        self._is_urgent = True
+        self._asked.set()
 
     async def _detail(self, vehicle: int) -> VehicleDetail | None:
-        """Return the details of a vehicle now, collected on the loop of the run; None without a run."""
-        verified = self.board.world.verified.get(vehicle, (0, 0))
-
-        async def collect() -> VehicleDetail:
-            return vehicle_detail(self._run.engine, vehicle, self.feed.t_ns, verified)
-
-        if not self.feed.t_ns or self._run_loop.is_closed():
-            return None
-        with contextlib.suppress(TimeoutError):
-            found = asyncio.run_coroutine_threadsafe(collect(), self._run_loop)
-            return await asyncio.wait_for(asyncio.wrap_future(found), _DETAIL_S)
-        return None
-
-    def _on_run_loop(self, function: Callable[[T], None]) -> Callable[[T], None]:
-        def call(argument: T) -> None:
-            self._run_loop.call_soon_threadsafe(function, argument)
-
-        return call
+        """Return the details of a vehicle now; None without a run."""
+        return await self._source.detail(vehicle, self.world.verified.get(vehicle, (0, 0)))
 
 
-def bind(access: Access) -> Listener:
-    """Return a listening socket; on the default address at the next free port.
-
-    Raises
-    ------
-    ConsoleError
-        When no port is free, or the address is not of this machine.
-    """
-    ports = range(DEFAULT_PORT, DEFAULT_PORT + _PORTS) if access.port is None else (access.port,)
-    family = socket.AF_INET6 if ":" in access.host else socket.AF_INET
-    problem = ""
-    for port in ports:
-        listener = Listener(family)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listener.bind((access.host, port))
-            listener.listen(LISTEN_BACKLOG)
-        except OSError as error:
-            listener.close()
-            problem = error.strerror or str(error)
-            continue
-        listener.setblocking(False)
-        return listener
-    raise ConsoleError(
-        f"console: {access.host} port {ports[0]} cannot be opened ({problem}); choose another with --console "
-        "HOST:PORT, or --console off"
-    )
+async def _wait(event: asyncio.Event, within_s: float) -> None:
+    """Wait for an event, no longer than a time."""
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(event.wait(), within_s)

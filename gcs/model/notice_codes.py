@@ -1344,12 +1344,21 @@ class NoticeCode(StrEnum):
         "another command node commands the vehicles, or the connection to the bridge was interrupted",
         "end the one that should not command; see failover",
     )
-    CONSOLE_ENDED = _link(
-        "console-ended",
+    PROCESS_ENDED = _link(
+        "process-ended",
+        _W,
+        "ended ({error}); it is started again in {pause_s:.1f} s, and the flight goes on",
+        "the process of this part of the service has failed, or somebody has killed it; pages of a console "
+        "connect again by themselves",
+        "wait; report it if nobody killed it",
+    )
+    PROCESS_AGAIN = _link("process-again", _I, "runs again", ends="process-ended")
+    PROCESS_GIVEN_UP = _link(
+        "process-given-up",
         _A,
-        "ended by a program error ({error}); the flight goes on",
-        "its pages are gone",
-        "report it",
+        "ended {starts} times in a row ({error}) and is not started again; the flight goes on",
+        "the process of this part of the service fails each time; its pages are gone",
+        "report it; elsewhere `gcs console --connect` may serve a console",
     )
     CONSOLE_FAILED = _link(
         "console-failed",

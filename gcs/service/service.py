@@ -27,7 +27,7 @@ from gcs.io.background_writer import BackgroundWriter, QueuedText
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.vehicle_links import VehicleLinks
-from gcs.io.recording.writer import DiskSpace
+from gcs.io.recording.disk_space import DiskSpace
 from gcs.io.records import encode, encode_shown
 from gcs.io.zenoh.key_expressions import (
     effect_key,
@@ -300,11 +300,6 @@ class Service:
         if self._orders.put(key, payload):
             with contextlib.suppress(RuntimeError):  # the loop has ended
                 loop.call_soon_threadsafe(self._queue_orders_unless_busy)
-
-    def give_order(self, payload: bytes) -> None:
-        """Queue an order of the console, in the form and within the limits of orders on zenoh."""
-        self._orders.put(order_key(self.config.name), payload)
-        self._queue_orders_unless_busy()
 
     def _queue_orders_unless_busy(self) -> None:
         if self._queue.qsize() < _BUSY:

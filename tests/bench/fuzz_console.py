@@ -356,7 +356,7 @@ def fuzz(folder: Path, seconds: float, *options: Any, calm_s: float = 5.0) -> di
 
     Options are those of this program for the attack.
     """
-    from helpers.processes import Run, free_port, waited_ns
+    from helpers.processes import Run, console_of, free_port, waited_ns
 
     relay = free_port()
     run = Run(folder, relay=relay)
@@ -368,14 +368,15 @@ def fuzz(folder: Path, seconds: float, *options: Any, calm_s: float = 5.0) -> di
         time.sleep(calm_s)
         begun_s, lines = time.monotonic(), len((folder / "flown.log").read_text().splitlines())
         attacker = start("--attack", url.rstrip("/").rpartition(":")[2], *options)
-        operator, most, waited_before_ns = Operator(url), 0, waited_ns(service) + waited_ns(taps)
+        operator, most, console = Operator(url), 0, console_of(service.pid).pid
+        waited_before_ns = waited_ns(service) + waited_ns(taps)
         while time.monotonic() - begun_s < seconds and service.poll() is None:
             time.sleep(0.2)
-            most = max(most, sum(1 for _ in Path(f"/proc/{service.pid}/fd").iterdir()))
+            most = max(most, sum(1 for _ in Path(f"/proc/{console}/fd").iterdir()))
         ended_s, waited_after_ns = time.monotonic(), waited_ns(service) + waited_ns(taps)
         operator.end()
         sent, alive = result_of(attacker), service.poll() is None
-        memory = re.search(r"VmHWM:\s+(\d+)", Path(f"/proc/{service.pid}/status").read_text())
+        memory_mb = {name: _peak_mb(pid) for name, pid in (("service", service.pid), ("console", console))}
         heard = result_of(taps)
     finally:
         taps.kill()
@@ -396,10 +397,15 @@ def fuzz(folder: Path, seconds: float, *options: Any, calm_s: float = 5.0) -> di
         "operator_failures": operator.failures[:10],
         "service_alive": alive,
         "descriptors": most,
-        "memory_mb": 0 if memory is None else int(memory[1]) // 1000,
+        "memory_mb": memory_mb,
         "lines_printed": len(text.splitlines()) - lines,
         "program_errors": re.findall(r".*program error.*", text)[:10],
     }  # fmt: skip
+
+
+def _peak_mb(pid: int) -> int:
+    found = re.search(r"VmHWM:\s+(\d+)", Path(f"/proc/{pid}/status").read_text())
+    return 0 if found is None else int(found[1]) // 1000
 
 
 def _gaps(times: list[float], begin_s: float, end_s: float) -> list[float]:

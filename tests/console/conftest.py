@@ -13,8 +13,8 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +24,12 @@ from playwright.sync_api import Page, expect, sync_playwright
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from websockets.sync.client import ClientConnection, connect
 
+from gcs.cli.console_page import answer_consoles
 from gcs.config import load
-from gcs.console import Access, ConsoleServer, Source
-from gcs.console.view.capture import capture
+from gcs.console.remote.remote_run import find_run
+from gcs.console.server import ConsoleServer
+from gcs.console.view.feed import Feed
+from gcs.console.web.access import Access
 from gcs.console.web.tiles import Tiles
 from gcs.endpoints import Link, parse_endpoint
 from gcs.io.clock import RunClock
@@ -98,22 +101,28 @@ class Events:
 
 
 class Flight:
-    """The running service and ways to talk to its console."""
+    """The running service and ways to talk to its console, which reaches it over zenoh only."""
 
-    def __init__(self, service: Service, console: ConsoleServer, events: Events) -> None:
-        self.service, self.console, self.events = service, console, events
-        self.loop = asyncio.get_running_loop()
-        self.url = console.url.rstrip("/")
+    def __init__(self, service: Service, feed: Feed, endpoint: str, events: Events) -> None:
+        self.service, self.feed, self.endpoint, self.events = service, feed, endpoint, events
+
+    @contextmanager
+    def serve(self, access: Access, tiles: Tiles | None = None) -> Iterator[None]:
+        """Serve the console while the context lasts."""
+        with ZenohSession(connect=self.endpoint) as bus:
+            with ThreadPoolExecutor(1) as pool:  # Playwright has a loop in this thread
+                self._source = pool.submit(lambda: asyncio.run(find_run(bus, None, 10.0))).result()
+            self.console = ConsoleServer(self._source, access, tiles)
+            self.url = self.console.url.rstrip("/")
+            try:
+                yield
+            finally:
+                self.console.close()
 
     def restart_console(self) -> None:
         """End the console and start another one at its address."""
-
-        async def start() -> ConsoleServer:
-            access = Access(port=self.console.port)
-            return console_of(self.service, access)
-
         self.console.close()
-        self.console = asyncio.run_coroutine_threadsafe(start(), self.loop).result(5.0)
+        self.console = ConsoleServer(self._source, Access(port=self.console.port))
 
     def page(self, **more: Any) -> ClientConnection:
         return connect(self.url.replace("http", "ws") + "/feed", compression=None, proxy=None, **more)
@@ -130,11 +139,6 @@ class Flight:
                 return reply.status, reply.read(), reply.headers
         except urllib.error.HTTPError as error:
             return error.code, error.read(), error.headers
-
-
-def console_of(service: Service, access: Access, tiles: Tiles | None = None) -> ConsoleServer:
-    take = partial(capture, service.engine)
-    return ConsoleServer(Source(service, take, service.give_order), access, tiles)
 
 
 class Vehicles:
@@ -225,21 +229,22 @@ def _fly(access: Access | None = None, tiles: Tiles | None = None) -> Iterator[F
         links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1, 2, 3, 4], config.local_frame)
         service, events, stop = Service(config, 1, links, bus), Events(), asyncio.Event()
         service.sinks.append(events)
-        console = console_of(service, access or Access(), tiles)
+        feed = answer_consoles(service, bus, 1.0)
         loop = asyncio.get_running_loop()
         ends.append(lambda: loop.call_soon_threadsafe(stop.set))
-        flights.append(Flight(service, console, events))
+        flights.append(Flight(service, feed, endpoint, events))
         loop.call_later(0.1, started.set)
         epoch_ns = time.time_ns()
         await service.run(RunClock(epoch_ns, epoch_ns, 1.0), stop)
-        flights[0].console.close()
 
-    with ZenohSession(listen=free_endpoint()) as bus:
+    endpoint = free_endpoint()
+    with ZenohSession(listen=endpoint) as bus:
         thread = threading.Thread(target=lambda: asyncio.run(run(bus)))
         thread.start()
         assert started.wait(10.0)
         try:
-            yield flights[0]
+            with flights[0].serve(access or Access(), tiles):
+                yield flights[0]
         finally:
             ends[0]()
             thread.join(10.0)

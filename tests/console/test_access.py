@@ -6,9 +6,8 @@ import socket
 import pytest
 from websockets.exceptions import InvalidStatus
 
-from gcs.console import Access
-from gcs.console.server import bind
-from gcs.console.web.access import DEFAULT_PORT, parse_access
+from gcs.console.web.access import DEFAULT_PORT, Access, parse_access
+from gcs.console.web.listener import bind
 from gcs.errors import ConsoleError
 from gcs.model import Order
 

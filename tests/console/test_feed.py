@@ -6,7 +6,7 @@ import socket
 import time
 
 from gcs.console.web.clients import Clients
-from gcs.model import LinkNews, NoticeCode, Order
+from gcs.model import Order
 
 WAIT_S = 30.0
 """For a state, however busy the machine is."""
@@ -35,13 +35,13 @@ def test_a_page_shows_mission_map_and_vehicles_at_once(fly):
 def test_nothing_is_captured_while_no_page_is_open(fly):
     with fly() as flight:
         flight.events.await_ticks(10)
-        assert flight.console.runs[0].feed.capture is None
+        assert flight.feed.capture is None
         with flight.page() as page:
             read(page, {"vehicles"})
         flight.events.await_ticks(10)
-        last = flight.console.runs[0].feed.capture
+        last = flight.feed.capture
         flight.events.await_ticks(10)
-        assert flight.console.runs[0].feed.capture is last
+        assert flight.feed.capture is last
 
 
 def test_an_order_of_the_page_is_an_event_and_its_answer_is_shown(fly):
@@ -110,22 +110,3 @@ def test_a_page_that_falls_behind_gets_everything_anew_in_bounded_memory():
         assert await client.next() == b"new"
 
     asyncio.run(run())
-
-
-def test_a_failing_console_is_an_alarm_and_the_flight_goes_on(fly, monkeypatch):
-    def fail(*_):
-        raise ValueError("a defect")
-
-    with fly() as flight:
-        flight.service.outputs.append(flight.console)
-        monkeypatch.setattr("gcs.console.view.world.World.update", fail)
-        until_s, news = time.monotonic() + WAIT_S, []
-        while not news and time.monotonic() < until_s:
-            time.sleep(0.05)
-            news = [
-                e for e in flight.events.events if isinstance(e, LinkNews) and e.notice.subject == "console"
-            ]
-        ((notice),) = [one.notice for one in news]
-        assert notice.code is NoticeCode.CONSOLE_ENDED
-        assert "a defect" in notice.parameters["error"]
-        flight.events.await_ticks(3)

@@ -12,6 +12,7 @@ import pytest
 from playwright.sync_api import Page, WebSocketRoute, expect
 
 from gcs.config import load
+from gcs.console.engine.captures import mission_info
 from gcs.console.view.history import History
 from gcs.console.view.schema import RunInfo
 from gcs.console.view.world import World
@@ -172,7 +173,7 @@ class State:
 
 
 def test_a_trail_ends_where_nothing_was_heard() -> None:
-    world = World(load("prescribed"), RunInfo(), History(is_recorded=False))
+    world = World(mission_info(load("prescribed"), RunInfo()), History(is_recorded=False))
     heard_s = [0, 2, 4, 4, 4, 4, 20, 22]
     states: deque[State] = deque(State(1, (1 + t_s) * NS_PER_S, 10.0 * t_s) for t_s in heard_s)
     for state in states:

@@ -16,10 +16,10 @@ from starlette.datastructures import Headers
 from websockets.exceptions import ConnectionClosed, InvalidState
 from websockets.sync.client import ClientConnection
 
-from gcs.console import Access
 from gcs.console.server import FailedRequests
 from gcs.console.web import attempts as attempts_module
 from gcs.console.web import guard, listener
+from gcs.console.web.access import Access
 from gcs.console.web.app import number_of
 from gcs.console.web.attempts import BURST, Attempts, TooManyAttemptsError
 from gcs.console.web.clients import Clients

@@ -13,8 +13,10 @@ import pytest
 from websockets.sync.client import connect
 
 from gcs.config import parse
-from gcs.console import Access, ConsoleServer, Source
-from gcs.console.view.capture import capture
+from gcs.console.engine.captures import capture
+from gcs.console.engine.local import local_source
+from gcs.console.server import ConsoleServer
+from gcs.console.web.access import Access
 from gcs.io.recording.index import read_end_t_ns
 from gcs.io.recording.reader import read, read_info
 from gcs.service.replay import Replay, Window
@@ -61,7 +63,7 @@ def play():
 
         async def play_and_watch():
             stop = asyncio.Event()
-            source = Source(replay, partial(capture, replay.engine), playback=replay.playback)
+            source = local_source(replay, partial(capture, replay.engine), playback=replay.playback)
             server = ConsoleServer(source, access or Access())
             playing = asyncio.create_task(replay.run(stop, 1.0))
             try:

@@ -18,9 +18,11 @@ from playwright.sync_api import expect
 from websockets.sync.client import connect
 
 from gcs.config import parse
-from gcs.console import Access, ConsoleServer, Source
-from gcs.console.view.capture import capture
+from gcs.console.engine.captures import capture
+from gcs.console.engine.local import local_source
+from gcs.console.server import ConsoleServer
 from gcs.console.view.history import MARKED, Mark, mark_of
+from gcs.console.web.access import Access
 from gcs.io.recording.index import read_end_t_ns, read_indexed, snapshot_places
 from gcs.io.recording.reader import read, read_info
 from gcs.model import NS_PER_S, Event, Snapshot
@@ -64,7 +66,7 @@ def console(recording) -> Iterator[ConsoleServer]:
     async def play() -> None:
         replay, stop = replay_of(recording), asyncio.Event()
         replay.playback.is_paused = True
-        source = Source(
+        source = local_source(
             replay,
             partial(capture, replay.engine),
             playback=replay.playback,

@@ -13,6 +13,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 from gcs.config import read_text
 from gcs.config.key_overrides import override_keys
 from gcs.errors import RecordingError
@@ -29,6 +31,18 @@ def free_port() -> int:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
         return port
+
+
+def console_of(service: int) -> psutil.Process:
+    """Return the process of the console that a service has started, as soon as it runs."""
+    deadline = time.monotonic() + 30.0
+    while time.monotonic() < deadline:
+        with suppress(psutil.NoSuchProcess):
+            for child in psutil.Process(service).children():
+                if "console" in child.cmdline():
+                    return child
+        time.sleep(0.05)
+    raise AssertionError("no console")
 
 
 class Run:

@@ -229,14 +229,16 @@ async def _fly(
             console.print(
                 f"central command listens on UDP port {links.port}; starting the vehicles", highlight=False
             )
-            async with _simulation(options, links.port, endpoint, firmware, stop, console) as clock:
+            async with (
+                service_page(service, bus, endpoint, options.page, console, options.speed) as url,
+                _simulation(options, links.port, endpoint, firmware, stop, console) as clock,
+            ):
                 limit_s = options.duration_s or config.mission.max_duration_s
                 limit = loop.call_later(limit_s / options.speed, stop.set)
-                with service_page(service, options.page, console, options.speed) as url:
-                    async with display(
-                        service, console, speed=options.speed, headless=options.headless, page_url=url
-                    ):
-                        await service.run(clock, stop, end_with_mission=True)
+                async with display(
+                    service, console, speed=options.speed, headless=options.headless, page_url=url
+                ):
+                    await service.run(clock, stop, end_with_mission=True)
                 limit.cancel()
                 duration_s = (clock.now_ns() - clock.start_t_ns) / NS_PER_S
         finally:

@@ -131,7 +131,7 @@ class _Flight:
                     taken = await self._follow(bus, stop) if self.is_standby else None
                     if taken is not None or not self.is_standby:
                         with announced(self.config.name, endpoint, self.tls):
-                            await self._command(bus, taken, stop, at_once)
+                            await self._command(bus, endpoint, taken, stop, at_once)
         finally:
             undo()
             undo_hangup()
@@ -157,7 +157,12 @@ class _Flight:
         return taken
 
     async def _command(
-        self, bus: ZenohSession, taken: TakeOver | None, stop: asyncio.Event, at_once: asyncio.Event
+        self,
+        bus: ZenohSession,
+        endpoint: str,
+        taken: TakeOver | None,
+        stop: asyncio.Event,
+        at_once: asyncio.Event,
     ) -> None:
         """Command, with a recording, a journal, a console and a display."""
         service = Service(self.config, self.seed, self.links, bus)
@@ -182,12 +187,12 @@ class _Flight:
             service.sinks += [keeper, publisher]
             names = ", ".join(link.name for link in self.links.links)
             self._say(f"MAVLink on {names}; zenoh on {self.config.links.zenoh}; Ctrl-C ends it")
-            with service_page(service, self.page, self.console, clock.speed, self.source) as url:
-                shown = display(
-                    service, self.console, speed=clock.speed, headless=self.headless, page_url=url
-                )
-                async with shown:
-                    await service.run(clock, stop, at_once=at_once)
+            speed = clock.speed
+            async with (
+                service_page(service, bus, endpoint, self.page, self.console, speed, self.source) as url,
+                display(service, self.console, speed=speed, headless=self.headless, page_url=url),
+            ):
+                await service.run(clock, stop, at_once=at_once)
             publisher.close()
             keeper.write(service.now_ns())
             keeper.close()

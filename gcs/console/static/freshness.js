@@ -17,8 +17,8 @@ export class Freshness extends EventTarget {
     /** Empty while the data is fresh. */
     this.problem = "";
     feed.addEventListener("lost", () => this.check());
-    feed.onData(() => {
-      if (this.problem) this.check();
+    feed.onData((names) => {
+      if (this.problem || names.has("lost")) this.check();
     });
     setInterval(() => this.check(), PERIOD_MS);
   }
@@ -26,17 +26,24 @@ export class Freshness extends EventTarget {
   check() {
     const { connected, heardAt, data } = this.feed;
     const isSilent = Date.now() - heardAt > SILENT_MS && data.mission?.kind === "live";
-    this.problem = !connected ? "no connection" : isSilent ? "no data" : "";
+    if (!connected) this.problem = "no connection";
+    else if (data.lost) this.problem = "the service does not answer";
+    else this.problem = isSilent ? "no data" : "";
     this.dispatchEvent(new Event("change"));
+  }
+
+  /** When the data was new, in milliseconds since 1970; 0 if there was none. */
+  get dataAt() {
+    return this.feed.data.lost ?? this.feed.heardAt;
   }
 
   /** Time of the last data, UTC; empty if there was none. */
   get since() {
-    return this.feed.heardAt ? utc(this.feed.heardAt) : "";
+    return this.dataAt ? utc(this.dataAt) : "";
   }
 
   get age() {
-    return seconds((Date.now() - this.feed.heardAt) / 1000);
+    return seconds((Date.now() - this.dataAt) / 1000);
   }
 }
 

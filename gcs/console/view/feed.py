@@ -1,19 +1,22 @@
-"""Feed of the console: a sink on the loop of the service.
+"""Feed of the console: a sink on the loop of the run.
 
-The service must not wait for a browser, so the feed only keeps references, in bounded queues. The console's
-thread takes them out. Without a page no state is captured.
+The run must not wait for a browser, so the feed only keeps references, in bounded and numbered queues.
+Consoles ask for what is new (`gcs.console.view.news`). Without a page no state is captured.
 """
 
 from __future__ import annotations
 
+import secrets
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Final
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import takewhile
+from typing import Final, Generic, TypeVar
 
 from gcs.console.view.capture import Capture
-from gcs.console.view.schema import Work
+from gcs.console.view.news import News, NewsRequest
+from gcs.console.view.schema import MissionInfo, Work
 from gcs.model import (
     NS_PER_S,
     Effect,
@@ -28,29 +31,47 @@ from gcs.model import (
     VehicleState,
 )
 
-CAPTURE_S: Final = 0.25
+T = TypeVar("T")
+
+_CAPTURE_S: Final = 0.2
 """Minimum time between two captures of the state."""
+_URGENT_S: Final = 0.05
+"""The same for consoles that want it at once; those that ask at the same time get one capture."""
+_WATCHED_S: Final = 2.0
+"""Time for which scans are kept after a console with a page has asked."""
 _MAX_EFFECTS: Final = 5000
 _MAX_SCANS: Final = 100
 _MAX_PASSED: Final = 100
 _MAX_WORK: Final = 2000
+_MAX_EFFECTS_AT_ONCE: Final = 500
+"""Effects of one answer; a console that asks late asks again for the rest."""
+_MAX_DETECTIONS_AT_ONCE: Final = 50_000
 _PASSED_NS: Final = 2 * NS_PER_S
 
 
-@dataclass(slots=True)
-class News:
-    """What the feed has kept since the run began, or since a replay began again at another time."""
+class _Entries(Generic[T]):
+    """The last entries of one kind, numbered."""
 
-    capture: Capture | None = None
-    effects: deque[tuple[int, Effect | Order]] = field(default_factory=lambda: deque(maxlen=_MAX_EFFECTS))
-    scans: deque[Scan] = field(default_factory=lambda: deque(maxlen=_MAX_SCANS))
-    pictures: dict[Kind, Picture] = field(default_factory=dict)
-    passed: deque[tuple[VehicleState, ...]] = field(default_factory=lambda: deque(maxlen=_MAX_PASSED))
-    """States now and then, for the trails of a page that opens later."""
-    work: deque[tuple[int, Work, float]] = field(default_factory=lambda: deque(maxlen=_MAX_WORK))
-    """Computing times of steps with a scan and with a plan, in milliseconds."""
-    begun_t_ns: int | None = None
-    """Time of the first event; None before it."""
+    def __init__(self, size: int) -> None:
+        self._kept: deque[tuple[int, T]] = deque(maxlen=size)
+        self.lost = 0
+        """Number of the newest entry that is no longer kept."""
+
+    def add(self, number: int, entry: T) -> None:
+        """Add an entry; its number is higher than those before."""
+        if len(self._kept) == self._kept.maxlen:
+            self.lost = self._kept[0][0]
+        self._kept.append((number, entry))
+
+    def between(self, after: int, last: int) -> list[T]:
+        """Return the entries with numbers above `after`, up to `last`."""
+        return [entry for number, entry in self.numbered(after) if number <= last]
+
+    def numbered(self, after: int) -> list[tuple[int, T]]:
+        """Return the entries with numbers above `after`, and these."""
+        found = list(takewhile(lambda one: one[0] > after, reversed(self._kept)))
+        found.reverse()
+        return found
 
 
 class Feed:
@@ -58,62 +79,69 @@ class Feed:
 
     Parameters
     ----------
+    mission : MissionInfo
+        What does not change in the run.
     take : callable
         Returns a capture of the state at a time.
     states : callable
         Returns the vehicles' states now.
     start_t_ns : int, optional
         Start of the run; by default its first event.
-
-    Attributes
-    ----------
-    is_watched : bool
-        True if a page is open; set by the console's thread.
-    t_ns : int
-        Time of the newest tick; 0 before the first event.
     """
 
     def __init__(
         self,
+        mission: MissionInfo,
         take: Callable[[int], Capture],
         states: Callable[[], tuple[VehicleState, ...]],
         start_t_ns: int | None = None,
     ) -> None:
-        self.is_watched = False
-        self.start_t_ns = start_t_ns
-        self.news = News()
+        self.capture: Capture | None = None
+        """The last one."""
+        self._mission = mission
         self._take = take
         self._states = states
-        self._passed_t_ns = 0
-        self.t_ns = start_t_ns or 0
-        self._due_s = 0.0
+        self._start_t_ns = start_t_ns
+        self._captures = 0
+        self._taken_s = -_CAPTURE_S
+        self._watched_s = -_WATCHED_S
         self._step_s = 0.0
         self._took_s = 0.0
+        self.restart()
 
     def restart(self) -> None:
         """Forget everything: a replay begins again at another time."""
-        self.news = News()
+        self._run = secrets.token_hex(8)
+        self._number = 0
+        self._effects: _Entries[tuple[int, Effect | Order]] = _Entries(_MAX_EFFECTS)
+        self._scans: _Entries[Scan] = _Entries(_MAX_SCANS)
+        self._passed: _Entries[tuple[VehicleState, ...]] = _Entries(_MAX_PASSED)
+        self._work: _Entries[tuple[int, Work, float]] = _Entries(_MAX_WORK)
+        self._pictures: dict[Kind, tuple[int, Picture]] = {}
+        self._begun_t_ns: int | None = None
         self._passed_t_ns = 0
-        self.t_ns = self.start_t_ns or 0
-        self._due_s = 0.0
+        self._t_ns = self._start_t_ns or 0
+        self.capture = None
+
+    @property
+    def t_ns(self) -> int:
+        """Time of the newest tick; 0 before the first event."""
+        return self._t_ns
 
     def event(self, event: Event) -> None:
-        """Keep scans and orders; capture the state at a tick, if it is due."""
+        """Keep scans and orders, and at ticks the vehicles' states."""
+        if self._begun_t_ns is None:
+            self._begun_t_ns = self._t_ns = event.t_ns
+            self._start_t_ns = event.t_ns if self._start_t_ns is None else self._start_t_ns
         if isinstance(event, Tick):
-            self.t_ns = event.t_ns
+            self._t_ns = event.t_ns
             if event.t_ns - self._passed_t_ns >= _PASSED_NS:
                 self._passed_t_ns = event.t_ns
-                self.news.passed.append(self._states())
-            if self.is_watched and time.monotonic() >= self._due_s:
-                self.refresh()
-        elif isinstance(event, Scan) and self.is_watched:
-            self.news.scans.append(event)
+                self._passed.add(self._next(), self._states())
+        elif isinstance(event, Scan) and time.monotonic() - self._watched_s < _WATCHED_S:
+            self._scans.add(self._next(), event)
         elif isinstance(event, Order):
-            self.news.effects.append((event.t_ns, event))
-        if self.start_t_ns is None:
-            self.start_t_ns = event.t_ns
-        if self.news.begun_t_ns is None:
-            self.news.begun_t_ns = self.t_ns = event.t_ns
+            self._effects.add(self._next(), (event.t_ns, event))
         self._step_s = time.perf_counter()
         self._took_s = 0.0
 
@@ -124,27 +152,66 @@ class Feed:
         if isinstance(effect, Send):
             return
         if isinstance(effect, Picture):
-            self.news.pictures[effect.kind] = effect
-            self.news.work.append((t_ns, "scan", 1e3 * self._took_s))
+            self._pictures[effect.kind] = (self._next(), effect)
+            self._work.add(self._next(), (t_ns, "scan", 1e3 * self._took_s))
         else:
             if isinstance(effect, Plan):
-                self.news.work.append((t_ns, "plan", 1e3 * self._took_s))
-            self.news.effects.append((t_ns, effect))
+                self._work.add(self._next(), (t_ns, "plan", 1e3 * self._took_s))
+            self._effects.add(self._next(), (t_ns, effect))
 
-    @property
-    def capture(self) -> Capture | None:
-        """The last capture."""
-        return self.news.capture
+    def pull(self, request: NewsRequest) -> News:
+        """Return what is new for a console, at most so much that the run is not delayed."""
+        begins_anew = request.run != self._run or request.cursor < self._effects.lost
+        after = 0 if begins_anew else request.cursor
+        effects = self._effects.numbered(after)
+        last = self._number
+        if len(effects) > _MAX_EFFECTS_AT_ONCE:
+            effects = effects[:_MAX_EFFECTS_AT_ONCE]
+            last = effects[-1][0]
+        if request.is_watched:
+            self._watched_s = time.monotonic()
+            self._capture_if_due(is_urgent=request.is_urgent)
+        captured = self.capture
+        known = 0 if begins_anew else request.capture
+        return News(
+            run=self._run,
+            cursor=last,
+            begins_anew=begins_anew,
+            has_more=last < self._number,
+            t_ns=self._t_ns,
+            start_t_ns=self._start_t_ns,
+            begun_t_ns=self._begun_t_ns,
+            mission=self._mission if begins_anew else None,
+            effects=[entry for _, entry in effects],
+            scans=list(_newest(self._scans.between(after, last)))[::-1],
+            pictures=[picture for number, picture in self._pictures.values() if after < number <= last],
+            passed=self._passed.between(after, last),
+            work=self._work.between(after, last),
+            capture=captured if request.is_watched and captured and captured.number > known else None,
+        )
 
-    @property
-    def is_stale(self) -> bool:
-        """True if a capture is overdue: a replay has paused or ended, and no tick makes one."""
-        is_old = self.capture is None or self.capture.t_ns < self.t_ns
-        return is_old and time.monotonic() >= self._due_s + CAPTURE_S
-
-    def refresh(self) -> None:
-        """Capture the state now, unless the run has not begun."""
-        if not self.t_ns:
+    def _capture_if_due(self, *, is_urgent: bool) -> None:
+        """Capture the state now, unless the run has not begun, or a capture is new enough."""
+        if not self._t_ns:
             return
-        self._due_s = time.monotonic() + CAPTURE_S
-        self.news.capture = self._take(self.t_ns)
+        now_s = time.monotonic()
+        last = self.capture
+        is_old = last is None or (last.t_ns < self._t_ns and now_s - self._taken_s >= _CAPTURE_S)
+        if is_old or (is_urgent and now_s - self._taken_s >= _URGENT_S):
+            self._taken_s = now_s
+            self._captures += 1
+            self.capture = replace(self._take(self._t_ns), number=self._captures)
+
+    def _next(self) -> int:
+        self._number += 1
+        return self._number
+
+
+def _newest(scans: list[Scan]) -> Iterator[Scan]:
+    """Yield the newest scans, the last one first, up to a number of detections."""
+    detections = 0
+    for scan in reversed(scans):
+        detections += len(scan.z_m)
+        if detections > _MAX_DETECTIONS_AT_ONCE:
+            return
+        yield scan

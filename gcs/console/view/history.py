@@ -19,7 +19,6 @@ import msgspec
 
 from gcs.console.view.schema import Figures, Mark, MarkKind, Work
 from gcs.console.view.series import BINS, ChartData
-from gcs.core.snapshot import decode_state
 from gcs.errors import RecordingError, WireError
 from gcs.io.recording.index import read_end_t_ns, read_indexed
 from gcs.io.recording.reader import Record
@@ -65,6 +64,11 @@ class History:
 
     def __init__(self, *, is_recorded: bool) -> None:
         self.is_recorded = is_recorded
+        self._lock = threading.Lock()
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin without data: another run."""
         self.is_complete = False
         """True if all marks of a recording were read."""
         self._last_s = self._known_s = -math.inf
@@ -74,9 +78,9 @@ class History:
         self._retasks_s = list[float]()
         self._failures_s = list[float]()
         """Times of re-tasks and of failed uploads."""
-        self._charts = ChartData()
-        self._has_charts = False
-        self._lock = threading.Lock()
+        with self._lock:
+            self._charts = ChartData()
+            self._has_charts = False
         self._encoded = b""
         self._encoded_s = -_ENCODED_S
 
@@ -156,6 +160,8 @@ class History:
         self.is_complete = self._has_charts = self.is_recorded
 
     def _add_charted(self, t_s: float, value: object, vehicles: Sequence[int]) -> None:
+        from gcs.core.snapshot import decode_state  # loads the decision core, which a live run has elsewhere
+
         if isinstance(value, Picture):
             self.add_picture(t_s, value)
         elif isinstance(value, Truth):

@@ -15,7 +15,7 @@ import msgspec
 from msgspec import UNSET, Struct, UnsetType
 
 from gcs.core.preflight.result import PreflightResult
-from gcs.io.recording.writer import DiskSpace
+from gcs.io.recording.disk_space import DiskSpace
 from gcs.model import (
     AgentRecord,
     Kind,
@@ -208,6 +208,8 @@ class Sections(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
     """Sections of the page's data."""
 
     mission: MissionInfo | UnsetType = UNSET
+    lost: int | UnsetType | None = UNSET
+    """Milliseconds since 1970 at which the service was last heard; null while it answers."""
     replay: ReplayState | UnsetType | None = UNSET
     """Null for a live run."""
     head: Head | UnsetType = UNSET

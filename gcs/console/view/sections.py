@@ -2,45 +2,15 @@
 
 from __future__ import annotations
 
-import base64
 from typing import Any, Final
 
-import msgspec
 import numpy as np
 
-from gcs.config import Config
-from gcs.console.view.schema import FenceArea, FieldOfView, MissionInfo, ObstacleMap, RunInfo, Tracks
-from gcs.fence import drawn_areas, rally_of
+from gcs.console.view.schema import FieldOfView, Tracks
 from gcs.model import Picture, Scan, track_name
-from gcs.planning.map.grid import Grid
 
 MAX_DETECTIONS: Final = 20_000
 """Detections of one scan that a page gets."""
-
-
-def mission_info(config: Config, run: RunInfo) -> MissionInfo:
-    """Return what does not change in a run."""
-    area = config.map
-    frame = config.local_frame
-    return MissionInfo(
-        **msgspec.structs.asdict(run),
-        name=config.name,
-        size_m=(area.width_m, area.height_m),
-        origin_deg=(frame.lat_deg, frame.lon_deg),
-        origin_alt_m=frame.alt_msl_m,
-        loiter_radii_m={v: one.loiter_radius_m for v, one in config.airframes_of_agents.items()},
-        homes=tuple((one.east_m, one.north_m) for one in config.agents),
-        rally=tuple(frame.to_local(one.lat_deg, one.lon_deg) for one in rally_of(config)),
-        fence=tuple(
-            FenceArea(one.stay_in, tuple(one.outline_m(frame))) for one in drawn_areas(config, config.name)
-        ),
-    )
-
-
-def obstacle_map(grid: Grid) -> ObstacleMap:
-    """Return the blocked cells."""
-    bits = np.packbits(grid.blocked, axis=None, bitorder="little").tobytes()
-    return ObstacleMap(grid.origin_m, grid.spacing_m, grid.shape, base64.b64encode(bits).decode())
 
 
 def tracks(picture: Picture) -> Tracks:

@@ -1,4 +1,4 @@
-"""Everything that a page shows, in named sections of JSON (`Sections`), on the console's thread.
+"""Everything that a page shows, in named sections of JSON (`Sections`).
 
 An update has the sections that have changed, and the new entries of lists (log, answers, scans). A snapshot
 has all sections and the last entries; a page that missed updates gets one.
@@ -12,29 +12,25 @@ from typing import Any, Final
 
 import msgspec
 
-from gcs.config import Config
 from gcs.console.view import sections
 from gcs.console.view.capture import Capture
-from gcs.console.view.feed import Feed, News
 from gcs.console.view.history import SEVERE, History
-from gcs.console.view.schema import FieldOfView, Head, LogEntry, ReplayState, RunInfo
+from gcs.console.view.news import News
+from gcs.console.view.schema import FieldOfView, Head, LogEntry, MissionInfo, ObstacleMap, ReplayState
 from gcs.model import (
     NS_PER_S,
     Effect,
-    Kind,
     Level,
     NoFlyZone,
     Notice,
     Order,
     OrderAnswer,
-    Picture,
     Proposal,
     Route,
     Scan,
     UploadReport,
     VehicleState,
 )
-from gcs.planning.map.grid import Grid
 from gcs.report.agent_order import attention
 from gcs.report.operator_lines import effect_notice, proposal_title
 from gcs.report.plan_reminders import ProposalLog
@@ -59,19 +55,22 @@ class World:
 
     Parameters
     ----------
-    config : Config
-        The mission.
-    run : RunInfo
-        Origin of the run.
+    mission : MissionInfo
+        What does not change in the run.
     history : History
         Marks of the run. Those of a live run are added here; those of a recording are read from its file.
     """
 
-    def __init__(self, config: Config, run: RunInfo, history: History) -> None:
-        self._mission = _raw(sections.mission_info(config, run))
+    def __init__(self, mission: MissionInfo, history: History) -> None:
+        self.mission = mission
+        self.is_lost = False
+        """True if the service does not answer."""
+        self.start_t_ns = 0
+        """Start of the run; 0 before its first event."""
         self._history = history
         self._adds_history = not history.is_recorded
-        self._news: News | None = None
+        self._is_begun = False
+        """True after the first news."""
         self._snapshot: bytes | None = None
         """The last one that was asked for; None: something may be new since."""
         self._begin()
@@ -82,7 +81,7 @@ class World:
         self.verified: dict[int, tuple[int, int]] = {}
         """Number of each vehicle's last verified mission, and when that was."""
         self.answers: deque[OrderAnswer] = deque(maxlen=_MAX_ANSWERS)
-        self._sections: dict[str, msgspec.Raw] = {"mission": self._mission}
+        self._sections: dict[str, msgspec.Raw] = {"mission": _raw(self.mission)}
         self._trails: dict[int, deque[tuple[float, float] | None]] = {}
         """Places of each vehicle; None where it was not heard between two of them."""
         self._heard_t_ns: dict[int, int] = {}
@@ -90,9 +89,9 @@ class World:
         self._log: deque[LogEntry] = deque(maxlen=_MAX_LOG)
         self._logged = 0
         self._proposals = ProposalLog()
-        self._start_t_ns = 0
-        self._pictures: dict[Kind, Picture] = {}
-        self._grid: Grid | None = None
+        self._owes_snapshot = False
+        """True if pages show another run, or another time of a replay, until this one is captured."""
+        self._map: ObstacleMap | None = None
         self._zones: tuple[NoFlyZone, ...] | None = None
         self._routes: tuple[Route, ...] | None = None
         self._proposal: Proposal | None = None
@@ -118,48 +117,64 @@ class World:
         }
         return _message("snapshot", self._sections | lists)
 
-    def update(self, feed: Feed, replay: ReplayState | None = None) -> bytes | None:
-        """Take what is new out of a feed; return the update, or None without news.
+    def lose(self, heard_ms: int) -> bytes:
+        """Note that the service does not answer, and when it last did; return the update."""
+        self.is_lost = True
+        return self.put("lost", heard_ms)
 
-        A replay that has begun again at another time gives a snapshot, as soon as there is something to show.
+    def update(self, found: News, replay: ReplayState | None = None) -> bytes | None:
+        """Add what is new; return the update, or None if nothing has changed.
+
+        Another run, or a replay that has begun again at another time, gives a snapshot, as soon as there is
+        something to show.
         """
-        found = feed.news
         news = dict[str, Any]()
         self._snapshot = None
-        is_new = self._news is not None and found is not self._news
-        if is_new and found.capture is None:
-            return None
-        if is_new:
-            self._begin()
-            if self._adds_history:
-                self._history.restart()
-        self._news = found
-        if feed.start_t_ns is not None:
-            self._start_t_ns = feed.start_t_ns
-        if is_new and not self._adds_history:
-            self._add_earlier(found)
+        self.is_lost = False
+        if found.begins_anew:
+            self._begin_anew(found)
+        if found.start_t_ns is not None:
+            self.start_t_ns = found.start_t_ns
+        self._put("lost", None, news)
         self._put("replay", replay, news)
-        self._add_effects(_drained(found.effects), news)
-        for states in _drained(found.passed):
+        self._add_effects(found.effects, news)
+        for states in found.passed:
             self._add_to_trails(states)
-        scans: list[Scan] = _drained(found.scans)
-        if scans:
-            self._add_scans(scans, news)
-        for kind, picture in tuple(found.pictures.items()):
-            if self._pictures.get(kind) is not picture:
-                self._pictures[kind] = picture
-                self._put(f"{kind}_tracks", sections.tracks(picture), news)
-                if self._adds_history:
-                    self._history.add_picture(self._seconds(picture.t_ns), picture)
-        for t_ns, work, took_ms in _drained(found.work):
+        if found.scans:
+            self._add_scans(found.scans, news)
+        for picture in found.pictures:
+            self._put(f"{picture.kind}_tracks", sections.tracks(picture), news)
+            if self._adds_history:
+                self._history.add_picture(self._seconds(picture.t_ns), picture)
+        for t_ns, work, took_ms in found.work:
             self._history.add_work(self._seconds(t_ns), work, took_ms)
-        capture = found.capture
-        if capture is not None and capture is not self.capture:
-            self.capture = capture
-            self._add_capture(capture, news)
-        if is_new:
+        if found.capture is not None:
+            self.capture = found.capture
+            self._add_capture(found.capture, news)
+        if self._owes_snapshot:
+            if self.capture is None:
+                return None
+            self._owes_snapshot = False
             return self.snapshot()
         return _message("update", news) if news else None
+
+    def _begin_anew(self, found: News) -> None:
+        """Begin without data, at the first news or after others."""
+        is_first = not self._is_begun
+        before = self.mission
+        self._is_begun = True
+        self.mission = found.mission or before
+        self._begin()
+        if is_first:
+            return
+        self._owes_snapshot = True
+        if self.mission.begun != before.begun:
+            self._history.begin()
+        elif self._adds_history:
+            self._history.restart()
+        else:
+            self.start_t_ns = found.start_t_ns or 0
+            self._add_earlier(found)
 
     def _add_earlier(self, found: News) -> None:
         """Log the events of a recording before the time at which its replay has begun again."""
@@ -225,9 +240,9 @@ class World:
         if "proposal" not in self._sections or self._proposal is not capture.proposal:
             self._proposal = capture.proposal
             self._put("proposal", capture.proposal, news)
-        if self._grid is not capture.grid:
-            self._grid = capture.grid
-            self._put("map", sections.obstacle_map(capture.grid), news)
+        if self._map is not capture.map:
+            self._map = capture.map
+            self._put("map", capture.map, news)
         if self._zones != capture.zones:
             self._zones = capture.zones
             self._put("zones", capture.zones, news)
@@ -242,7 +257,7 @@ class World:
             self._sections[name] = news[name] = raw
 
     def _seconds(self, t_ns: int) -> float:
-        return round((t_ns - self._start_t_ns) / NS_PER_S, 2)
+        return round((t_ns - self.start_t_ns) / NS_PER_S, 2)
 
 
 def _entry(t_s: float, effect: Effect, notice: Notice) -> LogEntry:
@@ -259,11 +274,6 @@ def _raw(value: Any) -> msgspec.Raw:
 
 def _message(kind: str, parts: dict[str, Any]) -> bytes:
     return _encode({"type": kind, **parts})
-
-
-def _drained(queue: deque[Any]) -> list[Any]:
-    """Take all entries out of a queue that another thread fills."""
-    return [queue.popleft() for _ in range(len(queue))]
 
 
 def _same(routes: tuple[Route, ...], others: tuple[Route, ...]) -> bool:

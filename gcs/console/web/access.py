@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
+import socket
 import ssl
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,6 +49,14 @@ class Access:
     def scheme(self) -> str:
         """Scheme of the URL."""
         return "http" if self.folder is None else "https"
+
+    def url(self, port: int) -> str:
+        """Return the address for a browser."""
+        host = self.host
+        if host in ("0.0.0.0", "::"):  # noqa: S104  not an address that a browser opens
+            host = socket.gethostname()
+        host = f"[{host}]" if ":" in host else host
+        return f"{self.scheme}://{host}:{port}/"
 
     def role(self, token: str) -> Role | None:
         """Return the role of a token; None for a wrong one."""

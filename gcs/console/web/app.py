@@ -17,8 +17,8 @@ from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from gcs.console.source import UnknownVehicleError
 from gcs.console.view.capture import Capture
-from gcs.console.view.details import UnknownVehicleError
 from gcs.console.view.history import History
 from gcs.console.view.schema import (
     ErrorReply,
@@ -111,13 +111,13 @@ class Board:
             await asyncio.wait_for(self._changed.wait(), within_s)
 
     async def capture(self) -> Capture | None:
-        """Return a capture that is made now; None if the run makes none."""
+        """Return a capture that is made now; None if the run makes none, or does not answer."""
         before = self.world.capture
         until_s = time.monotonic() + 1.0
         self.ask()
         while self.world.capture is before and time.monotonic() < until_s:
             await self.changed(until_s - time.monotonic())
-        return self.world.capture
+        return None if self.world.is_lost else self.world.capture
 
 
 def make_app(boards: Sequence[Board], access: Access, listener: Listener) -> ASGIApp:
@@ -295,10 +295,12 @@ class _Api:
             return _error("wait_s: expected a number of seconds", 422)
         until_s = time.monotonic() + wait_s
         while not is_answered(self._answers(order_id)) and time.monotonic() < until_s:
-            await self._board.changed(until_s - time.monotonic())
+            self._board.ask()
+            await self._board.changed(min(_ASKED_S / 2, until_s - time.monotonic()))
         return self._order(order_id, 202)
 
     async def order(self, request: Request) -> Response:
+        self._board.ask()
         return self._order(request.path_params["order_id"], 404)
 
     def _order(self, order_id: str, unanswered: int) -> Response:

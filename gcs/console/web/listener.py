@@ -20,9 +20,14 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
+from gcs.console.web.access import DEFAULT_PORT, Access
+from gcs.errors import ConsoleError
+
 MAX_CONNECTIONS: Final = 256
 LISTEN_BACKLOG: Final = 64
 """Connections that wait to be accepted, and that are accepted at once."""
+_PORTS: Final = 50
+"""Ports that are tried from the default one on."""
 _SHARE: Final = 4
 """The console takes at most one in so many of the descriptors that the process may have."""
 CLIENT_SHARE: Final = 0.75
@@ -113,13 +118,13 @@ class Connection(socket.socket):
 
 
 class Listener(socket.socket):
-    """The listening socket."""
+    """The listening socket: a new one, or that of a descriptor which another process has opened."""
 
-    def __init__(self, family: int, abort: Callable[[tuple[Any, ...]], None] | None = None) -> None:
-        super().__init__(family, socket.SOCK_STREAM)
+    def __init__(self, family: int = -1, fileno: int | None = None) -> None:
+        super().__init__(family, -1 if fileno is not None else socket.SOCK_STREAM, fileno=fileno)
         self.connections: dict[tuple[Any, ...], Connection] = {}
         """By the client's host and port."""
-        self.abort = abort or (lambda _peer: None)
+        self.abort: Callable[[tuple[Any, ...]], None] = lambda _peer: None
         """Drops a connection at once, whatever waits to be sent on it."""
         soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
         self.limit = MAX_CONNECTIONS if soft < 0 else max(8, min(MAX_CONNECTIONS, soft // _SHARE))
@@ -195,3 +200,32 @@ class Listener(socket.socket):
     def _forget(self, peer: tuple[Any, ...], connection: Connection) -> None:
         if self.connections.get(peer) is connection:
             del self.connections[peer]
+
+
+def bind(access: Access) -> Listener:
+    """Return a listening socket; on the default address at the next free port.
+
+    Raises
+    ------
+    ConsoleError
+        When no port is free, or the address is not of this machine.
+    """
+    ports = range(DEFAULT_PORT, DEFAULT_PORT + _PORTS) if access.port is None else (access.port,)
+    family = socket.AF_INET6 if ":" in access.host else socket.AF_INET
+    problem = ""
+    for port in ports:
+        listener = Listener(family)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((access.host, port))
+            listener.listen(LISTEN_BACKLOG)
+        except OSError as error:
+            listener.close()
+            problem = error.strerror or str(error)
+            continue
+        listener.setblocking(False)
+        return listener
+    raise ConsoleError(
+        f"console: {access.host} port {ports[0]} cannot be opened ({problem}); choose another with --console "
+        "HOST:PORT, or --console off"
+    )

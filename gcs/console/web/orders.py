@@ -11,12 +11,14 @@ from typing import Any, Final
 
 import msgspec
 
-from gcs.errors import WireError
+from gcs.console.view.world import World
+from gcs.errors import LinkError, WireError
 from gcs.geo import LocalFrame
 from gcs.io.zenoh.order_messages import OrderMessage, decode_order, encode_order
 from gcs.model import OrderAnswer
 
 _SOURCE: Final = "console"
+_NO_SERVICE: Final = "the service does not answer; the order was NOT sent"
 
 
 class RefusedOrderError(Exception):
@@ -28,14 +30,14 @@ class OrderDesk:
 
     Parameters
     ----------
-    frame : LocalFrame
-        Frame for areas in degrees.
+    world : World
+        What is shown: its mission has the frame of areas in degrees.
     submit : callable or None
         Passes the JSON of an order to the service; None: a replay, which takes no orders.
     """
 
-    def __init__(self, frame: LocalFrame, submit: Callable[[bytes], None] | None) -> None:
-        self._frame = frame
+    def __init__(self, world: World, submit: Callable[[bytes], None] | None) -> None:
+        self._world = world
         self._submit = submit
 
     def place(self, body: bytes, sender: str) -> str:
@@ -44,10 +46,13 @@ class OrderDesk:
         Raises
         ------
         RefusedOrderError
-            When the order has a mistake, or in a replay.
+            When the order has a mistake, the service does not answer, or in a replay.
         """
         if self._submit is None:
             raise RefusedOrderError("this is a replay: nothing can be ordered")
+        if self._world.is_lost:
+            raise RefusedOrderError(_NO_SERVICE)
+        mission = self._world.mission
         try:
             fields = msgspec.json.decode(body, type=dict[str, Any])
         except (msgspec.DecodeError, RecursionError) as error:
@@ -56,13 +61,13 @@ class OrderDesk:
         fields["origin"] = f"console at {sender}"
         payload = msgspec.json.encode(fields)
         try:
-            order = decode_order(_SOURCE, payload, 0, self._frame)
+            order = decode_order(_SOURCE, payload, 0, LocalFrame(*mission.origin_deg, mission.origin_alt_m))
         except WireError as error:
             raise RefusedOrderError(str(error)) from None
         try:
             self._submit(encode_order(msgspec.json.decode(payload, type=OrderMessage)))
-        except RuntimeError:
-            raise RefusedOrderError("the service has ended") from None
+        except LinkError:
+            raise RefusedOrderError(_NO_SERVICE) from None
         return order.order_id
 
 

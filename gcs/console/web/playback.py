@@ -52,7 +52,7 @@ class PlaybackDesk:
         Runs a function on the loop of the replay.
     """
 
-    def __init__(self, playback: Playback | None, call: Callable[[Callable[[], None]], None]) -> None:
+    def __init__(self, playback: Playback | None, call: Callable[[Callable[[], None]], object]) -> None:
         self._playback = playback
         self._call = call
         self.is_moved = False

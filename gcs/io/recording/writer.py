@@ -28,6 +28,7 @@ from typing import Final, Self
 
 from gcs.errors import RecordingError
 from gcs.io.private_files import make_private, new_folder, private
+from gcs.io.recording.disk_space import DiskSpace
 from gcs.io.recording.folder import CONFIG_NAME, MCAP_NAME, TLOG_NAME, VERSIONS_NAME, Run, part_paths
 from gcs.io.recording.part import PendingRecord, RecordingPart
 from gcs.io.recording.topics import Recordable
@@ -54,18 +55,6 @@ class DiskBudget:
     """Maximum size of all parts together."""
     min_free_bytes: float = 0.0
     """Space that is left free for the journal and other programs."""
-
-
-@dataclass(frozen=True, slots=True)
-class DiskSpace:
-    """Space of a recording, as last checked."""
-
-    used_bytes: int
-    """All parts together."""
-    free_bytes: int
-    """Left on the disk."""
-    is_low: bool
-    """True while the alarm about low disk space is raised."""
 
 
 class Recorder:

@@ -14,12 +14,15 @@
 ``swarm/<mission>/status``                     `SwarmStatus`, the answer to the order ``status``
 ``swarm/<mission>/proposal``                   `Proposal`, a plan that waits for confirmation
 ``swarm/<mission>/truth``                      `Truth`, from a simulated world only
+``swarm/<mission>/console/feed``               query of a console: what is new (`gcs.console.remote`)
+``swarm/<mission>/console/vehicle/<vehicle>``  query of a console: details of a vehicle
 ``swarm/<mission>/events``, ``snapshot``       from command to a standby (`gcs.io.cluster.event_log`)
 ``swarm/<mission>/bridge/<name>/up``, ...      between command and a bridge (`gcs.io.cluster.bridge_messages`)
 =============================================  ==================================================
 
 Payloads are the JSON of `gcs.io.records`; scans and orders have own forms (`gcs.io.zenoh.scans`,
-`gcs.io.zenoh.order_messages`). Who may use which key: `gcs.io.zenoh.access_control`.
+`gcs.io.zenoh.order_messages`), consoles theirs (`gcs.console.remote.messages`). Who may use which key:
+`gcs.io.zenoh.access_control`.
 """
 
 from __future__ import annotations
@@ -108,6 +111,21 @@ def status_request_key(mission: str) -> str:
 def status_key(mission: str) -> str:
     """Return the key of answers to the order ``status``."""
     return f"swarm/{mission}/status"
+
+
+def console_feed_key(mission: str) -> str:
+    """Return the key on which consoles ask a service for what is new."""
+    return f"swarm/{mission}/console/feed"
+
+
+def console_vehicle_key(mission: str, vehicle: int | str) -> str:
+    """Return the key on which consoles ask for the details of a vehicle; "*" for those of any."""
+    return f"swarm/{mission}/console/vehicle/{vehicle}"
+
+
+def mission_of(key: str) -> str:
+    """Return the mission of a key."""
+    return key.split("/")[1]
 
 
 def effect_key(mission: str, effect: Effect) -> str:

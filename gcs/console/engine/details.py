@@ -7,6 +7,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.console.source import UnknownVehicleError
 from gcs.console.view.schema import (
     ClaimDetail,
     LinkDetail,
@@ -29,10 +30,6 @@ from gcs.model.rounding import rounded, rounded_place
 
 _COMMANDS: Final = dialect.enums["MAV_CMD"]
 _DEGREES: Final = 1e-7
-
-
-class UnknownVehicleError(LookupError):
-    """The mission has no such vehicle."""
 
 
 def vehicle_detail(engine: Engine, vehicle: int, t_ns: int, verified: tuple[int, int]) -> VehicleDetail:
