@@ -64,7 +64,9 @@ class OverrideNotices:
                 agent.authority.is_reported = False
                 free.append(Notice(t_ns, NoticeCode.OURS_AGAIN, vehicle))
             is_unknown = vehicle in unknown and not self._failsafes.cause(vehicle, t_ns)
-            if is_unknown or self._orders.has_ordered(vehicle, mode):
+            # What has landed is told as such, and is left alone: its autopilot may change its mode there.
+            has_landed = agent.flight.phase.has_flown
+            if is_unknown or has_landed or self._orders.has_ordered(vehicle, mode):
                 mode = ""
             elif mode not in ("", before):
                 effects.append(self._notice(vehicle, mode, t_ns))

@@ -458,6 +458,20 @@ def test_a_px4_that_rebooted_into_hold_is_not_told_as_a_persons_choice(silent_s:
     assert plane.noticed(NoticeCode.REBOOTED)
 
 
+def test_a_px4_that_leaves_land_by_itself_after_a_landing_is_not_told_as_a_persons_choice() -> None:
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    plane.say("Emergency battery level\t")
+    plane.mode, plane.system_status, plane.climb_m_s = "LAND", dialect.MAV_STATE_CRITICAL, -5.0
+    plane.wait(20.0)
+    plane.climb_m_s, plane.speed_m_s, plane.height_m = 0.0, 0.0, 0.0
+    plane.wait(6.0)
+    plane.armed, plane.mode, plane.system_status = False, "LOITER", dialect.MAV_STATE_STANDBY
+    plane.wait(6.0)
+    assert plane.phase.has_flown
+    assert not plane.noticed(NoticeCode.OVERRIDDEN)
+
+
 def test_a_persons_choice_long_after_a_reboot_is_told_as_such() -> None:
     plane = Aeroplane(PX4)
     plane.wait(6.0)
