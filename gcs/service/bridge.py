@@ -22,6 +22,7 @@ from gcs.io.clock import RunClock, steady_ns
 from gcs.io.cluster.bridge_messages import (
     MAX_BATCH,
     BridgeStatus,
+    ClockTime,
     Down,
     GateCounters,
     Message,
@@ -42,6 +43,8 @@ _TICK_S: Final = 0.05
 _STATUS_S: Final = 1.0
 _COLLECT_S: Final = 0.005
 """Time in which datagrams are collected for one message: each message costs as much as ten datagrams."""
+_MAX_OFF_NS: Final = NS_PER_S
+"""Difference of the run clocks here and of command at which that of command is taken."""
 _MAX_UNSENT: Final = 200
 """Messages that wait for command. Those of a command that is stopped are dropped."""
 
@@ -232,10 +235,8 @@ class Bridge:
         if not accepts(self._lease, message.permit, steady_ns()):
             self._refused += len(message.packets)
             return
-        if message.clock is not None:
-            line = message.clock
-            if (line.epoch_ns, line.start_t_ns, line.speed) != self._clock_line():
-                self.clock = RunClock(line.epoch_ns, line.start_t_ns, line.speed)
+        if message.clock is not None and not self._is_in_time(message.clock):
+            self.clock = message.clock.clock()
         t_ns = self.now_ns()
         self.command_t_ns = t_ns
         self._heartbeats.note_command(t_ns)
@@ -251,5 +252,7 @@ class Bridge:
             self.has_ended = True
             self._heartbeats.end()
 
-    def _clock_line(self) -> tuple[int, int, float]:
-        return self.clock.epoch_ns, self.clock.start_t_ns, self.clock.speed
+    def _is_in_time(self, command: ClockTime) -> bool:
+        """Return True if the clock here is about that of command."""
+        off_ns = abs(command.t_ns - self.now_ns())
+        return command.speed == self.clock.speed and off_ns <= _MAX_OFF_NS * command.speed

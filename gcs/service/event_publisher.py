@@ -10,7 +10,7 @@ from typing import Final
 
 from gcs.core.snapshot import encode_state
 from gcs.io.background_writer import BackgroundWriter
-from gcs.io.cluster.bridge_messages import ClockLine
+from gcs.io.cluster.bridge_messages import ClockTime
 from gcs.io.cluster.event_log import MAX_EVENTS, EventBatch, StateCheck, StateReply, digest, encode, packed
 from gcs.io.zenoh.key_expressions import events_key, snapshot_key
 from gcs.io.zenoh.session import ZenohSession
@@ -88,12 +88,11 @@ class EventPublisher:
             self._loop.call_soon_threadsafe(self._answer, reply)
 
     def _answer(self, reply: Callable[[bytes], None]) -> None:
-        clock = self._service.clock
         answer = StateReply(
             fingerprint=self._fingerprint,
             number=self._number,
             t_ns=self._t_ns,
-            clock=ClockLine(clock.epoch_ns, clock.start_t_ns, clock.speed),
+            clock=ClockTime.of(self._service.clock),
             state=encode_state(self._service.engine.state),
         )
         self.writer.put(partial(reply, encode(answer)))

@@ -179,8 +179,7 @@ class Standby:
         self._has_state = True
         self._number = reply.number
         self._t_ns = reply.t_ns
-        line = reply.clock
-        self._clock = RunClock(line.epoch_ns, line.start_t_ns, line.speed)
+        self._clock = reply.clock.clock()
         self._say("has the state of command and follows it")
 
     def _lose(self, why: str) -> None:

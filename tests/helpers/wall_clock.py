@@ -17,5 +17,8 @@ class WallClock:
     def time_ns(self) -> int:
         return time.time_ns() + self.set_by_ns if self.t_ns is None else self.t_ns
 
+    def clock_gettime_ns(self, clock: int) -> int:
+        return time.clock_gettime_ns(clock)
+
     def monotonic_ns(self) -> int:
         return time.monotonic_ns() if self.monotonic_t_ns is None else self.monotonic_t_ns

@@ -21,7 +21,7 @@ from gcs.io.clock import RunClock, steady_ns
 from gcs.io.cluster.bridge_messages import (
     MAX_BATCH,
     BridgeStatus,
-    ClockLine,
+    ClockTime,
     Down,
     Packet,
     Up,
@@ -206,7 +206,7 @@ class BridgeLinks:
             packets=tuple(sends[:MAX_BATCH]),
             busy=busy if busy != self._busy else None,
             targets=targets,
-            clock=ClockLine(clock.epoch_ns, clock.start_t_ns, clock.speed),
+            clock=ClockTime.of(clock),
         )
         self._busy = busy
         self._put(first)

@@ -14,13 +14,14 @@ Datagrams keep their order. A bridge and command of different versions refuse ea
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import Annotated, Any, Final, Literal, Self, TypeVar
 
 import msgspec
 from msgspec import Meta
 
 from gcs.core.lease.records import Answer, Ask, Permit
 from gcs.errors import WireError
+from gcs.io.clock import RunClock, unix_ns
 from gcs.model import Notice, Picture, read_only
 
 VERSION: Final = 1
@@ -62,12 +63,20 @@ class Up(Message, frozen=True, kw_only=True, omit_defaults=True):
     """About its links; command sets the time."""
 
 
-class ClockLine(msgspec.Struct, frozen=True, array_like=True):
-    """The line of a run clock (`gcs.io.clock.RunClock`)."""
+class ClockTime(msgspec.Struct, frozen=True, array_like=True):
+    """Run time when a message was made, and how fast it passes."""
 
-    epoch_ns: int
-    start_t_ns: int
+    t_ns: int
     speed: float
+
+    @classmethod
+    def of(cls, clock: RunClock) -> Self:
+        """Return the time of a clock now."""
+        return cls(clock.now_ns(), clock.speed)
+
+    def clock(self) -> RunClock:
+        """Return a clock that shows this time now."""
+        return RunClock(unix_ns(), self.t_ns, self.speed)
 
 
 class Down(Message, frozen=True, kw_only=True, omit_defaults=True):
@@ -80,7 +89,7 @@ class Down(Message, frozen=True, kw_only=True, omit_defaults=True):
     """Vehicles with a mission transfer in progress; None: as before."""
     targets: Picture | None = None
     """Newest picture of the targets, for ADS-B."""
-    clock: ClockLine | None = None
+    clock: ClockTime | None = None
     ends: bool = False
     """True if command ends: the bridge ends its heartbeats."""
 

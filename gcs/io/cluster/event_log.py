@@ -21,7 +21,7 @@ from msgspec import Meta
 from gcs.core.snapshot import MAX_BYTES, encode_state
 from gcs.core.state import State
 from gcs.errors import WireError
-from gcs.io.cluster.bridge_messages import ClockLine
+from gcs.io.cluster.bridge_messages import ClockTime
 from gcs.io.records import decode as decode_record
 from gcs.io.records import encode as encode_record
 from gcs.model import (
@@ -74,7 +74,7 @@ class StateReply(msgspec.Struct, frozen=True, kw_only=True):
     number: int
     """Of the next event."""
     t_ns: int
-    clock: ClockLine
+    clock: ClockTime
     state: bytes
 
 
