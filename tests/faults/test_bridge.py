@@ -6,13 +6,11 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 
-import psutil
 import pytest
 from helpers.heartbeat_tap import HeartbeatTap
-from helpers.processes import Run, free_port
+from helpers.processes import Run, bridges, free_port
 
 from gcs.io.zenoh.session import free_endpoint
 from gcs.model import AgentStatus, NoticeCode, Resumed, Scan, UploadReport
@@ -50,17 +48,6 @@ def flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Flight]:
     flying.end()
     for bridge in bridges(tmp_path):
         bridge.kill()
-
-
-def bridges(folder: Path) -> list[psutil.Process]:
-    """Return the bridges of a test: those whose runtime folder is its own."""
-    found = []
-    for process in psutil.process_iter():
-        with suppress(psutil.Error):
-            is_bridge = "gcs.service.bridge_process" in process.cmdline()
-            if is_bridge and process.environ().get("XDG_RUNTIME_DIR") == str(folder):
-                found.append(process)
-    return found
 
 
 def standby_of(flight: Flight, name: str) -> subprocess.Popen[bytes]:

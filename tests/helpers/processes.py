@@ -13,6 +13,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 from gcs.config import read_text
 from gcs.config.key_overrides import override_keys
 from gcs.errors import RecordingError
@@ -120,6 +122,17 @@ class Run:
         assert self.world.stdin is not None
         self.world.stdin.close()
         self.world.wait(20.0)
+
+
+def bridges(folder: Path) -> list[psutil.Process]:
+    """Return the bridges that services of a test have started: their runtime folder is its own."""
+    found = []
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            is_bridge = "gcs.service.bridge_process" in process.cmdline()
+            if is_bridge and process.environ().get("XDG_RUNTIME_DIR") == str(folder):
+                found.append(process)
+    return found
 
 
 def waited_ns(process: subprocess.Popen[Any]) -> int:
