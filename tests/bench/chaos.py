@@ -35,7 +35,9 @@ def one_run(seed: int, speed: float, keep: Path | None) -> dict[str, object]:
     except AssertionError as error:
         found = {"seed": seed, "problems": [f"broken off: {error}"[:600]]}
     if found["problems"] and keep is not None:
-        shutil.copytree(folder, keep / str(seed), ignore=shutil.ignore_patterns("*.sock*"), dirs_exist_ok=True)
+        shutil.copytree(
+            folder, keep / str(seed), ignore=shutil.ignore_patterns("*.sock*"), dirs_exist_ok=True
+        )
     shutil.rmtree(folder, ignore_errors=True)
     return found
 
@@ -69,7 +71,9 @@ def table_of(runs: list[dict[str, object]]) -> Table:
     if took_s:
         table.add_row("take-over, s: median, 99 %, most", _quantiles(took_s))
     if gaps_s:
-        table.add_row("longest gap of heartbeats, bridge undisturbed, s: median, 99 %, most", _quantiles(gaps_s))
+        table.add_row(
+            "longest gap of heartbeats, bridge undisturbed, s: median, 99 %, most", _quantiles(gaps_s)
+        )
     return table
 
 

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 from helpers.heartbeat_tap import HeartbeatTap
+from helpers.noticed import noticed
 from helpers.processes import Run, bridges, free_port
 
 from gcs.io.zenoh.session import free_endpoint
-from gcs.model import AgentStatus, NoticeCode, Resumed, Scan, UploadReport
+from gcs.model import AgentStatus, Notice, NoticeCode, Resumed, Scan, UploadReport
 
 STOPPED_S = 5.0
 MAX_GAP_S = 1.5
@@ -110,13 +111,18 @@ def test_without_a_command_the_heartbeats_end_after_the_time_of_a_failover(
     assert all(FAILOVER_S - MAX_GAP_S < one - killed_s < FAILOVER_S + MAX_GAP_S for one in last_s)
 
 
-def test_a_bridge_that_is_killed_is_started_again_with_an_alarm(flight: Flight, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("end", "cause"), [(signal.SIGKILL, "killed by SIGKILL"), (signal.SIGTERM, "exit code 0")]
+)
+def test_a_bridge_that_ends_is_started_again_with_an_alarm(
+    flight: Flight, tmp_path: Path, end: signal.Signals, cause: str
+) -> None:
     service = flight.serve("flown")
     (bridge,) = bridges(tmp_path)
     begin_s = time.monotonic()
-    bridge.kill()
+    bridge.send_signal(end)
     (alarm, *_) = flight.run.until_told("flown", NoticeCode.BRIDGE_ENDED)
-    assert alarm.parameters["cause"] == "killed by SIGKILL"
+    assert alarm.parameters["cause"] == cause
     time.sleep(5.0)
     assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < 3.0
     (new,) = bridges(tmp_path)
@@ -155,6 +161,61 @@ def test_a_standby_takes_over_and_nothing_is_uploaded_again(flight: Flight, stop
     assert len(flight.run.all("second", Resumed)) == 1
     assert not flight.run.all("second", UploadReport)
     assert not lost(flight, "second")
+
+
+def test_a_command_that_was_replaced_leaves_the_bridge_to_the_standby(flight: Flight, tmp_path: Path) -> None:
+    with_standby(flight)
+    first = flight.serve("first")
+    standby_of(flight, "second")
+    (bridge,) = bridges(tmp_path)
+    begin_s = time.monotonic()
+    first.send_signal(signal.SIGSTOP)
+    flight.run.until("second", lambda said: "takes over" in said, 10.0)
+    first.send_signal(signal.SIGCONT)
+    assert first.wait(20.0) != 0
+    time.sleep(2.0)
+    assert bridges(tmp_path) == [bridge]
+    assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < MAX_GAP_S
+
+
+def test_a_standby_takes_over_the_bridge_that_was_started_again(flight: Flight, tmp_path: Path) -> None:
+    with_standby(flight)
+    first = flight.serve("first")
+    standby_of(flight, "second")
+    bridges(tmp_path)[0].kill()
+    flight.run.until_told("first", NoticeCode.BRIDGE_ENDED)
+    time.sleep(3.0)
+    (bridge,) = bridges(tmp_path)
+    first.kill()
+    flight.run.until("second", lambda said: "takes over" in said, 10.0)
+    time.sleep(3.0)
+    assert bridges(tmp_path) == [bridge]
+    assert not noticed(flight.run.all("second", Notice), NoticeCode.BRIDGE_ENDED)
+
+
+def test_a_standby_starts_the_bridge_again_that_ended_with_command(flight: Flight, tmp_path: Path) -> None:
+    with_standby(flight)
+    first = flight.serve("first")
+    standby_of(flight, "second")
+    first.kill()
+    bridges(tmp_path)[0].kill()
+    flight.run.until("second", lambda said: "takes over" in said, 20.0)
+    flight.run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
+    assert not flight.run.all("second", UploadReport)
+
+
+@pytest.mark.parametrize("stopped_s", [2.5, 4.0])
+def test_a_bridge_that_stood_still_stays_with_its_command(flight: Flight, stopped_s: float) -> None:
+    with_standby(flight)
+    first = flight.serve("first")
+    standby_of(flight, "second")
+    (bridge,) = bridges(flight.run.folder)
+    bridge.suspend()
+    time.sleep(stopped_s)
+    bridge.resume()
+    time.sleep(4.0)
+    assert "takes over" not in flight.run.printed("second")
+    assert first.poll() is None
 
 
 def test_a_standby_ends_with_a_command_that_ends_in_order(flight: Flight) -> None:

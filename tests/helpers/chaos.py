@@ -38,6 +38,8 @@ _AGAIN_S: Final = 1.0
 _START_S: Final = 60.0
 _TAKE_OVER_S: Final = 25.0
 _SETTLE_S: Final = 5.0
+_OUTAGE_S: Final = 30.0
+"""For a bridge and a command to start on a busy machine."""
 
 
 class Fault(NamedTuple):
@@ -199,7 +201,9 @@ class ChaosRun:
             self.run.until(standby.name, lambda said: "follows it" in said, _START_S)
             return
         self._standby = None
-        self.flight.problems.append(f"{standby.name} does not follow: {self.run.printed(standby.name)[-300:]}")
+        self.flight.problems.append(
+            f"{standby.name} does not follow: {self.run.printed(standby.name)[-300:]}"
+        )
 
     def _wait_until(self, until_s: float) -> None:
         while (left_s := until_s - time.monotonic()) > 0.0:
@@ -251,8 +255,19 @@ class ChaosRun:
             self._bridge.process.wait()
             time.sleep(_AGAIN_S)
             self._bridge = self._start("bridge")
-            self.run.until(self._bridge.name, lambda said: "command connects to" in said)
-        self._outages.append((begin_s, time.monotonic()))
+        self._wait_for_heartbeats(begin_s)
+
+    def _wait_for_heartbeats(self, begin_s: float) -> None:
+        """Wait for the end of an outage of the bridge, that began at a monotonic time."""
+        self._outages.append((begin_s, begin_s + _OUTAGE_S))
+        since_s = time.monotonic()
+        while time.monotonic() < since_s + _OUTAGE_S:
+            heard_s = [times[-1] for times in self.tap.heard_s.values()]
+            if min(heard_s) > since_s + 0.5:
+                self._outages[-1] = (begin_s, time.monotonic())
+                return
+            time.sleep(0.1)
+        self.flight.problems.append(f"no heartbeats {_OUTAGE_S:g} s after the bridge was disturbed")
 
     def _harm_standby(self, fault: Fault) -> None:
         standby = self._standby
@@ -290,8 +305,6 @@ class ChaosRun:
         _signal(command, "kill")
         for pid in pids:
             os.kill(pid, signal.SIGKILL)
-        if pids:
-            self._outages.append((begin_s, begin_s + _TAKE_OVER_S))
         command.process.wait()
         if pids and self._bridge is not None:
             self._bridge.process.wait()
@@ -303,6 +316,8 @@ class ChaosRun:
                 self.flight.problems.append(f"{standby.name} did not take over from {command.name}")
             self._command = self._start("command")
             self._wait_until_commands(self._command)
+        if pids:
+            self._wait_for_heartbeats(begin_s)
 
     def _restart_in_order(self, command: Node) -> None:
         """End command with Ctrl-C, which ends the standby, too; start both again."""
@@ -318,7 +333,7 @@ class ChaosRun:
                 standby.process.kill()
         self._command = self._start("command")
         self._wait_until_commands(self._command)
-        self._outages.append((begin_s, time.monotonic()))  # no heartbeats are due after an end in order
+        self._wait_for_heartbeats(begin_s)  # none are due after an end in order
         self._start_standby()
 
     def _wait_until_commands(self, node: Node) -> None:
@@ -379,7 +394,7 @@ class ChaosRun:
         free, at_s = [], begin_s
         for begin, end in sorted(self._outages):
             free.append((at_s, begin))
-            at_s = max(at_s, end + 3.0)  # a bridge that starts finds its command first
+            at_s = max(at_s, end)
         free.append((at_s, end_s))
         flight.gap_s = max(
             (max(self.tap.gaps_s(begin, end), default=0.0) for begin, end in free if end > begin), default=0.0
