@@ -157,7 +157,7 @@ class Standby:
     def _silent_s(self) -> float:
         """Return the time since command was heard.
 
-        While it is heard, it gets a bridge that stood still or starts: the standby waits until that is steady.
+        While it is heard, it is to get a bridge that stood still or starts: the standby waits for some time.
         """
         return monotonic() - self._heard_s
 

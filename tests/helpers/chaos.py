@@ -1,4 +1,4 @@
-"""Faults at random moments for command, its bridge and its standby: real processes beneath simulated vehicles.
+"""Faults at random moments for command, its bridge and its standby: real processes, simulated vehicles.
 
 A schedule is drawn from a seed. Processes that end are started again as a service manager does it; after a
 take-over the old command is not, since its node has been replaced.
@@ -18,14 +18,14 @@ from pathlib import Path
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from helpers.heartbeat_tap import HeartbeatTap
-from helpers.processes import Run, bridges, free_port
 
 from gcs.errors import GcsError
 from gcs.io.zenoh.discovery import ServiceAddress
 from gcs.io.zenoh.order_client import send_order
 from gcs.io.zenoh.order_messages import OrderMessage
 from gcs.io.zenoh.session import free_endpoint
+from helpers.heartbeat_tap import HeartbeatTap
+from helpers.processes import Run, bridges, free_port
 
 Part: TypeAlias = Literal["command", "standby", "bridge", "command and bridge"]
 Deed: TypeAlias = Literal["kill", "stop", "restart"]
@@ -35,7 +35,7 @@ MISSION_S: Final = 200.0
 _POLL_S: Final = 0.02
 _AGAIN_S: Final = 1.0
 """Until a process that has ended is started again."""
-_START_S: Final = 60.0
+_START_S: Final = 240.0
 _TAKE_OVER_S: Final = 25.0
 _SETTLE_S: Final = 5.0
 _OUTAGE_S: Final = 30.0
@@ -172,9 +172,9 @@ class ChaosRun:
         """Fly a mission under the faults."""
         if self._schedule.is_bridge_alone:
             self._bridge = self._start("bridge")
-            self.run.until(self._bridge.name, lambda said: "command connects to" in said)
+            self.run.until(self._bridge.name, lambda said: "command connects to" in said, _START_S)
         self._command = self._start("command")
-        self.run.until(self._command.name, lambda said: said.count("verified by read-back") >= 4)
+        self.run.until(self._command.name, lambda said: said.count("verified by read-back") >= 4, _START_S)
         self._start_standby()
         begin_s = time.monotonic()
         threads = [

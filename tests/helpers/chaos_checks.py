@@ -5,12 +5,10 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from helpers.chaos import Flight, Node
-from helpers.heartbeat_tap import Sent
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import parse
@@ -22,6 +20,8 @@ from gcs.io.cluster.event_log import digest
 from gcs.io.recording.reader import Damage, Record, read, read_info
 from gcs.mavlink.frames.codec import decode
 from gcs.model import NS_PER_S, AgentStatus, Event, MissionEnded, OrderAnswer, Resumed, Send, Snapshot, Truth
+from helpers.chaos import Flight, Node
+from helpers.heartbeat_tap import Sent
 
 _SAME_S: Final = 3.0
 """Between the time at which a node recorded a datagram, and that at which the vehicle was sent it."""
@@ -175,7 +175,7 @@ def _lost(kept: list[_Kept]) -> Iterator[str]:
 
 def _other_states(flight: Flight, kept: list[_Kept]) -> Iterator[str]:
     """The state with which a standby takes over is that of the command before it."""
-    for before, after in zip(kept, kept[1:], strict=False):
+    for before, after in pairwise(kept):
         first = [record.value for record in after.records[:2]]
         if not after.node.name.startswith("standby") or len(first) < 2:
             continue
