@@ -30,6 +30,7 @@ def one_run(seed: int, speed: float, keep: Path | None) -> dict[str, object]:
             "gap_s": round(flight.gap_s, 3),
             "all_gap_s": round(flight.all_gap_s, 3),
             "take_over_s": [round(one, 3) for one in flight.take_over_s],
+            "uncompared": flight.uncompared,
             "problems": flight.problems,
         }
     except AssertionError as error:

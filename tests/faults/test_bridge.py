@@ -36,6 +36,13 @@ class Flight:
         time.sleep(JOURNAL_S)
         return service
 
+    def wait_for_heartbeats(self) -> None:
+        """Wait until all vehicles hear heartbeats again."""
+        since_s = time.monotonic() + 0.5
+        while min(times[-1] for times in self.tap.heard_s.values()) < since_s:
+            assert time.monotonic() < since_s + 30.0
+            time.sleep(0.1)
+
     def end(self) -> None:
         self.run.end()
         self.tap.end()
@@ -184,7 +191,7 @@ def test_a_standby_takes_over_the_bridge_that_was_started_again(flight: Flight, 
     standby_of(flight, "second")
     bridges(tmp_path)[0].kill()
     flight.run.until_told("first", NoticeCode.BRIDGE_ENDED)
-    time.sleep(3.0)
+    flight.wait_for_heartbeats()
     (bridge,) = bridges(tmp_path)
     first.kill()
     flight.run.until("second", lambda said: "takes over" in said, 10.0)
@@ -202,20 +209,6 @@ def test_a_standby_starts_the_bridge_again_that_ended_with_command(flight: Fligh
     flight.run.until("second", lambda said: "takes over" in said, 20.0)
     flight.run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
     assert not flight.run.all("second", UploadReport)
-
-
-@pytest.mark.parametrize("stopped_s", [2.5, 4.0])
-def test_a_bridge_that_stood_still_stays_with_its_command(flight: Flight, stopped_s: float) -> None:
-    with_standby(flight)
-    first = flight.serve("first")
-    standby_of(flight, "second")
-    (bridge,) = bridges(flight.run.folder)
-    bridge.suspend()
-    time.sleep(stopped_s)
-    bridge.resume()
-    time.sleep(4.0)
-    assert "takes over" not in flight.run.printed("second")
-    assert first.poll() is None
 
 
 def test_a_standby_ends_with_a_command_that_ends_in_order(flight: Flight) -> None:

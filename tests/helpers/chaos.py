@@ -21,9 +21,10 @@ import numpy as np
 
 from gcs.errors import GcsError
 from gcs.io.zenoh.discovery import ServiceAddress
+from gcs.io.zenoh.key_expressions import events_key
 from gcs.io.zenoh.order_client import send_order
 from gcs.io.zenoh.order_messages import OrderMessage
-from gcs.io.zenoh.session import free_endpoint
+from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from helpers.heartbeat_tap import HeartbeatTap
 from helpers.processes import Run, bridges, free_port
 
@@ -61,6 +62,7 @@ class Schedule(NamedTuple):
     faults: tuple[Fault, ...]
     orders: tuple[tuple[float, int, float], ...]
     """Times at which a vehicle is to hold, the vehicles, and times after which they resume."""
+    flies_to_the_end: bool = True
 
 
 def draw_schedule(seed: int) -> Schedule:
@@ -122,9 +124,13 @@ class Flight:
     nodes: list[Node] = field(default_factory=list)
     take_over_s: list[float] = field(default_factory=list)
     """From the fault until the standby commanded."""
+    events: list[bytes] = field(default_factory=list)
+    """Batches of command's events, as a standby gets them: a recording lacks the second before a kill."""
     done: list[str] = field(default_factory=list)
     """Faults, with their times."""
     problems: list[str] = field(default_factory=list)
+    uncompared: int = 0
+    """Take-overs whose state could not be compared: the last events were recorded nowhere."""
     gap_s: float = 0.0
     """Longest time without a heartbeat at a vehicle, while a bridge ran and was not stopped."""
     all_gap_s: float = 0.0
@@ -147,6 +153,10 @@ class ChaosRun:
         self._standby: Node | None = None
         self._bridge: Node | None = None
         self._runtime = {"XDG_RUNTIME_DIR": str(folder)}
+        self._observer = ZenohSession(connect=self.run.zenoh)
+        self._observer.subscribe(
+            events_key("deterministic"), lambda _, batch: self.flight.events.append(batch)
+        )
         self._outages: list[tuple[float, float]] = []
         """Monotonic times without a bridge."""
         links = f'[links]\nfailover_s = {30.0 * speed}\nstandby = "{self.run.standby}"'
@@ -163,7 +173,7 @@ class ChaosRun:
 
     def _start(self, role: str) -> Node:
         name = f"{role}-{1 + len(self.flight.nodes)}"
-        arguments = () if role == "command" else ("--role", role)
+        arguments = ("--console", "off", *(() if role == "command" else ("--role", role)))
         node = Node(name, self.run.serve(name, self._runtime, arguments))
         self.flight.nodes.append(node)
         return node
@@ -187,7 +197,8 @@ class ChaosRun:
             self._wait_until(begin_s + fault.at_s)
             self._inflict(fault)
         self._wait_until(time.monotonic() + _SETTLE_S)
-        self._wait_for_end()
+        if self._schedule.flies_to_the_end:
+            self._wait_for_end()
         end_s = time.monotonic()
         for thread in threads:
             thread.join(_START_S)
@@ -387,6 +398,7 @@ class ChaosRun:
                 return
             time.sleep(0.2)
             self._supervise()
+        self.flight.problems.append("the mission did not end")
 
     def _measure_gaps(self, begin_s: float, end_s: float) -> None:
         flight = self.flight
@@ -411,6 +423,7 @@ class ChaosRun:
 
     def close(self) -> None:
         """End what still runs."""
+        self._observer.close()
         self.run.end()
         self.tap.end()
         for bridge in bridges(self.flight.folder):
