@@ -15,7 +15,7 @@ from functools import partial
 from time import monotonic_ns
 from typing import Final
 
-from gcs.core.lease.bridge_lease import accepts, answer_ask, start_lease
+from gcs.core.lease.bridge_lease import accepts, answer_ask, extend_lease, start_lease
 from gcs.core.lease.records import Ask
 from gcs.errors import WireError
 from gcs.io.background_writer import BackgroundWriter
@@ -43,6 +43,8 @@ _TICK_S: Final = 0.05
 _STATUS_S: Final = 1.0
 _COLLECT_S: Final = 0.005
 """Time in which datagrams are collected for one message: each message costs as much as ten datagrams."""
+_STALL_NS: Final = NS_PER_S
+"""Time between two ticks that shows that the bridge stood still."""
 _MAX_UNSENT: Final = 200
 """Messages that wait for command. Those of a command that is stopped are dropped."""
 
@@ -89,6 +91,8 @@ class Bridge:
         self._number = 0
         self._boot = secrets.randbits(63)
         self._lease = start_lease(self._boot, monotonic_ns(), is_only_bridge=True)
+        self._ran_ns = monotonic_ns()
+        """Monotonic time at which this process was last seen to run."""
         self._dropped = self._dropped_told = 0
         """Datagrams that command did not take."""
         self._refused = self._refused_told = 0
@@ -121,6 +125,7 @@ class Bridge:
             await asyncio.sleep(period_s)
 
     def _tick(self) -> None:
+        self._note_running()
         t_ns = self.now_ns()
         self.links.tick(t_ns)
         for (link, peer), data in self._heartbeats.due(t_ns):
@@ -133,6 +138,13 @@ class Bridge:
             count = self._refused - self._refused_told
             self._refused_told = self._refused
             self.on_notice("bridge", NoticeCode.BRIDGE_REFUSED, count=count)
+
+    def _note_running(self) -> None:
+        """Leave the lease to its holder when the bridge stood still and could not renew it."""
+        now_ns = monotonic_ns()
+        if now_ns - self._ran_ns > _STALL_NS:
+            self._lease = extend_lease(self._lease, now_ns)
+        self._ran_ns = now_ns
 
     # ------------------------------------------------------------ from the links
 
@@ -215,6 +227,7 @@ class Bridge:
             loop.call_soon_threadsafe(self._answer, decode(key, payload, Ask), reply)
 
     def _answer(self, ask: Ask, reply: Callable[[bytes], None]) -> None:
+        self._note_running()
         self._lease, answer = answer_ask(self._lease, ask, monotonic_ns())
         self._writer.put(lambda: reply(encode(answer)))
 

@@ -238,6 +238,7 @@ class ChaosRun:
     # ------------------------------------------------------------ faults
 
     def _inflict(self, fault: Fault) -> None:
+        self._supervise()
         self.flight.done.append(
             f"{fault.at_s:.1f} s {fault.deed} {fault.part}"
             + (f" for {fault.duration_s:.1f} s" if fault.duration_s else "")
@@ -434,8 +435,9 @@ def _signal(node: Node, deed: Deed) -> None:
     if deed == "restart":
         node.process.send_signal(signal.SIGINT)
         return
-    node.ended_unix_s = time.time()
-    node.process.kill()
+    if node.process.poll() is None:
+        node.ended_unix_s = time.time()
+        node.process.kill()
 
 
 @contextlib.contextmanager
