@@ -52,7 +52,7 @@ def check(flight: Flight) -> None:
     sent = sorted(flight.tap.sent)
     flight.problems += _two_nodes(flight, kept, sent)
     flight.problems += _repeated_missions(sent)
-    flight.problems += _repeated_orders(kept)
+    flight.problems += _repeated_orders(list(_while_they_command(kept)))
     flight.problems += _other_states(flight, kept)
     flight.problems += _lost(kept)
     for node in flight.nodes:
@@ -84,6 +84,16 @@ def _recordings(flight: Flight) -> Iterator[_Kept]:
             if missing_s > _UNREADABLE_S:
                 flight.problems.append(f"recording of {node.name} ends {missing_s:.1f} s before its end")
         yield _Kept(node, folder, records)
+
+
+def _while_they_command(kept: list[_Kept]) -> Iterator[_Kept]:
+    """Leave out what a command that stood still recorded before it knew that it was replaced."""
+    for one, after in pairwise(kept):
+        begins = [record.t_ns for record in after.records if isinstance(record.value, Resumed)][:1]
+        yield one._replace(
+            records=[record for record in one.records if not begins or record.t_ns < begins[0]]
+        )
+    yield from kept[-1:]
 
 
 def _unix_s(flight: Flight, t_ns: int) -> float:
