@@ -14,7 +14,7 @@ from helpers.noticed import noticed
 from helpers.processes import Run, bridges, free_port
 
 from gcs.io.zenoh.session import free_endpoint
-from gcs.model import AgentStatus, Notice, NoticeCode, Resumed, Scan, UploadReport
+from gcs.model import AgentStatus, Notice, NoticeCode, Resumed, Scan, Tick, UploadReport
 
 STOPPED_S = 5.0
 MAX_GAP_S = 1.5
@@ -162,6 +162,10 @@ def test_a_standby_takes_over_and_nothing_is_uploaded_again(flight: Flight, stop
         first.send_signal(signal.SIGCONT)
         assert first.wait(20.0) != 0
         assert "commands the vehicles" in flight.run.printed("first")
+        (resumed,) = flight.run.all("second", Resumed)
+        assert (
+            flight.run.all("first", Tick)[-1].t_ns < resumed.t_ns
+        )  # nor draw conclusions, nor answer orders
     flight.run.until("second", lambda _: bool(flight.run.all("second", Scan)), 10.0)
     standby.send_signal(signal.SIGINT)
     assert standby.wait(20.0) == 0

@@ -89,10 +89,9 @@ def _recordings(flight: Flight) -> Iterator[_Kept]:
 def _while_they_command(kept: list[_Kept]) -> Iterator[_Kept]:
     """Leave out what a command that stood still recorded before it knew that it was replaced."""
     for one, after in pairwise(kept):
-        begins = [record.t_ns for record in after.records if isinstance(record.value, Resumed)][:1]
-        yield one._replace(
-            records=[record for record in one.records if not begins or record.t_ns < begins[0]]
-        )
+        begins = [record.t_ns for record in after.records if isinstance(record.value, Resumed)]
+        end_t_ns = begins[0] if begins else one.records[-1].t_ns + 1
+        yield one._replace(records=[record for record in one.records if record.t_ns < end_t_ns])
     yield from kept[-1:]
 
 
