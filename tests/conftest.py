@@ -29,6 +29,7 @@ if IS_REWORDED:
 
 TESTS = Path(__file__).parent
 RUNS_SERVICE = (
+    "chaos",
     "cli",
     "faults",
     "service",

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
-from gcs.core.lease.bridge_lease import accepts, answer_ask, start_lease
+from gcs.core.lease.bridge_lease import accepts, answer_ask, extend_lease, start_lease
 from gcs.core.lease.records import Ask
 from gcs.errors import WireError
 from gcs.io.background_writer import BackgroundWriter
@@ -45,6 +45,8 @@ _COLLECT_S: Final = 0.005
 """Time in which datagrams are collected for one message: each message costs as much as ten datagrams."""
 _MAX_OFF_NS: Final = NS_PER_S
 """Difference of the run clocks here and of command at which that of command is taken."""
+_STALL_NS: Final = NS_PER_S
+"""Time between two ticks that shows that the bridge stood still."""
 _MAX_UNSENT: Final = 200
 """Messages that wait for command. Those of a command that is stopped are dropped."""
 
@@ -95,6 +97,8 @@ class Bridge:
         self._number = 0
         self._boot = secrets.randbits(63)
         self._lease = start_lease(self._boot, steady_ns(), is_only_bridge=is_only)
+        self._ran_ns = steady_ns()
+        """Monotonic time at which this process was last seen to run."""
         self._dropped = self._dropped_told = 0
         """Datagrams that command did not take."""
         self._refused = self._refused_told = 0
@@ -127,6 +131,7 @@ class Bridge:
             await asyncio.sleep(period_s)
 
     def _tick(self) -> None:
+        self._note_running()
         t_ns = self.now_ns()
         self.links.tick(t_ns)
         for (link, peer), data in self._heartbeats.due(t_ns):
@@ -139,6 +144,13 @@ class Bridge:
             count = self._refused - self._refused_told
             self._refused_told = self._refused
             self.on_notice("bridge", NoticeCode.BRIDGE_REFUSED, count=count)
+
+    def _note_running(self) -> None:
+        """Leave the lease to its holder when the bridge stood still and could not renew it."""
+        now_ns = steady_ns()
+        if now_ns - self._ran_ns > _STALL_NS:
+            self._lease = extend_lease(self._lease, now_ns)
+        self._ran_ns = now_ns
 
     # ------------------------------------------------------------ from the links
 
@@ -221,6 +233,7 @@ class Bridge:
             loop.call_soon_threadsafe(self._answer, decode(key, payload, Ask), reply)
 
     def _answer(self, ask: Ask, reply: Callable[[bytes], None]) -> None:
+        self._note_running()
         self._lease, answer = answer_ask(self._lease, ask, steady_ns())
         self._writer.put(lambda: reply(encode(answer)))
 

@@ -75,12 +75,13 @@ def main() -> int:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         with open_bridge(settings) as bridge:
-            asyncio.run(_serve(bridge, settings.failover_s))
+            try:
+                asyncio.run(_serve(bridge, settings.failover_s))
+            finally:  # not when another bridge has the endpoints: the socket is its own
+                remove_socket(settings.zenoh)
     except GcsError as error:
         _answer(BridgeStarted(error=str(error)))
         return 2
-    finally:
-        remove_socket(settings.zenoh)
     return 0
 
 

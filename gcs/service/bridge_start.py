@@ -76,6 +76,8 @@ class BridgeProcess:
         self._process: subprocess.Popen[bytes] | None = None
         self._pid = 0
         """Of a bridge that was taken over; else 0."""
+        self._is_watched = False
+        """True for the bridge of another command, as long as that looks after it."""
         self._last_line = ""
         """Of its error output."""
         self._errors = threading.Thread()
@@ -105,7 +107,7 @@ class BridgeProcess:
         reader.start()
         reader.join(_START_S)
         if self.started.error or not self.started.ports:
-            self.end()
+            self.end(is_replaced=False)
             link, _, problem = self.started.error.partition(": ")
             raise LinkError(link or "bridge", problem or f"did not start: {self._last_line or 'no answer'}")
         self.settings = msgspec.structs.replace(self.settings, ports=self.started.ports)
@@ -118,24 +120,29 @@ class BridgeProcess:
         LinkError
             There is none.
         """
-        try:
-            running = msgspec.json.decode(self._file.read_bytes(), type=Running)
-        except (OSError, msgspec.DecodeError):
+        running = self._noted()
+        if running is None:
             raise LinkError(
                 "standby",
                 "no bridge of this mission runs on this machine: start `gcs run` first, or name the bridge "
-                "of another machine in links.bridgess",
-            ) from None
+                "of another machine in links.bridges",
+            )
+        self._is_watched = True
         self._pid = running.pid
         self.settings = running.settings
         self.started = running.started
 
+    def _noted(self) -> Running | None:
+        """Return the bridge that was noted last on this machine."""
+        with contextlib.suppress(OSError, msgspec.DecodeError):
+            return msgspec.json.decode(self._file.read_bytes(), type=Running)
+        return None
+
     def _without_command(self) -> Running | None:
         """Return a running bridge whose command has ended."""
-        with contextlib.suppress(OSError, msgspec.DecodeError):
-            running = msgspec.json.decode(self._file.read_bytes(), type=Running)
-            if _is_bridge(running.pid) and not _exists(running.command_pid):
-                return running
+        running = self._noted()
+        if running is not None and _is_bridge(running.pid) and not _exists(running.command_pid):
+            return running
         return None
 
     def _note(self, pid: int) -> None:
@@ -145,6 +152,7 @@ class BridgeProcess:
 
     def _start(self) -> None:
         self._began_s = time.monotonic()
+        _folder_of(self.settings.zenoh).mkdir(mode=0o700, exist_ok=True)  # a bridge that ends removes it
         process = self._process = subprocess.Popen(  # noqa: S603  this program
             _ARGUMENTS,
             stdin=subprocess.PIPE,
@@ -167,7 +175,8 @@ class BridgeProcess:
         line = process.stdout.readline()
         with contextlib.suppress(msgspec.DecodeError, OSError):
             self.started = msgspec.json.decode(line, type=BridgeStarted)
-            self._note(process.pid)
+            if not self.started.error:
+                self._note(process.pid)
 
     def _read_errors(self, stream: IO[bytes]) -> None:
         for line in stream:
@@ -175,13 +184,18 @@ class BridgeProcess:
                 self._last_line = text[:_MAX_TEXT]
 
     def poll(self) -> NoticeContent | None:
-        """Start a bridge that has ended again, after a wait that grows; return the alarm of its end."""
+        """Start a bridge that has ended again, after a wait that grows; return the alarm of its end.
+
+        The bridge of another command becomes that of this one.
+        """
         now_s = time.monotonic()
+        if self._is_watched:
+            self._is_watched = False
+            self._take_noted()
         if self._due_s:
             if now_s >= self._due_s:
                 self._due_s = 0.0
-                self._start()
-                threading.Thread(target=self._read_answer, daemon=True).start()
+                self._start_again()
             return None
         ended = self._end()
         if ended is None:
@@ -193,6 +207,22 @@ class BridgeProcess:
         self._pid = 0
         return NoticeCode.BRIDGE_ENDED, {"cause": ended}
 
+    def _start_again(self) -> None:
+        if self._take_noted():  # the command that was replaced has started one
+            return
+        self._start()
+        threading.Thread(target=self._read_answer, daemon=True).start()
+
+    def _take_noted(self) -> bool:
+        """Take over the bridge that runs; return False if there is none."""
+        running = self._noted()
+        if running is None or not _is_bridge(running.pid):
+            return False
+        self._process = None
+        self._pid = running.pid
+        self._note(running.pid)
+        return True
+
     def _end(self) -> str | None:
         """Return how the bridge ended; None while it runs."""
         if self._process is None:
@@ -202,10 +232,15 @@ class BridgeProcess:
             return None
         if code < 0:
             return f"killed by {signal.Signals(-code).name}"
-        return self._last_line or f"exit code {code}"
+        return self.started.error or self._last_line or f"exit code {code}"
 
-    def end(self) -> None:
-        """Wait for the end of the bridge, which command has told it; kill one that does not end."""
+    def end(self, *, is_replaced: bool) -> None:
+        """Wait for the end of the bridge, which command has told it; kill one that does not end.
+
+        The bridge of a command that was replaced goes on for the other one.
+        """
+        if is_replaced:
+            return
         self._file.unlink(missing_ok=True)
         process = self._process
         if process is None:
@@ -242,11 +277,15 @@ def bridges_of(
     settings = msgspec.structs.replace(settings, zenoh=f"unixsock-stream/{_socket_folder()}/bridge.sock")
     process = BridgeProcess(settings, _file_of(settings))
     process.begin()
+    is_replaced = False
     try:
         with _connected_to_local(config, process, scan) as found:
-            yield found
+            try:
+                yield found
+            finally:
+                is_replaced = bool(found.commander())
     finally:
-        process.end()
+        process.end(is_replaced=is_replaced)
 
 
 @contextlib.contextmanager
@@ -359,6 +398,11 @@ def _socket_folder() -> Path:
     if len(str(folder)) > _MAX_FOLDER:
         folder = Path("/tmp")  # noqa: S108  a new folder in it is our own
     return Path(tempfile.mkdtemp(prefix="bridge-", dir=folder))
+
+
+def _folder_of(endpoint: str) -> Path:
+    """Return the folder of a socket."""
+    return Path(endpoint.partition("/")[2]).parent
 
 
 def _comparable(settings: BridgeSettings) -> BridgeSettings:

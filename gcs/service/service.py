@@ -72,6 +72,10 @@ _BUSY = 100
 """Events in the queue beyond which orders wait for the next tick."""
 _FINISH_S = 30.0
 """Wait for uploads in progress at the end: the time of one upload at 30 % loss."""
+_STALL_S = 1.0
+"""The lease of a service that stood still for longer may have ended."""
+_LEARN_S = 1.0
+_LEARN_POLL_S = 0.02
 _TIMES_KEPT = 10_000
 _MAX_UNPUBLISHED = 1000
 _PUBLISH_S = 5.0
@@ -325,12 +329,22 @@ class Service:
         while True:
             t_ns = max(t_ns + TICK_NS, self.clock.now_ns() - TICK_NS)
             await asyncio.sleep(max(0.0, self.clock.wall_s_until(t_ns)))
+            if self.clock.wall_s_until(t_ns) < -_STALL_S:
+                await self._learn_who_commands()
             self._watch_lag(self.clock.now_ns() - t_ns)
             step_ns = watch.step_ns()
             if step_ns:
                 self._put(ClockStep(self.clock.now_ns(), step_ns))
             if not self._tick_waits:
                 self._tick_waits = self._put(Tick(self.clock.now_ns()))
+
+    async def _learn_who_commands(self) -> None:
+        """Ask for the lease after a stop: if another node has it, no conclusion is drawn from the silence."""
+        until_s = time.monotonic() + _LEARN_S
+        while not self.links.may_command() and time.monotonic() < until_s:
+            self.links.ask_for_lease()
+            await asyncio.sleep(_LEARN_POLL_S)
+            self._check_lease()
 
     async def _consume(self, stop: asyncio.Event, end_with_mission: bool) -> None:
         while True:

@@ -17,6 +17,7 @@ from typing import Final, Protocol
 
 from gcs.config import Config
 from gcs.core.engine import Engine
+from gcs.core.lease.records import TIMES
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State
 from gcs.errors import LinkError, WireError
@@ -33,13 +34,16 @@ from gcs.io.cluster.event_log import (
 from gcs.io.zenoh.key_expressions import events_key, snapshot_key
 from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.frames.codec import FrameTable
-from gcs.model import NoticeCode, Parameter, Snapshot
+from gcs.model import NS_PER_S, NoticeCode, NoticeContent, Parameter, Snapshot
 
 _TICK_S: Final = 0.05
 _MAX_BATCHES: Final = 2_000
 """Batches that wait for the state; a command sends twenty a second."""
 _ASK_EVERY_S: Final = 1.0
 _ANSWER_S: Final = 5.0
+_LEASE_S: Final = TIMES.lease_ns / NS_PER_S
+_SILENT_S: Final = 3.0
+"""Time without events after which a standby looks after the bridge: command is stopped or gone."""
 
 
 class Lease(Protocol):
@@ -50,6 +54,12 @@ class Lease(Protocol):
 
     def may_command(self) -> bool:
         """Return True if this node has the lease."""
+
+    def is_steady(self) -> bool:
+        """Return True if the bridge is heard, and was for a lease without a silence."""
+
+    def supervise(self) -> NoticeContent | None:
+        """Start a bridge on this machine again that has ended; return an alarm of its end."""
 
 
 class IgnoredLinks:
@@ -110,6 +120,7 @@ class Standby:
         self._batches: deque[EventBatch] = deque(maxlen=_MAX_BATCHES)
         self._reply: StateReply | None = None
         self._asked_s = -_ASK_EVERY_S
+        self._heard_s = monotonic()
         self._has_ended = False
         self._problem = ""
 
@@ -134,14 +145,29 @@ class Standby:
                 self._apply(self._batches.popleft())
                 await asyncio.sleep(0.0)  # a slow batch does not delay the lease
             if self._has_state:
-                lease.ask_for_lease()
+                self._look_after_bridge(lease)
+                if self._silent_s() > _LEASE_S or lease.is_steady():
+                    lease.ask_for_lease()
                 if lease.may_command():
                     return self._take_over()
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), _TICK_S)
         return None
 
+    def _silent_s(self) -> float:
+        """Return the time since command was heard.
+
+        While it is heard, it is to get a bridge that stood still or starts: the standby waits for some time.
+        """
+        return monotonic() - self._heard_s
+
+    def _look_after_bridge(self, lease: Lease) -> None:
+        """Start the bridge again when that and command have ended: without it there is no lease."""
+        if self._silent_s() > _SILENT_S and lease.supervise() is not None:
+            self._say("command is silent and the bridge has ended; it is started again")
+
     def _take_batch(self, batch: EventBatch) -> None:
+        self._heard_s = monotonic()
         self._batches.append(batch)
         self._has_ended = self._has_ended or batch.ends
 

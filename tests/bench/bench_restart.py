@@ -14,11 +14,11 @@ import itertools
 from types import SimpleNamespace
 
 import numpy as np
+from helpers.chaos_checks import operational_picture
 from rich.console import Console
 from rich.table import Table
 
 from gcs.core.snapshot import encode_state
-from gcs.core.state import flown_routes
 from gcs.mavlink.frames.codec import decode
 from gcs.model import Effect, Event, Send, Snapshot, UploadReport
 from gcs.planning.planner import warm_up as warm_up_planning
@@ -41,17 +41,6 @@ class MemoryJournal(JournalSink):
         """Keep the state."""
         self._written_t_ns, self._is_changed = t_ns, False
         self.snapshot = Snapshot(t_ns, encode_state(self._engine.state))
-
-
-def picture(run: VirtualRun) -> dict[str, object]:
-    """What must be the same with and without a restart."""
-    engine = run.engine
-    return {
-        "target labels": sorted(engine.stages.trackers.targets.confirmation.tracks),
-        "statuses": {v: one.perception.status.status for v, one in engine.state.agents.items()},
-        "targets of agents": {v: route.target for v, route in flown_routes(engine.state.agents).items()},
-        "authorities": {v: one.control.authority.word for v, one in engine.state.agents.items()},
-    }
 
 
 def fly(scenario: Scenario, seed: int, loss: float, at_s: float, outage_s: float | None, end_s: float):
@@ -103,7 +92,7 @@ def compare(runs: int, outage_s: float, settle_s: float, loss: float, seed: int 
         if whole.ended or broken.ended:
             continue
         compared, repeated, without = compared + 1, repeated + after, without + before
-        expected, found = picture(whole), picture(broken)
+        expected, found = operational_picture(whole.engine), operational_picture(broken.engine)
         if after > before:
             print(f"{name}, seed {1 + n // 4}, at {at_s:.2f} s: {after} uploads of a stored mission")
         for part, value in expected.items():

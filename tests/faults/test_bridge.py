@@ -6,16 +6,15 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 
-import psutil
 import pytest
 from helpers.heartbeat_tap import HeartbeatTap
-from helpers.processes import Run, free_port
+from helpers.noticed import noticed
+from helpers.processes import Run, bridges, free_port
 
 from gcs.io.zenoh.session import free_endpoint
-from gcs.model import AgentStatus, NoticeCode, Resumed, Scan, UploadReport
+from gcs.model import AgentStatus, Notice, NoticeCode, Resumed, Scan, Tick, UploadReport
 
 STOPPED_S = 5.0
 MAX_GAP_S = 1.5
@@ -37,6 +36,13 @@ class Flight:
         time.sleep(JOURNAL_S)
         return service
 
+    def wait_for_heartbeats(self) -> None:
+        """Wait until all vehicles hear heartbeats again."""
+        since_s = time.monotonic() + 0.5
+        while min(times[-1] for times in self.tap.heard_s.values()) < since_s:
+            assert time.monotonic() < since_s + 30.0
+            time.sleep(0.1)
+
     def end(self) -> None:
         self.run.end()
         self.tap.end()
@@ -50,17 +56,6 @@ def flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Flight]:
     flying.end()
     for bridge in bridges(tmp_path):
         bridge.kill()
-
-
-def bridges(folder: Path) -> list[psutil.Process]:
-    """Return the bridges of a test: those whose runtime folder is its own."""
-    found = []
-    for process in psutil.process_iter():
-        with suppress(psutil.Error):
-            is_bridge = "gcs.service.bridge_process" in process.cmdline()
-            if is_bridge and process.environ().get("XDG_RUNTIME_DIR") == str(folder):
-                found.append(process)
-    return found
 
 
 def standby_of(flight: Flight, name: str) -> subprocess.Popen[bytes]:
@@ -123,13 +118,18 @@ def test_without_a_command_the_heartbeats_end_after_the_time_of_a_failover(
     assert all(FAILOVER_S - MAX_GAP_S < one - killed_s < FAILOVER_S + MAX_GAP_S for one in last_s)
 
 
-def test_a_bridge_that_is_killed_is_started_again_with_an_alarm(flight: Flight, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("end", "cause"), [(signal.SIGKILL, "killed by SIGKILL"), (signal.SIGTERM, "exit code 0")]
+)
+def test_a_bridge_that_ends_is_started_again_with_an_alarm(
+    flight: Flight, tmp_path: Path, end: signal.Signals, cause: str
+) -> None:
     service = flight.serve("flown")
     (bridge,) = bridges(tmp_path)
     begin_s = time.monotonic()
-    bridge.kill()
+    bridge.send_signal(end)
     (alarm, *_) = flight.run.until_told("flown", NoticeCode.BRIDGE_ENDED)
-    assert alarm.parameters["cause"] == "killed by SIGKILL"
+    assert alarm.parameters["cause"] == cause
     time.sleep(5.0)
     assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < 3.0
     (new,) = bridges(tmp_path)
@@ -162,12 +162,55 @@ def test_a_standby_takes_over_and_nothing_is_uploaded_again(flight: Flight, stop
         first.send_signal(signal.SIGCONT)
         assert first.wait(20.0) != 0
         assert "commands the vehicles" in flight.run.printed("first")
+        (resumed,) = flight.run.all("second", Resumed)
+        assert flight.run.all("first", Tick)[-1].t_ns < resumed.t_ns  # nor answer orders
     flight.run.until("second", lambda _: bool(flight.run.all("second", Scan)), 10.0)
     standby.send_signal(signal.SIGINT)
     assert standby.wait(20.0) == 0
     assert len(flight.run.all("second", Resumed)) == 1
     assert not flight.run.all("second", UploadReport)
     assert not lost(flight, "second")
+
+
+def test_a_command_that_was_replaced_leaves_the_bridge_to_the_standby(flight: Flight, tmp_path: Path) -> None:
+    with_standby(flight)
+    first = flight.serve("first")
+    standby_of(flight, "second")
+    (bridge,) = bridges(tmp_path)
+    begin_s = time.monotonic()
+    first.send_signal(signal.SIGSTOP)
+    flight.run.until("second", lambda said: "takes over" in said, 10.0)
+    first.send_signal(signal.SIGCONT)
+    assert first.wait(20.0) != 0
+    time.sleep(2.0)
+    assert bridges(tmp_path) == [bridge]
+    assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < MAX_GAP_S
+
+
+def test_a_standby_takes_over_the_bridge_that_was_started_again(flight: Flight, tmp_path: Path) -> None:
+    with_standby(flight)
+    first = flight.serve("first")
+    standby_of(flight, "second")
+    bridges(tmp_path)[0].kill()
+    flight.run.until_told("first", NoticeCode.BRIDGE_ENDED)
+    flight.wait_for_heartbeats()
+    (bridge,) = bridges(tmp_path)
+    first.kill()
+    flight.run.until("second", lambda said: "takes over" in said, 10.0)
+    time.sleep(3.0)
+    assert bridges(tmp_path) == [bridge]
+    assert not noticed(flight.run.all("second", Notice), NoticeCode.BRIDGE_ENDED)
+
+
+def test_a_standby_starts_the_bridge_again_that_ended_with_command(flight: Flight, tmp_path: Path) -> None:
+    with_standby(flight)
+    first = flight.serve("first")
+    standby_of(flight, "second")
+    first.kill()
+    bridges(tmp_path)[0].kill()
+    flight.run.until("second", lambda said: "takes over" in said, 20.0)
+    flight.run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
+    assert not flight.run.all("second", UploadReport)
 
 
 def test_a_standby_ends_with_a_command_that_ends_in_order(flight: Flight) -> None:

@@ -1,4 +1,4 @@
-"""A tap between vehicles and a service: when each vehicle hears a heartbeat of the service."""
+"""A tap between vehicles and a service: when each vehicle hears a heartbeat, and what it is sent else."""
 
 from __future__ import annotations
 
@@ -9,10 +9,22 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.fleet.heartbeat import is_heartbeat
 from gcs.mavlink.frames.codec import GCS_SYSTEM_ID, scan
+
+
+class Sent(NamedTuple):
+    """A datagram to a vehicle that is no heartbeat, or a vehicle's end of a mission upload."""
+
+    unix_s: float
+    peer: str
+    """Address of the vehicle as the service sees it."""
+    data: bytes
+    is_up: bool
 
 
 class HeartbeatTap:
@@ -24,6 +36,7 @@ class HeartbeatTap:
     def __init__(self, port: int, service: int) -> None:
         self.heard_s: dict[Any, list[float]] = {}
         """Monotonic times by vehicle's address."""
+        self.sent: list[Sent] = []
         self._service = service
         self._down = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._down.bind(("127.0.0.1", port))
@@ -49,11 +62,19 @@ class HeartbeatTap:
                 up.connect(("127.0.0.1", self._service))
                 self._selector.register(up, selectors.EVENT_READ, vehicle)
             self._ups[vehicle].send(data)
+            if any(frame.message_id == dialect.MAVLINK_MSG_ID_MISSION_ACK for frame in scan(data)):
+                self._note(self._ups[vehicle], data, is_up=True)
             return
         data = key.fileobj.recv(65_536)
         if any(frame.system_id == GCS_SYSTEM_ID and is_heartbeat(frame) for frame in scan(data)):
             self.heard_s.setdefault(key.data, []).append(time.monotonic())
+        else:
+            self._note(key.fileobj, data, is_up=False)
         self._down.sendto(data, key.data)
+
+    def _note(self, up: socket.socket, data: bytes, *, is_up: bool) -> None:
+        host, port = up.getsockname()
+        self.sent.append(Sent(time.time(), f"{host}:{port}", data, is_up))
 
     def gaps_s(self, begin_s: float, end_s: float) -> list[float]:
         """Return the longest time without a heartbeat at each vehicle in an interval."""

@@ -136,6 +136,17 @@ class Run:
         self.world.wait(20.0)
 
 
+def bridges(folder: Path) -> list[psutil.Process]:
+    """Return the bridges that services of a test have started: their runtime folder is its own."""
+    found = []
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            is_bridge = "gcs.service.bridge_process" in process.cmdline()
+            if is_bridge and process.environ().get("XDG_RUNTIME_DIR") == str(folder):
+                found.append(process)
+    return found
+
+
 def waited_ns(process: subprocess.Popen[Any]) -> int:
     """Return how long the process' main thread was ready to run while others had the processors."""
     schedstat = Path(f"/proc/{process.pid}/schedstat")

@@ -77,6 +77,14 @@ def answer_ask(
     return lease, Answer(ask.node, ask.sent_t_ns, permit, ask.node.name, lease.highest, times.lease_ns)
 
 
+def extend_lease(lease: BridgeLease, t_ns: int) -> BridgeLease:
+    """Return the lease of a bridge that stood still: its holder has a whole lease to renew it.
+
+    The asks of a standby may be read before those of the holder. Permits are not extended.
+    """
+    return lease._replace(answered_t_ns=t_ns)
+
+
 def accepts(lease: BridgeLease, permit: Permit, t_ns: int, times: LeaseTimes = TIMES) -> bool:
     """Return True if effects with a permit may go to the vehicles."""
     return lease.holder is not None and permit.epoch == lease.epoch and t_ns < permit.t_ns + times.lease_ns

@@ -82,6 +82,14 @@ class AllBridges:
         """Return True if this node has the leases that it needs."""
         return self._lease.duty is Duty.COMMANDS
 
+    def is_steady(self) -> bool:
+        """Return True if the bridges are heard, and were for a lease without a silence."""
+        return all(bridge.is_steady() for bridge in self.bridges)
+
+    def supervise(self) -> NoticeContent | None:
+        """Start a bridge on this machine again that has ended; return an alarm of its end."""
+        return next((news for bridge in self.bridges if (news := bridge.supervise()) is not None), None)
+
     def close(self) -> None:
         """Tell the bridges that command ends."""
         for bridge in self.bridges:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Final
 
-from gcs.core.lease.records import Answer, Ask
+from gcs.core.lease.records import TIMES, Answer, Ask
 from gcs.endpoints import Link
 from gcs.errors import LinkError, WireError
 from gcs.io.background_writer import BackgroundWriter
@@ -36,12 +36,14 @@ from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.frames.codec import FrameTable, scan
 from gcs.mavlink.frames.signing import SigningCounters
 from gcs.mavlink.router.router import PortCounters
-from gcs.model import NoticeCode, NoticeContent, Picture
+from gcs.model import NS_PER_S, NoticeCode, NoticeContent, Picture
 
 _MAX_UNSENT: Final = 200
 """Messages that wait for a bridge that does not read."""
 _MAX_UNREAD: Final = 500
 """Messages of a bridge that wait for the loop; later ones are dropped, as by the buffer of a socket."""
+_MAX_SILENCE_NS: Final = 6 * NS_PER_S // 5
+"""A bridge sends its status each second."""
 _ANSWER_S: Final = 1.0
 _END_S: Final = 1.0
 
@@ -106,6 +108,8 @@ class BridgeLinks:
         self._boot = 0
         self._number: int | None = None
         """Of the newest message of the bridge."""
+        self._heard_ns = self._steady_since_ns = steady_ns()
+        """Monotonic times of its last message, and of the first one after a silence."""
         self._writer = BackgroundWriter(self.name, _MAX_UNSENT)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._handler: LinkHandler | None = None
@@ -130,6 +134,7 @@ class BridgeLinks:
         """Decode a message, on a thread of zenoh."""
         with contextlib.suppress(WireError):  # of another version: the start of the bridge tells it
             message = decode(key, payload, Up)
+            self._note_heard()
             if len(self._unread) >= _MAX_UNREAD:
                 return  # the number of the next one shows it
             self._unread.append(message)
@@ -140,6 +145,19 @@ class BridgeLinks:
     def _take_status(self, key: str, payload: bytes) -> None:
         with contextlib.suppress(WireError):
             self._status = decode(key, payload, BridgeStatus)
+            self._note_heard()
+
+    def _note_heard(self) -> None:
+        now_ns = steady_ns()
+        if now_ns - self._heard_ns > _MAX_SILENCE_NS:
+            self._steady_since_ns = now_ns
+        self._heard_ns = now_ns
+
+    def is_steady(self) -> bool:
+        """Return True if the bridge is heard, and was for a lease without a silence."""
+        now_ns = steady_ns()
+        is_heard = now_ns - self._heard_ns <= _MAX_SILENCE_NS
+        return is_heard and now_ns - self._steady_since_ns >= TIMES.lease_ns
 
     def _read(self) -> None:
         """Pass on what a bridge has received."""
@@ -228,9 +246,13 @@ class BridgeLinks:
         """Return the port of each endpoint by name."""
         return self._status.ports
 
+    def supervise(self) -> NoticeContent | None:
+        """Start a bridge on this machine again that has ended; return an alarm of its end."""
+        return self._supervise()
+
     def notice(self) -> NoticeContent | None:
         """Return the next notice about the bridge, if any."""
-        if ended := self._supervise():
+        if ended := self.supervise():
             return ended
         missed = self._missed
         self._missed = 0

@@ -210,6 +210,13 @@ class Links:
         """Return an empty name: nobody else uses these endpoints."""
         return ""
 
+    def may_command(self) -> bool:
+        """Return True: nobody else uses these endpoints."""
+        return True
+
+    def ask_for_lease(self) -> None:
+        """Do nothing: there is no lease."""
+
     def ground_stations(self, t_ns: int) -> dict[str, list[str]]:
         """Return the clients of each endpoint as "HOST:PORT (system/component, ...)"."""
         found: dict[str, list[str]] = {link.name: [] for link in self.links if link.role != "vehicles"}

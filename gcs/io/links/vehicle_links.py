@@ -57,6 +57,12 @@ class VehicleLinks(Protocol):
     def commander(self) -> str:
         """Return the name of another node that commands the vehicles now; empty if there is none."""
 
+    def may_command(self) -> bool:
+        """Return True if this node may send to the vehicles."""
+
+    def ask_for_lease(self) -> None:
+        """Ask for the right to send, when that is due."""
+
     def ground_stations(self, t_ns: int) -> dict[str, list[str]]:
         """Return the clients of each endpoint as "HOST:PORT (system/component, ...)"."""
 

@@ -1,0 +1,86 @@
+"""Kill, stop and restart command, its bridge and its standby at random moments, beneath simulated vehicles.
+
+``python tests/bench/chaos.py --runs 1000 [--seed 1] [--speed 4] [--json]`` flies `deterministic` with real
+processes. Each run checks that two nodes never reach one vehicle, that no equal mission is uploaded and no
+order carried out twice, that the standby has the state of command, that each recording is readable to the
+last second, and that the mission ends (`helpers.chaos_checks`). Gaps and take-over times are in real time.
+"""
+
+import argparse
+import json
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from helpers.chaos import fly_under
+from helpers.chaos_checks import check
+from rich.console import Console
+from rich.table import Table
+
+
+def one_run(seed: int, speed: float, keep: Path | None) -> dict[str, object]:
+    """Fly a run; keep its folder if there is a problem."""
+    folder = Path(tempfile.mkdtemp(prefix="chaos-"))
+    try:
+        flight = fly_under(folder, seed, speed, check)
+        found = {
+            "seed": seed,
+            "faults": flight.done,
+            "gap_s": round(flight.gap_s, 3),
+            "all_gap_s": round(flight.all_gap_s, 3),
+            "take_over_s": [round(one, 3) for one in flight.take_over_s],
+            "uncompared": flight.uncompared,
+            "problems": flight.problems,
+        }
+    except AssertionError as error:
+        found = {"seed": seed, "problems": [f"broken off: {error}"[:600]]}
+    if found["problems"] and keep is not None:
+        shutil.copytree(
+            folder, keep / str(seed), ignore=shutil.ignore_patterns("*.sock*"), dirs_exist_ok=True
+        )
+    shutil.rmtree(folder, ignore_errors=True)
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=1, help="of the first run")
+    parser.add_argument("--speed", type=float, default=4.0, help="times real time")
+    parser.add_argument("--json", action="store_true", help="print each run as a line of JSON, no table")
+    parser.add_argument("--keep", type=Path, help="folder for logs and recordings of runs with problems")
+    options = parser.parse_args()
+    runs = []
+    for seed in range(options.seed, options.seed + options.runs):
+        runs.append(one_run(seed, options.speed, options.keep))
+        if options.json or runs[-1]["problems"]:
+            print(json.dumps(runs[-1]), flush=True)
+    if not options.json:
+        Console(width=100).print(table_of(runs))
+
+
+def table_of(runs: list[dict[str, object]]) -> Table:
+    """Return the figures of all runs."""
+    flown = [run for run in runs if "gap_s" in run]
+    took_s = [one for run in flown for one in run["take_over_s"]]
+    gaps_s = [run["gap_s"] for run in flown]
+    table = Table("figure", "value", title=f"{len(runs)} runs")
+    table.add_row("runs with problems", str(sum(bool(run["problems"]) for run in runs)))
+    table.add_row("faults", str(sum(len(run["faults"]) for run in flown)))
+    table.add_row("take-overs", str(len(took_s)))
+    if took_s:
+        table.add_row("take-over, s: median, 99 %, most", _quantiles(took_s))
+    if gaps_s:
+        table.add_row(
+            "longest gap of heartbeats, bridge undisturbed, s: median, 99 %, most", _quantiles(gaps_s)
+        )
+    return table
+
+
+def _quantiles(values: list[float]) -> str:
+    return ", ".join(f"{np.quantile(values, one):.2f}" for one in (0.5, 0.99, 1.0))
+
+
+if __name__ == "__main__":
+    main()

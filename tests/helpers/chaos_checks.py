@@ -1,0 +1,245 @@
+"""What must hold after a run of faults, from the recordings of all nodes and what the vehicles were sent."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from itertools import groupby, pairwise
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.config import parse
+from gcs.core.engine import Engine
+from gcs.core.snapshot import decode_state
+from gcs.core.state import flown_routes
+from gcs.errors import RecordingError
+from gcs.io.cluster.event_log import decode_batch, digest, unpacked
+from gcs.io.recording.reader import Damage, Record, read, read_info
+from gcs.mavlink.frames.codec import decode
+from gcs.model import NS_PER_S, AgentStatus, Event, OrderAnswer, Resumed, Send, Snapshot, Truth
+from helpers.chaos import Flight, Node
+from helpers.heartbeat_tap import Sent
+
+_SAME_S: Final = 3.0
+"""Between the time at which a node recorded a datagram, and that at which the vehicle was sent it."""
+_UNREADABLE_S: Final = 1.5
+"""What a recording may lack before a `kill -9`."""
+
+
+class _Kept(NamedTuple):
+    node: Node
+    folder: Path
+    records: list[Record]
+
+
+def operational_picture(engine: Engine) -> dict[str, object]:
+    """Return what must be the same with and without a restart or a take-over."""
+    engine_state = engine.state
+    return {
+        "target labels": sorted(engine.stages.trackers.targets.confirmation.tracks),
+        "statuses": {v: one.perception.status.status for v, one in engine_state.agents.items()},
+        "targets of agents": {v: route.target for v, route in flown_routes(engine_state.agents).items()},
+        "authorities": {v: one.control.authority.word for v, one in engine_state.agents.items()},
+    }
+
+
+def check(flight: Flight) -> None:
+    """Add to `flight.problems` what does not hold."""
+    kept = list(_recordings(flight))
+    sent = sorted(flight.tap.sent)
+    flight.problems += _two_nodes(flight, kept, sent)
+    flight.problems += _repeated_missions(sent)
+    flight.problems += _repeated_orders(list(_while_they_command(kept)))
+    flight.problems += _other_states(flight, kept)
+    flight.problems += _lost(kept)
+    for node in flight.nodes:
+        said = (flight.folder / f"{node.name}.log").read_text()
+        flight.problems += [
+            f"{node.name}: {line}"
+            for line in said.splitlines()
+            if "the state differs" in line or "Traceback" in line
+        ]
+
+
+def _recordings(flight: Flight) -> Iterator[_Kept]:
+    """Read all recordings; note those that are not readable to the last second."""
+    for node in flight.nodes:
+        folder = flight.folder / node.name
+        if not folder.exists():  # a standby that never commanded, a bridge
+            continue
+        try:
+            records = list(read(folder))
+        except RecordingError as error:
+            flight.problems.append(f"recording of {node.name}: {error}")
+            continue
+        damage = [record.value for record in records if isinstance(record.value, Damage)]
+        records = [record for record in records if not isinstance(record.value, Damage)]
+        if node.ended_unix_s is None:
+            flight.problems += [f"recording of {node.name}: {one.problem}" for one in damage]
+        elif records:
+            missing_s = node.ended_unix_s - _unix_s(flight, records[-1].t_ns)
+            if missing_s > _UNREADABLE_S:
+                flight.problems.append(f"recording of {node.name} ends {missing_s:.1f} s before its end")
+        yield _Kept(node, folder, records)
+
+
+def _while_they_command(kept: list[_Kept]) -> Iterator[_Kept]:
+    """Leave out what a command that stood still recorded before it knew that it was replaced."""
+    for one, after in pairwise(kept):
+        begins = [record.t_ns for record in after.records if isinstance(record.value, Resumed)]
+        end_t_ns = begins[0] if begins else one.records[-1].t_ns + 1
+        yield one._replace(records=[record for record in one.records if record.t_ns < end_t_ns])
+    yield from kept[-1:]
+
+
+def _unix_s(flight: Flight, t_ns: int) -> float:
+    return (flight.epoch_ns + (t_ns - flight.epoch_ns) / flight.speed) / NS_PER_S
+
+
+def _two_nodes(flight: Flight, kept: list[_Kept], sent: list[Sent]) -> Iterator[str]:
+    """Datagrams of two nodes must not alternate at one vehicle: each node has one period of time."""
+    times = defaultdict[tuple[str, bytes], dict[str, list[float]]](dict)
+    for one in kept:
+        for record in one.records:
+            if isinstance(record.value, Send):
+                place = times[record.value.peer, record.value.data]
+                place.setdefault(one.node.name, []).append(_unix_s(flight, record.t_ns))
+    owners = defaultdict[str, list[tuple[str, float]]](list)
+    for datagram in sent:
+        if datagram.is_up:
+            continue
+        nodes = [
+            name
+            for name, recorded in times[datagram.peer, datagram.data].items()
+            if _is_near(recorded, datagram.unix_s)
+        ]
+        if len(nodes) == 1:
+            owners[datagram.peer].append((nodes[0], datagram.unix_s))
+    for peer, one_vehicle in owners.items():
+        periods = [name for name, _ in groupby(name for name, _ in one_vehicle)]
+        for name, count in Counter(periods).items():
+            if count > 1:
+                yield f"vehicle at {peer}: {name} reached it {count} times, between other nodes: {periods}"
+    if not owners:
+        yield "no datagram to a vehicle could be matched with a recording"
+
+
+def _is_near(times: list[float], at_s: float) -> bool:
+    index = bisect_left(times, at_s - _SAME_S)
+    return index < len(times) and times[index] < at_s + _SAME_S
+
+
+def _repeated_missions(sent: list[Sent]) -> Iterator[str]:
+    """No vehicle is sent a mission that it has taken already."""
+    taken: dict[str, dict[int, object]] = {}
+    coming: dict[str, dict[int, object]] = {}
+    size: dict[str, int] = {}
+    for datagram in sent:
+        peer = datagram.peer
+        for message in decode(datagram.data)[0]:
+            if message.get_type() == "MISSION_COUNT" and not datagram.is_up and not message.mission_type:
+                coming[peer] = {}
+                size[peer] = message.count
+            elif message.get_type() == "MISSION_ITEM_INT" and not message.mission_type and peer in coming:
+                coming[peer][message.seq] = _place(message)
+            elif message.get_type() == "MISSION_ACK" and datagram.is_up and not message.mission_type:
+                items = coming.pop(peer, None)
+                if items is None or message.type != dialect.MAV_MISSION_ACCEPTED or len(items) != size[peer]:
+                    continue
+                if taken.get(peer) == items:
+                    yield f"vehicle at {peer} was sent an equal mission of {len(items)} items again"
+                taken[peer] = items
+
+
+def _place(item: dialect.MAVLink_mission_item_int_message) -> tuple[object, ...]:
+    parameters = (item.param1, item.param2, item.param3, item.param4)
+    return (item.frame, item.command, *map(str, parameters), item.x, item.y, item.z)
+
+
+def _repeated_orders(kept: list[_Kept]) -> Iterator[str]:
+    """Each order has one result for each vehicle, whoever gave it."""
+    results = Counter[tuple[str, int]]()
+    for one in kept:
+        for record in one.records:
+            answer = record.value
+            if isinstance(answer, OrderAnswer) and answer.vehicle is not None and answer.state == "done":
+                results[answer.order_id, answer.vehicle] += 1
+    for (order, vehicle), count in results.items():
+        if count > 1:
+            yield f"order {order} was carried out {count} times by vehicle {vehicle}"
+
+
+def _lost(kept: list[_Kept]) -> Iterator[str]:
+    """`deterministic` loses no agent."""
+    for one in kept:
+        for record in one.records:
+            if isinstance(record.value, AgentStatus) and record.value.status in ("lost", "down"):
+                yield f"{one.node.name}: vehicle {record.value.vehicle} {record.value.status}"
+
+
+def _other_states(flight: Flight, kept: list[_Kept]) -> Iterator[str]:
+    """The state with which a standby takes over is that of the command before it."""
+    for before, after in pairwise(kept):
+        first = [record.value for record in after.records[:2]]
+        if not after.node.name.startswith("standby") or len(first) < 2:
+            continue
+        snapshot, resumed = first
+        if not isinstance(snapshot, Snapshot) or not isinstance(resumed, Resumed):
+            yield f"{after.node.name} does not begin with a state"
+            continue
+        expected, last_t_ns = _engine_at(before, flight.events, snapshot.t_ns)
+        found = _engine(before.folder)
+        found.state = decode_state(after.node.name, snapshot.data)
+        if last_t_ns != snapshot.t_ns:  # neither recorded nor seen by the observer
+            flight.uncompared += 1
+            continue
+        if digest(expected.state) == digest(found.state):
+            continue
+        parts = operational_picture(found)
+        for part, value in operational_picture(expected).items():
+            if parts[part] != value:
+                yield f"{after.node.name}: {part} {parts[part]}; of {before.node.name} {value}"
+        yield f"{after.node.name}: its state differs from that of {before.node.name} at the same event"
+
+
+def _engine(folder: Path) -> Engine:
+    info = read_info(folder)
+    assert info.run is not None
+    return Engine(parse(info.config_text, folder.name), info.run.seed)
+
+
+def _engine_at(kept: _Kept, batches: list[bytes], t_ns: int) -> tuple[Engine, int]:
+    """Return the engine after the events of a recording until a time, and the time of the last one.
+
+    What the recording lacks at its end is in the batches.
+    """
+    engine = _engine(kept.folder)
+    values = [record.value for record in kept.records]
+    snapshots = [n for n, one in enumerate(values) if isinstance(one, Snapshot) and one.t_ns <= t_ns]
+    begin = 0
+    if snapshots:
+        begin = snapshots[-1]
+        snapshot = values[begin]
+        assert isinstance(snapshot, Snapshot)
+        engine.state = decode_state(kept.node.name, snapshot.data)
+    last_t_ns = 0
+    for value in values[begin:]:
+        if isinstance(value, Event) and not isinstance(value, Truth):
+            if value.t_ns > t_ns:
+                break
+            engine.step(value)
+            last_t_ns = value.t_ns
+    for event in _events(batches):
+        if last_t_ns < event.t_ns <= t_ns:
+            engine.step(event)
+            last_t_ns = event.t_ns
+    return engine, last_t_ns
+
+
+def _events(batches: list[bytes]) -> Iterator[Event]:
+    for payload in batches:
+        for kind, data in decode_batch("events", payload).events:
+            yield unpacked(kind, data)
