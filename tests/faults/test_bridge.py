@@ -163,9 +163,7 @@ def test_a_standby_takes_over_and_nothing_is_uploaded_again(flight: Flight, stop
         assert first.wait(20.0) != 0
         assert "commands the vehicles" in flight.run.printed("first")
         (resumed,) = flight.run.all("second", Resumed)
-        assert (
-            flight.run.all("first", Tick)[-1].t_ns < resumed.t_ns
-        )  # nor answer orders
+        assert flight.run.all("first", Tick)[-1].t_ns < resumed.t_ns  # nor answer orders
     flight.run.until("second", lambda _: bool(flight.run.all("second", Scan)), 10.0)
     standby.send_signal(signal.SIGINT)
     assert standby.wait(20.0) == 0
