@@ -39,7 +39,7 @@ _AGAIN_S: Final = 1.0
 _START_S: Final = 240.0
 _TAKE_OVER_S: Final = 25.0
 _SETTLE_S: Final = 5.0
-_OUTAGE_S: Final = 30.0
+_OUTAGE_S: Final = 60.0
 """For a bridge and a command to start on a busy machine."""
 
 
@@ -395,7 +395,7 @@ class ChaosRun:
     def _wait_for_end(self) -> None:
         deadline = time.monotonic() + MISSION_S / self._speed
         while time.monotonic() < deadline:
-            if self._command is not None and "mission ended" in self.run.printed(self._command.name).lower():
+            if any("mission ended" in self.run.printed(node.name) for node in self.flight.nodes):
                 return
             time.sleep(0.2)
             self._supervise()
