@@ -41,7 +41,7 @@ from sim_vehicles.autopilots.firmware import (
     true_place,
     truth_messages,
 )
-from sim_vehicles.autopilots.firmware_faults import injection_messages, stick_message
+from sim_vehicles.autopilots.firmware_faults import glitched_position, injection_messages, stick_message
 from sim_vehicles.error_output import print_message
 from sim_vehicles.process_start import Address, FirmwareArguments, await_clock, read_arguments
 from sim_vehicles.vehicle.faults import FaultChange, FaultKind, Faults, fault_changes
@@ -143,6 +143,7 @@ class FirmwareHost:
         self._heartbeats = Encoder()
         self._heartbeat_s = -math.inf
         self._truths = Outbox(spec.system_id)
+        self._receiver = Outbox(spec.system_id)
         self._towards_gcs = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._towards_gcs.setblocking(False)
         assert vehicle.truth is not None
@@ -335,6 +336,8 @@ class FirmwareHost:
             place = true_place(message)
             if place is not None:
                 self._send_truth(t_ns, place)
+                if FaultKind.GLITCH in self._faults and message.get_type() == "HIL_STATE_QUATERNION":
+                    self._truth_port.send(self._receiver.encode(glitched_position(message)))
             elif message.get_type() == "SYSTEM_TIME":
                 self._watch_lag(message.time_boot_ms, t_ns)
             elif message.get_type() == "GLOBAL_POSITION_INT":

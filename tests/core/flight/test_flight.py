@@ -390,6 +390,30 @@ def test_px4s_loss_of_the_ground_station_is_a_cause_although_its_text_is_an_info
     assert causes_told(plane, "LOITER") == ["Connection to ground station lost"]
 
 
+def test_a_failsafe_of_px4_without_a_text_of_its_cause_is_told_with_what_the_vehicle_lacks() -> None:
+    """PX4 1.17: 77 to 100 s after the loss of its GPS it returns."""
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    plane.fix = 0
+    plane.wait(4.0)
+    plane.say("Failsafe activated\t")
+    plane.mode, plane.system_status = "RTL", dialect.MAV_STATE_CRITICAL
+    plane.wait(2.0)
+    (cause,) = causes_told(plane, "RTL")
+    assert cause.startswith("no 3D fix")
+    assert cause.endswith("; Failsafe activated")
+
+
+def test_a_drifting_position_is_the_cause_of_a_failsafe_of_px4() -> None:
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    plane.say("Position estimate has low accuracy\t", 4)
+    plane.say("Failsafe activated\t")
+    plane.mode, plane.system_status = "RTL", dialect.MAV_STATE_CRITICAL
+    plane.wait(2.0)
+    assert causes_told(plane, "RTL") == ["Position estimate has low accuracy; Failsafe activated"]
+
+
 def test_arduplanes_long_failsafe_is_told_in_its_own_words() -> None:
     plane = Aeroplane(ARDUPLANE)
     plane.wait(4.0)
