@@ -40,6 +40,8 @@ TRUE_STATE: Final = {
     "px4": mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
 }
 """Message with the true position, by autopilot."""
+_HOST_IS_RECEIVER: Final = {"MAV_USEHILGPS": 1.0, "SENS_EN_GPSSIM": 2.0}
+"""SIH has no receiver unless its parameter is 1; the start script's default goes before a 0."""
 _STREAMS_HZ: Final = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
@@ -127,7 +129,7 @@ def px4_command(
         "NAV_LOITER_RAD": 40.0,
         "RTL_LOITER_RAD": 40.0,
         **({"COM_RC_IN_MODE": 1.0} if FaultKind.RC in kinds else {}),
-        **({"MAV_USEHILGPS": 1.0} if FaultKind.GLITCH in kinds else {}),
+        **(_HOST_IS_RECEIVER if FaultKind.GLITCH in kinds else {}),
         **spec.parameters,
     }
     environment = {

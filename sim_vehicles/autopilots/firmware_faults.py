@@ -2,9 +2,9 @@
 
 ArduPlane: SIM_* parameters (https://ardupilot.org/dev/docs/sitl-parameters.html). A crash is an elevator
 that works the wrong way round, without thrust. PX4 with SIH: MAV_CMD_INJECT_FAILURE reaches motors and the
-battery only, so other parameters are changed. A scale of the airspeed is a blocked sensor. In a glitch SIH's
-GPS receiver has no fix, and the host is a second receiver: HIL_GPS. The host is also the radio control that
-PX4 can lose: MANUAL_CONTROL. A silent radio is silence of the host.
+battery only, so other parameters are changed. A scale of the airspeed is a blocked sensor. The host is the
+GPS receiver of a PX4 that is to glitch (HIL_GPS), and the radio control of one that is to lose it
+(MANUAL_CONTROL). A silent radio is silence of the host.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ PX4: Final = {
     FaultKind.CRASH: Injection({"CA_SV_CS1_TRQ_P": -1.0, **_NO_THRUST}, {}),
     FaultKind.ENGINE: Injection(_NO_THRUST, dict.fromkeys(_NO_THRUST, _THRUST_N)),
     FaultKind.GPS: Injection({"SIM_GPS_USED": 0}, {"SIM_GPS_USED": _SATELLITES}),
-    FaultKind.GLITCH: Injection({"SIM_GPS_USED": 0}, {"SIM_GPS_USED": _SATELLITES}),
+    FaultKind.GLITCH: Injection({}, {}),
     FaultKind.BATTERY: Injection({"SIM_BAT_MIN_PCT": 0.0}, {"SIM_BAT_MIN_PCT": 50.0}),
     FaultKind.RC: Injection({}, {}),
     FaultKind.AIRSPEED: Injection(
@@ -79,14 +79,15 @@ def _set_parameter(system_id: int, px4: bool, name: str, value: float) -> Any:
     return mavlink.MAVLink_param_set_message(system_id, 1, name.encode("ascii"), sent, param_type)
 
 
-def glitched_position(truth: Any) -> Any:
-    """Return the HIL_GPS of a receiver that jumped by 200 m, from a HIL_STATE_QUATERNION."""
+def receiver_message(truth: Any, has_fix: bool, glitches: bool) -> Any:
+    """Return the HIL_GPS of a receiver, 200 m off if it glitches, from a HIL_STATE_QUATERNION."""
     speed_cm_s = round(math.hypot(truth.vx, truth.vy))
     course_cdeg = round(100.0 * math.degrees(math.atan2(truth.vy, truth.vx))) % 36_000
+    lat_e7 = truth.lat + (round(_GLITCH_DEG * 1e7) if glitches else 0)
     return mavlink.MAVLink_hil_gps_message(
-        truth.time_usec, mavlink.GPS_FIX_TYPE_3D_FIX, truth.lat + round(_GLITCH_DEG * 1e7), truth.lon,
-        truth.alt, _ACCURACY_CM, 2 * _ACCURACY_CM, speed_cm_s, truth.vx, truth.vy, truth.vz, course_cdeg,
-        _SATELLITES,
+        truth.time_usec, mavlink.GPS_FIX_TYPE_3D_FIX if has_fix else mavlink.GPS_FIX_TYPE_NO_FIX, lat_e7,
+        truth.lon, truth.alt, _ACCURACY_CM, 2 * _ACCURACY_CM, speed_cm_s, truth.vx, truth.vy, truth.vz,
+        course_cdeg, _SATELLITES,
     )  # fmt: skip
 
 

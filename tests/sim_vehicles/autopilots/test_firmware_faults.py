@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.errors import ConfigError, SimulationError
 from gcs.geo import LocalFrame
 from sim_vehicles.autopilots.firmware import px4_command
-from sim_vehicles.autopilots.firmware_faults import PLANE, PX4, glitched_position, injection_messages
+from sim_vehicles.autopilots.firmware_faults import PLANE, PX4, injection_messages, receiver_message
 from sim_vehicles.vehicle.faults import Fault, FaultKind, fault_changes, parse_fault
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 from sim_vehicles.world.scenario import load, with_faults
@@ -41,7 +41,9 @@ def test_a_receiver_of_a_px4_jumps_by_200_m_and_keeps_its_velocity():
     truth = mavlink.MAVLink_hil_state_quaternion_message(
         5, [1.0, 0.0, 0.0, 0.0], 0, 0, 0, 332_000_000, -876_000_000, 150_000, 0, -1200, 10, 0, 0, 0, 0, 0
     )
-    fix = glitched_position(truth)
+    fix = receiver_message(truth, has_fix=True, glitches=True)
+    assert receiver_message(truth, has_fix=True, glitches=False).lat == truth.lat
+    assert receiver_message(truth, has_fix=False, glitches=False).fix_type == mavlink.GPS_FIX_TYPE_NO_FIX
     assert (fix.lat - truth.lat) * 1e-7 * 111_320.0 == pytest.approx(200.0, abs=1.0)
     assert (fix.lon, fix.alt, fix.vn, fix.ve, fix.vd) == (truth.lon, 150_000, 0, -1200, 10)
     assert (fix.fix_type, fix.vel, fix.cog) == (mavlink.GPS_FIX_TYPE_3D_FIX, 1200, 27_000)
