@@ -221,6 +221,30 @@ def test_sinking_at_full_throttle_is_a_failed_engine_and_its_cause_is_told_when_
     assert "engine or propeller" in causes
 
 
+def test_a_dive_for_a_blocked_airspeed_sensor_is_no_failed_engine_and_takes_no_target() -> None:
+    """PX4 1.17 dives at full throttle for 9 s; its sensor is unhealthy 1.5 s after the dive began."""
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    plane.climb_m_s, plane.throttle = -4.0, 100
+    plane.wait(1.5)
+    plane.failed = AIRSPEED
+    plane.wait(7.5)
+    plane.climb_m_s, plane.throttle = 0.0, 60
+    plane.wait(10.0)
+    assert plane.noticed(NoticeCode.AIRSPEED_PROBLEM)
+    assert not plane.noticed(NoticeCode.PROPULSION_PROBLEM)
+
+
+def test_an_engine_that_fails_after_the_airspeed_sensor_is_told() -> None:
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    plane.failed = AIRSPEED
+    plane.wait(16.0)
+    plane.climb_m_s, plane.throttle = -4.0, 100
+    plane.wait(4.5)
+    assert plane.noticed(NoticeCode.PROPULSION_PROBLEM)
+
+
 def test_a_glide_in_waves_is_a_failed_engine_too() -> None:
     """ArduPlane without thrust sinks for some seconds, and then holds its height for some."""
     plane = Aeroplane(ARDUPLANE)
