@@ -40,6 +40,8 @@ TRUE_STATE: Final = {
     "px4": mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
 }
 """Message with the true position, by autopilot."""
+_HOST_IS_RECEIVER: Final = {"MAV_USEHILGPS": 1.0, "SENS_EN_GPSSIM": 2.0}
+"""SIH has no receiver unless its parameter is 1; the start script's default goes before a 0."""
 _STREAMS_HZ: Final = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
@@ -118,6 +120,7 @@ def px4_command(
     PX4's start script gives instance N the UDP ports 14580 + N (its own) and 14540 + N (ours).
     """
     lat_deg, lon_deg = frame.to_geodetic(spec.east_m, spec.north_m)
+    kinds = {fault.kind for fault in spec.faults}
     parameters = {
         "MAV_SYS_ID": float(spec.system_id),
         "MIS_TAKEOFF_ALT": spec.alt_rel_m,
@@ -125,8 +128,8 @@ def px4_command(
         "RTL_RETURN_ALT": spec.alt_rel_m,
         "NAV_LOITER_RAD": 40.0,
         "RTL_LOITER_RAD": 40.0,
-        **({"SYS_FAILURE_EN": 1.0} if spec.faults else {}),
-        **({"COM_RC_IN_MODE": 1.0} if any(fault.kind is FaultKind.RC for fault in spec.faults) else {}),
+        **({"COM_RC_IN_MODE": 1.0} if FaultKind.RC in kinds else {}),
+        **(_HOST_IS_RECEIVER if FaultKind.GLITCH in kinds else {}),
         **spec.parameters,
     }
     environment = {

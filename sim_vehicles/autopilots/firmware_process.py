@@ -41,7 +41,7 @@ from sim_vehicles.autopilots.firmware import (
     true_place,
     truth_messages,
 )
-from sim_vehicles.autopilots.firmware_faults import injection_messages, stick_message
+from sim_vehicles.autopilots.firmware_faults import injection_messages, receiver_message, stick_message
 from sim_vehicles.error_output import print_message
 from sim_vehicles.process_start import Address, FirmwareArguments, await_clock, read_arguments
 from sim_vehicles.vehicle.faults import FaultChange, FaultKind, Faults, fault_changes
@@ -143,6 +143,7 @@ class FirmwareHost:
         self._heartbeats = Encoder()
         self._heartbeat_s = -math.inf
         self._truths = Outbox(spec.system_id)
+        self._receiver = Outbox(spec.system_id)
         self._towards_gcs = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._towards_gcs.setblocking(False)
         assert vehicle.truth is not None
@@ -158,6 +159,9 @@ class FirmwareHost:
         self._faults = Faults()
         self._fault_changes: list[FaultChange] = []
         self._is_down = False
+        self._is_receiver = arguments.firmware == "px4" and any(
+            fault.kind is FaultKind.GLITCH for fault in spec.faults
+        )
         self._has_sticks = arguments.firmware == "px4" and any(f.kind is FaultKind.RC for f in spec.faults)
         self._stick_ns = 0
         self.is_lost = self.has_failed = False
@@ -201,6 +205,7 @@ class FirmwareHost:
             for data in datagrams:
                 for message in self._reader.messages(data):
                     self.launch.receive(message)
+                    self._send_fix(message)
             for command in self.launch.poll(time.monotonic_ns()):
                 self._commands.send(command)
             for data in self._commands.pop_datagrams():
@@ -311,6 +316,13 @@ class FirmwareHost:
             self._stick_ns = now_ns + _STICK_PERIOD_NS
             self._commands.send(stick_message(self.spec.system_id))
 
+    def _send_fix(self, message: Any) -> None:
+        """Be the GPS receiver of a PX4 that is to glitch."""
+        if self._is_receiver and message.get_type() == "HIL_STATE_QUATERNION":
+            has_fix = FaultKind.GPS not in self._faults
+            fix = receiver_message(message, has_fix, glitches=FaultKind.GLITCH in self._faults)
+            self._truth_port.send(self._receiver.encode(fix))
+
     def _watch_height(self, message: Any) -> None:
         """Note that the vehicle came down elsewhere than at its home."""
         east_m, north_m = self._frame.to_local(message.lat * 1e-7, message.lon * 1e-7)
@@ -335,6 +347,7 @@ class FirmwareHost:
             place = true_place(message)
             if place is not None:
                 self._send_truth(t_ns, place)
+                self._send_fix(message)
             elif message.get_type() == "SYSTEM_TIME":
                 self._watch_lag(message.time_boot_ms, t_ns)
             elif message.get_type() == "GLOBAL_POSITION_INT":

@@ -57,14 +57,21 @@ class Failsafes:
             return ""
         recent = [text for said_t_ns, text in agent.flight.texts if t_ns - said_t_ns <= _RECENT_NS]
         said = [text for text in recent if not _ends(text, profile)]
+        if any(_names_cause(text, profile) for text in said):
+            return "; ".join(said)
         problems = [problem.cause for problem in agent.flight.problems.values() if problem.is_told]
-        if _has_returned(agent, t_ns) and not said:
+        if _has_returned(agent, t_ns):
             problems.append("its link was down")  # and its texts were not heard
-        return "; ".join(said or problems) or "its autopilot names no cause"
+        return "; ".join([*problems, *said]) or "its autopilot names no cause"
 
 
 def _failsafe_of(text: str, profile: AutopilotProfile) -> FailsafeText | None:
     return next((one for one in profile.failsafe_texts if one.pattern.match(text)), None)
+
+
+def _names_cause(text: str, profile: AutopilotProfile) -> bool:
+    failsafe = _failsafe_of(text, profile)
+    return failsafe is not None and failsafe.names_cause
 
 
 def _ends(text: str, profile: AutopilotProfile) -> bool:

@@ -74,6 +74,10 @@ _GLITCH_FLAGS: Final = {
 _FULL_THROTTLE_PERCENT: Final = 90
 _FALL_M_S: Final = 1.5
 """Sink rate at full throttle that means a failed engine or propeller."""
+_AIRSPEED_DIVE_NS: Final = ns(15.0)
+"""Time after an airspeed sensor has failed in which it means nothing: the autopilot dives for the speed that
+it does not see, until it flies without the sensor. A PX4 1.17 dived for 9 s.
+"""
 _WIND_FRACTION: Final = 0.3
 """Wind speed, as a fraction of the airspeed, that every plan allows."""
 _MIN_USE_S: Final = 60.0
@@ -163,9 +167,10 @@ class HealthMonitor:
         airspeed = _SENSOR_BITS[HealthItem.AIRSPEED]
         if flight.sensors_good & airspeed & ~(good | failed):
             yield HealthItem.AIRSPEED, "its autopilot has disabled its airspeed sensor"
+        sinks = (now.throttle_percent or 0) >= _FULL_THROTTLE_PERCENT and state.climb_m_s < -_FALL_M_S
         if failed & _PROPULSION_BIT:
             yield HealthItem.PROPULSION, "the autopilot reports a failed engine"
-        elif (now.throttle_percent or 0) >= _FULL_THROTTLE_PERCENT and state.climb_m_s < -_FALL_M_S:
+        elif sinks and not _dives_for_airspeed(flight, t_ns):
             yield HealthItem.PROPULSION, "it sinks at full throttle: engine or propeller has failed"
         if problem := self._battery_problem(state, agent, now, t_ns):
             yield HealthItem.BATTERY, problem
@@ -200,6 +205,11 @@ class HealthMonitor:
         place_m = (state.east_m, state.north_m)
         length_m = math.dist(place_m, end_m) + math.dist(end_m, home_m)
         return length_m / self._config.speeds_m_s[state.system_id]
+
+
+def _dives_for_airspeed(flight: AgentFlight, t_ns: int) -> bool:
+    problem = flight.problems.get(HealthItem.AIRSPEED)
+    return problem is not None and t_ns - problem.since_t_ns < _AIRSPEED_DIVE_NS
 
 
 def _unfit(flight: AgentFlight, t_ns: int) -> str:

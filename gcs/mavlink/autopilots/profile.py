@@ -66,6 +66,7 @@ class FailsafeText:
     """Modes that the failsafe chooses at the time of this text."""
     ends: bool = False
     """True if the text says that the failsafe has ended. Its mode stays."""
+    names_cause: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,7 +53,8 @@ _MODES: Final = {
 }
 
 _CAUSES: Final = (
-    r"(Low|Critical|Emergency) battery|Battery \d+( missing| disconnected|:)|Geofence: |Failsafe activated|"
+    r"(Low|Critical|Emergency) battery|Battery \d+( missing| disconnected|:)|Geofence: |"
+    r"Position estimate has low accuracy|"
     r"Connection to (ground station|mission computer) lost|High latency data link lost|"
     r"GNSS (data fusion stopped|signal spoofed)|GPS jamming detected|Maximum flight time reached|"
     r"Compass needs calibration - Land now|GNSS heading not reliable|ESC\d+: |Parachute system lost|"
@@ -103,7 +104,10 @@ PX4: Final = AutopilotProfile(
     split_mode=lambda custom_mode: ((custom_mode >> 16) & 0xFF, (custom_mode >> 24) & 0xFF),
     critical_ends=True,
     failsafe_modes=frozenset(_MODES.values()) - {AUTO},
-    failsafe_texts=(FailsafeText(re.compile(_CAUSES), dialect.MAV_SEVERITY_INFO),),
+    failsafe_texts=(
+        FailsafeText(re.compile(_CAUSES), dialect.MAV_SEVERITY_INFO),
+        FailsafeText(re.compile("Failsafe activated"), dialect.MAV_SEVERITY_INFO, names_cause=False),
+    ),
     stored=_stored,
     parameters=PX4_PARAMETERS,
     fits=px4_parameters_for,

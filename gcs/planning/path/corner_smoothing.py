@@ -7,8 +7,10 @@ along legs and arcs, plus penalties for legs that are too short and arcs with to
 their own clearance. Method: compass search (R. Hooke and T. A. Jeeves, JACM 8, 1961), corner by corner.
 Corners whose turns fit do not move.
 
-*Clearance of an arc* is exact. Its legs are clear, so the nearest obstacle is on its inner side, and there
-the farthest point of a square from the centre of the arc is one of its corners.
+*Clearance of an arc* is exact. Its legs are clear, so the nearest obstacle is between the legs: on the inner
+side of the arc, where the farthest point of a square from the centre of the arc is one of its corners, or
+between the arc and the corner of a sharp turn, where the nearest point counts. A square that the arc crosses
+counts by the less of the two distances that would free it.
 
 Positions in cells: x = column, y = row.
 """
@@ -101,7 +103,7 @@ def clearance_shortfall(
     ay = py - back * uy
     bx = px + back * vx
     by = py + back * vy
-    # From the ends of the arc to its centre: obstacles within `clearance` of the arc lie there.
+    # Unit vectors from the ends of the arc to its centre.
     mx = -side * uy
     my = side * ux
     nx = -side * vy
@@ -119,6 +121,11 @@ def clearance_shortfall(
         for col in range(max(0, math.ceil(low_x - 0.5)), min(cols - 1, math.floor(high_x + 0.5)) + 1):
             if not blocked[row, col] or row * cols + col == own_cell:
                 continue
+            near_x = max(abs(col - cx) - 0.5, 0.0)
+            near_y = max(abs(row - cy) - 0.5, 0.0)
+            from_outside = radius + clearance - math.sqrt(near_x * near_x + near_y * near_y)
+            if from_outside <= worst:
+                continue
             for corner in range(4):
                 x = col - 0.5 + (corner >> 1) - cx
                 y = row - 0.5 + (corner & 1) - cy
@@ -132,7 +139,7 @@ def clearance_shortfall(
                     and x * mx + y * my > -radius
                     and x * nx + y * ny > -radius
                 ):
-                    worst = math.sqrt(far2) - inner
+                    worst = max(worst, min(math.sqrt(far2) - inner, from_outside))
     return worst
 
 

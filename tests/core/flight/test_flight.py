@@ -221,6 +221,30 @@ def test_sinking_at_full_throttle_is_a_failed_engine_and_its_cause_is_told_when_
     assert "engine or propeller" in causes
 
 
+def test_a_dive_for_a_blocked_airspeed_sensor_is_no_failed_engine_and_takes_no_target() -> None:
+    """PX4 1.17 dives at full throttle for 9 s; its sensor is unhealthy 1.5 s after the dive began."""
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    plane.climb_m_s, plane.throttle = -4.0, 100
+    plane.wait(1.5)
+    plane.failed = AIRSPEED
+    plane.wait(7.5)
+    plane.climb_m_s, plane.throttle = 0.0, 60
+    plane.wait(10.0)
+    assert plane.noticed(NoticeCode.AIRSPEED_PROBLEM)
+    assert not plane.noticed(NoticeCode.PROPULSION_PROBLEM)
+
+
+def test_an_engine_that_fails_after_the_airspeed_sensor_is_told() -> None:
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    plane.failed = AIRSPEED
+    plane.wait(16.0)
+    plane.climb_m_s, plane.throttle = -4.0, 100
+    plane.wait(4.5)
+    assert plane.noticed(NoticeCode.PROPULSION_PROBLEM)
+
+
 def test_a_glide_in_waves_is_a_failed_engine_too() -> None:
     """ArduPlane without thrust sinks for some seconds, and then holds its height for some."""
     plane = Aeroplane(ARDUPLANE)
@@ -388,6 +412,30 @@ def test_px4s_loss_of_the_ground_station_is_a_cause_although_its_text_is_an_info
     plane.mode, plane.system_status = "LOITER", dialect.MAV_STATE_CRITICAL
     plane.wait(2.0)
     assert causes_told(plane, "LOITER") == ["Connection to ground station lost"]
+
+
+def test_a_failsafe_of_px4_without_a_text_of_its_cause_is_told_with_what_the_vehicle_lacks() -> None:
+    """PX4 1.17: 77 to 100 s after the loss of its GPS it returns."""
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    plane.fix = 0
+    plane.wait(4.0)
+    plane.say("Failsafe activated\t")
+    plane.mode, plane.system_status = "RTL", dialect.MAV_STATE_CRITICAL
+    plane.wait(2.0)
+    (cause,) = causes_told(plane, "RTL")
+    assert cause.startswith("no 3D fix")
+    assert cause.endswith("; Failsafe activated")
+
+
+def test_a_drifting_position_is_the_cause_of_a_failsafe_of_px4() -> None:
+    plane = Aeroplane(PX4)
+    plane.wait(4.0)
+    plane.say("Position estimate has low accuracy\t", 4)
+    plane.say("Failsafe activated\t")
+    plane.mode, plane.system_status = "RTL", dialect.MAV_STATE_CRITICAL
+    plane.wait(2.0)
+    assert causes_told(plane, "RTL") == ["Position estimate has low accuracy; Failsafe activated"]
 
 
 def test_arduplanes_long_failsafe_is_told_in_its_own_words() -> None:

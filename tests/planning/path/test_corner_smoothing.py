@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from gcs.jit import kernel
@@ -83,6 +83,7 @@ def least_clearance(blocked: np.ndarray, places: np.ndarray, reach: float) -> fl
     st.floats(0.3, 2.5),
     st.floats(0.05, 0.9),
 )
+@example(4294967294, -2.1875, 2.5, 2.5, 0.125)  # an obstacle between the arc and the corner
 def test_an_arc_comes_as_near_to_obstacles_as_reported(seed, turn, heading, radius, reach):
     assume(abs(turn) > 0.01)
     long = radius * math.tan(abs(turn) / 2.0) + 0.2

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import struct
+
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import ConfigError, SimulationError
 from gcs.geo import LocalFrame
 from sim_vehicles.autopilots.firmware import px4_command
-from sim_vehicles.autopilots.firmware_faults import PLANE, PX4, injection_messages
+from sim_vehicles.autopilots.firmware_faults import PLANE, PX4, injection_messages, receiver_message
 from sim_vehicles.vehicle.faults import Fault, FaultKind, fault_changes, parse_fault
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 from sim_vehicles.world.scenario import load, with_faults
@@ -27,21 +29,34 @@ def test_an_engine_stops_by_the_parameters_of_arduplane_s_simulation_and_runs_ag
     assert {m.target_system for m in begins} == {3}
 
 
-def test_a_px4_loses_its_gps_by_failure_injection():
+def test_a_px4_loses_its_gps_as_its_simulated_receiver_has_no_satellites():
+    """PX4 refuses an INT32 parameter in a float, and its GPS simulation knows no injected failure."""
     (begins,) = injection_messages(3, True, FaultKind.GPS, True)
     (ends,) = injection_messages(3, True, FaultKind.GPS, False)
-    assert (begins.command, begins.param1, begins.param2) == (mavlink.MAV_CMD_INJECT_FAILURE, 4, 1)
-    assert (ends.param1, ends.param2) == (4, mavlink.FAILURE_TYPE_OK)
+    assert (begins.param_id, begins.param_type) == ("SIM_GPS_USED", mavlink.MAV_PARAM_TYPE_INT32)
+    assert [struct.pack("<f", m.param_value) for m in (begins, ends)] == [bytes(4), struct.pack("<i", 10)]
 
 
-def test_a_px4_with_faults_is_started_with_failure_injection(tmp_path):
-    faults = (Fault(FaultKind.GPS, 5.0),)
-    for spec, wanted in (
-        (VehicleSpec(3, 0, 0, 0, 90.0, 15.0, faults=faults), "1"),
-        (VehicleSpec(3, 0, 0, 0, 90.0, 15.0), None),
-    ):
+def test_a_receiver_of_a_px4_jumps_by_200_m_and_keeps_its_velocity():
+    truth = mavlink.MAVLink_hil_state_quaternion_message(
+        5, [1.0, 0.0, 0.0, 0.0], 0, 0, 0, 332_000_000, -876_000_000, 150_000, 0, -1200, 10, 0, 0, 0, 0, 0
+    )
+    fix = receiver_message(truth, has_fix=True, glitches=True)
+    assert receiver_message(truth, has_fix=True, glitches=False).lat == truth.lat
+    assert receiver_message(truth, has_fix=False, glitches=False).fix_type == mavlink.GPS_FIX_TYPE_NO_FIX
+    assert (fix.lat - truth.lat) * 1e-7 * 111_320.0 == pytest.approx(200.0, abs=1.0)
+    assert (fix.lon, fix.alt, fix.vn, fix.ve, fix.vd) == (truth.lon, 150_000, 0, -1200, 10)
+    assert (fix.fix_type, fix.vel, fix.cog) == (mavlink.GPS_FIX_TYPE_3D_FIX, 1200, 27_000)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [(FaultKind.GLITCH, "MAV_USEHILGPS"), (FaultKind.RC, "COM_RC_IN_MODE")]
+)
+def test_a_px4_is_started_so_that_its_host_can_be_its_receiver_or_its_radio_control(tmp_path, kind, name):
+    for faults, wanted in (((Fault(kind, 5.0),), "1"), ((), None)):
+        spec = VehicleSpec(3, 0, 0, 0, 90.0, 15.0, faults=faults)
         _, environment = px4_command(tmp_path / "bin" / "px4", spec, FRAME, 0, 1.0)
-        assert environment.get("PX4_PARAM_SYS_FAILURE_EN") == wanted
+        assert environment.get(f"PX4_PARAM_{name}") == wanted
 
 
 def test_faults_begin_and_end_at_their_times_and_a_crash_never_ends():
