@@ -131,6 +131,16 @@ class NoticeCode(StrEnum):
     HEARD_AGAIN = _vehicle(
         "heard-again", _I, "heard again after {silence_s:.1f} s", ends="link-stale link-down"
     )
+    HIGH_LATENCY = _vehicle(
+        "high-latency",
+        _W,
+        "heard by HIGH_LATENCY2 alone: it flies its verified mission and gets no other",
+        "no position for 2.5 s, and a high-latency report: its radio is down, its satellite link is not",
+        "watch; check radio, power, range",
+    )
+    HIGH_LATENCY_OVER = _vehicle(
+        "high-latency-over", _I, "heard by usual telemetry again", ends="high-latency"
+    )
     IN_CONTACT = _vehicle("in-contact", _I, "in contact: {peer} on {link}")
     ADDRESS_CHANGED = _vehicle(
         "address-changed", _I, "moved: {peer} on {link}", "after a loss it is heard from another address"

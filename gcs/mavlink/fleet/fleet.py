@@ -24,9 +24,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import AutopilotProfile
-from gcs.mavlink.fleet.address_learning import Contact, move_of, signed_lead_ns
-from gcs.mavlink.fleet.checks.link_timeouts import LOST_AFTER_NS, STALE_AFTER_NS, check_liveness
+from gcs.mavlink.fleet.address_learning import Contact, move_of, signed_lead_ns, tells_autopilot
+from gcs.mavlink.fleet.checks.link_timeouts import STALE_AFTER_NS, check_liveness, lost_after_ns
 from gcs.mavlink.fleet.heartbeat import heartbeat, is_from_autopilot, is_heartbeat
+from gcs.mavlink.fleet.high_latency import heartbeat_of, is_high_latency
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, total
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.fleet.peers import Address
@@ -77,6 +78,7 @@ if TYPE_CHECKING:
 _NEEDED: Final = frozenset(
     {
         dialect.MAVLINK_MSG_ID_HEARTBEAT,
+        dialect.MAVLINK_MSG_ID_HIGH_LATENCY2,
         dialect.MAVLINK_MSG_ID_SYS_STATUS,
         dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
         dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
@@ -214,7 +216,8 @@ class Fleet:
         """Process a datagram, and its frames if they are known; return (vehicle, message) of our vehicles.
 
         Routine telemetry (`gcs.mavlink.fleet.fast_telemetry`) is not returned: it is in the states. To
-        receive an unchanged heartbeat, call `forward_next_heartbeat`.
+        receive an unchanged heartbeat, call `forward_next_heartbeat`. A HIGH_LATENCY2 is returned as the
+        heartbeat that it stands for.
         """
         if frames is None:
             frames = self._scan(datagram.data)
@@ -265,7 +268,7 @@ class Fleet:
         if frame.component_id != AUTOPILOT_COMPONENT_ID:
             self.links[address[0]].ignored += 1
             return None
-        message = frame.message() if is_heartbeat(frame) else None
+        message = frame.message() if tells_autopilot(frame) else None
         if not self._is_from_vehicle(vehicle, frame, message, address, t_ns):
             return None
         if message is None and frame.message_id in self._needed:
@@ -296,7 +299,7 @@ class Fleet:
             message.text = texts[-1]
             message.id = 0
         vehicle.apply_message(message, t_ns, self._notifier(t_ns, vehicle.system_id))
-        return message
+        return heartbeat_of(message, armed=vehicle.link.armed) if is_high_latency(frame) else message
 
     def _show_text(self, vehicle: Vehicle, text: str, severity: int, t_ns: int) -> None:
         """Show a STATUSTEXT to the operator, unless too many come, or a vehicle on the ground repeats it."""
@@ -319,8 +322,9 @@ class Fleet:
         link = vehicle.link
         before = vehicle.link.address
         if before == address:
-            return not is_heartbeat(frame) or is_from_autopilot(message)
-        known = None if before is None else Contact(before, vehicle.heard_t_ns, link.signed_lead_ns)
+            return not tells_autopilot(frame) or is_from_autopilot(message)
+        is_slow = link.high_latency is not None
+        known = None if before is None else Contact(before, vehicle.heard_t_ns, link.signed_lead_ns, is_slow)
         move = move_of(frame, t_ns, known, is_keyed=self._settings.checks_signatures)
         if known is not None and move == "heard elsewhere":
             link.conflicts += 1
@@ -396,11 +400,14 @@ class Fleet:
     def _poll_vehicle(self, vehicle: Vehicle, address: Address, t_ns: int) -> list[Message]:
         check_liveness(vehicle, t_ns, self._notifier(t_ns, vehicle.system_id))
         link = vehicle.link
+        if link.high_latency is not None:  # it costs money by the byte, and its answers come too late
+            vehicle.record[DUE_NS] = t_ns + NS_PER_S
+            return []
         messages = vehicle.poll(t_ns) if link.liveness == "alive" else []
         if self._peers.start_heartbeat(address, t_ns, self._used_addresses):
             messages.append(self._heartbeat())
         next_heartbeat_ns = self._peers.next_heartbeat_ns(address)
-        lost_t_ns = vehicle.heard_t_ns + LOST_AFTER_NS + 1
+        lost_t_ns = vehicle.heard_t_ns + lost_after_ns(link) + 1
         due = {"alive": link.requests.idle_until_ns, "stale": lost_t_ns}.get(link.liveness, next_heartbeat_ns)
         vehicle.record[DUE_NS] = min(next_heartbeat_ns, due)
         return messages

@@ -12,6 +12,7 @@ from gcs.mavlink.fleet.checks.battery_alarm import BatteryAlarm
 from gcs.mavlink.fleet.checks.position_checks import BootClock
 from gcs.mavlink.fleet.checks.position_plausibility import DuplicateIdDetector, MotionCheck
 from gcs.mavlink.fleet.checks.report_consistency import ReportConsistency
+from gcs.mavlink.fleet.high_latency import HighLatency
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystems
 from gcs.mavlink.fleet.notice_queue import NoticeQueue
 from gcs.mavlink.fleet.own_ids import OwnIds
@@ -100,6 +101,8 @@ class VehicleLink:
     returned_t_ns: int = 0
     """Time at which it was last heard again after its link was down."""
 
+    high_latency: HighLatency | None = None
+    """Its reports while it is heard by HIGH_LATENCY2 alone; None with usual telemetry."""
     is_awaited: bool = False
     """True after a restart until its next heartbeat: its mode is not known."""
 

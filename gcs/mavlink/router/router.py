@@ -33,6 +33,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
 from gcs.mavlink.fleet.address_learning import Contact, move_of, signed_lead_ns
+from gcs.mavlink.fleet.high_latency import is_high_latency
 from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Frame, target_of
 from gcs.mavlink.router import access_policy
@@ -163,12 +164,13 @@ class Router:
         contact = self._contacts.get(id_)
         if contact is not None and contact.address == address:
             contact.heard_t_ns = t_ns
+            contact.is_slow &= frame.message_id != _HEARTBEAT
         else:
             is_keyed = self._is_keyed(address[0], frame.system_id)
             move = move_of(frame, t_ns, contact, is_keyed=is_keyed)
             if move in ("heard elsewhere", "no heartbeat"):
                 return Routed((), move)
-            self._contacts[id_] = Contact(address, t_ns, signed_lead_ns(frame, t_ns))
+            self._contacts[id_] = Contact(address, t_ns, signed_lead_ns(frame, t_ns), is_high_latency(frame))
         system, component = target_of(frame) or (0, 0)
         if system in self._vehicles:
             return self._to_vehicle(t_ns, address, system, component)
