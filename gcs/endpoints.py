@@ -85,6 +85,8 @@ class Link:
     role: Role = "vehicles"
     adsb: bool = False
     """True if target tracks are sent there as ADSB_VEHICLE."""
+    redundant: bool = False
+    """True if vehicles of other links may be heard here as well."""
 
     @property
     def name(self) -> str:

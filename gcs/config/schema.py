@@ -201,6 +201,7 @@ class EndpointTable(Table, frozen=True, kw_only=True):
 
     endpoint: str
     network: Network = 0
+    redundant: bool = False
 
 
 class ForwardTable(Table, frozen=True, kw_only=True):
@@ -259,6 +260,6 @@ def link_of(entry: str | EndpointTable | ForwardTable) -> Link:
         case str():
             return Link(parse_endpoint(entry))
         case EndpointTable():
-            return Link(parse_endpoint(entry.endpoint), entry.network)
+            return Link(parse_endpoint(entry.endpoint), entry.network, redundant=entry.redundant)
         case ForwardTable():
             return Link(parse_endpoint(entry.endpoint), entry.network, entry.access, entry.adsb)

@@ -145,6 +145,14 @@ class NoticeCode(StrEnum):
     ADDRESS_CHANGED = _vehicle(
         "address-changed", _I, "moved: {peer} on {link}", "after a loss it is heard from another address"
     )
+    STANDBY_LINK = _vehicle("standby-link", _I, "has a stand-by link: {peer} on {link}", ends="standby-down")
+    STANDBY_DOWN = _vehicle(
+        "standby-down",
+        _W,
+        "its stand-by link is silent: {peer} on {link}",
+        "no frame of it for 5 s on its second link. Nothing takes over from the first one",
+        "check that link",
+    )
     REBOOTED = _vehicle("rebooted", _A, "rebooted", "its time since boot started again", "read its log")
     AGENT_LOST = _vehicle(
         "agent-lost", _A, "lost", "neither sensors nor reports show it", "look for it where it was last shown"

@@ -10,6 +10,7 @@ before they are queued.
 * After a timeout the component may appear elsewhere.
 * A component that was heard by HIGH_LATENCY2 alone moves at once to where its heartbeats are heard: its
   radio is back.
+* On a second link of the mission file it takes over after a shorter timeout (`SWITCH_AFTER_NS`).
 * Where signatures are checked, it moves at once to where its heartbeats are signed later: the frames from the
   address before are a replay.
 """
@@ -23,6 +24,7 @@ from gcs.mavlink.fleet.checks.link_timeouts import LOST_AFTER_NS
 from gcs.mavlink.fleet.heartbeat import is_from_autopilot, is_heartbeat
 from gcs.mavlink.fleet.high_latency import is_high_latency
 from gcs.mavlink.fleet.peers import Address
+from gcs.mavlink.fleet.standby_link import SWITCH_AFTER_NS
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Frame
 from gcs.mavlink.frames.signing import MIN_SIGNED_LATER_NS, signed_t_ns
 
@@ -55,7 +57,9 @@ class Contact:
         return t_ns - self.heard_t_ns > LOST_AFTER_NS
 
 
-def move_of(frame: Frame, t_ns: int, known: Contact | None, *, is_keyed: bool) -> Move:
+def move_of(
+    frame: Frame, t_ns: int, known: Contact | None, *, is_keyed: bool, is_second_path: bool = False
+) -> Move:
     """Return what a frame from an address that is not the known one means.
 
     Parameters
@@ -64,6 +68,9 @@ def move_of(frame: Frame, t_ns: int, known: Contact | None, *, is_keyed: bool) -
         Where the component was heard last; None: nowhere.
     is_keyed : bool
         True if the frame's signature was checked.
+    is_second_path : bool
+        True if the component may be heard at both addresses (`gcs.mavlink.fleet.standby_link`). A heartbeat
+        takes over from a signed one only if it is signed.
     """
     is_proof = tells_autopilot(frame) and (
         frame.component_id != AUTOPILOT_COMPONENT_ID or is_from_autopilot(frame.message())
@@ -71,10 +78,18 @@ def move_of(frame: Frame, t_ns: int, known: Contact | None, *, is_keyed: bool) -
     has_radio_again = known is not None and known.is_slow and is_heartbeat(frame)
     if known is None or known.has_timed_out(t_ns) or has_radio_again:
         return "appeared" if is_proof else "no heartbeat"
+    is_silent = t_ns - known.heard_t_ns > SWITCH_AFTER_NS
+    if is_second_path and is_silent and is_heartbeat(frame) and is_proof and has_equal_proof(frame, known):
+        return "appeared"
     lead_ns = signed_lead_ns(frame, t_ns)
     before_ns = known.signed_lead_ns
     is_later = lead_ns is not None and before_ns is not None and lead_ns - before_ns > MIN_SIGNED_LATER_NS
     return "signed later" if is_proof and is_keyed and is_later else "heard elsewhere"
+
+
+def has_equal_proof(frame: Frame, known: Contact) -> bool:
+    """Return True if a frame is signed, or the heartbeat that set the address was not."""
+    return frame.signed or known.signed_lead_ns is None
 
 
 def tells_autopilot(frame: Frame) -> bool:

@@ -7,6 +7,8 @@ Vehicles are numbered by `gcs.model.vehicle_id`; on network 0 that is the system
 * An outgoing endpoint gets heartbeats from the start, four a second.
 * A vehicle's address is that of its autopilot (`gcs.mavlink.fleet.address_learning`). Another address that
   uses its id is a conflict: counted and ignored. Frames go to learned addresses only.
+* On a link that the mission file calls redundant, another address is a stand-by and no conflict
+  (`gcs.mavlink.fleet.standby_link`).
 * Liveness is the age of the last frame of the vehicle's autopilot, whatever its message id.
 * Only message ids that are needed are unpacked. The others count for loss and liveness.
 """
@@ -24,14 +26,26 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import AutopilotProfile
-from gcs.mavlink.fleet.address_learning import Contact, move_of, signed_lead_ns, tells_autopilot
-from gcs.mavlink.fleet.checks.link_timeouts import STALE_AFTER_NS, check_liveness, lost_after_ns
+from gcs.mavlink.fleet.address_learning import (
+    Contact,
+    has_equal_proof,
+    move_of,
+    signed_lead_ns,
+    tells_autopilot,
+)
+from gcs.mavlink.fleet.checks.link_timeouts import (
+    LOST_AFTER_NS,
+    STALE_AFTER_NS,
+    check_liveness,
+    lost_after_ns,
+)
 from gcs.mavlink.fleet.heartbeat import heartbeat, is_from_autopilot, is_heartbeat
 from gcs.mavlink.fleet.high_latency import heartbeat_of, is_high_latency
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, total
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.fleet.records import FleetState, VehicleLink
+from gcs.mavlink.fleet.standby_link import StandbyLink, is_second_path
 from gcs.mavlink.fleet.stream_requests import StreamRequests, message_requests
 from gcs.mavlink.fleet.telemetry_table import (
     ADDRESS,
@@ -173,7 +187,9 @@ class Fleet:
         self._notices = self._state.notices
         extra = frozenset(extra_ids)
         self._needed = _NEEDED | extra
+        links = tuple(links)
         self._networks = {link.name: link.network for link in links}
+        self._redundant = frozenset(link.name for link in links if link.redundant)
         self._own = own
         self._encoder = Encoder(*own)
         self._outgoing = [(link.name, link.endpoint.remote) for link in links if link.endpoint.remote]
@@ -325,8 +341,13 @@ class Fleet:
             return not tells_autopilot(frame) or is_from_autopilot(message)
         is_slow = link.high_latency is not None
         known = None if before is None else Contact(before, vehicle.heard_t_ns, link.signed_lead_ns, is_slow)
-        move = move_of(frame, t_ns, known, is_keyed=self._settings.checks_signatures)
+        is_second = before is not None and is_second_path(before, address, self._redundant)
+        is_keyed = self._settings.checks_signatures
+        move = move_of(frame, t_ns, known, is_keyed=is_keyed, is_second_path=is_second)
         if known is not None and move == "heard elsewhere":
+            may_stand_by = is_second and has_equal_proof(frame, known)
+            if may_stand_by and self._is_standby(vehicle, frame, message, address, t_ns):
+                return False
             link.conflicts += 1
             link.claimed_t_ns = t_ns
             self.links[address[0]].conflicts += 1
@@ -342,10 +363,49 @@ class Fleet:
         if known is not None and move == "signed later":
             notify(NoticeCode.RECORDED_FRAMES, peer=known.address[1], link=known.address[0])
         self._set_address(vehicle, address)
+        if is_second and before is not None:
+            link.standby = StandbyLink(before, vehicle.heard_t_ns, t_ns)
+            link.standby.begin_window(vehicle.record, t_ns)
+        elif link.standby is not None and link.standby.address == address:
+            link.standby = None
         link.signed_lead_ns = signed_lead_ns(frame, t_ns)
         code = NoticeCode.IN_CONTACT if known is None else NoticeCode.ADDRESS_CHANGED
         notify(code, peer=address[1], link=address[0])
         return True
+
+    def _is_standby(
+        self, vehicle: Vehicle, frame: Frame, message: Message | None, address: Address, t_ns: int
+    ) -> bool:
+        """Return True if a frame is of the vehicle's stand-by link, and count it; a heartbeat begins one."""
+        link = vehicle.link
+        if link.standby is None and is_heartbeat(frame) and is_from_autopilot(message):
+            link.standby = StandbyLink(address, t_ns, t_ns)
+            link.standby.begin_window(vehicle.record, t_ns)
+            notify = self._notifier(t_ns, vehicle.system_id)
+            notify(NoticeCode.STANDBY_LINK, peer=address[1], link=address[0])
+        if link.standby is None:
+            return True  # before its first heartbeat
+        if link.standby.address != address:
+            return False
+        link.standby.count(frame.sequence, t_ns)
+        self.links[address[0]].standby += 1
+        return True
+
+    def _check_standby(self, vehicle: Vehicle, t_ns: int) -> None:
+        """Use the stand-by link if it loses much less; forget it when it is silent."""
+        link = vehicle.link
+        standby = link.standby
+        if standby is None or link.address is None:
+            return
+        notify = self._notifier(t_ns, vehicle.system_id)
+        if t_ns - standby.heard_t_ns > LOST_AFTER_NS:
+            link.standby = None
+            notify(NoticeCode.STANDBY_DOWN, peer=standby.address[1], link=standby.address[0])
+        elif link.liveness == "alive" and standby.is_better(vehicle.record, t_ns):
+            link.standby = StandbyLink(link.address, vehicle.heard_t_ns, t_ns)
+            link.standby.begin_window(vehicle.record, t_ns)
+            self._set_address(vehicle, standby.address)
+            notify(NoticeCode.ADDRESS_CHANGED, peer=standby.address[1], link=standby.address[0])
 
     def _set_address(self, vehicle: Vehicle, address: Address) -> None:
         """Set a vehicle's address."""
@@ -355,7 +415,8 @@ class Fleet:
     def _used_addresses(self) -> set[Address]:
         """Addresses of vehicles and of outgoing endpoints."""
         heard = {v.link.address for v in self._in_order if v.link.address is not None}
-        return heard.union(self._outgoing)
+        standby = {v.link.standby.address for v in self._in_order if v.link.standby is not None}
+        return heard.union(standby, self._outgoing)
 
     def _count_unknown(self, frame: Frame, address: Address, t_ns: int) -> None:
         if (frame.system_id, frame.component_id) == self._own and is_heartbeat(frame):
@@ -379,17 +440,25 @@ class Fleet:
         self._state.own_ids.begin(t_ns)
         out = []
         for address in self._outgoing:
-            if self._peers.start_heartbeat(address, t_ns, self._used_addresses):
-                sequence = self._state.sequences.get(address, 0)
-                out.append(Send(*address, self._encoder.pack(self._heartbeat(), sequence)))
-                self._state.sequences[address] = next_sequence(sequence)
+            out += self._address_heartbeat(address, t_ns)
         for index in np.flatnonzero(self._is_due(t_ns)).tolist():
             vehicle = self._in_order[index]
+            self._check_standby(vehicle, t_ns)
             heard_at = vehicle.link.address
             if heard_at is not None:
                 messages = self._poll_vehicle(vehicle, heard_at, t_ns)
                 out += [Send(*heard_at, vehicle.encode(message)) for message in messages]
+            if vehicle.link.standby is not None:
+                out += self._address_heartbeat(vehicle.link.standby.address, t_ns)
         return out
+
+    def _address_heartbeat(self, address: Address, t_ns: int) -> list[Send]:
+        """Return our heartbeat to an address if it is due, with the sequence of that address."""
+        if not self._peers.start_heartbeat(address, t_ns, self._used_addresses):
+            return []
+        sequence = self._state.sequences.get(address, 0)
+        self._state.sequences[address] = next_sequence(sequence)
+        return [Send(*address, self._encoder.pack(self._heartbeat(), sequence))]
 
     def _is_due(self, t_ns: int) -> npt.NDArray[np.bool_]:
         """Return a mask of the vehicles with something to send, or with a timeout."""
