@@ -359,7 +359,7 @@ class MultiSensorTracker:
         """Return births of vehicles that report away from tracks and components, and the other positions."""
         positions = np.reshape([at_time(state, t_ns) for state in states], (-1, 2))
         is_known = self._are_known(positions, t_ns, components, std_m)
-        births = [_report_birth(states[i], positions[i], std_m) for i in np.flatnonzero(~is_known)]
+        births = [_report_birth(states[i], positions[i], std_m) for i in np.flatnonzero(~is_known).tolist()]
         return births, positions[is_known]
 
     def _are_known(
