@@ -363,7 +363,7 @@ class Fleet:
         if known is not None and move == "signed later":
             notify(NoticeCode.RECORDED_FRAMES, peer=known.address[1], link=known.address[0])
         self._set_address(vehicle, address)
-        if is_second and before is not None:
+        if is_second and before is not None and not is_slow:
             link.standby = StandbyLink(before, vehicle.heard_t_ns, t_ns)
             link.standby.begin_window(vehicle.record, t_ns)
         elif link.standby is not None and link.standby.address == address:

@@ -175,6 +175,25 @@ def test_a_third_address_and_one_on_the_same_link_are_impostors():
     assert air.fleet.health_of(1).conflicts == 2
 
 
+def test_a_satellite_link_beside_the_radio_is_no_conflict_and_takes_over_when_the_radio_ends():
+    fleet, encode, satellite = Fleet([1], FRAME, links=[RADIO, LTE]), Encoder(1, 1), Encoder(1, 1)
+    report = dialect.MAVLink_high_latency2_message(
+        5000, 1, 3, 10, -353632621, 1491652370, 684, *[0] * 14, 80, 0, 0, 0, 0, 0
+    )
+    for t_s, place, frame in (
+        (0, PLACES[0], encode(BEAT)),
+        (1, PLACES[1], satellite(report)),
+        (4, PLACES[1], satellite(report)),
+    ):
+        fleet.receive(Datagram(t_s * S, *place, frame))
+    assert fleet.link(1) == RADIO.name
+    fleet.receive(Datagram(9 * S, *PLACES[1], satellite(report)))
+    assert fleet.link(1) == LTE.name
+    fleet.receive(Datagram(10 * S, *PLACES[0], encode(BEAT)))
+    assert fleet.link(1) == RADIO.name
+    assert not noticed(fleet.notices(), NoticeCode.ID_CONFLICT, NoticeCode.STANDBY_LINK)
+
+
 def test_without_the_key_in_the_mission_file_a_second_link_is_an_impostor():
     fleet, encode = Fleet([1], FRAME, links=[RADIO, Link(LTE.endpoint)]), Encoder(1, 1)
     for place in PLACES:
