@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 
 SCHEMA = "gcs.console.view.schema"
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).resolve().parents[2]
 TARGET = ROOT / "gcs/console/page_types.d.ts"
 HEAD = """\
 // What the server sends to the page's modules. Only the type checker reads this file; it is not shipped.
