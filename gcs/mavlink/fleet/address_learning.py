@@ -56,6 +56,10 @@ class Contact:
         """Return True if the component may have moved, or be gone."""
         return t_ns - self.heard_t_ns > LOST_AFTER_NS
 
+    def is_silent(self, t_ns: int) -> bool:
+        """Return True if a second link of the component may take over."""
+        return t_ns - self.heard_t_ns > SWITCH_AFTER_NS
+
 
 def move_of(
     frame: Frame, t_ns: int, known: Contact | None, *, is_keyed: bool, is_second_path: bool = False
@@ -78,8 +82,13 @@ def move_of(
     has_radio_again = known is not None and known.is_slow and is_heartbeat(frame)
     if known is None or known.has_timed_out(t_ns) or has_radio_again:
         return "appeared" if is_proof else "no heartbeat"
-    is_silent = t_ns - known.heard_t_ns > SWITCH_AFTER_NS
-    if is_second_path and is_silent and is_heartbeat(frame) and is_proof and has_equal_proof(frame, known):
+    if (
+        is_second_path
+        and known.is_silent(t_ns)
+        and is_heartbeat(frame)
+        and is_proof
+        and has_equal_proof(frame, known)
+    ):
         return "appeared"
     lead_ns = signed_lead_ns(frame, t_ns)
     before_ns = known.signed_lead_ns

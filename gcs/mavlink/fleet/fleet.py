@@ -344,6 +344,12 @@ class Fleet:
         is_second = before is not None and is_second_path(before, address, self._redundant)
         is_keyed = self._settings.checks_signatures
         move = move_of(frame, t_ns, known, is_keyed=is_keyed, is_second_path=is_second)
+        if (
+            known is not None
+            and move == "heard elsewhere"
+            and _takes_over(link.standby, frame, known, address)
+        ):
+            move = "appeared" if known.is_silent(t_ns) else move
         if known is not None and move == "heard elsewhere":
             may_stand_by = is_second and has_equal_proof(frame, known)
             if may_stand_by and self._is_standby(vehicle, frame, message, address, t_ns):
@@ -586,3 +592,9 @@ class Fleet:
     def unknown_systems(self) -> tuple[UnknownSystem, ...]:
         """Return the unknown systems on the links, in order of appearance."""
         return tuple(self._state.unknown_systems.known.values())
+
+
+def _takes_over(standby: StandbyLink | None, frame: Frame, known: Contact, address: Address) -> bool:
+    """Return True if a frame of a vehicle's stand-by shows that its other link is silent, when it is."""
+    is_standby = standby is not None and standby.address == address
+    return is_standby and not is_high_latency(frame) and has_equal_proof(frame, known)

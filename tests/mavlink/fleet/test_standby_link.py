@@ -112,6 +112,18 @@ def test_a_link_that_dies_is_replaced_within_three_seconds_and_said(copies):
     assert not air.told(*ALARMS)
 
 
+def test_the_next_frame_of_the_stand_by_takes_over_whatever_it_is():
+    fleet, encoders = Fleet([1], FRAME, links=[RADIO, LTE]), (Encoder(1, 1), Encoder(1, 1))
+    for place, encode in zip(PLACES, encoders, strict=True):
+        fleet.receive(Datagram(0, *place, encode(BEAT)))
+    current = dialect.MAVLink_mission_current_message(1)
+    links = []
+    for t_s in (1.4, 1.6):
+        fleet.receive(Datagram(round(t_s * S), *PLACES[1], encoders[1](current)))
+        links.append(fleet.link(1))
+    assert links == [RADIO.name, LTE.name]
+
+
 def test_the_link_that_loses_much_less_is_used_and_a_little_more_loss_changes_nothing():
     air = TwoLinks()
     air.loss = [0.1, 0.0]
