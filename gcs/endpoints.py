@@ -87,6 +87,8 @@ class Link:
     """True if target tracks are sent there as ADSB_VEHICLE."""
     bridge: str = ""
     """Bridge that opens it; empty: the only one."""
+    redundant: bool = False
+    """True if vehicles of other links may be heard here as well."""
 
     @property
     def name(self) -> str:

@@ -203,6 +203,7 @@ class EndpointTable(Table, frozen=True, kw_only=True):
     endpoint: str
     network: Network = 0
     bridge: str = ""
+    redundant: bool = False
 
 
 class ForwardTable(Table, frozen=True, kw_only=True):
@@ -269,7 +270,8 @@ def link_of(entry: str | EndpointTable | ForwardTable) -> Link:
         case str():
             return Link(parse_endpoint(entry))
         case EndpointTable():
-            return Link(parse_endpoint(entry.endpoint), entry.network, bridge=entry.bridge)
+            endpoint = parse_endpoint(entry.endpoint)
+            return Link(endpoint, entry.network, bridge=entry.bridge, redundant=entry.redundant)
         case ForwardTable():
             endpoint = parse_endpoint(entry.endpoint)
             return Link(endpoint, entry.network, entry.access, entry.adsb, entry.bridge)

@@ -49,8 +49,9 @@ from gcs.core.takeoff.sequence import TakeoffSequence
 from gcs.core.tasking.dispatch import Dispatch
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.upload_manager import UploadManager
+from gcs.mavlink.fleet.checks.link_timeouts import STALE_PERIODS
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
-from gcs.model import NS_PER_S
+from gcs.model import NS_PER_S, VehicleState
 
 
 class Stages:
@@ -84,7 +85,7 @@ class Stages:
         self.needs_approval = config.planning.retask == "confirm"
         self.expected_targets = len(config.births)
         self.reorder_window_s = tracking.reorder_window_s
-        self.max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)
+        self._max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)
         grid = mission_grid(config, seed)
         self.no_fly_zones = NoFlyZones(self.state.airspace, grid)
         self.fleet = Fleet(
@@ -196,3 +197,7 @@ class Stages:
         self.status_report = StatusReport(
             self.state, self.fleet, self.trackers, self.replanner.layers, self.tasking
         )
+
+    def max_age_ns(self, state: VehicleState) -> int:
+        """Return the age up to which a vehicle's last report shows that it is there."""
+        return max(self._max_report_age_ns, round(STALE_PERIODS * state.period_s * NS_PER_S))

@@ -131,9 +131,27 @@ class NoticeCode(StrEnum):
     HEARD_AGAIN = _vehicle(
         "heard-again", _I, "heard again after {silence_s:.1f} s", ends="link-stale link-down"
     )
+    HIGH_LATENCY = _vehicle(
+        "high-latency",
+        _W,
+        "heard by HIGH_LATENCY2 alone: it flies its verified mission and gets no other",
+        "no position for 2.5 s, and a high-latency report: its radio is down, its satellite link is not",
+        "watch; check radio, power, range",
+    )
+    HIGH_LATENCY_OVER = _vehicle(
+        "high-latency-over", _I, "heard by usual telemetry again", ends="high-latency"
+    )
     IN_CONTACT = _vehicle("in-contact", _I, "in contact: {peer} on {link}")
     ADDRESS_CHANGED = _vehicle(
         "address-changed", _I, "moved: {peer} on {link}", "after a loss it is heard from another address"
+    )
+    STANDBY_LINK = _vehicle("standby-link", _I, "has a stand-by link: {peer} on {link}", ends="standby-down")
+    STANDBY_DOWN = _vehicle(
+        "standby-down",
+        _W,
+        "its stand-by link is silent: {peer} on {link}",
+        "no frame of it for 5 s on its second link. Nothing takes over from the first one",
+        "check that link",
     )
     REBOOTED = _vehicle("rebooted", _A, "rebooted", "its time since boot started again", "read its log")
     AGENT_LOST = _vehicle(

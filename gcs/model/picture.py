@@ -59,3 +59,7 @@ class VehicleState:
     """Whether its autopilot says that it stands on the ground; None if it says nothing."""
     is_landing: bool = False
     """True if its autopilot says that it lands."""
+    period_s: float = 0.0
+    """Time between its reports while it is heard by HIGH_LATENCY2 alone; 0 with usual telemetry."""
+    std_m: float = 0.0
+    """Standard deviation of the position in such a report; 0 with usual telemetry."""

@@ -113,6 +113,7 @@ class Telemetry:
             mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.extended_sys_state,
             mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self.autopilot_version,
             mavlink.MAVLINK_MSG_ID_HOME_POSITION: self.home_position,
+            mavlink.MAVLINK_MSG_ID_HIGH_LATENCY2: self.high_latency2,
         }
 
     def __contains__(self, message_id: int) -> bool:
@@ -356,6 +357,28 @@ class Telemetry:
         return mavlink.MAVLink_autopilot_version_message(
             capabilities, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, system_id
         )
+
+    def high_latency2(self, t_ns: int) -> Any:
+        """Return the summary for a satellite link, with the failure flags of GPS, battery and estimate."""
+        a = self._airframe
+        autopilot = self._autopilot
+        is_px4 = autopilot.traits is PX4
+        heartbeat = self.heartbeat(t_ns)
+        lat, lon, alt_mm = self._lat_lon_alt(t_ns, autopilot.position_error_m(t_ns))
+        failed = mavlink.HL_FAILURE_FLAG_GPS if FaultKind.GPS in autopilot.faults else 0
+        failed |= mavlink.HL_FAILURE_FLAG_BATTERY if autopilot.failsafe.battery_level else 0
+        if autopilot.position_error_m(t_ns) != (0.0, 0.0):
+            failed |= mavlink.HL_FAILURE_FLAG_ESTIMATOR
+        armed = ((heartbeat.base_mode + 128) & 0xFF) - 128  # as a signed byte
+        return mavlink.MAVLink_high_latency2_message(
+            self._boot_ms(t_ns), heartbeat.type, heartbeat.autopilot,
+            heartbeat.custom_mode >> (16 if is_px4 else 0), lat, lon, round(alt_mm * 1e-3),
+            round(self._geodesy.frame.alt_msl_m + autopilot.alt_command_m),
+            int(math.degrees(a.heading_rad) % 360.0) // 2, 0, 0, self.vfr_hud(t_ns).throttle,
+            min(round(a.speed_m_s * 5.0), 255), 0, min(round(math.hypot(*a.velocity_m_s) * 5.0), 255),
+            0, 0, round(self._noise_std_m * 10.0) if is_px4 else 0, 0, -128, 0,
+            self._battery_percent(t_ns), autopilot.seq, failed, -128 if is_px4 else armed, -128, -128,
+        )  # fmt: skip
 
     def home_position(self, t_ns: int) -> Any | None:
         """Return the destination of RTL; None before there is an origin."""

@@ -76,8 +76,13 @@ class OnboardAudit:
         self._end(vehicle, ControlEvent.RESUME, t_ns)
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
-        """Process a message of a vehicle; begin an audit after a reboot or a lost link."""
+        """Process a message of a vehicle; begin an audit after a reboot or a lost link.
+
+        Over a high-latency link none begins: it waits for the radio.
+        """
         agent = self._agents[vehicle]
+        if agent.link.high_latency is not None:
+            return []
         mission = agent.tasking.pop_before_boot()
         authority = agent.authority
         if agent.link.returns != authority.returns:
@@ -140,6 +145,8 @@ class OnboardAudit:
         """Run the timers."""
         effects: list[Effect] = []
         for vehicle, audit in self._audits():
+            if self._agents[vehicle].link.high_latency is not None:
+                continue
             if t_ns - audit.began_t_ns > _TIMEOUT_NS and not self._is_late(vehicle):
                 self._agents[vehicle].claims.apply(ControlEvent.AUDIT_LATE, t_ns)
                 effects.append(Notice(t_ns, NoticeCode.MISSION_UNREAD, vehicle))

@@ -60,8 +60,11 @@ def _reason(agent: Agent) -> str:
         return control.reason
     if agent.link.liveness == "down":
         return "is not heard"
-    is_on_its_way = agent.routes.flown is not None and agent.tasking.route_end.since_t_ns is None
-    return f"is unfit: {flight.unfit}" if flight.unfit and not is_on_its_way else ""
+    if agent.routes.flown is not None and agent.tasking.route_end.since_t_ns is None:
+        return ""  # it is on its way
+    if agent.link.high_latency is not None:
+        return "is heard by HIGH_LATENCY2 alone"
+    return f"is unfit: {flight.unfit}" if flight.unfit else ""
 
 
 def _left(reasons: Mapping[int, str]) -> str:

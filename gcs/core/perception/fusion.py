@@ -12,6 +12,9 @@ A birth component has `BIRTH_PROBABILITY` until its object is confirmed, then `B
 a rate in `tracking.<kind>.anywhere`, objects are also born at detections that no track explains
 (`gcs.tracking.models.adaptive_birth`).
 
+A high-latency report (`gcs.mavlink.fleet.high_latency`) is used once, with its own noise. While a vehicle is
+heard by such reports alone, silence is no evidence of a loss: they come every few seconds or minutes.
+
 Each sensor announces its own noise, clutter, detection probability and field of view;
 `gcs.tracking.models.sensor_estimation` compares its scans with them. Late, repeated and future scans are
 refused.
@@ -63,6 +66,9 @@ _REPORT_CLUTTER_PER_M2 = 1e-6
 """Clutter density of position reports."""
 _REPORTS_ALONE_DETECTION = 0.01
 """Detection probability of reports without a sensor: a silent vehicle keeps its track."""
+_HIGH_LATENCY_DETECTION = 1e-3
+"""The same while a vehicle is heard by high-latency reports alone: minutes without one say nothing."""
+_HIGH_LATENCY_CLUTTER_PER_M2 = 1e-9
 _MAX_AHEAD_S = 1.0
 """Maximum time from arrival to measurement: clocks may differ this much."""
 _MIN_VARIANCE_M2 = 1e-4
@@ -240,9 +246,9 @@ class MultiSensorTracker:
         report_births, reports = self._reports(t_ns, states, self.agents.births)
         of_targets = self.targets.intensity(t_ns, scan.z_m, sensor)
         ours = self.agents.update(t_ns, scan.z_m, sensor, of_targets, report_births)
-        if reports is not None:
-            self.agents.update_again(t_ns, reports, self._telemetry_sensor())
-        agents = self.agents.extract(scan.t_ns, sensor if reports is None else None)
+        for report_sensor, positions in reports:
+            self.agents.update_again(t_ns, positions, report_sensor)
+        agents = self.agents.extract(scan.t_ns, None if reports else sensor)
         of_agents = self.agents.intensity(t_ns, scan.z_m, sensor)
         theirs = self.targets.update(t_ns, scan.z_m, sensor, of_agents)
         explained = 1.0 - (1.0 - ours.explained) * (1.0 - theirs.explained)
@@ -263,12 +269,17 @@ class MultiSensorTracker:
 
         There is none without such a report.
         """
-        new = [state for state in states if state.t_ns >= self.state.reports_t_ns]
-        births, reports = self._reports(measured_t_ns, new, ()) if new else ([], None)
-        if reports is None:
+        used_t_ns = self.state.reports_t_ns
+        if all(state.t_ns < used_t_ns for state in states):
             return []
-        sensor = replace(self._telemetry_sensor(), detection_probability=_REPORTS_ALONE_DETECTION)
-        self.agents.update_by_reports(measured_t_ns, reports, sensor, births)
+        kept = [state for state in states if state.period_s or state.t_ns >= used_t_ns]
+        births, reports = self._reports(measured_t_ns, kept, (), alone=True)
+        if not reports:
+            return []
+        (sensor, positions), *others = reports
+        self.agents.update_by_reports(measured_t_ns, positions, sensor, births)
+        for sensor, positions in others:
+            self.agents.update_again(measured_t_ns, positions, sensor)
         return [self.agents.extract(t_ns, None)]
 
     @property
@@ -297,46 +308,82 @@ class MultiSensorTracker:
         return used_t_ns < 0 or t_ns - used_t_ns >= 0.9 * period_ns
 
     def _reports(
-        self, t_ns: int, states: Sequence[VehicleState], components: Sequence[Birth]
-    ) -> tuple[list[Birth], FloatArray | None]:
+        self,
+        t_ns: int,
+        states: Sequence[VehicleState],
+        components: Sequence[Birth],
+        *,
+        alone: bool = False,
+    ) -> tuple[list[Birth], list[tuple[Sensor, FloatArray]]]:
         """Return births of vehicles that report away from tracks and components, and the other positions.
 
-        The positions are None until a report period has passed: a report is used once.
+        The positions are those of usual telemetry, with their sensor, then each high-latency report. There
+        are none until a report period has passed: a report is used once. `alone` means that no sensor
+        publishes.
         """
         if not self._are_reports_due(t_ns):
-            return [], None
+            return [], []
         self.state.reports_t_ns = t_ns
-        fresh = [s for s in states if abs(t_ns - s.t_ns) <= self._telemetry.max_age_s * NS_PER_S]
-        positions = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
-        is_known = self._are_known(positions, t_ns, components)
-        births = [self._report_birth(fresh[i], positions[i]) for i in np.flatnonzero(~is_known)]
+        telemetry = self._telemetry
+        usual = [s for s in states if not s.period_s and abs(t_ns - s.t_ns) <= telemetry.max_age_s * NS_PER_S]
+        is_slow = any(state.period_s for state in states)
+        detection = _REPORTS_ALONE_DETECTION if alone else telemetry.detection_probability
+        sensor = _report_sensor(
+            telemetry.noise_std_m, _HIGH_LATENCY_DETECTION if is_slow else detection, _REPORT_CLUTTER_PER_M2
+        )
+        births, positions = self._known_reports(t_ns, usual, components, telemetry.noise_std_m)
+        reports = [(sensor, positions)]
+        for state in self._new_slow_reports(t_ns, states):
+            more, positions = self._known_reports(t_ns, [state], components, state.std_m)
+            births += more
+            sensor = _report_sensor(state.std_m, _HIGH_LATENCY_DETECTION, _HIGH_LATENCY_CLUTTER_PER_M2)
+            reports.append((sensor, positions))
+        return births, reports
+
+    def _new_slow_reports(self, t_ns: int, states: Sequence[VehicleState]) -> list[VehicleState]:
+        """Return the high-latency reports that were not used yet, and note them as used."""
+        used = self.state.slow_reports_t_ns
+        new = [
+            state
+            for state in states
+            if state.period_s
+            and abs(t_ns - state.t_ns) <= state.period_s * NS_PER_S
+            and state.t_ns > used.get(state.system_id, -1)
+        ]
+        used.update({state.system_id: state.t_ns for state in new})
+        return new
+
+    def _known_reports(
+        self, t_ns: int, states: Sequence[VehicleState], components: Sequence[Birth], std_m: float
+    ) -> tuple[list[Birth], FloatArray]:
+        """Return births of vehicles that report away from tracks and components, and the other positions."""
+        positions = np.reshape([at_time(state, t_ns) for state in states], (-1, 2))
+        is_known = self._are_known(positions, t_ns, components, std_m)
+        births = [_report_birth(states[i], positions[i], std_m) for i in np.flatnonzero(~is_known).tolist()]
         return births, positions[is_known]
 
-    def _telemetry_sensor(self) -> Sensor:
-        t = self._telemetry
-        infinite = (-math.inf, -math.inf, math.inf, math.inf)
-        return Sensor(
-            "telemetry",
-            t.detection_probability,
-            _REPORT_CLUTTER_PER_M2,
-            read_only(np.eye(2) * t.noise_std_m**2),
-            infinite,
-        )
-
-    def _report_birth(self, state: VehicleState, position: FloatArray) -> Birth:
-        std_m = 2.0 * self._telemetry.noise_std_m
-        mean = (float(position[0]), float(position[1]), *velocity_m_s(state))
-        return birth(mean, std_m, 2.0)
-
     def _are_known(
-        self, positions: FloatArray, t_ns: int, components: Sequence[Birth]
+        self, positions: FloatArray, t_ns: int, components: Sequence[Birth], std_m: float
     ) -> npt.NDArray[np.bool_]:
         """Return a mask of the reports near a track or one of the birth components."""
         means, covs, _ = self.agents.expected(t_ns)
         means = np.concatenate([means, np.reshape([one.mean[:2] for one in components], (-1, 2))])
         covs = np.concatenate([covs, np.reshape([one.cov[:2, :2] for one in components], (-1, 2, 2))])
-        S = covs + np.eye(2) * self._telemetry.noise_std_m**2
+        S = covs + np.eye(2) * std_m**2
         return np.asarray((squared_distances(positions, means, S) <= _NEAR_STD**2).any(axis=1))
+
+
+def _report_sensor(std_m: float, detection_probability: float, clutter_per_m2: float) -> Sensor:
+    """Return position reports as a sensor that covers everything."""
+    infinite = (-math.inf, -math.inf, math.inf, math.inf)
+    cov_m2 = read_only(np.eye(2) * std_m**2)
+    return Sensor("telemetry", detection_probability, clutter_per_m2, cov_m2, infinite)
+
+
+def _report_birth(state: VehicleState, position: FloatArray, std_m: float) -> Birth:
+    """Return the birth of a vehicle where it reports."""
+    mean = (float(position[0]), float(position[1]), *velocity_m_s(state))
+    return birth(mean, 2.0 * std_m, 2.0)
 
 
 def at_time(state: VehicleState, t_ns: int) -> tuple[float, float]:

@@ -10,7 +10,8 @@ and other confirmed objects within the gate,
 The log-likelihood ratio of "absent" is accumulated, bounded per scan and in total (Page's cumulative sum,
 Biometrika 41, 1954). An alarm is raised above `ALARM_CUSUM`, and cleared at 0.
 
-Only armed vehicles with fresh reports are checked, by sensors that cover the reported position.
+Only armed vehicles with fresh reports of usual telemetry are checked, by sensors that cover the reported
+position.
 """
 
 from __future__ import annotations
@@ -81,7 +82,7 @@ class PositionIntegrityMonitor:
         """
         t_ns = scan.measured_t_ns
         effects = list[Effect]()
-        fresh = [s for s in states if s.armed and abs(t_ns - s.t_ns) <= self._max_age_ns]
+        fresh = [s for s in states if s.armed and not s.period_s and abs(t_ns - s.t_ns) <= self._max_age_ns]
         positions = np.reshape([at_time(state, t_ns) for state in fresh], (-1, 2))
         S = self._innovation_cov_m2(
             scan.sensor, positions, [(t_ns - state.t_ns) / NS_PER_S for state in fresh]

@@ -183,6 +183,8 @@ class TrackersState:
     """Sensors with a scan of that time."""
     reports_t_ns: int = -1
     """Time at which position reports were last used."""
+    slow_reports_t_ns: dict[int, int] = field(default_factory=dict)
+    """Time of the last high-latency report that was used, by vehicle."""
     estimations: dict[str, SensorEstimation] = field(default_factory=dict)
     """Estimated model of each sensor, the least recently heard first."""
     untracked: UntrackedState = field(default_factory=UntrackedState)

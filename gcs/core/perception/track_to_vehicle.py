@@ -58,7 +58,7 @@ class TrackVehicleAssociation:
     ) -> None:
         self._agents = agents
         self._gate_chi2 = gate_chi2
-        self._noise: FloatArray = np.eye(2) * noise_std_m**2
+        self._noise_std_m = noise_std_m
         self._max_age_ns = int(max_age_s * NS_PER_S)
 
     @property
@@ -109,11 +109,11 @@ class TrackVehicleAssociation:
         """End associations with reports outside the gate for too long; return the others outside."""
         if not tracked:
             return set()
-        means, S = self._expected_reports([track for _, track in tracked])
-        reported = np.array([positions[vehicle] for vehicle, _ in tracked])
-        is_outside = ~(squared_distances(reported, means, S).diagonal() <= self._gate_chi2)
+        vehicles = [vehicle for vehicle, _ in tracked]
+        distances = self._squared_distances(vehicles, [track for _, track in tracked], positions)
+        is_outside = ~(distances.diagonal() <= self._gate_chi2)
         outside = set()
-        for (vehicle, _), holds in zip(tracked, is_outside.tolist(), strict=True):
+        for vehicle, holds in zip(vehicles, is_outside.tolist(), strict=True):
             if self._of(vehicle).outside.count(t_ns, holds=holds) >= _BREAK_AFTER:
                 self.forget(vehicle)
             elif holds:
@@ -203,12 +203,21 @@ class TrackVehicleAssociation:
 
     def _costs(self, vehicles: Sequence[int], tracks: Sequence[Track], positions: Positions) -> FloatArray:
         """Return gated squared distances, (vehicles, tracks)."""
-        reported = np.array([positions[vehicle] for vehicle in vehicles])
-        costs = squared_distances(reported, *self._expected_reports(tracks))
+        costs = self._squared_distances(vehicles, tracks, positions)
         costs[~(costs <= self._gate_chi2)] = _FORBIDDEN
         return costs
 
-    def _expected_reports(self, tracks: Sequence[Track]) -> tuple[FloatArray, FloatArray]:
-        """Return means (n, 2) and covariances (n, 2, 2) of reports of tracked vehicles."""
+    def _squared_distances(
+        self, vehicles: Sequence[int], tracks: Sequence[Track], positions: Positions
+    ) -> FloatArray:
+        """Return squared Mahalanobis distances of reports from tracks, (vehicles, tracks)."""
+        reported = np.array([positions[vehicle] for vehicle in vehicles])
         means = np.array([track.mean[:2] for track in tracks])
-        return means, np.array([track.cov[:2, :2] for track in tracks]) + self._noise
+        covs = np.array([track.cov[:2, :2] for track in tracks])
+        distances = squared_distances(reported, means, covs + np.eye(2) * self._noise_std_m**2)
+        for row, vehicle in enumerate(vehicles):
+            slow = self._agents[vehicle].link.high_latency
+            if slow is not None:
+                S = covs + np.eye(2) * slow.std_m**2
+                distances[row] = squared_distances(reported[row : row + 1], means, S)[0]
+        return distances

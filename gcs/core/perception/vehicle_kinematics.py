@@ -33,8 +33,10 @@ class VehicleKinematics:
         self._max_age_ns = int(max_age_s * NS_PER_S)
 
     def update(self, states: Iterable[VehicleState]) -> None:
-        """Process the newest reports."""
+        """Process the newest reports; those of high latency are too coarse."""
         for state in states:
+            if state.period_s:
+                continue
             motion = self._agents[state.system_id].perception.motion
             motion.state = state
             before_ns, course_rad = motion.course or (-_MAX_INTERVAL_NS, 0.0)

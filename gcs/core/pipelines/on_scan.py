@@ -68,7 +68,7 @@ def begin_epoch(stages: Stages, scan: Scan) -> tuple[Epoch | None, list[Effect]]
     newest = stages.fleet.states()
     stages.report_history.add(scan.t_ns, newest)
     states = stages.report_history.at(scan.measured_t_ns, newest)
-    reporting = {one.system_id for one in newest if abs(scan.t_ns - one.t_ns) <= stages.max_report_age_ns}
+    reporting = {one.system_id for one in newest if abs(scan.t_ns - one.t_ns) <= stages.max_age_ns(one)}
     return Epoch(scan, tuple(states), newest, reporting), []
 
 

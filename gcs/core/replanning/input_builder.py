@@ -75,7 +75,11 @@ class PlanningInputBuilder:
             arrived=frozenset(with_status(self.agents, "arrived")),
             lost=lost,
             down=frozenset(with_status(self.agents, "down")),
-            unfit=frozenset(v for v in agents if self.agents[v].flight.unfit),
+            unfit=frozenset(
+                v
+                for v in agents
+                if self.agents[v].flight.unfit or self.agents[v].link.high_latency is not None
+            ),
             grounded=frozenset(v for v in agents if self.is_on_ground(v)),
             doubtful=frozenset(v for v in agents if self.agents[v].tasking.rejections.count),
             ranges=self._ranges(agents),

@@ -180,6 +180,7 @@ class UploadManager:
         vehicle = route.vehicle
         if (
             self.state.is_uploading(vehicle)
+            and self._agents[vehicle].link.high_latency is None
             and not self._is_climbing(vehicle)
             and self._is_clear(route, t_ns, at_once=at_once)
             and (at_once or self._agents[vehicle].tasking.retry.may_supersede(t_ns))
@@ -362,7 +363,9 @@ class UploadManager:
 
     def _may_start(self, vehicle: int, t_ns: int) -> bool:
         """Return True if a queued route need not wait any longer."""
-        is_free = self._active.has_capacity(vehicle) and self._agents[vehicle].authority.audit is None
+        agent = self._agents[vehicle]
+        is_heard = agent.link.high_latency is None
+        is_free = is_heard and self._active.has_capacity(vehicle) and agent.authority.audit is None
         is_due = is_free and not self._is_climbing(vehicle) and self._is_due(vehicle, t_ns)
         queued = self.state.queue[vehicle]
         return is_due and self._is_clear(queued.route, t_ns, at_once=queued.at_once)

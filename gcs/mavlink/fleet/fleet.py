@@ -7,6 +7,8 @@ Vehicles are numbered by `gcs.model.vehicle_id`; on network 0 that is the system
 * An outgoing endpoint gets heartbeats from the start, four a second.
 * A vehicle's address is that of its autopilot (`gcs.mavlink.fleet.address_learning`). Another address that
   uses its id is a conflict: counted and ignored. Frames go to learned addresses only.
+* On a link that the mission file calls redundant, another address is a stand-by and no conflict
+  (`gcs.mavlink.fleet.standby_link`).
 * Liveness is the age of the last frame of the vehicle's autopilot, whatever its message id.
 * Only message ids that are needed are unpacked. The others count for loss and liveness.
 """
@@ -24,13 +26,26 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import AutopilotProfile
-from gcs.mavlink.fleet.address_learning import Contact, move_of, signed_lead_ns
-from gcs.mavlink.fleet.checks.link_timeouts import LOST_AFTER_NS, STALE_AFTER_NS, check_liveness
+from gcs.mavlink.fleet.address_learning import (
+    Contact,
+    has_equal_proof,
+    move_of,
+    signed_lead_ns,
+    tells_autopilot,
+)
+from gcs.mavlink.fleet.checks.link_timeouts import (
+    LOST_AFTER_NS,
+    STALE_AFTER_NS,
+    check_liveness,
+    lost_after_ns,
+)
 from gcs.mavlink.fleet.heartbeat import heartbeat, is_from_autopilot, is_heartbeat
+from gcs.mavlink.fleet.high_latency import heartbeat_of, is_high_latency
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystem, total
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.fleet.records import FleetState, VehicleLink
+from gcs.mavlink.fleet.standby_link import StandbyLink, is_second_path
 from gcs.mavlink.fleet.stream_requests import StreamRequests, message_requests
 from gcs.mavlink.fleet.telemetry_table import (
     ADDRESS,
@@ -77,6 +92,7 @@ if TYPE_CHECKING:
 _NEEDED: Final = frozenset(
     {
         dialect.MAVLINK_MSG_ID_HEARTBEAT,
+        dialect.MAVLINK_MSG_ID_HIGH_LATENCY2,
         dialect.MAVLINK_MSG_ID_SYS_STATUS,
         dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
         dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
@@ -171,7 +187,9 @@ class Fleet:
         self._notices = self._state.notices
         extra = frozenset(extra_ids)
         self._needed = _NEEDED | extra
+        links = tuple(links)
         self._networks = {link.name: link.network for link in links}
+        self._redundant = frozenset(link.name for link in links if link.redundant)
         self._own = own
         self._encoder = Encoder(*own)
         self._outgoing = [(link.name, link.endpoint.remote) for link in links if link.endpoint.remote]
@@ -214,7 +232,8 @@ class Fleet:
         """Process a datagram, and its frames if they are known; return (vehicle, message) of our vehicles.
 
         Routine telemetry (`gcs.mavlink.fleet.fast_telemetry`) is not returned: it is in the states. To
-        receive an unchanged heartbeat, call `forward_next_heartbeat`.
+        receive an unchanged heartbeat, call `forward_next_heartbeat`. A HIGH_LATENCY2 is returned as the
+        heartbeat that it stands for.
         """
         if frames is None:
             frames = self._scan(datagram.data)
@@ -265,7 +284,7 @@ class Fleet:
         if frame.component_id != AUTOPILOT_COMPONENT_ID:
             self.links[address[0]].ignored += 1
             return None
-        message = frame.message() if is_heartbeat(frame) else None
+        message = frame.message() if tells_autopilot(frame) else None
         if not self._is_from_vehicle(vehicle, frame, message, address, t_ns):
             return None
         if message is None and frame.message_id in self._needed:
@@ -296,7 +315,7 @@ class Fleet:
             message.text = texts[-1]
             message.id = 0
         vehicle.apply_message(message, t_ns, self._notifier(t_ns, vehicle.system_id))
-        return message
+        return heartbeat_of(message, armed=vehicle.link.armed) if is_high_latency(frame) else message
 
     def _show_text(self, vehicle: Vehicle, text: str, severity: int, t_ns: int) -> None:
         """Show a STATUSTEXT to the operator, unless too many come, or a vehicle on the ground repeats it."""
@@ -319,10 +338,22 @@ class Fleet:
         link = vehicle.link
         before = vehicle.link.address
         if before == address:
-            return not is_heartbeat(frame) or is_from_autopilot(message)
-        known = None if before is None else Contact(before, vehicle.heard_t_ns, link.signed_lead_ns)
-        move = move_of(frame, t_ns, known, is_keyed=self._settings.checks_signatures)
+            return not tells_autopilot(frame) or is_from_autopilot(message)
+        is_slow = link.high_latency is not None
+        known = None if before is None else Contact(before, vehicle.heard_t_ns, link.signed_lead_ns, is_slow)
+        is_second = before is not None and is_second_path(before, address, self._redundant)
+        is_keyed = self._settings.checks_signatures
+        move = move_of(frame, t_ns, known, is_keyed=is_keyed, is_second_path=is_second)
+        if (
+            known is not None
+            and move == "heard elsewhere"
+            and _takes_over(link.standby, frame, known, address)
+        ):
+            move = "appeared" if known.is_silent(t_ns) else move
         if known is not None and move == "heard elsewhere":
+            may_stand_by = is_second and has_equal_proof(frame, known)
+            if may_stand_by and self._is_standby(vehicle, frame, message, address, t_ns):
+                return False
             link.conflicts += 1
             link.claimed_t_ns = t_ns
             self.links[address[0]].conflicts += 1
@@ -338,10 +369,49 @@ class Fleet:
         if known is not None and move == "signed later":
             notify(NoticeCode.RECORDED_FRAMES, peer=known.address[1], link=known.address[0])
         self._set_address(vehicle, address)
+        if is_second and before is not None and not is_slow:
+            link.standby = StandbyLink(before, vehicle.heard_t_ns, t_ns)
+            link.standby.begin_window(vehicle.record, t_ns)
+        elif link.standby is not None and link.standby.address == address:
+            link.standby = None
         link.signed_lead_ns = signed_lead_ns(frame, t_ns)
         code = NoticeCode.IN_CONTACT if known is None else NoticeCode.ADDRESS_CHANGED
         notify(code, peer=address[1], link=address[0])
         return True
+
+    def _is_standby(
+        self, vehicle: Vehicle, frame: Frame, message: Message | None, address: Address, t_ns: int
+    ) -> bool:
+        """Return True if a frame is of the vehicle's stand-by link, and count it; a heartbeat begins one."""
+        link = vehicle.link
+        if link.standby is None and is_heartbeat(frame) and is_from_autopilot(message):
+            link.standby = StandbyLink(address, t_ns, t_ns)
+            link.standby.begin_window(vehicle.record, t_ns)
+            notify = self._notifier(t_ns, vehicle.system_id)
+            notify(NoticeCode.STANDBY_LINK, peer=address[1], link=address[0])
+        if link.standby is None:
+            return True  # before its first heartbeat
+        if link.standby.address != address:
+            return False
+        link.standby.count(frame.sequence, t_ns)
+        self.links[address[0]].standby += 1
+        return True
+
+    def _check_standby(self, vehicle: Vehicle, t_ns: int) -> None:
+        """Use the stand-by link if it loses much less; forget it when it is silent."""
+        link = vehicle.link
+        standby = link.standby
+        if standby is None or link.address is None:
+            return
+        notify = self._notifier(t_ns, vehicle.system_id)
+        if t_ns - standby.heard_t_ns > LOST_AFTER_NS:
+            link.standby = None
+            notify(NoticeCode.STANDBY_DOWN, peer=standby.address[1], link=standby.address[0])
+        elif link.liveness == "alive" and standby.is_better(vehicle.record, t_ns):
+            link.standby = StandbyLink(link.address, vehicle.heard_t_ns, t_ns)
+            link.standby.begin_window(vehicle.record, t_ns)
+            self._set_address(vehicle, standby.address)
+            notify(NoticeCode.ADDRESS_CHANGED, peer=standby.address[1], link=standby.address[0])
 
     def _set_address(self, vehicle: Vehicle, address: Address) -> None:
         """Set a vehicle's address."""
@@ -351,7 +421,8 @@ class Fleet:
     def _used_addresses(self) -> set[Address]:
         """Addresses of vehicles and of outgoing endpoints."""
         heard = {v.link.address for v in self._in_order if v.link.address is not None}
-        return heard.union(self._outgoing)
+        standby = {v.link.standby.address for v in self._in_order if v.link.standby is not None}
+        return heard.union(standby, self._outgoing)
 
     def _count_unknown(self, frame: Frame, address: Address, t_ns: int) -> None:
         if (frame.system_id, frame.component_id) == self._own and is_heartbeat(frame):
@@ -375,17 +446,25 @@ class Fleet:
         self._state.own_ids.begin(t_ns)
         out = []
         for address in self._outgoing:
-            if self._peers.start_heartbeat(address, t_ns, self._used_addresses):
-                sequence = self._state.sequences.get(address, 0)
-                out.append(Send(*address, self._encoder.pack(self._heartbeat(), sequence)))
-                self._state.sequences[address] = next_sequence(sequence)
+            out += self._address_heartbeat(address, t_ns)
         for index in np.flatnonzero(self._is_due(t_ns)).tolist():
             vehicle = self._in_order[index]
+            self._check_standby(vehicle, t_ns)
             heard_at = vehicle.link.address
             if heard_at is not None:
                 messages = self._poll_vehicle(vehicle, heard_at, t_ns)
                 out += [Send(*heard_at, vehicle.encode(message)) for message in messages]
+            if vehicle.link.standby is not None:
+                out += self._address_heartbeat(vehicle.link.standby.address, t_ns)
         return out
+
+    def _address_heartbeat(self, address: Address, t_ns: int) -> list[Send]:
+        """Return our heartbeat to an address if it is due, with the sequence of that address."""
+        if not self._peers.start_heartbeat(address, t_ns, self._used_addresses):
+            return []
+        sequence = self._state.sequences.get(address, 0)
+        self._state.sequences[address] = next_sequence(sequence)
+        return [Send(*address, self._encoder.pack(self._heartbeat(), sequence))]
 
     def _is_due(self, t_ns: int) -> npt.NDArray[np.bool_]:
         """Return a mask of the vehicles with something to send, or with a timeout."""
@@ -396,11 +475,14 @@ class Fleet:
     def _poll_vehicle(self, vehicle: Vehicle, address: Address, t_ns: int) -> list[Message]:
         check_liveness(vehicle, t_ns, self._notifier(t_ns, vehicle.system_id))
         link = vehicle.link
+        if link.high_latency is not None:  # it costs money by the byte, and its answers come too late
+            vehicle.record[DUE_NS] = t_ns + NS_PER_S
+            return []
         messages = vehicle.poll(t_ns) if link.liveness == "alive" else []
         if self._peers.start_heartbeat(address, t_ns, self._used_addresses):
             messages.append(self._heartbeat())
         next_heartbeat_ns = self._peers.next_heartbeat_ns(address)
-        lost_t_ns = vehicle.heard_t_ns + LOST_AFTER_NS + 1
+        lost_t_ns = vehicle.heard_t_ns + lost_after_ns(link) + 1
         due = {"alive": link.requests.idle_until_ns, "stale": lost_t_ns}.get(link.liveness, next_heartbeat_ns)
         vehicle.record[DUE_NS] = min(next_heartbeat_ns, due)
         return messages
@@ -510,3 +592,9 @@ class Fleet:
     def unknown_systems(self) -> tuple[UnknownSystem, ...]:
         """Return the unknown systems on the links, in order of appearance."""
         return tuple(self._state.unknown_systems.known.values())
+
+
+def _takes_over(standby: StandbyLink | None, frame: Frame, known: Contact, address: Address) -> bool:
+    """Return True if a frame of a vehicle's stand-by shows that its other link is silent, when it is."""
+    is_standby = standby is not None and standby.address == address
+    return is_standby and not is_high_latency(frame) and has_equal_proof(frame, known)

@@ -26,6 +26,8 @@ class LinkCounters:
     """Frames of system ids that are not expected there."""
     conflicts: int = 0
     """Frames that used a vehicle's id from another address."""
+    standby: int = 0
+    """Frames of vehicles that are heard on another link now."""
     ignored: int = 0
     """Frames of a vehicle before its first heartbeat, or of its other components."""
 

@@ -12,10 +12,12 @@ from gcs.mavlink.fleet.checks.battery_alarm import BatteryAlarm
 from gcs.mavlink.fleet.checks.position_checks import BootClock
 from gcs.mavlink.fleet.checks.position_plausibility import DuplicateIdDetector, MotionCheck
 from gcs.mavlink.fleet.checks.report_consistency import ReportConsistency
+from gcs.mavlink.fleet.high_latency import HighLatency
 from gcs.mavlink.fleet.link_stats import LinkCounters, UnknownSystems
 from gcs.mavlink.fleet.notice_queue import NoticeQueue
 from gcs.mavlink.fleet.own_ids import OwnIds
 from gcs.mavlink.fleet.peers import Address, Peers
+from gcs.mavlink.fleet.standby_link import StandbyLink
 from gcs.mavlink.fleet.statustext import TextChunks
 from gcs.mavlink.fleet.stream_requests import StreamRecord
 from gcs.mavlink.fleet.telemetry_table import ADDRESS, DUE_NS, NO_ADDRESS, new_table
@@ -100,6 +102,10 @@ class VehicleLink:
     returned_t_ns: int = 0
     """Time at which it was last heard again after its link was down."""
 
+    standby: StandbyLink | None = None
+    """Second link on which it is heard; None without one."""
+    high_latency: HighLatency | None = None
+    """Its reports while it is heard by HIGH_LATENCY2 alone; None with usual telemetry."""
     is_awaited: bool = False
     """True after a restart until its next heartbeat: its mode is not known."""
 
@@ -117,6 +123,7 @@ class VehicleLink:
     def begin_again(self) -> None:
         """Count the vehicle as not heard until its next frame, from whatever address."""
         self.is_awaited = self.address is not None
+        self.standby = None
         if self.liveness != "waiting":
             self.liveness = "down"
 

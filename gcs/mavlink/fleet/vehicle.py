@@ -16,10 +16,18 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import mode_name
+from gcs.mavlink.fleet.checks.link_timeouts import STALE_AFTER_NS, lost_after_ns
 from gcs.mavlink.fleet.checks.position_checks import position_problem
 from gcs.mavlink.fleet.checks.position_plausibility import Report
 from gcs.mavlink.fleet.checks.report_consistency import Sample
 from gcs.mavlink.fleet.heartbeat import heartbeat_key
+from gcs.mavlink.fleet.high_latency import (
+    HighLatency,
+    has_fix,
+    heartbeat_of,
+    position_of,
+    sys_status_of,
+)
 from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.fleet.records import Liveness, VehicleLink
 from gcs.mavlink.fleet.stream_requests import StreamRequests
@@ -57,7 +65,6 @@ _UNKNOWN_HEADING: Final = 65535
 _SLOW_M_S: Final = 0.5
 _MAX_WIND_M_S: Final = 200.0
 """A greater wind is an error of the estimate."""
-_NO_POSITION_NS: Final = ns(5.0)
 _OLD_POSITION_NS: Final = ns(1.0)
 
 
@@ -139,6 +146,7 @@ class Vehicle:
         """`POSITIONS` of that state."""
         self._handlers: dict[str, Callable[[Message, int, Notify], None]] = {
             "HEARTBEAT": self._on_heartbeat,
+            "HIGH_LATENCY2": self._on_high_latency,
             "GLOBAL_POSITION_INT": self._on_position,
             "MISSION_CURRENT": self._on_mission_current,
             "HOME_POSITION": self._on_home,
@@ -229,8 +237,14 @@ class Vehicle:
                 self.system_id, t_ns, east_m, north_m, alt_msl_m, speed_m_s, course_rad,
                 link.mode, link.armed, link.mission_seq, climb_m_s, self._grounded_by_autopilot(),
                 self.record.item(LANDED_STATE) == dialect.MAV_LANDED_STATE_LANDING,
+                *self._resolution(),
             )  # fmt: skip
         return self._state
+
+    def _resolution(self) -> tuple[float, float]:
+        """Return period and standard deviation of high-latency reports; zeros with usual telemetry."""
+        slow = self.link.high_latency
+        return (0.0, 0.0) if slow is None else (slow.period_ns / NS_PER_S, slow.std_m)
 
     def _grounded_by_autopilot(self) -> bool | None:
         """Return whether the autopilot itself says that it stands on the ground; None if it says nothing.
@@ -238,6 +252,8 @@ class Vehicle:
         PX4 reports MAV_LANDED_STATE; so does ArduPilot on request. Its heartbeat is STANDBY while it does not
         fly, also armed (`GCS_MAVLINK_Plane::vehicle_system_status`).
         """
+        if self.link.high_latency is not None:
+            return None
         landed = self.record.item(LANDED_STATE)
         status = self.link.system_status
         if landed > dialect.MAV_LANDED_STATE_UNDEFINED:
@@ -300,6 +316,42 @@ class Vehicle:
     # ------------------------------------------------------------ messages
 
     def _on_heartbeat(self, message: Message, _t_ns: int, notify: Notify) -> None:
+        self._end_high_latency(notify)
+        self._apply_heartbeat(message, notify)
+
+    def _on_high_latency(self, message: Message, t_ns: int, notify: Notify) -> None:
+        """Apply a high-latency report, unless usual telemetry says more."""
+        record = self.record
+        link = self.link
+        if link.high_latency is None:
+            if record[POSITIONS] and t_ns - record[POSITION_NS] <= STALE_AFTER_NS:
+                return
+            link.high_latency = HighLatency()
+            record[[LANDED_STATE, ESTIMATOR_FLAGS]] = NONE
+            notify(NoticeCode.HIGH_LATENCY)
+        link.high_latency.add_report(message)
+        self._apply_heartbeat(heartbeat_of(message, armed=link.armed), notify)
+        known = NONE not in (record[SENSORS_FAILED], record[SENSORS_GOOD])
+        sensors = record.item(SENSORS_FAILED) | record.item(SENSORS_GOOD) if known else 0
+        self._on_sys_status(sys_status_of(message, sensors), t_ns, notify)
+        record[THROTTLE_PERCENT] = message.throttle
+        record[FIX_TYPE] = NONE if has_fix(message) else dialect.GPS_FIX_TYPE_NO_FIX
+        link.mission_seq = message.wp_num
+        self._apply_position(position_of(message), t_ns, notify)
+        self._state = None
+        record[CHECK_NEXT] = True  # so that usual telemetry comes here
+        record[HEARTBEAT_KEY] = NONE
+
+    def _end_high_latency(self, notify: Notify) -> None:
+        """Note that usual telemetry comes again."""
+        if self.link.high_latency is not None:
+            self.link.high_latency = None
+            self._state = None
+            self.record[DUE_NS] = 0
+            self.stream_requests.begin()
+            notify(NoticeCode.HIGH_LATENCY_OVER)
+
+    def _apply_heartbeat(self, message: Message, notify: Notify) -> None:
         link = self.link
         link.is_awaited = False
         if (message.autopilot, message.type) != (link.autopilot, link.vehicle_type):
@@ -334,6 +386,10 @@ class Vehicle:
             notify(NoticeCode.FIRMWARE_UNKNOWN, autopilot=heartbeat.autopilot, vehicle_type=heartbeat.type)
 
     def _on_position(self, message: Message, t_ns: int, notify: Notify) -> None:
+        self._end_high_latency(notify)
+        self._apply_position(message, t_ns, notify)
+
+    def _apply_position(self, message: Message, t_ns: int, notify: Notify) -> None:
         checks = self.link.checks
         self._resume_from_record()
         order = checks.clock.add_report(self.record, message.time_boot_ms, t_ns)
@@ -388,11 +444,12 @@ class Vehicle:
             return
         checks = self.link.checks
         silent_ns = t_ns - max(self.record.item(POSITION_NS), self.link.returned_t_ns)
-        if not checks.has_no_position and silent_ns > _NO_POSITION_NS:
+        is_late = silent_ns > lost_after_ns(self.link)
+        if not checks.has_no_position and is_late:
             checks.has_no_position = True
             why = ", ".join(f"{count} {reason}" for reason, count in checks.refused.items())
             notify(NoticeCode.NO_POSITION, silence_s=silent_ns / NS_PER_S, reasons=why)
-        elif checks.has_no_position and silent_ns <= _NO_POSITION_NS:
+        elif checks.has_no_position and not is_late:
             checks.has_no_position = False
             notify(NoticeCode.POSITION_BELIEVED)
 

@@ -33,7 +33,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.endpoints import Link
 from gcs.mavlink.fleet.address_learning import Contact, move_of, signed_lead_ns
+from gcs.mavlink.fleet.high_latency import is_high_latency
 from gcs.mavlink.fleet.peers import Address
+from gcs.mavlink.fleet.standby_link import is_second_path
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Frame, target_of
 from gcs.mavlink.router import access_policy
 from gcs.mavlink.services.retry import ns
@@ -125,6 +127,7 @@ class Router:
     ) -> None:
         self._is_keyed = is_keyed
         self._links = {link.name: link for link in links}
+        self._redundant = frozenset(link.name for link in links if link.redundant)
         self._vehicles = frozenset(vehicles)
         self._is_busy = is_busy
         self._settings = settings or RoutingSettings()
@@ -163,12 +166,14 @@ class Router:
         contact = self._contacts.get(id_)
         if contact is not None and contact.address == address:
             contact.heard_t_ns = t_ns
+            contact.is_slow &= frame.message_id != _HEARTBEAT
         else:
             is_keyed = self._is_keyed(address[0], frame.system_id)
-            move = move_of(frame, t_ns, contact, is_keyed=is_keyed)
+            may_move = contact is not None and is_second_path(contact.address, address, self._redundant)
+            move = move_of(frame, t_ns, contact, is_keyed=is_keyed, is_second_path=may_move)
             if move in ("heard elsewhere", "no heartbeat"):
                 return Routed((), move)
-            self._contacts[id_] = Contact(address, t_ns, signed_lead_ns(frame, t_ns))
+            self._contacts[id_] = Contact(address, t_ns, signed_lead_ns(frame, t_ns), is_high_latency(frame))
         system, component = target_of(frame) or (0, 0)
         if system in self._vehicles:
             return self._to_vehicle(t_ns, address, system, component)

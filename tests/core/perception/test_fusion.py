@@ -1,6 +1,7 @@
 """A user would lose the picture: targets born of loitering agents, lost agents kept by others' detections."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -430,3 +431,26 @@ def test_a_snapshot_with_damaged_detections_is_refused(damage):
     damage(sky.trackers.state)
     with pytest.raises(WireError, match="not valid"):
         continued(sky)
+
+
+# ---------------------------------------------------------------- reports over a satellite
+
+
+def test_an_agent_out_of_view_lives_on_by_a_report_every_five_seconds():
+    """Vehicle 1 reports four times a second in view of a radar, vehicle 2 by HIGH_LATENCY2 out of view."""
+    sky = Sky(mission(agents=[START, (100.0, 1500.0)], births=[]))
+    near_start = replace(RADAR, field_of_view_m=(0.0, 0.0, 2000.0, 800.0))
+    late_m = 45.0
+    for step in range(4 * 60):
+        t_s = step / 4
+        first = (START[0] + 15.0 * t_s, START[1])
+        second = (100.0 + 15.0 * t_s, 1500.0)
+        states = [state(1, first, t_s, speed_m_s=15.0, course_rad=math.pi / 2)]
+        reported_s = t_s if t_s < 5.0 else 5.0 * (t_s // 5.0)
+        slow = {"period_s": 5.0, "std_m": 75.0} if t_s >= 5.0 else {}
+        place = (100.0 + 15.0 * reported_s - (late_m if slow else 0.0), 1500.0)
+        reported = state(2, place, reported_s, speed_m_s=15.0, course_rad=math.pi / 2)
+        states.append(replace(reported, **slow))
+        sky.trackers.scan(scan(t_s, first, sensor=near_start), states)
+    assert len(sky.agents) == 2
+    assert near(sky.agents, second, 120.0)
