@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from typing import Final
 
 from gcs.core.lease.node_lease import (
     Duty,
@@ -13,8 +14,12 @@ from gcs.core.lease.node_lease import (
     start_node,
     take_due_asks,
 )
-from gcs.core.lease.records import Answer, Ask, NodeId, Permit
+from gcs.core.lease.records import TIMES, Answer, Ask, NodeId, Permit
 from gcs.io.clock import steady_ns
+
+
+_PATIENCE_NS: Final = 2 * TIMES.lease_ns
+"""Time after which a holder that a new node finds is alive: it renews its lease."""
 
 
 class CommandLease:
@@ -33,11 +38,16 @@ class CommandLease:
     """
 
     def __init__(self, node: str, bridges: tuple[str, ...], delay_ns: int, *, is_only_node: bool) -> None:
+        self._began_ns = 0
+        """Time of the first ask."""
+        self._has_held = False
+        """True if this node ever had a lease."""
         own = NodeId(node, secrets.randbits(63))
         self._state = start_node(own, bridges, steady_ns(), delay_ns=delay_ns, is_only_node=is_only_node)
 
     def due_asks(self) -> dict[str, Ask]:
         """Return the asks that are to be sent now, by bridge."""
+        self._began_ns = self._began_ns or steady_ns()
         self._state, asks = take_due_asks(self._state, steady_ns())
         return asks
 
@@ -60,8 +70,14 @@ class CommandLease:
         return tuple(bridge for bridge in self._state.bridges if bridge not in held)
 
     def commander(self) -> str:
-        """Return the name of another node that has leases while this one has none; empty if there is none."""
+        """Return the name of another node that has leases while this one has none; empty if there is none.
+
+        A node that starts waits for the end of the lease of one that was killed.
+        """
         views = self._state.views
         if any(view.hold is not None for view in views):
+            self._has_held = True
+            return ""
+        if not self._has_held and steady_ns() - self._began_ns < _PATIENCE_NS:
             return ""
         return next((view.holder for view in views if view.holder), "")
