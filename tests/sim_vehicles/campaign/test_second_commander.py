@@ -33,7 +33,7 @@ SIGN = NoticeCode.SECOND_COMMANDER
 
 
 class Flown:
-    """Notices and uploads of one service, with the second of each."""
+    """Notices and completed uploads of one service, with the second of each."""
 
     def __init__(self) -> None:
         self.notices: list[tuple[float, Notice]] = []
@@ -43,7 +43,7 @@ class Flown:
         t_s = (t_ns - START_T_NS) / NS_PER_S
         if isinstance(effect, Notice):
             self.notices.append((t_s, effect))
-        elif isinstance(effect, UploadReport):
+        elif isinstance(effect, UploadReport) and effect.ok:
             self.uploads_s.append(t_s)
 
     def said(self, code: NoticeCode) -> list[tuple[float, int | None]]:
