@@ -50,7 +50,7 @@ def test_after_a_stop_the_command_renews_its_lease_before_a_standby_gets_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     clock = SimpleNamespace(now_ns=NS_PER_S)
-    monkeypatch.setattr(bridge_module, "monotonic_ns", lambda: clock.now_ns)
+    monkeypatch.setattr(bridge_module, "steady_ns", lambda: clock.now_ns)
 
     async def run() -> None:
         bus = Bus()

@@ -17,7 +17,6 @@ from gcs.core.lease.node_lease import (
 from gcs.core.lease.records import TIMES, Answer, Ask, NodeId, Permit
 from gcs.io.clock import steady_ns
 
-
 _PATIENCE_NS: Final = 2 * TIMES.lease_ns
 """Time after which a holder that a new node finds is alive: it renews its lease."""
 
