@@ -11,7 +11,7 @@ import pytest
 from gcs.config import parse, read_text
 from gcs.core.engine import Engine
 from gcs.core.snapshot import encode_state
-from gcs.io.cluster.bridge_messages import ClockLine
+from gcs.io.cluster.bridge_messages import ClockTime
 from gcs.io.cluster.event_log import EventBatch, StateReply, encode
 from gcs.io.zenoh.session import ZenohSession
 from gcs.model import NoticeContent
@@ -42,7 +42,7 @@ class Bus:
         state = encode_state(Engine(CONFIG, 1).state)
         answered(
             key,
-            encode(StateReply(fingerprint="f", number=0, t_ns=0, clock=ClockLine(0, 0, 1.0), state=state)),
+            encode(StateReply(fingerprint="f", number=0, t_ns=0, clock=ClockTime(0, 1.0), state=state)),
         )
 
 
