@@ -104,6 +104,8 @@ class Bridge:
         self._refused = self._refused_told = 0
         """Datagrams of command without the lease, or late."""
         self._writer = BackgroundWriter("command", _MAX_UNSENT)
+        self._answers = BackgroundWriter("lease", _MAX_UNSENT)
+        """Apart: a command that is stopped blocks the other one for seconds; a standby needs the lease."""
         self._loop: asyncio.AbstractEventLoop | None = None
 
     async def run(self, stop: asyncio.Event) -> None:
@@ -235,7 +237,7 @@ class Bridge:
     def _answer(self, ask: Ask, reply: Callable[[bytes], None]) -> None:
         self._note_running()
         self._lease, answer = answer_ask(self._lease, ask, steady_ns())
-        self._writer.put(lambda: reply(encode(answer)))
+        self._answers.put(lambda: reply(encode(answer)))
 
     def _on_down(self, loop: asyncio.AbstractEventLoop, key: str, payload: bytes) -> None:
         """Take a message of command, on a thread of zenoh."""
@@ -250,6 +252,7 @@ class Bridge:
             return
         if message.clock is not None and not self._is_in_time(message.clock):
             self.clock = message.clock.clock()
+            self._heartbeats.end()  # their times are of the clock before; command's next ones begin anew
         t_ns = self.now_ns()
         self.command_t_ns = t_ns
         self._heartbeats.note_command(t_ns)

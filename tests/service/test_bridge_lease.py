@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, cast
@@ -70,3 +71,26 @@ def test_after_a_stop_the_command_renews_its_lease_before_a_standby_gets_it(
         await serving
 
     asyncio.run(run())
+
+
+def test_a_standby_gets_an_answer_while_a_command_that_is_stopped_blocks_what_is_published() -> None:
+    goes_on = threading.Event()
+
+    class StoppedCommand(Bus):
+        def publish(self, _key: str, _payload: bytes) -> None:
+            goes_on.wait(20.0)
+
+    async def run() -> None:
+        bus = StoppedCommand()
+        bridge = Bridge(no_links(), (), "m", "main", cast(ZenohSession, bus), 10.0)
+        stop = asyncio.Event()
+        serving = asyncio.create_task(bridge.run(stop))
+        await asyncio.sleep(0.1)  # its status is being published
+        assert (await asyncio.wait_for(bus.ask("standby"), 5.0)).permit is not None
+        stop.set()
+        await serving
+
+    try:
+        asyncio.run(run())
+    finally:
+        goes_on.set()

@@ -44,6 +44,8 @@ _MAX_UNREAD: Final = 500
 """Messages of a bridge that wait for the loop; later ones are dropped, as by the buffer of a socket."""
 _MAX_SILENCE_NS: Final = 6 * NS_PER_S // 5
 """A bridge sends its status each second."""
+_MAX_ASKS: Final = 2
+"""Asks that wait for a bridge that does not read: the next one asks again."""
 _ANSWER_S: Final = 1.0
 _END_S: Final = 1.0
 
@@ -111,6 +113,7 @@ class BridgeLinks:
         self._heard_ns = self._steady_since_ns = steady_ns()
         """Monotonic times of its last message, and of the first one after a silence."""
         self._writer = BackgroundWriter(self.name, _MAX_UNSENT)
+        self._asks = BackgroundWriter(f"{self.name}, lease", _MAX_ASKS)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._handler: LinkHandler | None = None
 
@@ -198,7 +201,10 @@ class BridgeLinks:
         self._flush()
 
     def ask(self, ask: Ask) -> None:
-        """Ask the bridge for the lease, or renew it."""
+        """Ask the bridge for the lease, or renew it; on a thread, since a stopped bridge may block it."""
+        self._asks.put(lambda: self._send_ask(ask))
+
+    def _send_ask(self, ask: Ask) -> None:
         with contextlib.suppress(LinkError):  # the session has ended
             self._bus.ask(self._key("lease"), encode(ask), _ANSWER_S, self._take_answer, lambda: None)
 
