@@ -29,7 +29,7 @@ from gcs.errors import LinkError
 from gcs.io.cluster.all_bridges import AllBridges
 from gcs.io.cluster.bridge_links import BridgeLinks
 from gcs.io.cluster.command_lease import CommandLease
-from gcs.io.zenoh.discovery import private_folder
+from gcs.io.zenoh.discovery import is_running, private_folder
 from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.frames.codec import FrameTable
 from gcs.model import NoticeCode, NoticeContent
@@ -141,7 +141,7 @@ class BridgeProcess:
     def _without_command(self) -> Running | None:
         """Return a running bridge whose command has ended."""
         running = self._noted()
-        if running is not None and _is_bridge(running.pid) and not _exists(running.command_pid):
+        if running is not None and _is_bridge(running.pid) and not is_running(running.command_pid):
             return running
         return None
 
@@ -415,15 +415,7 @@ def _is_bridge(pid: int) -> bool:
     try:
         return b"gcs.service.bridge_process" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except FileNotFoundError:
-        return sys.platform != "linux" and pid > 0 and _exists(pid)
-
-
-def _exists(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except OSError:
-        return False
-    return True
+        return sys.platform != "linux" and pid > 0 and is_running(pid)
 
 
 def _end_other(pid: int) -> None:

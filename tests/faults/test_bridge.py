@@ -91,7 +91,6 @@ def test_a_command_that_is_killed_and_started_again_takes_its_bridge_over(
     (bridge,) = bridges(tmp_path)
     begin_s = time.monotonic()
     first.kill()
-    first.wait()
     second = flight.run.serve("second")
     flight.run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
     assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < MAX_GAP_S

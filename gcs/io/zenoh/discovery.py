@@ -71,7 +71,7 @@ def running_services() -> list[ServiceInfo]:
     for path in sorted(folder.glob("*.json")):
         with contextlib.suppress(OSError, msgspec.DecodeError):
             one = _decoder.decode(path.read_bytes())
-            if _is_running(one.pid):
+            if is_running(one.pid):
                 found.append(one)
             else:
                 path.unlink(missing_ok=True)
@@ -147,11 +147,13 @@ def _is_ours(folder: Path) -> bool:
     return status.st_uid == os.getuid() and not status.st_mode & 0o022
 
 
-def _is_running(pid: int) -> bool:
+def is_running(pid: int) -> bool:
+    """Return True if a process runs. One that has ended and was not waited for by its parent does not."""
     try:
         os.kill(pid, 0)
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except ProcessLookupError:
         return False
-    except PermissionError:
+    except (PermissionError, FileNotFoundError):  # of another user; a system without /proc
         return True
-    return True
+    return state not in ("Z", "X")
