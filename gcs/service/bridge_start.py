@@ -107,7 +107,7 @@ class BridgeProcess:
         reader.start()
         reader.join(_START_S)
         if self.started.error or not self.started.ports:
-            self.end(is_replaced=False)
+            self.end(goes_on=False)
             link, _, problem = self.started.error.partition(": ")
             raise LinkError(link or "bridge", problem or f"did not start: {self._last_line or 'no answer'}")
         self.settings = msgspec.structs.replace(self.settings, ports=self.started.ports)
@@ -234,12 +234,14 @@ class BridgeProcess:
             return f"killed by {signal.Signals(-code).name}"
         return self.started.error or self._last_line or f"exit code {code}"
 
-    def end(self, *, is_replaced: bool) -> None:
+    def end(self, *, goes_on: bool) -> None:
         """Wait for the end of the bridge, which command has told it; kill one that does not end.
 
-        The bridge of a command that was replaced goes on for the other one.
+        After an error, and when another command has the lease, it goes on as after a kill.
         """
-        if is_replaced:
+        if goes_on:
+            if self._process is not None and self._process.stdin is not None:
+                self._process.stdin.close()
             return
         self._file.unlink(missing_ok=True)
         process = self._process
@@ -277,15 +279,15 @@ def bridges_of(
     settings = msgspec.structs.replace(settings, zenoh=f"unixsock-stream/{_socket_folder()}/bridge.sock")
     process = BridgeProcess(settings, _file_of(settings))
     process.begin()
-    is_replaced = False
+    goes_on = False
     try:
         with _connected_to_local(config, process, scan) as found:
             try:
                 yield found
             finally:
-                is_replaced = bool(found.commander())
+                goes_on = found.go_on
     finally:
-        process.end(is_replaced=is_replaced)
+        process.end(goes_on=goes_on)
 
 
 @contextlib.contextmanager

@@ -213,6 +213,7 @@ class Service:
             clock = clock.not_before(resumed.t_ns)
         self.clock = clock
         failure: GcsError | None = None
+        in_order = False
         loop = asyncio.get_running_loop()
         if resumed is not None:  # before anything else is heard
             self._record(lambda recorder: recorder.record_snapshot(resumed))
@@ -234,10 +235,11 @@ class Service:
                     await self._finish(at_once)
                 ticker.cancel()
                 consumer.cancel()
+            in_order = True
         except* GcsError as failures:
             failure = _first(failures)
         finally:
-            self.links.close()
+            self.links.close(in_order=in_order)
             self._publisher.drain(_PUBLISH_S)
         if failure is not None:
             raise failure

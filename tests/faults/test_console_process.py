@@ -12,6 +12,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -43,10 +44,17 @@ def url_in(said: str) -> str:
     return re.search(r"console: (http\S+)/", said)[1]  # type: ignore[index]
 
 
-def started(run: Run, name: str = "flown", *options: str) -> tuple[subprocess.Popen[bytes], str]:
-    """Start the service; return it, and the address of its console."""
-    service = run.serve(name, {"PYTHONUNBUFFERED": "1"}, *options)
+def started(run: Run, name: str = "flown") -> tuple[subprocess.Popen[bytes], str]:
+    """Start the service with a console at a port of its own; return it, and the address of its console."""
+    at = ("--console", f"127.0.0.1:{free_tcp_port()}")
+    service = run.serve(name, {"PYTHONUNBUFFERED": "1"}, at)
     return service, url_in(run.until(name, lambda said: "console: http" in said, 120.0))
+
+
+def free_tcp_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port: int = probe.getsockname()[1]
+        return port
 
 
 def get(url: str, timeout_s: float = 10.0) -> Any:
@@ -152,7 +160,8 @@ def test_a_console_says_that_its_service_is_gone_and_goes_on_with_the_next_one(r
     first = run.serve("first", arguments=("--console", "off"))
     command = [*GCS, "console", "--connect", run.zenoh, "--console", "127.0.0.1:0"]
     run.until("first", lambda said: "in contact" in said, 120.0)
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other, ExitStack() as ends:
+        ends.callback(other.terminate)
         assert other.stdout is not None
         url = url_in(other.stdout.readline())
         with feed(url) as page:
@@ -170,7 +179,6 @@ def test_a_console_says_that_its_service_is_gone_and_goes_on_with_the_next_one(r
             run.serve("second", arguments=("--console", "off"))
             found = until(page, lambda found: found.get("mission", {}).get("begun", begun) != begun)
             assert (found["type"], found["lost"], len(found["vehicles"])) == ("snapshot", None, 4)
-        other.terminate()
 
 
 def test_the_console_ends_with_a_killed_service_and_its_port_is_free(run: Run) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import queue
 import re
 import shutil
 import signal
@@ -96,8 +97,8 @@ def restless(text: str, port: int) -> str:
     return text + f'\n[[links.forward]]\nendpoint = "udpin:127.0.0.1:{port}"\naccess = "full"\n'
 
 
-async def work_with_all(port: int) -> dict[int, int]:
-    """Find every vehicle, hear where it is and download its mission; returns the items of each."""
+async def work_with_all(port: int, found: queue.Queue[dict[int, int]], ends: threading.Event) -> None:
+    """Find every vehicle, hear where it is and download its mission: `found` gets the items of each."""
     configuration = mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION)
     async with mavsdk.Mavsdk(configuration) as client:
         await client.add_any_connection(f"udpout://127.0.0.1:{port}")
@@ -111,7 +112,9 @@ async def work_with_all(port: int) -> dict[int, int]:
                 assert position.relative_altitude_m > 50.0
                 break
             items[number] = len(await MissionRawAsync(system).download_mission())
-        return items
+        found.put(items)
+        while not ends.is_set():  # it stays connected
+            await asyncio.sleep(0.05)
 
 
 def reports(recording: Path) -> list[UploadReport]:
@@ -125,6 +128,8 @@ def test_mavsdk_and_mavproxy_work_with_all_vehicles_while_missions_change(tmp_pa
     mission.write_text(restless(read_text("prescribed")[0], port))
     gcs = str(Path(sys.executable).parent / "gcs")
     executor = ThreadPoolExecutor(1)
+    found: queue.Queue[dict[int, int]] = queue.Queue()
+    ends = threading.Event()
     programs = [Program(gcs, "demo", str(mission), "--headless", "--json", "--pack", "4", home=tmp_path)]
     try:
         programs[0].until("first plan")
@@ -137,7 +142,8 @@ def test_mavsdk_and_mavproxy_work_with_all_vehicles_while_missions_change(tmp_pa
             home=tmp_path,
         )
         programs.append(proxy)
-        working = executor.submit(lambda: asyncio.run(asyncio.wait_for(work_with_all(port), 60.0)))
+        mavsdk_program = work_with_all(port, found, ends)
+        working = executor.submit(lambda: asyncio.run(asyncio.wait_for(mavsdk_program, 90.0)))
         for number in VEHICLES:
             proxy.until(f"Detected vehicle {number}:1")
         for number in VEHICLES:
@@ -145,11 +151,14 @@ def test_mavsdk_and_mavproxy_work_with_all_vehicles_while_missions_change(tmp_pa
             proxy.until(r"Saved \d+ waypoints|Requesting \d+ waypoints", asking="wp list")
         proxy.until("Mode LOITER", asking="mode LOITER")
         programs[0].until("agent 4: .*MAV_CMD_DO_SET_MODE.*system 255")
-        items = working.result()
+        items = found.get(timeout=60.0)
         assert sorted(items) == list(VEHICLES)
         assert all(count >= 2 for count in items.values()), items
         said = programs[0].interrupted()
+        ends.set()
+        working.result()
     finally:
+        ends.set()
         for program in programs:
             program.stop()
         executor.shutdown()

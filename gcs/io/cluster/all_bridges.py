@@ -39,6 +39,8 @@ class AllBridges:
         self._lease = lease
         self._bridge_of = {link.name: bridge for bridge in bridges for link in bridge.links}
         self._by_name = {bridge.bridge: bridge for bridge in bridges}
+        self.go_on = False
+        """True if the bridges are to go on without this command: it has begun, and not ended in order."""
         self._ticks_without = 0
         self._is_told = False
 
@@ -49,6 +51,7 @@ class AllBridges:
         busy: Callable[[int], bool] = lambda _: False,
     ) -> None:
         """Start receiving; `busy` returns True during a mission transfer to a vehicle."""
+        self.go_on = True
         for bridge in self.bridges:
             bridge.start(loop, handler, busy)
 
@@ -90,10 +93,11 @@ class AllBridges:
         """Start a bridge on this machine again that has ended; return an alarm of its end."""
         return next((news for bridge in self.bridges if (news := bridge.supervise()) is not None), None)
 
-    def close(self) -> None:
-        """Tell the bridges that command ends."""
+    def close(self, *, in_order: bool) -> None:
+        """Tell the bridges that command ends; after an error they go on, as after a kill."""
+        self.go_on = not in_order
         for bridge in self.bridges:
-            bridge.close()
+            bridge.close(in_order=in_order)
 
     # ------------------------------------------------------------ state
 

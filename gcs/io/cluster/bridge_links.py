@@ -141,7 +141,7 @@ class BridgeLinks:
             if len(self._unread) >= _MAX_UNREAD:
                 return  # the number of the next one shows it
             self._unread.append(message)
-            if len(self._unread) == 1 and self._loop is not None:
+            if self._loop is not None:
                 with contextlib.suppress(RuntimeError):  # the loop has ended
                     self._loop.call_soon_threadsafe(self._read)
 
@@ -167,7 +167,7 @@ class BridgeLinks:
         handler = self._handler
         assert handler is not None
         while self._unread:
-            message = self._unread[0]
+            message = self._unread.popleft()
             if message.boot != self._boot:  # it has started again
                 self._boot = message.boot
                 self._busy = None
@@ -181,7 +181,6 @@ class BridgeLinks:
                 handler.on_datagram(packet.link, packet.peer, self._scan(packet.data))
             for notice in message.notices:
                 handler.on_notice(str(notice.subject), notice.code, **notice.parameters)
-            self._unread.popleft()
 
     # ------------------------------------------------------------ out
 
@@ -202,7 +201,8 @@ class BridgeLinks:
 
     def ask(self, ask: Ask) -> None:
         """Ask the bridge for the lease, or renew it; on a thread, since a stopped bridge may block it."""
-        self._asks.put(lambda: self._send_ask(ask))
+        if self._writer.error is None:  # else another node is to command
+            self._asks.put(lambda: self._send_ask(ask))
 
     def _send_ask(self, ask: Ask) -> None:
         with contextlib.suppress(LinkError):  # the session has ended
@@ -240,9 +240,9 @@ class BridgeLinks:
     def _put(self, message: Down) -> None:
         self._writer.put(lambda: self._bus.publish(self._key("down"), encode(message)))
 
-    def close(self) -> None:
-        """Tell the bridge that command ends."""
-        if permit := self._lease.permit(self.bridge):
+    def close(self, *, in_order: bool) -> None:
+        """Tell the bridge that command ends, if it ends in order."""
+        if in_order and (permit := self._lease.permit(self.bridge)):
             self._put(Down(permit=permit, ends=True))
         self._writer.drain(_END_S)
 

@@ -79,4 +79,4 @@ class CommandLease:
             return ""
         if not self._has_held and steady_ns() - self._began_ns < _PATIENCE_NS:
             return ""
-        return next((view.holder for view in views if view.holder), "")
+        return next((view.holder for view in views if view.holder not in ("", self._state.node.name)), "")

@@ -150,7 +150,7 @@ class Links:
             if data and link in self._transports:
                 self._transports[link].send(peer, data)
 
-    def close(self) -> None:
+    def close(self, *, in_order: bool = True) -> None:  # noqa: ARG002  they end in any case
         """Close all endpoints."""
         for transport in self._transports.values():
             with contextlib.suppress(OSError):

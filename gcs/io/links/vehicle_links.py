@@ -51,8 +51,8 @@ class VehicleLinks(Protocol):
     def tick(self, t_ns: int) -> None:
         """Advance the timers."""
 
-    def close(self) -> None:
-        """Release everything."""
+    def close(self, *, in_order: bool) -> None:
+        """Release everything; `in_order` if the run has ended as it should, and not by an error."""
 
     def commander(self) -> str:
         """Return the name of another node that commands the vehicles now; empty if there is none."""

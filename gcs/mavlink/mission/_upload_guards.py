@@ -268,11 +268,12 @@ def must_be_removed(upload: Upload, _t_ns: int) -> bool:
     """Return True if the onboard mission must not be flown while another service commands the vehicle.
 
     Both may have written items of one transfer: in place, or up to the last item of an atomic one. A PX4
-    counts the items of the service that was first.
+    counts the items of the service that was first. In another mode than AUTO and LOITER the mission is left
+    as it is: an RTL may follow its landing.
     """
     is_written = not upload.is_atomic or upload.state.transfer.may_be_stored
     is_unread = upload.state.verification.onboard is OnboardState.UNKNOWN
-    is_others = bool(upload.flight.authority.taken_by)
+    is_others = bool(upload.flight.authority.taken_by) or upload.mode not in ("", AUTO, LOITER)
     return not is_others and (upload.is_unselected or (is_written and is_unread))
 
 
