@@ -47,6 +47,8 @@ _MAX_OFF_NS: Final = NS_PER_S
 """Difference of the run clocks here and of command at which that of command is taken."""
 _STALL_NS: Final = NS_PER_S
 """Time between two ticks that shows that the bridge stood still."""
+_MAX_EPOCH: Final = 2**62
+"""Above all numbers of epochs."""
 _MAX_UNSENT: Final = 200
 """Messages that wait for command. Those of a command that is stopped are dropped."""
 
@@ -134,6 +136,8 @@ class Bridge:
 
     def _tick(self) -> None:
         self._note_running()
+        if error := self._writer.error or self._answers.error:
+            raise error  # nothing is published any more: the bridge is to be started again
         t_ns = self.now_ns()
         self.links.tick(t_ns)
         for (link, peer), data in self._heartbeats.due(t_ns):
@@ -232,7 +236,9 @@ class Bridge:
     ) -> None:
         """Take a question for the lease, on a thread of zenoh."""
         with contextlib.suppress(WireError, RuntimeError):
-            loop.call_soon_threadsafe(self._answer, decode(key, payload, Ask), reply)
+            ask = decode(key, payload, Ask)
+            if 0 <= ask.seen < _MAX_EPOCH:
+                loop.call_soon_threadsafe(self._answer, ask, reply)
 
     def _answer(self, ask: Ask, reply: Callable[[bytes], None]) -> None:
         self._note_running()

@@ -112,12 +112,10 @@ def open_bridge(settings: BridgeSettings) -> Iterator[Bridge]:
 
 
 def remove_socket(endpoint: str) -> None:
-    """Remove the socket and its folder, which zenoh leaves behind."""
+    """Remove the socket, which zenoh leaves behind. Its folder stays, so that no other user makes it."""
     path = Path(endpoint.partition("/")[2])
     for name in (path, Path(f"{path}.lock")):
         name.unlink(missing_ok=True)
-    with contextlib.suppress(OSError):
-        path.parent.rmdir()
 
 
 async def _serve(bridge: Bridge, failover_s: float) -> None:

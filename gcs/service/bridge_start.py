@@ -152,7 +152,6 @@ class BridgeProcess:
 
     def _start(self) -> None:
         self._began_s = time.monotonic()
-        _folder_of(self.settings.zenoh).mkdir(mode=0o700, exist_ok=True)  # a bridge that ends removes it
         process = self._process = subprocess.Popen(  # noqa: S603  this program
             _ARGUMENTS,
             stdin=subprocess.PIPE,
@@ -255,6 +254,8 @@ class BridgeProcess:
             process.kill()
         process.wait()
         remove_socket(self.settings.zenoh)
+        with contextlib.suppress(OSError):
+            Path(self.settings.zenoh.partition("/")[2]).parent.rmdir()
 
 
 @contextlib.contextmanager
@@ -400,11 +401,6 @@ def _socket_folder() -> Path:
     if len(str(folder)) > _MAX_FOLDER:
         folder = Path("/tmp")  # noqa: S108  a new folder in it is our own
     return Path(tempfile.mkdtemp(prefix="bridge-", dir=folder))
-
-
-def _folder_of(endpoint: str) -> Path:
-    """Return the folder of a socket."""
-    return Path(endpoint.partition("/")[2]).parent
 
 
 def _comparable(settings: BridgeSettings) -> BridgeSettings:

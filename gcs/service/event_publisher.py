@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 from functools import partial
+from time import monotonic
 from typing import Final
 
 from gcs.core.snapshot import encode_state
@@ -20,6 +21,8 @@ from gcs.service.service import Service
 _MAX_UNSENT: Final = 200
 _CHECK_NS: Final = NS_PER_S
 """Between two hashes of the state."""
+_MIN_ANSWER_INTERVAL_S: Final = 0.5
+"""The whole state is encoded for an answer."""
 _END_S: Final = 1.0
 
 
@@ -41,6 +44,7 @@ class EventPublisher:
         self._bus = bus
         self._fingerprint = fingerprint
         self._loop = asyncio.get_running_loop()
+        self._answered_s = -_MIN_ANSWER_INTERVAL_S
         self._number = 0
         """Of the next event."""
         self._t_ns = 0
@@ -88,6 +92,9 @@ class EventPublisher:
             self._loop.call_soon_threadsafe(self._answer, reply)
 
     def _answer(self, reply: Callable[[bytes], None]) -> None:
+        if monotonic() - self._answered_s < _MIN_ANSWER_INTERVAL_S:
+            return  # a standby asks again
+        self._answered_s = monotonic()
         answer = StateReply(
             fingerprint=self._fingerprint,
             number=self._number,

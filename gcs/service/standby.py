@@ -85,6 +85,8 @@ class TakeOver:
     snapshot: Snapshot
     state: State
     clock: RunClock
+    is_newest: bool
+    """False if the state was not in step with that of command."""
 
 
 class Standby:
@@ -173,7 +175,8 @@ class Standby:
 
     def _take_over(self) -> TakeOver:
         state = self.engine.state
-        return TakeOver(Snapshot(self._t_ns, encode_state(state)), state, self._clock)
+        snapshot = Snapshot(self._t_ns, encode_state(state))
+        return TakeOver(snapshot, state, self._clock, is_newest=self._number is not None)
 
     # ------------------------------------------------------------ state
 
@@ -229,7 +232,11 @@ class Standby:
             except WireError as error:
                 self._lose(str(error))
                 return
-            self.engine.step(event)
+            try:
+                self.engine.step(event)
+            except Exception as error:  # as in `Service`, which then goes on without the state
+                self._lose(f"the state makes no sense ({error!r})")
+                return
             self._number += 1
             self._t_ns = event.t_ns
 

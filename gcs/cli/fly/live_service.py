@@ -153,7 +153,12 @@ class _Flight:
         self.links.start(asyncio.get_running_loop(), IgnoredLinks(), lambda _: False)
         self._say(f"standby of {self.config.links.zenoh}; Ctrl-C ends it")
         taken = await standby.follow(self.links, stop)
-        self._say("command has ended" if taken is None else "takes over")
+        if taken is None:
+            self._say("command has ended")
+        elif taken.is_newest:
+            self._say("takes over")
+        else:
+            self._say("takes over with a state that is older than that of command: orders may be missing")
         return taken
 
     async def _command(
@@ -167,11 +172,10 @@ class _Flight:
         """Command, with a recording, a journal, a console and a display."""
         service = Service(self.config, self.seed, self.links, bus)
         clock = self.clock
-        if taken is None:
-            resume_from_journal(service, self.journal, self.resume, clock.now_ns(), self.console)
-        else:
-            service.resume(taken.snapshot, taken.state)
+        if taken is not None:
             clock = taken.clock
+        if taken is None or not self._resume(service, taken):
+            resume_from_journal(service, self.journal, self.resume, clock.now_ns(), self.console)
         keeper = JournalSink(service, self.journal)
         publisher = EventPublisher(service, bus, self.fingerprint)
         with self.record() as recorder:
@@ -200,6 +204,15 @@ class _Flight:
             self.console.print(link_table(rows))
         for name, value in recording_facts(str(recorder.folder)):
             self._say(f"{name}: {value}")
+
+    def _resume(self, service: Service, taken: TakeOver) -> bool:
+        """Continue from the state of a standby; return False if it makes no sense."""
+        try:
+            service.resume(taken.snapshot, taken.state)
+        except ValueError as error:
+            self._say(f"the state of the standby is not used: {error}")
+            return False
+        return True
 
     def _say(self, text: str) -> None:
         self.console.print(text, highlight=False, markup=False, soft_wrap=True)

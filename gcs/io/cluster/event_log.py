@@ -114,6 +114,8 @@ def decode_batch(key: str, payload: bytes) -> EventBatch:
     WireError
         If it is none of this version.
     """
+    if len(payload) > MAX_BYTES:
+        raise WireError(key, f"{len(payload)} bytes are more than the {MAX_BYTES} allowed")
     try:
         return _decode_batch(payload)
     except (msgspec.DecodeError, RecursionError) as error:
