@@ -1366,9 +1366,9 @@ class NoticeCode(StrEnum):
         "process-ended",
         _W,
         "ended ({error}); it is started again in {pause_s:.1f} s, and the flight goes on",
-        "the process of this part of the service has failed, or somebody has killed it; pages of a console "
-        "connect again by themselves",
-        "wait; report it if nobody killed it",
+        "the process of this part of the service has failed or was killed; pages of a console connect again "
+        "by themselves",
+        "wait; report it if it was not killed on purpose",
     )
     PROCESS_AGAIN = _link("process-again", _I, "runs again", ends="process-ended")
     PROCESS_GIVEN_UP = _link(

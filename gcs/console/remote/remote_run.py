@@ -111,7 +111,7 @@ async def find_run(
 
 
 async def _ask(bus: ZenohSession, key: str, payload: bytes) -> dict[str, bytes]:
-    """Return the answers by their keys; none if nobody answers in time."""
+    """Return the answers by their keys; none if no service answers in time."""
     loop = asyncio.get_running_loop()
     answers = dict[str, bytes]()
     ended = asyncio.Event()

@@ -279,7 +279,7 @@ class BridgeLinks:
         return {link.name: self._status.unsent.get(link.name, 0) for link in self.links}
 
     def is_keyed(self, link: str, vehicle: int | None = None) -> bool:
-        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of anybody."""
+        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of any system."""
         if vehicle is None:
             return link in self._status.keyed_links
         return (link, vehicle) in self._status.keyed_vehicles

@@ -121,7 +121,7 @@ class BridgeStatus(Message, frozen=True, kw_only=True, omit_defaults=True):
     """Other ground stations of each endpoint."""
     counters: dict[str, StationCounters]
     keyed_links: tuple[str, ...] = ()
-    """Links on which somebody has a key."""
+    """Links with a key for any system."""
     keyed_vehicles: tuple[tuple[str, int], ...] = ()
     """(link, vehicle) whose frames must be signed."""
     signing: dict[str, GateCounters] = {}

@@ -88,7 +88,7 @@ def may(role: Role, name: str, act: Act, key: str) -> bool:
 
 
 def access_control(nodes: Mapping[str, Role]) -> dict[str, object]:
-    """Return zenoh's ``access_control`` configuration for nodes by name: nobody else may do anything."""
+    """Return zenoh's ``access_control`` configuration for nodes by name: no other node may do anything."""
     subjects = [{"id": name, "cert_common_names": [common_name(role, name)]} for name, role in nodes.items()]
     told = _rule("told", _DECLARED, "egress", tuple(_PREFIX + key for key in _ALL))
     rules = [told]

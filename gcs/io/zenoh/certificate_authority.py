@@ -2,7 +2,7 @@
 
 The CA is a folder with `ca.pem` (public), `ca.key` (secret) and `nodes.toml`. Each node has a folder
 there, named as its certificate. Nodes that accept connections get names of their hosts and may be TLS
-servers; others may be TLS clients only, so that nobody can pose as central command with their certificates.
+servers; others may be TLS clients only, so that none can pose as central command with its certificate.
 """
 
 from __future__ import annotations

@@ -90,7 +90,7 @@ class ZenohSession:
             raise LinkError(self.endpoint, f"cannot publish on `{key}`: {_first_sentence(error)}") from None
 
     def is_subscribed(self, key: str) -> bool:
-        """Return True if somebody subscribes to a key.
+        """Return True if a key has a subscriber.
 
         Raises
         ------
