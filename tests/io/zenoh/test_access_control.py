@@ -238,7 +238,7 @@ def test_a_bridge_that_listens_obeys_command_alone(tmp_path: Path) -> None:
 
 
 def test_central_command_does_not_obey_a_sensor_that_it_connects_to(tmp_path: Path) -> None:
-    """`zenoh_role = "connect"`: the rights are those of the certificate, whichever side opened the connection."""
+    """`zenoh_role = "connect"`: the rights are those of the certificate, not of the side that connects."""
     make_certificate_authority(tmp_path, 30)
     command = make_node(tmp_path, "hub", "command", [], 30)
     radar = make_node(tmp_path, "radar-1", "sensor", ["localhost"], 30)
