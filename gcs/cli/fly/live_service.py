@@ -150,7 +150,7 @@ class _Flight:
     async def _follow(self, bus: ZenohSession, stop: asyncio.Event) -> TakeOver | None:
         """Follow the service that commands; return where to go on, or None if it ended in order."""
         standby = Standby(self.config, self.seed, bus, self.fingerprint, self._say)
-        self.links.start(asyncio.get_running_loop(), IgnoredLinks(), lambda _: False)
+        self.links.start(asyncio.get_running_loop(), IgnoredLinks())
         self._say(f"standby of {self.config.links.zenoh}; Ctrl-C ends it")
         taken = await standby.follow(self.links, stop)
         self._say("command has ended" if taken is None else "takes over")
