@@ -83,8 +83,6 @@ class Bridge:
     ) -> None:
         self.clock = RunClock()
         self.links = links
-        self.command_t_ns: int | None = None
-        """Time of the last message of command; None before the first, and after its end."""
         self.has_ended = False
         """True if command has said that it ends."""
         self._vehicles = vehicles
@@ -99,10 +97,10 @@ class Bridge:
         self._lease = start_lease(self._boot, steady_ns(), is_only_bridge=is_only)
         self._ran_ns = steady_ns()
         """Monotonic time at which this process was last seen to run."""
-        self._dropped = self._dropped_told = 0
-        """Datagrams that command did not take."""
-        self._refused = self._refused_told = 0
-        """Datagrams of command without the lease, or late."""
+        self._dropped = 0
+        """Datagrams that command did not take since the last warning."""
+        self._refused = 0
+        """Datagrams of command without the lease, or late, since the last warning."""
         self._writer = BackgroundWriter("command", _MAX_UNSENT)
         self._loop: asyncio.AbstractEventLoop | None = None
 
@@ -136,14 +134,12 @@ class Bridge:
         self.links.tick(t_ns)
         for (link, peer), data in self._heartbeats.due(t_ns):
             self.links.send(link, peer, data)
-        if self._dropped > self._dropped_told:
-            count = self._dropped - self._dropped_told
-            self._dropped_told = self._dropped
-            self.on_notice("bridge", NoticeCode.BRIDGE_UNREAD, count=count)
-        if self._refused > self._refused_told:
-            count = self._refused - self._refused_told
-            self._refused_told = self._refused
-            self.on_notice("bridge", NoticeCode.BRIDGE_REFUSED, count=count)
+        if self._dropped:
+            self.on_notice("bridge", NoticeCode.BRIDGE_UNREAD, count=self._dropped)
+            self._dropped = 0
+        if self._refused:
+            self.on_notice("bridge", NoticeCode.BRIDGE_REFUSED, count=self._refused)
+            self._refused = 0
 
     def _note_running(self) -> None:
         """Leave the lease to its holder when the bridge stood still and could not renew it."""
@@ -151,6 +147,10 @@ class Bridge:
         if now_ns - self._ran_ns > _STALL_NS:
             self._lease = extend_lease(self._lease, now_ns)
         self._ran_ns = now_ns
+
+    def has_lost_command(self) -> bool:
+        """Return True if command was not heard for the time of a failover: the heartbeats have ended."""
+        return self._heartbeats.have_ended(self.now_ns())
 
     # ------------------------------------------------------------ from the links
 
@@ -219,7 +219,6 @@ class Bridge:
                 name: GateCounters(verified=one.verified, signed=one.signed, rejected=dict(one.rejected))
                 for name, one in links.signing_counters().items()
             },
-            dropped=self._dropped,
         )
         self._publish("status", status)
 
@@ -251,7 +250,6 @@ class Bridge:
         if message.clock is not None and not self._is_in_time(message.clock):
             self.clock = message.clock.clock()
         t_ns = self.now_ns()
-        self.command_t_ns = t_ns
         self._heartbeats.note_command(t_ns)
         if message.busy is not None:
             self._busy = frozenset(message.busy)
@@ -261,7 +259,6 @@ class Bridge:
             self._heartbeats.note_sent(t_ns, (packet.link, packet.peer), packet.data)
             self.links.send(packet.link, packet.peer, packet.data)
         if message.ends:
-            self.command_t_ns = None
             self.has_ended = True
             self._heartbeats.end()
 

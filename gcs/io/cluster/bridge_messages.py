@@ -125,8 +125,6 @@ class BridgeStatus(Message, frozen=True, kw_only=True, omit_defaults=True):
     keyed_vehicles: tuple[tuple[str, int], ...] = ()
     """(link, vehicle) whose frames must be signed."""
     signing: dict[str, GateCounters] = {}
-    dropped: int = 0
-    """Datagrams that command did not take."""
 
 
 def _to_plain(value: Any) -> Any:
