@@ -32,6 +32,7 @@ from gcs.io.cluster.bridge_messages import (
     decode,
     encode,
 )
+from gcs.io.event_loop import on_loop
 from gcs.io.links.manager import Links
 from gcs.io.zenoh.key_expressions import bridge_key
 from gcs.io.zenoh.session import ZenohSession
@@ -228,8 +229,8 @@ class Bridge:
         self, loop: asyncio.AbstractEventLoop, key: str, payload: bytes, reply: Callable[[bytes], None]
     ) -> None:
         """Take a question for the lease, on a thread of zenoh."""
-        with contextlib.suppress(WireError, RuntimeError):
-            loop.call_soon_threadsafe(self._answer, decode(key, payload, Ask), reply)
+        with contextlib.suppress(WireError):
+            on_loop(loop, self._answer, decode(key, payload, Ask), reply)
 
     def _answer(self, ask: Ask, reply: Callable[[bytes], None]) -> None:
         self._note_running()
@@ -238,9 +239,8 @@ class Bridge:
 
     def _on_down(self, loop: asyncio.AbstractEventLoop, key: str, payload: bytes) -> None:
         """Take a message of command, on a thread of zenoh."""
-        with contextlib.suppress(WireError, RuntimeError):  # another version; the loop has ended
-            message = decode(key, payload, Down)
-            loop.call_soon_threadsafe(self.obey, message)
+        with contextlib.suppress(WireError):  # another version
+            on_loop(loop, self.obey, decode(key, payload, Down))
 
     def obey(self, message: Down) -> None:
         """Carry out a message of the node that has the lease."""
