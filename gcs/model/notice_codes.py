@@ -134,7 +134,7 @@ class NoticeCode(StrEnum):
     HIGH_LATENCY = _vehicle(
         "high-latency",
         _W,
-        "heard by HIGH_LATENCY2 alone: it flies its verified mission and gets no other",
+        "heard by HIGH_LATENCY2 only: it flies its verified mission and gets no other",
         "no position for 2.5 s, and a high-latency report: its radio is down, its satellite link is not",
         "watch; check radio, power, range",
     )
@@ -150,7 +150,7 @@ class NoticeCode(StrEnum):
         "standby-down",
         _W,
         "its stand-by link is silent: {peer} on {link}",
-        "no frame of it for 5 s on its second link. Nothing takes over from the first one",
+        "no frame on its second link for 5 s: if the link in use fails, no other takes over",
         "check that link",
     )
     REBOOTED = _vehicle("rebooted", _A, "rebooted", "its time since boot started again", "read its log")
@@ -1228,7 +1228,7 @@ class NoticeCode(StrEnum):
         _W,
         "{name} connected and may do nothing here: nodes.toml does not list it",
         "a program with a valid certificate for zenoh, which was not or is no longer admitted",
-        "add it to `nodes.toml` of this service and start it again, or find out who that is",
+        "add it to `nodes.toml` of this service and start the service again, or find out which program it is",
         by="name",
     )
     LINK_OPEN = _link("link-open", _I, "connected", ends="link-failed")
@@ -1329,8 +1329,8 @@ class NoticeCode(StrEnum):
     BRIDGE_LATE = _link(
         "bridge-late",
         _W,
-        "{missed} messages were lost, and {late} datagrams came more than 1 s late: they are not taken",
-        "reports of vehicles are missing; what is late does not show how a vehicle flies now",
+        "{missed} messages were lost, and {late} datagrams were ignored: they came more than 1 s late",
+        "reports of vehicles are missing; a late one does not show how a vehicle flies now",
         "check the load of this machine, and the network between it and the bridge",
     )
     BRIDGE_ENDED = _link(
@@ -1343,14 +1343,14 @@ class NoticeCode(StrEnum):
     BRIDGE_UNREAD = _link(
         "bridge-unread",
         _W,
-        "{count} datagrams were dropped: command did not take them",
+        "{count} datagrams were dropped: command did not read them",
         "command was stopped or slow; the heartbeats went on",
         "check the load of the machine of command",
     )
     LEASE_MISSING = _link(
         "lease-missing",
         _A,
-        "has not most of the bridges ({bridges} missing): nothing is sent to the vehicles",
+        "holds too few bridges ({bridges} missing): nothing is sent to the vehicles",
         "vehicles fly their verified missions to the end; their failsafes act when the heartbeats end",
         "check those bridges, and the network to them; see failover",
     )
@@ -1359,7 +1359,7 @@ class NoticeCode(StrEnum):
         "bridge-refused",
         _W,
         "{count} messages to vehicles were refused: their sender does not have the lease, or they came late",
-        "another command node commands the vehicles, or the connection to the bridge was interrupted",
+        "another node commands the vehicles, or the connection to the bridge was interrupted",
         "end the one that should not command; see failover",
     )
     PROCESS_ENDED = _link(
@@ -1375,7 +1375,7 @@ class NoticeCode(StrEnum):
         "process-given-up",
         _A,
         "ended {starts} times in a row ({error}) and is not started again; the flight goes on",
-        "the process of this part of the service fails each time; its pages are gone",
+        "the process fails each time; the pages of this console are gone",
         "report it; elsewhere `gcs console --connect` may serve a console",
     )
     CONSOLE_FAILED = _link(
