@@ -172,7 +172,7 @@ class ConsoleServer:
 class FailedRequests(logging.Handler):
     """Takes the log of the server: a request that failed by a program error becomes a notice.
 
-    Else a hostile client could fill the terminal with complaints about its own mistakes.
+    Else a hostile client could fill the terminal with messages about its own errors.
     """
 
     def __init__(self) -> None:

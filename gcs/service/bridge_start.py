@@ -29,7 +29,7 @@ from gcs.errors import LinkError
 from gcs.io.cluster.all_bridges import AllBridges
 from gcs.io.cluster.bridge_links import BridgeLinks
 from gcs.io.cluster.command_lease import CommandLease
-from gcs.io.zenoh.discovery import private_folder
+from gcs.io.zenoh.discovery import is_running, private_folder
 from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.frames.codec import FrameTable
 from gcs.model import NoticeCode, NoticeContent
@@ -142,7 +142,7 @@ class BridgeProcess:
     def _without_command(self) -> Running | None:
         """Return a running bridge whose command has ended."""
         running = self._noted()
-        if running is not None and _is_bridge(running.pid) and not _exists(running.command_pid):
+        if running is not None and _is_bridge(running.pid) and not is_running(running.command_pid):
             return running
         return None
 
@@ -290,7 +290,7 @@ def bridges_of(
 
 
 @contextlib.contextmanager
-def bridges_of_command(
+def bridges_for_standby(
     config: Config, source: str, links: Sequence[Link], scan: Callable[[bytes], FrameTable]
 ) -> Iterator[AllBridges]:
     """Connect to the bridges that a command uses, for a standby; yield their links.
@@ -416,15 +416,7 @@ def _is_bridge(pid: int) -> bool:
     try:
         return b"gcs.service.bridge_process" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except FileNotFoundError:
-        return sys.platform != "linux" and pid > 0 and _exists(pid)
-
-
-def _exists(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except OSError:
-        return False
-    return True
+        return sys.platform != "linux" and pid > 0 and is_running(pid)
 
 
 def _end_other(pid: int) -> None:

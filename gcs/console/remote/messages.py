@@ -12,7 +12,7 @@ from typing import Any, Final, get_args
 import msgspec
 from msgspec import UNSET, Raw, UnsetType
 
-from gcs.console.view.capture import Capture
+from gcs.console.view.capture import Capture, same_routes
 from gcs.console.view.news import News, NewsRequest
 from gcs.console.view.schema import MissionInfo, ObstacleMap, ServiceState, VehicleDetail, Work
 from gcs.errors import WireError
@@ -168,13 +168,8 @@ class NewsEncoder:
                 self._changed[name] = (capture.number, Raw(_encode(value)))
 
 
-def _same_routes(routes: tuple[Route, ...], others: tuple[Route, ...]) -> bool:
-    """Return True if both have the same routes; records with arrays have no equality."""
-    return len(routes) == len(others) and all(a is b for a, b in zip(routes, others, strict=True))
-
-
 _COMPARED: Final[dict[str, Callable[[Any, Any], bool]]] = {
-    "routes": _same_routes,
+    "routes": same_routes,
     "proposal": lambda one, other: one is other,
     "map": lambda one, other: one is other,
     "zones": lambda one, other: one == other,

@@ -18,8 +18,6 @@ import zenoh
 Role: TypeAlias = Literal["sensor", "viewer", "operator", "bridge", "command"]
 Act: TypeAlias = Literal["put", "subscribe", "query", "answer", "announce", "watch"]
 ROLES: Final[tuple[Role, ...]] = get_args(Role)
-NODE_NAME: Final = r"^[A-Za-z0-9_-]{1,48}$"
-"""Names of nodes: with its role one fits into the 64 characters of a common name."""
 
 
 class Rights(NamedTuple):

@@ -71,7 +71,7 @@ def running_services() -> list[ServiceInfo]:
     for path in sorted(folder.glob("*.json")):
         with contextlib.suppress(OSError, msgspec.DecodeError):
             one = _decoder.decode(path.read_bytes())
-            if _is_running(one.pid):
+            if is_running(one.pid):
                 found.append(one)
             else:
                 path.unlink(missing_ok=True)
@@ -147,11 +147,10 @@ def _is_ours(folder: Path) -> bool:
     return status.st_uid == os.getuid() and not status.st_mode & 0o022
 
 
-def _is_running(pid: int) -> bool:
+def is_running(pid: int) -> bool:
+    """Return True if this user has a process with a number."""
     try:
         os.kill(pid, 0)
-    except ProcessLookupError:
+    except OSError:
         return False
-    except PermissionError:
-        return True
     return True
