@@ -12,11 +12,11 @@ same subject. Parameters in `by` belong to its identity: two parameters of one v
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import partial
-from typing import Final, Literal, Self, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from gcs.model.basics import Level
+from gcs.model.code_table import TableCode
 
 About: TypeAlias = Literal["vehicle", "sensor", "link", "mission"]
 """Kind of a notice's subject; "link" also stands for outputs and parts of the service."""
@@ -66,7 +66,7 @@ _IN_FLIGHT: Final = (
 _READY: Final = "`gcs order ready --vehicle {vehicle}`"
 
 
-class NoticeCode(StrEnum):
+class NoticeCode(TableCode):
     """Identity of an alarm, a warning or a piece of information. Its value is stable."""
 
     level: Level
@@ -80,19 +80,6 @@ class NoticeCode(StrEnum):
     """Codes of the conditions that this notice ends, of the same subject."""
     by: tuple[str, ...]
     """Parameters that, with code and subject, identify a condition."""
-
-    def __new__(cls, entry: _Entry) -> Self:
-        """Make a member from its entry."""
-        member = str.__new__(cls, entry.code)
-        member._value_ = entry.code
-        member.level = entry.level
-        member.about = entry.about
-        member.text = entry.text
-        member.meaning = entry.meaning
-        member.action = entry.action
-        member.ends = entry.ends
-        member.by = entry.by
-        return member
 
     @classmethod
     def _missing_(cls, _value: object) -> NoticeCode:

@@ -198,12 +198,12 @@ class Bridge:
     def _publish_status(self) -> None:
         links = self.links
         t_ns = self.now_ns()
-        keyed = [
+        keyed = frozenset(
             (link.name, vehicle)
             for link in links.links
             for vehicle in self._vehicles
             if network_of(vehicle) == link.network and links.is_keyed(link.name, vehicle)
-        ]
+        )
         status = BridgeStatus(
             ports=links.ports(),
             unsent=links.unsent(),
@@ -215,7 +215,7 @@ class Bridge:
                 for name, one in links.counters().items()
             },
             keyed_links=tuple(link.name for link in links.links if links.is_keyed(link.name)),
-            keyed_vehicles=tuple(keyed),
+            keyed_vehicles=keyed,
             signing={
                 name: GateCounters(verified=one.verified, signed=one.signed, rejected=dict(one.rejected))
                 for name, one in links.signing_counters().items()

@@ -123,7 +123,7 @@ class BridgeStatus(Message, frozen=True, kw_only=True, omit_defaults=True):
     counters: dict[str, StationCounters]
     keyed_links: tuple[str, ...] = ()
     """Links with a key for any system."""
-    keyed_vehicles: tuple[tuple[str, int], ...] = ()
+    keyed_vehicles: frozenset[tuple[str, int]] = frozenset()
     """(link, vehicle) whose frames must be signed."""
     signing: dict[str, GateCounters] = {}
 
