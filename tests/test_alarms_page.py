@@ -102,6 +102,6 @@ def test_conditions_are_told_apart_by_what_the_table_says():
 
 
 def test_a_verified_mission_ends_the_alarms_of_the_one_before():
-    """After an order to resume a vehicle gets another mission, and nobody reads the older one back."""
+    """After an order to resume a vehicle gets another mission, and the older one is not read back."""
     older = {"mission-unread", "mission-differs", "mission-changed", "mission-count-changed"}
     assert older <= set(NoticeCode.MISSION_VERIFIED.ends)

@@ -24,6 +24,8 @@ AcceptRadius = Annotated[float, Meta(gt=0.0, le=255.0)]
 LoiterRadius = Annotated[float, Meta(ge=0.0, le=255.0)]
 ClimbAngle = Annotated[float, Meta(ge=2.0, le=60.0)]
 NODE_NAME = r"^[A-Za-z0-9_-]{1,48}$"
+"""With its role a name fits into the 64 characters of a certificate's common name."""
+ZenohEndpoint = Annotated[str, Meta(pattern=r"^(tcp|udp|tls)/[^/]+:\d{1,5}$")]
 MissionEnd = Literal["loiter", "land"]
 Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]
 Longitude = Annotated[float, Meta(ge=-180.0, le=180.0)]
@@ -220,7 +222,7 @@ class BridgeTable(Table, frozen=True, kw_only=True):
     """A bridge that runs by itself, and where it listens."""
 
     name: Annotated[str, Meta(pattern=NODE_NAME)]
-    zenoh: Annotated[str, Meta(pattern=r"^(tcp|udp|tls)/[^/]+:\d{1,5}$")]
+    zenoh: ZenohEndpoint
 
 
 class LinksTable(Table, frozen=True, kw_only=True):
@@ -231,7 +233,7 @@ class LinksTable(Table, frozen=True, kw_only=True):
     )
     forward: list[ForwardTable] = []
     keys: str = ""
-    zenoh: Annotated[str, Meta(pattern=r"^(tcp|udp|tls)/[^/]+:\d{1,5}$")] = "tcp/127.0.0.1:7447"
+    zenoh: ZenohEndpoint = "tcp/127.0.0.1:7447"
     zenoh_role: Literal["listen", "connect"] = "listen"
     bridges: list[BridgeTable] = []
     standby: Annotated[str, Meta(pattern=r"^((tcp|udp|tls)/[^/]+:\d{1,5})?$")] = ""

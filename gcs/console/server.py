@@ -172,7 +172,7 @@ class ConsoleServer:
 class FailedRequests(logging.Handler):
     """Takes the log of the server: a request that failed by a program error becomes a notice.
 
-    Else a hostile client could fill the terminal with complaints about its own mistakes.
+    Else a hostile client could fill the terminal with messages about its own errors.
     """
 
     def __init__(self) -> None:
@@ -270,7 +270,7 @@ class ShownRun:
             return False
         self._heard_s = time.monotonic()
         self._heard_ms = time.time_ns() // 1_000_000
-        if self.playback.is_moved and not self._shows_passed:  # somebody has just asked for another time
+        if self.playback.is_moved and not self._shows_passed:  # a page has just asked for another time
             news = dataclasses.replace(news, capture=None)
         captured = news.capture.number if news.capture is not None else 0
         known = 0 if news.begins_anew else self._request.capture

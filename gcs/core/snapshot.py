@@ -7,7 +7,7 @@ The types of all records are checked when a snapshot is read; the values are che
 
 from __future__ import annotations
 
-from typing import Any, Final, get_args
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.state import State
 from gcs.errors import WireError
-from gcs.model import NS_PER_S, Event, Snapshot, Tick
+from gcs.model import NS_PER_S, Event, Snapshot, Tick, array_of_parts, array_parts
 
 VERSION: Final = 3
 PERIOD_NS: Final = 10 * NS_PER_S
@@ -30,7 +30,7 @@ class _Snapshot(msgspec.Struct, frozen=True):
 
 def _to_plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        return (value.dtype.str, value.shape, np.ascontiguousarray(value).tobytes())
+        return array_parts(value)
     if isinstance(value, dialect.MAVLink_message):
         return (value.get_msgId(), [getattr(value, name) for name in value.fieldnames])
     raise NotImplementedError(type(value).__name__)
@@ -42,11 +42,7 @@ def _from_plain(expected: Any, value: Any) -> Any:
         if number not in dialect.mavlink_map:
             raise ValueError(f"no message has number {number}")
         return dialect.mavlink_map[number](*fields)
-    dtype, shape, data = msgspec.convert(value, tuple[str, tuple[int, ...], bytes])
-    wanted = np.dtype(get_args(get_args(expected)[1])[0])
-    if dtype != wanted.str:
-        raise ValueError(f"expected an array of {wanted}, got {dtype}")
-    return np.frombuffer(data, wanted).reshape(shape).copy()
+    return array_of_parts(expected, value).copy()
 
 
 _encoder = msgspec.msgpack.Encoder(enc_hook=_to_plain)

@@ -24,6 +24,8 @@ from gcs.model.basics import (
     Level,
     UInt16Array,
     UInt32Array,
+    array_of_parts,
+    array_parts,
     read_only,
 )
 from gcs.model.control import Authority, AuthorityWord, Claim, Claims, Control, ControlEvent, Suspension
@@ -132,6 +134,8 @@ __all__ = [
     "UploadReport",
     "VehicleState",
     "Waypoint",
+    "array_of_parts",
+    "array_parts",
     "named",
     "network_of",
     "read_only",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -33,3 +34,23 @@ def read_only(array: npt.ArrayLike) -> FloatArray:
     result = np.array(array, dtype=np.float64)
     result.flags.writeable = False
     return result
+
+
+def array_parts(array: npt.NDArray[Any]) -> tuple[str, tuple[int, ...], bytes]:
+    """Return dtype, shape and bytes of an array, for MessagePack."""
+    return array.dtype.str, array.shape, np.ascontiguousarray(array).tobytes()
+
+
+def array_of_parts(expected: Any, parts: Any) -> npt.NDArray[Any]:
+    """Return the read-only array of `array_parts`; `expected` is its type, such as `FloatArray`.
+
+    Raises
+    ------
+    ValueError, msgspec.ValidationError
+        If it is none, or of another dtype.
+    """
+    dtype, shape, data = msgspec.convert(parts, tuple[str, tuple[int, ...], bytes])
+    wanted = np.dtype(get_args(get_args(expected)[1])[0])
+    if dtype != wanted.str:
+        raise ValueError(f"expected an array of {wanted}, got {dtype}")
+    return np.frombuffer(data, wanted).reshape(shape)

@@ -12,11 +12,11 @@ same subject. Parameters in `by` belong to its identity: two parameters of one v
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import partial
-from typing import Final, Literal, Self, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from gcs.model.basics import Level
+from gcs.model.code_table import TableCode
 
 About: TypeAlias = Literal["vehicle", "sensor", "link", "mission"]
 """Kind of a notice's subject; "link" also stands for outputs and parts of the service."""
@@ -66,7 +66,7 @@ _IN_FLIGHT: Final = (
 _READY: Final = "`gcs order ready --vehicle {vehicle}`"
 
 
-class NoticeCode(StrEnum):
+class NoticeCode(TableCode):
     """Identity of an alarm, a warning or a piece of information. Its value is stable."""
 
     level: Level
@@ -80,19 +80,6 @@ class NoticeCode(StrEnum):
     """Codes of the conditions that this notice ends, of the same subject."""
     by: tuple[str, ...]
     """Parameters that, with code and subject, identify a condition."""
-
-    def __new__(cls, entry: _Entry) -> Self:
-        """Make a member from its entry."""
-        member = str.__new__(cls, entry.code)
-        member._value_ = entry.code
-        member.level = entry.level
-        member.about = entry.about
-        member.text = entry.text
-        member.meaning = entry.meaning
-        member.action = entry.action
-        member.ends = entry.ends
-        member.by = entry.by
-        return member
 
     @classmethod
     def _missing_(cls, _value: object) -> NoticeCode:
@@ -134,7 +121,7 @@ class NoticeCode(StrEnum):
     HIGH_LATENCY = _vehicle(
         "high-latency",
         _W,
-        "heard by HIGH_LATENCY2 alone: it flies its verified mission and gets no other",
+        "heard by HIGH_LATENCY2 only: it flies its verified mission and gets no other",
         "no position for 2.5 s, and a high-latency report: its radio is down, its satellite link is not",
         "watch; check radio, power, range",
     )
@@ -150,7 +137,7 @@ class NoticeCode(StrEnum):
         "standby-down",
         _W,
         "its stand-by link is silent: {peer} on {link}",
-        "no frame of it for 5 s on its second link. Nothing takes over from the first one",
+        "no frame on its second link for 5 s: if the link in use fails, no other takes over",
         "check that link",
     )
     REBOOTED = _vehicle("rebooted", _A, "rebooted", "its time since boot started again", "read its log")
@@ -1228,7 +1215,7 @@ class NoticeCode(StrEnum):
         _W,
         "{name} connected and may do nothing here: nodes.toml does not list it",
         "a program with a valid certificate for zenoh, which was not or is no longer admitted",
-        "add it to `nodes.toml` of this service and start it again, or find out who that is",
+        "add it to `nodes.toml` of this service and start the service again, or find out which program it is",
         by="name",
     )
     LINK_OPEN = _link("link-open", _I, "connected", ends="link-failed")
@@ -1329,8 +1316,8 @@ class NoticeCode(StrEnum):
     BRIDGE_LATE = _link(
         "bridge-late",
         _W,
-        "{missed} messages were lost, and {late} datagrams came more than 1 s late: they are not taken",
-        "reports of vehicles are missing; what is late does not show how a vehicle flies now",
+        "{missed} messages were lost, and {late} datagrams were ignored: they came more than 1 s late",
+        "reports of vehicles are missing; a late one does not show how a vehicle flies now",
         "check the load of this machine, and the network between it and the bridge",
     )
     BRIDGE_ENDED = _link(
@@ -1343,14 +1330,14 @@ class NoticeCode(StrEnum):
     BRIDGE_UNREAD = _link(
         "bridge-unread",
         _W,
-        "{count} datagrams were dropped: command did not take them",
+        "{count} datagrams were dropped: command did not read them",
         "command was stopped or slow; the heartbeats went on",
         "check the load of the machine of command",
     )
     LEASE_MISSING = _link(
         "lease-missing",
         _A,
-        "has not most of the bridges ({bridges} missing): nothing is sent to the vehicles",
+        "holds too few bridges ({bridges} missing): nothing is sent to the vehicles",
         "vehicles fly their verified missions to the end; their failsafes act when the heartbeats end",
         "check those bridges, and the network to them; see failover",
     )
@@ -1359,23 +1346,23 @@ class NoticeCode(StrEnum):
         "bridge-refused",
         _W,
         "{count} messages to vehicles were refused: their sender does not have the lease, or they came late",
-        "another command node commands the vehicles, or the connection to the bridge was interrupted",
+        "another node commands the vehicles, or the connection to the bridge was interrupted",
         "end the one that should not command; see failover",
     )
     PROCESS_ENDED = _link(
         "process-ended",
         _W,
         "ended ({error}); it is started again in {pause_s:.1f} s, and the flight goes on",
-        "the process of this part of the service has failed, or somebody has killed it; pages of a console "
-        "connect again by themselves",
-        "wait; report it if nobody killed it",
+        "the process of this part of the service has failed or was killed; pages of a console connect again "
+        "by themselves",
+        "wait; report it if it was not killed on purpose",
     )
     PROCESS_AGAIN = _link("process-again", _I, "runs again", ends="process-ended")
     PROCESS_GIVEN_UP = _link(
         "process-given-up",
         _A,
         "ended {starts} times in a row ({error}) and is not started again; the flight goes on",
-        "the process of this part of the service fails each time; its pages are gone",
+        "the process fails each time; the pages of this console are gone",
         "report it; elsewhere `gcs console --connect` may serve a console",
     )
     CONSOLE_FAILED = _link(

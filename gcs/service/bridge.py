@@ -32,6 +32,7 @@ from gcs.io.cluster.bridge_messages import (
     decode,
     encode,
 )
+from gcs.io.event_loop import on_loop
 from gcs.io.links.manager import Links
 from gcs.io.zenoh.key_expressions import bridge_key
 from gcs.io.zenoh.session import ZenohSession
@@ -85,8 +86,6 @@ class Bridge:
     ) -> None:
         self.clock = RunClock()
         self.links = links
-        self.command_t_ns: int | None = None
-        """Time of the last message of command; None before the first, and after its end."""
         self.has_ended = False
         """True if command has said that it ends."""
         self._vehicles = vehicles
@@ -101,10 +100,10 @@ class Bridge:
         self._lease = start_lease(self._boot, steady_ns(), is_only_bridge=is_only)
         self._ran_ns = steady_ns()
         """Monotonic time at which this process was last seen to run."""
-        self._dropped = self._dropped_told = 0
-        """Datagrams that command did not take."""
-        self._refused = self._refused_told = 0
-        """Datagrams of command without the lease, or late."""
+        self._dropped = 0
+        """Datagrams that command did not take since the last warning."""
+        self._refused = 0
+        """Datagrams of command without the lease, or late, since the last warning."""
         self._writer = BackgroundWriter("command", _MAX_UNSENT)
         self._answers = BackgroundWriter("lease", _MAX_UNSENT)
         """Apart: a command that is stopped blocks the other one for seconds; a standby needs the lease."""
@@ -142,14 +141,12 @@ class Bridge:
         self.links.tick(t_ns)
         for (link, peer), data in self._heartbeats.due(t_ns):
             self.links.send(link, peer, data)
-        if self._dropped > self._dropped_told:
-            count = self._dropped - self._dropped_told
-            self._dropped_told = self._dropped
-            self.on_notice("bridge", NoticeCode.BRIDGE_UNREAD, count=count)
-        if self._refused > self._refused_told:
-            count = self._refused - self._refused_told
-            self._refused_told = self._refused
-            self.on_notice("bridge", NoticeCode.BRIDGE_REFUSED, count=count)
+        if self._dropped:
+            self.on_notice("bridge", NoticeCode.BRIDGE_UNREAD, count=self._dropped)
+            self._dropped = 0
+        if self._refused:
+            self.on_notice("bridge", NoticeCode.BRIDGE_REFUSED, count=self._refused)
+            self._refused = 0
 
     def _note_running(self) -> None:
         """Leave the lease to its holder when the bridge stood still and could not renew it."""
@@ -157,6 +154,10 @@ class Bridge:
         if now_ns - self._ran_ns > _STALL_NS:
             self._lease = extend_lease(self._lease, now_ns)
         self._ran_ns = now_ns
+
+    def has_lost_command(self) -> bool:
+        """Return True if command was not heard for the time of a failover: the heartbeats have ended."""
+        return self._heartbeats.have_ended(self.now_ns())
 
     # ------------------------------------------------------------ from the links
 
@@ -203,12 +204,12 @@ class Bridge:
     def _publish_status(self) -> None:
         links = self.links
         t_ns = self.now_ns()
-        keyed = [
+        keyed = frozenset(
             (link.name, vehicle)
             for link in links.links
             for vehicle in self._vehicles
             if network_of(vehicle) == link.network and links.is_keyed(link.name, vehicle)
-        ]
+        )
         status = BridgeStatus(
             ports=links.ports(),
             unsent=links.unsent(),
@@ -220,12 +221,11 @@ class Bridge:
                 for name, one in links.counters().items()
             },
             keyed_links=tuple(link.name for link in links.links if links.is_keyed(link.name)),
-            keyed_vehicles=tuple(keyed),
+            keyed_vehicles=keyed,
             signing={
                 name: GateCounters(verified=one.verified, signed=one.signed, rejected=dict(one.rejected))
                 for name, one in links.signing_counters().items()
             },
-            dropped=self._dropped,
         )
         self._publish("status", status)
 
@@ -235,10 +235,10 @@ class Bridge:
         self, loop: asyncio.AbstractEventLoop, key: str, payload: bytes, reply: Callable[[bytes], None]
     ) -> None:
         """Take a question for the lease, on a thread of zenoh."""
-        with contextlib.suppress(WireError, RuntimeError):
+        with contextlib.suppress(WireError):
             ask = decode(key, payload, Ask)
             if 0 <= ask.seen < _MAX_EPOCH:
-                loop.call_soon_threadsafe(self._answer, ask, reply)
+                on_loop(loop, self._answer, ask, reply)
 
     def _answer(self, ask: Ask, reply: Callable[[bytes], None]) -> None:
         self._note_running()
@@ -247,9 +247,8 @@ class Bridge:
 
     def _on_down(self, loop: asyncio.AbstractEventLoop, key: str, payload: bytes) -> None:
         """Take a message of command, on a thread of zenoh."""
-        with contextlib.suppress(WireError, RuntimeError):  # another version; the loop has ended
-            message = decode(key, payload, Down)
-            loop.call_soon_threadsafe(self.obey, message)
+        with contextlib.suppress(WireError):  # another version
+            on_loop(loop, self.obey, decode(key, payload, Down))
 
     def obey(self, message: Down) -> None:
         """Carry out a message of the node that has the lease."""
@@ -260,7 +259,6 @@ class Bridge:
             self.clock = message.clock.clock()
             self._heartbeats.end()  # their times are of the clock before; command's next ones begin anew
         t_ns = self.now_ns()
-        self.command_t_ns = t_ns
         self._heartbeats.note_command(t_ns)
         if message.busy is not None:
             self._busy = frozenset(message.busy)
@@ -270,7 +268,6 @@ class Bridge:
             self._heartbeats.note_sent(t_ns, (packet.link, packet.peer), packet.data)
             self.links.send(packet.link, packet.peer, packet.data)
         if message.ends:
-            self.command_t_ns = None
             self.has_ended = True
             self._heartbeats.end()
 

@@ -26,7 +26,6 @@ from gcs.io.links.manager import Links
 from gcs.io.signing.link_signing import LinkSigning
 from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.frames.fast_scan import Scanner
-from gcs.model import NS_PER_S
 from gcs.service.bridge import Bridge
 
 _CHECK_S: Final = 0.2
@@ -76,7 +75,7 @@ def main() -> int:
     try:
         with open_bridge(settings) as bridge:
             try:
-                asyncio.run(_serve(bridge, settings.failover_s))
+                asyncio.run(_serve(bridge))
             finally:  # not when another bridge has the endpoints: the socket is its own
                 remove_socket(settings.zenoh)
     except GcsError as error:
@@ -118,7 +117,7 @@ def remove_socket(endpoint: str) -> None:
         name.unlink(missing_ok=True)
 
 
-async def _serve(bridge: Bridge, failover_s: float) -> None:
+async def _serve(bridge: Bridge) -> None:
     """Serve until command ends, or has been gone for the time of a failover."""
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
@@ -129,9 +128,7 @@ async def _serve(bridge: Bridge, failover_s: float) -> None:
     _answer(BridgeStarted(ports=bridge.links.ports()))
     while not serving.done() and not stop.is_set():
         await asyncio.sleep(_CHECK_S)
-        silent_ns = bridge.now_ns() - (bridge.command_t_ns or 0)
-        is_gone = is_orphan.is_set() and silent_ns > failover_s * NS_PER_S
-        if bridge.has_ended or is_gone:
+        if bridge.has_ended or (is_orphan.is_set() and bridge.has_lost_command()):
             stop.set()
     await serving
 

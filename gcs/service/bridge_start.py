@@ -34,6 +34,7 @@ from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.frames.codec import FrameTable
 from gcs.model import NoticeCode, NoticeContent
 from gcs.service.bridge_process import BridgeSettings, BridgeStarted, remove_socket
+from gcs.service.child_process import how_ended
 
 _NAME: Final = "main"
 _ARGUMENTS: Final = (sys.executable, "-P", "-m", "gcs.service.bridge_process")
@@ -230,8 +231,8 @@ class BridgeProcess:
         if code is None:
             return None
         if code < 0:
-            return f"killed by {signal.Signals(-code).name}"
-        return self.started.error or self._last_line or f"exit code {code}"
+            return how_ended(code)
+        return self.started.error or self._last_line or how_ended(code)
 
     def end(self, *, goes_on: bool) -> None:
         """Wait for the end of the bridge, which command has told it; kill one that does not end.
@@ -292,7 +293,7 @@ def bridges_of(
 
 
 @contextlib.contextmanager
-def bridges_of_command(
+def bridges_for_standby(
     config: Config, source: str, links: Sequence[Link], scan: Callable[[bytes], FrameTable]
 ) -> Iterator[AllBridges]:
     """Connect to the bridges that a command uses, for a standby; yield their links.

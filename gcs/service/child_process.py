@@ -63,8 +63,6 @@ class ChildProcess:
         self.name = name
         self.process: asyncio.subprocess.Process | None = None
         """The running one."""
-        self.has_ended = False
-        """True if it is not started again."""
         self._command = tuple(command)
         self._descriptors = tuple(descriptors)
         self._starts = 0
@@ -91,7 +89,6 @@ class ChildProcess:
             pause_s = FIRST_PAUSE_S * 2.0 ** (self._starts - 1)
             self._notify(NoticeCode.PROCESS_ENDED, error=error, pause_s=pause_s)
             await asyncio.sleep(pause_s)
-        self.has_ended = True
         self._notify(NoticeCode.PROCESS_GIVEN_UP, error=error, starts=self._starts)
 
     async def close(self) -> None:
@@ -136,7 +133,7 @@ class ChildProcess:
         finally:
             for reader in readers:
                 reader.cancel()
-        how = f"killed by {_signal_name(-code)}" if code < 0 else f"exit code {code}"
+        how = how_ended(code)
         return f"{how}: {self._last_line}" if self._last_line else how
 
     async def _read_reports(self, stream: asyncio.StreamReader) -> None:
@@ -169,8 +166,11 @@ async def _lines(stream: asyncio.StreamReader) -> AsyncIterator[bytes]:
         yield line
 
 
-def _signal_name(number: int) -> str:
+def how_ended(code: int) -> str:
+    """Return the return code of a process in words."""
+    if code >= 0:
+        return f"exit code {code}"
     try:
-        return signal.Signals(number).name
+        return f"killed by {signal.Signals(-code).name}"
     except ValueError:
-        return f"signal {number}"
+        return f"killed by signal {-code}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Callable
 from functools import partial
 from time import monotonic
@@ -13,6 +12,7 @@ from gcs.core.snapshot import encode_state
 from gcs.io.background_writer import BackgroundWriter
 from gcs.io.cluster.bridge_messages import ClockTime
 from gcs.io.cluster.event_log import MAX_EVENTS, EventBatch, StateCheck, StateReply, digest, encode, packed
+from gcs.io.event_loop import on_loop
 from gcs.io.zenoh.key_expressions import events_key, snapshot_key
 from gcs.io.zenoh.session import ZenohSession
 from gcs.model import NS_PER_S, Effect, Event, Tick
@@ -88,8 +88,7 @@ class EventPublisher:
 
     def _on_ask(self, _key: str, _payload: bytes, reply: Callable[[bytes], None]) -> None:
         """Take a question for the state, on a thread of zenoh."""
-        with contextlib.suppress(RuntimeError):  # the loop has ended
-            self._loop.call_soon_threadsafe(self._answer, reply)
+        on_loop(self._loop, self._answer, reply)
 
     def _answer(self, reply: Callable[[bytes], None]) -> None:
         if monotonic() - self._answered_s < _MIN_ANSWER_INTERVAL_S:

@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol, TypeVarTuple
+from typing import Protocol
 
 from gcs.config import Config
 from gcs.core.engine import Engine
@@ -25,6 +25,7 @@ from gcs.core.state import State
 from gcs.errors import GcsError, LinkError, RecordingError, WireError
 from gcs.io.background_writer import BackgroundWriter, QueuedText
 from gcs.io.clock import ClockWatch, RunClock
+from gcs.io.event_loop import on_loop
 from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.vehicle_links import VehicleLinks
 from gcs.io.recording.disk_space import DiskSpace
@@ -80,7 +81,6 @@ _TIMES_KEPT = 10_000
 _MAX_UNPUBLISHED = 1000
 _PUBLISH_S = 5.0
 """Wait at the end for subscribers that do not read; zenoh drops them after the same time."""
-_Parts = TypeVarTuple("_Parts")
 LAG_WARNING_NS = NS_PER_S // 2
 """Start of a notice that the service adds itself: a replay does not repeat it."""
 
@@ -304,8 +304,7 @@ class Service:
     def _on_order(self, loop: asyncio.AbstractEventLoop, key: str, payload: bytes) -> None:
         """Take an order on a thread of zenoh; one that is refused does not reach the event loop."""
         if self._orders.put(key, payload):
-            with contextlib.suppress(RuntimeError):  # the loop has ended
-                loop.call_soon_threadsafe(self._queue_orders_unless_busy)
+            on_loop(loop, self._queue_orders_unless_busy)
 
     def _queue_orders_unless_busy(self) -> None:
         if self._queue.qsize() < _BUSY:
@@ -482,12 +481,6 @@ def _first(failures: BaseExceptionGroup[GcsError]) -> GcsError:
     """Return the first error of a nested group."""
     first = failures.exceptions[0]
     return _first(first) if isinstance(first, BaseExceptionGroup) else first
-
-
-def on_loop(loop: asyncio.AbstractEventLoop, callback: Callable[[*_Parts], None], *message: *_Parts) -> None:
-    """Pass a message from a zenoh thread to the event loop; a message after its end is dropped."""
-    with contextlib.suppress(RuntimeError):
-        loop.call_soon_threadsafe(callback, *message)
 
 
 def fly_on_after_hangup(view: QueuedText) -> Callable[[], object]:

@@ -31,6 +31,7 @@ from gcs.io.cluster.event_log import (
     digest,
     unpacked,
 )
+from gcs.io.event_loop import on_loop
 from gcs.io.zenoh.key_expressions import events_key, snapshot_key
 from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.frames.codec import FrameTable
@@ -137,8 +138,8 @@ class Standby:
         loop = asyncio.get_running_loop()
 
         def on_batch(key: str, payload: bytes) -> None:
-            with contextlib.suppress(WireError, RuntimeError):
-                loop.call_soon_threadsafe(self._take_batch, decode_batch(key, payload))
+            with contextlib.suppress(WireError):
+                on_loop(loop, self._take_batch, decode_batch(key, payload))
 
         self._bus.subscribe(events_key(self._mission), on_batch)
         while not stop.is_set() and not self._has_ended:

@@ -153,7 +153,7 @@ class FirmwareHost:
         self._rng = np.random.default_rng([spec.seed, spec.system_id])
         self._death_rng = np.random.default_rng([spec.seed, zlib.crc32(b"death"), spec.system_id])
         self._ground_contact = GroundContact()
-        self._death_check_ns = self._start_ns = 0
+        self._death_check_ns = 0
         self._deaths_from_ns: int | None = None
         self._lag_from: tuple[int, int] | None = None
         self._faults = Faults()
@@ -234,7 +234,6 @@ class FirmwareHost:
 
     def begin(self, t_ns: int) -> None:
         """Start the run time, and losses unless they wait for ground contact."""
-        self._start_ns = t_ns
         if not self.spec.waits_for_ground:
             self._start_losses(t_ns)
 

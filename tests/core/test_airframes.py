@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.areas import ALABAMA
 from helpers.staging import state
 
 from gcs.config import parse
@@ -27,17 +28,10 @@ from sim_vehicles.world.scenario import parse_scenario
 from sim_vehicles.world.specs import vehicle_specs
 
 SLOW, FAST = 1, 2
-MIXED = """
-name = "mixed"
-[frame]
-lat_deg = 33.2
-lon_deg = -87.6
-alt_msl_m = 70.0
-[map]
-width_m = 3000.0
-height_m = 3000.0
-nodes_east = 76
-nodes_north = 76
+MIXED = (
+    'name = "mixed"\n'
+    + ALABAMA
+    + """\
 boxes_m = [[1000.0, 800.0, 1200.0, 2200.0]]
 [[agents]]
 system_id = 1
@@ -83,6 +77,7 @@ north_m = 1200.0
 east_m = 2000.0
 north_m = 1800.0
 """
+)
 CONFIG = parse(MIXED, "mixed.toml")
 
 

@@ -222,7 +222,7 @@ class ChaosRun:
             self._supervise()
 
     def _supervise(self) -> None:
-        """Note a take-over nobody waited for; start what has ended again."""
+        """Note an unexpected take-over; start what has ended again."""
         standby = self._standby
         if standby is not None and self._takes_over(standby):
             self.flight.problems.append(f"{standby.name} took over from a command that was not disturbed")

@@ -160,7 +160,7 @@ def _place(item: dialect.MAVLink_mission_item_int_message) -> tuple[object, ...]
 
 
 def _repeated_orders(kept: list[_Kept]) -> Iterator[str]:
-    """Each order has one result for each vehicle, whoever gave it."""
+    """Each order has one result for each vehicle, whichever node gave it."""
     results = Counter[tuple[str, int]]()
     for one in kept:
         for record in one.records:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from gcs.mavlink.frames.codec import decode
 from gcs.model import Order, OrderAnswer, Send
+from helpers.areas import AUSTRALIA
 from helpers.noticed import alarms, noticed
 from helpers.staging import S
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
@@ -12,17 +13,10 @@ from sim_vehicles.world.scenario import parse_scenario
 from sim_vehicles.world.specs import vehicle_specs
 
 # The field of a flight with ArduPlane: it flew 45 m deep through the box ahead of the runway.
-FIELD = """
-name = "runway"
-[frame]
-lat_deg = -35.372275
-lon_deg = 149.148714
-alt_msl_m = 584.0
-[map]
-width_m = 3000.0
-height_m = 3000.0
-nodes_east = 76
-nodes_north = 76
+FIELD = (
+    'name = "runway"\n'
+    + AUSTRALIA
+    + """\
 boxes_m = [[1410.0, 1240.0, 1510.0, 1340.0]]
 [[agents]]
 system_id = 1
@@ -50,6 +44,7 @@ parameters = { ARMING_DELAY_S = 1.0 }
 east_m = 2600.0
 north_m = 2500.0
 """
+)
 
 BOX = "boxes_m = [[1410.0, 1240.0, 1510.0, 1340.0]]"
 

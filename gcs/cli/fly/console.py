@@ -27,7 +27,7 @@ def console(
         str | None,
         typer.Option(
             metavar="ENDPOINT",
-            help="zenoh endpoint of the service, such as tcp/10.0.0.5:7447.  [default: this machine]",
+            help="zenoh endpoint of the service, such as tls/10.0.0.5:7447.  [default: this machine]",
         ),
     ] = None,
     mission: MissionOption = None,
@@ -42,8 +42,9 @@ def console(
     """Serve the console of a service that runs elsewhere, until Ctrl-C.
 
     `gcs run` and `gcs demo` serve one themselves; this is another one, on this machine or on one that reaches
-    the service's zenoh endpoint: `gcs console --connect tcp/10.0.0.5:7447`. It shows the same, and its orders
-    go to the same service. It costs the flight nothing: end it, or start more of them, at any time.
+    the service's zenoh endpoint: `gcs console --connect tls/10.0.0.5:7447 --zenoh-tls FOLDER`. It shows the
+    same, and its orders go to the same service. It costs the flight nothing: end it, or start more of them,
+    at any time.
 
     When the service ends, the pages say so; when it is back, they go on.
     """

@@ -29,6 +29,7 @@ from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import ConfigError, InterruptedRunError, SimulationError
 from gcs.io.background_writer import QueuedText, off_loop
 from gcs.io.clock import RunClock
+from gcs.io.event_loop import on_loop
 from gcs.io.private_files import new_folder
 from gcs.io.recording.folder import FIRMWARE_NAME, Run
 from gcs.io.recording.reader import read
@@ -44,7 +45,7 @@ from gcs.report.plots.maps import Ground
 from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of, summary_json
 from gcs.report.run.summary import print_summary
 from gcs.service.bridge_start import bridges_of
-from gcs.service.service import Health, Service, fly_on_after_hangup, on_loop, wait_for_interrupt
+from gcs.service.service import Health, Service, fly_on_after_hangup, wait_for_interrupt
 
 _START_TIMEOUT_S: Final = 90.0
 _FIRMWARE_TIMEOUT_S: Final = 180.0

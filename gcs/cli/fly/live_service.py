@@ -28,7 +28,7 @@ from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.session import ZenohSession, from_this_machine, service_bus
 from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.report.run.summary import recording_facts
-from gcs.service.bridge_start import bridges_of, bridges_of_command
+from gcs.service.bridge_start import bridges_for_standby, bridges_of
 from gcs.service.event_publisher import EventPublisher
 from gcs.service.journal import Journal, JournalSink, fingerprint
 from gcs.service.resume import default_path, resume_from_journal
@@ -69,7 +69,7 @@ def serve(
             "tcp/127.0.0.1:7448; the same mission file is for all",
         )
     warm_up(console)
-    connected = bridges_of_command if is_standby else bridges_of
+    connected = bridges_for_standby if is_standby else bridges_of
     name = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}"
     belongs_to = fingerprint(text, seed)
     with (
@@ -150,7 +150,7 @@ class _Flight:
     async def _follow(self, bus: ZenohSession, stop: asyncio.Event) -> TakeOver | None:
         """Follow the service that commands; return where to go on, or None if it ended in order."""
         standby = Standby(self.config, self.seed, bus, self.fingerprint, self._say)
-        self.links.start(asyncio.get_running_loop(), IgnoredLinks(), lambda _: False)
+        self.links.start(asyncio.get_running_loop(), IgnoredLinks())
         self._say(f"standby of {self.config.links.zenoh}; Ctrl-C ends it")
         taken = await standby.follow(self.links, stop)
         if taken is None:

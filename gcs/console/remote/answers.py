@@ -25,6 +25,7 @@ from gcs.console.view.feed import Feed
 from gcs.core.engine import Engine
 from gcs.errors import WireError
 from gcs.io.background_writer import BackgroundWriter
+from gcs.io.event_loop import on_loop
 from gcs.io.zenoh.key_expressions import console_feed_key, console_vehicle_key
 from gcs.io.zenoh.session import ZenohSession
 
@@ -59,8 +60,7 @@ class ConsoleAnswers:
             self._answered = 1 if second != self._second else self._answered + 1
             self._second = second
             if self._answered <= _MAX_PER_S:
-                with contextlib.suppress(RuntimeError):  # the loop has ended
-                    self._loop.call_soon_threadsafe(answer, key, payload, reply)
+                on_loop(self._loop, answer, key, payload, reply)
 
         return hand_over
 

@@ -7,16 +7,16 @@ changed since the last one of a console are left out: map, no-fly zones, routes,
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final, TypeVar, get_args
+from typing import Any, Final, get_args
 
 import msgspec
-import numpy as np
 from msgspec import UNSET, Raw, UnsetType
 
-from gcs.console.view.capture import Capture
+from gcs.console.view.capture import Capture, same_routes
 from gcs.console.view.news import News, NewsRequest
 from gcs.console.view.schema import MissionInfo, ObstacleMap, ServiceState, VehicleDetail, Work
 from gcs.errors import WireError
+from gcs.io.message_pack import decode, decoder, encoder
 from gcs.model import (
     Effect,
     IntArray,
@@ -32,8 +32,6 @@ from gcs.model import (
 
 _MAX_REQUEST_BYTES: Final = 4096
 _MAX_NEWS_BYTES: Final = 64 * 1024 * 1024
-
-T = TypeVar("T")
 
 
 class DetailRequest(msgspec.Struct, frozen=True):
@@ -75,27 +73,13 @@ class _News(msgspec.Struct, frozen=True, kw_only=True):
     capture: _Captured | None
 
 
-def _to_plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return (value.dtype.str, value.shape, np.ascontiguousarray(value).tobytes())
-    raise NotImplementedError(type(value).__name__)
-
-
-def _from_plain(expected: Any, value: Any) -> Any:
-    dtype, shape, data = msgspec.convert(value, tuple[str, tuple[int, ...], bytes])
-    wanted = np.dtype(get_args(get_args(expected)[1])[0])
-    if dtype != wanted.str:
-        raise ValueError(f"expected an array of {wanted}, got {dtype}")
-    return np.frombuffer(data, wanted).reshape(shape)  # read-only
-
-
-_encode: Final = msgspec.msgpack.Encoder(enc_hook=_to_plain).encode
-_news: Final = msgspec.msgpack.Decoder(_News, dec_hook=_from_plain)
+_encode: Final = encoder().encode
+_news: Final[msgspec.msgpack.Decoder[_News]] = decoder(_News)
 _request: Final = msgspec.msgpack.Decoder(NewsRequest)
 _detail_request: Final = msgspec.msgpack.Decoder(DetailRequest)
 _detail: Final = msgspec.msgpack.Decoder(VehicleDetail | None)
 _effects: Final[dict[str, msgspec.msgpack.Decoder[Any]]] = {
-    kind.__name__: msgspec.msgpack.Decoder(kind, dec_hook=_from_plain) for kind in (*get_args(Effect), Order)
+    kind.__name__: decoder(kind) for kind in (*get_args(Effect), Order)
 }
 
 
@@ -117,7 +101,7 @@ def decode_request(payload: bytes) -> NewsRequest:
     WireError
         If it is none.
     """
-    return _decoded(_request, payload, _MAX_REQUEST_BYTES)
+    return decode("news", payload, _request, _MAX_REQUEST_BYTES)
 
 
 def decode_detail_request(payload: bytes) -> DetailRequest:
@@ -128,7 +112,7 @@ def decode_detail_request(payload: bytes) -> DetailRequest:
     WireError
         If it is none.
     """
-    return _decoded(_detail_request, payload, _MAX_REQUEST_BYTES)
+    return decode("news", payload, _detail_request, _MAX_REQUEST_BYTES)
 
 
 def decode_detail(payload: bytes) -> VehicleDetail | None:
@@ -139,7 +123,7 @@ def decode_detail(payload: bytes) -> VehicleDetail | None:
     WireError
         If they are none.
     """
-    found: VehicleDetail | None = _decoded(_detail, payload, _MAX_NEWS_BYTES)
+    found: VehicleDetail | None = decode("news", payload, _detail, _MAX_NEWS_BYTES)
     return found
 
 
@@ -184,13 +168,8 @@ class NewsEncoder:
                 self._changed[name] = (capture.number, Raw(_encode(value)))
 
 
-def _same_routes(routes: tuple[Route, ...], others: tuple[Route, ...]) -> bool:
-    """Return True if both have the same routes; records with arrays have no equality."""
-    return len(routes) == len(others) and all(a is b for a, b in zip(routes, others, strict=True))
-
-
 _COMPARED: Final[dict[str, Callable[[Any, Any], bool]]] = {
-    "routes": _same_routes,
+    "routes": same_routes,
     "proposal": lambda one, other: one is other,
     "map": lambda one, other: one is other,
     "zones": lambda one, other: one == other,
@@ -211,10 +190,10 @@ def decode_news(payload: bytes, last: Capture | None) -> News:
     WireError
         If they are none, or of another version.
     """
-    found = _decoded(_news, payload, _MAX_NEWS_BYTES)
+    found = decode("news", payload, _news, _MAX_NEWS_BYTES)
     fields = {name: getattr(found, name) for name in _News.__struct_fields__}
     effects = [
-        (t_ns, _decoded(_effects[kind], bytes(raw), _MAX_NEWS_BYTES))
+        (t_ns, decode("news", bytes(raw), _effects[kind], _MAX_NEWS_BYTES))
         for t_ns, kind, raw in found.effects
         if kind in _effects
     ]
@@ -231,12 +210,3 @@ def _completed(found: _Captured, last: Capture | None) -> Capture:
     if missing and last is None:
         raise WireError("news", f"there is no {missing[0]}")
     return Capture(**{**fields, **{name: getattr(last, name) for name in missing}})
-
-
-def _decoded(decoder: msgspec.msgpack.Decoder[T], payload: bytes, max_bytes: int) -> T:
-    if len(payload) > max_bytes:
-        raise WireError("news", f"{len(payload)} bytes are more than the {max_bytes} allowed")
-    try:
-        return decoder.decode(payload)
-    except (msgspec.DecodeError, ValueError, TypeError, RecursionError) as error:
-        raise WireError("news", str(error)) from None

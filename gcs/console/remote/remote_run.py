@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Callable
 from typing import Final
 
 from gcs.console.remote.messages import DetailRequest, decode_detail, decode_news, encode_request
@@ -14,6 +13,7 @@ from gcs.console.view.capture import Capture
 from gcs.console.view.news import News, NewsRequest
 from gcs.console.view.schema import VehicleDetail
 from gcs.errors import LinkError, NoAnswerError, WireError
+from gcs.io.event_loop import on_loop
 from gcs.io.zenoh.key_expressions import console_feed_key, console_vehicle_key, mission_of, order_key
 from gcs.io.zenoh.session import ZenohSession
 
@@ -111,20 +111,16 @@ async def find_run(
 
 
 async def _ask(bus: ZenohSession, key: str, payload: bytes) -> dict[str, bytes]:
-    """Return the answers by their keys; none if nobody answers in time."""
+    """Return the answers by their keys; none if no service answers in time."""
     loop = asyncio.get_running_loop()
     answers = dict[str, bytes]()
     ended = asyncio.Event()
-
-    def on_loop(function: Callable[[], None]) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop has ended
-            loop.call_soon_threadsafe(function)
 
     def answered(key: str, payload: bytes) -> None:
         answers[key] = payload
 
     try:
-        bus.ask(key, payload, _ANSWER_S, answered, lambda: on_loop(ended.set))
+        bus.ask(key, payload, _ANSWER_S, answered, lambda: on_loop(loop, ended.set))
     except LinkError:  # the session is closed: the console ends
         return {}
     with contextlib.suppress(TimeoutError):

@@ -31,3 +31,8 @@ class Capture:
     """None in a replay."""
     number: int = 0
     """Number among the captures of a run."""
+
+
+def same_routes(routes: tuple[Route, ...], others: tuple[Route, ...]) -> bool:
+    """Return True if both have the same routes; records with arrays have no equality."""
+    return len(routes) == len(others) and all(a is b for a, b in zip(routes, others, strict=True))

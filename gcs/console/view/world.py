@@ -13,7 +13,7 @@ from typing import Any, Final
 import msgspec
 
 from gcs.console.view import sections
-from gcs.console.view.capture import Capture
+from gcs.console.view.capture import Capture, same_routes
 from gcs.console.view.history import SEVERE, History
 from gcs.console.view.news import News
 from gcs.console.view.schema import FieldOfView, Head, LogEntry, MissionInfo, ObstacleMap, ReplayState
@@ -246,7 +246,7 @@ class World:
         if self._zones != capture.zones:
             self._zones = capture.zones
             self._put("zones", capture.zones, news)
-        if self._routes is None or not _same(self._routes, capture.routes):
+        if self._routes is None or not same_routes(self._routes, capture.routes):
             self._routes = capture.routes
             self._put("routes", capture.routes, news)
 
@@ -274,8 +274,3 @@ def _raw(value: Any) -> msgspec.Raw:
 
 def _message(kind: str, parts: dict[str, Any]) -> bytes:
     return _encode({"type": kind, **parts})
-
-
-def _same(routes: tuple[Route, ...], others: tuple[Route, ...]) -> bool:
-    """Return True if both have the same routes; records with arrays have no equality."""
-    return len(routes) == len(others) and all(a is b for a, b in zip(routes, others, strict=True))

@@ -18,7 +18,7 @@ from gcs.io.zenoh.order_messages import OrderMessage, decode_order, encode_order
 from gcs.model import OrderAnswer
 
 _SOURCE: Final = "console"
-_NO_SERVICE: Final = "the service does not answer; the order was NOT sent"
+_NOT_SENT: Final = "; the order was NOT sent"
 
 
 class RefusedOrderError(Exception):
@@ -46,12 +46,13 @@ class OrderDesk:
         Raises
         ------
         RefusedOrderError
-            When the order has a mistake, the service does not answer, or in a replay.
+            When the order has a mistake, the service does not answer, the console's certificate allows no
+            orders, or in a replay.
         """
         if self._submit is None:
             raise RefusedOrderError("this is a replay: nothing can be ordered")
         if self._world.is_lost:
-            raise RefusedOrderError(_NO_SERVICE)
+            raise RefusedOrderError(f"the service does not answer{_NOT_SENT}")
         mission = self._world.mission
         try:
             fields = msgspec.json.decode(body, type=dict[str, Any])
@@ -66,8 +67,8 @@ class OrderDesk:
             raise RefusedOrderError(str(error)) from None
         try:
             self._submit(encode_order(msgspec.json.decode(payload, type=OrderMessage)))
-        except LinkError:
-            raise RefusedOrderError(_NO_SERVICE) from None
+        except LinkError as error:
+            raise RefusedOrderError(error.problem + _NOT_SENT) from None
         return order.order_id
 
 

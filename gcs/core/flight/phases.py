@@ -107,7 +107,6 @@ class FlightPhases:
         agent = self._agents[vehicle]
         self._enter(vehicle, FlightEvent.READY, t_ns)
         agent.claims.apply(ControlEvent.READY, t_ns)
-        agent.flight.came_down_m = None
         agent.flight.highest_m = 0.0
         status = agent.perception.status
         if status.status != "down":
@@ -205,7 +204,6 @@ class FlightPhases:
             agent.claims.apply(ControlEvent.TOUCHED_DOWN, t_ns)
             return [Notice(t_ns, NoticeCode.LANDED, vehicle)]
         agent.claims.apply(ControlEvent.CAME_DOWN, t_ns)
-        flight.came_down_m = place_m
         reached = agent.perception.status.target if agent.perception.status.status == "arrived" else None
         status = AgentStatus(t_ns, vehicle, "down", reached, place_m)
         return [self._alarm(t_ns, vehicle, before, place_m), status]
@@ -228,7 +226,6 @@ class FlightPhases:
         """End the claims on a vehicle that landed, or came down, and is in the air again."""
         agent = self._agents[vehicle]
         agent.claims.apply(ControlEvent.AIRBORNE_AGAIN, t_ns)
-        agent.flight.came_down_m = None
         status = agent.perception.status
         if status.status != "down":
             return []

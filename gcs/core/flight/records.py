@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gcs.model import FlightPhase, HealthItem
-from gcs.planning.map.grid import Point
 
 
 @dataclass(slots=True)
@@ -38,8 +37,6 @@ class AgentFlight:
     """Time since when it is in the air; None on the ground."""
     is_landing_planned: bool = False
     """True if a touchdown at its last position in the air would be a planned landing."""
-    came_down_m: Point | None = None
-    """East and north of the place where it came down; None if it is not down."""
     sinks_since_t_ns: int | None = None
     """Time since when it sinks below its planned height; None if it does not."""
     sank_t_ns: int = 0

@@ -107,12 +107,6 @@ def take_due_asks(node: NodeLease, t_ns: int, times: LeaseTimes = TIMES) -> tupl
     return node._replace(views=tuple(views)), asks
 
 
-def next_ask_t_ns(node: NodeLease, t_ns: int, times: LeaseTimes = TIMES) -> int:
-    """Return when the next ask is due, by the node's clock."""
-    is_standby = standing(node, t_ns, times) == NO_STANDING
-    return min(_next_ask_t_ns(view, times, is_standby=is_standby) for view in node.views)
-
-
 def receive_answer(node: NodeLease, bridge: str, answer: Answer, t_ns: int) -> NodeLease:
     """Process an answer. Late ones, and those to an earlier process of the node, change nothing."""
     index = node.bridges.index(bridge)

@@ -7,9 +7,10 @@ parameters. Value, wanted and remedy are templates (`gcs.model.templates`).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import partial
-from typing import Final, Literal, Self, TypeAlias
+from typing import Final, Literal, TypeAlias
+
+from gcs.model.code_table import TableCode
 
 CheckLevel: TypeAlias = Literal["ok", "warning", "refused"]
 """Refused: do not fly."""
@@ -19,8 +20,8 @@ CheckLevel: TypeAlias = Literal["ok", "warning", "refused"]
 class _Entry:
     level: CheckLevel
     code: str
-    name: str
-    value: str
+    check: str
+    found: str
     wanted: str = ""
     remedy: str = ""
 
@@ -59,7 +60,7 @@ _SEPARATION: Final = "{used} of {layers} layers, at {heights} m"
 _SCANS: Final = "{count} of {sensor}, {detections:.0f} detections each, {age_s:+.2f} s old"
 
 
-class CheckCode(StrEnum):
+class CheckCode(TableCode):
     """Identity of a finding. Its value is stable."""
 
     level: CheckLevel
@@ -70,17 +71,6 @@ class CheckCode(StrEnum):
     wanted: str
     remedy: str
     """Template of what to do; empty if it is ok."""
-
-    def __new__(cls, entry: _Entry) -> Self:
-        """Make a member from its entry."""
-        member = str.__new__(cls, entry.code)
-        member._value_ = entry.code
-        member.level = entry.level
-        member.check = entry.name
-        member.found = entry.value
-        member.wanted = entry.wanted
-        member.remedy = entry.remedy
-        return member
 
     # ------------------------------------------------------------ link and firmware
 

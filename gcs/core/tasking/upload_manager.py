@@ -287,7 +287,7 @@ class UploadManager:
         )
 
     def _may_clear(self, vehicle: int, t_ns: int) -> bool:
-        """Return True if an inconsistent mission may be cleared: nobody else commands the vehicle.
+        """Return True if an inconsistent mission may be cleared: no other station commands the vehicle.
 
         One that another service with our ids commands is left alone until it would fly that mission, in AUTO.
         """

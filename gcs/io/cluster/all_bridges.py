@@ -129,7 +129,7 @@ class AllBridges:
         return reduce(or_, (bridge.unsent() for bridge in self.bridges))
 
     def is_keyed(self, link: str, vehicle: int | None = None) -> bool:
-        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of anybody."""
+        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of any system."""
         return link in self._bridge_of and self._bridge_of[link].is_keyed(link, vehicle)
 
     def signing_counters(self) -> Mapping[str, SigningCounters]:

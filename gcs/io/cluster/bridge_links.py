@@ -30,6 +30,7 @@ from gcs.io.cluster.bridge_messages import (
 )
 from gcs.io.cluster.command_lease import CommandLease
 from gcs.io.cluster.lateness import MAX_LATE_NS, Lateness
+from gcs.io.event_loop import on_loop
 from gcs.io.links.vehicle_links import LinkHandler
 from gcs.io.zenoh.key_expressions import bridge_key
 from gcs.io.zenoh.session import ZenohSession
@@ -142,8 +143,7 @@ class BridgeLinks:
                 return  # the number of the next one shows it
             self._unread.append(message)
             if self._loop is not None:
-                with contextlib.suppress(RuntimeError):  # the loop has ended
-                    self._loop.call_soon_threadsafe(self._read)
+                on_loop(self._loop, self._read)
 
     def _take_status(self, key: str, payload: bytes) -> None:
         with contextlib.suppress(WireError):
@@ -210,10 +210,10 @@ class BridgeLinks:
 
     def _take_answer(self, key: str, payload: bytes) -> None:
         """Take an answer about the lease, on a thread of zenoh."""
-        with contextlib.suppress(WireError, RuntimeError):
+        with contextlib.suppress(WireError):
             answer = decode(key, payload, Answer)
             if self._loop is not None:
-                self._loop.call_soon_threadsafe(self._lease.note_answer, self.bridge, answer)
+                on_loop(self._loop, self._lease.note_answer, self.bridge, answer)
 
     def _flush(self) -> None:
         sends = self._sends
@@ -285,7 +285,7 @@ class BridgeLinks:
         return {link.name: self._status.unsent.get(link.name, 0) for link in self.links}
 
     def is_keyed(self, link: str, vehicle: int | None = None) -> bool:
-        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of anybody."""
+        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of any system."""
         if vehicle is None:
             return link in self._status.keyed_links
         return (link, vehicle) in self._status.keyed_vehicles

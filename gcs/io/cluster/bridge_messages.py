@@ -20,9 +20,10 @@ import msgspec
 from msgspec import Meta
 
 from gcs.core.lease.records import Answer, Ask, Permit
-from gcs.errors import WireError
+from gcs.io import message_pack
 from gcs.io.clock import RunClock, unix_ns
-from gcs.model import Notice, Picture, read_only
+from gcs.io.message_pack import decoder, encoder
+from gcs.model import Notice, Picture
 
 VERSION: Final = 1
 MAX_BYTES: Final = 8 * 1024 * 1024
@@ -121,26 +122,15 @@ class BridgeStatus(Message, frozen=True, kw_only=True, omit_defaults=True):
     """Other ground stations of each endpoint."""
     counters: dict[str, StationCounters]
     keyed_links: tuple[str, ...] = ()
-    """Links on which somebody has a key."""
-    keyed_vehicles: tuple[tuple[str, int], ...] = ()
+    """Links with a key for any system."""
+    keyed_vehicles: frozenset[tuple[str, int]] = frozenset()
     """(link, vehicle) whose frames must be signed."""
     signing: dict[str, GateCounters] = {}
-    dropped: int = 0
-    """Datagrams that command did not take."""
 
 
-def _to_plain(value: Any) -> Any:
-    return value.tolist()
-
-
-def _from_plain(_type: type, value: Any) -> Any:
-    return read_only(value)
-
-
-_encode = msgspec.msgpack.Encoder(enc_hook=_to_plain).encode
+_encode = encoder().encode
 _decoders: Final[dict[type, msgspec.msgpack.Decoder[Any]]] = {
-    kind: msgspec.msgpack.Decoder(kind, dec_hook=_from_plain)
-    for kind in (Up, Down, BridgeStatus, Ask, Answer)
+    kind: decoder(kind) for kind in (Up, Down, BridgeStatus, Ask, Answer)
 }
 
 
@@ -157,11 +147,6 @@ def decode(source: str, payload: bytes, kind: type[MessageT]) -> MessageT:
     WireError
         If it is too long, or no such message of this version.
     """
-    if len(payload) > MAX_BYTES:
-        raise WireError(source, f"{len(payload)} bytes are more than the {MAX_BYTES} allowed")
-    try:
-        message = _decoders[kind].decode(payload)
-    except (msgspec.DecodeError, ValueError, TypeError, RecursionError) as error:
-        raise WireError(source, f"no {kind.__name__} message of version {VERSION}: {error}") from None
+    message = message_pack.decode(source, payload, _decoders[kind], MAX_BYTES)
     assert isinstance(message, kind)
     return message

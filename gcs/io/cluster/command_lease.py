@@ -17,7 +17,7 @@ from gcs.core.lease.node_lease import (
 from gcs.core.lease.records import TIMES, Answer, Ask, NodeId, Permit
 from gcs.io.clock import steady_ns
 
-_PATIENCE_NS: Final = 2 * TIMES.lease_ns
+_HOLDER_ALIVE_NS: Final = 2 * TIMES.lease_ns
 """Time after which a holder that a new node finds is alive: it renews its lease."""
 
 
@@ -53,6 +53,7 @@ class CommandLease:
     def note_answer(self, bridge: str, answer: Answer) -> None:
         """Note the answer of a bridge."""
         self._state = receive_answer(self._state, bridge, answer, steady_ns())
+        self._has_held = self._has_held or self._holds_one()
 
     def permit(self, bridge: str) -> Permit | None:
         """Return the permit for what is sent now through a bridge; None if nothing may be sent."""
@@ -73,10 +74,11 @@ class CommandLease:
 
         A node that starts waits for the end of the lease of one that was killed.
         """
-        views = self._state.views
-        if any(view.hold is not None for view in views):
-            self._has_held = True
+        if self._holds_one():
             return ""
-        if not self._has_held and steady_ns() - self._began_ns < _PATIENCE_NS:
+        if not self._has_held and steady_ns() - self._began_ns < _HOLDER_ALIVE_NS:
             return ""
-        return next((view.holder for view in views if view.holder not in ("", self._state.node.name)), "")
+        return next((view.holder for view in self._state.views if view.holder not in ("", self._state.node.name)), "")
+
+    def _holds_one(self) -> bool:
+        return any(view.hold is not None for view in self._state.views)

@@ -21,7 +21,9 @@ from msgspec import Meta
 from gcs.core.snapshot import MAX_BYTES, encode_state
 from gcs.core.state import State
 from gcs.errors import WireError
+from gcs.io import message_pack
 from gcs.io.cluster.bridge_messages import ClockTime
+from gcs.io.message_pack import decoder, encoder
 from gcs.io.records import decode as decode_record
 from gcs.io.records import encode as encode_record
 from gcs.model import (
@@ -78,9 +80,9 @@ class StateReply(msgspec.Struct, frozen=True, kw_only=True):
     state: bytes
 
 
-_encode = msgspec.msgpack.Encoder().encode
-_decode_batch = msgspec.msgpack.Decoder(EventBatch).decode
-_decode_reply = msgspec.msgpack.Decoder(StateReply).decode
+_encode = encoder().encode
+_batches: Final[msgspec.msgpack.Decoder[EventBatch]] = decoder(EventBatch)
+_replies: Final[msgspec.msgpack.Decoder[StateReply]] = decoder(StateReply)
 
 
 def packed(event: Event) -> tuple[int, bytes]:
@@ -114,12 +116,7 @@ def decode_batch(key: str, payload: bytes) -> EventBatch:
     WireError
         If it is none of this version.
     """
-    if len(payload) > MAX_BYTES:
-        raise WireError(key, f"{len(payload)} bytes are more than the {MAX_BYTES} allowed")
-    try:
-        return _decode_batch(payload)
-    except (msgspec.DecodeError, RecursionError) as error:
-        raise WireError(key, f"no events of version {VERSION}: {error}") from None
+    return message_pack.decode(key, payload, _batches, MAX_BYTES)
 
 
 def decode_reply(key: str, payload: bytes) -> StateReply:
@@ -130,12 +127,7 @@ def decode_reply(key: str, payload: bytes) -> StateReply:
     WireError
         If it is none of this version.
     """
-    if len(payload) > MAX_BYTES:
-        raise WireError(key, f"{len(payload)} bytes are more than the {MAX_BYTES} allowed")
-    try:
-        return _decode_reply(payload)
-    except (msgspec.DecodeError, RecursionError) as error:
-        raise WireError(key, f"no state of version {VERSION}: {error}") from None
+    return message_pack.decode(key, payload, _replies, MAX_BYTES)
 
 
 def digest(state: State) -> bytes:

@@ -207,11 +207,11 @@ class Links:
     # ------------------------------------------------------------ state
 
     def commander(self) -> str:
-        """Return an empty name: nobody else uses these endpoints."""
+        """Return an empty name: no other node uses these endpoints."""
         return ""
 
     def may_command(self) -> bool:
-        """Return True: nobody else uses these endpoints."""
+        """Return True: no other node uses these endpoints."""
         return True
 
     def ask_for_lease(self) -> None:
@@ -235,7 +235,7 @@ class Links:
         return {name: transport.refused for name, transport in self._transports.items()}
 
     def is_keyed(self, link: str, vehicle: int | None = None) -> bool:
-        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of anybody."""
+        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of any system."""
         return self.signing.gate.is_keyed(link, None if vehicle is None else system_of(vehicle))
 
     def signing_counters(self) -> Mapping[str, SigningCounters]:

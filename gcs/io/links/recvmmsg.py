@@ -7,7 +7,6 @@ A flood is batched by sender (`gcs.mavlink.frames.batches`). Other systems read 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import ctypes
 import select
 import socket
@@ -16,11 +15,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+
+from gcs.io.event_loop import on_loop
 
 if TYPE_CHECKING:
     from gcs.mavlink.frames.batches import DatagramBatcher
@@ -249,7 +249,7 @@ class _ReaderThread:
                 if FLOOD <= max_count < SLOTS:
                     self._pause.poll(_PAUSE_MS)
             except Exception as error:
-                self._on_loop(partial(self._report_failure, str(error) or type(error).__name__))
+                on_loop(self._loop, self._report_failure, str(error) or type(error).__name__)
                 self._pause.poll(_RETRY_MS)
 
     def _read(self, source_reader: Reader) -> int:
@@ -274,11 +274,7 @@ class _ReaderThread:
             while now_s - self._waiting[0][0] > _MAX_WAIT_S:
                 self._waiting.popleft()
         if is_first:
-            self._on_loop(self._deliver)
-
-    def _on_loop(self, callback: Callable[[], None]) -> None:
-        with contextlib.suppress(RuntimeError):  # The loop has ended.
-            self._loop.call_soon_threadsafe(callback)
+            on_loop(self._loop, self._deliver)
 
     def _report_failure(self, reason: str) -> None:
         for source in [*self._sockets.values()]:

@@ -73,7 +73,7 @@ class VehicleLinks(Protocol):
         """Return the number of sends that the system refused, by endpoint."""
 
     def is_keyed(self, link: str, vehicle: int | None = None) -> bool:
-        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of anybody."""
+        """Return True if frames of a vehicle on a link must be signed; without a vehicle: of any system."""
 
     def signing_counters(self) -> Mapping[str, SigningCounters]:
         """Return the counters of signatures, by link."""

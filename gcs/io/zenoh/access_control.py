@@ -18,8 +18,6 @@ import zenoh
 Role: TypeAlias = Literal["sensor", "viewer", "operator", "bridge", "command"]
 Act: TypeAlias = Literal["put", "subscribe", "query", "answer", "announce", "watch"]
 ROLES: Final[tuple[Role, ...]] = get_args(Role)
-NODE_NAME: Final = r"^[A-Za-z0-9_-]{1,48}$"
-"""Names of nodes: with its role one fits into the 64 characters of a common name."""
 
 
 class Rights(NamedTuple):
@@ -88,7 +86,7 @@ def may(role: Role, name: str, act: Act, key: str) -> bool:
 
 
 def access_control(nodes: Mapping[str, Role]) -> dict[str, object]:
-    """Return zenoh's ``access_control`` configuration for nodes by name: nobody else may do anything."""
+    """Return zenoh's ``access_control`` configuration for nodes by name: no other node may do anything."""
     subjects = [{"id": name, "cert_common_names": [common_name(role, name)]} for name, role in nodes.items()]
     told = _rule("told", _DECLARED, "egress", tuple(_PREFIX + key for key in _ALL))
     rules = [told]

@@ -2,7 +2,7 @@
 
 The CA is a folder with `ca.pem` (public), `ca.key` (secret) and `nodes.toml`. Each node has a folder
 there, named as its certificate. Nodes that accept connections get names of their hosts and may be TLS
-servers; others may be TLS clients only, so that nobody can pose as central command with their certificates.
+servers; others may be TLS clients only, so that none can pose as central command with its certificate.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from gcs.config.schema import NODE_NAME
 from gcs.errors import ConfigError
 from gcs.files import read_bytes
 from gcs.io.private_files import make_private
 from gcs.io.signing.keystore import write_secret
-from gcs.io.zenoh.access_control import NODE_NAME, Role, common_name
+from gcs.io.zenoh.access_control import Role, common_name
 from gcs.io.zenoh.certificates import CA, CERTIFICATE, KEY, NODES, read_nodes
 
 CA_KEY: Final = "ca.key"

@@ -20,9 +20,10 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import NameOID
 
 from gcs.config import Table, convert, decode_toml
+from gcs.config.schema import NODE_NAME
 from gcs.errors import ConfigError
 from gcs.files import read_bytes, read_text
-from gcs.io.zenoh.access_control import NODE_NAME, ROLES, Role
+from gcs.io.zenoh.access_control import ROLES, Role, common_name
 
 CA: Final = "ca.pem"
 CERTIFICATE: Final = "node.pem"
@@ -44,7 +45,7 @@ class Node:
     @property
     def common_name(self) -> str:
         """Common name of the certificate."""
-        return f"{self.role}.{self.name}"
+        return common_name(self.role, self.name)
 
     def access(self, *, listens: bool) -> dict[str, Role] | None:
         """Return the nodes that may connect to this one; None if it is no command, nor a bridge that listens.

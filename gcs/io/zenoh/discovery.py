@@ -120,7 +120,7 @@ def choose_service(mission: str | None, zenoh: str | None, tls: Path | None) -> 
 
 
 def private_folder() -> Path:
-    """Return the folder of this user's services, which nobody else may write to.
+    """Return the folder of this user's services, which no other user may write to.
 
     Raises
     ------

@@ -84,24 +84,20 @@ class ZenohSession:
         LinkError
             When the key is malformed, the role of this node has no right to it, or the session is closed.
         """
-        try:
+        with self._link_errors("publish on", key):
             self._publisher(key).put(payload)
-        except zenoh.ZError as error:
-            raise LinkError(self.endpoint, f"cannot publish on `{key}`: {_first_sentence(error)}") from None
 
     def is_subscribed(self, key: str) -> bool:
-        """Return True if somebody subscribes to a key.
+        """Return True if a key has a subscriber.
 
         Raises
         ------
         LinkError
             When the key is malformed or the session is closed.
         """
-        try:
+        with self._link_errors("publish on", key):
             status: Any = self._publisher(key).matching_status  # an object; zenoh's types say bool
             return bool(status.matching)
-        except zenoh.ZError as error:
-            raise LinkError(self.endpoint, f"cannot publish on `{key}`: {_first_sentence(error)}") from None
 
     def _publisher(self, key: str) -> zenoh.Publisher:
         publisher = self._publishers.get(key)
@@ -128,13 +124,9 @@ class ZenohSession:
         def handle(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.payload.to_bytes())
 
-        try:
+        with self._link_errors("subscribe to", key_expr):
             self._check_right("subscribe", "subscribe to", key_expr)
             self._subscribers.append(self._session.declare_subscriber(key_expr, handle))
-        except zenoh.ZError as error:
-            raise LinkError(
-                self.endpoint, f"cannot subscribe to `{key_expr}`: {_first_sentence(error)}"
-            ) from None
 
     def answer(self, key_expr: str, callback: Callable[[str, bytes, Callable[[bytes], None]], None]) -> None:
         """Call `callback(key, payload, reply)` for each query of `ask`, on a thread of zenoh.
@@ -158,12 +150,9 @@ class ZenohSession:
 
             callback(asked, b"" if query.payload is None else query.payload.to_bytes(), reply)
 
-        try:
+        with self._link_errors("answer on", key_expr):
             self._check_right("answer", "answer on", key_expr)
             self._queryables.append(self._session.declare_queryable(key_expr, handle))
-        except zenoh.ZError as error:
-            problem = f"cannot answer on `{key_expr}`: {_first_sentence(error)}"
-            raise LinkError(self.endpoint, problem) from None
 
     def ask(
         self,
@@ -188,7 +177,7 @@ class ZenohSession:
             if (sample := reply.ok) is not None:
                 answered(str(sample.key_expr), sample.payload.to_bytes())
 
-        try:
+        with self._link_errors("ask on", key_expr):
             self._check_right("query", "ask on", key_expr)
             self._session.get(
                 key_expr,
@@ -198,8 +187,6 @@ class ZenohSession:
                 payload=payload,
                 timeout=within_s,
             )
-        except zenoh.ZError as error:
-            raise LinkError(self.endpoint, f"cannot ask on `{key_expr}`: {_first_sentence(error)}") from None
 
     def watch_nodes(self, callback: Callable[[str], None]) -> None:
         """Call `callback(common name)`, on a thread of zenoh, when a node without rights connects.
@@ -236,6 +223,14 @@ class ZenohSession:
         from gcs.io.zenoh.handshake import tls_problem
 
         return tls_problem(self.endpoint, self.node.folder) or "is it running?"
+
+    @contextlib.contextmanager
+    def _link_errors(self, verb: str, key: str) -> Iterator[None]:
+        """Raise zenoh's errors as `LinkError`."""
+        try:
+            yield
+        except zenoh.ZError as error:
+            raise LinkError(self.endpoint, f"cannot {verb} `{key}`: {_first_sentence(error)}") from None
 
     def _check_right(self, act: Act, verb: str, key: str) -> None:
         """Refuse what the other side would drop without a word."""

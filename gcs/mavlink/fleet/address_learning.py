@@ -76,7 +76,7 @@ def move_of(
         True if the component may be heard at both addresses (`gcs.mavlink.fleet.standby_link`). A heartbeat
         takes over from a signed one only if it is signed.
     """
-    is_proof = tells_autopilot(frame) and (
+    is_proof = names_autopilot(frame) and (
         frame.component_id != AUTOPILOT_COMPONENT_ID or is_from_autopilot(frame.message())
     )
     has_radio_again = known is not None and known.is_slow and is_heartbeat(frame)
@@ -101,7 +101,7 @@ def has_equal_proof(frame: Frame, known: Contact) -> bool:
     return frame.signed or known.signed_lead_ns is None
 
 
-def tells_autopilot(frame: Frame) -> bool:
+def names_autopilot(frame: Frame) -> bool:
     """Return True if a frame names the type of its autopilot."""
     return is_heartbeat(frame) or is_high_latency(frame)
 

@@ -30,8 +30,8 @@ from gcs.mavlink.fleet.address_learning import (
     Contact,
     has_equal_proof,
     move_of,
+    names_autopilot,
     signed_lead_ns,
-    tells_autopilot,
 )
 from gcs.mavlink.fleet.checks.link_timeouts import (
     LOST_AFTER_NS,
@@ -284,7 +284,7 @@ class Fleet:
         if frame.component_id != AUTOPILOT_COMPONENT_ID:
             self.links[address[0]].ignored += 1
             return None
-        message = frame.message() if tells_autopilot(frame) else None
+        message = frame.message() if names_autopilot(frame) else None
         if not self._is_from_vehicle(vehicle, frame, message, address, t_ns):
             return None
         if message is None and frame.message_id in self._needed:
@@ -338,7 +338,7 @@ class Fleet:
         link = vehicle.link
         before = vehicle.link.address
         if before == address:
-            return not tells_autopilot(frame) or is_from_autopilot(message)
+            return not names_autopilot(frame) or is_from_autopilot(message)
         is_slow = link.high_latency is not None
         known = None if before is None else Contact(before, vehicle.heard_t_ns, link.signed_lead_ns, is_slow)
         is_second = before is not None and is_second_path(before, address, self._redundant)

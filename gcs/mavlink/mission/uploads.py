@@ -29,7 +29,6 @@ def mission_upload(
     encode: Callable[[Message], bytes],
     authority: ModeAuthority,
     policy: UploadPolicy,
-    limits: UploadLimits | None = None,
 ) -> Upload:
     """Return the upload of a mission: before its begin, or in progress as its state says.
 
@@ -41,12 +40,10 @@ def mission_upload(
         Of this vehicle.
     policy : UploadPolicy
         Shared by all uploads.
-    limits : UploadLimits, optional
-        By default that for the link's round trip.
     """
     profile = profile_of(state.autopilot)
     assert profile is not None  # it had one at the begin
-    limits = limits or _MISSION_LIMITS.for_round_trip(state.rtt.earlier_s)
+    limits = _MISSION_LIMITS.for_round_trip(state.rtt.earlier_s)
     return Upload(MISSION_RULES, state, encode, limits, Flight(profile, authority, policy))
 
 

@@ -72,7 +72,7 @@ class HeartbeatKeeper:
 
     def due(self, t_ns: int) -> list[tuple[Address, bytes]]:
         """Return the heartbeats that are late now."""
-        if self._has_ended(t_ns):
+        if self.have_ended(t_ns):
             return []
         self._drop_unused()
         late = [(address, kept) for address, kept in self._kept.items() if t_ns - kept.sent_t_ns >= _LATE_NS]
@@ -82,7 +82,8 @@ class HeartbeatKeeper:
             kept.sent_t_ns = t_ns - (_LATE_NS - HEARTBEAT_PERIOD_NS)
         return [(address, self._encode.pack(kept.message, kept.sequence)) for address, kept in late]
 
-    def _has_ended(self, t_ns: int) -> bool:
+    def have_ended(self, t_ns: int) -> bool:
+        """Return True if command was not heard for the time of a failover, or has ended."""
         return self._command_t_ns is None or t_ns - self._command_t_ns > self._failover_ns
 
     def _drop_unused(self) -> None:

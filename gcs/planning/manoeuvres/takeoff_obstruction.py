@@ -3,41 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import StrEnum
-from typing import Final, NamedTuple, Self
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 from gcs.model import Parameter
+from gcs.model.code_table import TableCode
 from gcs.model.templates import fill
 
 _BLOCKED: Final = "within {min_clearance_m:.0f} m of an obstacle, a no-fly zone or the fence"
 _WHERE: Final = ", {distance_m:.0f} m from where it stands, at ({east_m:.0f}, {north_m:.0f}) m"
 
 
-class ObstructionCode(StrEnum):
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    code: str
+    problem: str
+    remedy: str = "lower takeoff.altitude_rel_m, or take off from elsewhere or in another direction"
+
+
+class ObstructionCode(TableCode):
     """Identity of an obstruction."""
 
     problem: str
     """Template of the problem (`gcs.model.templates`)."""
     remedy: str
 
-    def __new__(
-        cls,
-        code: str,
-        problem: str,
-        remedy: str = "lower takeoff.altitude_rel_m, or take off from elsewhere or in another direction",
-    ) -> Self:
-        """Make a member from its words."""
-        member = str.__new__(cls, code)
-        member._value_ = code
-        member.problem = problem
-        member.remedy = remedy
-        return member
-
-    CLIMB_BLOCKED = "climb-blocked", "the climb comes " + _BLOCKED + _WHERE
-    OUTSIDE_MAP = "outside-map", "the climb leaves the map" + _WHERE
-    TURN_BLOCKED = "turn-blocked", "the first turn comes " + _BLOCKED + _WHERE
-    TURN_MAY_BE_BLOCKED = "turn-may-be-blocked", "the first turn may come " + _BLOCKED + _WHERE
-    NOT_ALONG_RUNWAY = (
+    CLIMB_BLOCKED = _Entry("climb-blocked", "the climb comes " + _BLOCKED + _WHERE)
+    OUTSIDE_MAP = _Entry("outside-map", "the climb leaves the map" + _WHERE)
+    TURN_BLOCKED = _Entry("turn-blocked", "the first turn comes " + _BLOCKED + _WHERE)
+    TURN_MAY_BE_BLOCKED = _Entry("turn-may-be-blocked", "the first turn may come " + _BLOCKED + _WHERE)
+    NOT_ALONG_RUNWAY = _Entry(
         "not-along-runway",
         "its nose points to {nose_deg:.0f} degrees, takeoff.heading_deg is {heading_deg:.0f}",
         "turn it along the runway, or correct the key",

@@ -141,7 +141,7 @@ def mission_current(total: int, mission_id: int) -> bytes:
 def test_a_mission_that_changes_under_us_is_read_back_and_its_vehicle_is_not_tasked(
     autopilot: int, longer: int, mission_id: int, code: NoticeCode
 ) -> None:
-    """A station with a radio of its own uploaded it: nobody was told, and the route counted as flown."""
+    """A station with a radio of its own uploaded it: no operator was told, and the route counted as flown."""
     stage, onboard = airborne(autopilot, "AUTO"), onboard_of(autopilot)
     profile = profile_of(autopilot)
     assert profile is not None

@@ -1,4 +1,4 @@
-"""A standby would take over too late, or from a command that is alive; or a bridge would stay with nobody."""
+"""A standby would take over too late, or from a command that is alive; or a bridge would keep no command."""
 
 from __future__ import annotations
 

@@ -167,7 +167,7 @@ def test_clocks_that_differ_by_more_than_the_margin_are_found() -> None:
         Model(bounds, times=times).explore()
 
 
-# ---------------------------------------------------------------- somebody commands
+# ---------------------------------------------------------------- one node commands
 
 
 class Network:

@@ -1,6 +1,7 @@
 """A vehicle would turn back to where it was when its mission was planned, not when it got it."""
 
 import pytest
+from helpers.areas import ALABAMA
 from helpers.runway import Field
 from helpers.staging import S
 
@@ -9,17 +10,10 @@ from gcs.model import NoticeCode, Order, Plan, Send
 from sim_vehicles.campaign.virtual_run import LINK, START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import parse_scenario
 
-TWO_TARGETS = """
-name = "held"
-[frame]
-lat_deg = 33.2
-lon_deg = -87.6
-alt_msl_m = 70.0
-[map]
-width_m = 3000.0
-height_m = 3000.0
-nodes_east = 76
-nodes_north = 76
+TWO_TARGETS = (
+    'name = "held"\n'
+    + ALABAMA
+    + """\
 boxes_m = [[450.0, 2000.0, 1000.0, 2100.0]]
 [[agents]]
 system_id = 1
@@ -45,6 +39,7 @@ north_m = 1500.0
 east_m = 725.0
 north_m = 2700.0
 """
+)
 
 
 def hold_by_pause(engine, until_s):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from helpers.areas import AUSTRALIA
 from helpers.noticed import alarms
 from helpers.staging import S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -22,17 +23,10 @@ from sim_vehicles.vehicle.vehicle import SimVehicle
 from sim_vehicles.world.scenario import parse_scenario
 from sim_vehicles.world.specs import vehicle_specs
 
-FIELD = """
-name = "two"
-[frame]
-lat_deg = -35.372275
-lon_deg = 149.148714
-alt_msl_m = 584.0
-[map]
-width_m = 3000.0
-height_m = 3000.0
-nodes_east = 76
-nodes_north = 76
+FIELD = (
+    'name = "two"\n'
+    + AUSTRALIA
+    + """\
 [[agents]]
 system_id = 1
 east_m = 1500.0
@@ -51,6 +45,7 @@ parameters = { ARMING_DELAY_S = 1.0 }
 east_m = 2600.0
 north_m = 2500.0
 """
+)
 SECOND_TARGET = "[[births]]\neast_m = 400.0\nnorth_m = 2500.0\n"
 SECOND_TRUTH = "[[simulation.targets]]\neast_m = 400.0\nnorth_m = 2500.0\n"
 REQUIRES_LANDING, REQUIRES_NOTHING = 2.0, 0.0

@@ -14,7 +14,6 @@ from gcs.errors import RecordingError
 from gcs.io.recording.tlog import LogFrame, UnreadableBytes, check_log, read_log
 
 T0_US = 1_436_056_003_000_000
-NO_MARKERS = bytes.maketrans(b"\xfd\xfe", b"ab")
 
 
 def frame(number: int, *, version: int = 2, system_id: int = 1) -> bytes:

@@ -1,4 +1,4 @@
-"""Somebody without a certificate, with a wrong one or with another role would reach a swarm, or would not be
+"""A program without a certificate, with a wrong one or with another role would reach a swarm, or would not be
 told why not: real zenoh sessions over TLS on the loopback address."""
 
 from __future__ import annotations
@@ -135,9 +135,9 @@ def test_a_program_without_a_certificate_reaches_nothing(hub: ZenohSession) -> N
     config.insert_json5("connect/exit_on_failure", "false")
     ca_pem = hub.node.folder / "ca.pem" if hub.node else ""
     config.insert_json5("transport/link/tls", f'{{"root_ca_certificate": "{ca_pem}"}}')
-    with zenoh.open(config) as stranger:
-        publish_until(stranger, found, set())
-        assert stranger.info.links() == []
+    with zenoh.open(config) as session:
+        publish_until(session, found, set())
+        assert session.info.links() == []
     assert found == set()
 
 
@@ -238,7 +238,7 @@ def test_a_bridge_that_listens_obeys_command_alone(tmp_path: Path) -> None:
 
 
 def test_central_command_does_not_obey_a_sensor_that_it_connects_to(tmp_path: Path) -> None:
-    """`zenoh_role = "connect"`: the rights are those of the certificate, whoever opened the connection."""
+    """`zenoh_role = "connect"`: the rights are those of the certificate, not of the side that connects."""
     make_certificate_authority(tmp_path, 30)
     command = make_node(tmp_path, "hub", "command", [], 30)
     radar = make_node(tmp_path, "radar-1", "sensor", ["localhost"], 30)

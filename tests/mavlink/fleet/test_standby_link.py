@@ -19,7 +19,7 @@ from gcs.model import Datagram, NoticeCode, Route, Send, UploadReport
 RADIO = Link(parse_endpoint("udpin:0.0.0.0:14550"))
 LTE = Link(parse_endpoint("udpin:0.0.0.0:14560"), redundant=True)
 PLACES = ((RADIO.name, "10.0.0.1:1"), (LTE.name, "20.0.0.1:1"))
-STRANGER = (LTE.name, "66.6.6.6:6")
+UNKNOWN_SENDER = (LTE.name, "66.6.6.6:6")
 STEP_NS = S // 20
 
 
@@ -181,7 +181,7 @@ def test_a_third_address_and_one_on_the_same_link_are_impostors():
     air = TwoLinks()
     air.run(3.0)
     encode = Encoder(1, 1)
-    air.fleet.receive(Datagram(air.t_ns, *STRANGER, encode(BEAT)))
+    air.fleet.receive(Datagram(air.t_ns, *UNKNOWN_SENDER, encode(BEAT)))
     air.fleet.receive(Datagram(air.t_ns, RADIO.name, "66.6.6.6:6", encode(BEAT)))
     assert [one.code for one in noticed(air.fleet.notices(), NoticeCode.ID_CONFLICT)] == ["id-conflict"]
     assert air.fleet.health_of(1).conflicts == 2

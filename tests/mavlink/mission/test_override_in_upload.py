@@ -195,7 +195,6 @@ LEFT = {
     px4: dict.fromkeys((Stage.SELECT, Stage.MODE), "new") | {Stage.UPLOAD: "old", Stage.DIAGNOSE: "new"},
 }
 """What a vehicle keeps when its upload yields; nothing in other stages."""
-REMOVAL = {"COMMAND_LONG", "MISSION_CLEAR_ALL"}
 
 
 @pytest.mark.parametrize("stage", RUNNING)
