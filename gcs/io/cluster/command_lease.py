@@ -78,7 +78,8 @@ class CommandLease:
             return ""
         if not self._has_held and steady_ns() - self._began_ns < _HOLDER_ALIVE_NS:
             return ""
-        return next((view.holder for view in self._state.views if view.holder not in ("", self._state.node.name)), "")
+        own = self._state.node.name
+        return next((view.holder for view in self._state.views if view.holder not in ("", own)), "")
 
     def _holds_one(self) -> bool:
         return any(view.hold is not None for view in self._state.views)
