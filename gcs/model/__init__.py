@@ -57,7 +57,16 @@ from gcs.model.notice_codes import NoticeCode
 from gcs.model.notices import Notice, NoticeContent, Notify, Subject
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
 from gcs.model.picture import Picture, Track, VehicleState
-from gcs.model.plans import APPROACH_M, Cause, LandingWait, Mission, Plan, Route, Waypoint
+from gcs.model.plans import (
+    APPROACH_M,
+    Cause,
+    HeightReference,
+    LandingWait,
+    Mission,
+    Plan,
+    Route,
+    Waypoint,
+)
 from gcs.model.sensors import Polar, Scan, Sensor
 from gcs.model.status import AgentRecord, SensorRecord, SwarmStatus, TargetRecord
 from gcs.model.templates import Parameter
@@ -90,6 +99,7 @@ __all__ = [
     "FlightPhaseWord",
     "FloatArray",
     "HealthItem",
+    "HeightReference",
     "Int16Array",
     "Int32Array",
     "IntArray",

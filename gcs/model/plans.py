@@ -13,14 +13,20 @@ APPROACH_M = 500.0
 """Length of a landing approach: from its first point to home."""
 
 
+HeightReference: TypeAlias = Literal["home", "msl"]
+"""What a height is above: the vehicle's home, or mean sea level."""
+
+
 @dataclass(frozen=True, slots=True)
 class Waypoint:
     """Waypoint of a mission."""
 
     lat_deg: float
     lon_deg: float
-    alt_rel_m: float
+    alt_m: float
     accept_radius_m: float
+    reference: HeightReference = "home"
+    """What `alt_m` is above."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +49,8 @@ class Mission:
     """Loiter radius at the last waypoint; 0: the autopilot's own."""
     end: Literal["loiter", "land"] = "loiter"
     """Loiter at the last waypoint, or return home from there and land."""
-    wait_deg: tuple[float, float] | None = None
-    """Centre of the loiter circle (latitude, longitude); None: the last waypoint."""
+    wait: Waypoint | None = None
+    """Centre of the loiter circle; None: the last waypoint."""
     takeoff: Waypoint | None = None
     """End of the climb, for a mission from the ground; None: the first waypoint."""
     return_waypoints: tuple[Waypoint, ...] = ()
@@ -66,6 +72,8 @@ class Route:
     """Altitude layer; 0 is the lowest (`gcs.planning.layer_assignment`)."""
     wait_m: tuple[float, float] | None = None
     """Centre of the loiter circle that follows, east/north; None: the last point."""
+    heights_msl_m: FloatArray | None = None
+    """(k,) height above mean sea level of each of `flown_m`; None: that of the layer, above home."""
 
     @property
     def flown_m(self) -> FloatArray:
@@ -83,7 +91,12 @@ class Route:
             and self.layer == other.layer
             and self.wait_m == other.wait_m
             and np.array_equal(self.points_m, other.points_m)
+            and _are_equal(self.heights_msl_m, other.heights_msl_m)
         )
+
+
+def _are_equal(one: FloatArray | None, other: FloatArray | None) -> bool:
+    return one is other if one is None or other is None else np.array_equal(one, other)
 
 
 Cause: TypeAlias = Literal[

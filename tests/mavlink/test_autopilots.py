@@ -133,7 +133,8 @@ def test_a_vehicle_on_its_way_home_stays_in_its_layer_until_its_descent(profile)
 
 @pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
 def test_a_circle_elsewhere_comes_after_the_last_waypoint(profile):
-    *_, last, circle = build_items(profile, Mission(1, 1, ROUTE, 30.0, wait_deg=(33.225, -87.585)), HOME)
+    wait = Waypoint(33.225, -87.585, 120.0, 10.0)
+    *_, last, circle = build_items(profile, Mission(1, 1, ROUTE, 30.0, wait=wait), HOME)
     assert (last.command, last.x, last.y) == (WP, 332200000, -875900000)
     assert (circle.command, circle.x, circle.y) == (LOITER_UNLIM, 332250000, -875850000)
     assert (circle.z_m, circle.param3) == (120.0, 30.0)

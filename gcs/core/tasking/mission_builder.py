@@ -7,7 +7,7 @@ import numpy as np
 from gcs.config import Config
 from gcs.config.airframe import AgentAirframe
 from gcs.core.state import Agent
-from gcs.model import NS_PER_S, FloatArray, Mission, Route, VehicleState, Waypoint
+from gcs.model import NS_PER_S, FloatArray, HeightReference, Mission, Route, VehicleState, Waypoint
 from gcs.planning.forward_simulation import LoiterCircle, RemainingMission
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.landing import ReturnRoute
@@ -40,15 +40,24 @@ class MissionBuilder:
 
         It begins with the climb and ends with the return route, if given.
         """
-        positions = (self._frame.to_geodetic(float(east), float(north)) for east, north in route.points_m)
         table = self._table
         airframe = self._airframes.get(route.vehicle, self._default)
         altitude_rel_m = table.altitude_rel_m + route.layer * table.layer_step_m
-        waypoints = tuple(
-            Waypoint(*place, altitude_rel_m, float(radius_m))
-            for place, radius_m in zip(positions, _acceptance_m(airframe, route, state, climb), strict=True)
+        radii_m = _acceptance_m(airframe, route, state, climb).tolist()
+        reference: HeightReference = "home" if route.heights_msl_m is None else "msl"
+        heights_m = (
+            [altitude_rel_m] * len(route.flown_m)
+            if route.heights_msl_m is None
+            else route.heights_msl_m.tolist()
         )
-        wait_deg = None if route.wait_m is None else self._frame.to_geodetic(*route.wait_m)
+        flown = [
+            Waypoint(*self._frame.to_geodetic(east_m, north_m), height_m, radius_m, reference)
+            for (east_m, north_m), height_m, radius_m in zip(
+                route.flown_m.tolist(), heights_m, [*radii_m, radii_m[-1]][: len(heights_m)], strict=True
+            )
+        ]
+        waypoints = tuple(flown[: len(route.points_m)])
+        wait = None if route.wait_m is None else flown[-1]
         return_waypoints = (
             ()
             if return_route is None
@@ -64,7 +73,7 @@ class MissionBuilder:
             waypoints,
             airframe.loiter_radius_m,
             airframe.end,
-            wait_deg,
+            wait,
             takeoff,
             return_waypoints,
             None if return_route is None else return_route.wait,

@@ -24,9 +24,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots.profile import AutopilotProfile
 from gcs.mavlink.mission.items import Home, Item
-from gcs.model import APPROACH_M, Mission, Waypoint
+from gcs.model import APPROACH_M, HeightReference, Mission, Waypoint
 
 _WAYPOINT: Final = dialect.MAV_CMD_NAV_WAYPOINT
+_FRAMES: Final[dict[HeightReference, int]] = {
+    "home": dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    "msl": dialect.MAV_FRAME_GLOBAL,
+}
 _APPROACH_ALT_M: Final = 30.0
 """Glide slope of 3.4 degrees: below PX4's limit of 5 (FW_LND_ANG)."""
 _EARTH_M_PER_DEG: Final = 111_195.0
@@ -70,10 +74,8 @@ def build_items(
     else:
         unlimited = dialect.MAV_CMD_NAV_LOITER_UNLIM
         radius_m = round(mission.loiter_radius_m)
-        circle = flown[-1]._replace(command=unlimited, param2=0.0, param3=float(radius_m))
-        if mission.wait_deg is not None:
-            circle = circle._replace(x=_e7(mission.wait_deg[0]), y=_e7(mission.wait_deg[1]))
-        items.append(circle)
+        centre = flown[-1] if mission.wait is None else _waypoint(profile, mission.wait)
+        items.append(centre._replace(command=unlimited, param2=0.0, param3=float(radius_m)))
     return tuple(items)
 
 
@@ -89,10 +91,10 @@ def first_flown_item(
 def _waypoint(profile: AutopilotProfile, point: Waypoint) -> Item:
     return Item(
         _WAYPOINT,
-        dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+        _FRAMES[point.reference],
         _e7(point.lat_deg),
         _e7(point.lon_deg),
-        round(point.alt_rel_m, 2),
+        round(point.alt_m, 2),
         param2=max(profile.min_radius_m, point.accept_radius_m),
         param4=profile.unused,
     )
@@ -101,7 +103,8 @@ def _waypoint(profile: AutopilotProfile, point: Waypoint) -> Item:
 def _landing(last: Item, return_items: list[Item], home: Home) -> list[Item]:
     """Return the return route, approach and landing; a straight line if there is no return route."""
     *corners, approach = return_items or [_straight_approach(last, home)]
-    approach = approach._replace(z_m=min(last.z_m, _APPROACH_ALT_M))
+    height_m = min(_height_rel_m(last, home), _APPROACH_ALT_M)
+    approach = approach._replace(frame=_FRAMES["home"], z_m=height_m)
     corners += _top_of_descent(corners[-1] if corners else last, approach, home)
     touch_down = approach._replace(
         command=dialect.MAV_CMD_NAV_LAND, x=_e7(home.lat_deg), y=_e7(home.lon_deg), z_m=0.0, param2=0.0
@@ -117,13 +120,19 @@ def _top_of_descent(before: Item, approach: Item, home: Home) -> list[Item]:
     metres_east = _EARTH_M_PER_DEG * math.cos(math.radians(home.lat_deg))
     north_m = (before.x - approach.x) * 1e-7 * _EARTH_M_PER_DEG
     east_m = (before.y - approach.y) * 1e-7 * metres_east
-    share = (before.z_m - approach.z_m) / DESCENT_SLOPE / max(math.hypot(north_m, east_m), 1.0)
+    height_m = _height_rel_m(before, home)
+    share = (height_m - approach.z_m) / DESCENT_SLOPE / max(math.hypot(north_m, east_m), 1.0)
     if not 0.0 < share < 1.0 - _MIN_LEVEL_SHARE:
         return []
     x, y = (
         round(low + share * (high - low)) for low, high in ((approach.x, before.x), (approach.y, before.y))
     )
-    return [approach._replace(x=x, y=y, z_m=before.z_m)]
+    return [approach._replace(x=x, y=y, z_m=height_m)]
+
+
+def _height_rel_m(item: Item, home: Home) -> float:
+    """Return the height of an item above home."""
+    return item.z_m - (home.alt_msl_m if item.frame == _FRAMES["msl"] else 0.0)
 
 
 def _straight_approach(last: Item, home: Home) -> Item:

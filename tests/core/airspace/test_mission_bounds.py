@@ -46,9 +46,10 @@ def zones_of(grid):
 def problem(*points_m, end="loiter", home=HOME, wait_m=None, profile=ARDUPLANE, alt_rel_m=100.0, seen=ABOUT):
     check = MissionBoundsCheck(CONFIG, zones_of(mission_grid(CONFIG, 0)))
     places = [CONFIG.local_frame.to_geodetic(*point) for point in points_m]
-    wait_deg = None if wait_m is None else CONFIG.local_frame.to_geodetic(*wait_m)
+    centre_deg = None if wait_m is None else CONFIG.local_frame.to_geodetic(*wait_m)
+    wait = None if centre_deg is None else Waypoint(*centre_deg, alt_rel_m, 10.0)
     waypoints = tuple(Waypoint(*place, alt_rel_m, 10.0) for place in places)
-    items = build_items(profile, Mission(1, 1, waypoints, 30.0, end, wait_deg), home)
+    items = build_items(profile, Mission(1, 1, waypoints, 30.0, end, wait), home)
     return check.problem(items[profile.home_items :], seen)
 
 
