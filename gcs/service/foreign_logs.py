@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Final
 
 from gcs.errors import RecordingError
-from gcs.files import open_regular
 from gcs.io.detections.readers import Detections, load
 from gcs.io.detections.table_files import ENDINGS
+from gcs.io.onboard_logs import open_telemetry
 from gcs.io.recording.reader import Record
 from gcs.io.recording.timestamps import LogClock
-from gcs.io.recording.tlog import LogFrame, check_log, read_log
+from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.mavlink.frames.codec import Frame
 from gcs.model import NS_PER_S, Datagram, Event, Scan, Tick
 from gcs.service.service import TICK_NS
@@ -145,8 +145,7 @@ def _other_time(scans: list[Scan], start_t_ns: int, end_t_ns: int) -> str:
 def _frames(path: Path) -> Iterator[tuple[int, Frame]]:
     """Yield the frames of a log with their times."""
     try:
-        with open_regular(path) as file:
-            check_log(file, str(path))
+        with open_telemetry(path) as file:
             clock = LogClock()
             for part in read_log(file):
                 if isinstance(part, LogFrame):

@@ -18,13 +18,13 @@ from gcs.cli.analyse.info_contents import print_contents
 from gcs.cli.arguments import JsonOption, command_app
 from gcs.cli.errors import exit_on_error
 from gcs.errors import RecordingError
-from gcs.files import open_regular
 from gcs.io.console import console_for
 from gcs.io.detections.table_files import ENDINGS
+from gcs.io.onboard_logs import log_kind, open_telemetry
 from gcs.io.recording.mcap_file import mcap_paths, recording_bytes
 from gcs.io.recording.reader import Damage, is_recording, read, read_info
 from gcs.io.recording.timestamps import LogClock
-from gcs.io.recording.tlog import LogFrame, UnreadableBytes, check_log, read_log
+from gcs.io.recording.tlog import LogFrame, UnreadableBytes, read_log
 from gcs.io.recording.topics import topic_of
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, AgentStatus, Datagram, MissionEnded, Scan, Send
@@ -45,7 +45,9 @@ _PROGRESS_PERIOD: Final = 4096
 def info(
     file: Annotated[
         Path,
-        typer.Argument(help="A recording, a .tlog of any ground station, or detections (NPZ, CSV)."),
+        typer.Argument(
+            help="A recording, a log (.tlog, .bin of ArduPilot, .ulg of PX4), or detections (NPZ, CSV)."
+        ),
     ],
     as_json: JsonOption = False,
 ) -> None:
@@ -162,8 +164,7 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
     span = _Span()
     damage: list[UnreadableBytes] = []
     stretches = bad_bytes = 0
-    with open_regular(path) as file, reading_progress(console, path, size) as advance:
-        check_log(file, str(path))
+    with open_telemetry(path) as file, reading_progress(console, path, size) as advance:
         clock = LogClock()
         for number, part in enumerate(read_log(file)):
             if number % _PROGRESS_PERIOD == 0:
@@ -181,7 +182,7 @@ def _log(path: Path, console: Console) -> dict[str, Any]:
                     flights.add_frame(t_ns, part.frame)
     flown = flights.flights(span.first_t_ns)
     return {
-        "kind": "tlog",
+        "kind": log_kind(path),
         "file": str(path),
         "bytes": size,
         **span.times(),

@@ -31,7 +31,9 @@ app = command_app()
 def replay(
     recording: Annotated[
         Path,
-        typer.Argument(help="A recording (its folder or .mcap), or a .tlog."),
+        typer.Argument(
+            help="A recording (its folder or .mcap), or a log (.tlog, .bin of ArduPilot, .ulg of PX4)."
+        ),
     ],
     speed: Annotated[
         str | None,

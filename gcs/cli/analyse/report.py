@@ -23,7 +23,9 @@ app = command_app()
 
 @app.command()
 def report(
-    recording: Annotated[Path, typer.Argument(help="A recording, or a .tlog of any ground station.")],
+    recording: Annotated[
+        Path, typer.Argument(help="A recording, or a log (.tlog, .bin of ArduPilot, .ulg of PX4).")
+    ],
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder for the page.  [default: RECORDING/report, or NAME-report]"),

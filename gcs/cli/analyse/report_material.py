@@ -25,11 +25,11 @@ from gcs.config import Config, load, parse
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.engine import Engine
 from gcs.errors import ConfigError, GcsError, RecordingError
-from gcs.files import open_regular
+from gcs.io.onboard_logs import open_telemetry
 from gcs.io.recording.mcap_file import recording_bytes
 from gcs.io.recording.reader import Damage, read, read_info
 from gcs.io.recording.timestamps import LogClock
-from gcs.io.recording.tlog import LogFrame, check_log, read_log
+from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.mavlink.frames.codec import scan
 from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
 from gcs.report.plots.maps import Ground
@@ -204,8 +204,7 @@ class _Reading:
         times = [0, 0]
         bad_bytes = 0
         stretches = 0
-        with open_regular(path) as file, reading_progress(self.console, path, size) as advance:
-            check_log(file, str(path))
+        with open_telemetry(path) as file, reading_progress(self.console, path, size) as advance:
             clock = LogClock()
             for number, part in enumerate(read_log(file)):
                 if number % _PROGRESS_PERIOD == 0:

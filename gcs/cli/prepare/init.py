@@ -19,7 +19,7 @@ def init(
     source: Annotated[
         Path | None,
         typer.Argument(
-            help="A .plan of QGroundControl, a .kml, a .tlog, or a recording of gcs.",
+            help="A .plan of QGroundControl, a .kml, a log (.tlog, .bin, .ulg), or a recording of gcs.",
             show_default=False,
         ),
     ] = None,

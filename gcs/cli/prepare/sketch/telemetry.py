@@ -15,9 +15,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.cli.prepare.sketch.sketch import Place, Sketch, Start, is_place
 from gcs.endpoints import parse_endpoint
 from gcs.errors import LinkError, RecordingError
-from gcs.files import open_regular
 from gcs.io.links.manager import TRANSPORTS
-from gcs.io.recording.tlog import LogFrame, check_log, read_log
+from gcs.io.onboard_logs import open_telemetry
+from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.mavlink.frames.codec import AUTOPILOT_COMPONENT_ID, Encoder, Frame, Message, scan
 from gcs.model import Notice, NoticeCode, Parameter
 
@@ -123,8 +123,8 @@ def read_vehicles(path: Path) -> Sketch:
     """
     heard = HeardVehicles()
     try:
-        with open_regular(path) as file:
-            _read_into(heard, file, str(path))
+        with open_telemetry(path) as file:
+            _read_into(heard, file)
     except OSError as error:
         raise RecordingError(str(path), f"cannot be read: {error.strerror}") from None
     sketch = heard.sketch()
@@ -133,8 +133,7 @@ def read_vehicles(path: Path) -> Sketch:
     return sketch
 
 
-def _read_into(heard: HeardVehicles, file: BinaryIO, name: str) -> None:
-    check_log(file, name)
+def _read_into(heard: HeardVehicles, file: BinaryIO) -> None:
     for part in read_log(file):
         if isinstance(part, LogFrame) and part.validity == "good":
             heard.add_frame(part.frame)
