@@ -124,13 +124,17 @@ def test_the_next_frame_of_the_stand_by_takes_over_whatever_it_is():
     assert links == [RADIO.name, LTE.name]
 
 
-def test_a_link_that_is_heard_stays_in_use_whatever_it_loses():
-    """Else an unsigned sender without losses on the second link would get the vehicle."""
-    air = TwoLinks()
-    air.loss = [0.3, 0.0]
-    air.run(60.0)
-    assert air.link == RADIO.name
-    assert not air.told(*ALARMS, NoticeCode.ADDRESS_CHANGED)
+def test_a_link_that_loses_a_third_stays_in_use_beside_an_unsigned_sender_that_loses_nothing():
+    fleet, radio, other = Fleet([1], FRAME, links=[RADIO, LTE]), Encoder(1, 1), Encoder(1, 1)
+    for tenth in range(400):
+        t_ns = tenth * S // 10
+        frame = radio(BEAT if tenth % 10 == 0 else dialect.MAVLink_mission_current_message(1))
+        if tenth % 3 != 2:
+            fleet.receive(Datagram(t_ns, *PLACES[0], frame))
+        if tenth > 20 and tenth % 5 == 0:
+            fleet.receive(Datagram(t_ns, *ANOTHER_SENDER, other(BEAT)))
+        fleet.poll(t_ns)
+    assert fleet.link(1) == RADIO.name
 
 
 def test_sequence_numbers_of_former_stand_by_addresses_are_forgotten():
