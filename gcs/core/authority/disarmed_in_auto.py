@@ -2,7 +2,8 @@
 
 After a landing PX4 and ArduPlane stay in AUTO. Armed by a switch or from any ground station, they start the
 stored mission again. LOITER (PX4: Hold) prevents that. A vehicle stays in AUTO if this run of the service has
-read back its onboard mission, and that is the one to fly now. An overridden vehicle is left alone.
+read back its onboard mission, and that is the one to fly now. An overridden vehicle is left alone; so is one
+that is heard by HIGH_LATENCY2 alone: PX4 does not say there whether it is armed.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ class DisarmedInAuto:
     def _would_take_off(self, state: VehicleState) -> bool:
         """Return True if arming would start a mission that the vehicle is not to fly."""
         vehicle = state.system_id
-        if self._agents[vehicle].link.liveness != "alive":
+        if not self._agents[vehicle].link.has_telemetry:
             return False  # it may have taken off since
         on_ground = is_on_ground(state, self._fleet.home(vehicle))
         stands = not state.armed and state.mode == AUTO and on_ground
@@ -91,7 +92,7 @@ class DisarmedInAuto:
     def _progress(self, vehicle: int, sender: CommandSender, t_ns: int) -> list[Effect]:
         authority = self._agents[vehicle].authority
         state = self._fleet.state(vehicle)
-        is_heard = self._agents[vehicle].link.liveness == "alive"
+        is_heard = self._agents[vehicle].link.has_telemetry
         if not is_heard or (state is not None and state.armed):  # it may fly: it must not be stopped now
             authority.loiter = None
             return []

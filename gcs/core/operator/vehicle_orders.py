@@ -202,6 +202,8 @@ class Orders:
                 return f"is not suspended, and is in {state.mode or 'an unknown mode'}"
             case "hold" | "return" as action if (control.suspension, state.mode) == (action, _MODES[action]):
                 return control.reason
+            case "arm" | "disarm" if self._agents[vehicle].link.high_latency is not None:
+                return ""  # PX4 does not say there whether it is armed
             case "arm" if state.armed:
                 return "is armed"
             case "disarm" if not state.armed:

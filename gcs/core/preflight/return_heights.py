@@ -142,8 +142,7 @@ class ReturnHeightMonitor:
         agent = self._agents[vehicle]
         profile = self._fleet.profile(vehicle)
         returns = agent.returns
-        is_heard = agent.link.liveness == "alive"
-        if profile is None or not is_heard or t_ns < returns.next_request_t_ns:
+        if profile is None or not agent.link.has_telemetry or t_ns < returns.next_request_t_ns:
             return []
         is_known = not returns.parameters.keys().isdisjoint(_UNITS_PER_M)
         if is_known and (_TYPE in returns.parameters or _TYPE not in profile.return_parameters):

@@ -233,7 +233,8 @@ class Fleet:
 
         Routine telemetry (`gcs.mavlink.fleet.fast_telemetry`) is not returned: it is in the states. To
         receive an unchanged heartbeat, call `forward_next_heartbeat`. A HIGH_LATENCY2 is returned as the
-        heartbeat that it stands for.
+        heartbeat that it stands for, if it was applied. After a change of link no heartbeat is returned that
+        may be older than the mode known (`Vehicle.is_behind`).
         """
         if frames is None:
             frames = self._scan(datagram.data)
@@ -315,7 +316,7 @@ class Fleet:
             message.text = texts[-1]
             message.id = 0
         vehicle.apply_message(message, t_ns, self._notifier(t_ns, vehicle.system_id))
-        return heartbeat_of(message, armed=vehicle.link.armed) if is_high_latency(frame) else message
+        return _shown_mode(vehicle, message, t_ns) if tells_autopilot(frame) else message
 
     def _show_text(self, vehicle: Vehicle, text: str, severity: int, t_ns: int) -> None:
         """Show a STATUSTEXT to the operator, unless too many come, or a vehicle on the ground repeats it."""
@@ -370,8 +371,7 @@ class Fleet:
             notify(NoticeCode.RECORDED_FRAMES, peer=known.address[1], link=known.address[0])
         self._set_address(vehicle, address)
         if is_second and before is not None and not is_slow:
-            link.standby = StandbyLink(before, vehicle.heard_t_ns, t_ns)
-            link.standby.begin_window(vehicle.record, t_ns)
+            link.standby = StandbyLink(before, vehicle.heard_t_ns)
         elif link.standby is not None and link.standby.address == address:
             link.standby = None
         link.signed_lead_ns = signed_lead_ns(frame, t_ns)
@@ -385,33 +385,24 @@ class Fleet:
         """Return True if a frame is of the vehicle's stand-by link, and count it; a heartbeat begins one."""
         link = vehicle.link
         if link.standby is None and is_heartbeat(frame) and is_from_autopilot(message):
-            link.standby = StandbyLink(address, t_ns, t_ns)
-            link.standby.begin_window(vehicle.record, t_ns)
+            link.standby = StandbyLink(address, t_ns)
             notify = self._notifier(t_ns, vehicle.system_id)
             notify(NoticeCode.STANDBY_LINK, peer=address[1], link=address[0])
         if link.standby is None:
             return True  # before its first heartbeat
         if link.standby.address != address:
             return False
-        link.standby.count(frame.sequence, t_ns)
+        link.standby.heard_t_ns = t_ns
         self.links[address[0]].standby += 1
         return True
 
     def _check_standby(self, vehicle: Vehicle, t_ns: int) -> None:
-        """Use the stand-by link if it loses much less; forget it when it is silent."""
-        link = vehicle.link
-        standby = link.standby
-        if standby is None or link.address is None:
-            return
-        notify = self._notifier(t_ns, vehicle.system_id)
-        if t_ns - standby.heard_t_ns > LOST_AFTER_NS:
-            link.standby = None
+        """Forget the stand-by link when it is silent."""
+        standby = vehicle.link.standby
+        if standby is not None and t_ns - standby.heard_t_ns > LOST_AFTER_NS:
+            vehicle.link.standby = None
+            notify = self._notifier(t_ns, vehicle.system_id)
             notify(NoticeCode.STANDBY_DOWN, peer=standby.address[1], link=standby.address[0])
-        elif link.liveness == "alive" and standby.is_better(vehicle.record, t_ns):
-            link.standby = StandbyLink(link.address, vehicle.heard_t_ns, t_ns)
-            link.standby.begin_window(vehicle.record, t_ns)
-            self._set_address(vehicle, standby.address)
-            notify(NoticeCode.ADDRESS_CHANGED, peer=standby.address[1], link=standby.address[0])
 
     def _set_address(self, vehicle: Vehicle, address: Address) -> None:
         """Set a vehicle's address."""
@@ -462,8 +453,12 @@ class Fleet:
         """Return our heartbeat to an address if it is due, with the sequence of that address."""
         if not self._peers.start_heartbeat(address, t_ns, self._used_addresses):
             return []
-        sequence = self._state.sequences.get(address, 0)
-        self._state.sequences[address] = next_sequence(sequence)
+        sequences = self._state.sequences
+        if address not in sequences:
+            used = self._used_addresses()
+            sequences = self._state.sequences = {a: number for a, number in sequences.items() if a in used}
+        sequence = sequences.get(address, 0)
+        sequences[address] = next_sequence(sequence)
         return [Send(*address, self._encoder.pack(self._heartbeat(), sequence))]
 
     def _is_due(self, t_ns: int) -> npt.NDArray[np.bool_]:
@@ -592,6 +587,16 @@ class Fleet:
     def unknown_systems(self) -> tuple[UnknownSystem, ...]:
         """Return the unknown systems on the links, in order of appearance."""
         return tuple(self._state.unknown_systems.known.values())
+
+
+def _shown_mode(vehicle: Vehicle, message: Message, t_ns: int) -> Message | None:
+    """Return the heartbeat that a HEARTBEAT or HIGH_LATENCY2 stands for; None if it was not applied."""
+    if vehicle.is_behind(t_ns):
+        return None
+    if message.get_type() == "HEARTBEAT":
+        return message
+    link = vehicle.link
+    return None if link.high_latency is None else heartbeat_of(message, armed=link.armed)
 
 
 def _takes_over(standby: StandbyLink | None, frame: Frame, known: Contact, address: Address) -> bool:

@@ -6,7 +6,8 @@ the mode iridium (`streams/HIGH_LATENCY2.hpp`), both without HEARTBEAT. Each rep
 messages that it stands for.
 
 * The mode has 16 bits: ArduPilot's number, or PX4's main and sub mode. ArduPilot sends base_mode in custom0;
-  PX4 does not say whether it is armed.
+  PX4 does not say whether it is armed: it counts as before, and as armed once it moves or has throttle,
+  which is zero while it is disarmed.
 * Height is in whole metres, ground speed in steps of 0.2 m/s along the heading; the vertical speed is
   unknown. ArduPilot gives no accuracy. The time on the way is unknown.
 * ArduPilot sets the failure flag of a sensor that it does not have. So a flag counts for sensors that
@@ -36,6 +37,9 @@ _MIN_STD_M: Final = 10.0
 _DELAY_STD_S: Final = 5.0
 """Standard deviation of the time on the way, assumed: a message takes seconds by satellite."""
 _UNKNOWN_ACCURACY: Final = (0, 255)
+_GROUND_SPEED_M_S: Final = 0.2
+"""Unit of the ground speed."""
+_MOVING_M_S: Final = 3.0
 _BITS: Final = {
     dialect.HL_FAILURE_FLAG_GPS: dialect.MAV_SYS_STATUS_SENSOR_GPS,
     dialect.HL_FAILURE_FLAG_DIFFERENTIAL_PRESSURE: dialect.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE,
@@ -78,7 +82,7 @@ class HighLatency:
             self.period_ns = min(max(period_ns, _MIN_PERIOD_NS), _MAX_PERIOD_NS)
         self.boot_ms = message.timestamp
         accuracy_m = _MIN_STD_M if message.eph in _UNKNOWN_ACCURACY else message.eph * 0.1
-        travel_m = _DELAY_STD_S * message.groundspeed * 0.2
+        travel_m = _DELAY_STD_S * message.groundspeed * _GROUND_SPEED_M_S
         self.std_m = math.hypot(max(accuracy_m, _MIN_STD_M), travel_m)
 
 
@@ -88,12 +92,15 @@ def is_high_latency(frame: Frame) -> bool:
 
 
 def heartbeat_of(report: Message, *, armed: bool) -> Message:
-    """Return the HEARTBEAT that a report stands for; `armed` is used where it does not say so (PX4)."""
+    """Return the HEARTBEAT that a report stands for.
+
+    PX4 does not say whether it is armed: it is if it was (`armed`), if it moves, or if it has throttle.
+    """
     is_ardupilot = report.autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
     base_mode = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
     if is_ardupilot:
         base_mode = report.custom0 & 0xFF
-    elif armed:
+    elif armed or report.throttle or report.groundspeed * _GROUND_SPEED_M_S >= _MOVING_M_S:
         base_mode |= dialect.MAV_MODE_FLAG_SAFETY_ARMED
     custom_mode = report.custom_mode << (0 if is_ardupilot else 16)
     return dialect.MAVLink_heartbeat_message(
@@ -104,7 +111,7 @@ def heartbeat_of(report: Message, *, armed: bool) -> Message:
 def position_of(report: Message) -> Message:
     """Return the GLOBAL_POSITION_INT that a report stands for; without height above home and climb."""
     heading_deg = 2 * report.heading
-    speed_cm_s = 20.0 * report.groundspeed
+    speed_cm_s = 100.0 * _GROUND_SPEED_M_S * report.groundspeed
     v_north_cm_s = round(speed_cm_s * math.cos(math.radians(heading_deg)))
     v_east_cm_s = round(speed_cm_s * math.sin(math.radians(heading_deg)))
     return dialect.MAVLink_global_position_int_message(

@@ -20,7 +20,7 @@ from gcs.mavlink.fleet.peers import Address, Peers
 from gcs.mavlink.fleet.standby_link import StandbyLink
 from gcs.mavlink.fleet.statustext import TextChunks
 from gcs.mavlink.fleet.stream_requests import StreamRecord
-from gcs.mavlink.fleet.telemetry_table import ADDRESS, DUE_NS, NO_ADDRESS, new_table
+from gcs.mavlink.fleet.telemetry_table import ADDRESS, DUE_NS, NO_ADDRESS, NONE, new_table
 from gcs.mavlink.mission.items import Home
 from gcs.model import IntArray
 
@@ -102,6 +102,10 @@ class VehicleLink:
     returned_t_ns: int = 0
     """Time at which it was last heard again after its link was down."""
 
+    last_link_t_ns: int = 0
+    """Time of its last frame before its last change of link."""
+    last_link_boot_ms: int = NONE
+    """Its newest time since boot then; NONE if unknown."""
     standby: StandbyLink | None = None
     """Second link on which it is heard; None without one."""
     high_latency: HighLatency | None = None
@@ -113,6 +117,11 @@ class VehicleLink:
     def profile(self) -> AutopilotProfile | None:
         """Profile of the firmware; None before the first heartbeat, or if unknown."""
         return profile_of(self.autopilot, self.vehicle_type)
+
+    @property
+    def has_telemetry(self) -> bool:
+        """True if it is heard, and not by HIGH_LATENCY2 alone."""
+        return self.liveness == "alive" and self.high_latency is None
 
     @property
     def is_atomic(self) -> bool:
@@ -138,7 +147,7 @@ class FleetState:
     """By link, in order of the first datagram."""
     peers: Peers = field(default_factory=Peers)
     sequences: dict[Address, int] = field(default_factory=dict)
-    """Sequence number of our next heartbeat to each outgoing endpoint."""
+    """Sequence number of our next heartbeat to each outgoing endpoint and stand-by link."""
     unknown_systems: UnknownSystems = field(default_factory=UnknownSystems)
     notices: NoticeQueue = field(default_factory=NoticeQueue)
     own_ids: OwnIds = field(default_factory=OwnIds)

@@ -17,7 +17,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import mode_name
 from gcs.mavlink.fleet.checks.link_timeouts import STALE_AFTER_NS, lost_after_ns
-from gcs.mavlink.fleet.checks.position_checks import position_problem
+from gcs.mavlink.fleet.checks.position_checks import (
+    MAX_LATE_NS,
+    MIN_JUMP_NS,
+    position_problem,
+)
 from gcs.mavlink.fleet.checks.position_plausibility import Report
 from gcs.mavlink.fleet.checks.report_consistency import Sample
 from gcs.mavlink.fleet.heartbeat import heartbeat_key
@@ -43,6 +47,7 @@ from gcs.mavlink.fleet.telemetry_table import (
     FRAMES,
     HEARD_NS,
     HEARTBEAT_KEY,
+    IN_LATE_RUN,
     IS_SIGNED,
     LANDED_STATE,
     LAST_SEQUENCE,
@@ -184,12 +189,30 @@ class Vehicle:
 
     def set_address(self, address: Address, number: int) -> None:
         """Set the address, and its number in the telemetry table; request the streams again."""
+        if self.link.address != address:
+            self._note_move(self.heard_t_ns)
         self.link.address = address
         self.record[ADDRESS] = number
         self.record[LAST_SEQUENCE] = NONE
         self.record[DUE_NS] = 0
         self.record[HEARTBEAT_KEY] = NONE
         self.stream_requests.begin()
+
+    def _note_move(self, last_t_ns: int) -> None:
+        """Note that its frames come by another link from now on, and the last one came at `last_t_ns`."""
+        self.link.last_link_t_ns = last_t_ns
+        self.link.last_link_boot_ms = self.record.item(BOOT_MS)
+        self.record[IN_LATE_RUN] = False
+
+    def is_behind(self, t_ns: int) -> bool:
+        """Return True if a frame that is heard now may be older than those before a change of link.
+
+        The link may be late by `MAX_LATE_NS`. A position report that is newer than all before shows that it
+        has caught up; so does a reboot. Without an earlier report there is nothing to compare with.
+        """
+        boot_ms = self.record.item(BOOT_MS)
+        is_newer = boot_ms == NONE or boot_ms != self.link.last_link_boot_ms
+        return not is_newer and t_ns - self.link.last_link_t_ns <= MAX_LATE_NS
 
     def count(self, sequence: int, t_ns: int) -> None:
         """Count one frame of its autopilot and the gap before it."""
@@ -315,9 +338,10 @@ class Vehicle:
 
     # ------------------------------------------------------------ messages
 
-    def _on_heartbeat(self, message: Message, _t_ns: int, notify: Notify) -> None:
+    def _on_heartbeat(self, message: Message, t_ns: int, notify: Notify) -> None:
         self._end_high_latency(notify)
-        self._apply_heartbeat(message, notify)
+        if not self.is_behind(t_ns):
+            self._apply_heartbeat(message, notify)
 
     def _on_high_latency(self, message: Message, t_ns: int, notify: Notify) -> None:
         """Apply a high-latency report, unless usual telemetry says more."""
@@ -326,18 +350,20 @@ class Vehicle:
         if link.high_latency is None:
             if record[POSITIONS] and t_ns - record[POSITION_NS] <= STALE_AFTER_NS:
                 return
+            self._note_move(t_ns)
             link.high_latency = HighLatency()
             record[[LANDED_STATE, ESTIMATOR_FLAGS]] = NONE
             notify(NoticeCode.HIGH_LATENCY)
         link.high_latency.add_report(message)
-        self._apply_heartbeat(heartbeat_of(message, armed=link.armed), notify)
+        self._apply_position(position_of(message), t_ns, notify)
+        if not self.is_behind(t_ns):
+            self._apply_heartbeat(heartbeat_of(message, armed=link.armed), notify)
         known = NONE not in (record[SENSORS_FAILED], record[SENSORS_GOOD])
         sensors = record.item(SENSORS_FAILED) | record.item(SENSORS_GOOD) if known else 0
         self._on_sys_status(sys_status_of(message, sensors), t_ns, notify)
         record[THROTTLE_PERCENT] = message.throttle
         record[FIX_TYPE] = NONE if has_fix(message) else dialect.GPS_FIX_TYPE_NO_FIX
         link.mission_seq = message.wp_num
-        self._apply_position(position_of(message), t_ns, notify)
         self._state = None
         record[CHECK_NEXT] = True  # so that usual telemetry comes here
         record[HEARTBEAT_KEY] = NONE
@@ -392,7 +418,8 @@ class Vehicle:
     def _apply_position(self, message: Message, t_ns: int, notify: Notify) -> None:
         checks = self.link.checks
         self._resume_from_record()
-        order = checks.clock.add_report(self.record, message.time_boot_ms, t_ns)
+        min_jump_ns = MAX_LATE_NS if self.is_behind(t_ns) else MIN_JUMP_NS
+        order = checks.clock.add_report(self.record, message.time_boot_ms, t_ns, min_jump_ns)
         if order == "rebooted":
             self._reboot(notify)
         problem = self._check_position(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)

@@ -86,10 +86,18 @@ def test_a_high_latency_report_alone_gives_position_mode_battery_and_item():
     assert air.told(NoticeCode.IN_CONTACT, NoticeCode.HIGH_LATENCY) == ["in-contact", "high-latency"]
 
 
-def test_px4_gives_its_mode_but_not_whether_it_is_armed():
+@pytest.mark.parametrize(
+    ("speed_m_s", "throttle", "armed"), [(15, 55, True), (0, 55, True), (15, 0, True), (1, 0, False)]
+)
+def test_px4_does_not_say_whether_it_is_armed_and_counts_so_once_it_moves_or_has_throttle(
+    speed_m_s, throttle, armed
+):
     air = Air()
-    air.hear(10, report(5, autopilot=PX4, mode=4 | 4 << 8, base=-128, eph=30))
-    assert (air.fleet.state(1).mode, air.fleet.state(1).armed) == ("AUTO", False)
+    for t_s, speed, percent in ((10, 0, 0), (76, speed_m_s, throttle), (142, 0, 0)):
+        one = report(t_s, autopilot=PX4, mode=4 | 4 << 8, base=-128, eph=30)
+        one.groundspeed, one.throttle = 5 * speed, percent
+        air.hear(t_s, one)
+        assert (air.fleet.state(1).mode, air.fleet.state(1).armed) == ("AUTO", armed and t_s > 10)
 
 
 def test_failure_flags_are_those_of_sensors_that_the_vehicle_has():

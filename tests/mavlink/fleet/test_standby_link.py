@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.missions import upload_manager
 from helpers.noticed import noticed
-from helpers.plane_double import LOITER, Plane, S
+from helpers.plane_double import AUTO, LOITER, Plane, S
 from helpers.plane_swarm import FRAME, ROUTE
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,7 +19,7 @@ from gcs.model import Datagram, NoticeCode, Route, Send, UploadReport
 RADIO = Link(parse_endpoint("udpin:0.0.0.0:14550"))
 LTE = Link(parse_endpoint("udpin:0.0.0.0:14560"), redundant=True)
 PLACES = ((RADIO.name, "10.0.0.1:1"), (LTE.name, "20.0.0.1:1"))
-UNKNOWN_SENDER = (LTE.name, "66.6.6.6:6")
+ANOTHER_SENDER = (LTE.name, "66.6.6.6:6")
 STEP_NS = S // 20
 
 
@@ -124,15 +124,64 @@ def test_the_next_frame_of_the_stand_by_takes_over_whatever_it_is():
     assert links == [RADIO.name, LTE.name]
 
 
-def test_the_link_that_loses_much_less_is_used_and_a_little_more_loss_changes_nothing():
-    air = TwoLinks()
-    air.loss = [0.1, 0.0]
-    air.run(60.0)
-    assert air.link == RADIO.name
-    air.loss = [0.5, 0.0]
-    air.run(60.0)
-    assert air.link == LTE.name
-    assert not air.told(*ALARMS)
+def test_a_link_that_loses_a_third_stays_in_use_beside_an_unsigned_sender_that_loses_nothing():
+    fleet, radio, other = Fleet([1], FRAME, links=[RADIO, LTE]), Encoder(1, 1), Encoder(1, 1)
+    for tenth in range(400):
+        t_ns = tenth * S // 10
+        frame = radio(BEAT if tenth % 10 == 0 else dialect.MAVLink_mission_current_message(1))
+        if tenth % 3 != 2:
+            fleet.receive(Datagram(t_ns, *PLACES[0], frame))
+        if tenth > 20 and tenth % 5 == 0:
+            fleet.receive(Datagram(t_ns, *ANOTHER_SENDER, other(BEAT)))
+        fleet.poll(t_ns)
+    assert fleet.link(1) == RADIO.name
+
+
+def test_sequence_numbers_of_former_stand_by_addresses_are_forgotten():
+    fleet, radio, lte = Fleet([1], FRAME, links=[RADIO, LTE]), Encoder(1, 1), Encoder(1, 1)
+    for t_s in range(600):
+        fleet.receive(Datagram(t_s * S, *PLACES[0], radio(BEAT)))
+        if t_s % 6 == 0:
+            fleet.receive(Datagram(t_s * S, LTE.name, f"66.6.6.6:{1000 + t_s}", lte(BEAT)))
+        fleet.poll(t_s * S + S // 2)
+    assert len(fleet._state.sequences) <= 2
+
+
+def beat(mode):
+    return dialect.MAVLink_heartbeat_message(1, 3, 1 | 128, mode, 4, 3)
+
+
+def position(boot_s):
+    lat, lon = FRAME.to_geodetic(0.0, 0.0)
+    return dialect.MAVLink_global_position_int_message(
+        round(boot_s * 1000), round(lat * 1e7), round(lon * 1e7), 684_000, 100_000, 0, 0, 0, 9000
+    )
+
+
+@pytest.mark.parametrize(
+    ("last_position_s", "silence_s", "is_held"),
+    [
+        (None, 2, False),  # nothing to compare with
+        (0, 2, True),
+        (10, 2, True),
+        (0, 29, True),
+        (0, 31, False),  # no link is so late
+    ],
+)
+def test_a_heartbeat_on_a_new_link_counts_once_it_must_be_newer(last_position_s, silence_s, is_held):
+    fleet, radio, lte = Fleet([1], FRAME, links=[RADIO, LTE]), Encoder(1, 1), Encoder(1, 1)
+    for t_s in range(11):
+        fleet.receive(Datagram(t_s * S, *PLACES[0], radio(beat(LOITER))))
+        if last_position_s is not None and t_s <= last_position_s:
+            fleet.receive(Datagram(t_s * S, *PLACES[0], radio(position(100 + t_s))))
+    heard = fleet.receive(Datagram((10 + silence_s) * S, *PLACES[1], lte(beat(AUTO))))
+    assert fleet.link(1) == LTE.name
+    assert bool(heard) is not is_held
+    if last_position_s is not None:
+        assert fleet.state(1).mode == ("LOITER" if is_held else "AUTO")
+    fleet.receive(Datagram((11 + silence_s) * S, *PLACES[1], lte(position(111 + silence_s))))
+    assert fleet.receive(Datagram((12 + silence_s) * S, *PLACES[1], lte(beat(AUTO)))) or not is_held
+    assert fleet.state(1).mode == "AUTO"
 
 
 def test_heartbeats_go_to_both_links():
@@ -181,7 +230,7 @@ def test_a_third_address_and_one_on_the_same_link_are_impostors():
     air = TwoLinks()
     air.run(3.0)
     encode = Encoder(1, 1)
-    air.fleet.receive(Datagram(air.t_ns, *UNKNOWN_SENDER, encode(BEAT)))
+    air.fleet.receive(Datagram(air.t_ns, *ANOTHER_SENDER, encode(BEAT)))
     air.fleet.receive(Datagram(air.t_ns, RADIO.name, "66.6.6.6:6", encode(BEAT)))
     assert [one.code for one in noticed(air.fleet.notices(), NoticeCode.ID_CONFLICT)] == ["id-conflict"]
     assert air.fleet.health_of(1).conflicts == 2

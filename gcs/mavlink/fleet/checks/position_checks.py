@@ -39,7 +39,9 @@ MAX_ALT_M: Final = 50_000.0
 _BOOT_WRAP_MS: Final = 1 << 32
 _NS_PER_MS: Final = 1_000_000
 _CONFIRM_NS: Final = ns(2.0)
-_MIN_JUMP_NS: Final = ns(5.0)
+MIN_JUMP_NS: Final = ns(5.0)
+MAX_LATE_NS: Final = ns(30.0)
+"""By how much one link of a vehicle may be later than another, assumed."""
 _MAX_JITTER_NS: Final = ns(1.0)
 
 
@@ -48,14 +50,15 @@ class BootClock:
     """A vehicle's time since boot: detects late reports and reboots.
 
     Reports behind the latest one form a *run* while their clock and ours advance alike, within
-    `_MAX_JITTER_NS`. A run of `_CONFIRM_NS` whose clock is at least `_MIN_JUMP_NS` behind is a reboot. A link
-    that became slower by less is not.
+    `_MAX_JITTER_NS`. A run of `_CONFIRM_NS` whose clock is at least `min_jump_ns` behind is a reboot:
+    `MIN_JUMP_NS`, as a link becomes slower by less; `MAX_LATE_NS` after a change of link, until a new report
+    comes there.
     """
 
     run: tuple[int, int, int] = (0, 0, 0)
     """First arrival, its offset between our clock and the vehicle's, and the number of reports."""
 
-    def add_report(self, record: VehicleRecord, boot_ms: int, t_ns: int) -> ReportOrder:
+    def add_report(self, record: VehicleRecord, boot_ms: int, t_ns: int, min_jump_ns: int) -> ReportOrder:
         """Add a report's time since boot to a vehicle's record; only "new" and "rebooted" reports count."""
         latest_ms = record.item(BOOT_MS)
         latest_offset_ns = record.item(BOOT_OFFSET_NS)
@@ -63,7 +66,7 @@ class BootClock:
         ahead_ms = 1 if latest_ms == NONE else (boot_ms - latest_ms) % _BOOT_WRAP_MS
         if 0 < ahead_ms < _BOOT_WRAP_MS // 2:
             return _set_latest(record, boot_ms, offset_ns, "new")
-        if offset_ns - latest_offset_ns < _MIN_JUMP_NS:
+        if offset_ns - latest_offset_ns < min_jump_ns:
             return "late"
         if not record[IN_LATE_RUN] or abs(offset_ns - self.run[1]) > _MAX_JITTER_NS:
             self.run = (t_ns, offset_ns, 0)
