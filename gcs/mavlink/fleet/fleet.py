@@ -316,7 +316,7 @@ class Fleet:
             message.text = texts[-1]
             message.id = 0
         vehicle.apply_message(message, t_ns, self._notifier(t_ns, vehicle.system_id))
-        return _shown_mode(vehicle, message, t_ns) if tells_autopilot(frame) else message
+        return _shown_mode(vehicle, message, t_ns) if names_autopilot(frame) else message
 
     def _show_text(self, vehicle: Vehicle, text: str, severity: int, t_ns: int) -> None:
         """Show a STATUSTEXT to the operator, unless too many come, or a vehicle on the ground repeats it."""
