@@ -124,6 +124,14 @@ class Config(Table, frozen=True, kw_only=True):
         return None if self.terrain is None else decode_model(self.terrain.file)
 
     @property
+    def ground(self) -> str:
+        """Elevation model and flight band in words, or "flat"."""
+        if self.terrain is None:
+            return "flat"
+        band = f"flight {self.terrain.min_agl_m:g} to {self.terrain.max_agl_m:g} m above it"
+        return f"{self.elevation_model}; {band}"
+
+    @property
     def elevation(self) -> Elevation | None:
         """Elevation of the ground under the map and around it; None: the ground is flat."""
         model = self.elevation_model

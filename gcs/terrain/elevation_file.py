@@ -107,7 +107,7 @@ def read_elevation_model(
         reader = _Reader(raster, frame, size_m, datum)
         nodes, heights = reader.read()
     cut, heights = _cut(nodes, heights, _Nodes.around(size_m, 0.0, nodes.spacing_m))
-    origin_m = cut.first[1] * cut.spacing_m, cut.first[0] * cut.spacing_m
+    origin_m = round(cut.first[1] * cut.spacing_m, 3), round(cut.first[0] * cut.spacing_m, 3)
     margins_m = (
         -origin_m[0],
         -origin_m[1],
@@ -121,7 +121,7 @@ def read_elevation_model(
             f"heights in squares of {cut.spacing_m:.3g} m are used"
         )
     if min(margins_m) < MARGIN_M:
-        west, south, east, north = (f"{max(margin, 0.0):.0f} m" for margin in margins_m)
+        west, south, east, north = (f"{max(0.0, margin):.0f} m" for margin in margins_m)
         remarks.append(
             f"beyond the map, {path.name} has the ground {west} west, {south} south, {east} east and {north} "
             f"north; {MARGIN_M:.0f} m are useful for turns and returns"
@@ -198,8 +198,8 @@ class _Reader:
         pixels = area_m2 * abs(float(np.linalg.det(self._per_m)))
         if pixels > _MAX_PIXELS:
             raise TerrainFileError(
-                f"has {pixels / 1e6:.0f} million pixels on this map; {_MAX_PIXELS / 1e6:.0f} at most are read: "
-                f"gdalwarp -r max -tr {spacing_m:.3g} {spacing_m:.3g}"
+                f"has {pixels / 1e6:.0f} million pixels on this map; at most {_MAX_PIXELS / 1e6:.0f} are "
+                f"read: gdalwarp -r max -tr {spacing_m:.3g} {spacing_m:.3g}"
             )
         return nodes, spacing_m > self.resolution_m
 
@@ -218,9 +218,9 @@ class _Reader:
             lon, lat = self._degrees(corners[:, 0], corners[:, 1])
             place = self._place(east[first], north[first])
             raise TerrainFileError(
-                f"does not cover the map: it has no height at {place}; expected latitudes "
-                f"{lat.min():.5f}° to {lat.max():.5f}° and longitudes {lon.min():.5f}° to {lon.max():.5f}°, and "
-                "a pixel more on each side"
+                f"does not cover the map: it has no height at {place}; expected latitudes {lat.min():.5f}° "
+                f"to {lat.max():.5f}° and longitudes {lon.min():.5f}° to {lon.max():.5f}°, and a pixel more "
+                "on each side"
             )
 
     def _is_inside(self, cols: FloatArray, rows: FloatArray) -> npt.NDArray[np.bool_]:
