@@ -290,7 +290,8 @@ class _Reader:
         self, low: npt.NDArray[np.intp], high: npt.NDArray[np.intp], block: npt.NDArray[np.intp]
     ) -> FloatArray:
         """Return the greatest height of blocks of pixels; infinite with a hole, `_OUTSIDE` off the file."""
-        (first_col, first_row), (end_col, end_row) = (low * block).tolist(), (high * block).tolist()
+        first_col, first_row = (low * block).tolist()
+        end_col, end_row = (high * block).tolist()
         height, width = self._raster.shape
         inner = max(first_row, 0), max(first_col, 0)
         end = min(end_row, height), min(end_col, width)
@@ -310,7 +311,8 @@ def _cut(nodes: _Nodes, heights: FloatArray, needed: _Nodes) -> tuple[_Nodes, Fl
     """
     rows, cols = needed.within(nodes)
     has_height = np.isfinite(heights)
-    south, west = 0, 0
+    south = 0
+    west = 0
     north, east = heights.shape
     while not has_height[south:north, west:east].all():
         inner = has_height[south:north, west:east]

@@ -121,5 +121,5 @@ def node_places_deg(lat: int, lon: int, spacing_m: int, block: int) -> list[tupl
 
 
 def _scale(lat: float) -> float:
-    """Return the length of a degree of longitude, relative to one of latitude, at a latitude in 1e-7 degrees."""
+    """Return the ratio of a degree of longitude to one of latitude, at a latitude in 1e-7 degrees."""
     return max(math.cos(math.radians(lat / _DEGREE)), _MIN_SCALE)
