@@ -98,9 +98,7 @@ def test_too_many_pixels_give_wider_squares_that_no_peak_rises_above(tmp_path, m
     assert known.sum() > 20_000
     assert above_m[known].min() >= 0.0
     spacing_m = model.elevation.spacing_m
-    assert above_m[known].max() < 50.0 + 0.2 * 2.0 * 1.5 * spacing_m, (
-        "and only the squares around a peak are raised"
-    )
+    assert above_m[known].max() < 50.0 + 0.6 * spacing_m, "and only the squares around a peak are raised"
 
 
 def test_ten_gigabytes_cost_neither_memory_nor_time(tmp_path):
@@ -155,7 +153,7 @@ def test_a_hole_beside_the_map_cuts_the_margin_and_is_said(tmp_path):
         (
             (3000.0, 800.0),
             FRAME,
-            r"does not cover the map: it has no height at .*; expected latitudes 46\.79",
+            r"does not cover the map: it has no height at .*; expected lat.* 46\.79",
         ),
         (SIZE_M, LocalFrame(46.8, 11.0, 1500.0), "does not cover the map"),
         (SIZE_M, LocalFrame(-33.0, -87.0, 70.0), "does not cover the map|another place"),
@@ -242,14 +240,16 @@ def test_what_cannot_be_opened_is_refused(tmp_path):
             read(tmp_path / name)
 
 
-@pytest.mark.parametrize(
-    "profile", [{}, {"compress": "deflate", "tiled": True, "blockxsize": 64, "blockysize": 64}]
-)
+TILED = {"compress": "deflate", "tiled": True, "blockxsize": 64, "blockysize": 64}
+
+
+@pytest.mark.parametrize("profile", [{}, TILED])
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 def test_damaged_files_end_in_one_readable_line(tmp_path, profile):
     whole = write_ground(tmp_path / "whole.tif", slope(), **profile).read_bytes()
     damaged = tmp_path / "damaged.tif"
     rng = np.random.default_rng(3)
-    refused = 0
+    said = []
     for number in range(120):
         data = bytearray(whole)
         if number % 3 == 0:
@@ -264,9 +264,9 @@ def test_damaged_files_end_in_one_readable_line(tmp_path, profile):
         try:
             read(damaged)
         except TerrainFileError as error:
-            refused += 1
-            assert "\n" not in str(error)
-    assert refused > 40, "every cut, at least"
+            said.append(str(error))
+    assert len(said) > 40, "every cut, at least"
+    assert "\n" not in "".join(said)
 
 
 @pytest.mark.skipif(not DAVOS, reason="DAVOS_TIF names no file")
