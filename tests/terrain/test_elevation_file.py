@@ -164,6 +164,7 @@ def test_a_file_of_another_place_is_refused(tmp_path, size_m, frame, said):
         read(write_ground(tmp_path / "slope.tif", slope()), size_m=size_m, frame=frame)
 
 
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 @pytest.mark.parametrize(
     ("profile", "said"),
     [

@@ -112,7 +112,8 @@ def test_the_check_of_a_file_describes_the_ground(tmp_path, capsys):
 
 def test_climbs_and_descents_are_flatter_downwind(tmp_path):
     text = MISSION.replace("north_m = 400.0", 'north_m = 400.0\nairframe = "slow"')
-    text += "[airframe]\nspeed_m_s = 15.0\nwind_m_s = 5.0\nclimb_m_s = 3.0\n[airframes.slow]\nsink_m_s = 1.0\n"
+    text += "[airframe]\nspeed_m_s = 15.0\nwind_m_s = 5.0\nclimb_m_s = 3.0\n"
+    text += "[airframes.slow]\nsink_m_s = 1.0\n"
     config = load(write_mission(tmp_path, text))
     assert config.default_airframe.climb_gradient == pytest.approx(0.15)
     assert config.default_airframe.sink_gradient == pytest.approx(0.1)
