@@ -89,7 +89,7 @@ def test_what_is_recorded_of_a_mission_holds_its_zones(tmp_path):
     text, source = read_text(write(tmp_path))
     (tmp_path / "zones.geojson").unlink()
     config = parse(text, source)
-    assert len(config.zones.polygons) == 3
+    assert len(config.zones.no_fly) == 4
     assert "# next to it" in text
     with pytest.raises(ConfigError, match=r"map.geojson: no such file: .*zones.geojson"):
         read_text(source)
@@ -126,4 +126,4 @@ def test_zones_of_other_places_on_earth_are_left_out():
     zones = collection(
         feature("Point", [92.4, -33.2], radius=1e5), feature("Point", [-87.6, 33.2], radius=10)
     )
-    assert len(read_zones(zones, "f").to_local(FRAME).circles) == 1
+    assert len(read_zones(zones, "f").to_local(FRAME).no_fly) == 1

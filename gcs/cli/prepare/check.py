@@ -77,8 +77,7 @@ def describe(scenario: str, seed: int, console: Console) -> None:
         zones = config.zones
         table.add_row(
             "GeoJSON",
-            f"{len(zones.polygons) + len(zones.circles)} no-fly zones, "
-            + ("a boundary" if zones.boundary else "no boundary"),
+            f"{len(zones.no_fly)} no-fly zones, " + ("a boundary" if zones.boundary else "no boundary"),
         )
     table.add_row(
         "agents",

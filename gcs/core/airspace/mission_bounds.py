@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.config import Config
 from gcs.config.airframe import UNKNOWN_LOITER_RADIUS_M
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.fence import Area, areas_of
+from gcs.fence import Area, held_areas
 from gcs.mavlink.mission.items import Item
 from gcs.model import BoolArray, FloatArray, IntArray, VehicleState
 from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission, simulate
@@ -42,8 +42,8 @@ class MissionBoundsCheck:
         self._frame = config.local_frame
         self._zones = zones
         self._airframes = config.airframes_of_agents
-        self._areas = areas_of(config, config.name)
-        self._ceiling_m = config.fence.max_alt_rel_m
+        self._areas = held_areas(config, config.name)
+        self._ceiling_m = config.max_alt_rel_m
         self._keeps_clear = config.planning.shape == "flyable" and config.planning.clearance_m > 0.0
 
     def problem(self, items: Sequence[Item], state: VehicleState | None) -> str:
@@ -97,6 +97,9 @@ class MissionBoundsCheck:
         what = "leaves the fence"
         if not len(wrong) and self._keeps_clear:
             blocked = _is_blocked(self._zones.grid, flown_m)
+            if self._zones.obstacles.has_low:
+                is_low = self._are_low(items)[parts]
+                blocked |= is_low & _is_blocked(self._zones.obstacles.near_ground, flown_m)
             if blocked.any() and blocked[0]:  # it leaves an obstacle by any way, for a clear end
                 is_end = parts >= len(items) - 1
                 blocked &= is_end
@@ -132,6 +135,17 @@ class MissionBoundsCheck:
         parts = first + flight.passed
         is_flown = parts < len(items)  # behind the landing nothing is flown
         return flight.places_m[is_flown], parts[is_flown]
+
+    def _are_low(self, items: Sequence[Item]) -> BoolArray:
+        """Return a mask of the items to which a vehicle flies below the altitude layers."""
+        layers = self._zones.obstacles.layers
+        heights_m = np.array(
+            [item.z_m - layers.ground_msl_m * (item.frame not in _RELATIVE) for item in items]
+        )
+        is_below = heights_m < layers.lowest_m - _ROUNDING_M
+        is_low: BoolArray = is_below | np.concatenate(([False], is_below[:-1]))
+        is_low[0] |= items[0].command == dialect.MAV_CMD_NAV_TAKEOFF
+        return is_low
 
     def _is_outside(self, flown_m: FloatArray) -> BoolArray:
         """Return a mask of the places outside the fence."""

@@ -10,7 +10,7 @@ from operator import attrgetter
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.airspace.obstacle_map import mission_map
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.result import Check
@@ -58,8 +58,9 @@ def rehearse(
     fleet : Fleet or None
         States of vehicles; None: none is on the ground.
     """
-    mission = mission_inputs(config, mission_grid(config, seed))
-    zones = NoFlyZones(AirspaceState(), mission.grid)
+    obstacles = mission_map(config, seed)
+    mission = mission_inputs(config, obstacles.grid)
+    zones = NoFlyZones(AirspaceState(), obstacles)
     takeoffs = None if fleet is None else Climbs(config, zones, fleet, {})
     climbs = {
         vehicle: climb

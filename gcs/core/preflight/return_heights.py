@@ -20,6 +20,7 @@ from gcs.config import Config
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.result import Check
 from gcs.core.state import Agent
+from gcs.fence import rally_of
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
@@ -108,7 +109,7 @@ class ReturnHeightMonitor:
         self._fleet = fleet
         self._agents = agents
         self._step_m = config.mission.layer_step_m
-        self._rally_m = [float(point.alt_rel_m) for point in config.rally]
+        self._rally_m = [float(point.alt_rel_m) for point in rally_of(config)]
 
     def receive(self, vehicle: int, message: Message) -> None:
         """Process a message of a vehicle: keep the parameters that set its return height."""

@@ -339,7 +339,7 @@ class VehicleChecks:
         assert self._query.profile is not None
         profile = self._query.profile
         values = self._query.values
-        ceiling_m = self._config.fence.max_alt_rel_m
+        ceiling_m = self._config.max_alt_rel_m
         yield from return_height_check(
             self._vehicle, profile, values, _rally_heights_m(self._query, self._config), ceiling_m
         )
@@ -388,7 +388,7 @@ def vehicle_checks(
         ).checks()
     ]
     returns = [found for one in queries if (found := _return_of(one, config)) is not None]
-    return [*checks, *returns_check(returns, config.mission.layer_step_m, config.fence.max_alt_rel_m)]
+    return [*checks, *returns_check(returns, config.mission.layer_step_m, config.max_alt_rel_m)]
 
 
 def _return_of(one: PreflightQuery, config: Config) -> ReturnHeight | None:

@@ -10,7 +10,7 @@ from helpers.noticed import alarms, noticed
 from gcs.config import parse
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.airspace.obstacle_map import mission_map
 from gcs.core.airspace.records import AirspaceState
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.mission.item_builder import build_items
@@ -67,7 +67,7 @@ HOME = Home(*FRAME.to_geodetic(700.0, 700.0), 70.0)
 
 def problem(*points_m, course_deg=90.0, place_m=(400.0, 700.0), radius_m=80.0, end="loiter", **more):
     """Return the problem of a flight along points."""
-    zones = NoFlyZones(AirspaceState(), mission_grid(CONFIG, 0))
+    zones = NoFlyZones(AirspaceState(), mission_map(CONFIG, 0))
     if more.get("disc_m"):
         zones.change(NoFlyZone("z", more["disc_m"]))
     waypoints = tuple(Waypoint(*FRAME.to_geodetic(*point), 100.0, 30.0) for point in points_m)
