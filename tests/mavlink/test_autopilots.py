@@ -16,6 +16,7 @@ from gcs.model import Mission, Waypoint
 HOME = Home(33.2, -87.6, 70.0)
 ROUTE = (Waypoint(33.21, -87.6, 100.0, 10.7), Waypoint(33.22, -87.59, 120.0, 10.0))
 WP, LOITER_UNLIM, LAND, TAKEOFF = 16, 17, 21, 22
+GLOBAL, RELATIVE = 0, 3  # MAV_FRAME
 
 
 def mission(end="loiter"):
@@ -152,3 +153,21 @@ def test_a_way_home_stands_between_the_route_and_the_landing_and_reads_back_equa
     assert (approach.z_m, approach.param2) == (30.0, 40.0)
     assert (touch_down.command, touch_down.x, touch_down.y) == (LAND, 332000000, -876000000)
     assert profile.difference(sent, over_the_wire(sent)) == ""
+
+
+@pytest.mark.parametrize("profile", PROFILES, ids=lambda p: p.name)
+def test_a_mission_above_sea_level_lands_at_a_home_above_sea_level(profile):
+    msl_m = HOME.alt_msl_m
+    above = [replace(point, alt_m=point.alt_m + msl_m, reference="msl") for point in ROUTE]
+    return_waypoints = (Waypoint(33.2, -87.605, 120.0 + msl_m, 40.0, "msl"),)
+    sent = build_items(profile, Mission(1, 1, tuple(above), 30.0, "land", None, None, return_waypoints), HOME)
+    *_, first, second, descent, approach, touch_down = sent
+    assert (first.frame, first.z_m) == (GLOBAL, 100.0 + msl_m)
+    assert (second.frame, second.z_m) == (GLOBAL, 120.0 + msl_m)
+    assert (descent.frame, descent.z_m) == (RELATIVE, pytest.approx(120.0))
+    assert (approach.frame, approach.z_m) == (RELATIVE, 30.0)
+    assert (touch_down.frame, touch_down.z_m) == (RELATIVE, 0.0)
+    assert profile.difference(sent, over_the_wire(sent)) == ""
+    wait = Waypoint(33.225, -87.585, 150.0 + msl_m, 10.0, "msl")
+    *_, circle = build_items(profile, Mission(1, 1, tuple(above), 30.0, wait=wait), HOME)
+    assert (circle.command, circle.frame, circle.z_m) == (LOITER_UNLIM, GLOBAL, 150.0 + msl_m)

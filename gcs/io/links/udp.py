@@ -12,7 +12,7 @@ from gcs.io.links.recvmmsg import SocketReader
 from gcs.io.links.transport import Backoff, ChangedNotices, Listener
 from gcs.model import NoticeCode
 
-_BUFFER_BYTES = 4 * 1024 * 1024
+BUFFER_BYTES = 4 * 1024 * 1024
 
 
 class UdpIn:
@@ -121,5 +121,5 @@ def _alarm(listener: Listener) -> Callable[[str], None]:
 def _socket() -> socket.socket:
     fresh = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     fresh.setblocking(False)
-    fresh.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+    fresh.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
     return fresh
