@@ -28,7 +28,7 @@ from gcs.config.validation import Table
 from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.geojson import Zones, read_zones
-from gcs.model import LayerHeights
+from gcs.model import LayerHeights, VerticalLimits
 
 AirframeName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
 ZONES = "the GeoJSON of the map"
@@ -112,6 +112,13 @@ class Config(Table, frozen=True, kw_only=True):
         lowest_m = min(mission.altitude_rel_m, self.takeoff.altitude_rel_m or mission.altitude_rel_m)
         clearance_m = self.planning.vertical_clearance_m
         return LayerHeights(lowest_m, mission.highest_rel_m, self.frame.alt_msl_m, clearance_m)
+
+    @property
+    def area_limits(self) -> list[VerticalLimits]:
+        """Vertical limits of all obstacles, no-fly zones and fence areas that have some."""
+        limits = [table.limits for table in (*self.map.obstacles, *self.fence.areas)]
+        limits += [zone.limits for zone in self.zones.no_fly]
+        return [one for one in limits if not one.are_open]
 
     @property
     def max_alt_rel_m(self) -> float:

@@ -14,6 +14,7 @@ from gcs.console.view.schema import FenceArea, MissionInfo, ObstacleMap, RunInfo
 from gcs.core.engine import Engine
 from gcs.core.state import flown_routes
 from gcs.fence import drawn_areas, rally_of
+from gcs.model import BoolArray
 from gcs.planning.map.grid import Grid
 
 

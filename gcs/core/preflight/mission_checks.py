@@ -106,7 +106,7 @@ def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
         *_landing(config, rehearsal),
         _routes(rehearsal.plan),
         _separation(config, rehearsal),
-        _fence(config, rehearsal),
+        *_fence(config, rehearsal),
     ]
 
 
@@ -207,16 +207,20 @@ def _separation(config: Config, rehearsal: Rehearsal) -> Check:
     return Check(None, CheckCode.ROUTES_NEAR, parameters)
 
 
-def _fence(config: Config, rehearsal: Rehearsal) -> Check:
+def _fence(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
     fence = fence_of(config, config.name)
     frame = config.local_frame
+    if fence.passed:
+        yield Check(None, CheckCode.AREAS_NOT_HELD, {"count": len(fence.passed)})
     if not fence.areas:
-        return Check(None, CheckCode.CEILING_ONLY if fence.max_alt_rel_m else CheckCode.NO_AREAS)
+        yield Check(None, CheckCode.CEILING_ONLY if fence.max_alt_rel_m else CheckCode.NO_AREAS)
+        return
     beyond_m = {v: fence.beyond(route_m, frame) for v, route_m in rehearsal.plan.paths_m.items()}
     leaving = [f"{vehicle_name(v)}: {metres:.0f} m" for v, metres in sorted(beyond_m.items()) if metres]
     if leaving:
-        return Check(None, CheckCode.ROUTES_BEYOND_FENCE, {"distances": ", ".join(leaving)})
-    return Check(None, CheckCode.ROUTES_IN_FENCE, {"count": len(fence.areas)})
+        yield Check(None, CheckCode.ROUTES_BEYOND_FENCE, {"distances": ", ".join(leaving)})
+    else:
+        yield Check(None, CheckCode.ROUTES_IN_FENCE, {"count": len(fence.areas)})
 
 
 def sensor_checks(scans: Sequence[Scan], problems: Iterable[str], waited_s: float) -> list[Check]:

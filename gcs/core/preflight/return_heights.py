@@ -237,6 +237,8 @@ def return_height_check(
     values: Mapping[str, float],
     rally_m: Sequence[float],
     ceiling_m: float,
+    obstacle_m: float = 0.0,
+    clearance_m: float = 0.0,
 ) -> Iterator[Check]:
     """Check the maximum return height of a vehicle; nothing if its parameters do not give it.
 
@@ -246,6 +248,8 @@ def return_height_check(
         Heights above home of the rally points: the vehicle's, and those of the mission file.
     ceiling_m : float
         Ceiling of the mission file, above home; 0 for none.
+    obstacle_m, clearance_m : float
+        Height above home of the highest obstacle whose height is known, and vertical clearance.
     """
     possible = profile.return_heights(values, rally_m)
     if not possible:
@@ -257,6 +261,12 @@ def return_height_check(
     ceilings_m = [limits.max_alt_rel_m] if limits.is_on and limits.max_alt_rel_m else []
     ceilings_m += [ceiling_m] if ceiling_m else []
     if not ceilings_m or height_m <= (highest_m := min(ceilings_m) - MARGIN_M):
+        lowest = min(possible, key=attrgetter("height_m"))
+        if obstacle_m and lowest.height_m < obstacle_m + clearance_m:
+            parameters |= {"height_m": lowest.height_m, "source": lowest.source}
+            parameters |= {"obstacle_m": obstacle_m, "min_height_m": obstacle_m + clearance_m}
+            yield Check(vehicle, CheckCode.RETURN_LOW, parameters)
+            return
         yield Check(vehicle, CheckCode.RETURN_HEIGHT, parameters)
         return
     parameters |= {"max_height_m": highest_m, "margin_m": MARGIN_M}
