@@ -9,12 +9,10 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-
-from gcs.core.airspace.obstacle_map import ObstacleMap, closed_area
+from gcs.core.airspace.obstacle_map import LowFlight, ObstacleMap, closed_area
 from gcs.core.airspace.records import AirspaceState
 from gcs.model import NoFlyZone
-from gcs.planning.map.grid import Grid, Point
+from gcs.planning.map.grid import Grid, Point, free_grid_like
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.map.zone_heights import LimitedArea, blocked_by
 
@@ -74,8 +72,7 @@ class NoFlyZones:
 
     def _closed(self, area: LimitedArea) -> ClosedZone:
         layers = self._open.layers
-        full = self._open.full
-        cells = blocked_by(replace(full, blocked=np.zeros(full.shape, dtype=np.bool_)), [area])
+        cells = blocked_by(free_grid_like(self._open.full), [area])
         floor_m, ceiling_m = area.limits.above_level_ground(layers.ground_msl_m)
         bounds_m = floor_m + layers.ground_msl_m, ceiling_m + layers.ground_msl_m
         return ClosedZone(cells, *bounds_m, layers.meet(area.limits))
@@ -106,12 +103,11 @@ class MapChange:
         """Cells that are newly blocked in the altitude layers."""
         return _newly_blocked(self.before.grid, self.after.grid)
 
-    def around(self, place: Point, distance_m: float) -> Grid:
-        """Return the newly blocked cells; within a distance of a place those of climbs and landings."""
-        if not (self.before.has_low or self.after.has_low):
+    def below_layers(self, flight: LowFlight) -> Grid:
+        """Return the cells that are newly blocked in the layers, and for a flight below them."""
+        if not (self.before.limited or self.after.limited):
             return self.layers
-        places = [(place, distance_m)]
-        return _newly_blocked(self.before.around(places), self.after.around(places))
+        return _newly_blocked(self.before.below_layers([flight]), self.after.below_layers([flight]))
 
 
 def _newly_blocked(before: Grid, after: Grid) -> Grid:

@@ -12,13 +12,34 @@ import numpy as np
 from gcs.config import Config
 from gcs.fence import drawn_areas
 from gcs.model import UNLIMITED, IntArray, LayerHeights, NoFlyZone, VerticalLimits
-from gcs.planning.map.grid import Grid, Point, Polygon, free_grid, random_obstacles
+from gcs.planning.map.grid import Grid, Point, Polygon, free_grid, free_grid_like, random_obstacles
 from gcs.planning.map.zone_heights import LimitedArea, blocked_by
 
 _PURPOSE = 0x6D6170
 """Separates the map's random numbers from others with the same seed."""
+_HALF_DIAGONAL = 0.7072
+"""In cells."""
 _KEEP_CLEAR_M = 120.0
 """Minimum distance of random obstacles from starts and birth components."""
+
+
+@dataclass(frozen=True, slots=True)
+class LowFlight:
+    """Flight below the altitude layers around a place: the farther from it, the higher."""
+
+    place: Point
+    distance_m: float
+    """Distance from the place up to which it may be on the ground."""
+    height_m: float
+    """Height above the ground at that distance."""
+    gradient: float
+    """Least rise beyond."""
+
+    def reach_m(self, height_m: float) -> float:
+        """Return the distance from the place up to which the flight may be lower than a height."""
+        if height_m <= self.height_m:
+            return self.distance_m
+        return self.distance_m + (height_m - self.height_m) / self.gradient
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,22 +66,32 @@ class ObstacleMap:
 
     @cached_property
     def near_ground(self) -> Grid:
-        """Map of climbs and landings: with the obstacles below the layers."""
-        return blocked_by(self.grid, (one for one in self.limited if self.layers.lie_above(one.limits)))
+        """Map of climbs: with the obstacles below the layers."""
+        return blocked_by(self.grid, self.low_areas)
 
-    @property
-    def has_low(self) -> bool:
-        """True if there are obstacles below the layers."""
-        return self.near_ground is not self.grid
+    @cached_property
+    def low_areas(self) -> list[LimitedArea]:
+        """Obstacles below the layers."""
+        return [one for one in self.limited if self.layers.lie_above(one.limits)]
 
-    def around(self, places: Iterable[tuple[Point, float]]) -> Grid:
-        """Return the map of the layers; within a distance in metres of each place that of climbs."""
+    def below_layers(self, flights: Iterable[LowFlight]) -> Grid:
+        """Return the map of the layers, with what flights below them come too near to."""
         grid = self.grid
-        if not self.has_low:
+        flights = list(flights)
+        low_areas = self.low_areas
+        if not (flights and low_areas):
             return grid
-        discs_m = [(*place, distance_m) for place, distance_m in places]
-        is_near = _free(grid).with_obstacles(discs_m).blocked
-        return replace(grid, blocked=grid.blocked | (self.near_ground.blocked & is_near))
+        blocked = grid.blocked.copy()
+        for area in low_areas:
+            _, ceiling_m = area.limits.above_level_ground(self.layers.ground_msl_m)
+            rows, cols = np.unravel_index(area.cells, grid.shape)
+            east_m = grid.origin_m[0] + grid.spacing_m * cols
+            north_m = grid.origin_m[1] + grid.spacing_m * rows
+            for flight in flights:
+                away_m = np.hypot(east_m - flight.place[0], north_m - flight.place[1])
+                reach_m = flight.reach_m(ceiling_m + self.layers.clearance_m)
+                blocked.flat[area.cells[away_m < reach_m + _HALF_DIAGONAL * grid.spacing_m]] = True
+        return replace(grid, blocked=blocked)
 
     def with_areas(self, areas: Iterable[LimitedArea]) -> ObstacleMap:
         """Return the map with more areas; those without limits are blocked at all heights."""
@@ -110,7 +141,9 @@ def closed_area(grid: Grid, zone: NoFlyZone) -> LimitedArea:
     """Return the cells of a map that an operator's no-fly zone overlaps."""
     discs_m = [] if zone.disc_m is None else [zone.disc_m]
     polygons_m = [[zone.polygon_m]] if zone.disc_m is None else []
-    return LimitedArea(_cells(_free(grid).with_obstacles(discs_m, polygons_m=polygons_m)), zone.limits)
+    return LimitedArea(
+        _cells(free_grid_like(grid).with_obstacles(discs_m, polygons_m=polygons_m)), zone.limits
+    )
 
 
 def _shapes(config: Config) -> dict[VerticalLimits, _Shapes]:
@@ -131,10 +164,6 @@ def _shapes(config: Config) -> dict[VerticalLimits, _Shapes]:
         if not fenced.stay_in:
             shapes[fenced.limits].polygons_m.append([fenced.outline_m(config.local_frame)])
     return shapes
-
-
-def _free(grid: Grid) -> Grid:
-    return free_grid(grid.shape, grid.spacing_m, grid.origin_m)
 
 
 def _cells(grid: Grid) -> IntArray:

@@ -19,6 +19,7 @@ from itertools import pairwise
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.airspace.obstacle_map import LowFlight
 from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.mission_inputs import mission_inputs
@@ -373,7 +374,7 @@ class Replanner:
         ahead_s = (inputs.t_ns - inputs.picture_t_ns) / NS_PER_S + self._ahead_s  # begin of the routes
         return replace(
             self._mission,
-            grid=self._zones.obstacles.around(self._low_places(agents, inputs)),
+            grid=self._zones.obstacles.below_layers(self._low_flights(agents, inputs)),
             agents=agents,
             targets={label: self.plan_targets.position(track, ahead_s) for label, track in targets.items()},
             preferred_layers={vehicle: self.layers.of(vehicle) for vehicle in agents},
@@ -383,16 +384,16 @@ class Replanner:
             pinned={v: label for v, label in pinned.items() if label is not None},
         )
 
-    def _low_places(self, vehicles: Iterable[int], inputs: PlanningInputs) -> Iterator[tuple[Point, float]]:
-        """Yield where vehicles in flight are below the layers, and how far they may fly there."""
+    def _low_flights(self, vehicles: Iterable[int], inputs: PlanningInputs) -> Iterator[LowFlight]:
+        """Yield the climbs of vehicles that are below the layers in flight."""
         layers = self._zones.obstacles.layers
         for vehicle in vehicles:
             state = self._agents[vehicle].perception.motion.state
             if state is None or vehicle in inputs.climbs or vehicle in inputs.grounded:
                 continue
-            low_m = layers.lowest_m + layers.ground_msl_m - state.alt_msl_m
-            if low_m > _LOW_M:
-                yield (state.east_m, state.north_m), low_m / _CLIMB_SLOPE
+            height_m = state.alt_msl_m - layers.ground_msl_m
+            if height_m < layers.lowest_m - _LOW_M:
+                yield LowFlight((state.east_m, state.north_m), 0.0, height_m, _CLIMB_SLOPE)
 
     def _start(self, vehicle: int, inputs: PlanningInputs) -> AgentState:
         """Return where and how an agent begins a route that is planned now."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gcs.model import FloatArray, IntArray, VerticalLimits
-from gcs.planning.map.grid import Grid, free_grid
+from gcs.planning.map.grid import Grid, free_grid_like
 from gcs.terrain.elevation import Elevation
 
 
@@ -67,7 +67,7 @@ def limit_band(
     floor_m, ceiling_m = (surface.copy() for surface in band_msl_m)
     lowest_m, highest_m = _ground(grid, elevation)
     beside_m, above_m = clearances_m
-    free = free_grid(grid.shape, grid.spacing_m, grid.origin_m)
+    free = free_grid_like(grid)
     for area in areas:
         near = blocked_by(free, [area]).inflate(beside_m).blocked
         low_m, high_m = area.limits.bounds_m
