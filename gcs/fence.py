@@ -4,6 +4,9 @@ A fence is at most one inclusion area, any number of exclusion areas, and a ceil
 several inclusion areas (ArduPilot: inside all, PX4: inside any), so only one is allowed. The zones of the
 map's GeoJSON belong to the fence unless `fence.from_map` is false.
 
+Autopilots hold an area at all heights. So an exclusion area that all altitude layers pass above or below is
+not sent to them; one that is met in a layer is, and is kept out of at all heights.
+
 Positions are in degrees, as vehicles store them; `Fence.beyond` takes metres of the local frame.
 """
 
@@ -21,7 +24,7 @@ from gcs.area_corners import corner_error
 from gcs.config import Config
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
-from gcs.model import FloatArray
+from gcs.model import UNLIMITED, FloatArray, VerticalLimits
 
 Place: TypeAlias = tuple[float, float]
 """Latitude and longitude in degrees."""
@@ -39,6 +42,7 @@ class Area:
     corners_deg: tuple[Place, ...] = ()
     centre_deg: Place = (0.0, 0.0)
     radius_m: float = 0.0
+    limits: VerticalLimits = UNLIMITED
 
     def outline_m(self, frame: LocalFrame) -> list[tuple[float, float]]:
         """Return the vertices in east/north; a circle as a polygon around it (inclusion: inside it)."""
@@ -65,8 +69,11 @@ class Fence:
     """A mission's fence."""
 
     areas: tuple[Area, ...] = ()
+    """Areas that vehicles hold, at all heights."""
     max_alt_rel_m: float = 0.0
     """Ceiling above home; 0 for none."""
+    passed: tuple[Area, ...] = ()
+    """Areas that all layers pass above or below. They are not sent: vehicles hold areas at all heights."""
 
     def beyond(self, points_m: Sequence[Sequence[float]] | FloatArray, frame: LocalFrame) -> float:
         """Return the length in metres that a path (n, 2) has outside; 1 for a single point."""
@@ -95,7 +102,7 @@ def fence_of(config: Config, source: str = "") -> Fence:
     ConfigError
         An area is invalid, there are several inclusion areas, or a rally point is outside.
     """
-    areas = areas_of(config, source)
+    areas = held_areas(config, source)
     if sum(area.stay_in for area in areas) > 1:
         raise ConfigError(
             source,
@@ -103,9 +110,25 @@ def fence_of(config: Config, source: str = "") -> Fence:
             "there are several areas to stay in (the map's boundary is one): ArduPilot wants a vehicle in "
             "all of them, PX4 in any of them, so draw a single one",
         )
-    fence = Fence(tuple(areas), config.fence.max_alt_rel_m)
+    passed = tuple(area for area in areas_of(config, source) if not _is_held(area, config))
+    fence = Fence(tuple(areas), config.max_alt_rel_m, passed)
     _check(fence, config, source)
     return fence
+
+
+def held_areas(config: Config, source: str = "") -> list[Area]:
+    """Return the areas of a mission's fence that vehicles hold: without those above or below all layers.
+
+    Raises
+    ------
+    ConfigError
+        As `drawn_areas`.
+    """
+    return [area for area in areas_of(config, source) if _is_held(area, config)]
+
+
+def _is_held(area: Area, config: Config) -> bool:
+    return area.limits.are_open or config.layer_heights.meet(area.limits)
 
 
 def areas_of(config: Config, source: str = "") -> list[Area]:
@@ -136,18 +159,30 @@ def drawn_areas(config: Config, source: str = "") -> list[Area]:
             raise ConfigError(source, key, "expected either corners_deg or circle")
         stay_in = row.kind == "inclusion"
         if circle is not None:
-            areas.append(Area(stay_in, (), circle[:2], circle[2]))
+            areas.append(Area(stay_in, (), circle[:2], circle[2], row.limits))
         else:
             corners = _open(polygon)
             if error := corner_error(set(corners)):
                 raise ConfigError(source, f"{key}.corners_deg", error)
-            areas.append(Area(stay_in, corners))
+            areas.append(Area(stay_in, corners, limits=row.limits))
     return areas
 
 
 def rally_of(config: Config) -> tuple[Rally, ...]:
-    """Return the rally points of a mission file."""
-    return tuple(Rally(row.lat_deg, row.lon_deg, row.alt_rel_m) for row in config.rally)
+    """Return the rally points of a mission file.
+
+    Heights above sea level count from the height of the frame's origin, where home is.
+    """
+    return tuple(
+        Rally(
+            row.lat_deg,
+            row.lon_deg,
+            round((row.alt_msl_m or 0.0) - config.frame.alt_msl_m)
+            if row.alt_rel_m is None
+            else row.alt_rel_m,
+        )
+        for row in config.rally
+    )
 
 
 def _check(fence: Fence, config: Config, source: str) -> None:
@@ -155,8 +190,8 @@ def _check(fence: Fence, config: Config, source: str) -> None:
     if fence.max_alt_rel_m and fence.max_alt_rel_m <= config.mission.highest_rel_m:
         raise ConfigError(
             source,
-            "fence.max_alt_rel_m",
-            f"expected more than the highest altitude layer, {config.mission.highest_rel_m:g} m",
+            "fence.max_alt_rel_m" if config.fence.max_alt_msl_m is None else "fence.max_alt_msl_m",
+            f"expected more than the highest altitude layer, {config.mission.highest_rel_m:g} m above home",
         )
     for index, row in enumerate(config.rally):
         if fence.beyond([frame.to_local(row.lat_deg, row.lon_deg)], frame):
@@ -172,8 +207,12 @@ def _from_map(config: Config) -> list[Area]:
         outline, *holes = polygon
         areas.append(Area(True, _degrees(outline, frame)))
         areas += [Area(False, _degrees(hole, frame)) for hole in holes]
-    areas += [Area(False, _degrees(polygon[0], frame)) for polygon in near.polygons]
-    areas += [Area(False, (), frame.to_geodetic(*centre), radius) for centre, radius in near.circles]
+    polygons = [zone for zone in near.no_fly if zone.circle is None]
+    areas += [Area(False, _degrees(one.polygon[0], frame), limits=one.limits) for one in polygons]
+    for zone in near.no_fly:
+        if zone.circle is not None:
+            centre_m, radius_m = zone.circle
+            areas.append(Area(False, (), frame.to_geodetic(*centre_m), radius_m, zone.limits))
     return areas
 
 

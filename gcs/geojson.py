@@ -6,7 +6,9 @@ Read are features, collections of them, or bare geometries of type
 - `Point` with a property `radius`: a circle with that radius in metres.
 
 The property `kind` is `"no-fly-zone"` (default) or `"boundary"`, the inclusion area of the mission. There may
-be one boundary, and it is not a circle. Other properties are ignored. Edges are straight in the local frame.
+be one boundary, and it is not a circle. No-fly zones may have vertical limits: `height_m`, from the ground up
+to that height above it, or `floor_m` and `ceiling_m` above their `reference` ("home", "msl" or "ground").
+Other properties are ignored. Edges are straight in the local frame.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import msgspec
@@ -22,6 +24,7 @@ import msgspec
 from gcs.area_corners import corner_error
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
+from gcs.model import UNLIMITED, VerticalLimits, vertical_limits
 
 Position: TypeAlias = tuple[float, float]
 """Longitude and latitude in degrees, or east and north in metres."""
@@ -33,44 +36,59 @@ _NEAR_DEG = 5.0
 
 
 @dataclass(frozen=True, slots=True)
+class Zone:
+    """A no-fly zone: a polygon or a circle, in degrees as read, or in metres of a local frame."""
+
+    polygon: Polygon = ()
+    circle: tuple[Position, float] | None = None
+    """Centre, and radius in metres."""
+    limits: VerticalLimits = UNLIMITED
+
+    @property
+    def outline(self) -> tuple[Position, ...]:
+        """Outline of the polygon, or the centre of the circle."""
+        return (self.circle[0],) if self.circle is not None else self.polygon[0]
+
+    def to_local(self, frame: LocalFrame) -> Zone:
+        """Return the zone in metres."""
+        if self.circle is None:
+            return replace(self, polygon=_local(self.polygon, frame))
+        (lon, lat), radius_m = self.circle
+        return replace(self, circle=(frame.to_local(lat, lon), radius_m))
+
+
+@dataclass(frozen=True, slots=True)
 class Zones:
     """Zones of a file, in degrees as read, or in metres of a local frame.
 
     Attributes
     ----------
-    polygons : tuple
-        No-fly polygons.
-    circles : tuple
-        No-fly circles: centre, radius in metres.
+    no_fly : tuple of Zone
     boundary : tuple
         Polygons of the mission's boundary; empty if there is none.
     """
 
-    polygons: tuple[Polygon, ...] = ()
-    circles: tuple[tuple[Position, float], ...] = ()
+    no_fly: tuple[Zone, ...] = ()
     boundary: tuple[Polygon, ...] = ()
 
     def to_local(self, frame: LocalFrame) -> Zones:
         """Return the zones in metres of a local frame, without those of other places."""
-
-        def near(ring: tuple[Position, ...]) -> bool:
-            return any(
-                abs(lat - frame.lat_deg) < _NEAR_DEG
-                and abs((lon - frame.lon_deg + 180.0) % 360.0 - 180.0) < _NEAR_DEG
-                for lon, lat in ring
-            )
-
-        def local(polygons: tuple[Polygon, ...]) -> tuple[Polygon, ...]:
-            return tuple(
-                tuple(tuple(frame.to_local(lat, lon) for lon, lat in ring) for ring in polygon)
-                for polygon in polygons
-                if near(polygon[0])
-            )
-
-        circles = tuple(
-            (frame.to_local(lat, lon), radius) for (lon, lat), radius in self.circles if near(((lon, lat),))
+        return Zones(
+            tuple(zone.to_local(frame) for zone in self.no_fly if _is_near(zone.outline, frame)),
+            tuple(_local(polygon, frame) for polygon in self.boundary if _is_near(polygon[0], frame)),
         )
-        return Zones(local(self.polygons), circles, local(self.boundary))
+
+
+def _local(polygon: Polygon, frame: LocalFrame) -> Polygon:
+    return tuple(tuple(frame.to_local(lat, lon) for lon, lat in ring) for ring in polygon)
+
+
+def _is_near(ring: tuple[Position, ...], frame: LocalFrame) -> bool:
+    return any(
+        abs(lat - frame.lat_deg) < _NEAR_DEG
+        and abs((lon - frame.lon_deg + 180.0) % 360.0 - 180.0) < _NEAR_DEG
+        for lon, lat in ring
+    )
 
 
 def read_zones(text: str, source: str) -> Zones:
@@ -87,8 +105,7 @@ def read_zones(text: str, source: str) -> Zones:
         raise ConfigError(source, "", f"not valid JSON: {error}") from None
     except RecursionError:
         raise ConfigError(source, "", "expected GeoJSON; this is nested too deeply") from None
-    polygons: list[Polygon] = []
-    circles: list[tuple[Position, float]] = []
+    zones: list[Zone] = []
     boundaries: list[tuple[Polygon, ...]] = []
     for key, geometry, properties in _geometries(found, source):
         kind = properties.get("kind", "no-fly-zone")
@@ -99,13 +116,14 @@ def read_zones(text: str, source: str) -> Zones:
         shape = geometry.get("type")
         where = f"{key}.geometry" if key else ""
         corners = geometry.get("coordinates")
+        limits = _limits(properties, kind, source, f"{key}.properties")
         if shape == "Point" and kind == "no-fly-zone":
             radius = properties.get("radius")
             if not isinstance(radius, int | float) or not 0.0 < radius < 1e6:
                 raise ConfigError(
                     source, f"{key}.properties.radius", "a Point needs its radius in metres, above 0"
                 )
-            circles.append((_position(corners, source, where), float(radius)))
+            zones.append(Zone(circle=(_position(corners, source, where), float(radius)), limits=limits))
         elif shape in ("Polygon", "MultiPolygon"):
             many = corners if shape == "MultiPolygon" else [corners]
             if not isinstance(many, list):
@@ -114,7 +132,7 @@ def read_zones(text: str, source: str) -> Zones:
             if kind == "boundary":
                 boundaries.append(read)
             else:
-                polygons += read
+                zones += [Zone(polygon, limits=limits) for polygon in read]
         else:
             allowed = "Polygon or MultiPolygon" + (" or Point" if kind == "no-fly-zone" else "")
             raise ConfigError(source, where, f"a {kind} is a {allowed}, not {shape!r}")
@@ -122,7 +140,21 @@ def read_zones(text: str, source: str) -> Zones:
             raise ConfigError(
                 source, key, "this is the second boundary: there may be one (a MultiPolygon if need be)"
             )
-    return Zones(tuple(polygons), tuple(circles), boundaries[0] if boundaries else ())
+    return Zones(tuple(zones), boundaries[0] if boundaries else ())
+
+
+def _limits(properties: dict[str, Any], kind: str, source: str, key: str) -> VerticalLimits:
+    """Return the vertical limits of a feature; a `reference` without heights is another property."""
+    height_m, floor_m, ceiling_m = (properties.get(name) for name in ("height_m", "floor_m", "ceiling_m"))
+    is_limited = floor_m is not None or ceiling_m is not None
+    reference = properties.get("reference") if is_limited else None
+    try:
+        limits = vertical_limits(height_m, floor_m, ceiling_m, reference)
+    except ValueError as error:
+        raise ConfigError(source, key, str(error)) from None
+    if kind == "boundary" and not limits.are_open:
+        raise ConfigError(source, key, "a boundary has no heights: set fence.max_alt_rel_m or max_alt_msl_m")
+    return limits
 
 
 def _geometries(found: Any, source: str) -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:

@@ -109,3 +109,85 @@ def test_zones_of_the_map_are_the_fence_by_default(tmp_path):
 def test_rally_points_are_read():
     (point,) = rally_of(fenced("[[rally]]\nlat_deg = 33.205\nlon_deg = -87.59\nalt_rel_m = 90\n"))
     assert (point.lat_deg, point.lon_deg, point.alt_rel_m) == (33.205, -87.59, 90)
+
+
+def test_a_height_above_sea_level_counts_from_the_origin_of_the_frame():
+    config = fenced(
+        "[fence]\nmax_alt_msl_m = 270.0\n[[rally]]\nlat_deg = 33.205\nlon_deg = -87.59\nalt_msl_m = 165.4\n"
+    )
+    assert fence_of(config).max_alt_rel_m == 200.0
+    assert [point.alt_rel_m for point in rally_of(config)] == [95]
+
+
+CIRCLE = '[[fence.areas]]\nkind = "exclusion"\ncircle = [33.209, -87.59, 100.0]\n'
+RALLY = "[[rally]]\nlat_deg = 33.205\nlon_deg = -87.59\n"
+
+
+@pytest.mark.parametrize(
+    ("limits", "is_held"),
+    [
+        ("", True),
+        ("height_m = 60.0", False),
+        ("height_m = 90.0", True),
+        ('floor_m = 260.0\nreference = "msl"', True),
+        ('floor_m = 400.0\nreference = "msl"', False),
+    ],
+)
+def test_an_area_that_all_layers_pass_above_or_below_is_not_sent_and_not_forgotten(limits, is_held):
+    """Autopilots hold an area at all heights: the mission would breach it."""
+    config = fenced(CIRCLE + limits)
+    fence = fence_of(config)
+    assert (len(fence.areas), len(fence.passed)) == ((1, 0) if is_held else (0, 1))
+    grid = mission_grid(config, 1)
+    assert bool(grid.blocked.any()) is is_held
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "said"),
+    [
+        (
+            "[fence]\nmax_alt_rel_m = 200.0\nmax_alt_msl_m = 270.0\n",
+            "fence",
+            "either max_alt_rel_m or max_alt_msl_m",
+        ),
+        (
+            "[fence]\nmax_alt_msl_m = 60.0\n",
+            "fence.max_alt_msl_m",
+            "expected more than frame.alt_msl_m, 70 m",
+        ),
+        ("[fence]\nmax_alt_msl_m = nan\n", "fence.max_alt_msl_m", "expected"),
+        (RALLY, "rally[0]", "either alt_rel_m or alt_msl_m"),
+        (RALLY + "alt_rel_m = 90\nalt_msl_m = 160.0\n", "rally[0]", "either alt_rel_m or alt_msl_m"),
+        (RALLY + "alt_msl_m = 75.0\n", "rally[0].alt_msl_m", "at least 10 m above frame.alt_msl_m, 70 m"),
+        (CIRCLE + "ceiling_m = 60.0\n", "fence.areas[0].reference", "is missing"),
+        (
+            CIRCLE + 'ceiling_m = nan\nreference = "msl"\n',
+            "fence.areas[0].ceiling_m",
+            "expected metres, not nan",
+        ),
+        (CIRCLE + 'ceiling_m = 60.0\nreference = "agl"\n', "fence.areas[0].reference", "expected one of"),
+        (INCLUSION + "height_m = 60.0\n", "fence.areas[0]", "an area to stay in has no heights"),
+        ("[[map.obstacles]]\nheight_m = 60.0\n", "map.obstacles[0]", "one of disc_m, box_m and polygon_m"),
+        (
+            "[[map.obstacles]]\ndisc_m = [1.0, 1.0, 1.0]\nbox_m = [1.0, 1.0, 2.0, 2.0]\n",
+            "map.obstacles[0]",
+            "one of disc_m, box_m and polygon_m",
+        ),
+        (
+            "[[map.obstacles]]\npolygon_m = [[1.0, 1.0], [1.0, 1.0], [2.0, 2.0]]\n",
+            "map.obstacles[0].polygon_m",
+            "three different corners",
+        ),
+        (
+            "[[map.obstacles]]\ndisc_m = [1.0, 1.0, 1.0]\nheight_m = -3.0\n",
+            "map.obstacles[0].height_m",
+            "above the ground, above 0, not -3",
+        ),
+        ("[planning]\nvertical_clearance_m = -1.0\n", "planning.vertical_clearance_m", "expected"),
+    ],
+)
+def test_heights_of_a_mission_file_that_make_no_sense_are_named(text, key, said):
+    with pytest.raises(ConfigError) as caught:
+        fence_of(fenced(text), "field.toml")
+    assert caught.value.key == key
+    assert said in str(caught.value)

@@ -12,6 +12,7 @@ from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
 from gcs.geojson import read_zones
+from gcs.model import UNLIMITED, VerticalLimits
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 MISSION = """
@@ -89,7 +90,7 @@ def test_what_is_recorded_of_a_mission_holds_its_zones(tmp_path):
     text, source = read_text(write(tmp_path))
     (tmp_path / "zones.geojson").unlink()
     config = parse(text, source)
-    assert len(config.zones.polygons) == 3
+    assert len(config.zones.no_fly) == 4
     assert "# next to it" in text
     with pytest.raises(ConfigError, match=r"map.geojson: no such file: .*zones.geojson"):
         read_text(source)
@@ -109,6 +110,14 @@ def test_what_is_recorded_of_a_mission_holds_its_zones(tmp_path):
         (collection(feature("Polygon", [square(0, 0, 9)], kind="no-fly")), 'expected "no-fly-zone" or'),
         (collection(*[feature("Polygon", [square(0, 0, 9)], kind="boundary")] * 2), "second boundary"),
         (collection(feature("Polygon", [[[33.2, -87.6], [33.2, -87.5], [33.3, -87.6]]])), "far from the"),
+        (
+            collection(feature("Polygon", [square(0, 0, 9)], floor_m=90, ceiling_m=60, reference="msl")),
+            r"features\[0\].properties: ceiling_m: 60 m is not above floor_m, 90 m",
+        ),
+        (collection(feature("Polygon", [square(0, 0, 9)], ceiling_m=60)), "reference: is missing"),
+        (collection(feature("Polygon", [square(0, 0, 9)], ceiling_m=60, reference="AGL")), "not 'AGL'"),
+        (collection(feature("Point", square(0, 0, 9)[0], radius=9, height_m="6 ft")), "expected metres"),
+        (collection(feature("Polygon", [square(0, 0, 9)], kind="boundary", height_m=9)), "has no heights"),
     ],
 )  # fmt: skip
 def test_a_broken_file_is_refused_with_its_defect(tmp_path, zones, said):
@@ -126,4 +135,28 @@ def test_zones_of_other_places_on_earth_are_left_out():
     zones = collection(
         feature("Point", [92.4, -33.2], radius=1e5), feature("Point", [-87.6, 33.2], radius=10)
     )
-    assert len(read_zones(zones, "f").to_local(FRAME).circles) == 1
+    assert len(read_zones(zones, "f").to_local(FRAME).no_fly) == 1
+
+
+def test_zones_have_the_heights_of_their_properties(tmp_path):
+    zones = collection(
+        feature("Polygon", [square(400, 400, 100)], height_m=35),
+        feature(
+            "MultiPolygon",
+            [[square(0, 0, 9)], [square(90, 0, 9)]],
+            floor_m=400,
+            ceiling_m=None,
+            reference="msl",
+        ),
+        feature("Point", square(800, 800, 9)[0], radius=60, ceiling_m=150, reference="home"),
+        feature("Polygon", [square(1200, 400, 100)], height_m=None, reference="of the survey"),
+    )
+    config = load(write(tmp_path, zones))
+    above = VerticalLimits(400.0, None, "msl")
+    assert [zone.limits for zone in config.zones.no_fly] == [
+        VerticalLimits(None, 35.0), above, above, VerticalLimits(None, 150.0, "home"), UNLIMITED,
+    ]  # fmt: skip
+    grid = mission_grid(config, 1)
+    assert [bool(grid.blocked[grid.node_of(place)]) for place in ((440, 440), (800, 800), (1240, 440))] == [
+        False, True, True,
+    ]  # fmt: skip

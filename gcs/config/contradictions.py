@@ -8,7 +8,15 @@ import numpy as np
 
 from gcs.area_corners import corner_error
 from gcs.config.mission_file import Config
-from gcs.config.schema import AgentTable, BirthTable, LinksTable, TerrainTable, link_of
+from gcs.config.schema import (
+    MIN_RALLY_M,
+    AgentTable,
+    BirthTable,
+    LimitsTable,
+    LinksTable,
+    TerrainTable,
+    link_of,
+)
 from gcs.endpoints import Link, is_loopback
 from gcs.errors import ConfigError, LinkError
 from gcs.geojson import read_zones
@@ -54,6 +62,7 @@ def _contradictions(config: Config, source: str) -> Iterator[ConfigError]:
     for index, corners in enumerate(area.polygons_m):
         if error := corner_error({tuple(corner) for corner in corners}):
             yield ConfigError(source, f"map.polygons_m[{index}]", error)
+    yield from _heights(config, source)
     lists: list[tuple[str, Sequence[AgentTable | BirthTable]]] = [
         ("agents", config.agents),
         ("births", config.births),
@@ -84,6 +93,53 @@ def _contradictions(config: Config, source: str) -> Iterator[ConfigError]:
         )
 
 
+def _heights(config: Config, source: str) -> Iterator[ConfigError]:
+    """Check the vertical limits of areas, and that each altitude has one reference."""
+    for index, obstacle in enumerate(config.map.obstacles):
+        key = f"map.obstacles[{index}]"
+        shapes = [obstacle.disc_m, obstacle.box_m, obstacle.polygon_m]
+        if sum(shape is not None for shape in shapes) != 1:
+            yield ConfigError(source, key, "expected one of disc_m, box_m and polygon_m")
+        if obstacle.polygon_m and (error := corner_error({tuple(corner) for corner in obstacle.polygon_m})):
+            yield ConfigError(source, f"{key}.polygon_m", error)
+        yield from _limits(obstacle, source, key)
+    for index, area in enumerate(config.fence.areas):
+        yield from _limits(area, source, f"fence.areas[{index}]")
+        heights = (area.height_m, area.floor_m, area.ceiling_m)
+        if area.kind == "inclusion" and any(height is not None for height in heights):
+            yield ConfigError(
+                source,
+                f"fence.areas[{index}]",
+                "an area to stay in has no heights: set fence.max_alt_rel_m or fence.max_alt_msl_m",
+            )
+    if config.fence.max_alt_msl_m is not None:
+        if config.fence.max_alt_rel_m:
+            yield ConfigError(source, "fence", "expected either max_alt_rel_m or max_alt_msl_m")
+        elif config.max_alt_rel_m <= 0.0:
+            yield ConfigError(
+                source,
+                "fence.max_alt_msl_m",
+                f"expected more than frame.alt_msl_m, {config.frame.alt_msl_m:g} m",
+            )
+    for index, point in enumerate(config.rally):
+        if (point.alt_rel_m is None) == (point.alt_msl_m is None):
+            yield ConfigError(source, f"rally[{index}]", "expected either alt_rel_m or alt_msl_m")
+        elif point.alt_msl_m is not None and point.alt_msl_m - config.frame.alt_msl_m < MIN_RALLY_M:
+            yield ConfigError(
+                source,
+                f"rally[{index}].alt_msl_m",
+                f"expected at least {MIN_RALLY_M:g} m above frame.alt_msl_m, {config.frame.alt_msl_m:g} m",
+            )
+
+
+def _limits(table: LimitsTable, source: str, key: str) -> Iterator[ConfigError]:
+    try:
+        table.limits  # noqa: B018  raises
+    except ValueError as error:
+        name, _, problem = str(error).partition(": ")
+        yield ConfigError(source, f"{key}.{name}", problem)
+
+
 def _zones(config: Config, source: str) -> Iterator[ConfigError]:
     if not config.map.geojson.lstrip().startswith("{"):
         yield ConfigError(
@@ -96,7 +152,7 @@ def _zones(config: Config, source: str) -> Iterator[ConfigError]:
     near = config.zones
     for what, some, here in (
         ("the boundary", given.boundary, near.boundary),
-        ("every no-fly zone", given.polygons + given.circles, near.polygons + near.circles),
+        ("every no-fly zone", given.no_fly, near.no_fly),
     ):
         if some and not here:
             yield ConfigError(

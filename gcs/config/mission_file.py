@@ -29,6 +29,7 @@ from gcs.config.validation import Table
 from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.geojson import Zones, read_zones
+from gcs.model import LayerHeights, VerticalLimits
 from gcs.terrain.elevation import Elevation
 from gcs.terrain.elevation_model import ElevationModel, decode_model
 
@@ -107,6 +108,29 @@ class Config(Table, frozen=True, kw_only=True):
         """Return the altitude above home at the end of the climb, for an altitude layer."""
         mission = self.mission
         return self.takeoff.altitude_rel_m or mission.altitude_rel_m + layer * mission.layer_step_m
+
+    @property
+    def layer_heights(self) -> LayerHeights:
+        """Heights at which routes are flown over level ground, from the end of the climb on."""
+        mission = self.mission
+        lowest_m = min(mission.altitude_rel_m, self.takeoff.altitude_rel_m or mission.altitude_rel_m)
+        clearance_m = self.planning.vertical_clearance_m
+        return LayerHeights(lowest_m, mission.highest_rel_m, self.frame.alt_msl_m, clearance_m)
+
+    @property
+    def area_limits(self) -> list[VerticalLimits]:
+        """Vertical limits of all obstacles, no-fly zones and fence areas that have some."""
+        limits = [table.limits for table in (*self.map.obstacles, *self.fence.areas)]
+        limits += [zone.limits for zone in self.zones.no_fly]
+        return [one for one in limits if not one.are_open]
+
+    @property
+    def max_alt_rel_m(self) -> float:
+        """Ceiling of the fence above home, with home at the height of the frame's origin; 0 for none."""
+        fence = self.fence
+        return (
+            fence.max_alt_rel_m if fence.max_alt_msl_m is None else fence.max_alt_msl_m - self.frame.alt_msl_m
+        )
 
     @property
     def agents_per_target(self) -> int:

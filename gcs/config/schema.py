@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from gcs.config.validation import Table
 from gcs.endpoints import Link, parse_endpoint
-from gcs.model import vehicle_id
+from gcs.model import LimitReference, VerticalLimits, vehicle_id, vertical_limits
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
@@ -22,7 +22,10 @@ Point3 = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Box = Annotated[list[float], Meta(min_length=4, max_length=4)]
 AcceptRadius = Annotated[float, Meta(gt=0.0, le=255.0)]
 LoiterRadius = Annotated[float, Meta(ge=0.0, le=255.0)]
+AltitudeMsl = Annotated[float, Meta(ge=-500.0, le=30_000.0)]
 ClimbAngle = Annotated[float, Meta(ge=2.0, le=60.0)]
+MIN_RALLY_M = 10
+"""Least height of a rally point above home."""
 NODE_NAME = r"^[A-Za-z0-9_-]{1,48}$"
 """With its role a name fits into the 64 characters of a certificate's common name."""
 ZenohEndpoint = Annotated[str, Meta(pattern=r"^(tcp|udp|tls)/[^/]+:\d{1,5}$")]
@@ -40,6 +43,34 @@ class FrameTable(Table, frozen=True, kw_only=True):
     alt_msl_m: Annotated[float, Meta(ge=-500.0, le=9000.0)]
 
 
+class LimitsTable(Table, frozen=True, kw_only=True):
+    """Vertical limits of an area; without them it reaches from the ground to the sky."""
+
+    height_m: float | None = None
+    floor_m: float | None = None
+    ceiling_m: float | None = None
+    reference: LimitReference | None = None
+
+    @property
+    def limits(self) -> VerticalLimits:
+        """Limits that the keys give.
+
+        Raises
+        ------
+        ValueError
+            As `gcs.model.vertical_limits`; a mission file is checked for it when it is read.
+        """
+        return vertical_limits(self.height_m, self.floor_m, self.ceiling_m, self.reference)
+
+
+class ObstacleTable(LimitsTable, frozen=True, kw_only=True):
+    """Obstacle with vertical limits: a disc, a box or a polygon."""
+
+    disc_m: Point3 | None = None
+    box_m: Box | None = None
+    polygon_m: Annotated[list[Point2], Meta(min_length=3)] | None = None
+
+
 class MapTable(Table, frozen=True, kw_only=True):
     """Mission area and its search grid; node (0, 0) lies at the frame's origin."""
 
@@ -50,6 +81,7 @@ class MapTable(Table, frozen=True, kw_only=True):
     discs_m: list[Point3] = []
     boxes_m: list[Box] = []
     polygons_m: list[Annotated[list[Point2], Meta(min_length=3)]] = []
+    obstacles: list[ObstacleTable] = []
     geojson: str = ""
     random_threshold: Annotated[float, Meta(ge=0.0, le=0.6)] = 0.0
 
@@ -139,6 +171,7 @@ class PlanningTable(Table, frozen=True, kw_only=True):
     target_moved_m: Positive = 50.0
     capture_radius_m: Positive = 40.0
     clearance_m: NotNegative = 0.0
+    vertical_clearance_m: NotNegative = 20.0
     shape: Literal["grid", "pulled", "flyable"] = "grid"
     switch_gain_m: NotNegative = 0.0
     retask: Literal["auto", "confirm"] = "auto"
@@ -175,7 +208,7 @@ class TakeoffTable(Table, frozen=True, kw_only=True):
     climb_deg: ClimbAngle = 20.0
 
 
-class FenceAreaTable(Table, frozen=True, kw_only=True):
+class FenceAreaTable(LimitsTable, frozen=True, kw_only=True):
     """Area of the fence: a polygon or a circle."""
 
     kind: Literal["inclusion", "exclusion"]
@@ -188,6 +221,7 @@ class FenceTable(Table, frozen=True, kw_only=True):
 
     from_map: bool = True
     max_alt_rel_m: NotNegative = 0.0
+    max_alt_msl_m: AltitudeMsl | None = None
     areas: list[FenceAreaTable] = []
 
 
@@ -196,7 +230,8 @@ class RallyTable(Table, frozen=True, kw_only=True):
 
     lat_deg: Latitude
     lon_deg: Longitude
-    alt_rel_m: Annotated[int, Meta(ge=10, le=30_000)]
+    alt_rel_m: Annotated[int, Meta(ge=MIN_RALLY_M, le=30_000)] | None = None
+    alt_msl_m: AltitudeMsl | None = None
 
 
 class RecordingTable(Table, frozen=True, kw_only=True):

@@ -149,6 +149,8 @@ export interface ObstacleMap {
   shape: [number, number];
   /** One bit for each cell, row by row from the south, in base64. */
   blocked: string;
+  /** The same for cells that are blocked below the altitude layers only; empty if there are none. */
+  below: string;
 }
 
 /** Tracks of one kind: columns of one value for each. */
@@ -355,6 +357,8 @@ export interface Route {
   layer: number;
   /** Centre of the loiter circle that follows, east/north; null: the last point. */
   wait_m: [number, number] | null;
+  /** (k,) height above mean sea level of each of `flown_m`; null: that of the layer, above home. */
+  heights_msl_m: Point[] | null;
 }
 
 /** Figures of a proposed route, flown from the current position of its vehicle. */
@@ -381,7 +385,20 @@ export interface NoFlyZone {
   disc_m: [number, number, number] | null;
   /** East and north of at least three corners, in order. */
   polygon_m: [number, number][];
+  limits: VerticalLimits;
 }
+
+/** Floor and ceiling of an area; without both it reaches from the ground to the sky. */
+export interface VerticalLimits {
+  /** Null: down to the ground. */
+  floor_m: number | null;
+  /** Null: up to the sky. */
+  ceiling_m: number | null;
+  reference: LimitReference;
+}
+
+/** What the limits are above: home, mean sea level, or the ground below. */
+export type LimitReference = "home" | "msl" | "ground";
 
 /** Reply to a command: first whether it is accepted, then the result for each vehicle. */
 export interface OrderAnswer {

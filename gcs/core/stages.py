@@ -14,7 +14,7 @@ from gcs.config import Config
 from gcs.core.airspace.incursion_warning import IncursionWarnings
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.airspace.obstacle_map import mission_map
 from gcs.core.airspace.terrain_service import TerrainService
 from gcs.core.authority.disarmed_in_auto import DisarmedInAuto
 from gcs.core.authority.external_uploads import ExternalUploads
@@ -90,8 +90,7 @@ class Stages:
         self.expected_targets = len(config.births)
         self.reorder_window_s = tracking.reorder_window_s
         self._max_report_age_ns = int(telemetry.max_age_s * NS_PER_S)
-        grid = mission_grid(config, seed)
-        self.no_fly_zones = NoFlyZones(self.state.airspace, grid)
+        self.no_fly_zones = NoFlyZones(self.state.airspace, mission_map(config, seed))
         self.fleet = Fleet(
             vehicles,
             config.local_frame,

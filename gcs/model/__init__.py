@@ -41,6 +41,14 @@ from gcs.model.events import (
     Tick,
 )
 from gcs.model.flight import PHASE_TRANSITIONS, FlightEvent, FlightPhase, FlightPhaseWord, HealthItem
+from gcs.model.heights import (
+    UNLIMITED,
+    LayerHeights,
+    LimitReference,
+    VerticalLimits,
+    limits_text,
+    vertical_limits,
+)
 from gcs.model.names import (
     named,
     network_of,
@@ -76,6 +84,7 @@ __all__ = [
     "APPROACH_M",
     "NS_PER_S",
     "PHASE_TRANSITIONS",
+    "UNLIMITED",
     "Action",
     "AgentRecord",
     "AgentStatus",
@@ -107,7 +116,9 @@ __all__ = [
     "Kind",
     "Label",
     "LandingWait",
+    "LayerHeights",
     "Level",
+    "LimitReference",
     "LinkNews",
     "Mission",
     "MissionEnded",
@@ -143,9 +154,11 @@ __all__ = [
     "UInt32Array",
     "UploadReport",
     "VehicleState",
+    "VerticalLimits",
     "Waypoint",
     "array_of_parts",
     "array_parts",
+    "limits_text",
     "named",
     "network_of",
     "read_only",
@@ -157,4 +170,5 @@ __all__ = [
     "vehicle_id",
     "vehicle_name",
     "vehicle_of",
+    "vertical_limits",
 ]

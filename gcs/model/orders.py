@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from gcs.model.basics import NS_PER_S, Label
+from gcs.model.heights import UNLIMITED, VerticalLimits
 from gcs.model.plans import Route
 from gcs.safe_text import printable
 
@@ -42,6 +43,7 @@ class NoFlyZone:
     """East, north, radius."""
     polygon_m: tuple[tuple[float, float], ...] = ()
     """East and north of at least three corners, in order."""
+    limits: VerticalLimits = UNLIMITED
 
 
 @dataclass(frozen=True, slots=True)

@@ -166,7 +166,8 @@ async def serve(port: int) -> None:
 
     rng, config = np.random.default_rng(1), load("swarm-50")
     places = rng.uniform(0.0, 6000.0, (TRACKS, 2))
-    shown_map = obstacle_map(mission_grid(config, 1))
+    grid = mission_grid(config, 1)
+    shown_map = obstacle_map(grid, grid)
     sensor = Sensor("radar", 0.9, 1e-6, np.eye(2), (0.0, 0.0, 6000.0, 6000.0))
 
     def take(t_ns: int) -> Capture:

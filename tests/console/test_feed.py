@@ -59,13 +59,16 @@ def test_an_order_of_the_page_is_an_event_and_its_answer_is_shown(fly):
         assert answers[0]["order_id"] == reply["order_id"]
 
 
+OPEN = {"floor_m": None, "ceiling_m": None, "reference": "ground"}
+
+
 def test_a_no_fly_zone_of_the_page_is_drawn_and_can_be_opened(fly):
     zone = {"name": "fire", "circle": [700, 500, 60]}
     with fly() as flight, flight.page() as page:
         read(page, {"zones"})
         assert flight.request("/api/orders", {"action": "no-fly-zone", "no_fly_zone": zone})[0] in (200, 202)
         assert read(page, {"zones"})["zones"] == [
-            {"name": "fire", "disc_m": [700.0, 500.0, 60.0], "polygon_m": []}
+            {"name": "fire", "disc_m": [700.0, 500.0, 60.0], "polygon_m": [], "limits": OPEN}
         ]
         flight.request("/api/orders", {"action": "no-fly-zone", "no_fly_zone": {"name": "fire"}})
         assert read(page, {"zones"})["zones"] == []

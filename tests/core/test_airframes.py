@@ -10,7 +10,7 @@ from helpers.staging import state
 
 from gcs.config import parse
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.airspace.obstacle_map import mission_grid, mission_map
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.mission_checks import rehearse
 from gcs.core.preflight.vehicle_checks import envelope_of
@@ -134,7 +134,7 @@ def test_a_landing_and_a_loiter_fly_in_one_swarm():
 
 
 def test_a_climb_has_the_angle_of_its_vehicle():
-    climbs = Climbs(CONFIG, NoFlyZones(AirspaceState(), mission_grid(CONFIG, 1)), Reported(), {})
+    climbs = Climbs(CONFIG, NoFlyZones(AirspaceState(), mission_map(CONFIG, 1)), Reported(), {})
     slow, fast = (climbs.climb(vehicle, 0) for vehicle in (SLOW, FAST))
     assert slow.length_m == pytest.approx(30.0 + 100.0 / math.tan(math.radians(20.0)))
     assert fast.length_m == pytest.approx(60.0 + 100.0 / math.tan(math.radians(12.0)))

@@ -19,6 +19,7 @@ from gcs.core.preflight.result import Check, CheckRow
 from gcs.core.preflight.return_heights import ReturnHeight, return_of, returns_check
 from gcs.core.preflight.vehicle_checks import VehicleChecks, envelope_of
 from gcs.core.replanning.inputs import PlanningInputs
+from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Encoder, scan
@@ -41,13 +42,15 @@ def mission(*settings):
     return parse(override_keys(read_text("prescribed")[0], settings, "prescribed"), "prescribed")
 
 
-def inspected(config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, mode=None, signs=False, **spec):
+def inspected(
+    config, *, end_s=60.0, until_s=0.0, clock_s=0.0, battery=None, mode=None, signs=False, frame=None, **spec
+):
     """Ask vehicle 1 everything, in memory; returns its checks by name."""
     defaults = {
         "system_id": 1, "east_m": 120.0, "north_m": 200.0, "course_rad": 0.0, "alt_rel_m": 100.0,
         "forward_speed_m_s": 15.0, "parameters": GOOD,
     }  # fmt: skip
-    plane = SimVehicle(VehicleSpec(**(defaults | spec)), config.local_frame, START_NS)
+    plane = SimVehicle(VehicleSpec(**(defaults | spec)), frame or config.local_frame, START_NS)
     if mode is not None:
         plane.autopilot.mode = Mode(mode)
     fleet = Fleet([1], config.local_frame, extra_ids=PREFLIGHT_MESSAGE_IDS)
@@ -219,6 +222,39 @@ def test_a_fence_of_the_mission_file_must_be_on_the_vehicle():
     rows = inspected(config)
     assert rows["fence"].level == rows["ceiling"].level == "refused"
     assert rows["fence"].code is CheckCode.FENCE_DIFFERS
+
+
+TOWER = "map.obstacles=[{disc_m=[900.0, 1900.0, 20.0], height_m=70.0}]"
+
+
+def test_a_home_at_another_height_than_the_mission_files_is_refused_if_heights_count_from_there():
+    higher = LocalFrame(33.2, -87.6, 95.0)
+    assert inspected(mission(), frame=higher)["home"].level == "ok"
+    row = inspected(mission(TOWER), frame=higher)["home"]
+    assert (row.code, row.level) == (CheckCode.HOME_HEIGHT_OFF, "refused")
+    assert row.parameters["wanted_msl_m"] == 70.0
+    assert inspected(mission(TOWER))["home"].code is CheckCode.HOME
+    assert inspected(mission("fence.max_alt_msl_m=300"), frame=higher)["home"].level == "refused"
+
+
+def test_a_return_below_an_obstacle_of_known_height_is_a_warning():
+    rows = [
+        inspected(mission(TOWER), parameters=GOOD | {"RTL_ALTITUDE": height_m})["return height"]
+        for height_m in (89.0, 90.0)
+    ]
+    assert [row.code for row in rows] == [CheckCode.RETURN_LOW, CheckCode.RETURN_HEIGHT]
+    assert rows[0].parameters["min_height_m"] == 90.0
+
+
+def test_areas_that_vehicles_cannot_hold_are_said():
+    area = '{kind="exclusion", circle=[33.21, -87.58, 50.0], height_m=40.0}'
+    config = mission(f"fence.areas=[{area}]")
+    (row,) = [
+        row for row in mission_checks(config, rehearse(config, 1, {})) if row.code is CheckCode.AREAS_NOT_HELD
+    ]
+    assert_is_complete(row)
+    assert (row.level, row.parameters["count"]) == ("warning", 1)
+    assert inspected(config)["fence"].code is CheckCode.NO_FENCE_WANTED
 
 
 def test_starts_beyond_the_fence_and_routes_that_meet_are_found():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 import socket
 import threading
 import time
@@ -14,6 +15,7 @@ from helpers.noticed import noticed
 
 from gcs.config import Config, load
 from gcs.core.airspace.incursion_warning import IncursionWarnings
+from gcs.core.airspace.no_fly_zones import ClosedZone
 from gcs.core.airspace.records import AirspaceState
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError, WireError
@@ -326,7 +328,7 @@ def test_a_vehicle_clear_of_all_areas_is_checked_once(monkeypatch):
     for number in range(100):
         one = blocked.copy()
         one[60 + number % 5, 10] = True
-        areas[f"a{number}"] = Grid((0.0, 0.0), 10.0, one)
+        areas[f"a{number}"] = ClosedZone(Grid((0.0, 0.0), 10.0, one), -math.inf, math.inf, True)
     warnings = IncursionWarnings(AirspaceState(), OnboardMissions())  # type: ignore[arg-type]
     checks = []
     entry = warnings._entry

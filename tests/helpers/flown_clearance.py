@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.airspace.records import AirspaceState
 from gcs.model import NS_PER_S, AgentStatus, Effect, Event, FloatArray, Plan, Tick
 from gcs.planning.map.grid import Grid
+from helpers.staging import zones_on
 from sim_vehicles.campaign.virtual_run import START_T_NS, STEP_NS, VirtualRun
 from sim_vehicles.world.scenario import DeathTable, Scenario, WindTable
 
@@ -153,7 +152,7 @@ def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict
     cells = np.argwhere(run.engine.grid.blocked)[:, ::-1].astype(np.float64)
     if straight:
         empty = replace(run.engine.grid, blocked=np.zeros_like(run.engine.grid.blocked))
-        run.engine.stages.return_routes._zones = NoFlyZones(AirspaceState(), empty)
+        run.engine.stages.return_routes._zones = zones_on(empty)
     flown_s = run.run()
     while any(run.vehicles[peer].autopilot.flying for peer in run.vehicles) and flown_s < _LATEST_S:
         run.ended = False

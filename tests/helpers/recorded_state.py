@@ -21,7 +21,10 @@ CACHES: frozenset[str] = frozenset(
         "gcs.tracking.glmb.filter.Glmb._sensor_model",
         "gcs.tracking.glmb.filter.Glmb.detection_summary",
         "gcs.core.airspace.no_fly_zones.NoFlyZones.closed",  # cells of the closed zones, drawn from the state
-        "gcs.core.airspace.no_fly_zones.NoFlyZones.grid",
+        "gcs.core.airspace.no_fly_zones.NoFlyZones.obstacles",
+        "gcs.core.airspace.obstacle_map.ObstacleMap.grid",
+        "gcs.core.airspace.obstacle_map.ObstacleMap.near_ground",
+        "gcs.core.airspace.obstacle_map.ObstacleMap.low_areas",
         "gcs.mavlink.fleet.vehicle.Vehicle._state",  # from its link and its row of the telemetry table
         "gcs.mavlink.fleet.vehicle.Vehicle._state_positions",
         "gcs.mavlink.frames.fast_scan.Scanner._rows",  # buffer, empty before each datagram

@@ -11,12 +11,25 @@ from msgspec.structs import replace
 
 from gcs.config import Config, parse
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.airspace.obstacle_map import ObstacleMap, mission_map
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.engine import Engine
 from gcs.core.perception.records import ConfirmationState
 from gcs.core.perception.track_lifecycle import TrackConfirmation
-from gcs.model import NS_PER_S, Kind, Label, Picture, Scan, Sensor, Suspension, Track, VehicleState, read_only
+from gcs.model import (
+    NS_PER_S,
+    Kind,
+    Label,
+    LayerHeights,
+    Picture,
+    Scan,
+    Sensor,
+    Suspension,
+    Track,
+    VehicleState,
+    read_only,
+)
+from gcs.planning.map.grid import Grid
 
 S = NS_PER_S
 T0 = 1_767_225_600 * S
@@ -94,7 +107,12 @@ def mission(
 
 def zones(config: Config) -> NoFlyZones:
     """Return the map of a mission, without closed zones."""
-    return NoFlyZones(AirspaceState(), mission_grid(config, 0))
+    return NoFlyZones(AirspaceState(), mission_map(config, 0))
+
+
+def zones_on(grid: Grid) -> NoFlyZones:
+    """Return a map of cells that are blocked at all heights, without closed zones."""
+    return NoFlyZones(AirspaceState(), ObstacleMap(grid, (), LayerHeights(100.0, 180.0, 70.0, 20.0)))
 
 
 def suspensions(engine: Engine) -> dict[int, Suspension]:

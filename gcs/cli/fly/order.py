@@ -198,6 +198,15 @@ def no_fly_zone(
     degrees: Annotated[
         bool, typer.Option("--degrees", help="Positions are LATITUDE,LONGITUDE in degrees.")
     ] = False,
+    height: Annotated[
+        float | None, typer.Option(metavar="METRES", help="From the ground up to this height above it.")
+    ] = None,
+    floor: Annotated[float | None, typer.Option(metavar="METRES", help="Above --reference.")] = None,
+    ceiling: Annotated[float | None, typer.Option(metavar="METRES", help="Above --reference.")] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option(metavar="home|msl|ground", help="What --floor and --ceiling are above."),
+    ] = None,
     open_zone: Annotated[bool, typer.Option("--open", help="Remove the zone with this name.")] = False,
     mission: MissionOption = None,
     zenoh: ZenohOption = None,
@@ -207,11 +216,12 @@ def no_fly_zone(
 ) -> None:
     """Add a no-fly zone, and plan new routes around it at once.
 
-    Example: `gcs order no-fly-zone fire --circle 900,640,120`
+    Without heights it reaches from the ground to the sky.
+    Example: `gcs order no-fly-zone fire --circle 900,640,120 --ceiling 300 --reference msl`
     """
     if sum((circle is not None, polygon is not None, open_zone)) != 1:
         raise typer.BadParameter("expected one of --circle, --polygon and --open")
-    zone = _zone(name, circle, polygon, "wgs84" if degrees else "local")
+    zone = _zone(name, circle, polygon, "wgs84" if degrees else "local", (height, floor, ceiling, reference))
     _send("no-fly-zone", "all", _Service(mission, zenoh, zenoh_tls, timeout, as_json), no_fly_zone=zone)
 
 
@@ -310,15 +320,33 @@ def continue_mission(
 
 
 def _zone(
-    name: str, circle: str | None, polygon: str | None, frame: Literal["local", "wgs84"]
+    name: str,
+    circle: str | None,
+    polygon: str | None,
+    frame: Literal["local", "wgs84"],
+    heights: tuple[float | None, float | None, float | None, str | None],
 ) -> AreaMessage:
-    from gcs.io.zenoh.order_messages import AreaMessage
+    from msgspec.structs import replace
 
+    from gcs.io.zenoh.order_messages import AreaMessage
+    from gcs.model import vertical_limits
+
+    try:
+        limits = vertical_limits(*heights)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+    zone = AreaMessage(
+        name=name,
+        frame=frame,
+        floor_m=limits.floor_m,
+        ceiling_m=limits.ceiling_m,
+        reference=None if limits.are_open else limits.reference,
+    )
     if circle is not None:
         a, b, radius_m = _numbers(circle, 3, "--circle")
-        return AreaMessage(name=name, frame=frame, circle=(a, b, radius_m))
+        return replace(zone, circle=(a, b, radius_m))
     corners = [_numbers(corner, 2, "--polygon") for corner in (polygon or "").split()]
-    return AreaMessage(name=name, frame=frame, polygon=[(a, b) for a, b in corners])
+    return replace(zone, polygon=[(a, b) for a, b in corners])
 
 
 def _numbers(text: str, count: int, option: str) -> list[float]:

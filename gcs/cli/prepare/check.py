@@ -17,6 +17,7 @@ from gcs.io.console import console_for
 if TYPE_CHECKING:
     from gcs.config import Config
     from gcs.config.schema import AgentTable, BirthTable
+    from gcs.core.airspace.obstacle_map import ObstacleMap
     from gcs.io.zenoh.certificates import Node
     from gcs.planning.map.grid import Grid
 
@@ -48,13 +49,15 @@ def describe(scenario: str, seed: int, console: Console) -> None:
         When the file is wrong.
     """
     from gcs.config import load
-    from gcs.core.airspace.obstacle_map import mission_grid
+    from gcs.core.airspace.obstacle_map import mission_map
     from gcs.fence import fence_of, rally_of
     from gcs.model import vehicle_name
 
     config = load(scenario)
-    grid = mission_grid(config, seed)
+    obstacles = mission_map(config, seed)
+    grid = obstacles.grid
     blocked = int(grid.blocked.sum())
+    low = int((obstacles.near_ground.blocked & ~grid.blocked).sum())
     area = config.map
     planning = config.planning
     tracking = config.tracking
@@ -72,14 +75,15 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     )
     table.add_row("terrain", config.ground)
     table.add_row(
-        "obstacles", f"{blocked} nodes ({100 * blocked / grid.blocked.size:.1f} %) with seed {seed}"
+        "obstacles",
+        f"{blocked} nodes ({100 * blocked / grid.blocked.size:.1f} %) with seed {seed}"
+        + (f"; {low} more below the altitude layers" if low else ""),
     )
     if area.geojson:
         zones = config.zones
         table.add_row(
             "GeoJSON",
-            f"{len(zones.polygons) + len(zones.circles)} no-fly zones, "
-            + ("a boundary" if zones.boundary else "no boundary"),
+            f"{len(zones.no_fly)} no-fly zones, " + ("a boundary" if zones.boundary else "no boundary"),
         )
     table.add_row(
         "agents",
@@ -122,7 +126,7 @@ def describe(scenario: str, seed: int, console: Console) -> None:
         "yes: `gcs demo` can fly it (`sim-vehicles` checks its keys)" if config.simulation else "no",
     )
     console.print(table)
-    warnings = [f"warning: {warning}" for warning in position_warnings(config, grid, scenario)]
+    warnings = [f"warning: {warning}" for warning in position_warnings(config, obstacles, scenario)]
     if config.elevation_model is not None:
         warnings += [f"warning: {remark}" for remark in config.elevation_model.remarks]
     for warning in (*warnings, *zenoh_warnings(config.links, node)):
@@ -148,19 +152,19 @@ def _zenoh_text(config: Config, node: Node | None) -> str:
     return f"{text} as {node.common_name}, valid until {node.expires:%Y-%m-%d}; for {nodes}"
 
 
-def position_warnings(config: Config, grid: Grid, source: str) -> list[str]:
+def position_warnings(config: Config, obstacles: ObstacleMap, source: str) -> list[str]:
     """Return the agents and births in an obstacle or outside the fence, in words."""
-    from gcs.fence import areas_of
+    from gcs.fence import held_areas
     from gcs.model import vehicle_name
     from gcs.planning.map.line_of_sight import line_of_sight
 
-    areas = areas_of(config, source)
-    rows: list[tuple[str, AgentTable | BirthTable]] = [
-        *((f"agent {vehicle_name(agent.vehicle)} starts", agent) for agent in config.agents),
-        *((f"births[{index}] lies", birth) for index, birth in enumerate(config.births)),
+    areas = held_areas(config, source)
+    rows: list[tuple[str, AgentTable | BirthTable, Grid]] = [
+        *((f"agent {vehicle_name(one.vehicle)} starts", one, obstacles.near_ground) for one in config.agents),
+        *((f"births[{index}] lies", birth, obstacles.grid) for index, birth in enumerate(config.births)),
     ]
     found = []
-    for subject, row in rows:
+    for subject, row, grid in rows:
         place = (row.east_m, row.north_m)
         wrong = [
             area

@@ -14,18 +14,20 @@ from gcs.console.view.schema import FenceArea, MissionInfo, ObstacleMap, RunInfo
 from gcs.core.engine import Engine
 from gcs.core.state import flown_routes
 from gcs.fence import drawn_areas, rally_of
+from gcs.model import BoolArray
 from gcs.planning.map.grid import Grid
 
 
 def capture(engine: Engine, t_ns: int, service: ServiceState | None = None) -> Capture:
     """Return the state of the engine now."""
     pending = engine.state.operator.approval.pending
+    obstacles = engine.stages.no_fly_zones.obstacles
     return Capture(
         t_ns=t_ns,
         status=engine.stages.status_report.build(t_ns),
         routes=tuple(flown_routes(engine.state.agents).values()),
         proposal=pending if pending is not None and pending.routes else None,
-        map=obstacle_map(engine.grid),
+        map=obstacle_map(obstacles.grid, obstacles.near_ground),
         zones=tuple(engine.state.airspace.zones.values()),
         telemetry=engine.state.fleet.table.copy(),
         service=service,
@@ -33,10 +35,14 @@ def capture(engine: Engine, t_ns: int, service: ServiceState | None = None) -> C
 
 
 @lru_cache(maxsize=2)
-def obstacle_map(grid: Grid) -> ObstacleMap:
-    """Return the blocked cells."""
-    bits = np.packbits(grid.blocked, axis=None, bitorder="little").tobytes()
-    return ObstacleMap(grid.origin_m, grid.spacing_m, grid.shape, base64.b64encode(bits).decode())
+def obstacle_map(grid: Grid, near_ground: Grid) -> ObstacleMap:
+    """Return the cells that are blocked in the altitude layers, and those that are so below them only."""
+    below = "" if near_ground is grid else _bits(near_ground.blocked & ~grid.blocked)
+    return ObstacleMap(grid.origin_m, grid.spacing_m, grid.shape, _bits(grid.blocked), below)
+
+
+def _bits(blocked: BoolArray) -> str:
+    return base64.b64encode(np.packbits(blocked, axis=None, bitorder="little").tobytes()).decode()
 
 
 def mission_info(config: Config, run: RunInfo) -> MissionInfo:

@@ -7,11 +7,12 @@
  */
 
 import { beginDisc, beginRing, strokeLine } from "./canvas.js";
-import { metres } from "./format.js";
+import { limitsText, metres } from "./format.js";
 import { centroid, roundLength } from "./geometry.js";
 
 const GRID_PX = 90;
 const SCALE_PX = 60;
+const BELOW_ALPHA = 0.4; // of obstacles that vehicles in their layers fly over
 const MAX_NAME = 24; // characters of a zone's name on the map
 
 /**
@@ -54,14 +55,20 @@ export class Obstacles {
    */
   set(map, colour) {
     const [rows, columns] = map.shape;
-    const bits = Uint8Array.from(atob(map.blocked), (one) => one.charCodeAt(0));
     const image = new OffscreenCanvas(columns, rows);
     const ctx = image.getContext("2d");
     if (!ctx) return;
     ctx.fillStyle = colour("obstacle");
-    for (let index = 0; index < rows * columns; index++) {
-      if (bits[index >> 3] & (1 << (index & 7)))
-        ctx.fillRect(index % columns, rows - 1 - Math.floor(index / columns), 1, 1);
+    for (const [cells, alpha] of /** @type {const} */ ([
+      [map.blocked, 1],
+      [map.below, BELOW_ALPHA],
+    ])) {
+      const bits = Uint8Array.from(atob(cells), (one) => one.charCodeAt(0));
+      ctx.globalAlpha = alpha;
+      for (let index = 0; index < 8 * bits.length; index++) {
+        if (bits[index >> 3] & (1 << (index & 7)))
+          ctx.fillRect(index % columns, rows - 1 - Math.floor(index / columns), 1, 1);
+      }
     }
     this.image = image;
     this.map = map;
@@ -148,6 +155,7 @@ export function drawZones(ctx, view, zones, colour) {
     const [east, north] = zone.disc_m ?? centroid(zone.polygon_m);
     const name = zone.name.length > MAX_NAME ? `${zone.name.slice(0, MAX_NAME)}…` : zone.name;
     ctx.fillText(name, view.x(east), view.y(north) + 4);
+    ctx.fillText(limitsText(zone.limits), view.x(east), view.y(north) + 18);
   }
 }
 

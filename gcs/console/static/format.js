@@ -1,7 +1,7 @@
 // Numbers and names as operators read them. A number that is not known is a dash.
 
 /**
- * @import { Label } from "../page_types.d.ts"
+ * @import { Label, VerticalLimits } from "../page_types.d.ts"
  *
  * @typedef {number | null | undefined} Value
  */
@@ -81,4 +81,18 @@ export function utc(timeMs) {
  */
 export function named(names, max) {
   return names.length > max ? `${names.slice(0, max).join(", ")} +${names.length - max}` : names.join(", ");
+}
+
+const ABOVE = { home: "above home", msl: "MSL", ground: "above ground" };
+
+/**
+ * Return the heights of a zone; empty if it reaches from the ground to the sky.
+ *
+ * @param {VerticalLimits} limits
+ */
+export function limitsText({ floor_m, ceiling_m, reference }) {
+  if (floor_m === null && ceiling_m === null) return "";
+  if (ceiling_m === null) return `from ${floor_m} m ${ABOVE[reference]}`;
+  if (floor_m === null) return `up to ${ceiling_m} m ${ABOVE[reference]}`;
+  return `${floor_m} to ${ceiling_m} m ${ABOVE[reference]}`;
 }

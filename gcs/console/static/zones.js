@@ -1,6 +1,7 @@
 // No-fly zones: the dialog that closes an area, by numbers or drawn on the map; changing and opening one.
 
 /**
+ * @import { VerticalLimits } from "../page_types.d.ts"
  * @import { Feed } from "./feed.js"
  * @import { SwarmMap } from "./map.js"
  * @import { Orders } from "./orders.js"
@@ -101,7 +102,7 @@ export class Zones {
     this.map.motion.show([east, north]);
     /** @param {Shape} shape */
     const send = (shape) => {
-      this.send(name, shape);
+      this.send(name, { ...shape, ...heights(zone.limits) });
       this.map.use(null);
     };
     this.map.use(new ZoneEdit(zone, send, () => this.map.use(null)));
@@ -114,7 +115,7 @@ export class Zones {
 
   /**
    * @param {string} name
-   * @param {Shape | {}} shape without one the zone is opened
+   * @param {(Shape & Partial<VerticalLimits>) | {}} shape without one the zone is opened
    */
   send(name, shape) {
     this.orders.give("no-fly-zone", { no_fly_zone: { name, ...shape } });
@@ -147,4 +148,13 @@ export function mistakeIn(name, { circle }) {
   if (circle && !(circle.every(Number.isFinite) && circle[2] > 0))
     return "Expected numbers, and a radius above 0.";
   return "";
+}
+
+/**
+ * Return the heights of a zone as an order has them.
+ *
+ * @param {VerticalLimits} limits
+ */
+export function heights(limits) {
+  return limits.floor_m === null && limits.ceiling_m === null ? {} : limits;
 }

@@ -157,6 +157,8 @@ class ObstacleMap(Struct, frozen=True):
     """Rows and columns."""
     blocked: str
     """One bit for each cell, row by row from the south, in base64."""
+    below: str
+    """The same for cells that are blocked below the altitude layers only; empty if there are none."""
 
 
 class Tracks(Struct, frozen=True):

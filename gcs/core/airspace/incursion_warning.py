@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
+from gcs.core.airspace.no_fly_zones import ClosedZone
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.model import Notice, NoticeCode, Parameter, VehicleState
@@ -58,13 +59,14 @@ class IncursionWarnings:
         self._state = state
         self._onboard_missions = onboard_missions
 
-    def entries(self, states: Iterable[VehicleState], zones: Mapping[str, Grid]) -> list[Incursion]:
-        """Return the first predicted incursion of each vehicle; `zones` have the closed cells of each."""
-        grids = list(zones.values())
-        if not grids:
+    def entries(self, states: Iterable[VehicleState], zones: Mapping[str, ClosedZone]) -> list[Incursion]:
+        """Return the first predicted incursion of each vehicle."""
+        if not zones:
             return []
+        grids = [zone.grid for zone in zones.values()]
         blocked = np.logical_or.reduce([grid.blocked for grid in grids])
-        union = Grid(grids[0].origin_m, grids[0].spacing_m, blocked)  # one check for vehicles clear of all
+        # One check, at all heights, for vehicles clear of all.
+        union = ClosedZone(replace(grids[0], blocked=blocked), -math.inf, math.inf, is_in_layers=True)
         found = []
         for state in states:
             if self._entry(state, "", union) is not None:
@@ -72,7 +74,9 @@ class IncursionWarnings:
                 found += sorted(ones, key=lambda one: one.after_s)[:1]
         return found
 
-    def check(self, t_ns: int, states: Iterable[VehicleState], zones: Mapping[str, Grid]) -> list[Notice]:
+    def check(
+        self, t_ns: int, states: Iterable[VehicleState], zones: Mapping[str, ClosedZone]
+    ) -> list[Notice]:
         """Return alarms of imminent and actual incursions, each once until it is over."""
         due = {(e.vehicle, e.zone): e for e in self.entries(states, zones) if e.after_s <= WARNING_S}
         notices = []
@@ -85,15 +89,20 @@ class IncursionWarnings:
         self._state.incursions_s = {key: entry.after_s for key, entry in due.items()}
         return notices
 
-    def _entry(self, state: VehicleState, name: str, closed: Grid) -> Incursion | None:
+    def _entry(self, state: VehicleState, name: str, zone: ClosedZone) -> Incursion | None:
         position = (state.east_m, state.north_m)
-        points = self._onboard_missions.points_ahead(state.system_id)
-        if not line_of_sight(closed, position, position):
+        points = (position, *self._onboard_missions.points_ahead(state.system_id))
+        heights_m = [state.alt_msl_m] * len(points)
+        if zone.is_limited:
+            heights_m[1:] = self._onboard_missions.heights_ahead_msl_m(state.system_id)
+        if zone.is_met(position, position, (state.alt_msl_m, state.alt_msl_m)):
             return Incursion(state.system_id, name, state.mission_seq, 0.0)
         flown_m = 0.0
-        for number, (start, end) in enumerate(pairwise((position, *points))):
-            if not line_of_sight(closed, start, end):
-                flown_m += _clear_m(closed, start, end)
+        for number, ((start, end), heights) in enumerate(
+            zip(pairwise(points), pairwise(heights_m), strict=True)
+        ):
+            if zone.is_met(start, end, heights):
+                flown_m += _clear_m(zone.grid, start, end)
                 after_s = flown_m / max(state.ground_speed_m_s, _MIN_SPEED_M_S)
                 return Incursion(state.system_id, name, state.mission_seq + number, max(after_s, 0.1))
             flown_m += math.dist(start, end)

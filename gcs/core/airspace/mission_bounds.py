@@ -21,12 +21,14 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.config.airframe import UNKNOWN_LOITER_RADIUS_M
+from gcs.core.airspace.flown_heights import lowest_heights_m
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.fence import Area, areas_of
+from gcs.fence import Area, held_areas
 from gcs.mavlink.mission.items import Item
 from gcs.model import BoolArray, FloatArray, IntArray, VehicleState
 from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission, simulate
-from gcs.planning.map.grid import Grid
+from gcs.planning.map.grid import Grid, Point, free_grid_like
+from gcs.planning.map.zone_heights import blocked_by
 from gcs.planning.mission_flight import NOWHERE, simulate_mission
 
 _ROUNDING_M: Final = 1.0
@@ -42,8 +44,8 @@ class MissionBoundsCheck:
         self._frame = config.local_frame
         self._zones = zones
         self._airframes = config.airframes_of_agents
-        self._areas = areas_of(config, config.name)
-        self._ceiling_m = config.fence.max_alt_rel_m
+        self._areas = held_areas(config, config.name)
+        self._ceiling_m = config.max_alt_rel_m
         self._keeps_clear = config.planning.shape == "flyable" and config.planning.clearance_m > 0.0
 
     def problem(self, items: Sequence[Item], state: VehicleState | None) -> str:
@@ -97,6 +99,8 @@ class MissionBoundsCheck:
         what = "leaves the fence"
         if not len(wrong) and self._keeps_clear:
             blocked = _is_blocked(self._zones.grid, flown_m)
+            if self._zones.obstacles.low_areas:
+                blocked |= self._is_too_low(items, begin.place_m, flown_m, parts)
             if blocked.any() and blocked[0]:  # it leaves an obstacle by any way, for a clear end
                 is_end = parts >= len(items) - 1
                 blocked &= is_end
@@ -132,6 +136,25 @@ class MissionBoundsCheck:
         parts = first + flight.passed
         is_flown = parts < len(items)  # behind the landing nothing is flown
         return flight.places_m[is_flown], parts[is_flown]
+
+    def _is_too_low(
+        self, items: Sequence[Item], begin_m: Point, flown_m: FloatArray, parts: IntArray
+    ) -> BoolArray:
+        """Return a mask of the places over obstacles that a vehicle flies over with half of the clearance."""
+        obstacles = self._zones.obstacles
+        points_m = [begin_m, *(self._frame.to_local(item.x * 1e-7, item.y * 1e-7) for item in items)]
+        ground_m = obstacles.layers.ground_msl_m
+        items_m = [item.z_m - ground_m * (item.frame not in _RELATIVE) for item in items]
+        begin_height_m = 0.0 if items[0].command == dialect.MAV_CMD_NAV_TAKEOFF else items_m[0]
+        heights_m = np.array([begin_height_m, *items_m])
+        lowest_m = lowest_heights_m(flown_m, parts, np.array(points_m), heights_m)
+        blocked = np.zeros(len(flown_m), dtype=np.bool_)
+        for area in obstacles.low_areas:
+            _, ceiling_m = area.limits.above_level_ground(ground_m)
+            is_low = lowest_m < ceiling_m + 0.5 * obstacles.layers.clearance_m
+            if is_low.any():
+                blocked |= is_low & _is_blocked(blocked_by(free_grid_like(self._zones.grid), [area]), flown_m)
+        return blocked
 
     def _is_outside(self, flown_m: FloatArray) -> BoolArray:
         """Return a mask of the places outside the fence."""

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from typing import Final
 
 from gcs.core.airspace.incursion_warning import IncursionWarnings
-from gcs.core.airspace.no_fly_zones import NoFlyZones, closed_cells
+from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.airspace.obstacle_map import closed_area
 from gcs.core.operator.arrived_agents import leave_zones
 from gcs.core.operator.records import OrderInProgress
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.state import State, with_status
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.model import Effect, NoFlyZone, Notice, NoticeCode, Order, Parameter, named
+from gcs.model import Effect, NoFlyZone, Notice, NoticeCode, Order, Parameter, limits_text, named
 
 _MAX_ZONES: Final = 100
 
@@ -51,14 +52,16 @@ class NoFlyZoneOrders:
             return [ongoing.answer(order.t_ns, "refused", refusal)]
         closed = self.zones.change(zone)
         verb = "closed" if zone.name in self.zones.closed else "opened"
+        limits = limits_text(zone.limits)
+        verb += f" ({limits})" if limits else ""
         states = self.fleet.states()
         had_ended = self.state.has_ended
-        left = leave_zones(self.state, closed, states, order.t_ns)
+        left = leave_zones(self.state, closed.layers, states, order.t_ns)
         positions = {state.system_id: (state.east_m, state.north_m) for state in states}
         returning = {v: position for v, position in positions.items() if agents[v].routes.flown is None}
         without_return = self.return_routes.crossed(closed, returning)
         affected = self.replanner.change_map(
-            order.t_ns, closed, positions, f"no-fly zone {zone.name} {verb}", without_return
+            order.t_ns, closed.layers, positions, f"no-fly zone {zone.name} {verb}", without_return
         )
         arrived = without_return.intersection(with_status(agents, "arrived"))
         effects = [*left, *replan(affected)]
@@ -92,4 +95,4 @@ class NoFlyZoneOrders:
             return f"no no-fly zone is called {zone.name}; there are: {', '.join(closed) or 'none'}"
         if zone.name not in closed and len(closed) >= _MAX_ZONES:
             return f"there are {_MAX_ZONES} no-fly zones already; open some first"
-        return "" if closed_cells(self.zones.grid, zone).any() else "it lies outside the map"
+        return "" if len(closed_area(self.zones.grid, zone).cells) else "it lies outside the map"

@@ -126,6 +126,12 @@ class CheckCode(TableCode):
         "within {max_distance_m:.0f} m",
         "set home anew",
     )
+    HOME_HEIGHT_OFF = _refused(
+        "home-height-off", "home",
+        "{alt_msl_m:.0f} m above sea level, the mission file's origin {wanted_msl_m:g} m",
+        "within {max_off_m:g} m", "heights of obstacles and fence count from frame.alt_msl_m: correct it, or "
+        "wait for a better fix and set home anew",
+    )  # fmt: skip
     HOME = _ok("home", "home", _PLACE)
 
     # ------------------------------------------------------------ state
@@ -244,6 +250,10 @@ class CheckCode(TableCode):
         "at most {max_height_m:g} m, {margin_m:g} m below the ceiling",
         "RTL would climb into the ceiling: lower it, or the rally points, or raise the ceiling",
     )  # fmt: skip
+    RETURN_LOW = _warning(
+        "return-low", "return height", _RETURN, "at least {min_height_m:g} m",
+        "RTL flies straight, and obstacles of the mission file are up to {obstacle_m:g} m high",
+    )  # fmt: skip
     RETURN_HEIGHT = _ok("return-height", "return height", _RETURN)
     RETURNS_NEAR = _warning(
         "returns-near", "return heights", _RETURNS, _RETURNS_WANTED, _MEETING + ", or {commands}"
@@ -292,6 +302,11 @@ class CheckCode(TableCode):
     ROUTES_BEYOND_FENCE = _refused(
         "routes-beyond-fence", "fence", "beyond the fence: {distances}", "within",
         "move the starts, or draw it wider",
+    )  # fmt: skip
+    AREAS_NOT_HELD = _warning(
+        "areas-not-held", "fence",
+        "{count} areas that vehicles do not hold: missions pass above or below them", "",
+        "autopilots hold an area at all heights; a pilot's flight is not kept out of these",
     )  # fmt: skip
     ROUTES_IN_FENCE = _ok("routes-in-fence", "fence", "{count} areas, routes within")
     LINK_WARNING = _warning("link-warning", "link", "{notice}")

@@ -10,7 +10,7 @@ from operator import attrgetter
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.airspace.obstacle_map import mission_map
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.result import Check
@@ -58,8 +58,9 @@ def rehearse(
     fleet : Fleet or None
         States of vehicles; None: none is on the ground.
     """
-    mission = mission_inputs(config, mission_grid(config, seed))
-    zones = NoFlyZones(AirspaceState(), mission.grid)
+    obstacles = mission_map(config, seed)
+    mission = mission_inputs(config, obstacles.grid)
+    zones = NoFlyZones(AirspaceState(), obstacles)
     takeoffs = None if fleet is None else Climbs(config, zones, fleet, {})
     climbs = {
         vehicle: climb
@@ -105,7 +106,7 @@ def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
         *_landing(config, rehearsal),
         _routes(rehearsal.plan),
         _separation(config, rehearsal),
-        _fence(config, rehearsal),
+        *_fence(config, rehearsal),
     ]
 
 
@@ -206,16 +207,20 @@ def _separation(config: Config, rehearsal: Rehearsal) -> Check:
     return Check(None, CheckCode.ROUTES_NEAR, parameters)
 
 
-def _fence(config: Config, rehearsal: Rehearsal) -> Check:
+def _fence(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
     fence = fence_of(config, config.name)
     frame = config.local_frame
+    if fence.passed:
+        yield Check(None, CheckCode.AREAS_NOT_HELD, {"count": len(fence.passed)})
     if not fence.areas:
-        return Check(None, CheckCode.CEILING_ONLY if fence.max_alt_rel_m else CheckCode.NO_AREAS)
+        yield Check(None, CheckCode.CEILING_ONLY if fence.max_alt_rel_m else CheckCode.NO_AREAS)
+        return
     beyond_m = {v: fence.beyond(route_m, frame) for v, route_m in rehearsal.plan.paths_m.items()}
     leaving = [f"{vehicle_name(v)}: {metres:.0f} m" for v, metres in sorted(beyond_m.items()) if metres]
     if leaving:
-        return Check(None, CheckCode.ROUTES_BEYOND_FENCE, {"distances": ", ".join(leaving)})
-    return Check(None, CheckCode.ROUTES_IN_FENCE, {"count": len(fence.areas)})
+        yield Check(None, CheckCode.ROUTES_BEYOND_FENCE, {"distances": ", ".join(leaving)})
+    else:
+        yield Check(None, CheckCode.ROUTES_IN_FENCE, {"count": len(fence.areas)})
 
 
 def sensor_checks(scans: Sequence[Scan], problems: Iterable[str], waited_s: float) -> list[Check]:

@@ -20,6 +20,7 @@ from gcs.config import Config
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.result import Check
 from gcs.core.state import Agent
+from gcs.fence import rally_of
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
@@ -108,7 +109,7 @@ class ReturnHeightMonitor:
         self._fleet = fleet
         self._agents = agents
         self._step_m = config.mission.layer_step_m
-        self._rally_m = [float(point.alt_rel_m) for point in config.rally]
+        self._rally_m = [float(point.alt_rel_m) for point in rally_of(config)]
 
     def receive(self, vehicle: int, message: Message) -> None:
         """Process a message of a vehicle: keep the parameters that set its return height."""
@@ -235,6 +236,8 @@ def return_height_check(
     values: Mapping[str, float],
     rally_m: Sequence[float],
     ceiling_m: float,
+    obstacle_m: float = 0.0,
+    clearance_m: float = 0.0,
 ) -> Iterator[Check]:
     """Check the maximum return height of a vehicle; nothing if its parameters do not give it.
 
@@ -244,6 +247,8 @@ def return_height_check(
         Heights above home of the rally points: the vehicle's, and those of the mission file.
     ceiling_m : float
         Ceiling of the mission file, above home; 0 for none.
+    obstacle_m, clearance_m : float
+        Height above home of the highest obstacle whose height is known, and vertical clearance.
     """
     possible = profile.return_heights(values, rally_m)
     if not possible:
@@ -255,6 +260,12 @@ def return_height_check(
     ceilings_m = [limits.max_alt_rel_m] if limits.is_on and limits.max_alt_rel_m else []
     ceilings_m += [ceiling_m] if ceiling_m else []
     if not ceilings_m or height_m <= (highest_m := min(ceilings_m) - MARGIN_M):
+        lowest = min(possible, key=attrgetter("height_m"))
+        if obstacle_m and lowest.height_m < obstacle_m + clearance_m:
+            parameters |= {"height_m": lowest.height_m, "source": lowest.source}
+            parameters |= {"obstacle_m": obstacle_m, "min_height_m": obstacle_m + clearance_m}
+            yield Check(vehicle, CheckCode.RETURN_LOW, parameters)
+            return
         yield Check(vehicle, CheckCode.RETURN_HEIGHT, parameters)
         return
     parameters |= {"max_height_m": highest_m, "margin_m": MARGIN_M}

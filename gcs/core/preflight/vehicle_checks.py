@@ -191,8 +191,15 @@ class VehicleChecks:
         away_m = 0.0
         if state is not None and not state.armed:
             away_m = math.hypot(state.east_m - east_m, state.north_m - north_m)
+        frame_msl_m = self._config.frame.alt_msl_m
+        max_off_m = self._config.planning.vertical_clearance_m
+        code = CheckCode.HOME
+        if _uses_heights(self._config) and abs(home.alt_msl_m - frame_msl_m) > max_off_m:
+            code = CheckCode.HOME_HEIGHT_OFF
         return self._found(
-            CheckCode.HOME_FAR if away_m > _HOME_M else CheckCode.HOME,
+            CheckCode.HOME_FAR if away_m > _HOME_M else code,
+            wanted_msl_m=frame_msl_m,
+            max_off_m=max_off_m,
             east_m=east_m,
             north_m=north_m,
             alt_msl_m=home.alt_msl_m,
@@ -339,9 +346,15 @@ class VehicleChecks:
         assert self._query.profile is not None
         profile = self._query.profile
         values = self._query.values
-        ceiling_m = self._config.fence.max_alt_rel_m
+        ceiling_m = self._config.max_alt_rel_m
         yield from return_height_check(
-            self._vehicle, profile, values, _rally_heights_m(self._query, self._config), ceiling_m
+            self._vehicle,
+            profile,
+            values,
+            _rally_heights_m(self._query, self._config),
+            ceiling_m,
+            _highest_obstacle_m(self._config),
+            self._config.planning.vertical_clearance_m,
         )
 
     def _breach(self, limits: FenceLimits, onboard: Fence | None) -> Check:
@@ -388,7 +401,19 @@ def vehicle_checks(
         ).checks()
     ]
     returns = [found for one in queries if (found := _return_of(one, config)) is not None]
-    return [*checks, *returns_check(returns, config.mission.layer_step_m, config.fence.max_alt_rel_m)]
+    return [*checks, *returns_check(returns, config.mission.layer_step_m, config.max_alt_rel_m)]
+
+
+def _uses_heights(config: Config) -> bool:
+    """Return True if heights of the mission file count from the height of the frame's origin."""
+    altitudes_m = [config.fence.max_alt_msl_m, *(point.alt_msl_m for point in config.rally)]
+    return bool(config.area_limits) or any(altitude_m is not None for altitude_m in altitudes_m)
+
+
+def _highest_obstacle_m(config: Config) -> float:
+    """Return the height above home of the highest area with a ceiling; 0 without one."""
+    tops_m = [one.above_level_ground(config.frame.alt_msl_m)[1] for one in config.area_limits]
+    return max((top_m for top_m in tops_m if math.isfinite(top_m)), default=0.0)
 
 
 def _return_of(one: PreflightQuery, config: Config) -> ReturnHeight | None:

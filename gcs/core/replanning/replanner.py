@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.airspace.obstacle_map import LowFlight
 from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.mission_inputs import mission_inputs
@@ -45,6 +46,10 @@ _SAME_PLACE_M = 1.0
 _NEAR_END_M = 100.0
 _MAX_TURN_NEAR_END_RAD = math.radians(270.0)
 """Turns beyond which a vehicle near its target, or near the end of its route, keeps the route it flies."""
+_LOW_M = 10.0
+"""Height below the lowest layer from which a vehicle counts as below the layers."""
+_CLIMB_SLOPE = 0.1
+"""Slope at which a vehicle below the layers climbs at least."""
 _LOOP_RADII = 4.0
 """Extent of a loop's waypoints, in turn radii."""
 
@@ -369,7 +374,7 @@ class Replanner:
         ahead_s = (inputs.t_ns - inputs.picture_t_ns) / NS_PER_S + self._ahead_s  # begin of the routes
         return replace(
             self._mission,
-            grid=self._zones.grid,
+            grid=self._zones.obstacles.below_layers(self._low_flights(agents, inputs)),
             agents=agents,
             targets={label: self.plan_targets.position(track, ahead_s) for label, track in targets.items()},
             preferred_layers={vehicle: self.layers.of(vehicle) for vehicle in agents},
@@ -378,6 +383,17 @@ class Replanner:
             demands=demands,
             pinned={v: label for v, label in pinned.items() if label is not None},
         )
+
+    def _low_flights(self, vehicles: Iterable[int], inputs: PlanningInputs) -> Iterator[LowFlight]:
+        """Yield the climbs of vehicles that are below the layers in flight."""
+        layers = self._zones.obstacles.layers
+        for vehicle in vehicles:
+            state = self._agents[vehicle].perception.motion.state
+            if state is None or vehicle in inputs.climbs or vehicle in inputs.grounded:
+                continue
+            height_m = state.alt_msl_m - layers.ground_msl_m
+            if height_m < layers.lowest_m - _LOW_M:
+                yield LowFlight((state.east_m, state.north_m), 0.0, height_m, _CLIMB_SLOPE)
 
     def _start(self, vehicle: int, inputs: PlanningInputs) -> AgentState:
         """Return where and how an agent begins a route that is planned now."""

@@ -12,16 +12,18 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.config.airframe import AgentAirframe
-from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.airspace.no_fly_zones import MapChange, NoFlyZones
+from gcs.core.airspace.obstacle_map import LowFlight
 from gcs.core.replanning.plan_targets import vehicle_options
 from gcs.core.replanning.replanner import is_crossed
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import corners_of
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.model import Effect, Notice, NoticeCode, Parameter, Route
+from gcs.mavlink.mission.item_builder import APPROACH_ALT_M, DESCENT_SLOPE
+from gcs.model import APPROACH_M, Effect, Notice, NoticeCode, Parameter, Route
 from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
-from gcs.planning.map.grid import Grid, Point
+from gcs.planning.map.grid import Point
 from gcs.planning.planner_inputs import AgentState
 
 
@@ -67,7 +69,8 @@ class ReturnRoutes:
         east_m, north_m = points_m[0].tolist() if state is None else (state.east_m, state.north_m)
         start = AgentState(east_m, north_m, None if state is None else state.course_rad, airframe.speed_m_s)
         options = self._options[vehicle]
-        planned = plan_return_route(self._zones.grid, start, points_m, home_m, options, landing)
+        grid = self._zones.obstacles.below_layers([_landing_at(home_m)])
+        planned = plan_return_route(grid, start, points_m, home_m, options, landing)
         routes.return_m = np.vstack((points_m[-1:], planned.points_m))
         wait, too_soon = self._landing_order.wait(route, routes.return_m, self._zones.grid, t_ns)
         before = routes.return_problem
@@ -81,8 +84,8 @@ class ReturnRoutes:
         notice = Notice(t_ns, NoticeCode.RETURN_ROUTE_PROBLEM, vehicle, about)
         return replace(planned, wait=wait), [notice]
 
-    def crossed(self, closed: Grid, returning: Mapping[int, Point]) -> set[int]:
-        """Return the vehicles whose return routes lead through closed cells.
+    def crossed(self, closed: MapChange, returning: Mapping[int, Point]) -> set[int]:
+        """Return the vehicles whose return routes lead through newly closed cells.
 
         Of a vehicle that is `returning`, only the part ahead of its position counts.
         """
@@ -91,8 +94,18 @@ class ReturnRoutes:
             vehicle
             for vehicle, route_m in routes_m.items()
             if route_m is not None
-            and is_crossed(closed, route_m, returning.get(vehicle), _passed(self._agents[vehicle]))
+            and is_crossed(
+                closed.below_layers(_landing_at(route_m[-1].tolist())),
+                route_m,
+                returning.get(vehicle),
+                _passed(self._agents[vehicle]),
+            )
         }
+
+
+def _landing_at(home_m: Point) -> LowFlight:
+    """Return the descent and approach to a landing, from any side."""
+    return LowFlight(home_m, APPROACH_M, APPROACH_ALT_M, DESCENT_SLOPE)
 
 
 def _passed(agent: Agent) -> int:

@@ -20,6 +20,7 @@ from gcs.config import Config
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.separation.forward_flight import CLIMB_M_S, Flight, Goal, GoalKind
 from gcs.core.state import Agent
+from gcs.fence import rally_of
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
@@ -68,7 +69,7 @@ class Intents:
         self._airframes = config.airframes_of_agents
         self._rally = [
             (*config.local_frame.to_local(point.lat_deg, point.lon_deg), float(point.alt_rel_m))
-            for point in config.rally
+            for point in rally_of(config)
         ]
 
     def in_air(self, t_ns: int) -> list[VehicleState]:

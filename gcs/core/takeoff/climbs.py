@@ -109,9 +109,9 @@ class Climbs:
                 "heading_deg": math.degrees(climb.heading_rad),
             }
             return Obstruction(ObstructionCode.NOT_ALONG_RUNWAY, directions)
-        grid = self._zones.grid
-        found = climb_obstruction(grid, climb, options.clearance_m + extra_m)
+        obstacles = self._zones.obstacles
+        found = climb_obstruction(obstacles.near_ground, climb, options.clearance_m + extra_m)
         if found is not None or points_m is None:
             return found
         points = [(east_m, north_m) for east_m, north_m in points_m.tolist()]
-        return turn_obstruction(grid, climb, points, options.turn_radius_m, options.clearance_m)
+        return turn_obstruction(obstacles.grid, climb, points, options.turn_radius_m, options.clearance_m)

@@ -14,6 +14,7 @@ from typing import Final
 from pymavlink.dialects.v20.ardupilotmega import (
     MAV_CMD_NAV_LOITER_UNLIM,
     MAV_CMD_NAV_TAKEOFF,
+    MAV_FRAME_GLOBAL,
 )
 
 from gcs.core.state import Agent
@@ -64,6 +65,18 @@ class OnboardMissions:
         mission, state = flown
         left = mission.route.points_m[state.mission_seq - mission.first_point :]
         return tuple((east_m, north_m) for east_m, north_m in left.tolist())
+
+    def heights_ahead_msl_m(self, vehicle: int) -> tuple[float, ...]:
+        """Return the heights of the points of `points_ahead`, as far as the height of home is known."""
+        count = len(self.points_ahead(vehicle))
+        onboard = self._agents[vehicle].tasking.onboard
+        home = self._fleet.home(vehicle)
+        if not count or onboard is None:
+            return ()
+        home_m = 0.0 if home is None else home.alt_msl_m
+        last = onboard.first_point + len(onboard.route.points_m)
+        items = onboard.items[last - count : last]
+        return tuple(item.z_m + home_m * (item.frame != MAV_FRAME_GLOBAL) for item in items)
 
     def forward_simulation(self, vehicle: int, wait_s: float, t_ns: int) -> RemainingMission:
         """Return what a vehicle flies if it gets no other mission before `wait_s`."""

@@ -40,6 +40,8 @@ class FenceTask:
         Ceiling to set; 0 for none.
     own : (int, int)
         Our system and component id.
+    not_sent : int
+        Number of areas that are not uploaded, since missions pass above or below them.
     """
 
     def __init__(
@@ -49,8 +51,10 @@ class FenceTask:
         ceiling_m: float,
         encode: Callable[[Message], bytes],
         own: tuple[int, int],
+        not_sent: int = 0,
     ) -> None:
         self.vehicle = vehicle
+        self._not_sent = not_sent
         self._own = own
         self._todo = lists
         self._ceiling_m = ceiling_m
@@ -87,7 +91,12 @@ class FenceTask:
             if result is None:
                 rows.append((name, False, "not finished in time: the stored list is unknown"))
             else:
-                rows.append((name, result.ok, f"{result.detail}{_described(task, result.items)}"))
+                detail = f"{result.detail}{_described(task, result.items)}"
+                if self._not_sent and task.mission_type == FENCE:
+                    detail += (
+                        f"; {self._not_sent} areas with heights are not sent: missions pass above or below"
+                    )
+                rows.append((name, result.ok, detail))
         if self._ceiling is not None:
             rows.append(("ceiling", *(self._ceiling.outcome or (False, "not finished in time"))))
         return rows
@@ -145,7 +154,9 @@ def fence_vehicles(
         link,
         writes=action != "show",
     )
-    tasks = [FenceTask(v, lists, ceiling_m, session.fleet.encoder(v), session.access.own) for v in vehicles]
+    not_sent = len(fence.passed) if action == "upload" else 0
+    own = session.access.own
+    tasks = [FenceTask(v, lists, ceiling_m, session.fleet.encoder(v), own, not_sent) for v in vehicles]
     asyncio.run(session.run(tasks, wait_s))
     return tasks
 

@@ -17,7 +17,7 @@ from gcs.area_corners import corner_error
 from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.io.records import decode_json
-from gcs.model import Action, NoFlyZone, Order, target_of
+from gcs.model import Action, LimitReference, NoFlyZone, Order, target_of, vertical_limits
 
 _NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 _FOR_VEHICLES: Final = frozenset({"hold", "resume", "return", "arm", "disarm", "ready", "pin", "unpin"})
@@ -30,7 +30,7 @@ _Part = Annotated[int, Meta(ge=0, lt=10**9)]
 _Number = Annotated[float, Meta(ge=-1e7, le=1e7)]
 
 
-class AreaMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class AreaMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """A no-fly zone. Positions are (east_m, north_m), or (lat_deg, lon_deg) in the frame ``wgs84``."""
 
     name: Annotated[str, Meta(pattern=_NAME)]
@@ -38,6 +38,12 @@ class AreaMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     circle: tuple[_Number, _Number, Annotated[float, Meta(gt=0.0, le=1e6)]] | None = None
     """Centre, and radius in metres."""
     polygon: Annotated[list[tuple[_Number, _Number]], Meta(max_length=200)] = []
+    height_m: float | None = None
+    """From the ground up to this height above it."""
+    floor_m: float | None = None
+    ceiling_m: float | None = None
+    reference: LimitReference | None = None
+    """What floor and ceiling are above; without heights a zone reaches from the ground to the sky."""
 
 
 class OrderMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -113,7 +119,12 @@ def _area(key: str, area: AreaMessage, frame: LocalFrame) -> NoFlyZone:
     disc_m = None
     if area.circle is not None:
         disc_m = (*_place(key, area, area.circle[0], area.circle[1], frame), area.circle[2])
-    return NoFlyZone(area.name, disc_m, tuple(_place(key, area, a, b, frame) for a, b in area.polygon))
+    try:
+        limits = vertical_limits(area.height_m, area.floor_m, area.ceiling_m, area.reference)
+    except ValueError as error:
+        raise WireError(key, f"no_fly_zone.{error}") from None
+    polygon_m = tuple(_place(key, area, a, b, frame) for a, b in area.polygon)
+    return NoFlyZone(area.name, disc_m, polygon_m, limits)
 
 
 def _place(key: str, area: AreaMessage, a: float, b: float, frame: LocalFrame) -> tuple[float, float]:

@@ -31,8 +31,8 @@ _FRAMES: Final[dict[HeightReference, int]] = {
     "home": dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT,
     "msl": dialect.MAV_FRAME_GLOBAL,
 }
-_APPROACH_ALT_M: Final = 30.0
-"""Glide slope of 3.4 degrees: below PX4's limit of 5 (FW_LND_ANG)."""
+APPROACH_ALT_M: Final = 30.0
+"""Height where the approach begins: a glide slope of 3.4 degrees, below PX4's limit of 5 (FW_LND_ANG)."""
 _EARTH_M_PER_DEG: Final = 111_195.0
 DESCENT_SLOPE: Final = 0.15
 """Slope from the layer to the approach: half of what both autopilots fly."""
@@ -103,7 +103,7 @@ def _waypoint(profile: AutopilotProfile, point: Waypoint) -> Item:
 def _landing(last: Item, return_items: list[Item], home: Home) -> list[Item]:
     """Return the return route, approach and landing; a straight line if there is no return route."""
     *corners, approach = return_items or [_straight_approach(last, home)]
-    height_m = min(_height_rel_m(last, home), _APPROACH_ALT_M)
+    height_m = min(_height_rel_m(last, home), APPROACH_ALT_M)
     approach = approach._replace(frame=_FRAMES["home"], z_m=height_m)
     corners += _top_of_descent(corners[-1] if corners else last, approach, home)
     touch_down = approach._replace(

@@ -172,6 +172,11 @@ def free_grid(shape: tuple[int, int], spacing_m: float, origin_m: Point = (0.0, 
     return Grid(origin_m, spacing_m, np.zeros(shape, dtype=np.bool_))
 
 
+def free_grid_like(grid: Grid) -> Grid:
+    """Return a map of the same nodes without obstacles."""
+    return free_grid(grid.shape, grid.spacing_m, grid.origin_m)
+
+
 def random_obstacles(
     grid: Grid,
     threshold: float,

@@ -49,7 +49,17 @@ test("of a route only what is ahead of the vehicle is drawn", () => {
   ];
   const style = { colour: "", width: 1, dash: [], selected: new Set(), loiter: { 1: 0 } };
   /** @type {Route[]} */
-  const routes = [{ vehicle: 1, target: [0, 1], points_m: route, length_m: 200, layer: 0, wait_m: null }];
+  const routes = [
+    {
+      vehicle: 1,
+      target: [0, 1],
+      points_m: route,
+      length_m: 200,
+      layer: 0,
+      wait_m: null,
+      heights_msl_m: null,
+    },
+  ];
   drawRoutes(ctx, view, routes, [vehicle({ position_m: [130, 0], points_passed: 2 })], style);
   assert.deepEqual(
     points.map(([x]) => x),

@@ -1,12 +1,18 @@
 // An order would close another area than the one that was drawn.
 
-/** @import { Shape } from "../../../gcs/console/static/zone_tools.js" */
+/**
+ * @import { VerticalLimits } from "../../../gcs/console/page_types.d.ts"
+ * @import { Shape } from "../../../gcs/console/static/zone_tools.js"
+ */
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { ZoneEdit } from "../../../gcs/console/static/zone_edit.js";
 import { CircleTool, PolygonTool } from "../../../gcs/console/static/zone_tools.js";
-import { mistakeIn } from "../../../gcs/console/static/zones.js";
+import { heights, mistakeIn } from "../../../gcs/console/static/zones.js";
+
+/** @type {VerticalLimits} */
+const OPEN = { floor_m: null, ceiling_m: null, reference: "ground" };
 
 function shapes() {
   /** @type {Shape[]} */
@@ -47,7 +53,7 @@ test("a polygon is closed by a click on its first corner, once it has three", ()
 
 test("the handles of a circle move it and set its radius", () => {
   const edit = new ZoneEdit(
-    { name: "z", disc_m: [0, 0, 50], polygon_m: [] },
+    { name: "z", disc_m: [0, 0, 50], polygon_m: [], limits: OPEN },
     () => {},
     () => {},
   );
@@ -70,7 +76,7 @@ test("the handles of a polygon move it and each corner, and the zone that is sho
     [0, 90],
   ];
   const edit = new ZoneEdit(
-    { name: "z", disc_m: null, polygon_m: polygon },
+    { name: "z", disc_m: null, polygon_m: polygon, limits: OPEN },
     () => {},
     () => {},
   );
@@ -94,4 +100,11 @@ test("names and numbers that the service would refuse are not sent", () => {
   assert.match(mistakeIn("zone 1", { circle: [0, 0, 10] }), /^Name/);
   assert.match(mistakeIn("zone-1", { circle: [0, Number.NaN, 10] }), /^Expected/);
   assert.match(mistakeIn("zone-1", { circle: [0, 0, 0] }), /^Expected/);
+});
+
+test("a zone that is moved keeps its floor and ceiling", () => {
+  /** @type {VerticalLimits} */
+  const limits = { floor_m: null, ceiling_m: 300, reference: "msl" };
+  assert.deepEqual(heights(limits), limits);
+  assert.deepEqual(heights(OPEN), {});
 });

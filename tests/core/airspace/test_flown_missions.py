@@ -10,12 +10,22 @@ from helpers.noticed import alarms, noticed
 from gcs.config import parse
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.airspace.obstacle_map import mission_map
 from gcs.core.airspace.records import AirspaceState
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
-from gcs.model import Mission, NoFlyZone, Notice, NoticeCode, Plan, UploadReport, Waypoint
+from gcs.model import (
+    UNLIMITED,
+    Mission,
+    NoFlyZone,
+    Notice,
+    NoticeCode,
+    Plan,
+    UploadReport,
+    VerticalLimits,
+    Waypoint,
+)
 from gcs.planning.forward_simulation import Motion
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.world.scenario import parse_scenario
@@ -67,9 +77,9 @@ HOME = Home(*FRAME.to_geodetic(700.0, 700.0), 70.0)
 
 def problem(*points_m, course_deg=90.0, place_m=(400.0, 700.0), radius_m=80.0, end="loiter", **more):
     """Return the problem of a flight along points."""
-    zones = NoFlyZones(AirspaceState(), mission_grid(CONFIG, 0))
+    zones = NoFlyZones(AirspaceState(), mission_map(CONFIG, 0))
     if more.get("disc_m"):
-        zones.change(NoFlyZone("z", more["disc_m"]))
+        zones.change(NoFlyZone("z", more["disc_m"], limits=more.get("limits", UNLIMITED)))
     waypoints = tuple(Waypoint(*FRAME.to_geodetic(*point), 100.0, 30.0) for point in points_m)
     takeoff = more.get("takeoff_m")
     climb = None if takeoff is None else Waypoint(*FRAME.to_geodetic(*takeoff), 100.0, 30.0)
@@ -100,6 +110,38 @@ def problem(*points_m, course_deg=90.0, place_m=(400.0, 700.0), radius_m=80.0, e
     ],
 )
 def test_the_last_check_sees_what_is_flown_between_the_items(what, expected):
+    assert what.startswith(expected) if expected else what == ""
+
+
+LOW = VerticalLimits(None, 40.0)
+
+
+@pytest.mark.parametrize(
+    ("what", "expected"),
+    [
+        (problem((1200.0, 700.0), disc_m=(800.0, 700.0, 60.0), limits=LOW), ""),
+        (
+            problem((1200.0, 700.0), disc_m=(800.0, 700.0, 60.0), limits=VerticalLimits(None, 85.0)),
+            "its flight",
+        ),
+        (
+            problem((1200.0, 700.0), end="land", disc_m=(900.0, 700.0, 60.0), limits=LOW),
+            "its landing approach",
+        ),
+        (
+            problem((1200.0, 700.0), end="land", disc_m=(900.0, 700.0, 60.0), limits=VerticalLimits(90.0)),
+            "its",
+        ),
+        (problem((1200.0, 700.0), end="land", disc_m=(900.0, 700.0, 60.0), limits=VerticalLimits(250.0)), ""),
+        (
+            problem((1250.0, 700.0), takeoff_m=(900.0, 700.0), disc_m=(500.0, 700.0, 30.0), limits=LOW),
+            "its climb",
+        ),
+        (problem((1250.0, 700.0), takeoff_m=(900.0, 700.0), disc_m=(820.0, 700.0, 30.0), limits=LOW), ""),
+    ],
+)
+def test_the_last_check_sees_at_what_height_an_obstacle_is_passed(what, expected):
+    """A climb from 400 m to 900 m east, or an approach to a home 700 m east, at a layer of 100 m."""
     assert what.startswith(expected) if expected else what == ""
 
 

@@ -5,14 +5,12 @@ import pytest
 from helpers.noticed import noticed
 from helpers.plane_double import Plane
 from helpers.plane_swarm import Swarm
-from helpers.staging import mission, state
+from helpers.staging import mission, state, zones_on
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
-from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.core.airspace.records import AirspaceState
 from gcs.core.replanning.plan_targets import plan_options
 from gcs.core.replanning.return_routes import landing_of
 from gcs.core.tasking.mission_builder import MissionBuilder
@@ -39,12 +37,8 @@ HOME = Home(33.2005, -87.599, 70.0)
 ABOUT = state(1, (100.0, 200.0))
 
 
-def zones_of(grid):
-    return NoFlyZones(AirspaceState(), grid)
-
-
 def problem(*points_m, end="loiter", home=HOME, wait_m=None, profile=ARDUPLANE, alt_rel_m=100.0, seen=ABOUT):
-    check = MissionBoundsCheck(CONFIG, zones_of(mission_grid(CONFIG, 0)))
+    check = MissionBoundsCheck(CONFIG, zones_on(mission_grid(CONFIG, 0)))
     places = [CONFIG.local_frame.to_geodetic(*point) for point in points_m]
     centre_deg = None if wait_m is None else CONFIG.local_frame.to_geodetic(*wait_m)
     wait = None if centre_deg is None else Waypoint(*centre_deg, alt_rel_m, 10.0)
@@ -119,7 +113,7 @@ def test_no_planned_mission_is_refused(seed, end, clearance_m, is_fenced):
     for route in plan_routes(grid, {1: start}, {(0, 0): target_m}, {}, options).routes:
         back = landing and plan_return_route(grid, start, route.points_m, home_m, options, landing)
         items = build_items(ARDUPLANE, builder.of(route, 1, about, back), HOME)
-        check = MissionBoundsCheck(config, zones_of(grid))
+        check = MissionBoundsCheck(config, zones_on(grid))
         assert check.problem(items[ARDUPLANE.home_items :], about) == ""
 
 

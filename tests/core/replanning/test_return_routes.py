@@ -9,7 +9,17 @@ from helpers.flown_clearance import landing
 from helpers.noticed import noticed
 
 from gcs.core.replanning import return_routes
-from gcs.model import AgentStatus, NoFlyZone, Notice, NoticeCode, Order, Plan, UploadReport
+from gcs.model import (
+    UNLIMITED,
+    AgentStatus,
+    NoFlyZone,
+    Notice,
+    NoticeCode,
+    Order,
+    Plan,
+    UploadReport,
+    VerticalLimits,
+)
 from gcs.planning.manoeuvres.landing import plan_return_route
 from gcs.planning.map.line_of_sight import line_of_sight
 from sim_vehicles.campaign.virtual_run import VirtualRun
@@ -32,12 +42,14 @@ class Flight:
         agents = self.run.engine.state.agents
         return {v: one.routes.return_m for v, one in agents.items() if one.routes.return_m is not None}
 
-    def close(self, place_m):
+    def close(self, place_m, limits=UNLIMITED):
         """Close a disc; returns what was blocked by it."""
         before = self.run.engine.grid.blocked.copy()
         self.effects.clear()
         self.run.order(
-            Order(self.run.t_ns, "1", "no-fly-zone", None, None, NoFlyZone("fire", (*place_m, 50.0)))
+            Order(
+                self.run.t_ns, "1", "no-fly-zone", None, None, NoFlyZone("fire", (*place_m, 50.0), (), limits)
+            )
         )
         return before
 
@@ -58,6 +70,27 @@ def test_who_would_land_through_a_closed_area_gets_another_way_home():
     assert closed.blocked.any()
     assert vehicle in flight.all(Plan)[0].changed
     assert any(report.ok and report.vehicle == vehicle for report in flight.all(UploadReport))
+    way = [tuple(point) for point in flight.ways()[vehicle].tolist()]
+    assert all(line_of_sight(closed, a, b) for a, b in pairwise(way))
+
+
+def test_a_low_zone_under_the_approach_gives_another_way_home_and_one_under_the_route_does_not():
+    flight = Flight()
+    flown_s = flight.run.run(30.0)
+    low = VerticalLimits(None, 30.0, "ground")
+    vehicle = min(flight.ways())
+    before_m = flight.ways()[vehicle].copy()
+    flight.close(tuple(flight.run.engine.state.agents[vehicle].routes.latest.points_m[0].tolist()), low)
+    flown_s = flight.run.run(flown_s + 5.0)
+    assert not any(plan.changed for plan in flight.all(Plan))
+    assert not flight.all(UploadReport)
+    assert (flight.ways()[vehicle] == before_m).all()
+    place_m = before_home(before_m, 250.0)
+    flight.close(place_m, low)
+    flight.run.run(flown_s + 5.0)
+    assert vehicle in flight.all(Plan)[0].changed
+    closed = flight.run.engine.stages.no_fly_zones.closed["fire"].grid
+    assert not closed.is_free(place_m)
     way = [tuple(point) for point in flight.ways()[vehicle].tolist()]
     assert all(line_of_sight(closed, a, b) for a, b in pairwise(way))
 

@@ -30,6 +30,21 @@ def test_no_mission_goes_to_a_vehicle_whose_climb_leads_into_an_obstacle(px4):
     assert flight.way[-1][2] == 0.0
 
 
+@pytest.mark.parametrize(
+    ("limits", "is_clear"),
+    [
+        ("height_m = 40.0", False),
+        ('floor_m = 80.0\nreference = "home"', False),
+        ('floor_m = 115.0\nreference = "home"', True),
+    ],
+)
+def test_a_climb_is_kept_out_of_obstacles_that_routes_pass_above_and_may_pass_under_others(limits, is_clear):
+    tables = f"[[map.obstacles]]\nbox_m = [1410.0, 1240.0, 1510.0, 1340.0]\n{limits}\n"
+    flight = Flight(tables, boxes="").run(40.0)
+    assert [alarm.code for alarm in flight.alarms()] == ([] if is_clear else [NoticeCode.TAKEOFF_BLOCKED])
+    assert (flight.way[-1][2] > 50.0) is is_clear
+
+
 def test_a_low_take_off_altitude_turns_before_the_obstacle_and_climbs_on_along_the_route():
     flight = Flight("[takeoff]\naltitude_rel_m = 20.0\n").run(75.0)
     _, takeoff, *route = flight.items()

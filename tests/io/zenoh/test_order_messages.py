@@ -12,7 +12,7 @@ from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.io.zenoh.key_expressions import order_key
 from gcs.io.zenoh.order_messages import decode_order
-from gcs.model import NoFlyZone, Order
+from gcs.model import NoFlyZone, Order, VerticalLimits
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 KEY = order_key("m")
@@ -44,6 +44,14 @@ def test_places_in_degrees_become_local_metres() -> None:
     assert local.no_fly_zone == NoFlyZone("fire", None, ((0.0, 0.0), (100.0, 0.0), (100.0, 100.0)))
 
 
+def test_a_zone_has_the_heights_that_it_is_given() -> None:
+    zone = {"name": "fire", "circle": [0, 0, 80], "ceiling_m": 300, "reference": "msl"}
+    area = read(action="no-fly-zone", no_fly_zone=zone).no_fly_zone
+    assert area == NoFlyZone("fire", (0.0, 0.0, 80.0), (), VerticalLimits(None, 300.0, "msl"))
+    area = read(action="no-fly-zone", no_fly_zone={"name": "fire", "circle": [0, 0, 80]}).no_fly_zone
+    assert area == NoFlyZone("fire", (0.0, 0.0, 80.0))
+
+
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
@@ -71,6 +79,17 @@ def test_places_in_degrees_become_local_metres() -> None:
         (
             {"action": "no-fly-zone", "no_fly_zone": {"name": "x", "frame": "wgs84", "circle": [99, 0, 1]}},
             "lat_deg",
+        ),
+        (
+            {"action": "no-fly-zone", "no_fly_zone": {"name": "x", "circle": [9, 0, 1], "ceiling_m": 60}},
+            "no_fly_zone.reference: is missing",
+        ),
+        (
+            {
+                "action": "no-fly-zone",
+                "no_fly_zone": {"name": "x", "circle": [9, 0, 1], "ceiling_m": 60, "reference": "agl"},
+            },
+            'no_fly_zone.reference: expected one of "home", "msl", "ground", got',
         ),
         (
             {"action": "no-fly-zone", "no_fly_zone": {"name": "x", "frame": "wgs84", "circle": [0, 0, 1]}},
