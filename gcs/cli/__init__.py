@@ -54,9 +54,9 @@ _COMMANDS: Final[dict[str, dict[str, tuple[str, str]]]] = {
         "init": ("gcs.cli.prepare.init", "Write a first mission file from a plan, a map, a log, or a link."),
         "doctor": (
             "gcs.cli.prepare.doctor",
-            "Check this machine: clock, disk, ports, serial rights, kernels.",
+            "Check this machine before it flies: clock, disk, ports, serial rights, kernels, versions.",
         ),
-        "schema": ("gcs.cli.prepare.schema", "Print the JSON Schema of the mission file, for editors."),
+        "schema": ("gcs.cli.prepare.schema", "Print the JSON Schema of the mission file."),
         "check": ("gcs.cli.prepare.check", "Validate a mission file and print what it means."),
         "preflight": ("gcs.cli.prepare.preflight", "Check every vehicle, link and sensor before a flight."),
         "plan": ("gcs.cli.prepare.plan", "Plan routes once, without a flight."),
