@@ -3,7 +3,8 @@
 Items are checked one by one, and so is what the vehicle will fly between them: climb, legs, turns, loiter
 circle and landing approach, forward-simulated from the items (`gcs.planning.forward_simulation`). What is
 flown must keep inside the fence. Where routes are planned with turns and a clearance, it must keep out of
-obstacles and no-fly zones as well.
+obstacles and no-fly zones as well. Over terrain it must keep half of the least height above the ground,
+except in take-off and landing.
 
 The check is independent of planning, which also keeps routes inside. The vehicle of a refused mission keeps
 its onboard mission.
@@ -46,6 +47,8 @@ class MissionBoundsCheck:
         self._airframes = config.airframes_of_agents
         self._areas = held_areas(config, config.name)
         self._ceiling_m = config.max_alt_rel_m
+        self._elevation = config.elevation
+        self._least_agl_m = 0.0 if config.terrain is None else 0.5 * config.terrain.min_agl_m
         self._keeps_clear = config.planning.shape == "flyable" and config.planning.clearance_m > 0.0
 
     def problem(self, items: Sequence[Item], state: VehicleState | None) -> str:
@@ -72,8 +75,16 @@ class MissionBoundsCheck:
                 return f"point {number} of {len(items)} ({name} at {lat_lon}) {problem}"
         return ""
 
-    def flight_problem(self, items: Sequence[Item], vehicle: int, motion: Motion, upload_s: float) -> str:
-        """Return the first part of a flight that leaves the fence or hits an obstacle; empty if none does.
+    def flight_problem(
+        self,
+        items: Sequence[Item],
+        vehicle: int,
+        motion: Motion,
+        upload_s: float,
+        height_msl_m: float,
+        home_msl_m: float,
+    ) -> str:
+        """Return the first part of a flight that is not clear of fence, obstacles and ground, or "".
 
         The part that leads a vehicle into the fence does not count, nor the way of a vehicle out of an
         obstacle: of that only the end does.
@@ -86,12 +97,17 @@ class MissionBoundsCheck:
             Motion of the vehicle now, and what it flies until then.
         upload_s : float
             Time until it takes the mission up.
+        height_msl_m, home_msl_m : float
+            Heights of the vehicle and of its home above mean sea level.
         """
         if not items:
             return ""
         lag_s = self._airframes[vehicle].turn_lag_s
         begin = simulate(NOWHERE, motion, upload_s, lag_s).motion_at(-1)
         flown_m, parts = self._flight(items, vehicle, begin)
+        points_m = np.vstack((begin.place_m, self._places_m(items)))
+        heights_msl_m = _heights_msl_m(items, height_msl_m, home_msl_m)
+        lowest_msl_m = lowest_heights_m(flown_m, parts, points_m, heights_msl_m)
         outside = self._is_outside(flown_m)
         inside = np.flatnonzero(~outside)
         begins = int(inside[0]) if len(inside) else 0
@@ -99,23 +115,28 @@ class MissionBoundsCheck:
         what = "leaves the fence"
         if not len(wrong) and self._keeps_clear:
             blocked = _is_blocked(self._zones.grid, flown_m)
-            if self._zones.obstacles.low_areas:
-                blocked |= self._is_too_low(items, begin.place_m, flown_m, parts)
+            blocked |= self._is_over_low_obstacle(flown_m, lowest_msl_m)
             if blocked.any() and blocked[0]:  # it leaves an obstacle by any way, for a clear end
                 is_end = parts >= len(items) - 1
                 blocked &= is_end
             wrong = np.flatnonzero(blocked)
             what = "hits an obstacle, a no-fly zone or the fence"
         if not len(wrong):
+            wrong = np.flatnonzero(self._is_near_ground(items, flown_m, parts, lowest_msl_m))
+            what = f"comes nearer to the ground than {self._least_agl_m:g} m"
+        if not len(wrong):
             return ""
         first = int(wrong[0])
         lat_deg, lon_deg = self._frame.to_geodetic(*flown_m[first].tolist())
         return f"{_part(items, int(parts[first]))} {what} at {lat_deg:.6f}, {lon_deg:.6f}"
 
+    def _places_m(self, items: Sequence[Item]) -> list[Point]:
+        return [self._frame.to_local(item.x * 1e-7, item.y * 1e-7) for item in items]
+
     def _flight(self, items: Sequence[Item], vehicle: int, motion: Motion) -> tuple[FloatArray, IntArray]:
         """Return the simulated places of a flight (k, 2), and the item that it flies to at each."""
         airframe = self._airframes[vehicle]
-        places_m = [self._frame.to_local(item.x * 1e-7, item.y * 1e-7) for item in items]
+        places_m = self._places_m(items)
         first = int(items[0].command == dialect.MAV_CMD_NAV_TAKEOFF)
         if first:
             motion = replace(motion, speed_m_s=airframe.speed_m_s)
@@ -137,24 +158,28 @@ class MissionBoundsCheck:
         is_flown = parts < len(items)  # behind the landing nothing is flown
         return flight.places_m[is_flown], parts[is_flown]
 
-    def _is_too_low(
-        self, items: Sequence[Item], begin_m: Point, flown_m: FloatArray, parts: IntArray
-    ) -> BoolArray:
+    def _is_over_low_obstacle(self, flown_m: FloatArray, lowest_msl_m: FloatArray) -> BoolArray:
         """Return a mask of the places over obstacles that a vehicle flies over with half of the clearance."""
         obstacles = self._zones.obstacles
-        points_m = [begin_m, *(self._frame.to_local(item.x * 1e-7, item.y * 1e-7) for item in items)]
         ground_m = obstacles.layers.ground_msl_m
-        items_m = [item.z_m - ground_m * (item.frame not in _RELATIVE) for item in items]
-        begin_height_m = 0.0 if items[0].command == dialect.MAV_CMD_NAV_TAKEOFF else items_m[0]
-        heights_m = np.array([begin_height_m, *items_m])
-        lowest_m = lowest_heights_m(flown_m, parts, np.array(points_m), heights_m)
         blocked = np.zeros(len(flown_m), dtype=np.bool_)
         for area in obstacles.low_areas:
             _, ceiling_m = area.limits.above_level_ground(ground_m)
-            is_low = lowest_m < ceiling_m + 0.5 * obstacles.layers.clearance_m
+            is_low = lowest_msl_m - ground_m < ceiling_m + 0.5 * obstacles.layers.clearance_m
             if is_low.any():
                 blocked |= is_low & _is_blocked(blocked_by(free_grid_like(self._zones.grid), [area]), flown_m)
         return blocked
+
+    def _is_near_ground(
+        self, items: Sequence[Item], flown_m: FloatArray, parts: IntArray, lowest_msl_m: FloatArray
+    ) -> BoolArray:
+        """Return a mask of the places too near to the ground; take-off and landing do not count."""
+        if self._elevation is None:
+            return np.zeros(len(flown_m), dtype=np.bool_)
+        last = len(items) - 2 if items[-1].command == dialect.MAV_CMD_NAV_LAND else len(items)
+        first = int(items[0].command == dialect.MAV_CMD_NAV_TAKEOFF)
+        is_low = lowest_msl_m < self._elevation.heights_at(flown_m) + self._least_agl_m
+        return is_low & (parts >= first) & (parts < last)
 
     def _is_outside(self, flown_m: FloatArray) -> BoolArray:
         """Return a mask of the places outside the fence."""
@@ -178,6 +203,12 @@ class MissionBoundsCheck:
 
     def _contains(self, area: Area, position_m: tuple[float, float]) -> bool:
         return bool(area.contains(np.array([position_m]), self._frame)[0])
+
+
+def _heights_msl_m(items: Sequence[Item], begin_msl_m: float, home_msl_m: float) -> FloatArray:
+    """Return the height of a vehicle, then those of items, above mean sea level."""
+    above = [item.z_m + home_msl_m * (item.frame in _RELATIVE) for item in items]
+    return np.array([begin_msl_m, *above])
 
 
 def _is_blocked(grid: Grid, flown_m: FloatArray) -> BoolArray:

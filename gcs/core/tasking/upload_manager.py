@@ -421,7 +421,9 @@ class UploadManager:
                 passed = 0 if from_ground else points_passed(route, planned_t_ns, state)
                 flown = items[profile.home_items + passed :]
                 upload_s = DELIVERY_S + late_s(tasking)
-                problem = self._bounds.flight_problem(flown, vehicle, self._motion(state, t_ns), upload_s)
+                motion = self._motion(state, t_ns)
+                heights_msl_m = state.alt_msl_m, home.alt_msl_m
+                problem = self._bounds.flight_problem(flown, vehicle, motion, upload_s, *heights_msl_m)
             if problem:
                 return self._refused(vehicle, f"{problem}; the vehicle keeps its onboard mission", t_ns)
         tasking.refusal = ""

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from helpers.fenced_field import FRAME, NARROW, WIDE, field
+from helpers.hills import elevation_of, hill, terrain_table
 from helpers.noticed import alarms, noticed
 
 from gcs.config import parse
@@ -75,18 +76,26 @@ CONFIG = parse(field((1450.0, 1000.0)), "fenced.toml")
 HOME = Home(*FRAME.to_geodetic(700.0, 700.0), 70.0)
 
 
-def problem(*points_m, course_deg=90.0, place_m=(400.0, 700.0), radius_m=80.0, end="loiter", **more):
+def problem(
+    *points_m, course_deg=90.0, place_m=(400.0, 700.0), radius_m=80.0, end="loiter", config=CONFIG, **more
+):
     """Return the problem of a flight along points."""
     zones = NoFlyZones(AirspaceState(), mission_map(CONFIG, 0))
     if more.get("disc_m"):
         zones.change(NoFlyZone("z", more["disc_m"], limits=more.get("limits", UNLIMITED)))
-    waypoints = tuple(Waypoint(*FRAME.to_geodetic(*point), 100.0, 30.0) for point in points_m)
+    heights_m = more.get("heights_m", (100.0,) * len(points_m))
+    waypoints = tuple(
+        Waypoint(*FRAME.to_geodetic(*point), height_m, 30.0)
+        for point, height_m in zip(points_m, heights_m, strict=True)
+    )
     takeoff = more.get("takeoff_m")
     climb = None if takeoff is None else Waypoint(*FRAME.to_geodetic(*takeoff), 100.0, 30.0)
     mission = Mission(1, 1, waypoints, radius_m, end, None, climb)
     items = build_items(ARDUPLANE, mission, more.get("home", HOME), from_ground=climb is not None)
     motion = Motion(*place_m, 22.0, math.radians(course_deg))
-    return MissionBoundsCheck(CONFIG, zones).flight_problem(items[ARDUPLANE.home_items :], 1, motion, 0.0)
+    items = items[ARDUPLANE.home_items :]
+    check = MissionBoundsCheck(config, zones)
+    return check.flight_problem(items, 1, motion, 0.0, 170.0 if takeoff is None else 70.0, HOME.alt_msl_m)
 
 
 @pytest.mark.parametrize(
@@ -156,3 +165,28 @@ def test_a_mission_whose_circle_leaves_the_fence_is_not_sent_and_the_alarm_names
     assert reason.startswith("its loiter circle leaves the fence at 33.2")
     assert reason.endswith("; the vehicle keeps its onboard mission")
     assert flight.outside_m(WIDE) < 0.0
+
+
+HILLY = parse(
+    field((1450.0, 1000.0)) + terrain_table(elevation_of(hill(700.0, 700.0, 90.0, 60.0, 70.0), 2000.0)),
+    "hilly.toml",
+)
+
+
+def test_a_flight_into_a_hill_between_two_points_is_refused():
+    """The points are 100 m above the plain, and the leg is 10 m above the top of the hill."""
+    said = problem((500.0, 700.0), (900.0, 700.0), config=HILLY)
+    assert "flight to point 2 of 3 comes nearer to the ground than 25 m at 33.2" in said
+    assert problem((500.0, 700.0), (900.0, 700.0), heights_m=(130.0, 130.0), config=HILLY) == ""
+    assert problem((500.0, 950.0), (900.0, 950.0), config=HILLY) == "", "beside it"
+
+
+def test_a_descent_that_a_vehicle_ends_before_its_point_counts():
+    """At the top of the hill the line is 130 m high; PX4 has the height of the point 80 m before it."""
+    points_m = (300.0, 700.0), (780.0, 700.0)
+    assert problem(*points_m, heights_m=(200.0, 120.0), config=HILLY) == ""
+    assert "point 2" in problem(*points_m, heights_m=(200.0, 85.0), config=HILLY)
+
+
+def test_the_climb_to_a_mission_is_near_the_ground():
+    assert problem((900.0, 950.0), takeoff_m=(500.0, 950.0), config=HILLY) == ""
