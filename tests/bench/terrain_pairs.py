@@ -2,13 +2,13 @@
 
 The problem is that of Lim, Achermann, Girod, Lawrance and Siegwart, "Safe low-altitude navigation in steep
 terrain with fixed-wing aerial vehicles" (RA-L 2024): a turn radius of 66.67 m, a path angle of at most
-0.15 rad, 50 to 120 m above the ground, circles at both ends. The vehicle leaves the circle at the start on any
-tangent, in either direction, at the height of the circle. It enters the circle at the goal on any tangent, in
-either direction, at the height of that circle.
+0.15 rad, 50 to 120 m above the ground, circles at both ends. The vehicle leaves the circle at the start on
+any tangent, in either direction, at the height of the circle. It enters the circle at the goal on any
+tangent, in either direction, at the height of that circle.
 
 The floor and the ceiling are vertical: the ground below plus 50 m and plus 120 m, bilinear between the
-nodes. (The paper offsets both surfaces by a sphere.) A path may not leave the nodes. Its length is that of its
-projection on the ground.
+nodes. (The paper offsets both surfaces by a sphere.) A path may not leave the nodes. Its length is that of
+its projection on the ground.
 """
 
 from __future__ import annotations
