@@ -12,7 +12,7 @@ Searches work in metres from node (0, 0), with angles counter-clockwise from eas
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -56,6 +56,12 @@ class FlightBand:
     spacing_m: float
     surfaces_msl_m: Float32Array
     entry_depth_m: float
+
+    def narrowed(self, slack_m: float) -> FlightBand:
+        """Return the band with a floor higher and a ceiling lower by some metres."""
+        surfaces = self.surfaces_msl_m + np.array([slack_m, -slack_m], dtype=np.float32)
+        surfaces.flags.writeable = False
+        return replace(self, surfaces_msl_m=surfaces)
 
     def limits_at(self, points_m: FloatArray) -> FloatArray:
         """Return floor and ceiling (k, 2) at places (k, 2); no room (floor above ceiling) where no band is."""

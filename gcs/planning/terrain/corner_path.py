@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from gcs.jit import called, inlined, kernel, leaf, spliced
+from gcs.jit import kernel, leaf, spliced
 from gcs.model import Float32Array, FloatArray
 from gcs.planning.path.corner_splitting import MAX_TURN_RAD
 from gcs.planning.terrain.band import read_limits

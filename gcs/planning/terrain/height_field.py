@@ -21,12 +21,11 @@ Labels are kept in buckets of costs narrower than the shortest move: each is fin
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.jit import Call, kernel, leaf, spliced
+from gcs.jit import kernel, leaf, spliced
 from gcs.model import Float32Array, FloatArray, Int32Array, IntArray
 from gcs.planning.terrain.band import FlightBand, Vertical, read_limits
 
@@ -283,15 +282,3 @@ def field_lengths(
             counts, labels, spacing_m, places[i, 0], places[i, 1], places[i, 2], places[i, 3], gradient
         )
     return result
-
-
-def field_to(move_map: MoveMap, seeds: Sequence[tuple[float, float, float, float, float]]) -> HeightField:
-    """Return the field of a goal given by seeds: x and y in metres from node (0, 0), length, least and
-    greatest height.
-    """
-    at = np.array(seeds, dtype=np.float64).reshape(-1, 5)
-    vertical = move_map.vertical
-    counts, labels = fill_field(
-        move_map.limits, move_map.spacing_m, vertical.climb_gradient, vertical.sink_gradient, at
-    )
-    return HeightField(move_map.spacing_m, counts, labels)

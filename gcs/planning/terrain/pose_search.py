@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from gcs.jit import ZERO, inlined, int64, kernel, leaf, spliced
+from gcs.jit import inlined, int64, kernel, leaf
 from gcs.model import Float32Array, FloatArray, Int32Array, IntArray
 from gcs.planning.terrain.height_field import field_length
 from gcs.planning.terrain.intervals import advance_to, begin
