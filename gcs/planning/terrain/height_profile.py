@@ -24,8 +24,8 @@ from gcs.planning.terrain.corner_path import turn_at
 from gcs.planning.terrain.intervals import advance, begin
 
 _TUBE_M = 10.0
-_BAND_TOLERANCE_M = 1e-3
-"""Rounding that a profile may leave the band by."""
+_BAND_TOLERANCE_M = 0.25
+"""Distance by which a line between two knots may leave the band that a profile is planned in."""
 
 
 @kernel

@@ -21,11 +21,11 @@ from gcs.planning.terrain.terrain_map import BandCircle, BandPose, Goal, Terrain
 
 _WEIGHTS = ((1.1, 2_000, 50_000), (1.02, 20_000, 20_000))
 """Searches: weight of the heuristic, expansions beyond the first path and in all."""
-_LAST_WEIGHT = (1.3, 0, 300_000)
-"""Search where the others found no path."""
+_MORE_WEIGHTS = ((1.2, 2_000, 100_000), (1.4, 1_000, 300_000), (1.05, 20_000, 300_000))
+"""Searches where the others found no path, one after the other."""
 _GAP_SHARE = 0.02
 _PROFILE_STEP_M = 1.0
-_MAX_SPLITS = 6
+_MAX_SPLITS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,13 +67,12 @@ def plan_route(
     share : float
         Wanted share of the band, from 0 at its floor to 1 at its ceiling.
     """
-    paths = [_path(terrain, start, goal, weight) for weight in _WEIGHTS]
-    if all(path is None for path in paths):
-        paths = [_path(terrain, start, goal, _LAST_WEIGHT)]
-    for path in sorted((path for path in paths if path is not None), key=lambda path: path.length_m):
-        route = _with_heights(terrain, path, goal, share)
-        if route is not None:
-            return route
+    for weights in (_WEIGHTS, *((weight,) for weight in _MORE_WEIGHTS)):
+        paths = [path for weight in weights if (path := _path(terrain, start, goal, weight)) is not None]
+        for path in sorted(paths, key=lambda path: path.length_m):
+            route = _with_heights(terrain, path, goal, share)
+            if route is not None:
+                return route
     return None
 
 
@@ -167,7 +166,7 @@ def _start_poses(
 
 def _with_heights(terrain: TerrainMap, path: _CornerPath, goal: Goal, share: float) -> TerrainRoute | None:
     """Return a path with a height at each waypoint; None if it leaves the band."""
-    band = terrain.band
+    band = terrain.profile_band
     points = path.points
     for _ in range(_MAX_SPLITS):
         places, corners, middles = sample_path(points, terrain.turn_radius_m, _PROFILE_STEP_M)

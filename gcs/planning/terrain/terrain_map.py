@@ -10,8 +10,9 @@ from gcs.model import FloatArray
 from gcs.planning.terrain.band import FlightBand, Vertical
 from gcs.planning.terrain.height_field import HeightField, MoveMap, field_lengths, fill_field, make_move_map
 
-_SEARCH_SLACK_M = 1.0
-_SHORTENING_SLACK_M = 0.5
+_SEARCH_SLACK_M = 1.5
+_SHORTENING_SLACK_M = 0.75
+_PROFILE_SLACK_M = 0.25
 """Distance from floor and ceiling: paths are sampled more closely with every stage."""
 _SEED_SPACINGS = 1.5
 
@@ -52,6 +53,7 @@ class TerrainMap:
     moves: MoveMap
     search_band: FlightBand
     shortening_band: FlightBand
+    profile_band: FlightBand
 
     @property
     def rates(self) -> FloatArray:
@@ -73,7 +75,13 @@ def make_terrain_map(band: FlightBand, vertical: Vertical, turn_radius_m: float)
     search_band = band.narrowed(_SEARCH_SLACK_M)
     moves = make_move_map(search_band, vertical)
     return TerrainMap(
-        band, vertical, turn_radius_m, moves, search_band, band.narrowed(_SHORTENING_SLACK_M)
+        band,
+        vertical,
+        turn_radius_m,
+        moves,
+        search_band,
+        band.narrowed(_SHORTENING_SLACK_M),
+        band.narrowed(_PROFILE_SLACK_M),
     )
 
 
