@@ -30,6 +30,8 @@ _STEPS_M = np.array([80.0, 40.0, 20.0, 10.0, 5.0, 2.5])
 _DROPPED = np.array([24, 16, 12, 8, 6, 4, 3, 2, 1])
 """Corners that are dropped at once."""
 _MAX_SWEEPS = 4
+_MOVED = 1
+"""Neighbouring corners that are moved at once."""
 _INSERT_LEG_RADII = 3.0
 """Legs longer than this get another corner in their middle."""
 
@@ -288,6 +290,17 @@ def _join(points: FloatArray, count: int, i: int, to: FloatArray) -> int:
     return size
 
 
+@leaf
+def _insert_middle(points: FloatArray, count: int, i: int, to: FloatArray) -> None:
+    """Copy a path with another point in the middle of leg i."""
+    _copy(points, i + 1, to)
+    to[i + 1, 0] = 0.5 * (points[i, 0] + points[i + 1, 0])
+    to[i + 1, 1] = 0.5 * (points[i, 1] + points[i + 1, 1])
+    for k in range(i + 1, count):
+        to[k + 1, 0] = points[k, 0]
+        to[k + 1, 1] = points[k, 1]
+
+
 @kernel
 def shorten_path(
     surfaces: Float32Array, frame: FloatArray, rates: FloatArray, vertices: FloatArray, ends: FloatArray
@@ -369,45 +382,46 @@ def shorten_path(
         before = stretch_length(points, count, 0, count - 1, radius)
         for size in range(_STEPS_M.size):
             step = _STEPS_M[size]
-            for i in range(1, count - 1):
-                direction = 0
-                failed = 0
-                while failed < 8:
-                    _copy(points, count, trial)
-                    trial[i, 0] += step * math.cos(direction * 0.25 * math.pi)
-                    trial[i, 1] += step * math.sin(direction * 0.25 * math.pi)
-                    if is_pose and i == 1:
-                        along = (trial[1, 0] - points[0, 0]) * pose_x + (trial[1, 1] - points[0, 1]) * pose_y
-                        trial[1, 0] = points[0, 0] + max(along, 0.0) * pose_x
-                        trial[1, 1] = points[0, 1] + max(along, 0.0) * pose_y
-                    trials += 1
-                    if _is_better(
-                        surfaces, frame, rates, points, count, trial, count, i - 2, i + 2, ends, ends, ahead,
-                        behind,
-                    ):  # fmt: skip
-                        _copy(trial, count, points)
-                        fill_intervals(surfaces, frame, rates, points, count, ends, ahead, behind)
-                        failed = 0
-                    else:
-                        failed += 1
-                        direction = (direction + 1) % 8
+            for moved in range(1, _MOVED + 1):
+                for i in range(1, count - moved):
+                    direction = 0
+                    failed = 0
+                    while failed < 8:
+                        _copy(points, count, trial)
+                        for k in range(i, i + moved):
+                            trial[k, 0] += step * math.cos(direction * 0.25 * math.pi)
+                            trial[k, 1] += step * math.sin(direction * 0.25 * math.pi)
+                        if is_pose and i == 1:
+                            along = (trial[1, 0] - points[0, 0]) * pose_x
+                            along += (trial[1, 1] - points[0, 1]) * pose_y
+                            trial[1, 0] = points[0, 0] + max(along, 0.0) * pose_x
+                            trial[1, 1] = points[0, 1] + max(along, 0.0) * pose_y
+                        trials += 1
+                        if _is_better(
+                            surfaces, frame, rates, points, count, trial, count, i - 2, i + moved + 1, ends,
+                            ends, ahead, behind,
+                        ):  # fmt: skip
+                            _copy(trial, count, points)
+                            fill_intervals(surfaces, frame, rates, points, count, ends, ahead, behind)
+                            failed = 0
+                        else:
+                            failed += 1
+                            direction = (direction + 1) % 8
         length = stretch_length(points, count, 0, count - 1, radius)
         if sweep > 0 and before - length < 1e-3 * length:
             break
-        if sweep < _MAX_SWEEPS - 1:
-            i = 0
-            while i < count - 1 and count < capacity:
-                leg = math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
-                if leg > _INSERT_LEG_RADII * radius and not (is_pose and i == 0):
-                    for k in range(count, i + 1, -1):
-                        points[k, 0] = points[k - 1, 0]
-                        points[k, 1] = points[k - 1, 1]
-                    points[i + 1, 0] = 0.5 * (points[i, 0] + points[i + 2, 0])
-                    points[i + 1, 1] = 0.5 * (points[i, 1] + points[i + 2, 1])
+        i = 1 if is_pose else 0
+        while sweep < _MAX_SWEEPS - 1 and i < count - 1 and count < capacity:
+            leg = math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
+            if leg > _INSERT_LEG_RADII * radius:
+                _insert_middle(points, count, i, trial)
+                # The leg is sampled at other places now.
+                if fill_intervals(surfaces, frame, rates, trial, count + 1, ends, ahead, behind):
                     count += 1
+                    _copy(trial, count, points)
                     i += 1
-                i += 1
-            fill_intervals(surfaces, frame, rates, points, count, ends, ahead, behind)
+            i += 1
+        fill_intervals(surfaces, frame, rates, points, count, ends, ahead, behind)
     return points[:count].copy(), ends, length, trials
 
 
