@@ -308,8 +308,8 @@ def shorten_path(
     """Return a shorter path (k, 2), its ends, its length and the number of trials; (0, 2) if it has no heights.
 
     `frame`: spacing of the band, turn radius, step of samples. `rates`: climb and sink gradient, entry depth.
-    `vertices` (n, 2): the start and the goal included. `ends` (2, 6): for start and goal x, y and radius of
-    the circle, side (1 counter-clockwise), lowest and highest height. A start with radius 0 is a pose: its
+    `vertices` (n, 2): the start and the goal included. `ends` (2, 7): for start and goal x, y and radius of
+    the circle, side (1 counter-clockwise), lowest and highest height, and 0 if the side may change. A start with radius 0 is a pose: its
     first leg keeps its course. A goal with radius 0 is a point.
     """
     capacity = vertices.shape[0] * 2 + 64
@@ -366,7 +366,7 @@ def shorten_path(
             i += 1
         # Leave or enter a circle to the other side.
         for end in range(2):
-            if ends[end, 2] > 0.0:
+            if ends[end, 2] > 0.0 and ends[end, 6] == 0.0:
                 trial_ends[:] = ends
                 trial_ends[end, 3] = -ends[end, 3]
                 _copy(points, count, trial)
@@ -423,6 +423,21 @@ def shorten_path(
             i += 1
         fill_intervals(surfaces, frame, rates, points, count, ends, ahead, behind)
     return points[:count].copy(), ends, length, trials
+
+
+@kernel
+def last_interval(
+    surfaces: Float32Array, frame: FloatArray, rates: FloatArray, points: FloatArray, ends: FloatArray
+) -> FloatArray:
+    """Return the lowest and the highest height at the end of a path; arguments as of `shorten_path`."""
+    count = points.shape[0]
+    ahead = np.empty((count, 3))
+    behind = np.empty((count, 2))
+    result = np.array([1.0, 0.0])
+    if fill_intervals(surfaces, frame, rates, points, count, ends, ahead, behind):
+        result[0] = max(ahead[count - 1, 0], ends[1, 4])
+        result[1] = min(ahead[count - 1, 1], ends[1, 5])
+    return result
 
 
 def corners_of(pieces: FloatArray, start: tuple[float, float, float], radius_m: float) -> FloatArray:

@@ -164,9 +164,12 @@ def _is_covered(counts: Int32Array, labels: Float32Array, row: int, col: int, lo
 
 @kernel
 def fill_field(
-    limits: Float32Array, spacing_m: float, climb: float, sink: float, seeds: FloatArray,
-) -> tuple[Int32Array, Float32Array]:  # fmt: skip
-    """Return counts and labels of `HeightField`. `seeds` (n, 5): row, column, length, lowest, highest."""
+    limits: Float32Array, spacing_m: float, climb: float, sink: float, seeds: FloatArray, most_m: float
+) -> tuple[Int32Array, Float32Array]:
+    """Return counts and labels of `HeightField` for lengths up to `most_m`.
+
+    `seeds` (n, 5): row, column, length, lowest, highest.
+    """
     rows = limits.shape[0]
     cols = limits.shape[1]
     counts = np.zeros((rows, cols), np.int32)
@@ -194,7 +197,7 @@ def fill_field(
             heads[slot] = used
             used += 1
             live += 1
-    while live > 0:
+    while live > 0 and bucket * width <= most_m:
         slot = bucket % ring
         entry = heads[slot]
         heads[slot] = -1

@@ -199,8 +199,8 @@ def search_poses(
 
     `frame`: spacing of the band, of the field, side of a cell, turn radius, step of samples in shots.
     `rates`: climb and sink gradient, entry depth. `samples`, `shapes`: `make_primitives`. `starts` (n, 5): x,
-    y, index of the course from `course0`, lowest, highest. `goal`: x, y, radius, lowest, highest. `limits`:
-    expansions, expansions beyond the first path. Pieces: start index, 0, 0; then courses turned or angle,
+    y, index of the course from `course0`, lowest, highest. `goal`: x, y, radius, lowest, highest, side on which
+    it is entered (0: any). `limits`: expansions, expansions beyond the first path. Pieces: start index, 0, 0; then courses turned or angle,
     length of the line, 0 or side of the circle at the goal for the last piece.
     """
     climb = rates[0]
@@ -276,6 +276,8 @@ def search_poses(
             for combination in range(4):
                 near = 1.0 if combination & 1 else -1.0
                 far = 1.0 if combination & 2 else -1.0
+                if goal[5] != 0.0 and far != goal[5]:
+                    continue
                 course = course0 + k * turn
                 to_course, line_m = tangent(
                     x - near * radius * math.sin(course),

@@ -8,13 +8,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from gcs.model import FloatArray, read_only
-from gcs.planning.map.grid import Point
-from gcs.planning.terrain.corner_path import corners_of, shorten_path
+from gcs.planning.terrain.corner_path import corners_of, last_interval, shorten_path
 from gcs.planning.terrain.height_profile import choose_knots, plan_heights, sample_path
 from gcs.planning.terrain.pose_search import COURSES, cell_size_m, make_primitives, search_poses
 from gcs.planning.terrain.terrain_map import BandCircle, BandPose, Goal, TerrainMap
@@ -40,8 +40,6 @@ class TerrainRoute:
         Heights of the points, linear along the path between them.
     circle : BandCircle
         Loiter circle at the end, at the height of the last point.
-    is_left_turn : bool
-        True if the circle is entered counter-clockwise.
     length_m : float
         Length along legs and turns.
     """
@@ -49,7 +47,6 @@ class TerrainRoute:
     points_m: FloatArray
     heights_msl_m: FloatArray
     circle: BandCircle
-    is_left_turn: bool
     length_m: float
 
 
@@ -70,10 +67,34 @@ def plan_route(
     for weights in (_WEIGHTS, *((weight,) for weight in _MORE_WEIGHTS)):
         paths = [path for weight in weights if (path := _path(terrain, start, goal, weight)) is not None]
         for path in sorted(paths, key=lambda path: path.length_m):
-            route = _with_heights(terrain, path, goal, share)
-            if route is not None:
-                return route
+            for whole in _continued(terrain, path, goal):
+                route = _with_heights(terrain, whole, share)
+                if route is not None:
+                    return route
     return None
+
+
+def _continued(terrain: TerrainMap, path: _CornerPath, goal: Goal) -> Iterator[_CornerPath]:
+    """Yield a path, or the paths that lead on from its end to each of the circles behind it."""
+    if not goal.behind:
+        yield path
+        return
+    band = terrain.shortening_band
+    frame = np.array([band.spacing_m, terrain.turn_radius_m, 0.25 * band.spacing_m])
+    low, high = last_interval(band.surfaces_msl_m, frame, terrain.rates, path.points, path.ends).tolist()
+    x, y = path.points[-1].tolist()
+    leg = path.points[-1] - path.points[-2]
+    east, north = terrain.band.origin_m
+    pose = BandPose(x + east, y + north, math.atan2(leg[0], leg[1]), low, high)
+    for behind in goal.behind if low <= high else ():
+        for weight in (_WEIGHTS[0], *_MORE_WEIGHTS[:1]):
+            rest = _path(terrain, pose, behind, weight)
+            if rest is not None:
+                points = np.concatenate((path.points, rest.points[1:]))
+                yield _CornerPath(
+                    points, np.stack((path.ends[0], rest.ends[1])), path.length_m + rest.length_m, behind.circle
+                )
+                break
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +104,7 @@ class _CornerPath:
     points: FloatArray
     ends: FloatArray
     length_m: float
+    circle: BandCircle
 
 
 def _path(
@@ -107,7 +129,7 @@ def _path(
         shapes,
         starts,
         course0,
-        np.delete(end, 3),
+        np.array([*end[[0, 1, 2, 4, 5]], end[3] * end[6]]),
         np.array([weight[2], weight[1]]),
         weight[0],
         _GAP_SHARE,
@@ -124,16 +146,20 @@ def _path(
         terrain.shortening_band.surfaces_msl_m, frame, terrain.rates, points, ends
     )
     if not math.isfinite(shorter_m):
-        return _CornerPath(points, ends, length_m)
-    return _CornerPath(shorter, shorter_ends, shorter_m)
+        return _CornerPath(points, ends, length_m, goal.circle)
+    return _CornerPath(shorter, shorter_ends, shorter_m, goal.circle)
 
 
 def _end_row(terrain: TerrainMap, end: BandPose | BandCircle, side: float = 1.0) -> FloatArray:
     """Return an end as of `shorten_path`."""
     east, north = terrain.band.origin_m
     radius_m = end.radius_m if isinstance(end, BandCircle) else 0.0
+    is_fixed = 0.0
+    if isinstance(end, BandCircle) and end.is_clockwise is not None:
+        side = -1.0 if end.is_clockwise else 1.0
+        is_fixed = 1.0
     return np.array(
-        [end.east_m - east, end.north_m - north, radius_m, side, end.low_msl_m, end.high_msl_m]
+        [end.east_m - east, end.north_m - north, radius_m, side, end.low_msl_m, end.high_msl_m, is_fixed]
     )
 
 
@@ -141,7 +167,7 @@ def _start_poses(
     terrain: TerrainMap, start: BandPose | BandCircle
 ) -> tuple[FloatArray, float, list[float]]:
     """Return the poses where a search begins (`search_poses`), the first course, and the side of each."""
-    x, y, radius_m, _, low, high = _end_row(terrain, start).tolist()
+    x, y, radius_m, only_side, low, high, is_fixed = _end_row(terrain, start).tolist()
     if isinstance(start, BandPose):
         course0 = 0.0 if start.course_rad is None else 0.5 * math.pi - start.course_rad
         count = COURSES if start.course_rad is None else 1
@@ -150,7 +176,7 @@ def _start_poses(
     sides = []
     for k in range(COURSES):
         course = 2.0 * math.pi * k / COURSES
-        for side in (1.0, -1.0):
+        for side in (only_side,) if is_fixed else (1.0, -1.0):
             rows.append(
                 (
                     x + side * radius_m * math.sin(course),
@@ -164,7 +190,7 @@ def _start_poses(
     return np.array(rows), 0.0, sides
 
 
-def _with_heights(terrain: TerrainMap, path: _CornerPath, goal: Goal, share: float) -> TerrainRoute | None:
+def _with_heights(terrain: TerrainMap, path: _CornerPath, share: float) -> TerrainRoute | None:
     """Return a path with a height at each waypoint; None if it leaves the band."""
     band = terrain.profile_band
     points = path.points
@@ -184,12 +210,12 @@ def _with_heights(terrain: TerrainMap, path: _CornerPath, goal: Goal, share: flo
     waypoints = places[knots, :2]
     waypoints[np.searchsorted(knots, middles)] = points
     end_msl_m = float(heights[-1])
-    circle = goal.circle
+    circle = path.circle
+    is_clockwise = bool(path.ends[1, 3] < 0.0)
     return TerrainRoute(
         read_only(waypoints + np.array(band.origin_m)),
         read_only(heights[knots]),
-        BandCircle(circle.east_m, circle.north_m, circle.radius_m, end_msl_m, end_msl_m),
-        bool(path.ends[1, 3] > 0.0),
+        BandCircle(circle.east_m, circle.north_m, circle.radius_m, end_msl_m, end_msl_m, is_clockwise),
         float(places[-1, 2]),
     )
 

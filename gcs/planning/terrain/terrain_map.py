@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +34,7 @@ class BandPose:
 
 @dataclass(frozen=True, slots=True)
 class BandCircle:
-    """Loiter circle that a route leaves or enters on a tangent, in either direction."""
+    """Loiter circle that a route leaves or enters on a tangent."""
 
     east_m: float
     north_m: float
@@ -41,6 +43,8 @@ class BandCircle:
     low_msl_m: float
     high_msl_m: float
     """Heights of which the route may choose."""
+    is_clockwise: bool | None = None
+    """None: either."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +68,21 @@ class TerrainMap:
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Loiter circle and the lengths of paths to it."""
+    """Loiter circle and the lengths of paths to it, or a point to pass on the way to one.
+
+    Attributes
+    ----------
+    circle : BandCircle
+        A point to pass has no radius.
+    field : HeightField
+        Lengths to `circle`.
+    behind : tuple of Goal
+        For a point: loiter circles to go on to, the nearest one first.
+    """
 
     circle: BandCircle
     field: HeightField
+    behind: tuple[Goal, ...] = ()
 
 
 def make_terrain_map(band: FlightBand, vertical: Vertical, turn_radius_m: float) -> TerrainMap:
@@ -85,15 +100,17 @@ def make_terrain_map(band: FlightBand, vertical: Vertical, turn_radius_m: float)
     )
 
 
-def goal_at(terrain: TerrainMap, circle: BandCircle) -> Goal:
-    """Return a goal with its field; some 20 ms for 25 square kilometres."""
+def goal_at(
+    terrain: TerrainMap, circle: BandCircle, behind: tuple[Goal, ...] = (), most_m: float = math.inf
+) -> Goal:
+    """Return a goal with its field for lengths up to `most_m`; some 20 ms for 25 square kilometres."""
     vertical = terrain.vertical
     moves = terrain.moves
     seeds = _seeds(terrain, circle)
     counts, labels = fill_field(
-        moves.limits, moves.spacing_m, vertical.climb_gradient, vertical.sink_gradient, seeds
+        moves.limits, moves.spacing_m, vertical.climb_gradient, vertical.sink_gradient, seeds, most_m
     )
-    return Goal(circle, HeightField(moves.spacing_m, counts, labels))
+    return Goal(circle, HeightField(moves.spacing_m, counts, labels), behind)
 
 
 def _seeds(terrain: TerrainMap, circle: BandCircle) -> FloatArray:
@@ -112,12 +129,27 @@ def _seeds(terrain: TerrainMap, circle: BandCircle) -> FloatArray:
     return seeds
 
 
-def path_lengths(terrain: TerrainMap, starts: list[BandPose | BandCircle], goal: Goal) -> FloatArray:
-    """Return the length of the path from each start to a goal; inf without one. Turns are left out."""
+def cost_matrix(
+    terrain: TerrainMap, starts: Sequence[BandPose | BandCircle], goals: Sequence[Goal | None]
+) -> FloatArray:
+    """Return the lengths (n, m) of paths from starts to goals; inf without one. Turns are left out."""
+    lengths = [_lengths_to(terrain, starts, goal) for goal in goals]
+    return np.array(lengths).reshape(len(goals), len(starts)).T
+
+
+def _lengths_to(
+    terrain: TerrainMap, starts: Sequence[BandPose | BandCircle], goal: Goal | None
+) -> FloatArray:
+    """Return the length of the path from each start to a goal and to the circle behind it."""
+    if goal is None:
+        return np.full(len(starts), np.inf)
     east, north = terrain.band.origin_m
     places = np.array(
         [(one.east_m - east, one.north_m - north, one.low_msl_m, one.high_msl_m) for one in starts]
     ).reshape(-1, 4)
     field = goal.field
     gradient = min(terrain.vertical.climb_gradient, terrain.vertical.sink_gradient)
-    return field_lengths(field.counts, field.labels, field.spacing_m, places, gradient)
+    lengths = field_lengths(field.counts, field.labels, field.spacing_m, places, gradient)
+    if goal.behind:
+        lengths = lengths + min(float(_lengths_to(terrain, [goal.circle], one)[0]) for one in goal.behind)
+    return lengths
