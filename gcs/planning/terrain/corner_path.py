@@ -48,6 +48,12 @@ def turn_at(points: FloatArray, i: int, count: int) -> float:
     return math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
 
 
+@spliced
+def radius_outside(turn: float) -> float:
+    """Return the distance of a corner from its arc, in radii."""
+    return 1.0 / math.cos(0.5 * turn) - 1.0
+
+
 @leaf
 def stretch_length(points: FloatArray, count: int, first: int, last: int, radius: float) -> float:
     """Return the length from behind the turn at `first` to before that at `last`; inf if turns do not fit."""
@@ -213,15 +219,22 @@ def _set_ends(points: FloatArray, count: int, ends: FloatArray) -> bool:
 def _is_better(
     surfaces: Float32Array, frame: FloatArray, rates: FloatArray, points: FloatArray, count: int,
     trial: FloatArray, trial_count: int, first: int, last: int, ends: FloatArray, trial_ends: FloatArray,
-    ahead: FloatArray, behind: FloatArray,
+    ahead: FloatArray, behind: FloatArray, pin: int, via: FloatArray,
 ) -> bool:  # fmt: skip
-    """Return True if a trial is shorter and has heights; it differs between points `first` and `last`."""
+    """Return True if a trial is shorter, has heights, and passes `via` at point `pin`.
+
+    It differs between points `first` and `last`.
+    """
     per_m = 1.0 / frame[0]
     first = max(first, 0)
     last = min(last, count - 1)
     more = trial_count - count
     if not _set_ends(trial, trial_count, trial_ends):
         return False
+    if pin > 0:
+        bulge = radius_outside(turn_at(trial, pin, trial_count)) * frame[1]
+        if math.hypot(trial[pin, 0] - via[0], trial[pin, 1] - via[1]) + bulge > via[2]:
+            return False
     gain = stretch_length(points, count, first, last, frame[1]) - stretch_length(
         trial, trial_count, first, last + more, frame[1]
     )
@@ -303,14 +316,15 @@ def _insert_middle(points: FloatArray, count: int, i: int, to: FloatArray) -> No
 
 @kernel
 def shorten_path(
-    surfaces: Float32Array, frame: FloatArray, rates: FloatArray, vertices: FloatArray, ends: FloatArray
-) -> tuple[FloatArray, FloatArray, float, int]:
+    surfaces: Float32Array, frame: FloatArray, rates: FloatArray, vertices: FloatArray, ends: FloatArray,
+    pin: int, via: FloatArray,
+) -> tuple[FloatArray, FloatArray, float, int]:  # fmt: skip
     """Return a shorter path (k, 2), its ends, its length and the number of trials; (0, 2) if it has no heights.
 
     `frame`: spacing of the band, turn radius, step of samples. `rates`: climb and sink gradient, entry depth.
     `vertices` (n, 2): the start and the goal included. `ends` (2, 7): for start and goal x, y and radius of
     the circle, side (1 counter-clockwise), lowest and highest height, and 0 if the side may change. A start with radius 0 is a pose: its
-    first leg keeps its course. A goal with radius 0 is a point.
+    first leg keeps its course. Point `pin` (-1: none) stays within the distance of `via` (x, y, distance).
     """
     capacity = vertices.shape[0] * 2 + 64
     count = vertices.shape[0]
@@ -342,10 +356,12 @@ def shorten_path(
             while i + dropped <= count - 1:
                 trial_count = _drop(points, count, i, dropped, trial)
                 trials += 1
-                if _is_better(
+                to_pin = pin - dropped if pin > i else pin
+                if not (i <= pin < i + dropped) and _is_better(
                     surfaces, frame, rates, points, count, trial, trial_count, i - 2, i + dropped + 1, ends,
-                    ends, ahead, behind,
+                    ends, ahead, behind, to_pin, via,
                 ):  # fmt: skip
+                    pin = to_pin
                     count = trial_count
                     _copy(trial, count, points)
                     fill_intervals(surfaces, frame, rates, points, count, ends, ahead, behind)
@@ -354,12 +370,14 @@ def shorten_path(
         i = 1
         while i + 2 <= count - 1:
             trial_count = _join(points, count, i, trial)
-            if trial_count > 0:
+            if trial_count > 0 and pin != i and pin != i + 1:
                 trials += 1
+                to_pin = pin - 1 if pin > i else pin
                 if _is_better(
                     surfaces, frame, rates, points, count, trial, trial_count, i - 2, i + 3, ends, ends,
-                    ahead, behind,
+                    ahead, behind, to_pin, via,
                 ):  # fmt: skip
+                    pin = to_pin
                     count = trial_count
                     _copy(trial, count, points)
                     fill_intervals(surfaces, frame, rates, points, count, ends, ahead, behind)
@@ -374,7 +392,7 @@ def shorten_path(
                 trials += 1
                 if _is_better(
                     surfaces, frame, rates, points, count, trial, count, at - 2, at + 2, ends, trial_ends,
-                    ahead, behind,
+                    ahead, behind, pin, via,
                 ):  # fmt: skip
                     ends[:] = trial_ends
                     _copy(trial, count, points)
@@ -399,7 +417,7 @@ def shorten_path(
                         trials += 1
                         if _is_better(
                             surfaces, frame, rates, points, count, trial, count, i - 2, i + moved + 1, ends,
-                            ends, ahead, behind,
+                            ends, ahead, behind, pin, via,
                         ):  # fmt: skip
                             _copy(trial, count, points)
                             fill_intervals(surfaces, frame, rates, points, count, ends, ahead, behind)
@@ -419,51 +437,37 @@ def shorten_path(
                 if fill_intervals(surfaces, frame, rates, trial, count + 1, ends, ahead, behind):
                     count += 1
                     _copy(trial, count, points)
+                    pin = pin + 1 if pin > i else pin
                     i += 1
             i += 1
         fill_intervals(surfaces, frame, rates, points, count, ends, ahead, behind)
     return points[:count].copy(), ends, length, trials
 
 
-@kernel
-def last_interval(
-    surfaces: Float32Array, frame: FloatArray, rates: FloatArray, points: FloatArray, ends: FloatArray
-) -> FloatArray:
-    """Return the lowest and the highest height at the end of a path; arguments as of `shorten_path`."""
-    count = points.shape[0]
-    ahead = np.empty((count, 3))
-    behind = np.empty((count, 2))
-    result = np.array([1.0, 0.0])
-    if fill_intervals(surfaces, frame, rates, points, count, ends, ahead, behind):
-        result[0] = max(ahead[count - 1, 0], ends[1, 4])
-        result[1] = min(ahead[count - 1, 1], ends[1, 5])
-    return result
-
-
-def corners_of(pieces: FloatArray, start: tuple[float, float, float], radius_m: float) -> FloatArray:
-    """Return the points of a path of arcs and lines: start, corners, end.
+def corners_of(
+    pieces: FloatArray, start: tuple[float, float, float], radius_m: float
+) -> tuple[FloatArray, int]:
+    """Return the points of a path of arcs and lines (start, corners, end) and the index of its pinned point.
 
     Parameters
     ----------
-    pieces : ndarray, shape (k, 2)
-        Angle of an arc, left positive, and length of the line behind it.
+    pieces : ndarray, shape (k, 3)
+        Angle of an arc, left positive, length of the line behind it, and 1 where a point is pinned behind it.
     start : tuple of float
         x, y and course.
     radius_m : float
         Radius of the arcs.
+
+    Returns
+    -------
+    points : ndarray, shape (n, 2)
+    pin : int
+        -1 for none.
     """
     x, y, course = start
     points = [(x, y)]
-    arcs: list[list[float]] = []
-    for angle, line_m in pieces[:, :2].tolist():
-        if arcs and arcs[-1][1] < 1e-9 and arcs[-1][0] * angle >= 0.0:
-            arcs[-1][0] += angle
-            arcs[-1][1] = line_m
-        elif arcs and abs(angle) < 1e-9:
-            arcs[-1][1] += line_m
-        else:
-            arcs.append([angle, line_m])
-    for angle, line_m in arcs:
+    pin = -1
+    for angle, line_m, is_pinned in _merged(pieces):
         parts = max(1, math.ceil(abs(angle) / (0.5 * math.pi) - 1e-9))
         if abs(angle) > 1e-9:
             part = angle / parts
@@ -475,5 +479,25 @@ def corners_of(pieces: FloatArray, start: tuple[float, float, float], radius_m: 
                 y = points[-1][1] + tangent_m * math.sin(course)
         x += line_m * math.cos(course)
         y += line_m * math.sin(course)
+        if is_pinned:
+            pin = len(points)
+            points.append((x, y))
     points.append((x, y))
-    return np.array(points)
+    return np.array(points), pin
+
+
+def _merged(pieces: FloatArray) -> list[list[float]]:
+    """Return pieces with arcs to one side, and lines, joined to one piece."""
+    merged: list[list[float]] = []
+    for angle, line_m, is_pinned in pieces.tolist():
+        can_join = bool(merged) and not merged[-1][2]
+        if can_join and merged[-1][1] < 1e-9 and merged[-1][0] * angle >= 0.0:
+            merged[-1][0] += angle
+            merged[-1][1] = line_m
+            merged[-1][2] = is_pinned
+        elif can_join and abs(angle) < 1e-9:
+            merged[-1][1] += line_m
+            merged[-1][2] = is_pinned
+        else:
+            merged.append([angle, line_m, is_pinned])
+    return merged

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.jit import kernel, leaf, spliced
+from gcs.jit import ZERO, kernel, leaf, spliced
 from gcs.model import Float32Array, FloatArray, Int32Array, IntArray
 from gcs.planning.terrain.band import FlightBand, Vertical, read_limits
 
@@ -67,25 +67,6 @@ class MoveMap:
     vertical: Vertical
     spacing_m: float
     limits: Float32Array
-
-
-@dataclass(frozen=True, eq=False)
-class HeightField:
-    """Lengths from every node to a goal.
-
-    Attributes
-    ----------
-    spacing_m : float
-        Distance of neighbouring nodes.
-    counts : ndarray of int32, shape (rows, cols)
-        Number of labels of each node.
-    labels : ndarray of float32, shape (rows, cols, MAX_LABELS, 3)
-        Length, least and greatest height, the shortest first.
-    """
-
-    spacing_m: float
-    counts: Int32Array
-    labels: Float32Array
 
 
 def make_move_map(band: FlightBand, vertical: Vertical) -> MoveMap:
@@ -166,9 +147,10 @@ def _is_covered(counts: Int32Array, labels: Float32Array, row: int, col: int, lo
 def fill_field(
     limits: Float32Array, spacing_m: float, climb: float, sink: float, seeds: FloatArray, most_m: float
 ) -> tuple[Int32Array, Float32Array]:
-    """Return counts and labels of `HeightField` for lengths up to `most_m`.
+    """Return the number of labels of each node, and the labels, for lengths up to `most_m`.
 
-    `seeds` (n, 5): row, column, length, lowest, highest.
+    Labels (rows, cols, MAX_LABELS, 3): length, least and greatest height, the shortest first. `seeds` (n, 5):
+    row, column, length, lowest, highest.
     """
     rows = limits.shape[0]
     cols = limits.shape[1]
@@ -243,14 +225,14 @@ def fill_field(
 
 @spliced
 def field_length(
-    counts: Int32Array, labels: Float32Array, spacing_m: float, x: float, y: float, low: float, high: float,
-    gradient: float,
+    counts: Int32Array, labels: Float32Array, stage: int, spacing_m: float, x: float, y: float, low: float,
+    high: float, gradient: float,
 ) -> float:  # fmt: skip
-    """Return the length from a place in metres at a height in [low, high]: bilinear; inf without a path.
+    """Return the length, in the field of a stage, from a place in metres at a height in [low, high]: bilinear; inf without a path.
 
     A height apart from those of a label costs the length of the climb (`gradient`) between them.
     """
-    rows, cols = counts.shape
+    _, rows, cols = counts.shape
     u = min(max(x / spacing_m, 0.0), cols - 1.0)
     v = min(max(y / spacing_m, 0.0), rows - 1.0)
     col = min(int(u), cols - 2)
@@ -264,9 +246,9 @@ def field_length(
         c = col + (corner & 1)
         weight = (u if corner & 1 else 1.0 - u) * (v if corner >> 1 else 1.0 - v)
         best = np.inf
-        for k in range(counts[r, c]):
-            gap = max(labels[r, c, k, 1] - high, low - labels[r, c, k, 2], 0.0)
-            best = min(best, labels[r, c, k, 0] + max(gap - _CLOSE_HEIGHT_M, 0.0) / gradient)
+        for k in range(counts[stage, r, c]):
+            gap = max(labels[stage, r, c, k, 1] - high, low - labels[stage, r, c, k, 2], 0.0)
+            best = min(best, labels[stage, r, c, k, 0] + max(gap - _CLOSE_HEIGHT_M, 0.0) / gradient)
         if best < np.inf:
             # Weights of the corners that have a path, never zero for the only one.
             total += (weight + 1e-9) * best
@@ -278,10 +260,10 @@ def field_length(
 def field_lengths(
     counts: Int32Array, labels: Float32Array, spacing_m: float, places: FloatArray, gradient: float
 ) -> FloatArray:
-    """Return `field_length` of places (n, 4): x and y in metres, lowest and highest."""
+    """Return `field_length` in the first field of places (n, 4): x and y in metres, lowest and highest."""
     result = np.empty(places.shape[0])
     for i in range(places.shape[0]):
         result[i] = field_length(
-            counts, labels, spacing_m, places[i, 0], places[i, 1], places[i, 2], places[i, 3], gradient
+            counts, labels, ZERO, spacing_m, places[i, 0], places[i, 1], places[i, 2], places[i, 3], gradient
         )
     return result

@@ -19,7 +19,7 @@ import numpy as np
 
 from gcs.jit import kernel, leaf
 from gcs.model import Float32Array, FloatArray, Int32Array, IntArray
-from gcs.planning.terrain.band import read_limits
+from gcs.planning.terrain.band import NO_BAND_M, read_limits
 from gcs.planning.terrain.corner_path import turn_at
 from gcs.planning.terrain.intervals import advance, begin
 
@@ -181,7 +181,7 @@ def plan_heights(
     surfaces: Float32Array, band_spacing_m: float, rates: FloatArray, places: FloatArray, ends: FloatArray,
     share: float,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Return a profile (n,) inside the band, and floor and ceiling (n, 2); empty if there is none.
+    """Return a profile (n,) and its floor and ceiling (n, 2); empty if there is none.
 
     `rates`: climb and sink gradient, entry depth. `places` as of `sample_path`, `ends` as of `shorten_path`.
     """
@@ -203,6 +203,9 @@ def plan_heights(
             high = min(behind[i, 1], heights[i - 1] + rates[0] * step)
         if ahead[i, 2] != 0.0:
             inside = i + 1
+            # Limits of a vehicle that enters the band.
+            limits[i, 0] -= rates[2] if ahead[i, 2] < 0.0 else 0.0
+            limits[i, 1] += NO_BAND_M if ahead[i, 2] > 0.0 else 0.0
         heights[i] = min(max(wanted, low), high)
     tube = np.empty((size, 2))
     for i in range(size):
@@ -219,16 +222,13 @@ def choose_knots(
     """Return the knots of a profile that is linear between them and stays in the band, in order.
 
     Given knots stay. Knots are added on straight legs. Also returns the corner in whose turn the profile leaves
-    the band nevertheless, -1 for none. A start outside the band lies in a stretch that is not checked.
+    the band nevertheless, -1 for none.
     """
     size = along.size
     result = np.empty(size, np.int64)
     is_knot = np.zeros(size, np.bool_)
     for i in range(knots.size):
         is_knot[knots[i]] = True
-    begin_at = 0
-    while begin_at < size and not (limits[begin_at, 0] <= heights[begin_at] <= limits[begin_at, 1]):
-        begin_at += 1
     sharp = -1
     first = 0
     while first < size - 1:
@@ -237,7 +237,7 @@ def choose_knots(
             last += 1
         worst = _BAND_TOLERANCE_M
         at = -1
-        for i in range(max(first + 1, begin_at), last):
+        for i in range(first + 1, last):
             share = (along[i] - along[first]) / (along[last] - along[first])
             height = heights[first] + share * (heights[last] - heights[first])
             off = max(limits[i, 0] - height, height - limits[i, 1])

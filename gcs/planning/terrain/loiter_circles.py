@@ -23,6 +23,8 @@ _MOST_CIRCLES = 3
 """Loiter circles that a route may go on to behind its target."""
 _APART_RADII = 1.0
 """Distance between their centres."""
+_PASS_SHARE = 0.5
+"""Share of the reach radius within which a target is passed."""
 _MAX_BEHIND_RADII = 40.0
 """Length of the path that leads on to them."""
 
@@ -134,18 +136,17 @@ def goal_at_target(
     """
     circle = circle_at(circles, target_m, is_clockwise=is_clockwise)
     if circle is not None:
-        return goal_at(terrain, circle)
-    point = _place_near(terrain.search_band, target_m, reach_radius_m)
-    if point is None:
-        return None
-    most_m = _MAX_BEHIND_RADII * circles.radius_m
+        return goal_at(terrain, [circle])
     near = nearest_circles(circles, target_m, is_clockwise=is_clockwise)
-    behind = tuple(goal_at(terrain, one, most_m=most_m) for one in near)
-    return goal_at(terrain, point, behind) if behind else None
+    place = _place_near(terrain.search_band, target_m, _PASS_SHARE * reach_radius_m)
+    if not near or place is None:
+        return None
+    reach_m = min(_PASS_SHARE * reach_radius_m, reach_radius_m - math.dist(place, target_m))
+    return goal_at(terrain, near, place, reach_m)
 
 
-def _place_near(band: FlightBand, target_m: Point, reach_radius_m: float) -> BandCircle | None:
-    """Return the target, or the nearest node within reach, that has a band, as a circle without a radius."""
+def _place_near(band: FlightBand, target_m: Point, reach_radius_m: float) -> Point | None:
+    """Return the target, or the nearest node within reach, that has a band; None without one."""
     rows, cols, _ = band.surfaces_msl_m.shape
     east = band.origin_m[0] + band.spacing_m * np.arange(cols)
     north = band.origin_m[1] + band.spacing_m * np.arange(rows)
@@ -159,4 +160,4 @@ def _place_near(band: FlightBand, target_m: Point, reach_radius_m: float) -> Ban
     if not is_open.any():
         return None
     k = int(np.argmin(np.where(is_open, apart_m, np.inf)))
-    return BandCircle(*places[k].tolist(), 0.0, *limits[k].tolist())
+    return float(places[k, 0]), float(places[k, 1])

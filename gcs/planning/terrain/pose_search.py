@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from gcs.jit import inlined, int64, kernel, leaf
+from gcs.jit import ZERO, inlined, int64, kernel, leaf
 from gcs.model import Float32Array, FloatArray, Int32Array, IntArray
 from gcs.planning.terrain.height_field import field_length
 from gcs.planning.terrain.intervals import advance_to, begin
@@ -192,16 +192,19 @@ def fly_arc_and_line(
 @kernel
 def search_poses(
     surfaces: Float32Array, frame: FloatArray, rates: FloatArray, counts: Int32Array, labels: Float32Array,
-    samples: FloatArray, shapes: FloatArray, starts: FloatArray, course0: float, goal: FloatArray,
-    limits: IntArray, weight: float, gap_share: float,
+    samples: FloatArray, shapes: FloatArray, starts: FloatArray, course0: float, via: FloatArray,
+    goals: FloatArray, limits: IntArray, weight: float, gap_share: float,
 ) -> tuple[FloatArray, float, int]:  # fmt: skip
     """Return the pieces of a path (k, 3), its length (inf if none), and the number of expansions.
 
+    A path passes `via` (x, y, distance to keep at most; negative for no such place) before a goal.
+    `counts`, `labels`: fields (2, ...) before and behind that place, as of `HeightField`.
     `frame`: spacing of the band, of the field, side of a cell, turn radius, step of samples in shots.
     `rates`: climb and sink gradient, entry depth. `samples`, `shapes`: `make_primitives`. `starts` (n, 5): x,
-    y, index of the course from `course0`, lowest, highest. `goal`: x, y, radius, lowest, highest, side on which
-    it is entered (0: any). `limits`: expansions, expansions beyond the first path. Pieces: start index, 0, 0; then courses turned or angle,
-    length of the line, 0 or side of the circle at the goal for the last piece.
+    y, index of the course from `course0`, lowest, highest. `goals` (m, 6): x, y, radius, lowest, highest, side
+    on which it is entered (0: any). `limits`: expansions, expansions beyond the first path. Pieces: start
+    index, goal index and side; then angle of an arc, length of the line behind it, and 1 where the path
+    passes `via` at the end of the piece.
     """
     climb = rates[0]
     sink = rates[1]
@@ -214,10 +217,12 @@ def search_poses(
     gradient = min(climb, sink)
     wide = int((surfaces.shape[1] - 1) * frame[0] / cell_m) + 1
     tall = int((surfaces.shape[0] - 1) * frame[0] / cell_m) + 1
-    heads = np.full(wide * tall * COURSES, -1, np.int32)
+    first_stage = int64(1 if via[2] < 0.0 else 0)
+    heads = np.full(wide * tall * COURSES * (2 - first_stage), -1, np.int32)
     capacity = limits[0] * 3 + starts.shape[0] + 16
     states = np.empty((capacity, 7))
     tags = np.empty((capacity, 4), np.int32)
+    stages = np.empty(capacity, np.int8)
     keys = np.empty(capacity)
     items = np.empty(capacity, np.int32)
     cosines = np.empty(COURSES)
@@ -234,6 +239,7 @@ def search_poses(
     best_angle = 0.0
     best_line = 0.0
     best_far = 1.0
+    best_goal = int64(0)
     found_at = int64(0)
     for i in range(starts.shape[0]):
         floor, ceiling = read_limits(surfaces, starts[i, 0] * per_m, starts[i, 1] * per_m)
@@ -241,7 +247,7 @@ def search_poses(
         if low > high:
             continue
         ahead = field_length(
-            counts, labels, field_m, starts[i, 0], starts[i, 1], low, high, gradient
+            counts, labels, ZERO, field_m, starts[i, 0], starts[i, 1], low, high, gradient
         )
         if ahead == np.inf:
             continue
@@ -252,8 +258,9 @@ def search_poses(
         states[used, 4] = entry
         states[used, 5] = 0.0
         states[used, 6] = weight * ahead
-        tags[used, 0] = int(starts[i, 2])
+        tags[used, 0] = int(starts[i, 2]) + first_stage * COURSES
         tags[used, 1] = -1 - i
+        stages[used] = first_stage
         tags[used, 2] = 0
         tags[used, 3] = -1
         _push(keys, items, waiting, states[used, 6], used)
@@ -269,11 +276,13 @@ def search_poses(
         expansions += 1
         x = states[here, 0]
         y = states[here, 1]
-        k = int64(tags[here, 0])
+        stage = int64(tags[here, 0]) // COURSES
+        k = int64(tags[here, 0]) - stage * COURSES
         cost = states[here, 5]
         left = states[here, 6] - cost
         if left < _SHOT_EVERY_M or expansions % int(left / _SHOT_EVERY_M * 4.0 + 1.0) == 0:
-            for combination in range(4):
+            for combination in range(4 * goals.shape[0] * stage):
+                goal = goals[combination >> 2]
                 near = 1.0 if combination & 1 else -1.0
                 far = 1.0 if combination & 2 else -1.0
                 if goal[5] != 0.0 and far != goal[5]:
@@ -309,6 +318,7 @@ def search_poses(
                     best_angle = angle
                     best_line = line_m
                     best_far = far
+                    best_goal = combination >> 2
         for p in range(shapes.shape[0]):
             low = states[here, 2]
             high = states[here, 3]
@@ -328,12 +338,16 @@ def search_poses(
             if low > high:
                 continue
             to_cost = cost + shapes[p, 3]
-            ahead = field_length(counts, labels, field_m, to_x, to_y, low, high, gradient)
+            to_stage = stage
+            if stage == 0 and math.hypot(to_x - via[0], to_y - via[1]) <= via[2]:
+                to_stage = int64(1)
+            ahead = field_length(counts, labels, to_stage - first_stage, field_m, to_x, to_y, low, high, gradient)
             key = to_cost + weight * ahead
             if key >= best:
                 continue
             to_k = (k + int(shapes[p, 0])) % COURSES
-            cell = (int(to_y / cell_m) * wide + int(to_x / cell_m)) * COURSES + to_k
+            cell = ((to_stage - first_stage) * tall + int(to_y / cell_m)) * wide + int(to_x / cell_m)
+            cell = cell * COURSES + to_k
             floor, ceiling = read_limits(surfaces, to_x * per_m, to_y * per_m)
             is_dropped = _is_dominated(
                 states, tags, heads[cell], low - floor, ceiling - high, key, surfaces, per_m
@@ -347,8 +361,9 @@ def search_poses(
             states[used, 4] = entry
             states[used, 5] = to_cost
             states[used, 6] = key
-            tags[used, 0] = to_k
+            tags[used, 0] = to_k + to_stage * COURSES
             tags[used, 1] = here
+            stages[used] = to_stage
             tags[used, 2] = p
             tags[used, 3] = heads[cell]
             heads[cell] = used
@@ -365,13 +380,15 @@ def search_poses(
     pieces = np.zeros((count, 3))
     pieces[count - 1, 0] = best_side * best_angle
     pieces[count - 1, 1] = best_line
-    pieces[count - 1, 2] = best_far
     at = best_label
     for i in range(count - 2, 0, -1):
         pieces[i, 0] = shapes[tags[at, 2], 0] * turn
         pieces[i, 1] = shapes[tags[at, 2], 1]
+        pieces[i, 2] = 1.0 if stages[at] > stages[tags[at, 1]] else 0.0
         at = int64(tags[at, 1])
     pieces[0, 0] = -1 - tags[at, 1]
+    pieces[0, 1] = best_goal
+    pieces[0, 2] = best_far
     return pieces, best, expansions
 
 

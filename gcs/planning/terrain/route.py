@@ -8,13 +8,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from gcs.model import FloatArray, read_only
-from gcs.planning.terrain.corner_path import corners_of, last_interval, shorten_path
+from gcs.planning.terrain.corner_path import corners_of, shorten_path
 from gcs.planning.terrain.height_profile import choose_knots, plan_heights, sample_path
 from gcs.planning.terrain.pose_search import COURSES, cell_size_m, make_primitives, search_poses
 from gcs.planning.terrain.terrain_map import BandCircle, BandPose, Goal, TerrainMap
@@ -67,34 +66,10 @@ def plan_route(
     for weights in (_WEIGHTS, *((weight,) for weight in _MORE_WEIGHTS)):
         paths = [path for weight in weights if (path := _path(terrain, start, goal, weight)) is not None]
         for path in sorted(paths, key=lambda path: path.length_m):
-            for whole in _continued(terrain, path, goal):
-                route = _with_heights(terrain, whole, share)
-                if route is not None:
-                    return route
+            route = _with_heights(terrain, path, share)
+            if route is not None:
+                return route
     return None
-
-
-def _continued(terrain: TerrainMap, path: _CornerPath, goal: Goal) -> Iterator[_CornerPath]:
-    """Yield a path, or the paths that lead on from its end to each of the circles behind it."""
-    if not goal.behind:
-        yield path
-        return
-    band = terrain.shortening_band
-    frame = np.array([band.spacing_m, terrain.turn_radius_m, 0.25 * band.spacing_m])
-    low, high = last_interval(band.surfaces_msl_m, frame, terrain.rates, path.points, path.ends).tolist()
-    x, y = path.points[-1].tolist()
-    leg = path.points[-1] - path.points[-2]
-    east, north = terrain.band.origin_m
-    pose = BandPose(x + east, y + north, math.atan2(leg[0], leg[1]), low, high)
-    for behind in goal.behind if low <= high else ():
-        for weight in (_WEIGHTS[0], *_MORE_WEIGHTS[:1]):
-            rest = _path(terrain, pose, behind, weight)
-            if rest is not None:
-                points = np.concatenate((path.points, rest.points[1:]))
-                yield _CornerPath(
-                    points, np.stack((path.ends[0], rest.ends[1])), path.length_m + rest.length_m, behind.circle
-                )
-                break
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,19 +92,22 @@ def _path(
     starts, course0, sides = _start_poses(terrain, start)
     size_m = np.array(band.surfaces_msl_m.shape[:2]) * band.spacing_m
     samples, shapes = make_primitives(radius_m, step_m)
-    end = _end_row(terrain, goal.circle)
-    field = goal.field
+    goal_ends = [_end_row(terrain, circle) for circle in goal.circles]
+    via = np.array([0.0, 0.0, -1.0])
+    if goal.place_m is not None:
+        via = np.array([*np.subtract(goal.place_m, band.origin_m), goal.reach_m])
     pieces, length_m, _ = search_poses(
         band.surfaces_msl_m,
-        np.array([band.spacing_m, field.spacing_m, cell_size_m(radius_m, size_m), radius_m, step_m]),
+        np.array([band.spacing_m, goal.spacing_m, cell_size_m(radius_m, size_m), radius_m, step_m]),
         terrain.rates,
-        field.counts,
-        field.labels,
+        goal.counts,
+        goal.labels,
         samples,
         shapes,
         starts,
         course0,
-        np.array([*end[[0, 1, 2, 4, 5]], end[3] * end[6]]),
+        via,
+        np.array([[*end[[0, 1, 2, 4, 5]], end[3] * end[6]] for end in goal_ends]),
         np.array([weight[2], weight[1]]),
         weight[0],
         _GAP_SHARE,
@@ -137,17 +115,18 @@ def _path(
     if not math.isfinite(length_m):
         return None
     first = int(pieces[0, 0])
+    last = int(pieces[0, 1])
     begin = (starts[first, 0], starts[first, 1], course0 + 2.0 * math.pi * starts[first, 2] / COURSES)
-    ends = np.stack((_end_row(terrain, start, sides[first]), end))
-    ends[1, 3] = pieces[-1, 2]
-    points = corners_of(pieces[1:], begin, radius_m)
+    ends = np.stack((_end_row(terrain, start, sides[first]), goal_ends[last]))
+    ends[1, 3] = pieces[0, 2]
+    points, pin = corners_of(pieces[1:], begin, radius_m)
     frame = np.array([band.spacing_m, radius_m, 0.25 * band.spacing_m])
     shorter, shorter_ends, shorter_m, _ = shorten_path(
-        terrain.shortening_band.surfaces_msl_m, frame, terrain.rates, points, ends
+        terrain.shortening_band.surfaces_msl_m, frame, terrain.rates, points, ends, pin, via
     )
     if not math.isfinite(shorter_m):
-        return _CornerPath(points, ends, length_m, goal.circle)
-    return _CornerPath(shorter, shorter_ends, shorter_m, goal.circle)
+        return _CornerPath(points, ends, length_m, goal.circles[last])
+    return _CornerPath(shorter, shorter_ends, shorter_m, goal.circles[last])
 
 
 def _end_row(terrain: TerrainMap, end: BandPose | BandCircle, side: float = 1.0) -> FloatArray:

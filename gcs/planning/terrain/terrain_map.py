@@ -8,15 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.model import FloatArray
+from gcs.model import Float32Array, FloatArray, Int32Array
+from gcs.planning.map.grid import Point
 from gcs.planning.terrain.band import FlightBand, Vertical
-from gcs.planning.terrain.height_field import HeightField, MoveMap, field_lengths, fill_field, make_move_map
+from gcs.planning.terrain.height_field import MoveMap, field_lengths, fill_field, make_move_map
 
 _SEARCH_SLACK_M = 1.5
 _SHORTENING_SLACK_M = 0.75
 _PROFILE_SLACK_M = 0.25
 """Distance from floor and ceiling: paths are sampled more closely with every stage."""
 _SEED_SPACINGS = 1.5
+_DETOUR = 3.0
+_DETOUR_M = 2000.0
+"""Greatest length of a path behind a place that is passed: multiple of the distance, and more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +43,6 @@ class BandCircle:
     east_m: float
     north_m: float
     radius_m: float
-    """0: a point that is passed on any course."""
     low_msl_m: float
     high_msl_m: float
     """Heights of which the route may choose."""
@@ -68,21 +71,28 @@ class TerrainMap:
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Loiter circle and the lengths of paths to it, or a point to pass on the way to one.
+    """Loiter circles where a route may end, and a place that it passes before.
 
     Attributes
     ----------
-    circle : BandCircle
-        A point to pass has no radius.
-    field : HeightField
-        Lengths to `circle`.
-    behind : tuple of Goal
-        For a point: loiter circles to go on to, the nearest one first.
+    circles : tuple of BandCircle
+    place_m : tuple of float or None
+        Place that is passed within `reach_m` before a circle is entered.
+    reach_m : float
+    spacing_m : float
+        Distance of neighbouring nodes of the fields.
+    counts : ndarray of int32, shape (f, rows, cols)
+        Number of labels of each node: with a place before and behind it, else of the whole way.
+    labels : ndarray of float32, shape (f, rows, cols, MAX_LABELS, 3)
+        Length, least and greatest height, the shortest first.
     """
 
-    circle: BandCircle
-    field: HeightField
-    behind: tuple[Goal, ...] = ()
+    circles: tuple[BandCircle, ...]
+    place_m: Point | None
+    reach_m: float
+    spacing_m: float
+    counts: Int32Array
+    labels: Float32Array
 
 
 def make_terrain_map(band: FlightBand, vertical: Vertical, turn_radius_m: float) -> TerrainMap:
@@ -101,16 +111,31 @@ def make_terrain_map(band: FlightBand, vertical: Vertical, turn_radius_m: float)
 
 
 def goal_at(
-    terrain: TerrainMap, circle: BandCircle, behind: tuple[Goal, ...] = (), most_m: float = math.inf
+    terrain: TerrainMap,
+    circles: Sequence[BandCircle],
+    place_m: Point | None = None,
+    reach_m: float = 0.0,
 ) -> Goal:
-    """Return a goal with its field for lengths up to `most_m`; some 20 ms for 25 square kilometres."""
-    vertical = terrain.vertical
+    """Return a goal with its fields; some 20 ms for 25 square kilometres, more with a place to pass."""
     moves = terrain.moves
-    seeds = _seeds(terrain, circle)
-    counts, labels = fill_field(
-        moves.limits, moves.spacing_m, vertical.climb_gradient, vertical.sink_gradient, seeds, most_m
+    limits = moves.limits
+    rates = (terrain.vertical.climb_gradient, terrain.vertical.sink_gradient)
+    seeds = np.concatenate([_seeds(terrain, circle) for circle in circles])
+    if place_m is None:
+        counts, labels = fill_field(limits, moves.spacing_m, *rates, seeds, math.inf)
+        return Goal(tuple(circles), None, 0.0, moves.spacing_m, counts[None], labels[None])
+    most_m = max(math.dist(place_m, (one.east_m, one.north_m)) for one in circles) * _DETOUR
+    behind, behind_labels = fill_field(limits, moves.spacing_m, *rates, seeds, most_m + _DETOUR_M)
+    near = _nodes_near(terrain, place_m, reach_m, behind, behind_labels)
+    counts, labels = fill_field(limits, moves.spacing_m, *rates, near, math.inf)
+    return Goal(
+        tuple(circles),
+        place_m,
+        reach_m,
+        moves.spacing_m,
+        np.stack((counts, behind)),
+        np.stack((labels, behind_labels)),
     )
-    return Goal(circle, HeightField(moves.spacing_m, counts, labels), behind)
 
 
 def _seeds(terrain: TerrainMap, circle: BandCircle) -> FloatArray:
@@ -129,27 +154,32 @@ def _seeds(terrain: TerrainMap, circle: BandCircle) -> FloatArray:
     return seeds
 
 
+def _nodes_near(
+    terrain: TerrainMap, place_m: Point, reach_m: float, counts: Int32Array, labels: Float32Array
+) -> FloatArray:
+    """Return the labels of the nodes around a place: row, column, length, least and greatest height."""
+    moves = terrain.moves
+    rows, cols = counts.shape
+    x = place_m[0] - terrain.band.origin_m[0] - moves.spacing_m * np.arange(cols)[None, :]
+    y = place_m[1] - terrain.band.origin_m[1] - moves.spacing_m * np.arange(rows)[:, None]
+    at = np.argwhere(np.hypot(x, y) <= reach_m + moves.spacing_m)
+    found = [
+        (row, col, *labels[row, col, k].tolist()) for row, col in at.tolist() for k in range(counts[row, col])
+    ]
+    return np.array(found).reshape(-1, 5)
+
+
 def cost_matrix(
     terrain: TerrainMap, starts: Sequence[BandPose | BandCircle], goals: Sequence[Goal | None]
 ) -> FloatArray:
     """Return the lengths (n, m) of paths from starts to goals; inf without one. Turns are left out."""
-    lengths = [_lengths_to(terrain, starts, goal) for goal in goals]
-    return np.array(lengths).reshape(len(goals), len(starts)).T
-
-
-def _lengths_to(
-    terrain: TerrainMap, starts: Sequence[BandPose | BandCircle], goal: Goal | None
-) -> FloatArray:
-    """Return the length of the path from each start to a goal and to the circle behind it."""
-    if goal is None:
-        return np.full(len(starts), np.inf)
     east, north = terrain.band.origin_m
     places = np.array(
         [(one.east_m - east, one.north_m - north, one.low_msl_m, one.high_msl_m) for one in starts]
     ).reshape(-1, 4)
-    field = goal.field
     gradient = min(terrain.vertical.climb_gradient, terrain.vertical.sink_gradient)
-    lengths = field_lengths(field.counts, field.labels, field.spacing_m, places, gradient)
-    if goal.behind:
-        lengths = lengths + min(float(_lengths_to(terrain, [goal.circle], one)[0]) for one in goal.behind)
+    lengths = np.full((len(starts), len(goals)), np.inf)
+    for j, goal in enumerate(goals):
+        if goal is not None:
+            lengths[:, j] = field_lengths(goal.counts, goal.labels, goal.spacing_m, places, gradient)
     return lengths
