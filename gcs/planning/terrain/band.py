@@ -111,6 +111,11 @@ def make_band(
     floor = ndimage.maximum_filter(ground, footprint=disc, mode="nearest") + min_agl_m
     ceiling = ndimage.minimum_filter(ground, footprint=disc, mode="nearest") + max_agl_m
     surfaces = np.stack((floor, ceiling), axis=2)
+    # The ground beyond the edge is unknown.
+    edge = math.ceil(margin_m / elevation.spacing_m)
+    is_edge = np.ones(ground.shape, dtype=np.bool_)
+    is_edge[edge : ground.shape[0] - edge, edge : ground.shape[1] - edge] = False
+    surfaces[is_edge] = (NO_BAND_M, -NO_BAND_M)
     if grid is not None:
         surfaces[_is_closed(elevation, grid, clearance_m)] = (NO_BAND_M, -NO_BAND_M)
     surfaces = surfaces.astype(np.float32)
