@@ -1,0 +1,123 @@
+"""The flight along a terrain route, and routes whose flight stays in the band.
+
+The vehicle cuts corners, overshoots and follows its legs with a lag (`gcs.planning.mission_flight`). Its height
+is that of the leg it flies, linear between the two waypoints. A route is planned in a band above all ground
+within a tracking margin; its flight is checked against the ground below it. Where it leaves the band by more
+than is allowed, the route is planned again with a wider margin.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs.model import FloatArray
+from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission
+from gcs.planning.map.grid import Point
+from gcs.planning.mission_flight import simulate_mission
+from gcs.planning.path.turns import TurnAnticipation
+from gcs.planning.terrain.band import FlightBand
+from gcs.planning.terrain.loiter_circles import CircleMap, goal_at_target
+from gcs.planning.terrain.route import TerrainRoute, plan_route
+from gcs.planning.terrain.terrain_map import BandCircle, BandPose, TerrainMap
+
+
+@dataclass(frozen=True, slots=True)
+class FlightModel:
+    """How a vehicle flies its waypoints."""
+
+    speed_m_s: float
+    turn_lag_s: float
+    turns: TurnAnticipation
+
+
+@dataclass(frozen=True, eq=False)
+class MarginLevel:
+    """Terrain and loiter circles with one tracking margin."""
+
+    terrain: TerrainMap
+    circles: CircleMap
+
+
+def fly_route(route: TerrainRoute, model: FlightModel) -> tuple[FloatArray, FloatArray]:
+    """Return places (k, 2) and heights (k,) of the simulated flight along a route and round its circle.
+
+    A circle that is flown counter-clockwise is left out.
+    """
+    points = route.points_m
+    radii_m = model.turns.accept_radii_m(points)
+    circle = route.circle
+    loiter = None
+    if circle.is_clockwise:
+        loiter = LoiterCircle((circle.east_m, circle.north_m), circle.radius_m)
+    waypoints = tuple((float(east), float(north)) for east, north in points[1:])
+    first = points[1] - points[0]
+    motion = Motion(*points[0].tolist(), model.speed_m_s, math.atan2(first[0], first[1]))
+    ahead = RemainingMission(waypoints, tuple(radii_m.tolist()), circle=loiter)
+    flight = simulate_mission(motion, None, ahead, model.turn_lag_s, model.turns.radius_m)
+    places = flight.places_m
+    passed = flight.passed
+    if loiter is None:
+        places = places[passed < len(waypoints)]
+        passed = passed[passed < len(waypoints)]
+    leg = np.minimum(passed, len(waypoints) - 1)
+    along = np.diff(points, axis=0)[leg]
+    share = ((places - points[leg]) * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-9)
+    share = np.where(passed < len(waypoints), np.clip(share, 0.0, 1.0), 1.0)
+    heights = route.heights_msl_m
+    return places, heights[leg] + share * (heights[leg + 1] - heights[leg])
+
+
+def worst_departure_m(band: FlightBand, route: TerrainRoute, model: FlightModel) -> float:
+    """Return how far the flight along a route goes below the floor or above the ceiling; negative inside.
+
+    A start outside the band counts.
+    """
+    places, heights = fly_route(route, model)
+    limits = band.limits_at(places)
+    return float(np.maximum(limits[:, 0] - heights, heights - limits[:, 1]).max())
+
+
+def plan_flown_route(
+    band: FlightBand,
+    levels: Sequence[MarginLevel],
+    start: BandPose | BandCircle,
+    target_m: Point,
+    reach_radius_m: float,
+    model: FlightModel,
+    share: float = 0.5,
+    allowed_m: float = 0.0,
+) -> TerrainRoute | None:
+    """Return a route to a target whose flight stays in a band, with the least margin that achieves it.
+
+    Parameters
+    ----------
+    band : FlightBand
+        Band without a margin, for the check.
+    levels : sequence of MarginLevel
+        Margins to plan with, the least one first.
+    allowed_m : float
+        Distance that the flight may leave the band by.
+
+    Returns
+    -------
+    TerrainRoute or None
+        Where no flight stays in the band, the route whose flight leaves it least; None without any route.
+    """
+    best: TerrainRoute | None = None
+    best_m = math.inf
+    for level in levels:
+        goal = goal_at_target(level.terrain, level.circles, target_m, reach_radius_m)
+        route = None if goal is None else plan_route(level.terrain, start, goal, share)
+        if route is None:
+            continue
+        departure_m = worst_departure_m(band, route, model)
+        if departure_m < best_m:
+            best = route
+            best_m = departure_m
+        if departure_m <= allowed_m:
+            break
+    return best
