@@ -74,11 +74,19 @@ class Route:
     """Centre of the loiter circle that follows, east/north; None: the last point."""
     heights_msl_m: FloatArray | None = None
     """(k,) height above mean sea level of each of `flown_m`; None: that of the layer, above home."""
+    target_point: int = -1
+    """Index of the point where it meets its target; -1: the last one."""
 
     @property
     def flown_m(self) -> FloatArray:
         """Points of the route and the centre of the loiter circle that follows, (k, 2)."""
         return self.points_m if self.wait_m is None else np.vstack((self.points_m, self.wait_m))
+
+    @property
+    def target_point_m(self) -> tuple[float, float]:
+        """Where it meets its target, east/north."""
+        east_m, north_m = self.points_m[self.target_point].tolist()
+        return east_m, north_m
 
     def is_same(self, other: Route | None) -> bool:
         """Return True if another route has the same values."""
@@ -90,6 +98,7 @@ class Route:
             and self.length_m == other.length_m
             and self.layer == other.layer
             and self.wait_m == other.wait_m
+            and self.target_point == other.target_point
             and np.array_equal(self.points_m, other.points_m)
             and _are_equal(self.heights_msl_m, other.heights_msl_m)
         )

@@ -12,6 +12,7 @@ from gcs.planning.forward_simulation import Motion
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.path.shortcut import Shape
 from gcs.planning.path.turns import TurnAnticipation
+from gcs.planning.terrain.ground import Terrain
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +29,8 @@ class AgentState:
     """Predicted motion at route capture, if known. The explicit first turn begins a little later."""
     options: PlanOptions | None = None
     """Options of its own airframe: turns and terminal loiter; None: those of the plan."""
+    height_msl_m: float = math.nan
+    """Height there above mean sea level; used over terrain only."""
     is_grounded: bool = False
     """True on the ground: agents in the air get targets first."""
     is_doubtful: bool = False
@@ -89,6 +92,8 @@ class PlanOptions:
         Turn anticipation at waypoints, for the captures of flyable routes. None: no capture is simulated.
     turn_lag_s : float
         Delay until a commanded turn rate is reached.
+    climb_gradient, sink_gradient : float
+        Greatest height gained or lost per distance over ground; used over terrain only.
     """
 
     shape: Shape = "grid"
@@ -100,6 +105,8 @@ class PlanOptions:
     loiter: LoiterSpec | None = None
     turns: TurnAnticipation | None = None
     turn_lag_s: float = 0.0
+    climb_gradient: float = 0.1
+    sink_gradient: float = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +134,8 @@ class MissionInputs:
         Targets that need more than one agent, have a rank, or move.
     pinned : mapping of int to label
         Vehicles that must get a certain target, if it is there and a path leads to it.
+    terrain : Terrain or None
+        Ground that routes keep above, at heights of their own; None: the ground is flat.
     """
 
     grid: Grid
@@ -140,3 +149,4 @@ class MissionInputs:
     flown_to: Mapping[int, Label] = field(default_factory=dict)
     demands: Mapping[Label, TargetDemand] = field(default_factory=dict)
     pinned: Mapping[int, Label] = field(default_factory=dict)
+    terrain: Terrain | None = None

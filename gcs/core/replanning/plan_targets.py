@@ -39,6 +39,8 @@ def plan_options(config: Config, airframe: AgentAirframe | None = None) -> PlanO
         loiter=_loiter(airframe, planning.capture_radius_m),
         turns=corners_of(airframe),
         turn_lag_s=airframe.turn_lag_s,
+        climb_gradient=airframe.climb_gradient,
+        sink_gradient=airframe.sink_gradient,
     )
 
 
@@ -90,7 +92,7 @@ class PlanTargets:
         """Return the distance from a route's end to its target at arrival, if flown in `begins_s`."""
         arrives_s = begins_s + to_go_m / self._speeds_m_s[route.vehicle]
         position = self.position(target, min(arrives_s, self._planning.horizon_s))
-        return math.dist(position, route.points_m[-1])
+        return math.dist(position, route.target_point_m)
 
     def tolerance_m(self, agent: Track, route: Route) -> float:
         """Return the tolerated distance from a route's end to its target.
@@ -99,8 +101,7 @@ class PlanTargets:
         agent may wait at the end of its route while the target moves within it.
         """
         planning = self._planning
-        east_m, north_m = place_of(agent)
-        distance_m = math.hypot(east_m - float(route.points_m[-1, 0]), north_m - float(route.points_m[-1, 1]))
+        distance_m = math.dist(place_of(agent), route.target_point_m)
         max_m = planning.target_moved_m
         if planning.aim == "intercept":
             max_m = max(max_m, _FAR_FRACTION * distance_m)

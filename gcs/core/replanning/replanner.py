@@ -465,7 +465,7 @@ class Replanner:
             return True
         if triggers.has_passed_target(vehicle, inputs):
             return False
-        if _distance_m(new.points_m[-1], flown.points_m[-1]) < _SAME_PLACE_M:
+        if math.dist(new.target_point_m, flown.target_point_m) < _SAME_PLACE_M:
             return True
         return not triggers.is_settled(vehicle, inputs) or triggers.is_within_tolerance(
             vehicle, flown, inputs
@@ -478,7 +478,7 @@ class Replanner:
         if newest is None or new.vehicle in inputs.passed:
             return False
         to_target_m = _distance_m(agent.mean, inputs.targets[new.target].mean)
-        if min(to_target_m, _distance_m(agent.mean, newest.points_m[-1])) > _NEAR_END_M:
+        if min(to_target_m, _distance_m(agent.mean, newest.target_point_m)) > _NEAR_END_M:
             return False
         options = self._mission.agents[new.vehicle].options or self._mission.options
         loop_m = _LOOP_RADII * options.turn_radius_m
@@ -505,5 +505,5 @@ def is_crossed(closed: Grid, route_m: FloatArray, place: Point | None, passed: i
     return not all(line_of_sight(closed, a, b) for a, b in pairwise(points))
 
 
-def _distance_m(a: FloatArray, b: FloatArray) -> float:
+def _distance_m(a: FloatArray, b: FloatArray | Point) -> float:
     return math.hypot(float(a[0]) - float(b[0]), float(a[1]) - float(b[1]))

@@ -100,12 +100,14 @@ class OnboardMissions:
         return is_before_route and mission.items[seq].command == MAV_CMD_NAV_TAKEOFF
 
     def has_passed_route_end(self, vehicle: int) -> bool:
-        """Return True if a vehicle has passed the last point of its route, on a loiter circle elsewhere."""
+        """Return True if a vehicle has passed its target's place on the way to a loiter circle elsewhere."""
         flown = self._flown(vehicle)
         if flown is None or flown[0].route.wait_m is None:
             return False
         mission, state = flown
-        return state.mission_seq - mission.first_point >= len(mission.route.points_m)
+        route = mission.route
+        target_point = route.target_point % len(route.points_m)
+        return state.mission_seq - mission.first_point > target_point
 
     def has_missed(self, vehicle: int) -> bool:
         """Return True if a vehicle has passed its target, and its mission does not lead back to it."""

@@ -130,12 +130,12 @@ def goal_at_target(
     *,
     is_clockwise: bool | None = True,
 ) -> Goal | None:
-    """Return the goal of routes to a target: the circle around it, or a point and the circles near it.
+    """Return the goal of routes to a target: a small circle around it, or a point and the circles near it.
 
     Where the band has no place within `reach_radius_m` of the target, or no circle near it, return None.
     """
     circle = circle_at(circles, target_m, is_clockwise=is_clockwise)
-    if circle is not None:
+    if circle is not None and circle.radius_m <= _PASS_SHARE * reach_radius_m:
         return goal_at(terrain, [circle])
     near = nearest_circles(circles, target_m, is_clockwise=is_clockwise)
     place = _place_near(terrain.search_band, target_m, _PASS_SHARE * reach_radius_m)

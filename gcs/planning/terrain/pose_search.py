@@ -21,9 +21,9 @@ import numpy as np
 
 from gcs.jit import ZERO, inlined, int64, kernel, leaf
 from gcs.model import Float32Array, FloatArray, Int32Array, IntArray
+from gcs.planning.terrain.band import read_limits
 from gcs.planning.terrain.height_field import field_length
 from gcs.planning.terrain.intervals import advance_to, begin
-from gcs.planning.terrain.band import read_limits
 
 COURSES = 32
 _FULL = 2.0 * math.pi
@@ -246,9 +246,7 @@ def search_poses(
         low, high, entry = begin(starts[i, 3], starts[i, 4], floor, ceiling, depth_m)
         if low > high:
             continue
-        ahead = field_length(
-            counts, labels, ZERO, field_m, starts[i, 0], starts[i, 1], low, high, gradient
-        )
+        ahead = field_length(counts, labels, ZERO, field_m, starts[i, 0], starts[i, 1], low, high, gradient)
         if ahead == np.inf:
             continue
         states[used, 0] = starts[i, 0]
@@ -341,7 +339,9 @@ def search_poses(
             to_stage = stage
             if stage == 0 and math.hypot(to_x - via[0], to_y - via[1]) <= via[2]:
                 to_stage = int64(1)
-            ahead = field_length(counts, labels, to_stage - first_stage, field_m, to_x, to_y, low, high, gradient)
+            ahead = field_length(
+                counts, labels, to_stage - first_stage, field_m, to_x, to_y, low, high, gradient
+            )
             key = to_cost + weight * ahead
             if key >= best:
                 continue

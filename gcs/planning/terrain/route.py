@@ -142,9 +142,7 @@ def _end_row(terrain: TerrainMap, end: BandPose | BandCircle, side: float = 1.0)
     )
 
 
-def _start_poses(
-    terrain: TerrainMap, start: BandPose | BandCircle
-) -> tuple[FloatArray, float, list[float]]:
+def _start_poses(terrain: TerrainMap, start: BandPose | BandCircle) -> tuple[FloatArray, float, list[float]]:
     """Return the poses where a search begins (`search_poses`), the first course, and the side of each."""
     x, y, radius_m, only_side, low, high, is_fixed = _end_row(terrain, start).tolist()
     if isinstance(start, BandPose):

@@ -365,9 +365,7 @@ def _decision(plan: Plan, start_t_ns: int) -> Decision:
         changed=plan.changed,
         targets={route.vehicle: route.target for route in plan.routes},
         ends_m={
-            route.vehicle: (float(route.points_m[-1, 0]), float(route.points_m[-1, 1]))
-            for route in plan.routes
-            if route.vehicle in plan.changed
+            route.vehicle: route.target_point_m for route in plan.routes if route.vehicle in plan.changed
         },
         reason=plan.reason,
         triggers=plan.causes,

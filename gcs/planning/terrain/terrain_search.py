@@ -1,0 +1,134 @@
+"""Routes of a plan over terrain: costs of all pairs of agents and targets, and the route of one pair.
+
+Maps of the band are made once for each grid and airframe, and fields once for each target. A moving target is
+flown to where it is at the begin of the routes: its intercept is left to later plans.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+
+from gcs.model import FloatArray
+from gcs.planning.map.grid import Grid, Point
+from gcs.planning.planner_inputs import AgentState, PlanOptions
+from gcs.planning.terrain.band import FlightBand, Vertical, make_band
+from gcs.planning.terrain.flown_route import FlightModel, MarginLevel, worst_departure_m
+from gcs.planning.terrain.ground import Terrain
+from gcs.planning.terrain.loiter_circles import goal_at_target, make_circle_map
+from gcs.planning.terrain.route import TerrainRoute, plan_route
+from gcs.planning.terrain.terrain_map import BandPose, Goal, cost_matrix, make_terrain_map
+
+_MARGINS_M: Final = (15.0, 40.0)
+"""Tracking margins to plan with, the least one first."""
+_ALLOWED_M: Final = 3.0
+"""Distance by which a simulated flight may leave the band."""
+
+
+class TerrainSearch:
+    """Paths of n agents to m targets inside the band.
+
+    Attributes
+    ----------
+    agents : sequence of AgentState
+    costs : ndarray, shape (n, m)
+        Lengths in metres; inf without a path.
+    """
+
+    def __init__(
+        self,
+        terrain: Terrain,
+        grid: Grid,
+        agents: Sequence[AgentState],
+        targets: Sequence[Point],
+        options: PlanOptions,
+    ) -> None:
+        self.agents = agents
+        self._terrain = terrain
+        self._grid = grid
+        self._targets = targets
+        self._options = options
+        self.costs: FloatArray = np.full((len(agents), len(targets)), math.inf)
+        for own in dict.fromkeys(map(self._options_of, agents)):
+            same = [i for i, agent in enumerate(agents) if self._options_of(agent) == own]
+            level = _levels(terrain, grid, own)[0]
+            goals = [_goal(level, target, own) for target in targets]
+            self.costs[same] = cost_matrix(level.terrain, [_start(agents[i]) for i in same], goals)
+
+    def route(self, i: int, j: int, layer: int) -> tuple[TerrainRoute, Goal] | None:
+        """Return the route of agent i to target j, and its goal; None if none is found.
+
+        It is planned with the least margin with which the simulated flight stays in the band.
+        """
+        agent = self.agents[i]
+        options = self._options_of(agent)
+        assert options.turns is not None
+        model = FlightModel(agent.speed_m_s, options.turn_lag_s, options.turns)
+        band = _band(self._terrain, self._grid, options.clearance_m, 0.0)
+        best: tuple[TerrainRoute, Goal] | None = None
+        best_m = math.inf
+        for level in _levels(self._terrain, self._grid, options):
+            goal = _goal(level, self._targets[j], options)
+            if goal is None:
+                continue
+            route = plan_route(level.terrain, _start(agent), goal, self._terrain.share(layer))
+            if route is None:
+                continue
+            departure_m = worst_departure_m(band, route, model)
+            if departure_m < best_m:
+                best = route, goal
+                best_m = departure_m
+            if departure_m <= _ALLOWED_M:
+                break
+        return best
+
+    def _options_of(self, agent: AgentState) -> PlanOptions:
+        return agent.options or self._options
+
+
+def _start(agent: AgentState) -> BandPose:
+    return BandPose(agent.east_m, agent.north_m, agent.course_rad, agent.height_msl_m, agent.height_msl_m)
+
+
+def _levels(terrain: Terrain, grid: Grid, options: PlanOptions) -> list[MarginLevel]:
+    """Return the maps of an airframe, with the least margin first."""
+    loiter = options.loiter
+    assert loiter is not None
+    vertical = Vertical(options.climb_gradient, options.sink_gradient)
+    radii_m = options.turn_radius_m, max(loiter.radius_m, options.turn_radius_m)
+    return [
+        _level(terrain, grid, options.clearance_m, margin_m, radii_m, vertical) for margin_m in _MARGINS_M
+    ]
+
+
+@lru_cache(maxsize=8)
+def _band(terrain: Terrain, grid: Grid, clearance_m: float, margin_m: float) -> FlightBand:
+    return make_band(terrain.elevation, terrain.min_agl_m, terrain.max_agl_m, grid, clearance_m, margin_m)
+
+
+@lru_cache(maxsize=8)
+def _level(
+    terrain: Terrain,
+    grid: Grid,
+    clearance_m: float,
+    margin_m: float,
+    radii_m: tuple[float, float],
+    vertical: Vertical,
+) -> MarginLevel:
+    """Return the maps for one margin; `radii_m`: of turns and of loiter circles."""
+    band = _band(terrain, grid, clearance_m, margin_m)
+    return MarginLevel(make_terrain_map(band, vertical, radii_m[0]), make_circle_map(band, radii_m[1]))
+
+
+def _goal(level: MarginLevel, target_m: Point, options: PlanOptions) -> Goal | None:
+    assert options.loiter is not None
+    return _goal_at(level, target_m, options.loiter.reach_radius_m)
+
+
+@lru_cache(maxsize=256)
+def _goal_at(level: MarginLevel, target_m: Point, reach_radius_m: float) -> Goal | None:
+    return goal_at_target(level.terrain, level.circles, target_m, reach_radius_m)
