@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from operator import attrgetter
 from types import MappingProxyType
 from typing import Literal, TypeAlias
@@ -29,7 +30,7 @@ from gcs.planning import forward_simulation, intercept, layer_assignment
 from gcs.planning.assignment import assign_agents, fit_costs, pinned_costs, with_change_costs
 from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers
 from gcs.planning.manoeuvres import loiter
-from gcs.planning.manoeuvres.loiter import plan_terminal_loiter
+from gcs.planning.manoeuvres.loiter import MIN_GAIN_M, plan_terminal_loiter
 from gcs.planning.map import clearance_nodes
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import clear_leg
@@ -50,7 +51,10 @@ from gcs.planning.route_search import RouteSearch
 from gcs.planning.search import canonical_ordering, cost_matrix
 from gcs.planning.search.cost_matrix import Endpoints
 from gcs.planning.search.neighbours import SearchMap, cells, search_map
+from gcs.planning.wide_routes import WIND_SHARES, clearance_in_wind_m, enough_clearance_m, widened
 
+_OF_WIDER = (NoticeCode.ROUTE_NEAR_OBSTACLES, NoticeCode.SHARP_CORNERS)
+"""Notes on a route that compare it with the clearance and the turns asked for."""
 _MAX_ASSIGNMENTS = 4
 """Assignments of one plan. A pair whose route has no clear end is excluded from the next one."""
 Stage: TypeAlias = Literal["search", "assignment", "shaping"]
@@ -229,7 +233,10 @@ def plan_routes(
         for _ in range(_MAX_ASSIGNMENTS):
             for i, j in pairs.items():
                 if (i, j) not in found:
-                    found[i, j] = _shape_route(grid, search, (i, j), vehicles[i], labels[j], options)
+                    shape = partial(_shape_route, grid, vehicle=vehicles[i], label=labels[j])
+                    planned = shape(search, (i, j), options=options)
+                    aim = (starts[i], goals[j], needs[j])
+                    found[i, j] = _fit_for_wind(grid, planned, shape, aim, options)
             shaped = [found[pair] for pair in pairs.items()]
             dead = [(i, j) for i, j in pairs.items() if found[i, j].route is None]
             dead = [(i, j) for i, j in dead if current.get(vehicles[i]) != labels[j]]
@@ -300,6 +307,47 @@ def _shape_route(
     )
 
 
+def _fit_for_wind(
+    grid: Grid,
+    planned: _ShapedRoute,
+    shape: Callable[..., _ShapedRoute],
+    aim: tuple[AgentState, Point, TargetDemand],
+    options: PlanOptions,
+) -> _ShapedRoute:
+    """Return the route of an agent to a target whose flights in wind keep the most clearance."""
+    start, target_m, demand = aim
+    own = start.options or options
+    enough_m = enough_clearance_m(own)
+    is_windy = own.turns is not None and own.turns.wind_m_s > 0.0
+    if not is_windy or planned.route is None or own.shape != "flyable" or not grid.blocked.any():
+        return planned
+
+    def flown_m(route: Route, floor_m: float) -> float:
+        return clearance_in_wind_m(grid, start, route.points_m, own, floor_m)
+
+    best, best_m = planned, flown_m(planned.route, 0.0)
+    for shares in WIND_SHARES:
+        if best_m >= enough_m:
+            break
+        agent = replace(start, options=widened(own, *shares))
+        wide = widened(options, *shares)
+        other = shape(RouteSearch(grid, [agent], [target_m], [demand], wide), (0, 0), options=wide)
+        if other.route is None or other.is_short > best.is_short:
+            continue
+        least_m = max(best_m, 0.0) + MIN_GAIN_M
+        clearance_m = flown_m(other.route, least_m)
+        if clearance_m >= least_m:
+            best, best_m = other, clearance_m
+    notes = [note for note in best.notes if best is planned or note.code not in _OF_WIDER]
+    if best_m < enough_m and not any(note.code is NoticeCode.ROUTE_NEAR_OBSTACLES for note in notes):
+        about = {"clearance_m": float(own.clearance_m)}
+        notes.append(_of_route(NoticeCode.ROUTE_NEAR_OBSTACLES, best.vehicle, best.label, about))
+    captured = best.captured
+    if captured is not None and flown_m(captured, max(best_m, 0.0)) < best_m:
+        captured = None
+    return replace(best, notes=notes, captured=captured)
+
+
 def _with_terminal_loiter(
     grid: Grid, route: Route, start: AgentState, target_m: Point, options: PlanOptions
 ) -> tuple[Route | None, NoticeCode | None]:
@@ -310,6 +358,8 @@ def _with_terminal_loiter(
     if end.clearance_m < 0.0:
         return None, NoticeCode.NO_CLEAR_LOITER
     problem = None if end.passes_target else NoticeCode.LOITERS_SHORT
+    if options.loiter.is_left:
+        end = replace(end, wait_m=None)
     if end.points_m is route.points_m:
         return replace(route, wait_m=end.wait_m), problem
     path_m = np.vstack(((start.east_m, start.north_m), end.points_m))
