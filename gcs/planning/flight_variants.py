@@ -1,7 +1,7 @@
 """Flights that a vehicle may make of one path: slow and quick to turn, in still air and in wind.
 
 How fast a vehicle turns is known roughly, and of the wind only its greatest speed. A path is clear if all of
-these flights are: two in still air, and two for each of eight directions of the greatest wind.
+these flights are: two in still air, one for each of eight directions of the greatest wind, and a slow one for each of four.
 
 In still air each waypoint is flown to straight. In wind a vehicle drifts off that line and returns to it, so
 lines are followed, as autopilots do.
@@ -38,7 +38,9 @@ def flight_variants(turns: TurnAnticipation, lag_s: float, speed_m_s: float) -> 
         for k in range(_DIRECTIONS):
             angle = 2.0 * math.pi * k / _DIRECTIONS
             wind = (turns.wind_m_s * math.sin(angle), turns.wind_m_s * math.cos(angle))
-            rows += [(lag_s, widest, L1_S, *wind), (quick_s, math.inf, L1_S, *wind)]
+            rows.append((quick_s, math.inf, L1_S, *wind))
+            if k % 2 == 0:
+                rows.append((lag_s, widest, L1_S, *wind))
     return np.array(rows)
 
 

@@ -30,10 +30,10 @@ from gcs.planning import forward_simulation, intercept, layer_assignment
 from gcs.planning.assignment import assign_agents, fit_costs, pinned_costs, with_change_costs
 from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers
 from gcs.planning.manoeuvres import loiter
-from gcs.planning.manoeuvres.loiter import MIN_GAIN_M, plan_terminal_loiter
+from gcs.planning.manoeuvres.loiter import plan_terminal_loiter
 from gcs.planning.map import clearance_nodes
 from gcs.planning.map.grid import Grid, Point, free_grid
-from gcs.planning.map.line_of_sight import clear_leg
+from gcs.planning.map.line_of_sight import clear_leg, clearances_along
 from gcs.planning.path.initial_turn import is_turn_safe, start_clearance
 from gcs.planning.path.shortcut import (
     connect_to_grid,
@@ -51,7 +51,13 @@ from gcs.planning.route_search import RouteSearch
 from gcs.planning.search import canonical_ordering, cost_matrix
 from gcs.planning.search.cost_matrix import Endpoints
 from gcs.planning.search.neighbours import SearchMap, cells, search_map
-from gcs.planning.wide_routes import WIND_SHARES, clearance_in_wind_m, enough_clearance_m, widened
+from gcs.planning.wide_routes import (
+    WIND_SHARES,
+    clearance_in_wind_m,
+    detour_worth_m,
+    enough_clearance_m,
+    widened,
+)
 
 _OF_WIDER = (NoticeCode.ROUTE_NEAR_OBSTACLES, NoticeCode.SHARP_CORNERS)
 """Notes on a route that compare it with the clearance and the turns asked for."""
@@ -322,28 +328,35 @@ def _fit_for_wind(
     if not is_windy or planned.route is None or own.shape != "flyable" or not grid.blocked.any():
         return planned
 
-    def flown_m(route: Route, floor_m: float) -> float:
-        return clearance_in_wind_m(grid, start, route.points_m, own, floor_m)
+    def flown_m(points_m: FloatArray) -> float:
+        return clearance_in_wind_m(grid, start, points_m, own)
 
-    best, best_m = planned, flown_m(planned.route, 0.0)
+    best, best_m = planned, flown_m(planned.route.points_m)
+    least_m = planned.route.length_m + detour_worth_m(best_m, own)
     for shares in WIND_SHARES:
         if best_m >= enough_m:
             break
         agent = replace(start, options=widened(own, *shares))
         wide = widened(options, *shares)
-        other = shape(RouteSearch(grid, [agent], [target_m], [demand], wide), (0, 0), options=wide)
+        search = RouteSearch(grid, [agent], [target_m], [demand], wide)
+        if not math.isfinite(search.costs[0, 0]):
+            continue
+        aimed = search.route(0, 0)
+        if aimed.length_m + detour_worth_m(flown_m(aimed.points_m), own) >= least_m:
+            continue
+        other = shape(search, (0, 0), options=wide)
         if other.route is None or other.is_short > best.is_short:
             continue
-        least_m = max(best_m, 0.0) + MIN_GAIN_M
-        clearance_m = flown_m(other.route, least_m)
-        if clearance_m >= least_m:
-            best, best_m = other, clearance_m
+        clearance_m = flown_m(other.route.points_m)
+        cost_m = other.route.length_m + detour_worth_m(clearance_m, own)
+        if cost_m < least_m:
+            best, best_m, least_m = other, clearance_m, cost_m
     notes = [note for note in best.notes if best is planned or note.code not in _OF_WIDER]
     if best_m < enough_m and not any(note.code is NoticeCode.ROUTE_NEAR_OBSTACLES for note in notes):
         about = {"clearance_m": float(own.clearance_m)}
         notes.append(_of_route(NoticeCode.ROUTE_NEAR_OBSTACLES, best.vehicle, best.label, about))
     captured = best.captured
-    if captured is not None and flown_m(captured, max(best_m, 0.0)) < best_m:
+    if captured is not None and flown_m(captured.points_m) < best_m:
         captured = None
     return replace(best, notes=notes, captured=captured)
 
@@ -434,6 +447,7 @@ def warm_up_calls() -> list[jit.Call]:
         (pull_string, blocked, 0.0, vertices, np.zeros(2), 0.0, 0.0, -1),
         (shorten, blocked, 0.0, vertices, np.zeros(2), -1, False, False),
         (connect_to_grid, blocked, smap.largest_component, smap.tight_nodes, smap.stride, xy),
+        (clearances_along, blocked, np.ones(3), xy, 1.0),
         (is_adjacent_and_visible, blocked, 0.0, xy[0], xy[0]),
         (keeps_clearance, blocked, 0.0, vertices, -1, False),
         (legs_are_clear, blocked, vertices, -1),
