@@ -1,7 +1,8 @@
 """Flights that a vehicle may make of one path: slow and quick to turn, in still air and in wind.
 
 How fast a vehicle turns is known roughly, and of the wind only its greatest speed. A path is clear if all of
-these flights are: two in still air, one for each of eight directions of the greatest wind, and a slow one for each of four.
+these flights are: two in still air, and some in the greatest wind: by L1 and by a heading law for each of eight directions,
+and by L1 with a limited bank for each of four.
 
 In still air each waypoint is flown to straight. In wind a vehicle drifts off that line and returns to it, so
 lines are followed, as autopilots do.
@@ -15,7 +16,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from gcs.model import FloatArray
-from gcs.planning.forward_simulation import L1_S, Motion, SimulatedFlight, max_turn_rate_rad_s, simulate
+from gcs.planning.forward_simulation import (
+    HEADING_S,
+    L1_S,
+    Motion,
+    SimulatedFlight,
+    max_turn_rate_rad_s,
+    simulate,
+)
 from gcs.planning.map.grid import Grid
 from gcs.planning.path.initial_turn import MIN_RADIUS_SHARE
 from gcs.planning.path.turns import TurnAnticipation
@@ -28,7 +36,7 @@ _GUST_S = 2.0
 def flight_variants(turns: TurnAnticipation, lag_s: float, speed_m_s: float) -> FloatArray:
     """Return the flights to simulate, (k, 5): turn lag, limit of the turn rate, T1, wind east and north.
 
-    Two are in still air; without wind no others.
+    Two are in still air; without wind no others. T1 as `l1_s` of `simulate`.
     """
     widest = max_turn_rate_rad_s(speed_m_s, turns.radius_m)
     quick_s = MIN_RADIUS_SHARE * lag_s
@@ -38,7 +46,7 @@ def flight_variants(turns: TurnAnticipation, lag_s: float, speed_m_s: float) -> 
         for k in range(_DIRECTIONS):
             angle = 2.0 * math.pi * k / _DIRECTIONS
             wind = (turns.wind_m_s * math.sin(angle), turns.wind_m_s * math.cos(angle))
-            rows.append((quick_s, math.inf, L1_S, *wind))
+            rows += [(quick_s, math.inf, L1_S, *wind), (lag_s, math.inf, -HEADING_S, *wind)]
             if k % 2 == 0:
                 rows.append((lag_s, widest, L1_S, *wind))
     return np.array(rows)

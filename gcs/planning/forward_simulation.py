@@ -14,6 +14,9 @@ line a time T1 of flight ahead. It commands sin(e) in place of e, at most that o
 no faster than `_L1_TURN` T1. Flights along a whole mission are simulated with it; turns on to a route fly to
 their waypoints straight.
 
+Other autopilots command the bearing of a point of the line as heading, with the error e in full. The simulated
+airframe of the paper does so with `HEADING_S`.
+
 In wind the vehicle heads into it: the bearing error is that of the course over ground, and a line's reference
 point is farther off downwind. On a line the lateral acceleration of L1 turns the velocity over ground, so the
 heading turns faster downwind.
@@ -42,6 +45,8 @@ _MAX_LEAD_RAD = 1.6
 """Limit of the feed-forward turn rate times lag. The field turns faster near the centre than vehicles can."""
 L1_S = 3.6
 """T1 by default: NAVL1_DAMPING NAVL1_PERIOD / pi, 0.75 times 15 s / pi."""
+HEADING_S = 6.0
+"""Time of flight to the reference point of a heading law."""
 _L1_TURN = 0.59
 """1 / (4 damping^2), and a quarter of the turn rate lost by slip, as in recorded flights of ArduPlane."""
 _CATCHING = math.sqrt(0.5)
@@ -128,8 +133,9 @@ def simulate(
 ) -> SimulatedFlight:
     """Simulate a vehicle ahead, until it comes nearer than the clearance to an obstacle.
 
-    No turn is tighter than `min_radius_m`, in still air; 0 for no limit. Lines are followed with T1 = `l1_s`; 0:
-    each waypoint is flown to straight. `wind_m_s`: velocity of the air, east and north; in wind the speed of the
+    No turn is tighter than `min_radius_m`, in still air; 0 for no limit. Lines are followed by L1 with T1 =
+    `l1_s`; below 0 by heading, to a point that is `-l1_s` of flight ahead; 0: each waypoint is flown to straight.
+    `wind_m_s`: velocity of the air, east and north; in wind the speed of the
     motion is its airspeed.
     """
     ahead = motion.ahead
@@ -137,9 +143,7 @@ def simulate(
     states, is_clear, max_bearing_error_rad = simulate_states(
         grid.blocked,
         np.array([*grid.origin_m, grid.spacing_m]),
-        np.array(
-            [*motion.place_m, motion.course_rad, motion.turn_rate_rad_s, motion.speed_m_s, *wind_m_s]
-        ),
+        np.array([*motion.place_m, motion.course_rad, motion.turn_rate_rad_s, motion.speed_m_s, *wind_m_s]),
         np.array(ahead.points_m, dtype=np.float64).reshape(-1, 2),
         np.array(ahead.radii_m, dtype=np.float64),
         np.array(circle),
@@ -236,7 +240,8 @@ def simulate_states(
     count = 1
     left = duration_s
     max_error = 0.0
-    guidance_s = max(lag_s, _L1_TURN * l1_s)
+    is_l1 = l1_s > 0.0
+    guidance_s = max(lag_s, _L1_TURN * l1_s) if is_l1 else lag_s
     while left > 0.0:
         step = min(STEP_S, left)
         left -= step
@@ -253,7 +258,7 @@ def simulate_states(
             passed += 1
             # A leg that would end at once begins at the vehicle.
             if (
-                l1_s > 0.0
+                l1_s != 0.0
                 and passed < radii.size
                 and _is_reached(x, y, from_x, from_y, points[passed, 0], points[passed, 1], 0.0)
             ):
@@ -263,10 +268,9 @@ def simulate_states(
             if passed < radii.size:
                 bearing = math.atan2(points[passed, 0] - x, points[passed, 1] - y)
                 loop_s = guidance_s
-                if l1_s > 0.0 and passed > 0:
-                    bearing = _line_bearing(
-                        x, y, from_x, from_y, points[passed, 0], points[passed, 1], max(l1_s * ground, 1.0)
-                    )
+                if l1_s != 0.0 and passed > 0:
+                    ahead = max(l1_s * ground, -l1_s * speed, 1.0)
+                    bearing = _line_bearing(x, y, from_x, from_y, points[passed, 0], points[passed, 1], ahead)
                 off = (bearing - course + math.pi) % (2.0 * math.pi) - math.pi
                 turning = 0.0
             else:
@@ -274,8 +278,9 @@ def simulate_states(
                 loop_s = lag_s
                 turning = min(max(turning, -_MAX_LEAD_RAD / lag_s), _MAX_LEAD_RAD / lag_s)
             max_error = max(max_error, abs(off))
-            off = min(max(off, -_MAX_BEARING_ERROR_RAD), _MAX_BEARING_ERROR_RAD)
-            if l1_s > 0.0 and passed < radii.size:
+            if l1_s >= 0.0:
+                off = min(max(off, -_MAX_BEARING_ERROR_RAD), _MAX_BEARING_ERROR_RAD)
+            if is_l1 and passed < radii.size:
                 off = math.sin(min(max(off, -0.5 * math.pi), 0.5 * math.pi))
                 if is_windy:
                     off *= ground / speed

@@ -50,9 +50,7 @@ def detour_worth_m(clearance_m: float, options: PlanOptions) -> float:
     return worth_m if clearance_m >= 0.0 else 3.0 * worth_m
 
 
-def clearance_in_wind_m(
-    grid: Grid, start: AgentState, points_m: FloatArray, options: PlanOptions
-) -> float:
+def clearance_in_wind_m(grid: Grid, start: AgentState, points_m: FloatArray, options: PlanOptions) -> float:
     """Return the least clearance of flights along a route in wind; `COLLISION_M` if one hits an obstacle.
 
     At most what is sufficient.

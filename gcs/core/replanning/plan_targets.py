@@ -58,7 +58,9 @@ def _loiter(airframe: AgentAirframe, capture_radius_m: float) -> LoiterSpec | No
     if airframe.end == "loiter":
         return LoiterSpec(airframe.circle_radius_m, capture_radius_m, airframe.turn_lag_s, corners)
     if airframe.wind_m_s > 0.0:
-        return LoiterSpec(airframe.turn_radius_m, capture_radius_m, airframe.turn_lag_s, corners, is_left=True)
+        return LoiterSpec(
+            airframe.turn_radius_m, capture_radius_m, airframe.turn_lag_s, corners, is_left=True
+        )
     return None
 
 

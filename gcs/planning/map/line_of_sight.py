@@ -172,9 +172,7 @@ def path_clearance(blocked: BoolArray, frame: FloatArray, path_m: FloatArray, mo
 
 
 @kernel
-def clearances_along(
-    blocked: BoolArray, frame: FloatArray, path_m: FloatArray, most: float
-) -> FloatArray:
+def clearances_along(blocked: BoolArray, frame: FloatArray, path_m: FloatArray, most: float) -> FloatArray:
     """Return the distance in cells of each point of a path from the nearest blocked cell, at most `most`."""
     found = np.empty(path_m.shape[0])
     for i in range(path_m.shape[0]):
