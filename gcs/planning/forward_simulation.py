@@ -14,16 +14,15 @@ line a time T1 of flight ahead. It commands sin(e) in place of e, at most that o
 no faster than `_L1_TURN` T1. Flights along a whole mission are simulated with it; turns on to a route fly to
 their waypoints straight.
 
-Other autopilots command the bearing of a point of the line as heading, with the error e in full. The simulated
-airframe of the paper does so with `HEADING_S`.
+Other autopilots command the bearing of a point of the line as heading, with the error e in full. The
+simulated airframe of the paper does so with `HEADING_S`.
 
 In wind the vehicle heads into it: the bearing error is that of the course over ground, and a line's reference
 point is farther off downwind. On a line the lateral acceleration of L1 turns the velocity over ground, so the
 heading turns faster downwind.
 
 A turn rate may be limited: a fast vehicle with a short lag turns with its greatest bank, much wider than by
-its lag alone. Whether a flight is clear is decided by two flights: with the lag and the limit, and with half
-the lag without it.
+its lag alone. Whether a path is clear is decided by several flights (`gcs.planning.flight_variants`).
 """
 
 from __future__ import annotations
@@ -134,9 +133,8 @@ def simulate(
     """Simulate a vehicle ahead, until it comes nearer than the clearance to an obstacle.
 
     No turn is tighter than `min_radius_m`, in still air; 0 for no limit. Lines are followed by L1 with T1 =
-    `l1_s`; below 0 by heading, to a point that is `-l1_s` of flight ahead; 0: each waypoint is flown to straight.
-    `wind_m_s`: velocity of the air, east and north; in wind the speed of the
-    motion is its airspeed.
+    `l1_s`; below 0 by heading, to a point `-l1_s` of flight ahead; 0: each waypoint is flown to straight.
+    `wind_m_s`: velocity of the air, east and north; in wind the speed of the motion is its airspeed.
     """
     ahead = motion.ahead
     circle = (0.0, 0.0, -1.0) if ahead.circle is None else (*ahead.circle.centre_m, ahead.circle.radius_m)
@@ -213,8 +211,8 @@ def simulate_states(
     """Simulate the states of a flight: `SimulatedFlight.states`, `is_clear` and `max_bearing_error_rad`.
 
     `frame`: east and north of the grid origin and spacing, in metres. `motion`: east, north, course, turn
-    rate, airspeed, and the wind, east and north. `circle`: east, north, radius, negative for none. `max_rate`: limit of the commanded turn
-    rate. `clearance` in cells. `l1_s` as of `simulate`.
+    rate, airspeed, and the wind, east and north. `circle`: east, north, radius, negative for none.
+    `max_rate`: limit of the commanded turn rate. `clearance` in cells. `l1_s` as of `simulate`.
     """
     x = motion[0]
     y = motion[1]

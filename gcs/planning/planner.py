@@ -320,19 +320,21 @@ def _fit_for_wind(
     aim: tuple[AgentState, Point, TargetDemand],
     options: PlanOptions,
 ) -> _ShapedRoute:
-    """Return the route of an agent to a target whose flights in wind keep the most clearance."""
+    """Return the route of an agent to a target that costs least in wind (`gcs.planning.wide_routes`)."""
     start, target_m, demand = aim
     own = start.options or options
-    enough_m = enough_clearance_m(own)
     is_windy = own.turns is not None and own.turns.wind_m_s > 0.0
     if not is_windy or planned.route is None or own.shape != "flyable" or not grid.blocked.any():
         return planned
 
-    def flown_m(points_m: FloatArray) -> float:
-        return clearance_in_wind_m(grid, start, points_m, own)
+    def rated(points_m: FloatArray, length_m: float) -> tuple[float, float]:
+        """Return the clearance of flights in wind, and the cost of a route."""
+        clearance_m = clearance_in_wind_m(grid, start, points_m, own)
+        return clearance_m, length_m + detour_worth_m(clearance_m, own)
 
-    best, best_m = planned, flown_m(planned.route.points_m)
-    least_m = planned.route.length_m + detour_worth_m(best_m, own)
+    enough_m = enough_clearance_m(own)
+    best = planned
+    best_m, least_cost_m = rated(planned.route.points_m, planned.route.length_m)
     for shares in WIND_SHARES:
         if best_m >= enough_m:
             break
@@ -342,21 +344,22 @@ def _fit_for_wind(
         if not math.isfinite(search.costs[0, 0]):
             continue
         aimed = search.route(0, 0)
-        if aimed.length_m + detour_worth_m(flown_m(aimed.points_m), own) >= least_m:
+        if rated(aimed.points_m, aimed.length_m)[1] >= least_cost_m:
             continue
         other = shape(search, (0, 0), options=wide)
         if other.route is None or other.is_short > best.is_short:
             continue
-        clearance_m = flown_m(other.route.points_m)
-        cost_m = other.route.length_m + detour_worth_m(clearance_m, own)
-        if cost_m < least_m:
-            best, best_m, least_m = other, clearance_m, cost_m
+        clearance_m, cost_m = rated(other.route.points_m, other.route.length_m)
+        if cost_m < least_cost_m:
+            best = other
+            best_m = clearance_m
+            least_cost_m = cost_m
     notes = [note for note in best.notes if best is planned or note.code not in _OF_WIDER]
-    if best_m < enough_m and not any(note.code is NoticeCode.ROUTE_NEAR_OBSTACLES for note in notes):
+    if best_m < enough_m and all(note.code is not NoticeCode.ROUTE_NEAR_OBSTACLES for note in notes):
         about = {"clearance_m": float(own.clearance_m)}
         notes.append(_of_route(NoticeCode.ROUTE_NEAR_OBSTACLES, best.vehicle, best.label, about))
     captured = best.captured
-    if captured is not None and flown_m(captured.points_m) < best_m:
+    if captured is not None and clearance_in_wind_m(grid, start, captured.points_m, own) < best_m:
         captured = None
     return replace(best, notes=notes, captured=captured)
 

@@ -5,10 +5,10 @@ circle of 30 m entered over its centre at 15 m/s. A route whose legs are clear m
 not.
 
 So the end of a route is simulated (`gcs.planning.forward_simulation`), over the target and round the circle,
-with the expected turn lag and with half of it, in still air and in the greatest wind. Where a circle at the target lacks clearance, the vehicle
-passes the target and goes on to the nearest circle that has it. Where no path on from the target is clear, or
-the target is over an obstacle, other approaches are tried: from another direction, or past the target within
-the capture radius.
+with the expected turn lag and with half of it, in still air and in the greatest wind. Where a circle at the
+target lacks clearance, the vehicle passes the target and goes on to the nearest circle that has it. Where no
+path on from the target is clear, or the target is over an obstacle, other approaches are tried: from another
+direction, or past the target within the capture radius.
 """
 
 from __future__ import annotations
@@ -346,8 +346,8 @@ def best_loiter_circle(
     """Return the index of the first circle with the most clearance or -1, that in cells, and the flights.
 
     `circles` (n, 3): east, north, radius. `reach_circle`: place to pass within a distance, for `min_reach_s`.
-    `times_s`: duration of the path and of the circle. `variants` (k, 6): those of `flight_variants`, and course
-    errors. `thresholds`: clearance so far, required gain, sufficient clearance. The others as of
+    `times_s`: duration of the path and of the circle. `variants` (k, 6): those of `flight_variants`, and
+    course errors. `thresholds`: clearance so far, required gain, sufficient clearance. The others as of
     `simulate_states`.
     """
     best = thresholds[0]
