@@ -1,8 +1,8 @@
 """Flights that a vehicle may make of one path: slow and quick to turn, in still air and in wind.
 
 How fast a vehicle turns is known roughly, and of the wind only its greatest speed. A path is clear if all of
-these are: two in still air, and twenty in the greatest wind. Those are by L1 and by a heading law in wind from
-each of eight directions, and by L1 with a limited bank from each of four.
+these are: two in still air, and twenty in the greatest wind. Those are by L1 and by a heading law in wind
+from each of eight directions, and by L1 with a limited bank from each of four.
 
 In still air each waypoint is flown to straight. In wind a vehicle drifts off that line and returns to it, so
 lines are followed, as autopilots do.
