@@ -284,8 +284,8 @@ class NoticeCode(TableCode):
         "wind-problem",
         _W,
         "wind: {cause}",
-        "wind above `airframe.wind_m_s`, and above 30 % of the airspeed",
-        "routes may be flown wide: return, or raise the key",
+        "wind above `airframe.wind_m_s`; where that is 0, above 30 % of the airspeed",
+        "routes may be flown into obstacles: return, or raise the key",
     )
     WIND_GOOD = _vehicle("wind-good", _I, "wind: good again", ends="wind-problem")
     BATTERY_LOW = _vehicle(

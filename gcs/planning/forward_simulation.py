@@ -14,9 +14,15 @@ line a time T1 of flight ahead. It commands sin(e) in place of e, at most that o
 no faster than `_L1_TURN` T1. Flights along a whole mission are simulated with it; turns on to a route fly to
 their waypoints straight.
 
+Other autopilots command the bearing of a point of the line as heading, with the error e in full. The
+simulated airframe of the paper does so with `HEADING_S`.
+
+In wind the vehicle heads into it: the bearing error is that of the course over ground, and a line's reference
+point is farther off downwind. On a line the lateral acceleration of L1 turns the velocity over ground, so the
+heading turns faster downwind.
+
 A turn rate may be limited: a fast vehicle with a short lag turns with its greatest bank, much wider than by
-its lag alone. Whether a flight is clear is decided by two flights: with the lag and the limit, and with half
-the lag without it.
+its lag alone. Whether a path is clear is decided by several flights (`gcs.planning.flight_variants`).
 """
 
 from __future__ import annotations
@@ -38,6 +44,8 @@ _MAX_LEAD_RAD = 1.6
 """Limit of the feed-forward turn rate times lag. The field turns faster near the centre than vehicles can."""
 L1_S = 3.6
 """T1 by default: NAVL1_DAMPING NAVL1_PERIOD / pi, 0.75 times 15 s / pi."""
+HEADING_S = 6.0
+"""Time of flight to the reference point of a heading law."""
 _L1_TURN = 0.59
 """1 / (4 damping^2), and a quarter of the turn rate lost by slip, as in recorded flights of ArduPlane."""
 _CATCHING = math.sqrt(0.5)
@@ -120,18 +128,20 @@ def simulate(
     clearance_m: float = 0.0,
     min_radius_m: float = 0.0,
     l1_s: float = 0.0,
+    wind_m_s: Point = (0.0, 0.0),
 ) -> SimulatedFlight:
     """Simulate a vehicle ahead, until it comes nearer than the clearance to an obstacle.
 
-    No turn is tighter than `min_radius_m`; 0 for no limit. Lines are followed with T1 = `l1_s`; 0: each
-    waypoint is flown to straight.
+    No turn is tighter than `min_radius_m`, in still air; 0 for no limit. Lines are followed by L1 with T1 =
+    `l1_s`; below 0 by heading, to a point `-l1_s` of flight ahead; 0: each waypoint is flown to straight.
+    `wind_m_s`: velocity of the air, east and north; in wind the speed of the motion is its airspeed.
     """
     ahead = motion.ahead
     circle = (0.0, 0.0, -1.0) if ahead.circle is None else (*ahead.circle.centre_m, ahead.circle.radius_m)
     states, is_clear, max_bearing_error_rad = simulate_states(
         grid.blocked,
         np.array([*grid.origin_m, grid.spacing_m]),
-        np.array([*motion.place_m, motion.course_rad, motion.turn_rate_rad_s, motion.speed_m_s]),
+        np.array([*motion.place_m, motion.course_rad, motion.turn_rate_rad_s, motion.speed_m_s, *wind_m_s]),
         np.array(ahead.points_m, dtype=np.float64).reshape(-1, 2),
         np.array(ahead.radii_m, dtype=np.float64),
         np.array(circle),
@@ -147,6 +157,13 @@ def simulate(
 def max_turn_rate_rad_s(speed_m_s: float, min_radius_m: float) -> float:
     """Return the turn rate on a circle; infinite for a radius of 0."""
     return speed_m_s / min_radius_m if min_radius_m > 0.0 else math.inf
+
+
+@inlined
+def _heading_for(course: float, speed: float, wind_x: float, wind_y: float) -> float:
+    """Return the heading that gives a course over ground in a wind."""
+    across = wind_x * math.cos(course) - wind_y * math.sin(course)
+    return course - math.asin(min(max(across / max(speed, 1.0), -1.0), 1.0))
 
 
 @inlined
@@ -194,14 +211,21 @@ def simulate_states(
     """Simulate the states of a flight: `SimulatedFlight.states`, `is_clear` and `max_bearing_error_rad`.
 
     `frame`: east and north of the grid origin and spacing, in metres. `motion`: east, north, course, turn
-    rate, speed. `circle`: east, north, radius, negative for none. `max_rate`: limit of the commanded turn
-    rate. `clearance` in cells. `l1_s` as of `simulate`.
+    rate, airspeed, and the wind, east and north. `circle`: east, north, radius, negative for none.
+    `max_rate`: limit of the commanded turn rate. `clearance` in cells. `l1_s` as of `simulate`.
     """
     x = motion[0]
     y = motion[1]
     course = motion[2]
     rate = motion[3]
     speed = motion[4]
+    wind_x = motion[5]
+    wind_y = motion[6]
+    is_windy = wind_x != 0.0 or wind_y != 0.0
+    ground = speed
+    heading = course
+    if is_windy:
+        heading = _heading_for(course, speed, wind_x, wind_y)
     states = np.empty((int(duration_s / STEP_S) + 3, 5))
     states[0, 0] = x
     states[0, 1] = y
@@ -214,10 +238,16 @@ def simulate_states(
     count = 1
     left = duration_s
     max_error = 0.0
-    guidance_s = max(lag_s, _L1_TURN * l1_s)
+    is_l1 = l1_s > 0.0
+    guidance_s = max(lag_s, _L1_TURN * l1_s) if is_l1 else lag_s
     while left > 0.0:
         step = min(STEP_S, left)
         left -= step
+        if is_windy:
+            over_x = speed * math.sin(heading) + wind_x
+            over_y = speed * math.cos(heading) + wind_y
+            ground = math.hypot(over_x, over_y)
+            course = math.atan2(over_x, over_y)
         if passed < radii.size and _is_reached(
             x, y, from_x, from_y, points[passed, 0], points[passed, 1], radii[passed]
         ):
@@ -226,7 +256,7 @@ def simulate_states(
             passed += 1
             # A leg that would end at once begins at the vehicle.
             if (
-                l1_s > 0.0
+                l1_s != 0.0
                 and passed < radii.size
                 and _is_reached(x, y, from_x, from_y, points[passed, 0], points[passed, 1], 0.0)
             ):
@@ -236,10 +266,9 @@ def simulate_states(
             if passed < radii.size:
                 bearing = math.atan2(points[passed, 0] - x, points[passed, 1] - y)
                 loop_s = guidance_s
-                if l1_s > 0.0 and passed > 0:
-                    bearing = _line_bearing(
-                        x, y, from_x, from_y, points[passed, 0], points[passed, 1], max(l1_s * speed, 1.0)
-                    )
+                if l1_s != 0.0 and passed > 0:
+                    ahead = max(l1_s * ground, -l1_s * speed, 1.0)
+                    bearing = _line_bearing(x, y, from_x, from_y, points[passed, 0], points[passed, 1], ahead)
                 off = (bearing - course + math.pi) % (2.0 * math.pi) - math.pi
                 turning = 0.0
             else:
@@ -247,15 +276,18 @@ def simulate_states(
                 loop_s = lag_s
                 turning = min(max(turning, -_MAX_LEAD_RAD / lag_s), _MAX_LEAD_RAD / lag_s)
             max_error = max(max_error, abs(off))
-            off = min(max(off, -_MAX_BEARING_ERROR_RAD), _MAX_BEARING_ERROR_RAD)
-            if l1_s > 0.0 and passed < radii.size:
+            if l1_s >= 0.0:
+                off = min(max(off, -_MAX_BEARING_ERROR_RAD), _MAX_BEARING_ERROR_RAD)
+            if is_l1 and passed < radii.size:
                 off = math.sin(min(max(off, -0.5 * math.pi), 0.5 * math.pi))
+                if is_windy:
+                    off *= ground / speed
             wanted = off / loop_s + turning
             wanted = min(max(wanted, -max_rate), max_rate)
             rate += (wanted - rate) * (1.0 - math.exp(-3.0 * step / lag_s))
         half = 0.5 * rate * step
-        to_x = x + speed * step * math.sin(course + half)
-        to_y = y + speed * step * math.cos(course + half)
+        to_x = x + speed * step * math.sin(heading + half) + wind_x * step
+        to_y = y + speed * step * math.cos(heading + half) + wind_y * step
         if not clear_leg(
             blocked,
             (x - frame[0]) / frame[2],
@@ -268,7 +300,9 @@ def simulate_states(
             return states[:count], False, max_error
         x = to_x
         y = to_y
-        course = course + 2.0 * half
+        heading = heading + 2.0 * half
+        if not is_windy:
+            course = heading
         states[count, 0] = x
         states[count, 1] = y
         states[count, 2] = course
@@ -290,7 +324,7 @@ def predict_motion(grid: Grid, motion: Motion, ahead_s: float, lag_s: float = 1.
 def warm_up_calls() -> list[Call]:
     """Return one call of the kernel with the types of a plan."""
     grid = free_grid((2, 2), 10.0)
-    row = np.zeros(5)
+    row = np.zeros(7)
     points = np.zeros((1, 2))
     radii = np.zeros(1)
     circle = np.array([0.0, 0.0, -1.0])

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from operator import attrgetter
 from types import MappingProxyType
 from typing import Literal, TypeAlias
@@ -32,7 +33,7 @@ from gcs.planning.manoeuvres import loiter
 from gcs.planning.manoeuvres.loiter import plan_terminal_loiter
 from gcs.planning.map import clearance_nodes
 from gcs.planning.map.grid import Grid, Point, free_grid
-from gcs.planning.map.line_of_sight import clear_leg
+from gcs.planning.map.line_of_sight import clear_leg, clearances_along
 from gcs.planning.path.initial_turn import is_turn_safe, start_clearance
 from gcs.planning.path.shortcut import (
     connect_to_grid,
@@ -50,7 +51,16 @@ from gcs.planning.route_search import RouteSearch
 from gcs.planning.search import canonical_ordering, cost_matrix
 from gcs.planning.search.cost_matrix import Endpoints
 from gcs.planning.search.neighbours import SearchMap, cells, search_map
+from gcs.planning.wide_routes import (
+    WIND_SHARES,
+    clearance_in_wind_m,
+    detour_worth_m,
+    enough_clearance_m,
+    widened,
+)
 
+_OF_WIDER = (NoticeCode.ROUTE_NEAR_OBSTACLES, NoticeCode.SHARP_CORNERS)
+"""Notes on a route that compare it with the clearance and the turns asked for."""
 _MAX_ASSIGNMENTS = 4
 """Assignments of one plan. A pair whose route has no clear end is excluded from the next one."""
 Stage: TypeAlias = Literal["search", "assignment", "shaping"]
@@ -229,7 +239,10 @@ def plan_routes(
         for _ in range(_MAX_ASSIGNMENTS):
             for i, j in pairs.items():
                 if (i, j) not in found:
-                    found[i, j] = _shape_route(grid, search, (i, j), vehicles[i], labels[j], options)
+                    shape = partial(_shape_route, grid, vehicle=vehicles[i], label=labels[j])
+                    planned = shape(search, (i, j), options=options)
+                    aim = (starts[i], goals[j], needs[j])
+                    found[i, j] = _fit_for_wind(grid, planned, shape, aim, options)
             shaped = [found[pair] for pair in pairs.items()]
             dead = [(i, j) for i, j in pairs.items() if found[i, j].route is None]
             dead = [(i, j) for i, j in dead if current.get(vehicles[i]) != labels[j]]
@@ -300,6 +313,57 @@ def _shape_route(
     )
 
 
+def _fit_for_wind(
+    grid: Grid,
+    planned: _ShapedRoute,
+    shape: Callable[..., _ShapedRoute],
+    aim: tuple[AgentState, Point, TargetDemand],
+    options: PlanOptions,
+) -> _ShapedRoute:
+    """Return the route of an agent to a target that costs least in wind (`gcs.planning.wide_routes`)."""
+    start, target_m, demand = aim
+    own = start.options or options
+    is_windy = own.turns is not None and own.turns.wind_m_s > 0.0
+    if not is_windy or planned.route is None or own.shape != "flyable" or not grid.blocked.any():
+        return planned
+
+    def rated(points_m: FloatArray, length_m: float) -> tuple[float, float]:
+        """Return the clearance of flights in wind, and the cost of a route."""
+        clearance_m = clearance_in_wind_m(grid, start, points_m, own)
+        return clearance_m, length_m + detour_worth_m(clearance_m, own)
+
+    enough_m = enough_clearance_m(own)
+    best = planned
+    best_m, least_cost_m = rated(planned.route.points_m, planned.route.length_m)
+    for shares in WIND_SHARES:
+        if best_m >= enough_m:
+            break
+        agent = replace(start, options=widened(own, *shares))
+        wide = widened(options, *shares)
+        search = RouteSearch(grid, [agent], [target_m], [demand], wide)
+        if not math.isfinite(search.costs[0, 0]):
+            continue
+        aimed = search.route(0, 0)
+        if rated(aimed.points_m, aimed.length_m)[1] >= least_cost_m:
+            continue
+        other = shape(search, (0, 0), options=wide)
+        if other.route is None or other.is_short > best.is_short:
+            continue
+        clearance_m, cost_m = rated(other.route.points_m, other.route.length_m)
+        if cost_m < least_cost_m:
+            best = other
+            best_m = clearance_m
+            least_cost_m = cost_m
+    notes = [note for note in best.notes if best is planned or note.code not in _OF_WIDER]
+    if best_m < enough_m and all(note.code is not NoticeCode.ROUTE_NEAR_OBSTACLES for note in notes):
+        about = {"clearance_m": float(own.clearance_m)}
+        notes.append(_of_route(NoticeCode.ROUTE_NEAR_OBSTACLES, best.vehicle, best.label, about))
+    captured = best.captured
+    if captured is not None and clearance_in_wind_m(grid, start, captured.points_m, own) < best_m:
+        captured = None
+    return replace(best, notes=notes, captured=captured)
+
+
 def _with_terminal_loiter(
     grid: Grid, route: Route, start: AgentState, target_m: Point, options: PlanOptions
 ) -> tuple[Route | None, NoticeCode | None]:
@@ -310,6 +374,8 @@ def _with_terminal_loiter(
     if end.clearance_m < 0.0:
         return None, NoticeCode.NO_CLEAR_LOITER
     problem = None if end.passes_target else NoticeCode.LOITERS_SHORT
+    if options.loiter.is_left:
+        end = replace(end, wait_m=None)
     if end.points_m is route.points_m:
         return replace(route, wait_m=end.wait_m), problem
     path_m = np.vstack(((start.east_m, start.north_m), end.points_m))
@@ -384,6 +450,7 @@ def warm_up_calls() -> list[jit.Call]:
         (pull_string, blocked, 0.0, vertices, np.zeros(2), 0.0, 0.0, -1),
         (shorten, blocked, 0.0, vertices, np.zeros(2), -1, False, False),
         (connect_to_grid, blocked, smap.largest_component, smap.tight_nodes, smap.stride, xy),
+        (clearances_along, blocked, np.ones(3), xy, 1.0),
         (is_adjacent_and_visible, blocked, 0.0, xy[0], xy[0]),
         (keeps_clearance, blocked, 0.0, vertices, -1, False),
         (legs_are_clear, blocked, vertices, -1),

@@ -66,6 +66,8 @@ class LoiterSpec:
     """Delay until a commanded turn rate is reached."""
     turns: TurnAnticipation
     """Turn anticipation at the waypoints."""
+    is_left: bool = False
+    """True if the vehicle only needs the room, and flies on to its landing."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,7 +79,7 @@ _AIRSPEED_DIVE_NS: Final = ns(15.0)
 it does not see, until it flies without the sensor. A PX4 1.17 dived for 9 s.
 """
 _WIND_FRACTION: Final = 0.3
-"""Wind speed, as a fraction of the airspeed, that every plan allows."""
+"""Wind speed, as a fraction of the airspeed, that raises the alarm where the mission file states no wind."""
 _MIN_USE_S: Final = 60.0
 _MIN_USE_PERCENT: Final = 3
 """The use of the battery is known after this time and charge."""
@@ -94,7 +94,7 @@ class HealthMonitor:
         self._agents = agents
         self._state = state
         self._max_wind_m_s = {
-            agent.vehicle: max(airframe.wind_m_s, _WIND_FRACTION * airframe.speed_m_s)
+            agent.vehicle: airframe.wind_m_s or _WIND_FRACTION * airframe.speed_m_s
             for agent in config.agents
             for airframe in [config.airframe_of(agent.vehicle)]
         }

@@ -52,10 +52,18 @@ def vehicle_options(config: Config) -> dict[int, PlanOptions]:
 
 
 def _loiter(airframe: AgentAirframe, capture_radius_m: float) -> LoiterSpec | None:
-    """Return the loiter circle at the ends of routes; None if missions end with a landing."""
-    if airframe.end != "loiter":
-        return None
-    return LoiterSpec(airframe.circle_radius_m, capture_radius_m, airframe.turn_lag_s, corners_of(airframe))
+    """Return the loiter circle at the ends of routes.
+
+    Missions that end with a landing have none. In wind their routes end where there is room for one.
+    """
+    corners = corners_of(airframe)
+    if airframe.end == "loiter":
+        return LoiterSpec(airframe.circle_radius_m, capture_radius_m, airframe.turn_lag_s, corners)
+    if airframe.wind_m_s > 0.0:
+        return LoiterSpec(
+            airframe.turn_radius_m, capture_radius_m, airframe.turn_lag_s, corners, is_left=True
+        )
+    return None
 
 
 class PlanTargets:

@@ -32,6 +32,8 @@ _SAME_FIELD_M: Final = 2000.0
 _MIN_WAIT_S: Final = 20.0
 _CIRCLE_MARGIN_M: Final = 60.0
 """Overshoot of a vehicle that enters its circle."""
+_DRIFT_S: Final = 8.0
+"""Time in which the wind would take a vehicle as far off its circle as it is flown."""
 _CIRCLE_RADIUS_M: Final = 80.0
 """Radius of a circle that the autopilot sets."""
 
@@ -118,9 +120,12 @@ class LandingOrder:
 
     def _corner(self, vehicle: int, return_m: FloatArray, grid: Grid) -> int | None:
         """Return the first point with a clear circle: -1 for the end of the route, or a corner behind it."""
-        radius_m = self._airframes[vehicle].loiter_radius_m or _CIRCLE_RADIUS_M
+        airframe = self._airframes[vehicle]
+        room_m = (airframe.loiter_radius_m or _CIRCLE_RADIUS_M) + _CIRCLE_MARGIN_M
+        if airframe.wind_m_s > 0.0:
+            room_m = max(room_m, airframe.circle_radius_m + _DRIFT_S * airframe.wind_m_s)
         for corner, (east_m, north_m) in enumerate(return_m[:-2].tolist(), start=-1):
-            if _is_clear(grid, (east_m, north_m), radius_m + _CIRCLE_MARGIN_M):
+            if _is_clear(grid, (east_m, north_m), room_m):
                 return corner
         return None
 

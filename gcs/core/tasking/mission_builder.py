@@ -124,7 +124,9 @@ def mission_ahead(route: Route, start_m: Point, airframe: AgentAirframe) -> Rema
 
 def corners_of(airframe: AgentAirframe) -> TurnAnticipation:
     """Return the turn anticipation of vehicles."""
-    return TurnAnticipation(airframe.turn_radius_m, airframe.turn_lag_m, airframe.accept_radius_m)
+    return TurnAnticipation(
+        airframe.turn_radius_m, airframe.turn_lag_m, airframe.accept_radius_m, airframe.wind_m_s
+    )
 
 
 def flown_points(agent: Agent, route: Route, state: VehicleState | None) -> int:

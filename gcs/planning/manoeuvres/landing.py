@@ -15,15 +15,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import TypeAlias
 
 import numpy as np
 
 from gcs.geo import bearing_rad, wrap_pi
 from gcs.model import APPROACH_M, FloatArray, LandingWait, read_only
+from gcs.planning.flight_variants import wind_margin_m, windy_flights
 from gcs.planning.forward_simulation import Motion, RemainingMission, simulate
-from gcs.planning.manoeuvres.loiter import path_length_m, split_before_end
+from gcs.planning.manoeuvres.loiter import path_length_m, places_around, split_before_end
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight, to_cells
 from gcs.planning.path.corner_splitting import MAX_TURN_RAD
@@ -32,6 +33,7 @@ from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner_inputs import AgentState, PlanOptions, TargetDemand
 from gcs.planning.route_joining import MIN_CLEARANCE_SHARE
 from gcs.planning.route_search import RouteSearch
+from gcs.planning.wide_routes import WIND_SHARES, widened
 
 _BEARINGS = 36
 _CLEARANCE_SHARES = (1.0, 0.5, MIN_CLEARANCE_SHARE, 0.0)
@@ -43,6 +45,8 @@ _SIMULATED_RADII = 6.0
 _DEPARTURE_RADII = (1.0, 2.0, 3.0)
 _DEPARTURE_TURNS_RAD = tuple(np.radians([0.0, 30.0, -30.0, 60.0, -60.0]).tolist())
 """Departure points of a vehicle that cannot turn at its target: turn radii ahead, and course change."""
+_MAX_PLACES = 6
+"""Number of places with room that are tried as departure points."""
 _MAX_GATES_AFTER_DEPARTURE = 6
 """Number of gates that are tried from each departure point."""
 _CLEAR, _NEAR, _TOO_NEAR, _SHARP = range(4)
@@ -191,7 +195,13 @@ class _Planner:
         gates = list(self._gates())
         if not gates:
             return None
-        best = self._best(gates, np.empty((0, 2)), self._course_rad, None)
+        nowhere = np.empty((0, 2))
+        best = self._best(gates, nowhere, self._course_rad, None)
+        for clearance_share, radius_share in WIND_SHARES if self._landing.turns.wind_m_s > 0.0 else ():
+            if best is None or best[0] < _TOO_NEAR:
+                break
+            wide = widened(self._options, clearance_share, radius_share)
+            best = self._best(gates, nowhere, self._course_rad, best, wide)
         for leaves_m in self._departures() if best is not None and best[0] >= _TOO_NEAR else ():
             best = self._best(gates, np.array([leaves_m]), bearing_rad(*self._end_m, *leaves_m), best)
             if best is not None and best[0] < _TOO_NEAR:
@@ -202,18 +212,23 @@ class _Planner:
         return ReturnRoute(read_only(points_m), False, _NO_APPROACH if gate.share < 0.0 else _NOTES[grade])
 
     def _best(
-        self, gates: list[_Gate], left_m: FloatArray, course_rad: float, best: _Graded | None
+        self,
+        gates: list[_Gate],
+        left_m: FloatArray,
+        course_rad: float,
+        best: _Graded | None,
+        options: PlanOptions | None = None,
     ) -> _Graded | None:
         """Return the best path from the end of the route, or from a departure point, to any gate."""
         east_m, north_m = left_m[0].tolist() if len(left_m) else self._end_m
         start = AgentState(east_m, north_m, course_rad, self._speed_m_s)
-        options = replace(self._options, horizon_s=0.0, cost="length")
+        options = replace(options or self._options, horizon_s=0.0, cost="length")
         places = [gate.points_m[0] for gate in gates]
         search = RouteSearch(self._grid, [start], places, [TargetDemand()] * len(gates), options)
         lengths_m = search.costs[0] + [gate.length_m for gate in gates]
         order = sorted(range(len(gates)), key=lambda j: (-gates[j].share, lengths_m[j]))
         reached = [j for j in order if math.isfinite(lengths_m[j])]
-        for j in reached[:_MAX_GATES_AFTER_DEPARTURE] if len(left_m) else reached:
+        for j in reached[:_MAX_GATES_AFTER_DEPARTURE] if best is not None else reached:
             aimed = search.route(0, j)
             points_m = np.vstack((left_m, aimed.points_m, gates[j].points_m[1:]))
             if self._is_sharp(points_m, len(left_m) + len(aimed.points_m)):
@@ -226,7 +241,12 @@ class _Planner:
         return best
 
     def _departures(self) -> Iterator[Point]:
-        """Yield points where a vehicle may go after its target before it turns home, the nearest first."""
+        """Yield points where a vehicle may go after its target before it turns home, the nearest first.
+
+        In wind the middles of places with room for a turn come first.
+        """
+        if self._landing.turns.wind_m_s > 0.0 and self._options.shape == "flyable":
+            yield from self._places_with_room()
         for ring in _DEPARTURE_RADII if self._options.shape == "flyable" else ():
             for turn in _DEPARTURE_TURNS_RAD:
                 angle = self._course_rad + turn
@@ -235,6 +255,22 @@ class _Planner:
                 place_m = (east_m + distance_m * math.sin(angle), north_m + distance_m * math.cos(angle))
                 if self._share(place_m, self._end_m) >= 0.0:
                     yield place_m
+
+    def _places_with_room(self) -> Iterator[Point]:
+        """Yield the nearest places round the target where a vehicle can turn to any side."""
+        radius_m = self._options.turn_radius_m
+        room_m = radius_m + wind_margin_m(self._landing.turns)
+        places = (
+            (self._end_m[0] + east_m, self._end_m[1] + north_m) for east_m, north_m in places_around(radius_m)
+        )
+        clear = (
+            place_m
+            for place_m in places
+            if self._grid.is_free(place_m)
+            and line_of_sight(self._grid, place_m, place_m, room_m)
+            and self._share(place_m, self._end_m) >= 0.0
+        )
+        yield from islice(clear, _MAX_PLACES)
 
     def _gates(self) -> Iterator[_Gate]:
         """Yield gates of landings: at the approach, or at a base leg to either side."""
@@ -318,16 +354,21 @@ class _Planner:
         east_m, north_m = tail_m[0].tolist()
         motion = Motion(east_m, north_m, self._speed_m_s, self._begins_rad, ahead=ahead)
         for_s = (path_length_m(tail_m) + path_length_m(passes_m) - 0.5 * APPROACH_M) / self._speed_m_s
-        reach_m = min(
-            reach_m, self._available_clearance_m((east_m, north_m)), self._available_clearance_m(self._end_m)
+        available_m = min(
+            self._available_clearance_m((east_m, north_m)), self._available_clearance_m(self._end_m)
         )
-        return all(
+        reach_m = min(reach_m, available_m)
+        is_clear = all(
             simulate(self._grid, motion, for_s, lag_s, reach_m, min_radius_m).is_clear
             for lag_s, min_radius_m in (
                 (landing.turn_lag_s, landing.turns.radius_m),
                 (MIN_RADIUS_SHARE * landing.turn_lag_s, 0.0),
             )
         )
+        if reach_m > 0.0:
+            reach_m = min(reach_m + wind_margin_m(landing.turns), available_m)
+        flights = windy_flights(self._grid, motion, for_s, landing.turns, landing.turn_lag_s, reach_m)
+        return is_clear and all(flight.is_clear for flight in flights)
 
     def _available_clearance_m(self, place_m: Point) -> float:
         """Return the distance from obstacles, at most the clearance."""

@@ -5,10 +5,10 @@ circle of 30 m entered over its centre at 15 m/s. A route whose legs are clear m
 not.
 
 So the end of a route is simulated (`gcs.planning.forward_simulation`), over the target and round the circle,
-with the expected turn lag and with half of it. Where a circle at the target lacks clearance, the vehicle
-passes the target and goes on to the nearest circle that has it. Where no path on from the target is clear, or
-the target is over an obstacle, other approaches are tried: from another direction, or past the target within
-the capture radius.
+with the expected turn lag and with half of it, in still air and in the greatest wind. Where a circle at the
+target lacks clearance, the vehicle passes the target and goes on to the nearest circle that has it. Where no
+path on from the target is clear, or the target is over an obstacle, other approaches are tried: from another
+direction, or past the target within the capture radius.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ import numpy as np
 
 from gcs.jit import Call, kernel, leaf
 from gcs.model import BoolArray, FloatArray
-from gcs.planning.forward_simulation import STEP_S, max_turn_rate_rad_s, simulate_states
+from gcs.planning.flight_variants import flight_variants, wind_margin_m
+from gcs.planning.forward_simulation import STEP_S, simulate_states
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import is_clear_at, is_free_at, line_of_sight, path_clearance, to_cells
-from gcs.planning.path.initial_turn import MIN_RADIUS_SHARE, start_clearance
+from gcs.planning.path.initial_turn import start_clearance
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.route_joining import MIN_CLEARANCE_SHARE
@@ -32,12 +33,12 @@ from gcs.planning.route_joining import MIN_CLEARANCE_SHARE
 _ENOUGH_SHARE = 0.5
 """Share of the clearance that is sufficient. Circles are flown by the autopilot, not by waypoints."""
 _NO_CLEARANCE_M = -1.0
-_MIN_GAIN_M = 2.0
+MIN_GAIN_M = 2.0
 """Additional clearance that justifies a farther circle or another approach."""
 _SIMULATED_RADII = 6.0
 """Simulated end of a route, in turn radii."""
-_COURSE_ERRORS_RAD = np.radians([0.0, 0.0, 15.0, -15.0])
-"""Simulated course errors at the start."""
+_COURSE_ERROR_RAD = math.radians(15.0)
+"""Simulated course error at the start, to either side."""
 _AMBIGUOUS_TURN_RAD = math.radians(150.0)
 """Beyond this bearing error a vehicle may turn to either side."""
 _RING_RADII = (0.5, 1.0, 1.5, 2.0, 2.5)
@@ -110,7 +111,7 @@ def plan_terminal_loiter(
     if not grid.blocked.any():
         return TerminalLoiter(points_m, None, math.inf)
     if options.clearance_m <= 0.0 and _has_room(grid, start, points_m, target_m, spec):
-        return TerminalLoiter(points_m, None, _MIN_GAIN_M)
+        return TerminalLoiter(points_m, None, MIN_GAIN_M)
     circles = _CircleSearch(grid, start, target_m, options, spec)
     best = circles.best(points_m, TerminalLoiter(points_m, None, _NO_CLEARANCE_M, passes_target=False))
     if best.clearance_m >= 0.0:
@@ -127,9 +128,9 @@ def _has_room(grid: Grid, start: AgentState, points_m: FloatArray, target_m: Poi
     before_m, end_m = _with_start(start, points_m)[-2:].tolist()
     turns = spec.turns
     end = (end_m[0], end_m[1])
-    if math.dist(end, target_m) > _MIN_GAIN_M or math.dist(before_m, end) < 2.0 * turns.radius_m:
+    if math.dist(end, target_m) > MIN_GAIN_M or math.dist(before_m, end) < 2.0 * turns.radius_m:
         return False
-    return line_of_sight(grid, end, end, room_to_circle_m(spec.radius_m, turns) + _MIN_GAIN_M)
+    return line_of_sight(grid, end, end, room_to_circle_m(spec.radius_m, turns) + MIN_GAIN_M)
 
 
 def room_to_circle_m(radius_m: float, turns: TurnAnticipation) -> float:
@@ -182,13 +183,9 @@ class _CircleSearch:
         self._near_s = min(_MIN_PASS_S, _MAX_PASS_SHARE * 2.0 * spec.reach_radius_m / self._speed_m_s)
         self._radius_m = options.turn_radius_m
         self._frame = np.array([*grid.origin_m, grid.spacing_m])
-        self._lags_s = np.array(
-            [spec.turn_lag_s, MIN_RADIUS_SHARE * spec.turn_lag_s, spec.turn_lag_s, spec.turn_lag_s]
-        )
-        widest = max_turn_rate_rad_s(self._speed_m_s, spec.turns.radius_m)
-        self._max_rates_rad_s = np.array([widest, math.inf, widest, widest])
-        self._around_m = np.array([(0.0, 0.0), *_around(max(self._radius_m, spec.radius_m))])
-        self.enough_m = max(_ENOUGH_SHARE * options.clearance_m, _MIN_GAIN_M)
+        self._variants = _with_course_errors(flight_variants(spec.turns, spec.turn_lag_s, self._speed_m_s))
+        self._around_m = np.array([(0.0, 0.0), *places_around(max(self._radius_m, spec.radius_m))])
+        self.enough_m = max(_ENOUGH_SHARE * options.clearance_m, MIN_GAIN_M) + wind_margin_m(spec.turns)
         place = (start.east_m, start.north_m) if start.motion is None else start.motion.place_m
         clearance = MIN_CLEARANCE_SHARE * options.clearance_m / grid.spacing_m
         margin = start_clearance(grid.blocked, 2.0 * clearance, *to_cells(grid, place))
@@ -204,7 +201,7 @@ class _CircleSearch:
         spacing_m = self._grid.spacing_m
         speed_m_s = self._speed_m_s
         path_m, is_whole = self._simulated_path(points_m)
-        floor_m = so_far.clearance_m if so_far.clearance_m >= 0.0 else self._least_m - _MIN_GAIN_M
+        floor_m = so_far.clearance_m if so_far.clearance_m >= 0.0 else self._least_m - MIN_GAIN_M
         circles = np.column_stack((path_m[-1] + self._around_m, np.full(len(self._around_m), spec.radius_m)))
         round_m = (
             _RING_RADII[-1] * max(self._radius_m, spec.radius_m)
@@ -220,10 +217,8 @@ class _CircleSearch:
             self._near,
             self._near_s if must_pass else 0.0,
             np.array([path_length_m(path_m), round_m]) / speed_m_s,
-            self._lags_s if is_whole else self._lags_s[:2],
-            self._max_rates_rad_s,
-            _COURSE_ERRORS_RAD,
-            np.array([floor_m, _MIN_GAIN_M, self.enough_m]) / spacing_m,
+            self._variants if is_whole else self._variants[self._variants[:, 5] == 0.0],
+            np.array([floor_m, MIN_GAIN_M, self.enough_m]) / spacing_m,
         )
         self.flights += flights
         if found < 0:
@@ -250,17 +245,25 @@ class _CircleSearch:
         start = self._start
         if is_whole and start.motion is not None:
             now = start.motion
-            return np.array([*now.place_m, now.course_rad, now.turn_rate_rad_s, self._speed_m_s])
+            return np.array([*now.place_m, now.course_rad, now.turn_rate_rad_s, self._speed_m_s, 0.0, 0.0])
         is_known = is_whole and start.course_rad is not None
         course_rad = start.course_rad if is_known else _course_rad(path_m)
-        return np.array([*path_m[0], course_rad, 0.0, self._speed_m_s])
+        return np.array([*path_m[0], course_rad, 0.0, self._speed_m_s, 0.0, 0.0])
+
+
+def _with_course_errors(variants: FloatArray) -> FloatArray:
+    """Return flights on the course (k + 2, 6), and two in still air that begin beside it."""
+    result = np.column_stack((variants, np.zeros(len(variants))))
+    beside = np.repeat(result[:1], 2, axis=0)
+    beside[:, 5] = (_COURSE_ERROR_RAD, -_COURSE_ERROR_RAD)
+    return np.vstack((result[:2], beside, result[2:]))
 
 
 def _point(place_m: FloatArray) -> Point:
     return float(place_m[0]), float(place_m[1])
 
 
-def _around(radius_m: float) -> Iterator[Point]:
+def places_around(radius_m: float) -> Iterator[Point]:
     """Yield the centres of candidate circles relative to the target, the nearest first."""
     for ring in _RING_RADII:
         for k in range(_BEARINGS):
@@ -338,25 +341,38 @@ def _is_open(blocked: BoolArray, frame: FloatArray, circle: FloatArray, clearanc
 def best_loiter_circle(
     blocked: BoolArray, frame: FloatArray, motion: FloatArray, points: FloatArray, radii: FloatArray,
     circles: FloatArray, reach_circle: FloatArray, min_reach_s: float, times_s: FloatArray,
-    lags_s: FloatArray, max_rates: FloatArray, off_course: FloatArray, thresholds: FloatArray,
+    variants: FloatArray, thresholds: FloatArray,
 ) -> tuple[int, float, int]:  # fmt: skip
     """Return the index of the first circle with the most clearance or -1, that in cells, and the flights.
 
     `circles` (n, 3): east, north, radius. `reach_circle`: place to pass within a distance, for `min_reach_s`.
-    `times_s`: duration of the path and of the circle. `thresholds`: clearance so far, required gain,
-    sufficient clearance. The others as of `simulate_states`.
+    `times_s`: duration of the path and of the circle. `variants` (k, 6): those of `flight_variants`, and
+    course errors. `thresholds`: clearance so far, required gain, sufficient clearance. The others as of
+    `simulate_states`.
     """
     best = thresholds[0]
     found = -1
     none = np.array([0.0, 0.0, -1.0])
     flown = motion.copy()
     flights = 0
-    for i in range(lags_s.size):  # most collisions occur before the circle
+    for i in range(variants.shape[0]):  # most collisions occur before the circle
         clearance = max(best + thresholds[1], 0.0)
-        flown[2] = motion[2] + off_course[i]
+        flown[2] = motion[2] + variants[i, 5]
+        flown[5] = variants[i, 3]
+        flown[6] = variants[i, 4]
         flights += 1
         _, is_clear, off = simulate_states(
-            blocked, frame, flown, points, radii, none, times_s[0], lags_s[i], max_rates[i], clearance, 0.0
+            blocked,
+            frame,
+            flown,
+            points,
+            radii,
+            none,
+            times_s[0],
+            variants[i, 0],
+            variants[i, 1],
+            clearance,
+            variants[i, 2],
         )
         if not is_clear or off > _AMBIGUOUS_TURN_RAD:
             return -1, best, flights
@@ -365,8 +381,10 @@ def best_loiter_circle(
         if not _is_open(blocked, frame, circles[k], clearance):
             continue
         margin = thresholds[2]
-        for i in range(lags_s.size):
-            flown[2] = motion[2] + off_course[i]
+        for i in range(variants.shape[0]):
+            flown[2] = motion[2] + variants[i, 5]
+            flown[5] = variants[i, 3]
+            flown[6] = variants[i, 4]
             flights += 1
             flight, is_clear, off = simulate_states(
                 blocked,
@@ -376,10 +394,10 @@ def best_loiter_circle(
                 radii,
                 circles[k],
                 times_s[0] + times_s[1],
-                lags_s[i],
-                max_rates[i],
+                variants[i, 0],
+                variants[i, 1],
                 clearance,
-                0.0,
+                variants[i, 2],
             )
             if not is_clear or off > _AMBIGUOUS_TURN_RAD or _time_within(flight, reach_circle) < min_reach_s:
                 margin = -1.0
@@ -406,16 +424,14 @@ def warm_up_calls() -> list[Call]:
             best_loiter_circle,
             grid.blocked,
             three,
-            np.zeros(5),
+            np.zeros(7),
             points,
             radii,
             circles,
             three,
             0.0,
             times_s,
-            times_s,
-            times_s,
-            times_s,
+            np.ones((1, 6)),
             three,
         )
     ]

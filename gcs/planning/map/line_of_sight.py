@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from gcs.jit import inlined, int64, kernel, leaf
 from gcs.model import BoolArray, FloatArray
 from gcs.planning.map.grid import TOUCH, Grid, Point
@@ -167,6 +169,17 @@ def path_clearance(blocked: BoolArray, frame: FloatArray, path_m: FloatArray, mo
         to_y = (path_m[i + 1, 1] - frame[1]) / frame[2]
         margin = leg_clearance(blocked, x, y, to_x, to_y, margin, NO_CELL)
     return margin
+
+
+@kernel
+def clearances_along(blocked: BoolArray, frame: FloatArray, path_m: FloatArray, most: float) -> FloatArray:
+    """Return the distance in cells of each point of a path from the nearest blocked cell, at most `most`."""
+    found = np.empty(path_m.shape[0])
+    for i in range(path_m.shape[0]):
+        x = (path_m[i, 0] - frame[0]) / frame[2]
+        y = (path_m[i, 1] - frame[1]) / frame[2]
+        found[i] = clearance_at(blocked, x, y, most)
+    return found
 
 
 @inlined

@@ -57,6 +57,8 @@ class TurnAnticipation:
     """Distance flown before a turn is taken up."""
     min_accept_radius_m: float
     """Least acceptance radius."""
+    wind_m_s: float = 0.0
+    """Greatest wind speed, for which `radius_m` and `lag_m` allow downwind."""
 
     def accept_radii_m(self, points_m: FloatArray) -> FloatArray:
         """Return the acceptance radius of each waypoint.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 from helpers.aeroplane import Aeroplane, estimate
 from helpers.played_vehicle import ARDUPLANE, BOTH, PX4
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.core.flight.health import HealthMonitor
 from gcs.model import FlightPhase, NoticeCode, Route, read_only
 
 GOOD_ESTIMATE = 0x33F
@@ -79,6 +81,21 @@ def test_each_problem_begins_is_named_with_its_cause_and_ends(
     (over,) = plane.noticed(ends)
     assert told.key in over.ended
     assert not plane.engine.state.agents[1].flight.unfit
+
+
+def test_wind_above_what_routes_are_planned_for_is_told_below_30_percent_of_the_airspeed() -> None:
+    plane = Watched(ARDUPLANE)
+    stages = plane.engine.stages
+    config = stages.health._config
+    airframe = msgspec.structs.replace(config.airframe, wind_m_s=3.0)
+    config = msgspec.structs.replace(config, airframe=airframe)
+    stages.health = HealthMonitor(config, stages.fleet, plane.engine.state.agents, plane.engine.state.flight)
+    plane.wait(12.0)
+    assert not plane.noticed(NoticeCode.WIND_PROBLEM)
+    plane.wind_m_s = 4.0
+    plane.wait(12.0)
+    (told,) = plane.noticed(NoticeCode.WIND_PROBLEM)
+    assert "above the 3 m/s" in told.parameters["cause"]
 
 
 def test_a_battery_that_does_not_last_for_the_route_and_the_way_home_is_told() -> None:
