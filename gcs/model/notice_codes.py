@@ -979,6 +979,15 @@ class NoticeCode(TableCode):
         "smaller `mission.loiter_radius_m`, a wider fence, or ignore the target",
         by="target",
     )
+    NO_ROUTE_IN_BAND = _vehicle(
+        "no-route-in-band",
+        _W,
+        "no route to target {target} keeps between the least and the greatest height above ground: it gets "
+        "no new route there",
+        "climb, turn radius or flight band do not fit the terrain on the way, or there is no loiter circle",
+        "lower `terrain.min_agl_m`, raise `terrain.max_agl_m`, or ignore the target",
+        by="target",
+    )
     NO_LAYER_LEFT = _mission(
         "no-layer-left",
         _W,

@@ -51,6 +51,8 @@ from gcs.planning.route_search import RouteSearch
 from gcs.planning.search import canonical_ordering, cost_matrix
 from gcs.planning.search.cost_matrix import Endpoints
 from gcs.planning.search.neighbours import SearchMap, cells, search_map
+from gcs.planning.terrain.ground import Terrain
+from gcs.planning.terrain.terrain_search import TerrainSearch
 from gcs.planning.wide_routes import (
     WIND_SHARES,
     clearance_in_wind_m,
@@ -158,11 +160,12 @@ def plan_mission(
         on_stage,
         inputs.demands,
         inputs.pinned,
+        inputs.terrain,
     )
     choice = choose(result)
     flights = [_flight(route, inputs) for route in choice.new]
     layers, conflicts = assign_layers([*flights, *choice.flights], inputs.layers, inputs.separation_m)
-    new = [replace(route, layer=layers[route.vehicle]) for route in choice.new]
+    new = [_in_layer(route, layers[route.vehicle], inputs) for route in choice.new]
     routes = sorted([*choice.kept, *new], key=attrgetter("vehicle"))
     busy = {route.vehicle for route in routes}
     served = {route.target for route in routes}
@@ -174,6 +177,17 @@ def plan_mission(
         paths_m={flight.vehicle: flight.points_m for flight in flights},
         conflicts=conflicts,
     )
+
+
+def _in_layer(route: Route, layer: int, inputs: MissionInputs) -> Route:
+    """Return a route in its layer: over terrain at the heights that the layer prefers."""
+    if inputs.terrain is None:
+        return replace(route, layer=layer)
+    agent = inputs.agents[route.vehicle]
+    target_m = inputs.grid.nearest_inside(inputs.targets[route.target])
+    search = TerrainSearch(inputs.terrain, inputs.grid, [agent], [target_m], inputs.options)
+    planned = _shape_over_terrain(search, (0, 0), route.vehicle, route.target, layer).route
+    return replace(route if planned is None else planned, layer=layer)
 
 
 def _flight(route: Route, inputs: MissionInputs) -> PlannedFlight:
@@ -193,6 +207,7 @@ def plan_routes(
     on_stage: Callable[[Stage], None] = _ignore_stage,
     demands: Mapping[Label, TargetDemand] = MappingProxyType({}),
     pinned: Mapping[int, Label] = MappingProxyType({}),
+    terrain: Terrain | None = None,
 ) -> PlanResult:
     """Assign targets to agents and plan a route for each assigned agent.
 
@@ -206,6 +221,8 @@ def plan_routes(
         Targets that need more than one agent, have a rank, or move.
     pinned : mapping of int to label
         Vehicles that must get a certain target, if it is there and a path leads to it.
+    terrain : Terrain or None
+        Ground that routes keep above; None: the ground is flat. Over terrain targets do not move in a plan.
     """
     notes: list[PlanNote] = []
     vehicles = [v for v in sorted(agents) if _on_earth(agents[v].east_m, agents[v].north_m)]
@@ -227,8 +244,13 @@ def plan_routes(
         needs = [demands.get(label, TargetDemand()) for label in labels]
         starts = [agents[v] for v in vehicles]
         goals = [grid.nearest_inside(targets[label]) for label in labels]
-        search = RouteSearch(grid, starts, goals, needs, options)
-        notes += _reachability_notes(grid, search.smap, vehicles, labels, search.starts, search.costs)
+        search: RouteSearch | TerrainSearch
+        if terrain is not None:
+            search = TerrainSearch(terrain, grid, starts, goals, options)
+            notes += _unreached_notes(vehicles, labels, search.costs)
+        else:
+            search = RouteSearch(grid, starts, goals, needs, options)
+            notes += _reachability_notes(grid, search.smap, vehicles, labels, search.starts, search.costs)
         on_stage("search")
         flown_to = [labels.index(current[v]) if current.get(v) in labels else -1 for v in vehicles]
         costs = with_change_costs(search.costs, flown_to, options.switch_gain_m)
@@ -238,7 +260,11 @@ def plan_routes(
         on_stage("assignment")
         for _ in range(_MAX_ASSIGNMENTS):
             for i, j in pairs.items():
-                if (i, j) not in found:
+                if (i, j) in found:
+                    continue
+                if isinstance(search, TerrainSearch):
+                    found[i, j] = _shape_over_terrain(search, (i, j), vehicles[i], labels[j], 0)
+                else:
                     shape = partial(_shape_route, grid, vehicle=vehicles[i], label=labels[j])
                     planned = shape(search, (i, j), options=options)
                     aim = (starts[i], goals[j], needs[j])
@@ -311,6 +337,29 @@ def _shape_route(
     return _ShapedRoute(
         vehicle, label, route, aimed.grid_length_m, notes, route is not None and problem is not None, captured
     )
+
+
+def _shape_over_terrain(
+    search: TerrainSearch, pair: tuple[int, int], vehicle: int, label: Label, layer: int
+) -> _ShapedRoute:
+    """Return the route of an agent to a target inside the flight band, with its loiter circle."""
+    found = search.route(*pair, layer)
+    if found is None:
+        note = _of_route(NoticeCode.NO_ROUTE_IN_BAND, vehicle, label)
+        return _ShapedRoute(vehicle, label, None, math.inf, [note])
+    planned, target_m = found
+    points_m = planned.points_m[1:]
+    circle = planned.circle
+    route = Route(
+        vehicle,
+        label,
+        read_only(points_m),
+        planned.length_m,
+        wait_m=(circle.east_m, circle.north_m),
+        heights_msl_m=read_only(np.append(planned.heights_msl_m[1:], circle.low_msl_m)),
+        target_point=int(np.argmin(np.hypot(*(points_m - target_m).T))),
+    )
+    return _ShapedRoute(vehicle, label, route, float(search.costs[pair]), [])
 
 
 def _fit_for_wind(
@@ -426,8 +475,15 @@ def _reachability_notes(
         east, north = cells(smap, starts.nodes[i, :1])[0] * grid.spacing_m + np.array(grid.origin_m)
         where = {"east_m": float(east), "north_m": float(north)}
         notes.append(PlanNote(NoticeCode.INSIDE_OBSTACLE, vehicles[i], where))
+    return notes + _unreached_notes(vehicles, labels, lengths_m)
+
+
+def _unreached_notes(
+    vehicles: Sequence[int], labels: Sequence[Label], lengths_m: FloatArray
+) -> list[PlanNote]:
+    """Return notes on agents and targets without any path."""
     reached = np.isfinite(lengths_m)
-    notes += [
+    notes = [
         PlanNote(NoticeCode.NO_PATH_TO_TARGETS, vehicles[i])
         for i in np.flatnonzero(~reached.any(axis=1)).tolist()
     ]

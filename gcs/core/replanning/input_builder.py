@@ -65,6 +65,7 @@ class PlanningInputBuilder:
             ),
             late_s={vehicle: late_s(self.agents[vehicle].tasking) for vehicle in agents},
             left_s=self._left_s(agents, t_ns),
+            heights_msl_m=self._heights_msl_m(agents),
             climbs=self.climbs(agents),
             other_vehicles=self._other_vehicles(agents, lost),
             passed=frozenset(filter(self.tasking.onboard_missions.has_missed, agents)),
@@ -96,6 +97,19 @@ class PlanningInputBuilder:
             if home is not None and state is not None and endurance_s is not None:
                 home_m = self.frame.to_local(home.lat_deg, home.lon_deg)
                 found[vehicle] = (home_m, endurance_s * state.ground_speed_m_s)
+        return found
+
+    def _heights_msl_m(self, vehicles: Iterable[int]) -> dict[int, float]:
+        """Return the heights of vehicles, at the ends of the climbs of those that have one."""
+        climbs = self.climbs(vehicles)
+        found = {}
+        for vehicle in vehicles:
+            state = self.fleet.state(vehicle)
+            home = self.fleet.home(vehicle)
+            if vehicle in climbs and home is not None:
+                found[vehicle] = home.alt_msl_m + climbs[vehicle].altitude_rel_m
+            elif state is not None:
+                found[vehicle] = state.alt_msl_m
         return found
 
     def is_on_ground(self, vehicle: int) -> bool:

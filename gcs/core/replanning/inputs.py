@@ -47,6 +47,8 @@ class PlanningInputs:
     """Vehicles that must not be tasked, with the reason in words."""
     motions: Mapping[int, Motion] = field(default_factory=dict)
     """Motion of agents; without an entry that of the track."""
+    heights_msl_m: Mapping[int, float] = field(default_factory=dict)
+    """Height above mean sea level of each agent, or at the end of its climb; over terrain only."""
     late_s: Mapping[int, float] = field(default_factory=dict)
     """Upload time beyond that of a good link (`gcs.core.tasking.upload_latency`)."""
     left_s: Mapping[int, float] = field(default_factory=dict)

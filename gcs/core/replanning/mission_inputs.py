@@ -8,6 +8,7 @@ from gcs.config import Config
 from gcs.core.replanning.plan_targets import plan_options, vehicle_options
 from gcs.planning.map.grid import Grid
 from gcs.planning.planner_inputs import AgentState, MissionInputs
+from gcs.planning.terrain.ground import Terrain
 
 
 def mission_inputs(config: Config, grid: Grid) -> MissionInputs:
@@ -15,6 +16,7 @@ def mission_inputs(config: Config, grid: Grid) -> MissionInputs:
     speeds_m_s = config.speeds_m_s
     options = vehicle_options(config)
     layers = config.mission.layers if config.mission.layer_step_m > 0.0 else 1
+    terrain = _terrain(config, layers)
     agents = {
         one.vehicle: AgentState(
             one.east_m,
@@ -22,6 +24,7 @@ def mission_inputs(config: Config, grid: Grid) -> MissionInputs:
             math.radians(one.course_deg),
             speeds_m_s[one.vehicle],
             options=options[one.vehicle],
+            height_msl_m=_start_msl_m(terrain, one.east_m, one.north_m),
         )
         for one in config.agents
     }
@@ -33,4 +36,22 @@ def mission_inputs(config: Config, grid: Grid) -> MissionInputs:
         agents,
         {(0, number): (birth.east_m, birth.north_m) for number, birth in enumerate(config.births)},
         {one.vehicle: number % layers for number, one in enumerate(config.agents)},
+        terrain=terrain,
     )
+
+
+def _terrain(config: Config, layers: int) -> Terrain | None:
+    """Return ground and flight band; None if the ground is flat."""
+    table = config.terrain
+    elevation = config.elevation
+    if table is None or elevation is None:
+        return None
+    return Terrain(elevation, table.min_agl_m, table.max_agl_m, layers)
+
+
+def _start_msl_m(terrain: Terrain | None, east_m: float, north_m: float) -> float:
+    """Return the height of a vehicle that is not heard yet: in the middle of the band."""
+    if terrain is None:
+        return math.nan
+    ground_m = terrain.elevation.height_msl_m(east_m, north_m)
+    return ground_m + 0.5 * (terrain.min_agl_m + terrain.max_agl_m)

@@ -412,6 +412,7 @@ class Replanner:
             course_rad=turns.course_rad,
             start_delay_s=late_s,
             motion=takes_up,
+            height_msl_m=inputs.heights_msl_m.get(vehicle, self._mission.agents[vehicle].height_msl_m),
             is_grounded=vehicle in inputs.grounded,
             is_unfit=vehicle in inputs.unfit,
             is_doubtful=vehicle in inputs.doubtful,

@@ -59,8 +59,8 @@ class TerrainSearch:
             goals = [_goal(level, target, own) for target in targets]
             self.costs[same] = cost_matrix(level.terrain, [_start(agents[i]) for i in same], goals)
 
-    def route(self, i: int, j: int, layer: int) -> tuple[TerrainRoute, Goal] | None:
-        """Return the route of agent i to target j, and its goal; None if none is found.
+    def route(self, i: int, j: int, layer: int) -> tuple[TerrainRoute, Point] | None:
+        """Return the route of agent i to target j, and the place where it meets it; None without a route.
 
         It is planned with the least margin with which the simulated flight stays in the band.
         """
@@ -69,7 +69,7 @@ class TerrainSearch:
         assert options.turns is not None
         model = FlightModel(agent.speed_m_s, options.turn_lag_s, options.turns)
         band = _band(self._terrain, self._grid, options.clearance_m, 0.0)
-        best: tuple[TerrainRoute, Goal] | None = None
+        best: tuple[TerrainRoute, Point] | None = None
         best_m = math.inf
         for level in _levels(self._terrain, self._grid, options):
             goal = _goal(level, self._targets[j], options)
@@ -80,7 +80,7 @@ class TerrainSearch:
                 continue
             departure_m = worst_departure_m(band, route, model)
             if departure_m < best_m:
-                best = route, goal
+                best = route, goal.place_m or self._targets[j]
                 best_m = departure_m
             if departure_m <= _ALLOWED_M:
                 break
