@@ -40,7 +40,8 @@ def _head(status: SwarmStatus, mission: str) -> Text:
     ]
     down = sum(agent.status == "down" for agent in status.agents)
     counts += [f"{down} down"] if down else []
-    head = Text.assemble((mission, "bold"), f": agents {', '.join(counts)}; {len(status.targets)} targets")
+    facts = f"agents {', '.join(counts)}; {len(status.targets)} targets; terrain {status.terrain}"
+    head = Text.assemble((mission, "bold"), f": {facts}")
     if status.has_ended:
         head.append("; the mission has ended", style="green")
     if status.plan_id is not None:

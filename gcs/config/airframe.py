@@ -25,6 +25,7 @@ from gcs.config.validation import Table
 BankAngle = Annotated[float, Meta(ge=5.0, le=70.0)]
 TurnLag = Annotated[float, Meta(ge=0.0, le=10.0)]
 WindSpeed = Annotated[float, Meta(ge=0.0, le=30.0)]
+VerticalRate = Annotated[float, Meta(gt=0.0, le=50.0)]
 
 UNKNOWN_LOITER_RADIUS_M = 80.0
 """Loiter radius that the autopilot sets: PX4's NAV_LOITER_RAD; ArduPlane's WP_LOITER_RAD is 60."""
@@ -33,12 +34,14 @@ _STRONG_WIND_M_S = 30.0
 
 
 class AirframeTable(Table, frozen=True, kw_only=True):
-    """Turning flight of vehicles, for routes and acceptance radii."""
+    """Flight of vehicles in turns, climbs and descents, for routes and acceptance radii."""
 
     speed_m_s: Positive = 15.0
     bank_deg: BankAngle = 30.0
     turn_lag_s: TurnLag = 1.0
     wind_m_s: WindSpeed = 0.0
+    climb_m_s: VerticalRate = 2.5
+    sink_m_s: VerticalRate = 2.0
 
 
 class NamedAirframeTable(Table, frozen=True, kw_only=True):
@@ -48,6 +51,8 @@ class NamedAirframeTable(Table, frozen=True, kw_only=True):
     bank_deg: BankAngle | None = None
     turn_lag_s: TurnLag | None = None
     wind_m_s: WindSpeed | None = None
+    climb_m_s: VerticalRate | None = None
+    sink_m_s: VerticalRate | None = None
     climb_deg: ClimbAngle | None = None
     ground_run_m: NotNegative | None = None
     accept_radius_m: AcceptRadius | None = None
@@ -69,6 +74,8 @@ class AgentAirframe:
     loiter_radius_m: float
     """0: the autopilot's own."""
     end: MissionEnd
+    climb_m_s: float = AirframeTable().climb_m_s
+    sink_m_s: float = AirframeTable().sink_m_s
 
     @property
     def turn_radius_m(self) -> float:
@@ -94,6 +101,16 @@ class AgentAirframe:
     def planned_radius_m(self) -> float:
         """Turn radius of planned routes: with the lag."""
         return math.hypot(self.turn_radius_m, self.turn_lag_m)
+
+    @property
+    def climb_gradient(self) -> float:
+        """Height gained for each metre over ground in a sustained climb, downwind."""
+        return self.climb_m_s / (self.speed_m_s + self.wind_m_s)
+
+    @property
+    def sink_gradient(self) -> float:
+        """Height lost for each metre over ground in a sustained descent, downwind."""
+        return self.sink_m_s / (self.speed_m_s + self.wind_m_s)
 
     def climb_length_m(self, altitude_rel_m: float) -> float:
         """Return the distance over ground of a take-off, from the start to an altitude above home."""

@@ -8,11 +8,16 @@ import numpy as np
 
 from gcs.area_corners import corner_error
 from gcs.config.mission_file import Config
-from gcs.config.schema import AgentTable, BirthTable, LinksTable, link_of
+from gcs.config.schema import AgentTable, BirthTable, LinksTable, TerrainTable, link_of
 from gcs.endpoints import Link, is_loopback
 from gcs.errors import ConfigError, LinkError
 from gcs.geojson import read_zones
 from gcs.model import vehicle_name
+from gcs.terrain.elevation_model import decode_model, is_model_text
+from gcs.terrain.problem import TerrainFileError
+
+_MIN_BAND_M = 20.0
+"""Minimum height of the flight band: autopilots keep an altitude to some metres."""
 
 
 def check(config: Config, source: str) -> None:
@@ -25,6 +30,8 @@ def check(config: Config, source: str) -> None:
 def _contradictions(config: Config, source: str) -> Iterator[ConfigError]:
     if config.map.geojson:
         yield from _zones(config, source)
+    if config.terrain is not None:
+        yield from _terrain(config, config.terrain, source)
     yield from _links(config, source)
     yield from _zenoh(config.links, source)
     ids = [agent.vehicle for agent in config.agents]
@@ -98,6 +105,33 @@ def _zones(config: Config, source: str) -> Iterator[ConfigError]:
                 f"{what} lies far from the frame's origin ({config.frame.lat_deg:.3f}°, "
                 f"{config.frame.lon_deg:.3f}°); positions are [longitude, latitude], in this order",
             )
+
+
+def _terrain(config: Config, terrain: TerrainTable, source: str) -> Iterator[ConfigError]:
+    """Check the flight band, and that the elevation model is there and covers the map."""
+    if terrain.max_agl_m - terrain.min_agl_m < _MIN_BAND_M:
+        yield ConfigError(
+            source,
+            "terrain.max_agl_m",
+            f"expected at least {_MIN_BAND_M:g} m above terrain.min_agl_m, {terrain.min_agl_m:g} m",
+        )
+    if not is_model_text(terrain.file):
+        yield ConfigError(
+            source, "terrain.file", 'expected the name of a file on a line of its own: file = "ground.tif"'
+        )
+        return
+    try:
+        ground = decode_model(terrain.file).elevation
+    except TerrainFileError as error:
+        yield ConfigError(source, "terrain.file", f"expected the name of a file; this is {error}")
+        return
+    corners = np.array([[0.0, 0.0], [config.map.width_m, config.map.height_m]])
+    if not np.isfinite(ground.heights_at(corners)).all():
+        yield ConfigError(
+            source,
+            "terrain.file",
+            "the elevation model is that of a smaller map: expected the name of its file",
+        )
 
 
 def _zenoh(links: LinksTable, source: str) -> Iterator[ConfigError]:

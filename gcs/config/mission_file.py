@@ -21,6 +21,7 @@ from gcs.config.schema import (
     RecordingTable,
     TakeoffTable,
     TelemetryTable,
+    TerrainTable,
     TrackingTable,
     link_of,
 )
@@ -28,6 +29,8 @@ from gcs.config.validation import Table
 from gcs.endpoints import Link
 from gcs.geo import LocalFrame
 from gcs.geojson import Zones, read_zones
+from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_model import ElevationModel, decode_model
 
 AirframeName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
 ZONES = "the GeoJSON of the map"
@@ -40,6 +43,7 @@ class Config(Table, frozen=True, kw_only=True):
     description: str = ""
     frame: FrameTable
     map: MapTable = MapTable()
+    terrain: TerrainTable | None = None
     agents: Annotated[list[AgentTable], Meta(min_length=1)]
     births: list[BirthTable] = []
     tracking: TrackingTable = TrackingTable()
@@ -113,6 +117,25 @@ class Config(Table, frozen=True, kw_only=True):
     def spacing_m(self) -> tuple[float, float]:
         """Grid spacing east and north."""
         return self.map.width_m / (self.map.nodes_east - 1), self.map.height_m / (self.map.nodes_north - 1)
+
+    @property
+    def elevation_model(self) -> ElevationModel | None:
+        """Elevation of the ground, with the file that it is from; None: the ground is flat."""
+        return None if self.terrain is None else decode_model(self.terrain.file)
+
+    @property
+    def ground(self) -> str:
+        """Elevation model and flight band in words, or "flat"."""
+        if self.terrain is None:
+            return "flat"
+        band = f"flight {self.terrain.min_agl_m:g} to {self.terrain.max_agl_m:g} m above it"
+        return f"{self.elevation_model}; {band}"
+
+    @property
+    def elevation(self) -> Elevation | None:
+        """Elevation of the ground under the map and around it; None: the ground is flat."""
+        model = self.elevation_model
+        return None if model is None else model.elevation
 
     @property
     def zones(self) -> Zones:

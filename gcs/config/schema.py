@@ -54,6 +54,16 @@ class MapTable(Table, frozen=True, kw_only=True):
     random_threshold: Annotated[float, Meta(ge=0.0, le=0.6)] = 0.0
 
 
+class TerrainTable(Table, frozen=True, kw_only=True):
+    """Elevation of the ground, and the heights above it between which vehicles fly."""
+
+    file: str
+    """Name of the file; in a text that was read, the elevation model itself (`gcs.terrain`)."""
+    vertical_datum: Literal["msl", "ellipsoid"] = "msl"
+    min_agl_m: Annotated[float, Meta(ge=0.0, le=10_000.0)] = 50.0
+    max_agl_m: Annotated[float, Meta(gt=0.0, le=10_000.0)] = 120.0
+
+
 class AgentTable(Table, frozen=True, kw_only=True):
     """One agent: MAVLink network, system id and start."""
 

@@ -1,21 +1,31 @@
-"""Texts of missions: shipped scenarios, files, and the GeoJSON that they name."""
+"""Texts of missions: shipped scenarios, files, and the GeoJSON and the elevation model that they name."""
 
 from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 
+from gcs.config.schema import FrameTable, MapTable, TerrainTable
+from gcs.config.validation import convert
 from gcs.errors import ConfigError
 from gcs.files import read_text as read_file
+from gcs.geo import LocalFrame
 from gcs.geojson import read_zones
+from gcs.terrain.elevation_model import encode_model, is_model_text
+from gcs.terrain.problem import TerrainFileError
 
 _GEOJSON = re.compile(
     r"""^[ \t]*(?:map\.)?geojson[ \t]*=[ \t]*(?P<value>"(?P<basic>[^"\\\n]*)"|'(?P<literal>[^'\n]*)')""",
+    re.MULTILINE,
+)
+_TERRAIN_FILE = re.compile(
+    r"""^[ \t]*(?:terrain\.)?file[ \t]*=[ \t]*(?P<value>"(?P<basic>[^"\\\n]*)"|'(?P<literal>[^'\n]*)')""",
     re.MULTILINE,
 )
 _MAX_BYTES: Final = 16_000_000
@@ -40,16 +50,32 @@ def scenario_names() -> list[str]:
     return sorted(found, key=lambda name: (order.index(name) if name in order else len(order), name))
 
 
-def read_text(scenario: str) -> tuple[str, str]:
+def read_text(scenario: str, settings: Sequence[str] = ()) -> tuple[str, str]:
     """Return (text, source name) of a shipped scenario or of a file.
 
-    The name of a GeoJSON file is replaced by its content, so that a recording has everything.
+    The name of a GeoJSON file or of an elevation model is replaced by its content, so that a recording has
+    everything.
+
+    Parameters
+    ----------
+    settings : sequence of str
+        Keys to change (`override_keys`).
 
     Raises
     ------
     ConfigError
-        When there is no scenario or readable file of that name.
+        When there is no scenario or readable file of that name, or it names one that cannot be used.
     """
+    text, source = _read(scenario)
+    path = Path(source)
+    if settings:
+        from gcs.config.key_overrides import override_keys
+
+        text = override_keys(text, settings, source)
+    return _with_elevation(_with_zones(text, path), path), source
+
+
+def _read(scenario: str) -> tuple[str, str]:
     if re.fullmatch(r"[A-Za-z0-9_-]+", scenario):
         shipped = resources.files("gcs") / "scenarios" / f"{scenario}.toml"
         if shipped.is_file():
@@ -59,7 +85,7 @@ def read_text(scenario: str) -> tuple[str, str]:
         raise ConfigError(
             scenario, "", f"no such file or scenario; shipped scenarios: {', '.join(scenario_names())}"
         )
-    return _with_zones(_text_of(path), path), os.fspath(path)
+    return _text_of(path), os.fspath(path)
 
 
 def _text_of(path: Path) -> str:
@@ -119,3 +145,46 @@ def _with_zones(text: str, path: Path) -> str:
     compact = msgspec.json.encode(msgspec.json.decode(zones)).decode()
     quoted = msgspec.json.encode(compact).decode()
     return text[: match.start("value")] + quoted + text[match.end("value") :]
+
+
+def _with_elevation(text: str, path: Path) -> str:
+    """Return a mission file's text with the content of the elevation model that it names."""
+    if "terrain" not in text:
+        return text
+    try:
+        raw = decode_toml(text, os.fspath(path))
+        terrain = convert(raw["terrain"], TerrainTable, "")
+        frame = convert(raw["frame"], FrameTable, "")
+        area = convert(raw.get("map", {}), MapTable, "")
+    except (ConfigError, KeyError):
+        return text  # validation refuses this, or there is no such table
+    if not terrain.file or is_model_text(terrain.file):
+        return text
+    local = LocalFrame(frame.lat_deg, frame.lon_deg, frame.alt_msl_m)
+    content = _elevation_text(path, terrain, local, (area.width_m, area.height_m))
+    quoted = msgspec.json.encode(content).decode()
+    for match in _TERRAIN_FILE.finditer(text):
+        if (match["basic"] or match["literal"]) == terrain.file:
+            replaced = text[: match.start("value")] + quoted + text[match.end("value") :]
+            if decode_toml(replaced, os.fspath(path)).get("terrain", {}).get("file") == content:
+                return replaced
+    return text  # validation refuses this
+
+
+def _elevation_text(path: Path, terrain: TerrainTable, frame: LocalFrame, size_m: tuple[float, float]) -> str:
+    """Return the elevation model of a mission file as text."""
+    file = path.parent / terrain.file
+    if not file.exists():
+        raise ConfigError(os.fspath(path), "terrain.file", f"no such file: {file}")
+    try:
+        from gcs.terrain.elevation_file import read_elevation_model
+    except ImportError as error:
+        raise ConfigError(
+            os.fspath(path),
+            "terrain.file",
+            f"elevation models need {error.name}: pip install 'swarm-gcs[terrain]'",
+        ) from None
+    try:
+        return encode_model(read_elevation_model(file, frame, size_m, terrain.vertical_datum))
+    except TerrainFileError as error:
+        raise ConfigError(os.fspath(path), "terrain.file", f"{file}: {error}") from None

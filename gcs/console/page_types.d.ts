@@ -58,6 +58,8 @@ export interface MissionInfo extends RunInfo {
   origin_deg: [number, number];
   /** Its height above sea level. */
   origin_alt_m: number;
+  /** Elevation model and flight band in words, or "flat". */
+  terrain: string;
   /** Loiter radius of each vehicle. */
   loiter_radii_m: Record<string, number>;
   homes: Point[];

@@ -67,6 +67,7 @@ PIPELINES: Final[dict[type[Event], Pipeline]] = {
     Scan: (on_scan.hold_scan, process_due_scans),
     Tick: (
         on_tick.poll_links,
+        on_tick.serve_terrain,
         on_tick.check_flight,
         on_tick.check_health,
         on_tick.check_sensors,

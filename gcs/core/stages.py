@@ -5,13 +5,17 @@ A stage is a small class without state of its own. It gets the parts of the stat
 
 from __future__ import annotations
 
-from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_PARAM_VALUE
+from pymavlink.dialects.v20.ardupilotmega import (
+    MAVLINK_MSG_ID_PARAM_VALUE,
+    MAVLINK_MSG_ID_TERRAIN_REQUEST,
+)
 
 from gcs.config import Config
 from gcs.core.airspace.incursion_warning import IncursionWarnings
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.airspace.terrain_service import TerrainService
 from gcs.core.authority.disarmed_in_auto import DisarmedInAuto
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.authority.onboard_audit import OnboardAudit
@@ -97,10 +101,11 @@ class Stages:
                 checks_signatures=bool(config.links.keys),
             ),
             links=[link for link in links if link.role == "vehicles"],
-            extra_ids=[MAVLINK_MSG_ID_PARAM_VALUE],
+            extra_ids=[MAVLINK_MSG_ID_PARAM_VALUE, MAVLINK_MSG_ID_TERRAIN_REQUEST],
             state=self.state.fleet,
             vehicle_links={vehicle: agent.link for vehicle, agent in agents.items()},
         )
+        self.terrain = TerrainService(config, self.fleet, agents)
         self.external_uploads = ExternalUploads(links, agents, self.state.authority)
         self.parameter_changes = ParameterChanges(config, agents, links)
         # Perception
@@ -195,7 +200,7 @@ class Stages:
             self.replanner,
         )
         self.status_report = StatusReport(
-            self.state, self.fleet, self.trackers, self.replanner.layers, self.tasking
+            self.state, self.fleet, self.trackers, self.replanner.layers, self.tasking, config.ground
         )
 
     def max_age_ns(self, state: VehicleState) -> int:

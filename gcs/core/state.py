@@ -27,6 +27,7 @@ from gcs.core.tasking.records import AgentTasking, TaskingState
 from gcs.mavlink.fleet.notice_queue import RepeatLimit
 from gcs.mavlink.fleet.records import FleetState, VehicleLink
 from gcs.mavlink.fleet.telemetry_table import new_table
+from gcs.mavlink.services.terrain_data import TerrainRecord
 from gcs.model import AgentStatus, Authority, Claim, Claims, Control, Label, Route
 
 
@@ -46,6 +47,7 @@ class Agent:
     orders: AgentOrders = field(default_factory=AgentOrders)
     separation: AgentSeparation = field(default_factory=AgentSeparation)
     returns: AgentReturn = field(default_factory=AgentReturn)
+    terrain: TerrainRecord = field(default_factory=TerrainRecord)
 
     @property
     def control(self) -> Control:

@@ -302,6 +302,14 @@ class NoticeCode(TableCode):
         "battery-risen", _I, "battery: {charge_percent} % again", ends="battery-low battery-critical"
     )
 
+    TERRAIN_UNKNOWN = _vehicle(
+        "terrain-unknown",
+        _I,
+        "asks for terrain at {lat_deg:.4f}°, {lon_deg:.4f}°, where the elevation model has none",
+        "it asks for heights of the ground beyond the mission's elevation model; they are not sent",
+        "for flight by its own terrain data: use a file that reaches 6 km beyond the map",
+    )
+
     # ------------------------------------------------------------ is it the vehicle?
 
     ID_CONFLICT = _vehicle(

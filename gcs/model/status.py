@@ -122,3 +122,5 @@ class SwarmStatus(msgspec.Struct, frozen=True):
     """Number of the plan that waits for approval; None: no plan waits."""
     has_ended: bool
     """True after the end of the mission."""
+    terrain: str = "flat"
+    """Elevation model and flight band in words, or "flat"."""

@@ -21,7 +21,6 @@ from rich.console import Console
 
 from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING, load_kernels
 from gcs.config import read_text
-from gcs.config.key_overrides import override_keys
 from gcs.core.perception.fusion import MultiSensorTracker
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import versions
@@ -81,12 +80,11 @@ class Campaign:
         """
         texts = []
         for scenario in self.scenarios:
-            text, source = read_text(scenario)
             for value in self.sweep_values:
                 swept = (f"{self.sweep_key}={value}",) if self.sweep_key else ()
-                changed = override_keys(text, [*self.settings, *swept], source)
-                name = parse_scenario(changed, source).config.name
-                texts.append((changed, name, value))
+                text, source = read_text(scenario, [*self.settings, *swept])
+                name = parse_scenario(text, source).config.name
+                texts.append((text, name, value))
         return [
             Job(text, name, value, seed, planner, self.loss)
             for seed in range(self.seed, self.seed + self.runs)

@@ -313,6 +313,7 @@ class _Reading:
             ground=ground,
             work_ms=self.work_ms,
             versions=versions,
+            terrain="" if self.config is None else self.config.ground,
             remarks=tuple(self.remarks),
         )
 

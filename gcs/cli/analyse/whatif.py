@@ -17,6 +17,8 @@ from gcs.io.recording.reader import Record
 from gcs.model import NS_PER_S, AgentStatus, Effect, MissionEnded, Plan, UploadReport, target_name
 
 _NOTHING: Final = "–"
+_MAX_SHOWN: Final = 200
+"""Maximum length of a value; the content of a GeoJSON file or an elevation model is longer."""
 
 
 @dataclass(slots=True)
@@ -140,7 +142,7 @@ def different_settings(recorded: Config, given: Config) -> list[Row]:
     """Return the keys that differ in two mission files, without those of the simulated world."""
     one, other = (_flat(msgspec.to_builtins(config), "") for config in (recorded, given))
     return [
-        Row(key, one.get(key, _NOTHING), other.get(key, _NOTHING))
+        Row(key, _short(one.get(key, _NOTHING)), _short(other.get(key, _NOTHING)))
         for key in sorted({*one, *other})
         if one.get(key) != other.get(key) and not key.startswith("simulation")
     ]
@@ -154,6 +156,10 @@ def comparison_table(title: str, rows: list[Row]) -> Table:
     for row in rows:
         result.add_row(row.what, row.recorded, row.replayed, style="yellow" if row.differs else "")
     return result
+
+
+def _short(value: str) -> str:
+    return value if len(value) <= _MAX_SHOWN else f"{value[:_MAX_SHOWN]}..."
 
 
 def _flat(value: Any, key: str) -> dict[str, str]:

@@ -70,6 +70,7 @@ def describe(scenario: str, seed: int, console: Console) -> None:
         f"{area.width_m:.0f} m x {area.height_m:.0f} m, {area.nodes_east} x {area.nodes_north} nodes, "
         f"{grid.spacing_m:.1f} m apart",
     )
+    table.add_row("terrain", config.ground)
     table.add_row(
         "obstacles", f"{blocked} nodes ({100 * blocked / grid.blocked.size:.1f} %) with seed {seed}"
     )
@@ -122,6 +123,8 @@ def describe(scenario: str, seed: int, console: Console) -> None:
     )
     console.print(table)
     warnings = [f"warning: {warning}" for warning in position_warnings(config, grid, scenario)]
+    if config.elevation_model is not None:
+        warnings += [f"warning: {remark}" for remark in config.elevation_model.remarks]
     for warning in (*warnings, *zenoh_warnings(config.links, node)):
         console.print(warning, style="yellow", highlight=False, markup=False, soft_wrap=True)
 

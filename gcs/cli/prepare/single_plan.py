@@ -40,6 +40,8 @@ class Task:
 
     name: str
     mission: MissionInputs
+    terrain: str
+    """Elevation model and flight band in words, or "flat"."""
     landings: Mapping[int, LandingSpec]
     """Landings of agents at their starts; none for agents that loiter at the ends of their routes."""
 
@@ -62,7 +64,7 @@ def run_plan(task: Task, plot: Path | None, console: Console, *, as_json: bool) 
         _draw(plot, task, result, return_routes)
     _print_plan(task, result, timings_ms, plot, console)
     if as_json:
-        print(json.dumps(_as_dict(result, timings_ms, return_routes)), flush=True)  # noqa: T201  the output of --json
+        print(json.dumps(_as_dict(task, result, timings_ms, return_routes)), flush=True)  # noqa: T201  the output of --json
     routes_expected = min(len(task.mission.agents), len(task.mission.targets))
     return 0 if routes_expected and len(result.routes) == routes_expected else 1
 
@@ -94,7 +96,7 @@ def planning_task(
         for vehicle, airframe in config.airframes_of_agents.items()
         if (landing := landing_of(airframe)) is not None
     }
-    return Task(config.name, mission, landings)
+    return Task(config.name, mission, config.ground, landings)
 
 
 def _positions(given: Sequence[str], option: str, grid: Grid) -> list[Point]:
@@ -157,7 +159,7 @@ def _return_routes(task: Task, result: PlanResult) -> dict[int, ReturnRoute]:
 
 
 def _as_dict(
-    result: PlanResult, timings_ms: dict[str, float], return_routes: Mapping[int, ReturnRoute]
+    task: Task, result: PlanResult, timings_ms: dict[str, float], return_routes: Mapping[int, ReturnRoute]
 ) -> dict[str, Any]:
     """Return the plan for JSON; the points of a route begin with the agent's position."""
     return {
@@ -176,6 +178,7 @@ def _as_dict(
             }
             for route in result.routes
         ],
+        "terrain": task.terrain,
         "total_length_m": result.total_length_m,
         "unassigned_agents": list(result.unassigned_vehicles),
         "unassigned_targets": [list(target) for target in result.unassigned_targets],
@@ -221,7 +224,7 @@ def _print_plan(
     grid = task.mission.grid
     console.print(
         f"{task.name}: {grid.shape[1]} x {grid.shape[0]} nodes, {grid.spacing_m:g} m apart, "
-        f"{grid.blocked.mean():.1%} blocked",
+        f"{grid.blocked.mean():.1%} blocked; terrain {task.terrain}",
         highlight=False,
     )
     table = Table()

@@ -49,6 +49,7 @@ def mission_info(config: Config, run: RunInfo) -> MissionInfo:
         size_m=(area.width_m, area.height_m),
         origin_deg=(frame.lat_deg, frame.lon_deg),
         origin_alt_m=frame.alt_msl_m,
+        terrain=config.ground,
         loiter_radii_m={v: one.loiter_radius_m for v, one in config.airframes_of_agents.items()},
         homes=tuple((one.east_m, one.north_m) for one in config.agents),
         rally=tuple(frame.to_local(one.lat_deg, one.lon_deg) for one in rally_of(config)),

@@ -64,7 +64,7 @@ export function showHeader(root, feed, theme, freshness, showHelp) {
 
   feed.on("mission", (mission) => {
     setText(name, mission.name);
-    name.title = mission.name;
+    name.title = `${mission.name}, terrain ${mission.terrain}`;
     setText(tag, feed.role === "view" ? `${kindOf(mission)}, VIEW ONLY` : kindOf(mission));
     preflight.hidden = !mission.preflight;
     document.title = `${mission.name} – swarm-gcs`;

@@ -84,6 +84,8 @@ class MissionInfo(RunInfo, frozen=True, kw_only=True):
     """Latitude and longitude of the origin of positions."""
     origin_alt_m: float
     """Its height above sea level."""
+    terrain: str
+    """Elevation model and flight band in words, or "flat"."""
     loiter_radii_m: dict[int, float]
     """Loiter radius of each vehicle."""
     homes: tuple[Point, ...]

@@ -31,6 +31,8 @@ class StatusReport:
     trackers: MultiSensorTracker
     layers: AltitudeLayers
     tasking: UploadManager
+    ground: str
+    """Terrain of the mission in words."""
 
     def build(self, t_ns: int, order_id: str = "") -> SwarmStatus:
         """Return the status now, as the answer to an order."""
@@ -43,6 +45,7 @@ class StatusReport:
             sensors=self.state.perception.sensor_watchdog.records(t_ns),
             plan_id=None if pending is None else pending.plan_id,
             has_ended=self.state.has_ended,
+            terrain=self.ground,
         )
 
     def agent(self, health: Health, t_ns: int) -> AgentRecord:

@@ -28,6 +28,7 @@ def receive_from_vehicles(stages: Stages, event: Datagram, frames: FrameTable | 
     effects: list[Effect] = []
     for vehicle, message in stages.fleet.receive(event, frames):
         stages.return_heights.receive(vehicle, message)
+        stages.terrain.receive(vehicle, message)
         effects += stages.dispatch.settle(stages.tasking.receive(vehicle, message, t_ns))
         stages.failsafes.receive(vehicle, message, t_ns)
         effects += stages.orders.receive(vehicle, message, t_ns)

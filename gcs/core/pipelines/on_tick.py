@@ -20,6 +20,11 @@ def poll_links(stages: Stages, event: Tick) -> list[Effect]:
     return [*stages.fleet.poll(event.t_ns), *stages.fleet.notices()]
 
 
+def serve_terrain(stages: Stages, event: Tick) -> list[Effect]:
+    """Send terrain to vehicles that ask for it."""
+    return stages.terrain.poll(event.t_ns)
+
+
 def check_flight(stages: Stages, event: Tick) -> list[Effect]:
     """Check flight phases, four times a second: what has come down, and what flies again."""
     t_ns = event.t_ns

@@ -42,6 +42,8 @@ class Material:
     ground: Ground | None
     work_ms: Mapping[str, Sequence[float]]
     versions: Mapping[str, str]
+    terrain: str
+    """Elevation model and flight band in words, or "flat"; empty without a mission."""
     remarks: tuple[str, ...] = ()
 
     @property
@@ -90,7 +92,8 @@ def _subtitle(material: Material) -> str:
     if material.start_t_ns > 0:
         start = datetime.fromtimestamp(material.start_t_ns // NS_PER_S, tz=UTC)
         when = f", {start:%Y-%m-%d %H:%M:%S} UTC"
-    return f"{material.kind}{when}, {material.file}"
+    terrain = f", terrain {material.terrain}" if material.terrain else ""
+    return f"{material.kind}{when}, {material.file}{terrain}"
 
 
 def _evaluated(material: Material) -> Summary | None:
