@@ -58,7 +58,7 @@ from gcs.model.notices import Notice, NoticeContent, Notify, Subject
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
 from gcs.model.picture import Picture, Track, VehicleState
 from gcs.model.plans import APPROACH_M, Cause, LandingWait, Mission, Plan, Route, Waypoint
-from gcs.model.sensors import Polar, Scan, Sensor
+from gcs.model.sensors import Polar, Scan, Sensor, Viewpoint, Visibility
 from gcs.model.status import AgentRecord, SensorRecord, SwarmStatus, TargetRecord
 from gcs.model.templates import Parameter
 from gcs.model.truth import Truth, TruthObject
@@ -133,6 +133,8 @@ __all__ = [
     "UInt32Array",
     "UploadReport",
     "VehicleState",
+    "Viewpoint",
+    "Visibility",
     "Waypoint",
     "array_of_parts",
     "array_parts",
