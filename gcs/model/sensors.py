@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gcs.model.basics import FloatArray
+from gcs.model.basics import Float32Array, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +45,8 @@ class Visibility:
     """Position of the sensor."""
     north_m: float
     range_step_m: float
-    share: FloatArray
-    """(bearings, ranges) float32 of 0 ... 1; bearings clockwise from north, ranges from 0."""
+    share: Float32Array
+    """(bearings, ranges), 0 ... 1; bearings clockwise from north, ranges from 0."""
 
 
 @dataclass(frozen=True, slots=True)

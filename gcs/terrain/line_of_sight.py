@@ -1,9 +1,9 @@
 """Line of sight from a place over the terrain.
 
-Along each bearing a ray runs outwards from a height h. The ground at range r has the slope (ground(r) - h) / r.
-The greatest slope nearer than r is the horizon, and an object at r is in sight above the line h + horizon r.
-The height of that line above the ground at r is the shadow: 0 where the ground itself is in sight. This is the
-viewshed of a geographic information system, kept as heights, so that it holds for objects of every height.
+Along each bearing a ray runs outwards from a height h. The ground at range r has the slope (ground(r) - h)
+/ r. The greatest slope nearer than r is the horizon, and an object at r is in sight above the line h +
+horizon r. The height of that line above the ground at r is the shadow: 0 where the ground itself is in sight.
+This is the viewshed of a geographic information system, kept as heights, for objects of every height.
 
 The ground is read as often as its nodes are apart. Beyond the elevation model nothing is in the way. The
 Earth's curvature is left out, as in `gcs.terrain.elevation`.
@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from gcs.jit import Call, kernel
-from gcs.model import FloatArray, Visibility, read_only
+from gcs.model import Float32Array, FloatArray, Visibility, read_only
 from gcs.terrain.elevation import Elevation
 
 _MAX_BEARINGS: Final = 1024
@@ -43,7 +43,7 @@ class LineOfSight:
     east_m: float
     north_m: float
     range_step_m: float
-    shadow_agl_m: FloatArray
+    shadow_agl_m: Float32Array
 
     def shadows_at(self, points_m: FloatArray) -> FloatArray:
         """Return the shadow (k,) at places (k, 2)."""
@@ -86,7 +86,7 @@ def line_of_sight(
 
 
 def _nearest(
-    east_m: float, north_m: float, step_m: float, values: FloatArray, points_m: FloatArray
+    east_m: float, north_m: float, step_m: float, values: Float32Array, points_m: FloatArray
 ) -> FloatArray:
     """Return the values (k,) of a table of bearings and ranges that are nearest to places (k, 2)."""
     n_bearings, n_ranges = values.shape
@@ -104,7 +104,7 @@ def _fill_shadows(
     spacing_m: float,
     step_m: float,
     reads: int,
-    shadow: FloatArray,
+    shadow: Float32Array,
 ) -> None:
     """Fill `shadow`; `place` is in nodes, and the ground is read `reads` times in each step."""
     rows, cols = heights.shape

@@ -27,7 +27,8 @@ for 48 s, as one that was recorded; 10 s after the impact the state is no longer
 The ground is the elevation model's, and a vehicle that flies into it is a wreck. Without a model it is level
 at home, and only landings and falling vehicles touch it.
 
-Not simulated: stick input (MANUAL, FBWA and similar modes hold heading and altitude), and items other than waypoint, unlimited and timed loiter, take-off, landing and return.
+Not simulated: stick input (MANUAL, FBWA and similar modes hold heading and altitude), and items other than
+waypoint, unlimited and timed loiter, take-off, landing and return.
 
 Positions are local east/north metres; altitudes are metres above the local frame's origin.
 """

@@ -49,6 +49,8 @@ class VehicleSpec:
     alt_rel_m: float
     """Above home; a vehicle that starts on the ground climbs to it."""
     forward_speed_m_s: float
+    home_rel_m: float = 0.0
+    """Height of the ground at its start above the local frame's origin."""
     airborne: bool = True
     """True if it starts armed and circling; False if disarmed on the ground."""
     survival_probability: float = 1.0
@@ -123,7 +125,7 @@ class SimVehicle:
         self.system_id = spec.system_id
         self.alive = True
         self.geodesy = Geodesy(frame, elevation)
-        home_m = self.geodesy.ground_rel_m(spec.east_m, spec.north_m, 0.0)
+        home_m = spec.home_rel_m
         self.airframe = AIRFRAMES[spec.airframe](
             spec.east_m,
             spec.north_m,
@@ -227,6 +229,11 @@ class SimVehicle:
         return self.airframe.alt_rel_m
 
     @property
+    def alt_msl_m(self) -> float:
+        """Above mean sea level."""
+        return self.geodesy.frame.alt_msl_m + self.airframe.alt_rel_m
+
+    @property
     def course_rad(self) -> float:
         """Direction of motion over ground, clockwise from north, in [0, 2 pi)."""
         return self.airframe.course_rad
@@ -305,13 +312,12 @@ class SimVehicle:
         airframe = self.airframe
         lat_deg, lon_deg = self.geodesy.to_geodetic(airframe.east_m, airframe.north_m)
         east_m_s, north_m_s = airframe.velocity_m_s
-        alt_msl_m = self.geodesy.frame.alt_msl_m + airframe.alt_rel_m
         boot_ms = (t_ns - self._start_t_ns) // 1_000_000
         return (
             mavlink.MAVLink_system_time_message(t_ns // 1000, boot_ms & 0xFFFFFFFF),
             mavlink.MAVLink_sim_state_message(
                 1.0, 0.0, 0.0, 0.0, airframe.roll_rad, 0.0, airframe.heading_rad, 0.0, 0.0, 0.0,
-                airframe.roll_rate_rad_s, 0.0, airframe.yaw_rate_rad_s, lat_deg, lon_deg, alt_msl_m, 0.0, 0.0,
-                north_m_s, east_m_s, -airframe.climb_m_s, round(lat_deg * 1e7), round(lon_deg * 1e7),
+                airframe.roll_rate_rad_s, 0.0, airframe.yaw_rate_rad_s, lat_deg, lon_deg, self.alt_msl_m, 0.0,
+                0.0, north_m_s, east_m_s, -airframe.climb_m_s, round(lat_deg * 1e7), round(lon_deg * 1e7),
             ),
         )  # fmt: skip

@@ -33,7 +33,7 @@ SeenKind: TypeAlias = Literal["agents", "targets", "all"]
 TARGET_HEIGHT_M: Final = 2.0
 """Height of a target above the ground."""
 _MAX_BELOW_M: Final = 30.0
-"""Depth under the ground at which an announced height is an error of the sensor, not of the elevation model."""
+"""Depth under the ground at which an announced height is wrong, not the elevation model."""
 _MAX_VIEWS: Final = 100
 
 

@@ -42,11 +42,11 @@ from gcs.jit import called, inlined, kernel, leaf
 from gcs.tracking.models.sensor_geometry import MAX_DETECTION_PROBABILITY, field_bounds_m
 
 if TYPE_CHECKING:
-    from gcs.model import FloatArray, Sensor
+    from gcs.model import Float32Array, FloatArray, Sensor
 
 _TWO_PI = 2.0 * math.pi
 _HIDDEN_WEIGHT = 0.05
-_NO_TABLE = np.zeros((0, 0), np.float32)
+_NO_TABLE: Float32Array = np.zeros((0, 0), np.float32)
 
 
 class SensorModel(NamedTuple):
@@ -64,7 +64,7 @@ class SensorModel(NamedTuple):
     """Bearing of the centre of its sector."""
     p_d: float
     """Detection probability in the field of view."""
-    in_sight: FloatArray
+    in_sight: Float32Array
     """(bearings, ranges) float32, share of an object's heights that terrain does not hide; empty: all."""
     sight_m: FloatArray
     """(3,) east and north of the sensor, and the distance of neighbouring ranges."""
@@ -188,7 +188,7 @@ def _range_bearing(
 
 @leaf
 def _hide_by_terrain(
-    mean: FloatArray, cov: FloatArray, in_sight: FloatArray, sight_m: FloatArray, p_in_fov: FloatArray
+    mean: FloatArray, cov: FloatArray, in_sight: Float32Array, sight_m: FloatArray, p_in_fov: FloatArray
 ) -> None:
     """Multiply the probabilities to be in the field of view by those to be in sight."""
     n_bearings, n_ranges = in_sight.shape
@@ -236,7 +236,7 @@ def sensor_model(sensor: Sensor) -> SensorModel:
     """Return a sensor as kernels use it."""
     p_d = min(float(sensor.detection_probability), MAX_DETECTION_PROBABILITY)
     polar = sensor.polar
-    in_sight = _NO_TABLE
+    in_sight: Float32Array = _NO_TABLE
     sight_m = np.zeros(3)
     seen = sensor.visibility
     if seen is not None:
