@@ -37,6 +37,7 @@ _WIDE_NODES: Final = 1_000_000
 _MAX_PIXELS: Final = 400_000_000
 """Maximum number of pixels that are read."""
 _TILE: Final = 256
+_STEP: Final = 16
 _OUTSIDE: Final = -math.inf
 """Height of a node outside the file, until the margin is cut."""
 
@@ -238,8 +239,7 @@ class _Reader:
 
     def _tile_heights(self, tile: _Nodes) -> FloatArray:
         """Return heights above MSL of some nodes."""
-        lon, lat = self._degrees(*tile.places_m())
-        cols, rows = self._raster.pixels_at(lon, lat)
+        lon, lat, cols, rows = self._coordinates(tile)
         is_inside = self._is_inside(cols, rows)
         heights = np.full(tile.shape, _OUTSIDE)
         if not is_inside.any():
@@ -249,6 +249,21 @@ class _Reader:
         if self._to_msl is not None:
             heights[is_inside] -= geoid_heights_m(self._to_msl, lon[is_inside], lat[is_inside])
         return heights
+
+    def _coordinates(self, tile: _Nodes) -> list[FloatArray]:
+        """Return longitude, latitude, column and row of some nodes, interpolated between every 16th of them.
+
+        Over 16 nodes of 100 m this differs by less than 0.1 m from the exact ones.
+        """
+        rows, row_weights = _weights(tile.shape[0])
+        cols, col_weights = _weights(tile.shape[1])
+        east, north = (places[np.ix_(rows, cols)] for places in tile.places_m())
+        lon, lat = self._degrees(east, north)
+        exact = (lon, lat, *self._raster.pixels_at(lon, lat))
+        by_row = (
+            np.einsum("ri,ij->rj", row_weights, values) for values in exact
+        )  # small: no threads of BLAS
+        return [np.einsum("rj,cj->rc", values, col_weights) for values in by_row]
 
     def _bilinear(self, cols: FloatArray, rows: FloatArray) -> FloatArray:
         """Return heights between the centres of pixels; at the border those of the outer pixels."""
@@ -302,6 +317,13 @@ class _Reader:
         count = (high - low).tolist()
         result: FloatArray = z.reshape(count[1], int(block[1]), count[0], int(block[0])).max(axis=(1, 3))
         return result
+
+
+def _weights(count: int) -> tuple[npt.NDArray[np.intp], FloatArray]:
+    """Return every 16th of some numbers and the last, and weights (count, k) to interpolate between them."""
+    chosen = np.unique(np.append(np.arange(0, count, _STEP), count - 1))
+    weights = [np.interp(np.arange(count), chosen, one) for one in np.eye(len(chosen))]
+    return chosen, np.array(weights).T
 
 
 def _cut(nodes: _Nodes, heights: FloatArray, needed: _Nodes) -> tuple[_Nodes, FloatArray]:

@@ -44,14 +44,16 @@ class Raster:
         crs = CRS.from_wkt(dataset.crs.to_wkt())
         check_vertical_datum(crs, datum)
         self._to_file = degrees_to_file(crs)
-        self._to_pixels = ~dataset.transform
+        to_pixels = ~dataset.transform
+        self._to_pixels = np.array([[to_pixels.a, to_pixels.b], [to_pixels.d, to_pixels.e]])
+        self._corner = np.array([to_pixels.c, to_pixels.f])
         self.shape = (int(dataset.height), int(dataset.width))
 
     def pixels_at(self, lon_deg: FloatArray, lat_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return columns and rows of places on WGS84; infinite where the reference system has none."""
         x, y = self._to_file.transform(lon_deg, lat_deg)
-        cols, rows = self._to_pixels * (np.asarray(x), np.asarray(y))
-        return cols, rows
+        (a, b), (d, e) = self._to_pixels
+        return a * x + b * y + self._corner[0], d * x + e * y + self._corner[1]
 
     def read(self, first: tuple[int, int], end: tuple[int, int]) -> FloatArray:
         """Return heights of a window of (row, column); NaN in holes.
