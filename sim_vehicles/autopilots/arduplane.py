@@ -494,7 +494,10 @@ class Autopilot:
         item = self._item
         goal = self.goal
         airframe = self.airframe
-        if item is None or self._landing:
+        if item is None:
+            return
+        if self._landing:  # The flare ends at the ground, wherever that is.
+            self.alt_command_m = self._ground_m
             return
         if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
             if self._is_alt_reached():
@@ -518,7 +521,7 @@ class Autopilot:
         distance_m = goal.distance_m(self.airframe)
         if item.command == mavlink.MAV_CMD_NAV_LAND:
             self._landing = True
-            self._fly(Straight(self.airframe.heading_rad), self._alt_m(item))
+            self._fly(Straight(self.airframe.heading_rad), self._ground_m)
             return
         word = "Reached" if distance_m <= goal.accept_radius_m else "Passed"
         self.notify(mavlink.MAV_SEVERITY_INFO, f"{word} waypoint #{self.seq} dist {distance_m:.0f}m")
