@@ -7,7 +7,6 @@ level: legs due east that rise or fall, gently or more steeply than it climbs.
 from __future__ import annotations
 
 import csv
-import itertools
 import math
 from pathlib import Path
 
@@ -43,7 +42,7 @@ class Flown:
     """A vehicle, and its track: time, east, height above the origin."""
 
     def __init__(self, *items: Item, elevation=None, **changes) -> None:
-        given = dict(airframe="banked", arming_delay_s=0.0, parameters={}) | changes
+        given = {"airframe": "banked", "arming_delay_s": 0.0, "parameters": {}} | changes
         spec = VehicleSpec(1, 0.0, 0.0, math.pi / 2.0, 100.0, given.pop("speed_m_s", 20.0), **given)
         self.vehicle = SimVehicle(spec, FRAME, 0, elevation=elevation)
         pilot = self.vehicle.autopilot
@@ -54,12 +53,13 @@ class Flown:
         self.rows: list[tuple[float, float, float]] = []
 
     def until(self, condition, most_s: float = 1500.0) -> np.ndarray:
-        for tenth in itertools.count(round(10 * (self.rows[-1][0] if self.rows else 0.0)) + 1):
-            assert tenth < 10 * most_s
+        tenth = round(10 * (self.rows[-1][0] if self.rows else 0.0))
+        while tenth < 10 * most_s and not (self.rows and condition(self.vehicle)):
+            tenth += 1
             self.vehicle.advance(tenth * NS_PER_S // 10)
             self.rows.append((tenth / 10.0, self.vehicle.east_m, self.vehicle.alt_rel_m))
-            if condition(self.vehicle):
-                return np.array(self.rows)
+        assert condition(self.vehicle)
+        return np.array(self.rows)
 
 
 def at(track: np.ndarray, east_m: float) -> float:
