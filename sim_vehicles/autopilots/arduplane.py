@@ -512,7 +512,9 @@ class Autopilot:
                 self._next_item()
         elif isinstance(goal, ToPoint):
             if item.command == mavlink.MAV_CMD_NAV_LAND:
-                glide_m = self._alt_m(item) + _GLIDE_SLOPE * goal.distance_m(airframe)
+                is_flat = self.geodesy.elevation is None
+                end_m = self.home.alt_m if is_flat else self._alt_m(item)
+                glide_m = end_m + _GLIDE_SLOPE * goal.distance_m(airframe)
                 self.alt_command_m = min(self.alt_command_m, glide_m)
             if goal.is_reached(airframe):
                 self._waypoint_reached(item, goal)

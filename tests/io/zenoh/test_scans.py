@@ -162,5 +162,5 @@ def test_a_mistake_in_heights_names_the_field(changes, words):
 def test_a_position_sensor_with_a_height_needs_a_place():
     raw = json.loads(encode_scan(Scan(0, 5, POSITION, PLACES), FRAME))
     raw["sensor"]["height_agl_m"] = 20.0
-    with pytest.raises(WireError, match="sensor.place_m"):
+    with pytest.raises(WireError, match=r"sensor\.place_m"):
         decode_scan(KEY, json.dumps(raw).encode(), 0, FRAME)
