@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
@@ -34,13 +35,16 @@ TARGET_HEIGHT_M: Final = 2.0
 """Height of a target above the ground."""
 _MAX_BELOW_M: Final = 30.0
 """Depth under the ground at which an announced height is wrong, not the elevation model."""
-_MAX_VIEWS: Final = 100
+_MAX_VIEWS: Final = 32
+"""Sensors whose views are kept; a view has 2 MB for each kind at most."""
 
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """Height of a sensor, and what it sees of each kind."""
+    """Height of a sensor, and what it sees of each kind, from one viewpoint."""
 
+    viewpoint: Viewpoint
+    reach_m: float
     alt_msl_m: float
     seen: dict[SeenKind, Visibility]
 
@@ -48,16 +52,17 @@ class _View:
 class TerrainSight:
     """Scans as measurements of one kind of object; without an elevation model all is in sight."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, kinds: Sequence[SeenKind] = ("agents", "targets")) -> None:
         self._elevation = config.elevation
         self._heights_agl_m: dict[SeenKind, tuple[float, float]] = {}
         if config.terrain is not None:
-            self._heights_agl_m = {
+            heights: dict[SeenKind, tuple[float, float]] = {
                 "agents": (config.terrain.min_agl_m, config.terrain.max_agl_m),
                 "targets": (TARGET_HEIGHT_M, TARGET_HEIGHT_M),
                 "all": (TARGET_HEIGHT_M, config.terrain.max_agl_m),
             }
-        self._views: OrderedDict[tuple[Viewpoint, float], _View] = OrderedDict()
+            self._heights_agl_m = {kind: heights[kind] for kind in kinds}
+        self._views: OrderedDict[str, _View] = OrderedDict()
 
     def refusal(self, sensor: Sensor) -> str:
         """Return why the announced place of a sensor cannot be right; empty if it can."""
@@ -85,15 +90,16 @@ class TerrainSight:
         return replace(scan, sensor=replace(sensor, visibility=view.seen[kind]), z_m=z_m)
 
     def _view(self, elevation: Elevation, sensor: Sensor, viewpoint: Viewpoint) -> _View:
-        key = viewpoint, sensor_reach_m(sensor, viewpoint)
-        view = self._views.get(key)
-        if view is None:
+        view = self._views.get(sensor.name)
+        reach_m = sensor_reach_m(sensor, viewpoint)
+        if view is None or (view.viewpoint, view.reach_m) != (viewpoint, reach_m):
             lines = sensor_line_of_sight(elevation, sensor, viewpoint)
             seen = {kind: lines.visibility(*heights) for kind, heights in self._heights_agl_m.items()}
-            view = self._views[key] = _View(sensor_alt_msl_m(elevation, viewpoint), seen)
+            view = _View(viewpoint, reach_m, sensor_alt_msl_m(elevation, viewpoint), seen)
+            self._views[sensor.name] = view
             if len(self._views) > _MAX_VIEWS:
                 self._views.popitem(last=False)
-        self._views.move_to_end(key)
+        self._views.move_to_end(sensor.name)
         return view
 
     def _over_ground(self, elevation: Elevation, scan: Scan, alt_msl_m: float, kind: SeenKind) -> FloatArray:

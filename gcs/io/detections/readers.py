@@ -274,7 +274,7 @@ def _load_recording(
     if not text:
         raise RecordingError(str(path), "is empty, or damaged before its mission file: births are unknown")
     config = parse(text, f"{path}: mission file")
-    sight = TerrainSight(config)
+    sight = TerrainSight(config, ("all",))
     scans: list[SensorScan] = []
     truths: list[Truth] = []
     sensors: dict[tuple[object, ...], Sensor] = {}
