@@ -10,12 +10,15 @@ import select
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, TypeAlias, TypeVar
 
 import msgspec
+import numpy as np
 
 from gcs.geo import LocalFrame
 from gcs.io.clock import RunClock
+from gcs.terrain.elevation import Elevation
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 Address: TypeAlias = tuple[str, int]
@@ -37,6 +40,8 @@ class VehicleArguments:
     """Receiver of true states: the simulated world."""
     loss: float = 0.0
     """Fraction of datagrams lost, each way."""
+    elevation: str = ""
+    """File of the ground (`save_elevation`); empty without an elevation model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +86,20 @@ class Clock:
     epoch_ns: int
     start_t_ns: int
     speed: float
+
+
+def save_elevation(elevation: Elevation, path: Path) -> None:
+    """Write the ground for the processes of vehicles."""
+    np.savez(path, origin=elevation.origin_m, spacing=elevation.spacing_m, heights=elevation.heights_msl_m)
+
+
+def load_elevation(path: str) -> Elevation | None:
+    """Return the ground in a file; None without one."""
+    if not path:
+        return None
+    with np.load(path) as arrays:
+        east_m, north_m = arrays["origin"].tolist()
+        return Elevation((east_m, north_m), float(arrays["spacing"]), arrays["heights"])
 
 
 def process_command(module: str, arguments: object) -> list[str]:

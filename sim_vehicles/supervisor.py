@@ -30,6 +30,7 @@ from sim_vehicles.process_start import (
     VehicleArguments,
     WorldArguments,
     process_command,
+    save_elevation,
 )
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 from sim_vehicles.world.scenario import Scenario
@@ -109,15 +110,16 @@ class Supervisor:
         world = self._spawn("world.process", arguments)
         truth = "127.0.0.1", int(self._await_ready(world).split()[1])
         specs = [replace(spec, waits_for_ground=waits) for spec in vehicle_specs(scenario, plan.seed)]
+        ground = self._elevation_file()
         if plan.truth_links:
             for link in plan.truth_links:
                 self._spawn("world.truth_link", TruthLinkArguments(link, truth))
         elif plan.sitl:
-            self._spawn_firmware(specs, truth)
+            self._spawn_firmware(specs, truth, ground)
         else:
             for i in range(0, len(specs), plan.pack):
                 pack = specs[i : i + plan.pack]
-                vehicles = VehicleArguments(scenario.frame, pack, plan.gcs, truth, plan.loss)
+                vehicles = VehicleArguments(scenario.frame, pack, plan.gcs, truth, plan.loss, ground)
                 self._spawn("vehicle.process", vehicles, tuple(spec.system_id for spec in pack))
         for child in self.children[1:]:
             self._await_ready(child, _AIRBORNE_TIMEOUT_S if plan.sitl else _READY_TIMEOUT_S)
@@ -125,7 +127,17 @@ class Supervisor:
                 self.report({"event": "vehicle", "system_id": system_id, "pid": child.process.pid})
         self._send_clock()
 
-    def _spawn_firmware(self, specs: Sequence[VehicleSpec], truth: Address) -> None:
+    def _elevation_file(self) -> str:
+        """Write the elevation model of the scenario into a file until the end; return its name, or ""."""
+        elevation = self.plan.scenario.config.elevation
+        if elevation is None:
+            return ""
+        folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="sim-vehicles-"))
+        path = Path(folder) / "elevation.npz"
+        save_elevation(elevation, path)
+        return str(path)
+
+    def _spawn_firmware(self, specs: Sequence[VehicleSpec], truth: Address, ground: str) -> None:
         plan = self.plan
         sitl = plan.sitl
         folder = self._firmware_folder()
@@ -134,7 +146,7 @@ class Supervisor:
             if name not in sitl:
                 (name,) = sitl
             spec = replace(spec, autopilot="px4" if name == "px4" else "ardupilot")
-            vehicle = VehicleArguments(plan.scenario.frame, [spec], plan.gcs, truth, plan.loss)
+            vehicle = VehicleArguments(plan.scenario.frame, [spec], plan.gcs, truth, plan.loss, ground)
             own_folder = str(folder / f"{name}-{spec.system_id}")
             arguments = FirmwareArguments(vehicle, name, str(sitl[name]), instance, plan.speed, own_folder)
             self._spawn("autopilots.firmware_process", arguments, (spec.system_id,))

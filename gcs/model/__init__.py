@@ -76,7 +76,7 @@ from gcs.model.plans import (
     Route,
     Waypoint,
 )
-from gcs.model.sensors import Polar, Scan, Sensor
+from gcs.model.sensors import Polar, Scan, Sensor, Viewpoint, Visibility
 from gcs.model.status import AgentRecord, SensorRecord, SwarmStatus, TargetRecord
 from gcs.model.templates import Parameter
 from gcs.model.truth import Truth, TruthObject
@@ -157,6 +157,8 @@ __all__ = [
     "UploadReport",
     "VehicleState",
     "VerticalLimits",
+    "Viewpoint",
+    "Visibility",
     "Waypoint",
     "array_of_parts",
     "array_parts",

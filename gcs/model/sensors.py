@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gcs.model.basics import FloatArray
+from gcs.model.basics import Float32Array, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +22,31 @@ class Polar:
     """Centre and half width of the sector; a half width of pi is all around."""
     clutter_per_m_rad: float
     """Clutter intensity in range x bearing."""
+    is_slant: bool = False
+    """True if its ranges are slant ranges, which the terrain projects to the ground plane."""
+
+
+@dataclass(frozen=True, slots=True)
+class Viewpoint:
+    """Place and height from which a sensor looks."""
+
+    east_m: float
+    north_m: float
+    height_m: float
+    is_agl: bool
+    """True if the height is above the ground, False if it is above mean sea level."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Visibility:
+    """Share of an object's possible heights that a sensor sees over the terrain."""
+
+    east_m: float
+    """Position of the sensor."""
+    north_m: float
+    range_step_m: float
+    share: Float32Array
+    """(bearings, ranges), 0 ... 1; bearings clockwise from north, ranges from 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +65,10 @@ class Sensor:
     field_of_view_m: tuple[float, float, float, float]
     """east_min, north_min, east_max, north_max."""
     polar: Polar | None = None
+    viewpoint: Viewpoint | None = None
+    """None: terrain is not in its way."""
+    visibility: Visibility | None = None
+    """What it sees of one kind of object. The sensor does not announce it: the elevation model gives it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,3 +82,5 @@ class Scan:
     sensor: Sensor
     z_m: FloatArray
     """(m, 2) detections, east/north; m may be 0."""
+    heights_msl_m: FloatArray | None = None
+    """(m,) heights of the detections; None if the sensor does not measure them. Tracks have no height."""

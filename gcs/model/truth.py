@@ -19,6 +19,8 @@ class TruthObject:
     alive: bool
     down: bool = False
     """True of an agent that came down elsewhere than by a landing of its mission."""
+    alt_msl_m: float | None = None
+    """None if the simulation has no heights."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,9 @@ Behaviour of ArduPlane that ground stations must handle:
   item that ``DO_SET_MISSION_CURRENT`` selects in flight begins at the OLD waypoint; after the second such
   command, or after ``MISSION_SET_CURRENT``, it begins at the vehicle.
 - A waypoint is passed within its radius, or beyond the finish line of its leg.
+- Altitude is linear along a leg that rises or falls by ALT_SLOPE_MIN or more (0: along none). On other legs,
+  and on a leg that begins less than 20 m above home and rises, the command is the item's altitude at once. A
+  return descends along its leg and climbs at once.
 - A take-off holds the heading of the runway up to its altitude.
 - Arming is refused for a while after boot, while a pre-arm check fails, and in RTL.
 
@@ -21,8 +24,11 @@ Emergencies: without thrust it glides down and stays in its mode, armed. Without
 s later by dead reckoning. A jump of the GPS position reaches the guidance after 4 s. A wreck stays armed
 for 48 s, as one that was recorded; 10 s after the impact the state is no longer "active".
 
-Not simulated: stick input (MANUAL, FBWA and similar modes hold heading and altitude), glide slopes
-between items, and items other than waypoint, unlimited and timed loiter, take-off, landing and return.
+The ground is the elevation model's, and a vehicle that flies into it is a wreck. Without a model it is level
+at home, and only landings and falling vehicles touch it.
+
+Not simulated: stick input (MANUAL, FBWA and similar modes hold heading and altitude), and items other than
+waypoint, unlimited and timed loiter, take-off, landing and return.
 
 Positions are local east/north metres; altitudes are metres above the local frame's origin.
 """
@@ -50,6 +56,12 @@ from sim_vehicles.vehicle.guidance import Circle, Goal, Legs, Straight, ToPoint,
 _CHECK_NS = NS_PER_S // 10
 _GLIDE_SLOPE = 0.1
 _TOUCHDOWN_M = 0.5
+_CLEAR_M = 5.0
+"""Above the ground, a vehicle that takes off rolls no more."""
+_SHORT_M = 100.0
+"""A landing that touches the ground within this distance of its point is one."""
+_MIN_CLIMB_SLOPE_M = 20.0
+"""Above home; lower, a vehicle climbs at once."""
 _ALT_REACHED_M = 1.0
 _ON_CIRCLE = 1.3
 """A timed loiter begins within this many radii of its centre."""
@@ -105,13 +117,20 @@ class Autopilot:
         self.mission = MissionStore(MISSION, self.mission_home if self._first else None)
         self.fence = FenceGuard(parameters, geodesy, px4=traits.atomic)
         self.notices: deque[StatusText | ItemReached] = deque()
-        self.home = Home(airframe.east_m, airframe.north_m, 0.0)
+        self.home = Home(airframe.east_m, airframe.north_m, self._ground_below_m(0.0))
         self.mode = Mode.MANUAL
         self.armed = self.flying = airborne
         self.seq = 0
         """Current item, 0 before the first; as in ArduPlane, maybe beyond a shortened mission."""
         self.goal: Goal = Straight(airframe.heading_rad)
         self.alt_command_m = airframe.alt_rel_m
+        self._slope: ToPoint | None = None
+        """Leg with linear altitude; None: the command is that of the item."""
+        self._item_alt_m = airframe.alt_rel_m
+        self._ground_m = self.home.alt_m
+        """Height of the ground below."""
+        self._is_clear = airborne
+        """True if it has been clear of the ground since it began to take off."""
         self._command = 0.0
         self.legs = Legs(airframe)
         self.faults = Faults()
@@ -261,6 +280,11 @@ class Autopilot:
         item = self._item
         return self._mission_running and item is not None and item.command == mavlink.MAV_CMD_NAV_LAND
 
+    @property
+    def height_agl_m(self) -> float:
+        """Height above the ground below."""
+        return self.airframe.alt_rel_m - self._ground_m
+
     def is_active(self, t_ns: int) -> bool:
         """Return True if HEARTBEAT shows MAV_STATE_ACTIVE: while it believes that it flies."""
         touched_ns = self._touched_ns
@@ -320,17 +344,33 @@ class Autopilot:
         sinking_m_s = self._sink()
         if sinking_m_s is not None:
             speed = sinking_m_s
-            if airframe.alt_rel_m <= self.home.alt_m:
-                self._come_down(t_ns)
+            if airframe.alt_rel_m <= self._ground_m:
+                self._come_down(t_ns, is_wreck=FaultKind.CRASH in self.faults)
                 return
         elif self.is_landing:
             speed *= self._approach_fraction()
-            if self._landing and airframe.alt_rel_m <= self.home.alt_m + _TOUCHDOWN_M:
+            if self._landing and airframe.alt_rel_m <= self._ground_m + _TOUCHDOWN_M:
                 speed = 0.0
                 if airframe.speed_m_s == 0.0:
                     self._landed()
                     return
         airframe.step(self._command, self.alt_command_m, speed)
+        if self.geodesy.elevation is not None and airframe.alt_rel_m < self._ground_m:
+            self._touch_ground(t_ns)
+
+    def _touch_ground(self, t_ns: int) -> None:
+        """Roll on at a take-off or landing; else be a wreck."""
+        airframe = self.airframe
+        goal = self.goal
+        is_short = self.is_landing and isinstance(goal, ToPoint) and goal.distance_m(airframe) <= _SHORT_M
+        if not self._is_clear or self._landing or is_short:
+            airframe.alt_rel_m = self._ground_m
+        elif self._sink() is None:
+            self._come_down(t_ns, is_wreck=True)
+
+    def _ground_below_m(self, level_m: float) -> float:
+        """Return the height of the ground below; `level_m` without elevation."""
+        return self.geodesy.ground_rel_m(self.airframe.east_m, self.airframe.north_m, level_m)
 
     def _sink(self) -> float | None:
         """Set the rate of sinking without thrust or of a dive; return the speed to fly, or None."""
@@ -345,14 +385,14 @@ class Autopilot:
         airframe.descent_m_s = 0.0
         return None
 
-    def _come_down(self, t_ns: int) -> None:
+    def _come_down(self, t_ns: int, *, is_wreck: bool) -> None:
         """Touch the ground where no landing was meant."""
         airframe = self.airframe
         self._touched_ns = t_ns
         self.is_down = True
         airframe.descent_m_s = 0.0
-        airframe.alt_rel_m = self.home.alt_m
-        if FaultKind.CRASH in self.faults:
+        airframe.alt_rel_m = self._ground_m
+        if is_wreck:
             self.is_wreck = True
             self._disarms_ns = self._wreck_disarms_ns(t_ns)
             airframe.rest()
@@ -365,8 +405,8 @@ class Autopilot:
         """Slow down on the ground to a standstill."""
         airframe = self.airframe
         airframe.is_climbing_out = False
-        airframe.step(0.0, self.home.alt_m, 0.0)
-        airframe.alt_rel_m = self.home.alt_m
+        airframe.step(0.0, self._ground_m, 0.0)
+        airframe.alt_rel_m = self._ground_m
         if airframe.speed_m_s == 0.0:
             airframe.rest()
             self.flying = False
@@ -381,9 +421,11 @@ class Autopilot:
             if not (self.armed and self._may_launch() and self._is_launching()):
                 return
             self.flying = True
-            self.is_down = False
+            self.is_down = self._is_clear = False
+        self._ground_m = self._ground_below_m(self.home.alt_m)
         if self._touched_ns is not None:
             return
+        self._is_clear |= self.airframe.alt_rel_m > self._ground_m + _CLEAR_M
         self._check_fence(t_ns)
         # It guides by the estimated position.
         airframe = self.airframe
@@ -399,9 +441,35 @@ class Autopilot:
             self._watch_item()
         elif self.mode is Mode.TAKEOFF and isinstance(self.goal, Straight) and self._is_alt_reached():
             self._circle_here()
+        self._follow_slope()
         parameters = self.parameters
         tuning = Tuning(parameters["NAVL1_PERIOD"], parameters["NAVL1_DAMPING"])
         self._command = self.airframe.command_for(self.goal, tuning)
+
+    def _follow_slope(self) -> None:
+        """Set the altitude command along the leg, up to the circle at its end."""
+        leg = self._slope
+        goal = self.goal
+        if leg is None:
+            return
+        if isinstance(goal, Circle) and goal.distance_m(self.airframe) <= _ON_CIRCLE * abs(goal.radius_m):
+            self._slope = None
+            self.alt_command_m = self._item_alt_m
+        else:
+            self.alt_command_m = self._item_alt_m - leg.rise_ahead_m(self.airframe, self._slope_ends_m())
+
+    def _slope_ends_m(self) -> float:
+        """Return the distance from an item at which its altitude is commanded."""
+        return 0.0
+
+    def _has_slope(self, leg: ToPoint) -> bool:
+        """Return True if altitude is linear along a leg."""
+        if leg.rise_m > 0.0:
+            is_high = self.airframe.alt_rel_m - self.home.alt_m > _MIN_CLIMB_SLOPE_M
+            if self.mode is not Mode.AUTO or not is_high:
+                return False
+        min_rise_m = self.parameters["ALT_SLOPE_MIN"]
+        return min_rise_m > 0.0 and abs(leg.rise_m) >= min_rise_m
 
     def _may_launch(self) -> bool:
         """Return True if it can fly: a vehicle that came down has to be armed again first."""
@@ -426,7 +494,10 @@ class Autopilot:
         item = self._item
         goal = self.goal
         airframe = self.airframe
-        if item is None or self._landing:
+        if item is None:
+            return
+        if self._landing:  # The flare ends at the ground, wherever that is.
+            self.alt_command_m = self._ground_m
             return
         if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
             if self._is_alt_reached():
@@ -441,7 +512,9 @@ class Autopilot:
                 self._next_item()
         elif isinstance(goal, ToPoint):
             if item.command == mavlink.MAV_CMD_NAV_LAND:
-                glide_m = self.home.alt_m + _GLIDE_SLOPE * goal.distance_m(airframe)
+                is_flat = self.geodesy.elevation is None
+                end_m = self.home.alt_m if is_flat else self._alt_m(item)
+                glide_m = end_m + _GLIDE_SLOPE * goal.distance_m(airframe)
                 self.alt_command_m = min(self.alt_command_m, glide_m)
             if goal.is_reached(airframe):
                 self._waypoint_reached(item, goal)
@@ -450,7 +523,7 @@ class Autopilot:
         distance_m = goal.distance_m(self.airframe)
         if item.command == mavlink.MAV_CMD_NAV_LAND:
             self._landing = True
-            self._fly(Straight(self.airframe.heading_rad), self.home.alt_m)
+            self._fly(Straight(self.airframe.heading_rad), self._ground_m)
             return
         word = "Reached" if distance_m <= goal.accept_radius_m else "Passed"
         self.notify(mavlink.MAV_SEVERITY_INFO, f"{word} waypoint #{self.seq} dist {distance_m:.0f}m")
@@ -496,13 +569,13 @@ class Autopilot:
         alt_m = self._alt_m(item)
         self.notify(mavlink.MAV_SEVERITY_INFO, f"Mission: {seq} {ITEM_NAMES[item.command]}")
         if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
-            leg = self.legs.begin(east_m, north_m, 0.0)
-            self._fly(self._circle(east_m, north_m, item.param3, leg), alt_m)
+            leg = self.legs.begin(east_m, north_m, alt_m, 0.0)
+            self._fly(self._circle(east_m, north_m, item.param3, leg), alt_m, leg)
         elif item.command == mavlink.MAV_CMD_NAV_LOITER_TIME:
             self._circled_checks = 0
-            leg = self.legs.begin(east_m, north_m, 0.0)
+            leg = self.legs.begin(east_m, north_m, alt_m, 0.0)
             radius_m = 0.0 if self._widens_circles else item.param3  # ArduPlane keeps its sign only
-            self._fly(self._circle(east_m, north_m, radius_m, leg), alt_m)
+            self._fly(self._circle(east_m, north_m, radius_m, leg), alt_m, leg)
         elif item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
             airframe.is_climbing_out = True
             self._fly(self._climb_goal(item), alt_m)
@@ -511,9 +584,12 @@ class Autopilot:
         else:
             # A landing starts its glide at the present height.
             is_landing = item.command == mavlink.MAV_CMD_NAV_LAND
-            radius_m = 0.0 if is_landing else item.param2
-            leg = self.legs.begin(east_m, north_m, radius_m or self.parameters["WP_RADIUS"])
-            self._fly(leg, airframe.alt_rel_m if is_landing else alt_m)
+            radius_m = (0.0 if is_landing else item.param2) or self.parameters["WP_RADIUS"]
+            leg = self.legs.begin(east_m, north_m, alt_m, radius_m)
+            if is_landing:
+                self._fly(leg, airframe.alt_rel_m)
+            else:
+                self._fly(leg, alt_m, leg)
 
     def _climb_goal(self, _item: Item) -> Goal:
         """Return the goal of a take-off: the heading of the runway."""
@@ -545,13 +621,13 @@ class Autopilot:
         altitude_m = self.parameters["RTL_ALTITUDE"]
         radius_m = self.parameters["RTL_RADIUS"]
         rally = self.fence.return_point((self.airframe.east_m, self.airframe.north_m))
+        alt_m = self.airframe.alt_rel_m if altitude_m < 0.0 else self.home.alt_m + altitude_m
+        place = self.home.east_m, self.home.north_m
         if rally is not None:
-            self._fly(self._circle(rally[0], rally[1], radius_m), self.home.alt_m + rally[2])
-            return
-        self._fly(
-            self._circle(self.home.east_m, self.home.north_m, radius_m),
-            self.airframe.alt_rel_m if altitude_m < 0.0 else self.home.alt_m + altitude_m,
-        )
+            place = rally[:2]
+            alt_m = self.home.alt_m + rally[2]
+        leg = self.legs.begin(*place, alt_m, 0.0)
+        self._fly(self._circle(*place, radius_m), alt_m, leg)
 
     def _circle_here(self) -> None:
         airframe = self.airframe
@@ -567,9 +643,11 @@ class Autopilot:
             radius_m /= density_ratio(self.geodesy.frame.alt_msl_m + self.airframe.alt_rel_m)
         return Circle(east_m, north_m, radius_m, leg)
 
-    def _fly(self, goal: Goal, alt_m: float) -> None:
+    def _fly(self, goal: Goal, alt_m: float, leg: ToPoint | None = None) -> None:
+        """Fly to a goal and an altitude: at once, or along a leg."""
         self.goal = goal
-        self.alt_command_m = alt_m
+        self.alt_command_m = self._item_alt_m = alt_m
+        self._slope = leg if leg is not None and self._has_slope(leg) else None
 
     def _check_fence(self, t_ns: int) -> None:
         airframe = self.airframe

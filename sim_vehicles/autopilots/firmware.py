@@ -88,6 +88,8 @@ def arduplane_command(
     wind_from_deg = math.degrees(math.atan2(-spec.wind_east_m_s, -spec.wind_north_m_s)) % 360.0
     parameters = {
         "AIRSPEED_CRUISE": spec.forward_speed_m_s,
+        **({} if spec.climb_m_s is None else {"TECS_CLMB_MAX": spec.climb_m_s}),
+        **({} if spec.sink_m_s is None else {"TECS_SINK_MAX": spec.sink_m_s}),
         "TKOFF_ALT": spec.alt_rel_m,
         "RTL_ALTITUDE": spec.alt_rel_m,
         "WP_LOITER_RAD": 40.0,
@@ -104,7 +106,7 @@ def arduplane_command(
         "--speedup", f"{LAUNCH_SPEED:g}",
         "--instance", str(instance),
         "--sysid", str(spec.system_id),
-        "--home", f"{lat_deg:.8f},{lon_deg:.8f},{frame.alt_msl_m:.2f},{course_deg:.1f}",
+        "--home", f"{lat_deg:.8f},{lon_deg:.8f},{frame.alt_msl_m + spec.home_rel_m:.2f},{course_deg:.1f}",
         "--defaults", f"@ROMFS/models/plane.parm,{file}",
         "--serial0", f"udpclient:127.0.0.1:{ports.ground}",
         "--serial1", f"udpclient:127.0.0.1:{ports.truth}",
@@ -125,6 +127,8 @@ def px4_command(
         "MAV_SYS_ID": float(spec.system_id),
         "MIS_TAKEOFF_ALT": spec.alt_rel_m,
         "FW_AIRSPD_TRIM": spec.forward_speed_m_s,
+        **({} if spec.climb_m_s is None else {"FW_T_CLMB_R_SP": spec.climb_m_s}),
+        **({} if spec.sink_m_s is None else {"FW_T_SINK_R_SP": spec.sink_m_s}),
         "RTL_RETURN_ALT": spec.alt_rel_m,
         "NAV_LOITER_RAD": 40.0,
         "RTL_LOITER_RAD": 40.0,
@@ -138,7 +142,7 @@ def px4_command(
         "PX4_SIM_SPEED_FACTOR": f"{speed:g}",
         "PX4_HOME_LAT": f"{lat_deg:.8f}",
         "PX4_HOME_LON": f"{lon_deg:.8f}",
-        "PX4_HOME_ALT": f"{frame.alt_msl_m:.2f}",
+        "PX4_HOME_ALT": f"{frame.alt_msl_m + spec.home_rel_m:.2f}",
         **{f"PX4_PARAM_{name}": f"{value:g}" for name, value in parameters.items()},
     }
     return [str(binary), "-i", str(instance), "-d", str(binary.parent.parent / "etc")], environment
@@ -162,7 +166,10 @@ class Launch:
     Commands are repeated each second until the vehicle's heartbeat shows their effect.
     """
 
-    def __init__(self, spec: VehicleSpec, frame: LocalFrame) -> None:
+    def __init__(self, spec: VehicleSpec, frame: LocalFrame, *, has_terrain: bool = False) -> None:
+        self._streams_hz = _STREAMS_HZ | (
+            {mavlink.MAVLINK_MSG_ID_TERRAIN_REQUEST: 2.0} if has_terrain else {}
+        )
         self.stage = Stage.WAITING
         self.last_status = ""
         """The vehicle's last STATUSTEXT, for the error of a failed launch."""
@@ -207,7 +214,7 @@ class Launch:
         self._again_ns = t_ns + _AGAIN_NS
         match self.stage:
             case Stage.WAITING:
-                streams = {TRUE_STATE[self._spec.autopilot]: 10.0, **_STREAMS_HZ}
+                streams = {TRUE_STATE[self._spec.autopilot]: 10.0, **self._streams_hz}
                 commands = [self._interval(number, rate_hz) for number, rate_hz in streams.items()]
                 if self._spec.autopilot == "px4":
                     commands.append(self._accept_missions_without_landing())
@@ -253,12 +260,14 @@ def true_place(message: Any) -> tuple[float, float] | None:
     return None
 
 
-def truth_messages(t_ns: int, place: tuple[float, float] | None) -> list[Any]:
+def truth_messages(t_ns: int, place: tuple[float, float] | None, alt_msl_m: float = math.nan) -> list[Any]:
     """Return the messages of a true state for `sim_vehicles.world.process`; without a place, of a loss."""
     messages = [mavlink.MAVLink_system_time_message(t_ns // 1000, (t_ns // 1_000_000) & 0xFFFFFFFF)]
     if place is not None:
         lat_deg, lon_deg = place
         lat_lon_e7 = (round(lat_deg * 1e7), round(lon_deg * 1e7))
-        state = mavlink.MAVLink_sim_state_message(1.0, *[0.0] * 12, *place, *[0.0] * 6, *lat_lon_e7)
+        state = mavlink.MAVLink_sim_state_message(
+            1.0, *[0.0] * 12, *place, alt_msl_m, *[0.0] * 5, *lat_lon_e7
+        )
         messages.append(state)
     return messages

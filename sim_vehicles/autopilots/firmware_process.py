@@ -31,6 +31,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.errors import SimulationError
 from gcs.io.clock import RunClock
 from gcs.mavlink.frames.codec import Encoder
+from gcs.mavlink.services.terrain_data import TerrainRecord, TerrainServer
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.firmware import (
     Launch,
@@ -43,7 +44,13 @@ from sim_vehicles.autopilots.firmware import (
 )
 from sim_vehicles.autopilots.firmware_faults import injection_messages, receiver_message, stick_message
 from sim_vehicles.error_output import print_message
-from sim_vehicles.process_start import Address, FirmwareArguments, await_clock, read_arguments
+from sim_vehicles.process_start import (
+    Address,
+    FirmwareArguments,
+    await_clock,
+    load_elevation,
+    read_arguments,
+)
 from sim_vehicles.vehicle.faults import FaultChange, FaultKind, Faults, fault_changes
 from sim_vehicles.vehicle.frames import FrameReader, Outbox
 from sim_vehicles.vehicle.packet_loss import is_lost
@@ -120,7 +127,10 @@ class FirmwareHost:
         frame = vehicle.frame
         spec = self.spec
         self._frame = frame
-        self.launch = Launch(spec, frame)
+        elevation = load_elevation(vehicle.elevation)
+        self._terrain = None if elevation is None else TerrainServer(elevation, frame)
+        self._terrain_record = TerrainRecord()
+        self.launch = Launch(spec, frame, has_terrain=elevation is not None)
         folder.mkdir(parents=True, exist_ok=True)
         environment: dict[str, str] = {}
         if arguments.firmware == "px4":
@@ -159,6 +169,7 @@ class FirmwareHost:
         self._faults = Faults()
         self._fault_changes: list[FaultChange] = []
         self._is_down = False
+        self._alt_msl_m = math.nan
         self._is_receiver = arguments.firmware == "px4" and any(
             fault.kind is FaultKind.GLITCH for fault in spec.faults
         )
@@ -206,8 +217,10 @@ class FirmwareHost:
                 for message in self._reader.messages(data):
                     self.launch.receive(message)
                     self._send_fix(message)
+                    self._note_terrain_request(message)
             for command in self.launch.poll(time.monotonic_ns()):
                 self._commands.send(command)
+            self._send_terrain()
             for data in self._commands.pop_datagrams():
                 self._truth_port.send(data)
         return True
@@ -270,6 +283,7 @@ class FirmwareHost:
             return
         self._change_faults(t_ns)
         self._send_sticks(time.monotonic_ns())
+        self._send_terrain()
         for data in self._commands.pop_datagrams():
             self._truth_port.send(data)
         is_silent = FaultKind.RADIO in self._faults
@@ -315,6 +329,16 @@ class FirmwareHost:
             self._stick_ns = now_ns + _STICK_PERIOD_NS
             self._commands.send(stick_message(self.spec.system_id))
 
+    def _note_terrain_request(self, message: Any) -> None:
+        if self._terrain is not None and message.get_type() == "TERRAIN_REQUEST":
+            self._terrain.receive(self._terrain_record, message)
+
+    def _send_terrain(self) -> None:
+        """Be the terrain files of ArduPlane, by which its simulation knows the ground."""
+        if self._terrain is not None:
+            for message in self._terrain.poll(self._terrain_record, time.monotonic_ns())[0]:
+                self._commands.send(message)
+
     def _send_fix(self, message: Any) -> None:
         """Be the GPS receiver of a PX4 that is to glitch."""
         if self._is_receiver and message.get_type() == "HIL_STATE_QUATERNION":
@@ -350,10 +374,13 @@ class FirmwareHost:
             elif message.get_type() == "SYSTEM_TIME":
                 self._watch_lag(message.time_boot_ms, t_ns)
             elif message.get_type() == "GLOBAL_POSITION_INT":
+                self._alt_msl_m = message.alt * 1e-3
                 self._watch_height(message)
+            else:
+                self._note_terrain_request(message)
 
     def _send_truth(self, t_ns: int, place: tuple[float, float] | None) -> None:
-        for message in truth_messages(t_ns, place):
+        for message in truth_messages(t_ns, place, self._alt_msl_m):
             self._truths.send(message)
         if place is not None and self._ground_contact.began_t_ns is not None:
             self._truths.send(GROUND_HEARTBEAT)

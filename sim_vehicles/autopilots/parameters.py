@@ -72,6 +72,7 @@ _TABLE: tuple[tuple[str, Kind, float], ...] = (
     ("AIRSPEED_CRUISE", Kind.REAL32, 15),
     ("AIRSPEED_MIN", Kind.REAL32, 9),
     ("AIRSPEED_MAX", Kind.REAL32, 22),
+    ("ALT_SLOPE_MIN", Kind.INT16, 15),  # used: altitude is linear along legs that rise more, metres
     ("TECS_CLMB_MAX", Kind.REAL32, 5),
     ("TECS_SINK_MAX", Kind.REAL32, 5),
     ("ROLL_LIMIT_DEG", Kind.REAL32, 45),

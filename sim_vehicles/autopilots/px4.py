@@ -8,6 +8,8 @@ Observed on PX4 1.17-dev (SIH airplane), and read in its navigator:
 - Armed on the ground in AUTO, it takes off with its stored mission from item 0, even after a landing.
 - A mission that is stored in AUTO is flown at once, from the present position.
 - A take-off flies towards its place while it climbs.
+- Altitude is linear along a leg that begins at an item (first-order hold), up to NAV_LOITER_RAD before its
+  end. Elsewhere the command is the item's altitude at once.
 - It returns at RTL_RETURN_ALT above its rally point or home, and no lower than it is. With RTL_TYPE 1 and
   a landing in its mission it climbs to that height where it is, and flies the mission from its landing
   on. A mission that is stored meanwhile, or an item that is selected, is flown at once, in RTL.
@@ -28,7 +30,7 @@ from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.autopilots.failsafe import Px4Failsafe
 from sim_vehicles.autopilots.mission_protocol import Item
 from sim_vehicles.autopilots.records import ItemReached, MissionState
-from sim_vehicles.vehicle.guidance import Goal
+from sim_vehicles.vehicle.guidance import Goal, ToPoint
 
 _LAND_SINK_M_S = 0.9
 _LAND_SPEED = 0.82
@@ -193,7 +195,13 @@ class Px4Autopilot(Autopilot):
         return True
 
     def _climb_goal(self, item: Item) -> Goal:
-        return self.legs.begin(*self._place(item), 0.0)
+        return self.legs.begin(*self._place(item), self._alt_m(item), 0.0)
+
+    def _has_slope(self, leg: ToPoint) -> bool:
+        return leg.is_tracked and self._mission_running
+
+    def _slope_ends_m(self) -> float:
+        return self.parameters["NAV_LOITER_RAD"]
 
     def _is_launching(self) -> bool:
         return self.mode is Mode.TAKEOFF or (self.mode is Mode.AUTO and self._mission_running)

@@ -102,7 +102,9 @@ class VirtualRun:
         self._world = World(self.scenario, self.seed, START_T_NS)
         self._loss_rng = generator(self.seed, "loss")
         self.vehicles = {
-            f"vehicle:{spec.system_id}": SimVehicle(spec, self.scenario.frame, START_T_NS)
+            f"vehicle:{spec.system_id}": SimVehicle(
+                spec, self.scenario.frame, START_T_NS, elevation=config.elevation
+            )
             for spec in vehicle_specs(self.scenario, self.seed)
         }
 
@@ -183,7 +185,8 @@ class VirtualRun:
         for vehicle in self.vehicles.values():
             alive = vehicle.alive and not self._is_killed(vehicle)
             place = vehicle.east_m, vehicle.north_m
-            yield TruthObject("agents", vehicle.system_id, *place, alive, alive and vehicle.is_down)
+            is_down = alive and vehicle.is_down
+            yield TruthObject("agents", vehicle.system_id, *place, alive, is_down, vehicle.alt_msl_m)
 
     def _step(self, event: Event) -> None:
         snapshot = None if self.on_snapshot is None else self._snapshots.before(event, self.engine.state)

@@ -51,6 +51,7 @@ TURN_TIME_S = 2.8347
 ALT_TIME_S = 2.0
 """Time constant of the altitude hold."""
 CLIMB_LIMIT_M_S = 5.0
+"""Greatest climb and sink rate of an airframe without its own."""
 CLIMB_GRADIENT = 0.355
 MAX_BANK_RAD = math.radians(65.0)
 ACCELERATION_M_S2 = 5.0
@@ -144,6 +145,7 @@ class Airframe:
         "is_climbing_out",
         "max_bank_rad",
         "max_climb_m_s",
+        "max_sink_m_s",
         "north_m",
         "roll_rad",
         "roll_rate_rad_s",
@@ -170,6 +172,7 @@ class Airframe:
         """Velocity of the air."""
         self.climb_m_s = 0.0
         self.max_climb_m_s = CLIMB_LIMIT_M_S
+        self.max_sink_m_s = CLIMB_LIMIT_M_S
         self.climb_gradient = CLIMB_GRADIENT
         """Climb rate per airspeed at full power."""
         self.max_bank_rad = MAX_BANK_RAD
@@ -213,8 +216,8 @@ class Airframe:
         climb = (alt_command_m - self.alt_rel_m) / ALT_TIME_S
         if climb > self.max_climb_m_s:
             climb = self.max_climb_m_s
-        elif climb < -CLIMB_LIMIT_M_S:
-            climb = -CLIMB_LIMIT_M_S
+        elif climb < -self.max_sink_m_s:
+            climb = -self.max_sink_m_s
         if self.descent_m_s:
             climb = -self.descent_m_s
         self.climb_m_s = climb
@@ -226,7 +229,7 @@ class Airframe:
     def limit_climb(self, angle_rad: float, speed_m_s: float) -> None:
         """Climb no steeper than an angle, at full power and at a cruising speed."""
         self.climb_gradient = math.sin(angle_rad)
-        self.max_climb_m_s = min(CLIMB_LIMIT_M_S, self.climb_gradient * speed_m_s)
+        self.max_climb_m_s = min(self.max_climb_m_s, self.climb_gradient * speed_m_s)
 
     def command_for(self, goal: Goal, tuning: Tuning) -> float:
         """Return the next command of `step`: here a heading error."""

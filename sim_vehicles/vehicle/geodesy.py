@@ -1,4 +1,4 @@
-"""Fast conversion of positions to latitude and longitude.
+"""Fast conversion of positions to latitude and longitude, and the height of the ground.
 
 Near an anchor, the exact map of `gcs.geo` is replaced by its second-order Taylor polynomial, with derivatives
 by central differences. The error is of third order, about ``d^3 tan^2(lat) / R^2``. With a new anchor every
@@ -10,16 +10,18 @@ from __future__ import annotations
 import math
 
 from gcs.geo import LocalFrame
+from gcs.terrain.elevation import Elevation
 
 REACH_M = 1000.0
 _H_M = 500.0
 
 
 class Geodesy:
-    """Local frame with a fast conversion to geodetic positions, and an exact one back."""
+    """Local frame with a fast conversion to geodetic positions, an exact one back, and its ground."""
 
-    def __init__(self, frame: LocalFrame) -> None:
+    def __init__(self, frame: LocalFrame, elevation: Elevation | None = None) -> None:
         self.frame = frame
+        self.elevation = elevation
         self._east_m = self._north_m = math.inf
         self._lat: tuple[float, ...] = ()
         self._lon: tuple[float, ...] = ()
@@ -42,6 +44,20 @@ class Geodesy:
     def to_local(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
         """Return (east_m, north_m)."""
         return self.frame.to_local(lat_deg, lon_deg)
+
+    def ground_rel_m(self, east_m: float, north_m: float, level_m: float) -> float:
+        """Return the height of the ground above the frame's origin; `level_m` without an elevation model.
+
+        Beyond its edge the ground is as high as at the edge.
+        """
+        model = self.elevation
+        if model is None:
+            return level_m
+        rows, cols = model.heights_msl_m.shape
+        west, south = model.origin_m
+        east_m = min(max(east_m, west), west + (cols - 1) * model.spacing_m)
+        north_m = min(max(north_m, south), south + (rows - 1) * model.spacing_m)
+        return model.height_msl_m(east_m, north_m) - self.frame.alt_msl_m
 
     def _anchor(self, east_m: float, north_m: float) -> None:
         self._east_m = east_m

@@ -17,6 +17,8 @@ circle is a damped oscillator in the distance from it, with the centripetal acce
 outside, the vehicle flies to the centre until the circle needs more acceleration.
 
 Both laws meet a path at no more than 45 degrees.
+
+A leg has an altitude at each end, and the altitude between them is linear along it.
 """
 
 from __future__ import annotations
@@ -113,6 +115,8 @@ class ToPoint:
     accept_radius_m: float
     is_tracked: bool = False
     """True if the vehicle follows the leg's line; otherwise it flies straight to the point."""
+    rise_m: float = 0.0
+    """Altitude of the point above the leg's start."""
 
     def heading_error_rad(self, airframe: Airframe) -> float:
         """Return the heading error, not wrapped."""
@@ -179,6 +183,16 @@ class ToPoint:
         east = self.east_m - airframe.east_m
         north = self.north_m - airframe.north_m
         return east * self.leg_east_m + north * self.leg_north_m <= 0.0
+
+    def rise_ahead_m(self, airframe: Airframe, ends_m: float = 0.0) -> float:
+        """Return the part of the rise that lies ahead, if it is linear and ends `ends_m` before the point."""
+        length = math.hypot(self.leg_east_m, self.leg_north_m)
+        if length <= ends_m:
+            return 0.0
+        east = self.east_m - airframe.east_m
+        north = self.north_m - airframe.north_m
+        ahead_m = (east * self.leg_east_m + north * self.leg_north_m) / length
+        return self.rise_m * min(max((ahead_m - ends_m) / (length - ends_m), 0.0), 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,22 +293,34 @@ class Legs:
     def __init__(self, airframe: Airframe) -> None:
         self._airframe = airframe
         self._point = (airframe.east_m, airframe.north_m)
+        self._alt_m = airframe.alt_rel_m
         self.do_join = False
         """True if the next leg starts where the last one ended; False if at the vehicle."""
 
-    def begin(self, east_m: float, north_m: float, accept_radius_m: float) -> ToPoint:
+    def begin(self, east_m: float, north_m: float, alt_m: float, accept_radius_m: float) -> ToPoint:
         """Return the leg to a point."""
-        here = self._airframe.east_m, self._airframe.north_m
+        airframe = self._airframe
+        here = airframe.east_m, airframe.north_m
         is_tracked = self.do_join
         self.do_join = True
         begin = self._point if is_tracked else here
-        leg = ToPoint(east_m, north_m, east_m - begin[0], north_m - begin[1], accept_radius_m, is_tracked)
-        if leg.is_past(self._airframe):  # It would end at once.
-            leg = replace(leg, leg_east_m=east_m - here[0], leg_north_m=north_m - here[1])
+        rise_m = alt_m - (self._alt_m if is_tracked else airframe.alt_rel_m)
+        leg = ToPoint(
+            east_m, north_m, east_m - begin[0], north_m - begin[1], accept_radius_m, is_tracked, rise_m
+        )
+        if leg.is_past(airframe):  # It would end at once.
+            leg = replace(
+                leg,
+                leg_east_m=east_m - here[0],
+                leg_north_m=north_m - here[1],
+                rise_m=alt_m - airframe.alt_rel_m,
+            )
         self._point = east_m, north_m
+        self._alt_m = alt_m
         return leg
 
     def leave(self) -> None:
         """Start the next leg at the vehicle."""
         self._point = (self._airframe.east_m, self._airframe.north_m)
+        self._alt_m = self._airframe.alt_rel_m
         self.do_join = False

@@ -26,7 +26,13 @@ from gcs.io.signing.keystore import read_keys
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.mission_protocol import NEVER_NS
 from sim_vehicles.error_output import print_message
-from sim_vehicles.process_start import Address, VehicleArguments, await_clock, read_arguments
+from sim_vehicles.process_start import (
+    Address,
+    VehicleArguments,
+    await_clock,
+    load_elevation,
+    read_arguments,
+)
 from sim_vehicles.vehicle.frames import Outbox
 from sim_vehicles.vehicle.packet_loss import is_lost
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
@@ -154,13 +160,15 @@ def main() -> None:
     # Build one vehicle first: lazy imports and tables are ready when the clock starts.
     SimVehicle(arguments.specs[0], arguments.frame, 0).advance(0)
     keys = {spec.system_id: _key(spec) for spec in arguments.specs}
+    elevation = load_elevation(arguments.elevation)
     clock = await_clock()
     if clock is None:
         return
     with contextlib.ExitStack() as stack:
         hosts = []
         for spec in arguments.specs:
-            vehicle = SimVehicle(spec, arguments.frame, clock.start_t_ns, keys.get(spec.system_id))
+            key = keys.get(spec.system_id)
+            vehicle = SimVehicle(spec, arguments.frame, clock.start_t_ns, key, elevation)
             host = Host(vehicle, clock.start_t_ns, arguments.gcs, arguments.truth, arguments.loss)
             stack.enter_context(host.socket)
             hosts.append(host)

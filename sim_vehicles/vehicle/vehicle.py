@@ -20,6 +20,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
+from gcs.terrain.elevation import Elevation
 from sim_vehicles.autopilots.arduplane import Autopilot
 from sim_vehicles.autopilots.base import TRAITS
 from sim_vehicles.autopilots.mission_protocol import NEVER_NS
@@ -46,8 +47,10 @@ class VehicleSpec:
     course_rad: float
     """Clockwise from north."""
     alt_rel_m: float
-    """Above the local frame's origin; 0 for a vehicle that starts on the ground."""
+    """Above home; a vehicle that starts on the ground climbs to it."""
     forward_speed_m_s: float
+    home_rel_m: float = 0.0
+    """Height of the ground at its start above the local frame's origin."""
     airborne: bool = True
     """True if it starts armed and circling; False if disarmed on the ground."""
     survival_probability: float = 1.0
@@ -68,6 +71,10 @@ class VehicleSpec:
     """Greatest bank; None: that of the airframe. The paper's model has no limit."""
     climb_deg: float | None = None
     """Angle of the steepest climb; None: that of the airframe."""
+    climb_m_s: float | None = None
+    """Greatest climb rate; None: that of the airframe."""
+    sink_m_s: float | None = None
+    """Greatest sink rate; None: that of the airframe."""
     autopilot: str = "ardupilot"
     """Simulated autopilot: "ardupilot" or "px4"."""
     wind_east_m_s: float = 0.0
@@ -102,23 +109,36 @@ class SimVehicle:
         Boot time; telemetry begins.
     key : bytes, optional
         Signing key.
+    elevation : Elevation, optional
+        Ground below; without it the ground is level, at the height of the frame's origin.
     """
 
     def __init__(
-        self, spec: VehicleSpec, frame: LocalFrame, start_t_ns: int, key: bytes | None = None
+        self,
+        spec: VehicleSpec,
+        frame: LocalFrame,
+        start_t_ns: int,
+        key: bytes | None = None,
+        elevation: Elevation | None = None,
     ) -> None:
         self.spec = spec
         self.system_id = spec.system_id
         self.alive = True
+        self.geodesy = Geodesy(frame, elevation)
+        home_m = spec.home_rel_m
         self.airframe = AIRFRAMES[spec.airframe](
             spec.east_m,
             spec.north_m,
-            spec.alt_rel_m if spec.airborne else 0.0,
+            home_m + spec.alt_rel_m if spec.airborne else home_m,
             spec.course_rad,
             spec.forward_speed_m_s if spec.airborne else 0.0,
         )
         if spec.max_bank_deg is not None:
             self.airframe.max_bank_rad = math.radians(spec.max_bank_deg)
+        if spec.climb_m_s is not None:
+            self.airframe.max_climb_m_s = spec.climb_m_s
+        if spec.sink_m_s is not None:
+            self.airframe.max_sink_m_s = spec.sink_m_s
         if spec.climb_deg is not None:
             self.airframe.limit_climb(math.radians(spec.climb_deg), spec.forward_speed_m_s)
         parameters = Parameters(
@@ -131,7 +151,6 @@ class SimVehicle:
         for name in parameters:
             if name in spec.parameters:
                 parameters.store(name, spec.parameters[name])
-        self.geodesy = Geodesy(frame)
         self.autopilot = (Px4Autopilot if spec.autopilot == "px4" else Autopilot)(
             self.airframe,
             parameters,
@@ -210,6 +229,11 @@ class SimVehicle:
         return self.airframe.alt_rel_m
 
     @property
+    def alt_msl_m(self) -> float:
+        """Above mean sea level."""
+        return self.geodesy.frame.alt_msl_m + self.airframe.alt_rel_m
+
+    @property
     def course_rad(self) -> float:
         """Direction of motion over ground, clockwise from north, in [0, 2 pi)."""
         return self.airframe.course_rad
@@ -249,7 +273,7 @@ class SimVehicle:
         while (now_ns := now_ns + STEP_NS) <= until_ns:
             self._stepped_ns = now_ns
             if wind is not None and autopilot.flying:
-                wind.blow(self.airframe, now_ns)
+                wind.blow(self.airframe, now_ns, autopilot.height_agl_m)
             step(now_ns)
             if notices:
                 self._link.send_notices(now_ns)
@@ -288,13 +312,12 @@ class SimVehicle:
         airframe = self.airframe
         lat_deg, lon_deg = self.geodesy.to_geodetic(airframe.east_m, airframe.north_m)
         east_m_s, north_m_s = airframe.velocity_m_s
-        alt_msl_m = self.geodesy.frame.alt_msl_m + airframe.alt_rel_m
         boot_ms = (t_ns - self._start_t_ns) // 1_000_000
         return (
             mavlink.MAVLink_system_time_message(t_ns // 1000, boot_ms & 0xFFFFFFFF),
             mavlink.MAVLink_sim_state_message(
                 1.0, 0.0, 0.0, 0.0, airframe.roll_rad, 0.0, airframe.heading_rad, 0.0, 0.0, 0.0,
-                airframe.roll_rate_rad_s, 0.0, airframe.yaw_rate_rad_s, lat_deg, lon_deg, alt_msl_m, 0.0, 0.0,
-                north_m_s, east_m_s, -airframe.climb_m_s, round(lat_deg * 1e7), round(lon_deg * 1e7),
+                airframe.roll_rate_rad_s, 0.0, airframe.yaw_rate_rad_s, lat_deg, lon_deg, self.alt_msl_m, 0.0,
+                0.0, north_m_s, east_m_s, -airframe.climb_m_s, round(lat_deg * 1e7), round(lon_deg * 1e7),
             ),
         )  # fmt: skip

@@ -51,14 +51,14 @@ class Wind:
         self._drawn: list[float] = []
         self._next_ns = start_t_ns
 
-    def blow(self, airframe: Airframe, t_ns: int) -> None:
-        """Set the airframe's wind at `t_ns`, which never decreases."""
+    def blow(self, airframe: Airframe, t_ns: int, height_agl_m: float) -> None:
+        """Set the airframe's wind at `t_ns`, which never decreases, and at a height above the ground."""
         while t_ns >= self._next_ns:
             self._next_ns += _STEP_NS
             if len(self._drawn) < 2:
                 self._drawn = self._rng.standard_normal(_DRAWN).tolist()
             for axis in range(2):
                 self._gust[axis] = self._decay * self._gust[axis] + self._kick * self._drawn.pop()
-            share = min(max(airframe.alt_rel_m / _WHOLE_ABOVE_M, 0.0), 1.0)
+            share = min(max(height_agl_m / _WHOLE_ABOVE_M, 0.0), 1.0)
             airframe.wind_east_m_s = share * (self._steady[0] + self._gust[0])
             airframe.wind_north_m_s = share * (self._steady[1] + self._gust[1])

@@ -48,8 +48,8 @@ _SILENT_S = 5.0
 class AgentTruth:
     """Newest true states of one agent."""
 
-    states: list[tuple[int, float, float]]
-    """(t_ns, east_m, north_m), oldest first; at first the scenario's start."""
+    states: list[tuple[int, float, float, float]]
+    """(t_ns, east_m, north_m, alt_msl_m), oldest first; at first the scenario's start."""
     heard_s: float = -math.inf
     """Wall time of the last state."""
     waited_t_ns: int = -1
@@ -61,11 +61,11 @@ class AgentTruth:
     down: bool = False
     """True if it came down elsewhere than by a landing of its mission."""
 
-    def add(self, t_ns: int, east_m: float, north_m: float, now_s: float) -> None:
+    def add(self, t_ns: int, east_m: float, north_m: float, alt_msl_m: float, now_s: float) -> None:
         """Add a state; ignore it if it is older than the newest."""
         self.heard_s = now_s
         if t_ns > self.states[-1][0]:
-            self.states.append((t_ns, east_m, north_m))
+            self.states.append((t_ns, east_m, north_m, alt_msl_m))
             del self.states[:-40]
 
     def is_known(self, t_ns: int) -> bool:
@@ -81,8 +81,8 @@ class AgentTruth:
         """Return True if it lives, and has sent no state of that time yet."""
         return not (self.is_known(t_ns) or self.is_lost) and now_s - self.heard_s <= _SILENT_S
 
-    def at(self, t_ns: int, *, extrapolates: bool = False) -> tuple[float, float]:
-        """Return east and north at `t_ns`, interpolated; beyond the newest state its position, or onward."""
+    def at(self, t_ns: int, *, extrapolates: bool = False) -> tuple[float, float, float]:
+        """Return east, north and height at `t_ns`, interpolated; beyond the newest state it, or onward."""
         later = next((n for n, state in enumerate(self.states) if state[0] >= t_ns), len(self.states))
         if later == 0 or (later == len(self.states) and not (extrapolates and later > 1)):
             return self.states[min(later, len(self.states) - 1)][1:]
@@ -90,7 +90,8 @@ class AgentTruth:
         t0_ns, *before = self.states[later - 1]
         t1_ns, *after = self.states[later]
         part = (t_ns - t0_ns) / (t1_ns - t0_ns)
-        return before[0] + part * (after[0] - before[0]), before[1] + part * (after[1] - before[1])
+        east_m, north_m, alt_msl_m = (b + part * (a - b) for b, a in zip(before, after, strict=True))
+        return east_m, north_m, alt_msl_m
 
 
 class TruthReceiver:
@@ -106,7 +107,9 @@ class TruthReceiver:
         self._input = b""
         self.ground_t_ns: int | None = None
         """Time when a vehicle first reported a ground station."""
-        self.agents = {a.system_id: AgentTruth([(0, a.east_m, a.north_m)]) for a in scenario.config.agents}
+        self.agents = {
+            a.system_id: AgentTruth([(0, a.east_m, a.north_m, math.nan)]) for a in scenario.config.agents
+        }
 
     def close(self) -> None:
         """Close the socket."""
@@ -150,7 +153,7 @@ class TruthReceiver:
             agent.is_lost = True
         else:
             place = self._frame.to_local(state.lat_int * 1e-7, state.lon_int * 1e-7)
-            agent.add(time_message.time_unix_usec * 1000, *place, time.monotonic())
+            agent.add(time_message.time_unix_usec * 1000, *place, state.alt, time.monotonic())
             agent.down = "EXTENDED_SYS_STATE" in by_type
         if self.ground_t_ns is None and "HEARTBEAT" in by_type:
             self.ground_t_ns = time_message.time_unix_usec * 1000
@@ -162,10 +165,10 @@ class TruthReceiver:
         found = []
         for system_id, agent in self.agents.items():
             is_late = agent.is_late(t_ns, now_s)
-            place = agent.at(t_ns, extrapolates=is_late)
-            found.append(
-                TruthObject("agents", system_id, *place, is_late or agent.is_known(t_ns), agent.down)
-            )
+            east_m, north_m, alt_msl_m = agent.at(t_ns, extrapolates=is_late)
+            alive = is_late or agent.is_known(t_ns)
+            alt = None if math.isnan(alt_msl_m) else alt_msl_m
+            found.append(TruthObject("agents", system_id, east_m, north_m, alive, agent.down, alt))
         return found
 
     def give_up(self, t_ns: int, now_s: float) -> None:

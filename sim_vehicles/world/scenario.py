@@ -37,9 +37,12 @@ class SensorTable(Table, frozen=True, kw_only=True):
     noise_std_m: Positive = 3.16
     field_margin_m: NotNegative = 100.0
     field_m: Box | None = None
-    # kind = "range_bearing"
+    # Place; with a height above the ground, terrain is in its way.
     east_m: float = 0.0
     north_m: float = 0.0
+    height_agl_m: NotNegative | None = None
+    # kind = "range_bearing"
+    range: Literal["ground", "slant"] = "ground"
     range_std_m: Positive = 5.0
     bearing_std_deg: Annotated[float, Meta(gt=0.0, le=30.0)] = 0.5
     least_range_m: NotNegative = 0.0
@@ -232,6 +235,8 @@ def _check_sensors(simulation: Simulation, source: str) -> None:
             raise ConfigError(
                 source, f"{key}.field_m", "expected [east_min, north_min, east_max, north_max] with min < max"
             )
+        if table.range == "slant" and table.height_agl_m is None:
+            raise ConfigError(source, f"{key}.range", '"slant" needs height_agl_m')
         if table.least_range_m >= table.most_range_m:
             raise ConfigError(source, f"{key}.most_range_m", "expected more than least_range_m")
 

@@ -1,4 +1,8 @@
-"""Types and starts of the simulated vehicles of a scenario, for a seed."""
+"""Types and starts of the simulated vehicles of a scenario, for a seed.
+
+Over terrain a vehicle climbs and sinks no faster than its airframe's rates, by which routes are planned. Over
+flat ground it has the rates of the simulated airframe.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,9 @@ def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
     """Return a specification for each agent of the mission file, in order."""
     simulation = scenario.simulation
     mission = scenario.config.mission
+    elevation = scenario.config.elevation
+    origin_msl_m = scenario.frame.alt_msl_m
+    shared = scenario.config.airframe
     dies_at_s = {death.system_id: death.at_s for death in simulation.death.prescribed}
     return [
         VehicleSpec(
@@ -25,6 +32,11 @@ def vehicle_specs(scenario: Scenario, seed: int) -> list[VehicleSpec]:
             forward_speed_m_s=agent.speed_m_s or own.speed_m_s or simulation.forward_speed_m_s,
             max_bank_deg=own.bank_deg,
             climb_deg=own.climb_deg,
+            climb_m_s=None if elevation is None else own.climb_m_s or shared.climb_m_s,
+            sink_m_s=None if elevation is None else own.sink_m_s or shared.sink_m_s,
+            home_rel_m=0.0
+            if elevation is None
+            else elevation.height_msl_m(agent.east_m, agent.north_m) - origin_msl_m,
             airborne=True,
             airframe=simulation.airframe,
             autopilot="px4" if agent.system_id in simulation.px4 else "ardupilot",

@@ -15,7 +15,8 @@ a rate in `tracking.<kind>.anywhere`, objects are also born at detections that n
 A high-latency report (`gcs.mavlink.fleet.high_latency`) is used once, with its own noise. While a vehicle is
 heard by such reports alone, silence is no evidence of a loss: they come every few seconds or minutes.
 
-Each sensor announces its own noise, clutter, detection probability and field of view;
+Each sensor announces its own noise, clutter, detection probability and field of view, and where it looks
+from (`terrain_sight`);
 `gcs.tracking.models.sensor_estimation` compares its scans with them. Late, repeated and future scans are
 refused.
 """
@@ -32,6 +33,7 @@ import numpy.typing as npt
 
 from gcs.config import Config
 from gcs.core.perception.records import TrackersState, TrackerState
+from gcs.core.perception.terrain_sight import TerrainSight
 from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.core.perception.tracking_model import (
     BIRTH_AGAIN_PROBABILITY,
@@ -212,6 +214,7 @@ class MultiSensorTracker:
         self._config = config
         self._telemetry = config.telemetry
         self.state = TrackersState() if state is None else state
+        self.sight = TerrainSight(config)
         self.untracked = UntrackedDetections(config, self.state.untracked)
         self.agents = ClassTracker("agents", config, agent_births(config), self.state.agents)
         self.targets = ClassTracker("targets", config, target_births(config), self.state.targets)
@@ -229,7 +232,7 @@ class MultiSensorTracker:
         is_new = scan.measured_t_ns > self.state.measured_t_ns
         if not is_new and scan.sensor.name in self.state.sensors_at_epoch:
             return "came twice"
-        return ""
+        return self.sight.refusal(scan.sensor)
 
     def scan(self, scan: Scan, states: Sequence[VehicleState]) -> tuple[Picture, Picture]:
         """Process one scan that is not refused; return the pictures of agents and targets."""
@@ -243,22 +246,26 @@ class MultiSensorTracker:
         sensor = _with_noise(scan.sensor)
         if self._config.tracking.correct_sensors:
             sensor = estimation.corrected(sensor)
+        scan = replace(scan, sensor=sensor)
+        # Terrain hides agents and targets in different places, and moves slant ranges differently.
+        at_agents = self.sight.scan_of(scan, "agents")
+        at_targets = self.sight.scan_of(scan, "targets")
         report_births, reports = self._reports(t_ns, states, self.agents.births)
-        of_targets = self.targets.intensity(t_ns, scan.z_m, sensor)
-        ours = self.agents.update(t_ns, scan.z_m, sensor, of_targets, report_births)
+        of_targets = self.targets.intensity(t_ns, at_targets.z_m, at_targets.sensor)
+        ours = self.agents.update(t_ns, at_agents.z_m, at_agents.sensor, of_targets, report_births)
         for report_sensor, positions in reports:
             self.agents.update_again(t_ns, positions, report_sensor)
-        agents = self.agents.extract(scan.t_ns, None if reports else sensor)
-        of_agents = self.agents.intensity(t_ns, scan.z_m, sensor)
-        theirs = self.targets.update(t_ns, scan.z_m, sensor, of_agents)
+        agents = self.agents.extract(scan.t_ns, None if reports else at_agents.sensor)
+        of_agents = self.agents.intensity(t_ns, at_agents.z_m, at_agents.sensor)
+        theirs = self.targets.update(t_ns, at_targets.z_m, at_targets.sensor, of_agents)
         explained = 1.0 - (1.0 - ours.explained) * (1.0 - theirs.explained)
-        for kind in (self.agents, self.targets):
-            kind.unknown.add_scan(t_ns, scan.z_m, sensor, explained)
-        self.untracked.add_scan(t_ns, scan.z_m, sensor, explained)
+        for kind, seen in ((self.agents, at_agents), (self.targets, at_targets)):
+            kind.unknown.add_scan(t_ns, seen.z_m, seen.sensor, explained)
+        self.untracked.add_scan(t_ns, at_targets.z_m, at_targets.sensor, explained)
         detected = ours.detected + theirs.detected
         in_view = ours.in_view + theirs.in_view
         estimation.add_scan(float((1.0 - explained).sum()), detected, in_view)
-        return agents, self.targets.extract(scan.t_ns, sensor)
+        return agents, self.targets.extract(scan.t_ns, at_targets.sensor)
 
     def is_report_epoch_due(self, t_ns: int) -> bool:
         """Return True if an epoch of position reports alone may follow at `t_ns`."""

@@ -87,8 +87,9 @@ def associate_vehicles(stages: Stages, epoch: Epoch) -> list[Effect]:
     targets = stages.trackers.targets.confirmation
     stages.association.update(agents, epoch.measured_t_ns, epoch.states)
     stages.kinematics.update(epoch.newest)
+    scan = stages.trackers.sight.scan_of(epoch.scan, "agents")
     effects: list[Effect] = [
-        *stages.position_integrity.update(epoch.scan, epoch.states, agents.tracks, targets.tracks.values())
+        *stages.position_integrity.update(scan, epoch.states, agents.tracks, targets.tracks.values())
     ]
     return effects + stages.sensor_watchdog.associated(epoch.t_ns, epoch.reporting, stages.association.labels)
 

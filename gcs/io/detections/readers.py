@@ -2,7 +2,7 @@
 
 - NPZ: `meas`, and optionally a model and `truth`.
 - CSV: the first column is a scan number or a time (`table_files`). The model is another file, NPZ or TOML.
-- Recording of this project: its scans with their sensors, births from its mission file.
+- Recording of this project: its scans with their sensors, births and terrain from its mission file.
 
 Scans are numbered; one without detections is a scan too. The region of an NPZ is where its clutter is. The
 detection probability is the same everywhere, as in the model that the sets were drawn from: with a sensor
@@ -24,6 +24,7 @@ import numpy as np
 
 from gcs.config import parse
 from gcs.config.schema import AnywhereTable
+from gcs.core.perception.terrain_sight import TerrainSight
 from gcs.core.perception.tracking_model import (
     BIRTH_AGAIN_PROBABILITY,
     agent_births,
@@ -273,6 +274,7 @@ def _load_recording(
     if not text:
         raise RecordingError(str(path), "is empty, or damaged before its mission file: births are unknown")
     config = parse(text, f"{path}: mission file")
+    sight = TerrainSight(config, ("all",))
     scans: list[SensorScan] = []
     truths: list[Truth] = []
     sensors: dict[tuple[object, ...], Sensor] = {}
@@ -284,9 +286,11 @@ def _load_recording(
             remarks = (f"The recording breaks off: {value.problem}.",)
         elif isinstance(value, Scan):
             one = value.sensor  # decoded anew for each scan; equal ones are shared
-            key = (one.detection_probability, one.clutter_density_per_m2, one.field_of_view_m, one.polar)
-            sensor = sensors.setdefault((one.name, one.noise_cov_m2.tobytes(), *key), one)
-            scans.append(SensorScan(value.measured_t_ns, sensor, value.z_m))
+            seen = sight.scan_of(value, "all")
+            numbers_of = (one.detection_probability, one.clutter_density_per_m2, one.field_of_view_m)
+            key = (one.name, one.noise_cov_m2.tobytes(), *numbers_of, one.polar, one.viewpoint)
+            sensor = sensors.setdefault(key, seen.sensor)
+            scans.append(SensorScan(value.measured_t_ns, sensor, seen.z_m))
             count += value.z_m.size
         elif isinstance(value, Truth):
             truths.append(value)

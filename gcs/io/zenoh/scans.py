@@ -1,13 +1,15 @@
 """Scans that sensors publish on zenoh, read with all checks.
 
 A scan's JSON differs from the record (``docs/sensors.md``): it has the origin of its local frame and no time
-of arrival, and a range-bearing sensor sends ranges and bearings, which become east/north here.
+of arrival, and a range-bearing sensor sends ranges and bearings, which become east/north here. A third number
+of each detection is its height.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from functools import lru_cache
 from typing import Annotated, Any, Literal
 
@@ -19,7 +21,7 @@ from gcs.errors import WireError
 from gcs.geo import LocalFrame
 from gcs.io.records import decode_json
 from gcs.io.zenoh.key_expressions import SENSOR_NAME
-from gcs.model import Polar, Scan, Sensor, read_only
+from gcs.model import FloatArray, Polar, Scan, Sensor, Viewpoint, read_only
 from gcs.tracking.models.sensor_geometry import map_coordinates, polar_sensor, sensor_coordinates
 
 MAX_DETECTIONS = 20_000
@@ -35,7 +37,24 @@ _Variance = Annotated[float, Meta(ge=-1e10, le=1e10)]
 _Row = tuple[_Variance, _Variance]
 _Range = Annotated[float, Meta(ge=0.0, le=1e7)]
 _Bearing = Annotated[float, Meta(ge=-7.0, le=7.0)]
+_Height = Annotated[float, Meta(ge=-1000.0, le=100_000.0)]
 _Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+
+
+class Detection(msgspec.Struct, array_like=True, forbid_unknown_fields=True, frozen=True):
+    """A detection of a position sensor: an array of two or three numbers."""
+
+    east_m: _Metres
+    north_m: _Metres
+    alt_msl_m: _Height | None = None
+
+
+class PolarDetection(msgspec.Struct, array_like=True, forbid_unknown_fields=True, frozen=True):
+    """A detection of a range-bearing sensor: an array of two or three numbers."""
+
+    range_m: _Range
+    bearing_rad: _Bearing
+    alt_msl_m: _Height | None = None
 
 
 class OriginMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -53,6 +72,9 @@ class SensorMessage(msgspec.Struct, frozen=True, kw_only=True):
     clutter_density_per_m2: Annotated[float, Meta(ge=0.0, le=1.0)]
     noise_cov_m2: tuple[_Row, _Row]
     field_of_view_m: tuple[_Metres, _Metres, _Metres, _Metres]
+    place_m: tuple[_Metres, _Metres] | None = None
+    alt_msl_m: _Height | None = None
+    height_agl_m: _Height | None = None
 
 
 class ScanMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -61,7 +83,7 @@ class ScanMessage(msgspec.Struct, frozen=True, kw_only=True):
     sensor: SensorMessage
     origin: OriginMessage
     measured_t_ns: _Nanoseconds
-    z_m: Annotated[list[tuple[_Metres, _Metres]], Meta(max_length=MAX_DETECTIONS)]
+    z_m: Annotated[list[Detection], Meta(max_length=MAX_DETECTIONS)]
 
 
 class PolarSensorMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -77,6 +99,9 @@ class PolarSensorMessage(msgspec.Struct, frozen=True, kw_only=True):
     most_range_m: Annotated[float, Meta(gt=0.0, le=1e7)]
     sector_centre_rad: _Bearing = 0.0
     sector_width_rad: Annotated[float, Meta(gt=0.0, le=7.0)] = 2.0 * math.pi
+    alt_msl_m: _Height | None = None
+    height_agl_m: _Height | None = None
+    range: Literal["ground", "slant"] = "ground"
 
 
 class PolarScanMessage(msgspec.Struct, frozen=True, kw_only=True):
@@ -85,7 +110,7 @@ class PolarScanMessage(msgspec.Struct, frozen=True, kw_only=True):
     sensor: PolarSensorMessage
     origin: OriginMessage
     measured_t_ns: _Nanoseconds
-    z_range_bearing: Annotated[list[tuple[_Range, _Bearing]], Meta(max_length=MAX_DETECTIONS)]
+    z_range_bearing: Annotated[list[PolarDetection], Meta(max_length=MAX_DETECTIONS)]
 
 
 class _SensorKind(msgspec.Struct, frozen=True):
@@ -115,7 +140,9 @@ def encode_scan(scan: Scan, frame: LocalFrame) -> bytes:
             "noise_cov_m2": sensor.noise_cov_m2.tolist(),
             "field_of_view_m": sensor.field_of_view_m,
         }
-        message["z_m"] = scan.z_m.tolist()
+        if sensor.viewpoint is not None:
+            message["sensor"]["place_m"] = (sensor.viewpoint.east_m, sensor.viewpoint.north_m)
+        message["z_m"] = _rows(scan.z_m, scan.heights_msl_m)
     else:
         message["sensor"] = {
             "name": sensor.name,
@@ -129,9 +156,19 @@ def encode_scan(scan: Scan, frame: LocalFrame) -> bytes:
             "most_range_m": polar.range_m[1],
             "sector_centre_rad": polar.bearing_rad[0],
             "sector_width_rad": 2.0 * polar.bearing_rad[1],
+            "range": "slant" if polar.is_slant else "ground",
         }
-        message["z_range_bearing"] = sensor_coordinates(sensor, scan.z_m).tolist()
+        message["z_range_bearing"] = _rows(sensor_coordinates(sensor, scan.z_m), scan.heights_msl_m)
+    if sensor.viewpoint is not None:
+        name = "height_agl_m" if sensor.viewpoint.is_agl else "alt_msl_m"
+        message["sensor"][name] = sensor.viewpoint.height_m
     return msgspec.json.encode(message)
+
+
+def _rows(z: FloatArray, heights_msl_m: FloatArray | None) -> list[list[float]]:
+    columns = z if heights_msl_m is None else np.column_stack([z, heights_msl_m])
+    rows: list[list[float]] = columns.tolist()
+    return rows
 
 
 def decode_scan(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Scan:
@@ -156,12 +193,41 @@ def decode_scan(key: str, payload: bytes, t_ns: int, frame: LocalFrame) -> Scan:
         _check_origin(key, polar_message.origin, frame)
         polar = _validated_polar(key, polar_message.sensor)
         sensor = polar_sensor(polar_message.sensor.name, polar_message.sensor.detection_probability, polar)
-        z_m = map_coordinates(polar, np.reshape(polar_message.z_range_bearing, (-1, 2)))
-        return Scan(t_ns, polar_message.measured_t_ns, sensor, read_only(z_m))
+        viewpoint = _viewpoint(key, polar_message.sensor, polar_message.sensor.place_m)
+        sensor = replace(sensor, viewpoint=viewpoint)
+        detections = polar_message.z_range_bearing
+        z_m = map_coordinates(polar, np.reshape([(d.range_m, d.bearing_rad) for d in detections], (-1, 2)))
+        heights = _heights_msl_m(key, "z_range_bearing", [d.alt_msl_m for d in detections])
+        return Scan(t_ns, polar_message.measured_t_ns, sensor, read_only(z_m), heights)
     message = decode_json(key, payload, _scan_decoder)
     _check_origin(key, message.origin, frame)
     sensor = _validated_sensor(key, message.sensor)
-    return Scan(t_ns, message.measured_t_ns, sensor, read_only(np.reshape(message.z_m, (-1, 2))))
+    z_m = np.reshape([(d.east_m, d.north_m) for d in message.z_m], (-1, 2))
+    heights = _heights_msl_m(key, "z_m", [d.alt_msl_m for d in message.z_m])
+    return Scan(t_ns, message.measured_t_ns, sensor, read_only(z_m), heights)
+
+
+def _heights_msl_m(key: str, field: str, heights: list[float | None]) -> FloatArray | None:
+    """Return the heights of the detections; None without any."""
+    measured = [height for height in heights if height is not None]
+    if not measured:
+        return None
+    if len(measured) < len(heights):
+        raise WireError(key, f"{field}: expected a height in every detection, or in none")
+    return read_only(measured)
+
+
+def _viewpoint(
+    key: str, message: SensorMessage | PolarSensorMessage, place_m: tuple[float, float] | None
+) -> Viewpoint | None:
+    if message.alt_msl_m is not None and message.height_agl_m is not None:
+        raise WireError(key, "sensor: expected alt_msl_m or height_agl_m, not both")
+    height_m = message.height_agl_m if message.alt_msl_m is None else message.alt_msl_m
+    if height_m is None:
+        return None
+    if place_m is None:
+        raise WireError(key, "sensor.place_m: expected the place of a sensor that has a height")
+    return Viewpoint(*place_m, height_m, is_agl=message.alt_msl_m is None)
 
 
 def _validated_sensor(key: str, message: SensorMessage) -> Sensor:
@@ -184,6 +250,7 @@ def _validated_sensor(key: str, message: SensorMessage) -> Sensor:
         message.clutter_density_per_m2,
         read_only(message.noise_cov_m2),
         message.field_of_view_m,
+        viewpoint=_viewpoint(key, message, message.place_m),
     )
 
 
@@ -191,6 +258,11 @@ def _validated_polar(key: str, message: PolarSensorMessage) -> Polar:
     _check_name(key, message.name)
     if not message.least_range_m < message.most_range_m:
         raise WireError(key, "sensor.most_range_m: expected more than least_range_m")
+    is_slant = message.range == "slant"
+    if is_slant and message.alt_msl_m is None and message.height_agl_m is None:
+        raise WireError(
+            key, 'sensor.range: "slant" needs the height of the sensor: alt_msl_m or height_agl_m'
+        )
     return Polar(
         *message.place_m,
         message.range_std_m,
@@ -198,6 +270,7 @@ def _validated_polar(key: str, message: PolarSensorMessage) -> Polar:
         (message.least_range_m, message.most_range_m),
         (message.sector_centre_rad, min(message.sector_width_rad / 2.0, math.pi)),
         message.clutter_density_per_m_rad,
+        is_slant,
     )
 
 

@@ -73,4 +73,7 @@ class GroundTruth:
 def _between(before: TruthObject, after: TruthObject, part: float) -> TruthObject:
     east_m = before.east_m + part * (after.east_m - before.east_m)
     north_m = before.north_m + part * (after.north_m - before.north_m)
-    return TruthObject(before.kind, before.id, east_m, north_m, before.alive, before.down)
+    alt_msl_m = before.alt_msl_m
+    if alt_msl_m is not None and after.alt_msl_m is not None:
+        alt_msl_m += part * (after.alt_msl_m - alt_msl_m)
+    return TruthObject(before.kind, before.id, east_m, north_m, before.alive, before.down, alt_msl_m)

@@ -20,6 +20,7 @@ import numpy as np
 
 from gcs import jit
 from gcs.model import NS_PER_S, FloatArray, Kind, Picture, Sensor, Track
+from gcs.terrain import line_of_sight
 from gcs.tracking.glmb import extraction, recursion
 from gcs.tracking.glmb.extraction import Estimates
 from gcs.tracking.glmb.filter_state import GlmbState, check_state
@@ -241,6 +242,7 @@ def warm_up_calls() -> list[jit.Call]:
         *recursion.warm_up_calls(),
         *clutter.warm_up_calls(),
         *coordinated_turn.warm_up_calls(),
+        *line_of_sight.warm_up_calls(),
     ]
 
 

@@ -270,8 +270,9 @@ def warm_up_calls() -> list[Call]:
     interval = Interval(1.0, np.eye(4), Survival(0.0, 0.0, 0.0, 0.0, 1.0), 0, births)
     scan = Measurements(origin, origin, np.zeros(1))
     sensor = measurement_model.SensorModel(
-        False, np.eye(2).reshape(1, 2, 2), np.zeros((2, 2)), np.zeros(2), 0.0, 0.9
-    )
+        False, np.eye(2).reshape(1, 2, 2), np.zeros((2, 2)), np.zeros(2), 0.0, 0.9,
+        np.zeros((0, 0), np.float32), np.zeros(3),
+    )  # fmt: skip
     rng = np.zeros(1, np.uint64)
     limits = GlmbParams(1.0).limits()
     turns = TurnModel(0.0, 1.0)

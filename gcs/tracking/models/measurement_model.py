@@ -14,6 +14,11 @@ The field of view is a box or a sector. The probability that a track is inside i
 Gaussian, along each coordinate by itself. So a track at the edge is missed in part, and a track with a wide
 Gaussian is missed where the sensor looks.
 
+Terrain hides a part of the field of view (`gcs.model.Visibility`). The probability that a track is in sight
+is the mean of the table over the Gaussian, by the Gauss-Hermite rule of three points an axis. While the mean
+is out of sight, only `_HIDDEN_WEIGHT` of it counts: what is in sight of the Gaussian was missed before, and
+a Gaussian cannot lose a part of itself. Otherwise many misses of a hidden track would end it.
+
 =====================  ==================  =======  ========================================
 LinearisedMeasurement  shape               dtype    meaning (n tracks)
 =====================  ==================  =======  ========================================
@@ -37,9 +42,11 @@ from gcs.jit import called, inlined, kernel, leaf
 from gcs.tracking.models.sensor_geometry import MAX_DETECTION_PROBABILITY, field_bounds_m
 
 if TYPE_CHECKING:
-    from gcs.model import FloatArray, Sensor
+    from gcs.model import Float32Array, FloatArray, Sensor
 
 _TWO_PI = 2.0 * math.pi
+_HIDDEN_WEIGHT = 0.05
+_NO_TABLE: Float32Array = np.zeros((0, 0), np.float32)
 
 
 class SensorModel(NamedTuple):
@@ -57,6 +64,10 @@ class SensorModel(NamedTuple):
     """Bearing of the centre of its sector."""
     p_d: float
     """Detection probability in the field of view."""
+    in_sight: Float32Array
+    """(bearings, ranges) float32, share of an object's heights that terrain does not hide; empty: all."""
+    sight_m: FloatArray
+    """(3,) east and north of the sensor, and the distance of neighbouring ranges."""
 
 
 class LinearisedMeasurement(NamedTuple):
@@ -175,6 +186,35 @@ def _range_bearing(
     return z_hat, A, noise, p_in_fov
 
 
+@leaf
+def _hide_by_terrain(
+    mean: FloatArray, cov: FloatArray, in_sight: Float32Array, sight_m: FloatArray, p_in_fov: FloatArray
+) -> None:
+    """Multiply the probabilities to be in the field of view by those to be in sight."""
+    n_bearings, n_ranges = in_sight.shape
+    for t in range(p_in_fov.size):
+        l00 = math.sqrt(3.0 * max(cov[t, 0, 0], 1e-12))
+        l10 = 3.0 * cov[t, 1, 0] / l00
+        l11 = math.sqrt(max(3.0 * cov[t, 1, 1] - l10 * l10, 1e-12))
+        total = 0.0
+        at_mean = 0.0
+        for i in range(-1, 2):
+            for j in range(-1, 2):
+                x = mean[t, 0] + i * l00 - sight_m[0]
+                y = mean[t, 1] + i * l10 + j * l11 - sight_m[1]
+                k = min(int(math.hypot(x, y) / sight_m[2] + 0.5), n_ranges - 1)
+                turn = math.atan2(x, y) / _TWO_PI
+                b = int((turn + 1.0) * n_bearings + 0.5) % n_bearings
+                weight = (2.0 / 3.0 if i == 0 else 1.0 / 6.0) * (2.0 / 3.0 if j == 0 else 1.0 / 6.0)
+                total += weight * in_sight[b, k]
+                if i == 0 and j == 0:
+                    at_mean = in_sight[b, k]
+        if at_mean == 0.0:
+            total *= _HIDDEN_WEIGHT
+        if total < 1.0 - 1e-6:
+            p_in_fov[t] *= total
+
+
 @kernel
 def linearise(sensor_model: SensorModel, mean: FloatArray, cov: FloatArray) -> LinearisedMeasurement:
     """Return the measurement model of tracks with means (n, 4) and covariances (n, 4, 4)."""
@@ -187,6 +227,8 @@ def linearise(sensor_model: SensorModel, mean: FloatArray, cov: FloatArray) -> L
         A = np.zeros((1, 2, 2))
         noise = sensor_model.noise
         A[0, 0, 0] = A[0, 1, 1] = 1.0
+    if sensor_model.in_sight.size > 0:
+        _hide_by_terrain(mean, cov, sensor_model.in_sight, sensor_model.sight_m, p_in_fov)
     return LinearisedMeasurement(z_hat, A, noise, p_in_fov, sensor_model.p_d, sensor_model.is_polar)
 
 
@@ -194,6 +236,12 @@ def sensor_model(sensor: Sensor) -> SensorModel:
     """Return a sensor as kernels use it."""
     p_d = min(float(sensor.detection_probability), MAX_DETECTION_PROBABILITY)
     polar = sensor.polar
+    in_sight: Float32Array = _NO_TABLE
+    sight_m = np.zeros(3)
+    seen = sensor.visibility
+    if seen is not None:
+        in_sight = seen.share
+        sight_m = np.array([seen.east_m, seen.north_m, seen.range_step_m])
     if polar is None:
         noise = np.array(sensor.noise_cov_m2, dtype=np.float64, order="C").reshape(1, 2, 2)
         return SensorModel(
@@ -203,9 +251,11 @@ def sensor_model(sensor: Sensor) -> SensorModel:
             position_m=np.zeros(2),
             centre_rad=0.0,
             p_d=p_d,
+            in_sight=in_sight,
+            sight_m=sight_m,
         )
     noise = np.diag([polar.range_std_m**2, polar.bearing_std_rad**2]).reshape(1, 2, 2)
     half_rad = polar.bearing_rad[1]
     fov = np.array([polar.range_m, (-half_rad, half_rad)], dtype=np.float64)
     position_m = np.array([polar.east_m, polar.north_m], dtype=np.float64)
-    return SensorModel(True, noise, fov, position_m, float(polar.bearing_rad[0]), p_d)
+    return SensorModel(True, noise, fov, position_m, float(polar.bearing_rad[0]), p_d, in_sight, sight_m)

@@ -12,12 +12,15 @@ import math
 import numpy as np
 
 from gcs.model import BoolArray, FloatArray, Polar, Sensor, read_only
+from gcs.terrain.line_of_sight import visible_share
 
 MAX_DETECTION_PROBABILITY = 0.999
 """Cap of the announced detection probability: a single miss must not end a track."""
 _MIN_RANGE_M = 1e-3
 """Nearer, a bearing means nothing, and clutter per m2 would be infinite."""
 _TWO_PI = 2.0 * math.pi
+_MIN_SHARE = 0.99
+"""Share of an object's heights that is in sight where an object is covered."""
 
 
 def sensor_coordinates(sensor: Sensor, z_m: FloatArray) -> FloatArray:
@@ -127,7 +130,14 @@ def noise_m2(sensor: Sensor, z_m: FloatArray) -> FloatArray:
 
 
 def covers(sensor: Sensor, places_m: FloatArray) -> BoolArray:
-    """Return True for each position (n, 2) in the field of view."""
+    """Return True for each position (n, 2) in the field of view where terrain hides no part of an object."""
+    inside = _is_in_field(sensor, places_m)
+    if sensor.visibility is not None:
+        inside &= visible_share(sensor.visibility, places_m) >= _MIN_SHARE
+    return inside
+
+
+def _is_in_field(sensor: Sensor, places_m: FloatArray) -> BoolArray:
     if sensor.polar is None:
         (west, east), (south, north) = field_bounds_m(sensor)
         x = places_m[:, 0]

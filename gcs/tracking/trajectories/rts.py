@@ -13,6 +13,7 @@ filtered states. Sensors are linearised around each state (`models.measurement_m
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -114,7 +115,7 @@ def filter_path(
             s = sensor_index[k]
             sensor = SensorModel(
                 sensors.is_polar[s], sensors.noise[s], sensors.fov[s], sensors.position_m[s],
-                sensors.centre_rad[s], sensors.p_d[s],
+                sensors.centre_rad[s], sensors.p_d[s], sensors.in_sight[s], sensors.sight_m[s],
             )  # fmt: skip
             meas_model = linearise(sensor, x, P)
             before_x = x
@@ -144,7 +145,8 @@ def run_filter(
     """Filter from a prior (4,), (4, 4) at the time of the first scan, whose F and Q do not apply."""
     sensors = {id(step.sensor): step.sensor for step in steps}
     sensor_index = {identity: i for i, identity in enumerate(sensors)}
-    models = [measurement_model.sensor_model(sensor) for sensor in sensors.values()]
+    # What terrain hides does not matter to a path whose measurements are known.
+    models = [measurement_model.sensor_model(replace(sensor, visibility=None)) for sensor in sensors.values()]
     dt_s = np.array([step.dt_s for step in steps])
     z = np.full((len(steps), 2), np.nan)
     for k, step in enumerate(steps):

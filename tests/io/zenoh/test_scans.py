@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from gcs.geo import LocalFrame
 from gcs.io.records import decode, encode
 from gcs.io.zenoh.key_expressions import scan_key
 from gcs.io.zenoh.scans import decode_scan, encode_scan
-from gcs.model import Polar, Scan, read_only
+from gcs.model import Polar, Scan, Sensor, Viewpoint, read_only
 from gcs.tracking.models.sensor_geometry import map_coordinates, polar_sensor, sensor_coordinates
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
@@ -106,3 +107,60 @@ def test_the_documented_radar_example_is_read():
     example = next(block for block in text.split("```json")[1:] if "z_range_bearing" in block).split("```")[0]
     scan = decode_scan(KEY, example.encode(), 0, FRAME)
     assert scan.z_m.shape == (2, 2)
+
+
+# ------------------------------------------------------------ heights
+
+
+POSITION = Sensor("radar-2", 0.9, 1e-6, read_only(np.eye(2)), (0.0, 0.0, 2000.0, 2000.0))
+PLACES = read_only([[100.0, 900.0], [300.0, 700.0]])
+
+
+@pytest.mark.parametrize("sensor", [RADAR, POSITION, replace(RADAR, polar=replace(POLAR, is_slant=True))])
+@pytest.mark.parametrize("is_agl", [True, False])
+@pytest.mark.parametrize("heights_m", [None, read_only([812.5, 1400.0])])
+def test_heights_arrive_and_are_recorded_as_they_were_published(sensor, is_agl, heights_m):
+    place_m = (-300.0, 1000.0) if sensor.polar else (7.0, 8.0)
+    sensor = replace(sensor, viewpoint=Viewpoint(*place_m, 30.0, is_agl))
+    sent = Scan(1, 2, sensor, PLACES, heights_m)
+    for back in (decode_scan(KEY, encode_scan(sent, FRAME), 7, FRAME), decode("x", encode(sent), Scan)):
+        assert (back.sensor.viewpoint, back.sensor.polar) == (sensor.viewpoint, sensor.polar)
+        np.testing.assert_allclose(back.z_m, PLACES)
+        assert (back.heights_msl_m is None) == (heights_m is None)
+        if heights_m is not None:
+            assert back.heights_msl_m.tolist() == heights_m.tolist()
+
+
+def test_a_scan_recorded_before_sensors_had_heights_is_read():
+    raw = json.loads(encode(Scan(1, 2, RADAR, PLACES)))
+    for field in ("viewpoint", "visibility"):
+        del raw["sensor"][field]
+    del raw["sensor"]["polar"]["is_slant"]
+    del raw["heights_msl_m"]
+    back = decode("x", json.dumps(raw).encode(), Scan)
+    assert (back.sensor.viewpoint, back.heights_msl_m, back.sensor.polar) == (None, None, POLAR)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"z_range_bearing": [[1.0, 0.5, 3.0, 4.0]]}, "at most length 3"),
+        ({"z_range_bearing": [[1.0]]}, "z_range_bearing"),
+        ({"z_range_bearing": [[1.0, 0.5, 1e9]]}, "z_range_bearing"),
+        ({"z_range_bearing": [[1.0, 0.5, 3.0], [1.0, 0.5]]}, "a height in every detection, or in none"),
+        ({"sensor__alt_msl_m": 5.0, "sensor__height_agl_m": 5.0}, "not both"),
+        ({"sensor__alt_msl_m": "high"}, "sensor.alt_msl_m"),
+        ({"sensor__range": "slant"}, 'sensor.range: "slant" needs'),
+        ({"sensor__range": "direct"}, "sensor.range"),
+    ],
+)
+def test_a_mistake_in_heights_names_the_field(changes, words):
+    with pytest.raises(WireError, match=words):
+        decode_scan(KEY, message(**changes), 0, FRAME)
+
+
+def test_a_position_sensor_with_a_height_needs_a_place():
+    raw = json.loads(encode_scan(Scan(0, 5, POSITION, PLACES), FRAME))
+    raw["sensor"]["height_agl_m"] = 20.0
+    with pytest.raises(WireError, match=r"sensor\.place_m"):
+        decode_scan(KEY, json.dumps(raw).encode(), 0, FRAME)

@@ -41,7 +41,7 @@ def test_gusts_have_their_deviation_and_correlation_time():
     wind = Wind(4.0, 0.0, 2.0, 5.0, np.random.default_rng(1), 0)
     seen = []
     for second in range(20_000):
-        wind.blow(airframe, second * NS_PER_S)
+        wind.blow(airframe, second * NS_PER_S, airframe.alt_rel_m)
         seen.append((airframe.wind_east_m_s, airframe.wind_north_m_s))
     east, north = np.array(seen).T
     assert (east.mean(), north.mean()) == pytest.approx((4.0, 0.0), abs=0.2)
@@ -55,6 +55,6 @@ def test_the_wind_does_not_depend_on_how_often_it_is_read():
         airframe = Airframe(0.0, 0.0, 100.0, 0.0, 15.0)
         wind = Wind(0.0, 0.0, 2.0, 5.0, np.random.default_rng(1), 0)
         for step in range(0, 7001, stride):
-            wind.blow(airframe, step * STEP_NS)
+            wind.blow(airframe, step * STEP_NS, airframe.alt_rel_m)
         places.append((airframe.wind_east_m_s, airframe.wind_north_m_s))
     assert places[0] == places[1]

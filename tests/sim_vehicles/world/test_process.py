@@ -19,7 +19,7 @@ def receiver() -> Iterator[TruthReceiver]:
     found = TruthReceiver(load("prescribed"))
     for agent in found.agents.values():
         for tenth in range(1, 11):
-            agent.add(tenth * S // 10, float(tenth), 50.0, tenth / 10)
+            agent.add(tenth * S // 10, float(tenth), 50.0, 200.0, tenth / 10)
     yield found
     found.close()
 
@@ -33,7 +33,7 @@ def agent(receiver: TruthReceiver, system_id: int, t_s: float, now_s: float) -> 
 def fly_others(receiver: TruthReceiver, late: int, t_s: float) -> None:
     for system_id, one in receiver.agents.items():
         if system_id != late:
-            one.add(round(t_s * S), 10.0 * t_s, 50.0, t_s)
+            one.add(round(t_s * S), 10.0 * t_s, 50.0, 200.0, t_s)
 
 
 def test_a_late_vehicle_lives_on_where_it_would_be_and_is_named_once_it_has_caught_up(receiver) -> None:
@@ -43,7 +43,7 @@ def test_a_late_vehicle_lives_on_where_it_would_be_and_is_named_once_it_has_caug
     late = agent(receiver, 3, 2.0, 2.0)
     assert (late.alive, late.east_m, late.north_m) == (True, pytest.approx(20.0), 50.0)
     assert receiver.caught_up() == ()
-    receiver.agents[3].add(round(2.1 * S), 21.0, 50.0, 2.4)
+    receiver.agents[3].add(round(2.1 * S), 21.0, 50.0, 200.0, 2.4)
     assert receiver.caught_up() == (3,)
     assert receiver.caught_up() == ()
 
@@ -51,7 +51,7 @@ def test_a_late_vehicle_lives_on_where_it_would_be_and_is_named_once_it_has_caug
 def test_scans_do_not_wait_again_for_a_vehicle_that_stays_behind(receiver) -> None:
     fly_others(receiver, 3, 2.0)
     receiver.give_up(2 * S, 2.0)
-    receiver.agents[3].add(round(1.5 * S), 15.0, 50.0, 2.0)
+    receiver.agents[3].add(round(1.5 * S), 15.0, 50.0, 200.0, 2.0)
     fly_others(receiver, 3, 3.0)
     assert agent(receiver, 3, 3.0, 3.0).alive
 

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.ridged import ridge
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.model import NS_PER_S, Polar, Sensor, TruthObject, read_only
+from gcs.model import NS_PER_S, Polar, Sensor, TruthObject, Viewpoint, read_only
 from gcs.tracking.models.sensor_geometry import polar_sensor, sensor_coordinates
 from sim_vehicles.world.scenario import load
-from sim_vehicles.world.sensor import make_sensors, observe
+from sim_vehicles.world.sensor import TrueSight, make_sensors, observe
 from sim_vehicles.world.world import World
 
 FIELD = (-100.0, -50.0, 900.0, 450.0)
@@ -160,3 +161,31 @@ def test_sensors_take_turns_in_the_order_of_time_and_draw_their_own_noise() -> N
     assert [t for t, _ in scans] == sorted(t for t, _ in scans)
     assert [name for _, name in scans[:4]] == ["radar-west", "radar-north", "camera", "camera"]
     assert world.arrival_t_ns(1) - world.scan_t_ns(1) == NS_PER_S // 4
+
+
+# ------------------------------------------------------------ terrain
+
+MAST = Viewpoint(300.0, 1000.0, 10.0, is_agl=True)
+WIDE = replace(CLEAN, field_of_view_m=(0.0, 0.0, 2000.0, 2000.0), viewpoint=MAST)
+
+
+def test_terrain_hides_what_is_below_the_line_of_sight() -> None:
+    """From 10 m above the valley, 700 m before a crest of 150 m: at 1500 m the line is 250 m high."""
+    objects = [
+        TruthObject("targets", 0, 800.0, 1000.0, True, alt_msl_m=102.0),
+        TruthObject("targets", 1, 1500.0, 1000.0, True, alt_msl_m=102.0),
+        TruthObject("agents", 1, 1500.0, 900.0, True, alt_msl_m=300.0),
+        TruthObject("agents", 2, 1500.0, 800.0, True, alt_msl_m=400.0),
+        TruthObject("agents", 3, 1500.0, 700.0, True),
+    ]
+    seen = observe(WIDE, objects, 0, 0, 0, sight=TrueSight(ridge(), WIDE, MAST)).z_m
+    assert sorted(round(north / 100.0) for _, north in seen.tolist()) == [7, 8, 10]
+    assert len(observe(WIDE, objects, 0, 0, 0).z_m) == 5
+
+
+def test_a_slant_range_is_that_to_the_true_height() -> None:
+    polar = Polar(300.0, 1000.0, 1e-6, 1e-9, (0.0, 3000.0), (0.0, math.pi), 0.0, is_slant=True)
+    radar = replace(polar_sensor("r", 1.0, polar), viewpoint=MAST)
+    high = TruthObject("agents", 1, 700.0, 1000.0, True, alt_msl_m=410.0)
+    scan = observe(radar, [high], 0, 0, 0, sight=TrueSight(ridge(), radar, MAST))
+    assert sensor_coordinates(radar, scan.z_m)[0] == pytest.approx((500.0, math.pi / 2.0), abs=1e-3)
