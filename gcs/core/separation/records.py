@@ -22,6 +22,8 @@ class AgentSeparation:
     """Radius of the last circle that it flew in LOITER or RTL, negative to the left; 0 if unknown."""
     landing_t_ns: int = 0
     """Time of its landing as planned; 0 before that."""
+    landing_wait_m: tuple[float, float] | None = None
+    """Place where it waits for that time on a circle; None if it does not."""
     traffic: str = ""
     """Vehicle that its queued mission would lead it near to, in words; empty if there is none."""
     traffic_t_ns: int = 0
