@@ -37,6 +37,7 @@ from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.replanning.input_builder import PlanningInputBuilder
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
+from gcs.core.replanning.stacked_returns import StackedReturns
 from gcs.core.separation.climb_traffic import ClimbTraffic
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.landing_order import LandingOrder
@@ -151,6 +152,17 @@ class Stages:
             self.return_routes, self.approval, self.tasking, agents, self.external_uploads
         )
         # Orders and control authority
+        returns = StackedReturns(
+            config,
+            self.no_fly_zones,
+            self.fleet,
+            agents,
+            self.tasking,
+            self.replanner.layers,
+            self.return_routes,
+            order_check,
+            self.intents,
+        )
         self.orders = Orders(
             self.state,
             self.fleet,
@@ -160,6 +172,7 @@ class Stages:
             self.return_heights,
             order_check,
             landing_order,
+            returns,
         )
         self.incursions = IncursionWarnings(self.state.airspace, self.tasking.onboard_missions)
         self.no_fly_zone_orders = NoFlyZoneOrders(

@@ -86,6 +86,12 @@ def flown_routes(agents: Mapping[int, Agent]) -> dict[int, Route]:
     return {vehicle: route for vehicle, route in routes.items() if route is not None}
 
 
+def wanted_routes(agents: Mapping[int, Agent]) -> dict[int, Route]:
+    """Return the routes whose missions vehicles get: to targets, or home."""
+    home = {vehicle: agent.routes.returning for vehicle, agent in sorted(agents.items())}
+    return flown_routes(agents) | {vehicle: route for vehicle, route in home.items() if route is not None}
+
+
 def without_missions(agents: Mapping[int, Agent]) -> dict[int, str]:
     """Return the vehicles that get no mission now, with the reason in words: not ours, or unable to fly."""
     controls = {vehicle: agent.control for vehicle, agent in agents.items()}

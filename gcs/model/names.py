@@ -36,8 +36,13 @@ def named(vehicles: Iterable[int]) -> str:
 
 
 def target_name(label: Label) -> str:
-    """Return the name of a target track: "T12.3", born in scan 12 with index 3."""
-    return track_name("targets", label)
+    """Return the name of a target track: "T12.3", born in scan 12 with index 3; "home" for a `home_label`."""
+    return "home" if label[0] < 0 else track_name("targets", label)
+
+
+def home_label(vehicle: int) -> Label:
+    """Return what a route home has in place of a target."""
+    return (-1, vehicle)
 
 
 def track_name(kind: Kind, label: Label) -> str:

@@ -161,7 +161,8 @@ class FlightPhases:
         ending = self._missions.terminal_phase(vehicle)
         if state.mode in _LANDING_MODES or state.is_landing or ending == "landing":
             return FlightEvent.LANDS
-        if state.mode == RTL or ending in ("return route", "return"):
+        is_sent_home = state.mode == AUTO and self._agents[vehicle].routes.returning is not None
+        if state.mode == RTL or is_sent_home or ending in ("return route", "return"):
             return FlightEvent.RETURNS
         is_new = phase in (FlightPhase.ON_GROUND, FlightPhase.TAKING_OFF)
         if self._missions.is_in_takeoff(vehicle) or state.mode == "TAKEOFF" or (is_new and height_m < LOW_M):

@@ -81,7 +81,7 @@ def watch_other_stations(stages: Stages, event: Tick) -> list[Effect]:
 
 def carry_on_orders(stages: Stages, event: Tick) -> list[Effect]:
     """Repeat commands of orders that vehicles have not confirmed; carry out those that waited."""
-    return stages.orders.poll(event.t_ns)
+    return stages.dispatch.settle(stages.orders.poll(event.t_ns))
 
 
 def audit_missions(stages: Stages, event: Tick) -> list[Effect]:

@@ -211,16 +211,18 @@ class LandingOrder:
         agent = self._agents[vehicle]
         state = self._fleet.state(vehicle)
         planned_ns = agent.separation.landing_t_ns
-        if state is None or agent.control.suspension is not None:
+        wanted = agent.routes.flown or agent.routes.returning
+        if state is None or (agent.control.suspension is not None and wanted is None):
             return None
         is_flown = state.mode == AUTO and agent.tasking.is_selected and state.mission_seq >= 0
         grounded = is_on_ground(state, self._fleet.home(vehicle))
-        if agent.tasking.onboard is not None and is_flown and not grounded:
+        onboard = agent.tasking.onboard
+        is_newest = onboard is not None and (wanted is None or onboard.route.is_same(wanted))
+        if is_newest and is_flown and not grounded:
             left_s = self._left_s(vehicle, (state.east_m, state.north_m), state.mission_seq)
             if left_s is not None:
                 return t_ns + ns(left_s)
-        is_pending = agent.routes.flown is not None
-        return planned_ns if planned_ns > t_ns and (is_pending or not grounded) else None
+        return planned_ns if planned_ns > t_ns and (wanted is not None or not grounded) else None
 
     def _left_s(self, vehicle: int, place_m: Point, seq: int, *, is_begun: bool = True) -> float | None:
         """Return the time until a vehicle lands by its mission; None if it does not.

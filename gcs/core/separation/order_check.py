@@ -22,11 +22,13 @@ from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
 from gcs.core.separation.monitor import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
 from gcs.mavlink.autopilots.modes import RTL
-from gcs.model import Route, vehicle_name
+from gcs.model import FloatArray, Route, VehicleState, vehicle_name
 
 _AHEAD_S: Final = 25.0
 _MAX_AHEAD_S: Final = 120.0
 _STEPS: Final = 50
+_MAX_STEP_S: Final = 1.0
+"""Vehicles that meet head on come nearer by twice their speed in a second."""
 _MAX_POINTS: Final = 8
 _GROWTH_M: Final = 20.0
 """Growth of the minimum distance up to the end of a simulation."""
@@ -51,6 +53,7 @@ class OrderCheck:
     def __init__(self, config: Config, intents: Intents) -> None:
         self._intents = intents
         self._mission = config.mission
+        self._airframes = config.airframes_of_agents
         self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
 
@@ -81,17 +84,52 @@ class OrderCheck:
         state = states.pop(route.vehicle, None)
         if state is None or not states or self._intents.is_climbing_out(state):
             return ""
-        mission = self._mission
-        ground_m = self._intents.ground_m(route.vehicle)
-        height_m = ground_m + mission.altitude_rel_m + route.layer * mission.layer_step_m
-        legs = [
-            Goal(GoalKind.WAYPOINT, east_m, north_m, mission.accept_radius_m, height_m)
-            for east_m, north_m in route.flown_m[:_MAX_POINTS].tolist()
-        ]
         present = self._intents.flight(state, t_ns)
         others = [self._intents.flight(one, t_ns) for one in states.values()]
+        legs = self._legs(route, route.flown_m[:_MAX_POINTS])
         led = replace(present, goals=(*legs, Goal(GoalKind.KEEP)))
         return self._worse(led, present, others, (False, state.mode == RTL))
+
+    def return_problem(
+        self, route: Route, planned: Mapping[int, Route], modes: Mapping[int, str], t_ns: int
+    ) -> str:
+        """Return which vehicle a return by a mission would lead a vehicle near to; empty if none.
+
+        Parameters
+        ----------
+        route : Route
+            Route home; the vehicle circles at its end.
+        planned : mapping of int to Route
+            The same of others that return by missions at this time.
+        modes : mapping of int to str
+            Modes that are ordered now, by vehicle.
+        """
+        states = {state.system_id: state for state in self._intents.flying(t_ns)}
+        own = self._return(states.pop(route.vehicle), route, t_ns)
+        others = [
+            self._return(state, planned[vehicle], t_ns)
+            if vehicle in planned
+            else self._intents.flight(state, t_ns, modes.get(vehicle))
+            for vehicle, state in states.items()
+        ]
+        conflicts = [*self._met(own, others, is_return=True), *self._overlapping(own, others, last=True)]
+        return f"would {min(conflicts).words}" if conflicts else ""
+
+    def _return(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
+        """Return the flight of a vehicle that returns by a mission."""
+        *legs, end = self._legs(route, route.flown_m)
+        radius_m = self._airframes[route.vehicle].circle_radius_m
+        circle = replace(end, kind=GoalKind.CIRCLE, radius_m=radius_m)
+        return replace(self._intents.flight(state, t_ns), goals=(*legs, circle))
+
+    def _legs(self, route: Route, points_m: FloatArray) -> list[Goal]:
+        mission = self._mission
+        height_m = self._intents.ground_m(route.vehicle) + mission.altitude_rel_m
+        height_m += route.layer * mission.layer_step_m
+        return [
+            Goal(GoalKind.WAYPOINT, east_m, north_m, mission.accept_radius_m, height_m)
+            for east_m, north_m in points_m.tolist()
+        ]
 
     def _worse(
         self, changed: Flight, present: Flight, others: list[Flight], is_return: tuple[bool, bool]
@@ -119,7 +157,7 @@ class OrderCheck:
             last = own.goals[-1]
             away_m = math.dist((own.east_m, own.north_m), (last.east_m, last.north_m))
             for_s += min((away_m + 2.0 * math.pi * abs(last.radius_m)) / own.speed_m_s, _MAX_AHEAD_S - for_s)
-        step_s = max(for_s / _STEPS, 0.5)
+        step_s = min(max(for_s / _STEPS, 0.5), _MAX_STEP_S)
         paths = simulate_flights([own, *others], for_s, step_s)
         for one in encounters(paths, self._min_m, self._min_height_m, _GROWTH_M / for_s, step_s):
             if own.vehicle in one.vehicles:
@@ -130,11 +168,14 @@ class OrderCheck:
                     f"{vehicle_name(other)} in {one.after_s:.0f} s",
                 )
 
-    def _overlapping(self, own: Flight, others: list[Flight]) -> Iterator[_Conflict]:
-        """Yield the vehicles whose circles overlap the circle at the end of a flight."""
+    def _overlapping(self, own: Flight, others: list[Flight], *, last: bool = False) -> Iterator[_Conflict]:
+        """Yield the vehicles whose circles overlap the circle at the end of a flight.
+
+        These are circles that they fly now, or with `last` those at the ends of their flights.
+        """
         circle = _circle(own.goals[-1])
         for other in others if circle is not None else ():
-            theirs = _circle(other.goals[0])
+            theirs = _circle(other.goals[-1 if last else 0])
             if circle is None or theirs is None:
                 continue
             height_m = abs(circle.height_m - theirs.height_m)

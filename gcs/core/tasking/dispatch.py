@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.replanning.return_routes import ReturnRoutes
-from gcs.core.state import Agent, flown_routes
+from gcs.core.state import Agent, wanted_routes
 from gcs.core.tasking.upload_latency import note_failure, note_success
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.model import ControlEvent, Effect, Route, UploadReport
@@ -39,7 +39,7 @@ class Dispatch:
 
     def withdraw(self, t_ns: int) -> list[Effect]:
         """Remove queued routes that their vehicles should not fly any more."""
-        unwanted = self.tasking.withdraw_except(flown_routes(self.agents))
+        unwanted = self.tasking.withdraw_except(wanted_routes(self.agents))
         return [answer for v in unwanted for answer in self.approval.end(v, t_ns, "not wanted any more")]
 
     def settle(self, effects: Sequence[Effect]) -> list[Effect]:

@@ -1,10 +1,8 @@
 """An order would lead a vehicle into another one: a return through its circle, a hold beside it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from helpers.sky import LANDING, Sky, fly_on, give, place
+from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
 
 from gcs.model import NoticeCode
 from sim_vehicles.autopilots.base import Mode
@@ -13,13 +11,6 @@ from sim_vehicles.autopilots.base import Mode
 def states(sky, action, vehicle):
     """Return the final answers to the orders of an action for a vehicle."""
     return [one.state for one in sky.answers if one.action == action and one.vehicle == vehicle]
-
-
-def with_one_home(sky):
-    """Let all vehicles return to one place, at the height of their parameters: 100 m."""
-    for plane in sky.planes.values():
-        plane.autopilot.home = replace(plane.autopilot.home, east_m=1500.0, north_m=1500.0)
-    return fly_on(sky, 12.0)
 
 
 def test_of_two_that_would_return_to_one_circle_the_second_waits_until_it_is_ordered_again():
