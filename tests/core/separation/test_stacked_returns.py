@@ -78,8 +78,13 @@ def test_a_pilot_who_takes_over_in_the_upload_of_a_return_keeps_the_vehicle():
     assert [one.state for one in sky.answers if one.vehicle == 2] == ["failed"]
 
 
-def test_a_return_whose_upload_fails_waits_with_an_alarm_and_begins_when_ordered_again():
+def test_a_return_whose_upload_is_not_answered_waits_with_an_alarm_until_it_is_ordered_again():
     sky = with_one_home(Sky(*PLACES[:2]))
+    sky.planes[2]._link._missions.handle = lambda *_: None
     give(sky, "return")
-    fly_on(sky, 0.1)
-    sky.planes[2].autopilot.mission_transfer = None
+    fly_on(sky, 20.0)
+    ((_, notice),) = sky.told(NoticeCode.ORDER_WAITS)
+    assert (notice.vehicle, notice.parameters["action"]) == (2, "return")
+    give(sky, "return", 2)
+    fly_on(sky, 3.0)
+    assert sky.planes[2].autopilot.mode is Mode.RTL
