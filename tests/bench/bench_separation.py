@@ -3,7 +3,8 @@
     python tests/bench/bench_separation.py --missions 1000
 
 Each row counts intervals in which two vehicles in the air were within 30 m and 15 m in height, by what was
-told before. With --cost it measures one check of the look-ahead instead, by swarm and time step.
+told before. With --all each order to hold, return or resume is to all vehicles. With --cost it measures one
+check of the look-ahead instead, by swarm and time step.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import argparse
 import time
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 
 import numpy as np
 from flown_separation import Flown, Pair, fly
@@ -94,6 +96,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1, help="first seed")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--each", action="store_true", help="list the intervals")
+    parser.add_argument("--all", action="store_true", help="order all vehicles at once")
     parser.add_argument("--cost", action="store_true", help="measure one check")
     options = parser.parse_args()
     if options.cost:
@@ -102,7 +105,7 @@ def main() -> None:
     seeds = range(options.first, options.first + options.missions)
     began = time.perf_counter()
     with ProcessPoolExecutor(options.workers) as pool:
-        flown = list(pool.map(fly, seeds, chunksize=4))
+        flown = list(pool.map(partial(fly, all_at_once=options.all), seeds, chunksize=4))
     show(flown, options.each)
     print(f"took {time.perf_counter() - began:.0f} s")
 

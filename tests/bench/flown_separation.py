@@ -120,8 +120,8 @@ class Flown:
     told: list[tuple[float, str]] = field(default_factory=list)
 
 
-def draw(seed: int, duration_s: float) -> Drawn:
-    """Draw a mission."""
+def draw(seed: int, duration_s: float, *, all_at_once: bool = False) -> Drawn:
+    """Draw a mission; with `all_at_once` each order to hold, return or resume is to all vehicles."""
     rng = np.random.default_rng([seed, 25])
     n, speed = int(rng.integers(4, 7)), float(rng.choice([15.0, 18.0, 22.0]))
     px4 = [v for v in range(1, n + 1) if rng.random() < 1 / 3]
@@ -158,13 +158,17 @@ def draw(seed: int, duration_s: float) -> Drawn:
         grounded,
         heights,
         returns,
-        tuple(_orders(rng, vehicles, grounded, duration_s)),
+        tuple(_orders(rng, vehicles, grounded, duration_s, 1.0 if all_at_once else 0.3)),
         float(rng.uniform(40.0, duration_s - 30.0)) if rng.random() < 0.2 else None,
     )
 
 
 def _orders(
-    rng: np.random.Generator, vehicles: Sequence[int], grounded: frozenset[int], duration_s: float
+    rng: np.random.Generator,
+    vehicles: Sequence[int],
+    grounded: frozenset[int],
+    duration_s: float,
+    all_share: float,
 ) -> list[Order]:
     found: list[tuple[float, str, tuple[int, ...] | None]] = [(1.0, "hold", (v,)) for v in sorted(grounded)]
     found += [(4.0, "resume", (v,)) for v in sorted(grounded)]
@@ -174,7 +178,7 @@ def _orders(
     for _ in range(int(rng.integers(2, 8))):
         t_s = rng.uniform(15.0, duration_s - 10.0)
         what = str(rng.choice(["hold", "hold", "return", "resume"]))
-        who = None if rng.random() < 0.3 else (int(rng.choice(vehicles)),)
+        who = None if rng.random() < all_share else (int(rng.choice(vehicles)),)
         found.append((t_s, what, who))
         if what != "resume":  # most of them go on some time later
             found.append((t_s + rng.uniform(4.0, 40.0), "resume", who if rng.random() < 0.8 else None))
@@ -301,6 +305,6 @@ class FlownMission:
                 self._end_alarm(vehicles)
 
 
-def fly(seed: int, duration_s: float = 150.0) -> Flown:
+def fly(seed: int, duration_s: float = 150.0, *, all_at_once: bool = False) -> Flown:
     """Draw and fly one mission."""
-    return FlownMission(draw(seed, duration_s)).fly(duration_s)
+    return FlownMission(draw(seed, duration_s, all_at_once=all_at_once)).fly(duration_s)
