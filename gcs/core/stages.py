@@ -38,6 +38,7 @@ from gcs.core.replanning.input_builder import PlanningInputBuilder
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.replanning.stacked_returns import StackedReturns
+from gcs.core.separation.avoidance import Avoidances
 from gcs.core.separation.climb_traffic import ClimbTraffic
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.landing_order import LandingOrder
@@ -123,7 +124,6 @@ class Stages:
         self.intents = Intents(config, self.fleet, agents, self.return_heights)
         order_check = OrderCheck(config, self.intents)
         self.mission_traffic = MissionTraffic(order_check, agents, self.state.tasking)
-        self.separation = SeparationMonitor(config, self.intents, self.return_heights, self.state)
         # Planning and tasking
         self.replanner = Replanner(config, self.no_fly_zones, agents, self.state.replanning)
         landing_order = LandingOrder(config, self.fleet, agents)
@@ -141,6 +141,10 @@ class Stages:
             MissionBoundsCheck(config, self.no_fly_zones),
             self.takeoff_sequence,
             self.mission_traffic,
+        )
+        self.avoidances = Avoidances(config, self.fleet, agents, self.tasking, order_check, landing_order)
+        self.separation = SeparationMonitor(
+            config, self.intents, self.return_heights, self.avoidances, self.state
         )
         self.flight_phases = FlightPhases(
             config, self.fleet, agents, self.tasking.onboard_missions, self.state.flight

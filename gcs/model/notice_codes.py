@@ -514,6 +514,22 @@ class NoticeCode(TableCode):
         ends="comes-near separation-lost",
         by="other",
     )
+    AVOIDS = _vehicle(
+        "avoids",
+        _W,
+        "holds: it would come near agent {other:agent} in {after_s:.0f} s. It flies on when they are apart",
+        "its mission leads it near the other vehicle, and a hold keeps it farther away "
+        "(`planning.avoidance`, [separation](planning.md#separation-in-flight))",
+        "wait",
+        by="other",
+    )
+    AVOIDS_NO_LONGER = _vehicle(
+        "avoids-no-longer",
+        _I,
+        "no longer holds for agent {other:agent}[: {reason}]",
+        ends="avoids",
+        by="other",
+    )
     RETURNS_NEAR = _mission(
         "returns-near",
         _W,

@@ -31,6 +31,7 @@ def receive_from_vehicles(stages: Stages, event: Datagram, frames: FrameTable | 
         effects += stages.dispatch.settle(stages.tasking.receive(vehicle, message, t_ns))
         stages.failsafes.receive(vehicle, message, t_ns)
         effects += stages.orders.receive(vehicle, message, t_ns)
+        effects += stages.avoidances.receive(vehicle, message, t_ns)
         effects += stages.disarmed_in_auto.receive(vehicle, message, t_ns)
         effects += stages.onboard_audit.receive(vehicle, message, t_ns)
         effects += stages.external_uploads.receive_reply(vehicle, message, t_ns)

@@ -14,9 +14,11 @@ from typing import Final
 
 from gcs.config import Config
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
+from gcs.core.separation.avoidance import Avoidances
 from gcs.core.separation.forward_flight import FlightPaths, simulate_flights
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import GROWTH_M_S, Encounter, encounters
+from gcs.core.separation.minima import LOST_SHARE, MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
 from gcs.core.separation.records import Approach
 from gcs.core.state import State
 from gcs.geo import wrap_pi
@@ -27,13 +29,6 @@ from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Parameter, VehicleSt
 LOOK_AHEAD_S: Final = 25.0
 WARNING_TIMES_S: Final = (LOOK_AHEAD_S, 10.0)
 """Times before a loss of separation at which it is told."""
-MIN_DISTANCE_M: Final = 30.0
-"""Least horizontal distance, whatever `planning.separation_m` says."""
-_ONE_LAYER_M: Final = 20.0
-"""Height between layers that counts where there is one layer."""
-PREDICTED_SHARE = 0.75
-LOST_SHARE = 0.5
-"""Shares of a layer step: least difference in height, predicted and measured."""
 _PERIOD_NS: Final = ns(1.0)
 _APART_NS: Final = ns(5.0)
 _HYSTERESIS: Final = 1.5
@@ -47,17 +42,18 @@ _MAX_HOLD_M: Final = 200.0
 """Distance from the centre of its circle at which a vehicle in LOITER was sent elsewhere."""
 
 
-def layer_step_m(config: Config) -> float:
-    """Return the height between layers, or what counts where there is one layer."""
-    return config.mission.layer_step_m or _ONE_LAYER_M
-
-
 class SeparationMonitor:
     """Look-ahead over all pairs of vehicles in the air."""
 
     def __init__(
-        self, config: Config, intents: Intents, return_heights: ReturnHeightMonitor, state: State
+        self,
+        config: Config,
+        intents: Intents,
+        return_heights: ReturnHeightMonitor,
+        avoidances: Avoidances,
+        state: State,
     ) -> None:
+        self._avoidances = avoidances
         self._return_heights = return_heights
         self._intents = intents
         self._agents = state.agents
@@ -127,6 +123,10 @@ class SeparationMonitor:
         if stage <= approach.stage:
             return []
         approach.stage = stage
+        avoided: list[Effect] = []
+        if stage > 1 and not approach.has_avoided:
+            avoided = self._avoidances.begin(encounter, t_ns)
+            approach.has_avoided = bool(avoided)
         east_m, north_m, msl_m = encounter.place_m
         parameters: dict[str, Parameter] = {
             "other": encounter.vehicles[1],
@@ -138,7 +138,7 @@ class SeparationMonitor:
             "place_height_m": msl_m - self._base_msl_m,
         }
         code = NoticeCode.SEPARATION_LOST if is_lost else NoticeCode.COMES_NEAR
-        return [Notice(t_ns, code, encounter.vehicles[0], parameters)]
+        return [Notice(t_ns, code, encounter.vehicles[0], parameters), *avoided]
 
     def _note_still_near(self, paths: FlightPaths, t_ns: int) -> None:
         """Note the pairs that were told and are not predicted to be well apart."""

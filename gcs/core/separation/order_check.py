@@ -20,8 +20,8 @@ from gcs.config import Config
 from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
-from gcs.core.separation.monitor import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
-from gcs.mavlink.autopilots.modes import RTL
+from gcs.core.separation.minima import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
+from gcs.mavlink.autopilots.modes import LOITER, RTL
 from gcs.model import FloatArray, Route, VehicleState, vehicle_name
 
 _AHEAD_S: Final = 25.0
@@ -89,6 +89,21 @@ class OrderCheck:
         legs = self._legs(route, route.flown_m[:_MAX_POINTS])
         led = replace(present, goals=(*legs, Goal(GoalKind.KEEP)))
         return self._worse(led, present, others, (False, state.mode == RTL))
+
+    def hold_gain(self, vehicle: int, t_ns: int) -> float:
+        """Return how much farther from all others a vehicle stays if it holds now, as a share of the minimum.
+
+        Negative if a hold leads it nearer.
+        """
+        states = {state.system_id: state for state in self._intents.flying(t_ns)}
+        state = states.pop(vehicle)
+        others = [self._intents.flight(one, t_ns) for one in states.values()]
+        held = self._intents.flight(state, t_ns, LOITER)
+        present = self._intents.flight(state, t_ns)
+        return self._nearness(held, others) - self._nearness(present, others)
+
+    def _nearness(self, own: Flight, others: list[Flight]) -> float:
+        return _nearest([*self._met(own, others, is_return=False), *self._overlapping(own, others)])
 
     def return_problem(
         self, route: Route, planned: Mapping[int, Route], modes: Mapping[int, str], t_ns: int

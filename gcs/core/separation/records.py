@@ -4,6 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from gcs.mavlink.services.command_sender import CommandSender
+
+
+@dataclass(slots=True)
+class Avoidance:
+    """Hold of a vehicle that would come near another one."""
+
+    other: int
+    since_t_ns: int
+    next_check_t_ns: int = 0
+    sender: CommandSender | None = None
+    """Command to hold, or to fly on."""
+    is_ending: bool = False
+    """True from the command to fly on."""
+
 
 @dataclass(slots=True)
 class AgentSeparation:
@@ -28,6 +43,7 @@ class AgentSeparation:
     """Vehicle that its queued mission would lead it near to, in words; empty if there is none."""
     traffic_t_ns: int = 0
     """Time of that check."""
+    avoidance: Avoidance | None = None
     waits_since_t_ns: int | None = None
     """Begin of the wait of its queued mission; None if it need not wait."""
 
@@ -42,6 +58,8 @@ class Approach:
     """Last check that found it."""
     nearest_m: float | None = None
     """Least horizontal distance in a loss of separation; None before that."""
+    has_avoided: bool = False
+    """True after a hold of one of them."""
     nearest_height_m: float = 0.0
     """Difference in height there."""
 
