@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from helpers.sky import FIELD, Sky, fly_on, give, place
+from helpers.sky import FIELD, Sky, fly_on
 
-from gcs.mavlink.services.command_sender import SET_MODE
 from gcs.model import NoticeCode, Order
 from sim_vehicles.autopilots.base import Mode
 
-CROSSING = FIELD.replace("layers = 8", "layers = 1").replace("2900.0\nnorth_m = 2900.0", "2600.0\nnorth_m = 1500.0")
+CROSSING = FIELD.replace("layers = 8", "layers = 1").replace(
+    "2900.0\nnorth_m = 2900.0", "2600.0\nnorth_m = 1500.0"
+)
 CROSSING = CROSSING.replace("100.0\nnorth_m = 2900.0", "1500.0\nnorth_m = 2600.0")
 WARNING = CROSSING.replace("[planning]", '[planning]\navoidance = "warn"')
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from helpers.sky import FIELD, LANDING, Sky, fly_on, give, with_one_home
-from helpers.staging import S
 
 from gcs.model import NoticeCode
 from sim_vehicles.autopilots.base import Mode
