@@ -41,13 +41,13 @@ class SeparationLosses:
             return
         pair = (notice.vehicle, other)
         if notice.code is NoticeCode.SEPARATION_LOST and len(self.ended) + len(self.going_on) < _MOST:
-            distance_m, height_m, *place_m = (float(notice.parameters[name]) for name in _PLACE)
-            loss = SeparationLoss(pair, notice.t_ns, distance_m, height_m, (place_m[0], place_m[1]))
+            distance_m, height_m, east_m, north_m = (_number(notice, name, 0.0) for name in _PLACE)
+            loss = SeparationLoss(pair, notice.t_ns, distance_m, height_m, (east_m, north_m))
             self.going_on.setdefault(pair, loss)
         elif notice.code is NoticeCode.APART_AGAIN and pair in self.going_on:
             loss = self.going_on.pop(pair)
-            nearest_m = float(notice.parameters.get("nearest_m", loss.distance_m))
-            height_m = float(notice.parameters.get("nearest_height_m", loss.height_m))
+            nearest_m = _number(notice, "nearest_m", loss.distance_m)
+            height_m = _number(notice, "nearest_height_m", loss.height_m)
             self.ended.append(replace(loss, distance_m=nearest_m, height_m=height_m, end_t_ns=notice.t_ns))
 
     def build(self) -> tuple[SeparationLoss, ...]:
@@ -55,3 +55,8 @@ class SeparationLosses:
         return tuple(
             sorted([*self.ended, *self.going_on.values()], key=lambda loss: (loss.begin_t_ns, loss.vehicles))
         )
+
+
+def _number(notice: Notice, name: str, default: float) -> float:
+    value = notice.parameters.get(name)
+    return float(value) if isinstance(value, int | float) else default

@@ -153,17 +153,9 @@ def losses(timeline: Timeline) -> Table:
         )
         for one in timeline.losses
     ]  # fmt: skip
-    columns = (
-        "agents",
-        "from, s",
-        "apart again, s",
-        "nearest, m",
-        "height there, m",
-        "began at east, north, m",
-    )
-    return _table(
-        "Losses of separation", columns, rows, {"agents"}, "by the positions that vehicles reported"
-    )
+    columns = ("agents", "from, s", "apart again, s", "nearest, m", "height there, m", "began at, m")
+    note = "by the positions that vehicles reported; places are east, north"
+    return _table("Losses of separation", columns, rows, {"agents"}, note)
 
 
 def flown(flights: Mapping[int, Flight]) -> Table:

@@ -1,5 +1,7 @@
 """Vehicles that are ordered to return at one time would circle at one place and height."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from helpers.sky import FIELD, LANDING, Sky, fly_on, give, with_one_home
@@ -17,7 +19,10 @@ FOUR = FIELD.replace("ARMING_DELAY_S = 1.0", "ARMING_DELAY_S = 1.0, RTL_RETURN_A
 
 @pytest.mark.parametrize("px4", [(), (1, 2, 3, 4)])
 def test_all_that_return_at_once_begin_at_once_and_circle_in_layers(px4):
-    """RTL brings each to 1500, 1500, ArduPlane at 100 m and PX4 at 130 m. Before, all but one flew on to their targets."""
+    """RTL brings each to 1500, 1500, ArduPlane at 100 m and PX4 at 130 m.
+
+    Before, all but one flew on to their targets.
+    """
     sky = with_one_home(Sky(*PLACES, px4=px4, field=FOUR))
     give(sky, "return")
     fly_on(sky, 4.0)
@@ -26,7 +31,7 @@ def test_all_that_return_at_once_begin_at_once_and_circle_in_layers(px4):
     fly_on(sky, 150.0)
     assert not sky.near_s
     heights = sorted(plane.alt_rel_m for plane in sky.planes.values())
-    assert all(upper - lower > 15.0 for lower, upper in zip(heights, heights[1:], strict=False))
+    assert all(upper - lower > 15.0 for lower, upper in pairwise(heights))
     assert all(abs(p.east_m - 1500.0) + abs(p.north_m - 1500.0) < 200.0 for p in sky.planes.values())
     assert {agent.control.authority.word for agent in sky.run_.engine.state.agents.values()} == {"returning"}
     modes = [plane.autopilot.mode for plane in sky.planes.values()]
