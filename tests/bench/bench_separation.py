@@ -21,6 +21,7 @@ from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_
 from gcs.core.separation.look_ahead import encounters
 
 MIN_LEAD_S = 5.0
+LATE_S = 3.0
 
 
 def show(flown: list[Flown], each: bool) -> None:
@@ -41,6 +42,15 @@ def show(flown: list[Flown], each: bool) -> None:
         f"alarms: {alarms}, and {undecided} shortly before the end; pairs that stayed apart: {false} "
         f"({100.0 * false / max(alarms, 1):.0f} %), in {avoided} of them a mode changed after the alarm"
     )
+    for action in ("hold", "return"):
+        delays = [s for one in flown for (order, _), s in one.answered.items() if order.startswith(action)]
+        done = np.array([s for s in delays if s is not None])
+        late = int((done > LATE_S).sum())
+        print(
+            f"orders to {action}: {len(done)} of {len(delays)} carried out, {late} of them after "
+            f"{LATE_S:g} s; median {np.median(done):.1f} s, most {done.max():.1f} s"
+        )
+    print(f"vehicles held for others: {sum(one.held for one in flown)}")
     if each:
         for pair in sorted(pairs, key=lambda one: (one in early, one.seed, one.begin_s)):
             print(words(pair))

@@ -118,6 +118,11 @@ class Flown:
     in_air_s: float = 0.0
     refused: int = 0
     told: list[tuple[float, str]] = field(default_factory=list)
+    answered: dict[tuple[str, int], float | None] = field(default_factory=dict)
+    """Time from an accepted order to hold or return until its vehicle did so, by order and vehicle; None if
+    it never did. Orders that a newer one replaced are left out."""
+    held: int = 0
+    """Vehicles that the service held for others by itself."""
 
 
 def draw(seed: int, duration_s: float, *, all_at_once: bool = False) -> Drawn:
@@ -288,12 +293,27 @@ class FlownMission:
         self.flown.false_alarms += is_false
         self.flown.avoided += is_false and has_changed
 
+    def _on_answer(self, t_ns: int, answer: OrderAnswer) -> None:
+        self.flown.refused += answer.state == "refused"
+        if answer.action not in ("hold", "return"):
+            return
+        answered = self.flown.answered
+        if answer.state == "accepted":
+            answered.update({(answer.order_id, vehicle): None for vehicle in answer.waiting})
+        elif answer.vehicle is not None and (answer.order_id, answer.vehicle) in answered:
+            if answer.state == "done":
+                given_t_ns = next(one.t_ns for one in self.drawn.orders if one.order_id == answer.order_id)
+                answered[answer.order_id, answer.vehicle] = (t_ns - given_t_ns) / NS_PER_S
+            elif answer.detail.startswith("replaced"):
+                del answered[answer.order_id, answer.vehicle]
+
     def _on_effect(self, t_ns: int, effect: Effect) -> None:
-        if isinstance(effect, OrderAnswer) and effect.state == "refused":
-            self.flown.refused += 1
+        if isinstance(effect, OrderAnswer):
+            self._on_answer(t_ns, effect)
         if not isinstance(effect, Notice) or effect.vehicle is None:
             return
         t_s = (t_ns - START_T_NS) / NS_PER_S
+        self.flown.held += effect.code.value == "avoids"
         if effect.level != "info" or effect.code is NoticeCode.APART_AGAIN:
             self.flown.told.append((t_s, f"{effect.level} {effect.vehicle} {effect.text}"))
         other = effect.parameters.get("other", 0)
