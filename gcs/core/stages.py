@@ -5,7 +5,7 @@ A stage is a small class without state of its own. It gets the parts of the stat
 
 from __future__ import annotations
 
-from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_PARAM_VALUE
+from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_ADSB_VEHICLE, MAVLINK_MSG_ID_PARAM_VALUE
 
 from gcs.config import Config
 from gcs.core.airspace.incursion_warning import IncursionWarnings
@@ -38,6 +38,7 @@ from gcs.core.replanning.input_builder import PlanningInputBuilder
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.replanning.stacked_returns import StackedReturns
+from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.avoidance import Avoidances
 from gcs.core.separation.climb_traffic import ClimbTraffic
 from gcs.core.separation.intents import Intents
@@ -99,7 +100,7 @@ class Stages:
                 checks_signatures=bool(config.links.keys),
             ),
             links=[link for link in links if link.role == "vehicles"],
-            extra_ids=[MAVLINK_MSG_ID_PARAM_VALUE],
+            extra_ids=[MAVLINK_MSG_ID_PARAM_VALUE, MAVLINK_MSG_ID_ADSB_VEHICLE],
             state=self.state.fleet,
             vehicle_links={vehicle: agent.link for vehicle, agent in agents.items()},
         )
@@ -122,7 +123,8 @@ class Stages:
         # Separation
         self.return_heights = ReturnHeightMonitor(config, self.fleet, agents)
         self.intents = Intents(config, self.fleet, agents, self.return_heights)
-        order_check = OrderCheck(config, self.intents)
+        self.air_traffic = AirTraffic(config, self.fleet, self.state.separation)
+        order_check = OrderCheck(config, self.intents, self.air_traffic)
         self.mission_traffic = MissionTraffic(order_check, agents, self.state.tasking)
         # Planning and tasking
         self.replanner = Replanner(config, self.no_fly_zones, agents, self.state.replanning)
@@ -142,9 +144,11 @@ class Stages:
             self.takeoff_sequence,
             self.mission_traffic,
         )
-        self.avoidances = Avoidances(config, self.fleet, agents, self.tasking, order_check, landing_order)
+        self.avoidances = Avoidances(
+            config, self.fleet, agents, self.tasking, order_check, landing_order, self.air_traffic
+        )
         self.separation = SeparationMonitor(
-            config, self.intents, self.return_heights, self.avoidances, self.state
+            config, self.intents, self.return_heights, self.avoidances, self.air_traffic, self.state
         )
         self.flight_phases = FlightPhases(
             config, self.fleet, agents, self.tasking.onboard_missions, self.state.flight

@@ -514,10 +514,24 @@ class NoticeCode(TableCode):
         ends="comes-near separation-lost",
         by="other",
     )
+    AIRCRAFT_NEAR = _vehicle(
+        "aircraft-near",
+        _A,
+        "{aircraft} comes within {distance_m:.0f} m and {height_m:.0f} m in height of it in {after_s:.0f} s, "
+        "at ({east_m:.0f}, {north_m:.0f}) m, {place_height_m:.0f} m high: hold or return it, or let a pilot "
+        "take it over",
+        "an aircraft that a vehicle receives by ADS-B is predicted to come within 300 m and 75 m in height; "
+        "repeated 10 s before",
+        "keep clear: hold, return or land the vehicle, or let a pilot take it over",
+        by="aircraft",
+    )
+    AIRCRAFT_GONE = _vehicle(
+        "aircraft-gone", _I, "is apart from {aircraft}", ends="aircraft-near", by="aircraft"
+    )
     AVOIDS = _vehicle(
         "avoids",
         _W,
-        "holds: it would come near agent {other:agent} in {after_s:.0f} s. It flies on when they are apart",
+        "holds: it would come near {other} in {after_s:.0f} s. It flies on when they are apart",
         "its mission leads it near the other vehicle, and a hold keeps it farther away "
         "(`planning.avoidance`, [separation](planning.md#separation-in-flight))",
         "wait",
@@ -526,7 +540,7 @@ class NoticeCode(TableCode):
     AVOIDS_NO_LONGER = _vehicle(
         "avoids-no-longer",
         _I,
-        "no longer holds for agent {other:agent}[: {reason}]",
+        "no longer holds for {other}[: {reason}]",
         ends="avoids",
         by="other",
     )

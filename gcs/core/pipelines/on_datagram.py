@@ -27,6 +27,9 @@ def receive_from_vehicles(stages: Stages, event: Datagram, frames: FrameTable | 
     t_ns = event.t_ns
     effects: list[Effect] = []
     for vehicle, message in stages.fleet.receive(event, frames):
+        if message.get_type() == "ADSB_VEHICLE":
+            stages.air_traffic.receive(message, t_ns)
+            continue
         stages.return_heights.receive(vehicle, message)
         effects += stages.dispatch.settle(stages.tasking.receive(vehicle, message, t_ns))
         stages.failsafes.receive(vehicle, message, t_ns)

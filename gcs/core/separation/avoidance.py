@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from gcs.config import Config
+from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.look_ahead import Encounter
 from gcs.core.separation.order_check import OrderCheck
@@ -50,7 +51,9 @@ class Avoidances:
         tasking: UploadManager,
         order_check: OrderCheck,
         landing_order: LandingOrder,
+        air_traffic: AirTraffic,
     ) -> None:
+        self._air_traffic = air_traffic
         self._is_enabled = config.planning.avoidance == "act"
         self._fleet = fleet
         self._agents = agents
@@ -68,7 +71,8 @@ class Avoidances:
         if not gains:
             return []
         vehicle = max(gains, key=lambda v: (gains[v], self._left_m(v), v))
-        (other,) = (v for v in encounter.vehicles if v != vehicle)
+        (number,) = (v for v in encounter.vehicles if v != vehicle)
+        other = self._air_traffic.name(number)
         avoidance = self._agents[vehicle].separation.avoidance = Avoidance(other, t_ns)
         parameters: dict[str, Parameter] = {"other": other, "after_s": encounter.after_s}
         notice = Notice(t_ns, NoticeCode.AVOIDS, vehicle, parameters)
@@ -134,7 +138,7 @@ class Avoidances:
     def _check(self, vehicle: int, avoidance: Avoidance, t_ns: int) -> list[Effect]:
         """Let a vehicle in LOITER fly on, if that leads near nobody."""
         held_ns = t_ns - avoidance.since_t_ns
-        is_clear = not self._order_check.problem(vehicle, {vehicle: AUTO}, t_ns)
+        is_clear = not self._order_check.problem(vehicle, {vehicle: AUTO}, t_ns, with_aircraft=True)
         if held_ns >= _MIN_HOLD_NS and is_clear and self._landing_order.claim(vehicle, t_ns):
             avoidance.is_ending = True
             return self._command(vehicle, avoidance, AUTO, t_ns)
@@ -162,7 +166,7 @@ class Avoidances:
         separation = self._agents[vehicle].separation
         avoidance = separation.avoidance
         separation.avoidance = None
-        other = 0 if avoidance is None else avoidance.other
+        other = "" if avoidance is None else avoidance.other
         return [Notice(t_ns, NoticeCode.AVOIDS_NO_LONGER, vehicle, {"other": other, "reason": reason})]
 
 

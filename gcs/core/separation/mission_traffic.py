@@ -14,7 +14,7 @@ from gcs.core.separation.order_check import OrderCheck
 from gcs.core.state import Agent
 from gcs.core.tasking.records import TaskingState
 from gcs.mavlink.services.retry import ns
-from gcs.model import Effect, Notice, NoticeCode, Route, vehicle_name
+from gcs.model import Effect, Notice, NoticeCode, Route
 
 _PERIOD_NS: Final = ns(1.0)
 _MAX_WAIT_NS: Final = ns(60.0)
@@ -33,7 +33,7 @@ class MissionTraffic:
         """Return why the upload of a route must wait; empty if it need not."""
         seen = self._agents[route.vehicle].separation
         if seen.avoidance is not None:
-            return f"holds for agent {vehicle_name(seen.avoidance.other)}"
+            return f"holds for {seen.avoidance.other}"
         if not seen.traffic or t_ns - seen.traffic_t_ns >= _PERIOD_NS:
             seen.traffic_t_ns = t_ns
             seen.traffic = self._order_check.mission_problem(route, t_ns)

@@ -10,13 +10,14 @@ from a vehicle that is nearer now.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from gcs.config import Config
+from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
@@ -50,14 +51,17 @@ class _Conflict:
 class OrderCheck:
     """Predicts what orders to vehicles in the air lead to."""
 
-    def __init__(self, config: Config, intents: Intents) -> None:
+    def __init__(self, config: Config, intents: Intents, air_traffic: AirTraffic) -> None:
         self._intents = intents
+        self._air_traffic = air_traffic
         self._mission = config.mission
         self._airframes = config.airframes_of_agents
         self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
 
-    def problem(self, vehicle: int, modes: Mapping[int, str], t_ns: int) -> str:
+    def problem(
+        self, vehicle: int, modes: Mapping[int, str], t_ns: int, *, with_aircraft: bool = False
+    ) -> str:
         """Return which vehicle an order would bring a vehicle near to; empty if none, or no nearer than now.
 
         Parameters
@@ -66,13 +70,16 @@ class OrderCheck:
             Vehicle of the order.
         modes : mapping of int to str
             Modes that are ordered now, by vehicle; that of the vehicle is among them.
+        with_aircraft : bool
+            True if aircraft that are not ours count, too. ADS-B can be forged: no order waits for it.
         """
         states = {state.system_id: state for state in self._intents.flying(t_ns)}
-        if vehicle not in states or len(states) < 2:
+        if vehicle not in states:
             return ""
         others = [
             self._intents.flight(state, t_ns, modes.get(v)) for v, state in states.items() if v != vehicle
         ]
+        others += self._air_traffic.flights(t_ns) if with_aircraft else []
         ordered = self._intents.flight(states[vehicle], t_ns, modes[vehicle])
         present = self._intents.flight(states[vehicle], t_ns)
         is_return = modes[vehicle] == RTL, states[vehicle].mode == RTL
@@ -82,10 +89,10 @@ class OrderCheck:
         """Return which vehicle a new mission would at once lead one in the air near to; empty if none."""
         states = {state.system_id: state for state in self._intents.flying(t_ns)}
         state = states.pop(route.vehicle, None)
-        if state is None or not states or self._intents.is_climbing_out(state):
+        if state is None or self._intents.is_climbing_out(state):
             return ""
         present = self._intents.flight(state, t_ns)
-        others = [self._intents.flight(one, t_ns) for one in states.values()]
+        others = self._flights(states.values(), t_ns)
         legs = self._legs(route, route.flown_m[:_MAX_POINTS])
         led = replace(present, goals=(*legs, Goal(GoalKind.KEEP)))
         return self._worse(led, present, others, (False, state.mode == RTL))
@@ -96,11 +103,17 @@ class OrderCheck:
         Negative if a hold leads it nearer.
         """
         states = {state.system_id: state for state in self._intents.flying(t_ns)}
-        state = states.pop(vehicle)
-        others = [self._intents.flight(one, t_ns) for one in states.values()]
+        state = states.pop(vehicle, None)
+        if state is None:
+            return 0.0
+        others = self._flights(states.values(), t_ns)
         held = self._intents.flight(state, t_ns, LOITER)
         present = self._intents.flight(state, t_ns)
         return self._nearness(held, others) - self._nearness(present, others)
+
+    def _flights(self, states: Iterable[VehicleState], t_ns: int) -> list[Flight]:
+        """Return what other vehicles fly now, and aircraft."""
+        return [self._intents.flight(one, t_ns) for one in states] + self._air_traffic.flights(t_ns)
 
     def _nearness(self, own: Flight, others: list[Flight]) -> float:
         return _nearest([*self._met(own, others, is_return=False), *self._overlapping(own, others)])
@@ -156,6 +169,8 @@ class OrderCheck:
         is_return : tuple of bool
             True for a return, of the changed and of the present flight.
         """
+        if not others:
+            return ""
         led = [*self._met(changed, others, is_return[0])], [*self._overlapping(changed, others)]
         if not any(led):
             return ""
@@ -179,8 +194,8 @@ class OrderCheck:
                 other = next(vehicle for vehicle in one.vehicles if vehicle != own.vehicle)
                 yield _Conflict(
                     max(one.distance_m / self._min_m, one.height_m / self._min_height_m),
-                    f"come within {one.distance_m:.0f} m and {one.height_m:.0f} m in height of agent "
-                    f"{vehicle_name(other)} in {one.after_s:.0f} s",
+                    f"come within {one.distance_m:.0f} m and {one.height_m:.0f} m in height of "
+                    f"{self._air_traffic.name(other)} in {one.after_s:.0f} s",
                 )
 
     def _overlapping(self, own: Flight, others: list[Flight], *, last: bool = False) -> Iterator[_Conflict]:

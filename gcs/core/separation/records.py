@@ -11,7 +11,8 @@ from gcs.mavlink.services.command_sender import CommandSender
 class Avoidance:
     """Hold of a vehicle that would come near another one."""
 
-    other: int
+    other: str
+    """That vehicle or aircraft, in words."""
     since_t_ns: int
     next_check_t_ns: int = 0
     sender: CommandSender | None = None
@@ -58,10 +59,28 @@ class Approach:
     """Last check that found it."""
     nearest_m: float | None = None
     """Least horizontal distance in a loss of separation; None before that."""
-    has_avoided: bool = False
-    """True after a hold of one of them."""
     nearest_height_m: float = 0.0
     """Difference in height there."""
+    has_avoided: bool = False
+    """True after a hold of one of them."""
+    name: str = ""
+    """Aircraft of the pair, in words; empty for two of our vehicles."""
+
+
+@dataclass(frozen=True, slots=True)
+class Aircraft:
+    """Newest report of an aircraft that is not ours."""
+
+    t_ns: int
+    """Time of its position."""
+    east_m: float
+    north_m: float
+    alt_msl_m: float
+    speed_m_s: float
+    course_rad: float
+    climb_m_s: float
+    height_error_m: float
+    callsign: str
 
 
 @dataclass(slots=True)
@@ -71,3 +90,5 @@ class SeparationState:
     next_check_t_ns: int = 0
     approaches: dict[tuple[int, int], Approach] = field(default_factory=dict)
     """By pair of vehicles, the lower one first."""
+    aircraft: dict[int, Aircraft] = field(default_factory=dict)
+    """By number (`gcs.core.separation.aircraft`)."""
