@@ -37,7 +37,7 @@ from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.replanning.input_builder import PlanningInputBuilder
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
-from gcs.core.replanning.stacked_returns import StackedReturns
+from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.avoidance import Avoidances
 from gcs.core.separation.climb_traffic import ClimbTraffic
@@ -144,8 +144,26 @@ class Stages:
             self.takeoff_sequence,
             self.mission_traffic,
         )
+        stacked_missions = StackedMissions(
+            config,
+            self.no_fly_zones,
+            self.fleet,
+            agents,
+            self.tasking,
+            self.replanner.layers,
+            self.return_routes,
+            order_check,
+            self.intents,
+        )
         self.avoidances = Avoidances(
-            config, self.fleet, agents, self.tasking, order_check, landing_order, self.air_traffic
+            config,
+            self.fleet,
+            agents,
+            self.tasking,
+            order_check,
+            landing_order,
+            self.air_traffic,
+            stacked_missions,
         )
         self.separation = SeparationMonitor(
             config, self.intents, self.return_heights, self.avoidances, self.air_traffic, self.state
@@ -160,17 +178,6 @@ class Stages:
             self.return_routes, self.approval, self.tasking, agents, self.external_uploads
         )
         # Orders and control authority
-        returns = StackedReturns(
-            config,
-            self.no_fly_zones,
-            self.fleet,
-            agents,
-            self.tasking,
-            self.replanner.layers,
-            self.return_routes,
-            order_check,
-            self.intents,
-        )
         self.orders = Orders(
             self.state,
             self.fleet,
@@ -180,7 +187,7 @@ class Stages:
             self.return_heights,
             order_check,
             landing_order,
-            returns,
+            stacked_missions,
         )
         self.incursions = IncursionWarnings(self.state.airspace, self.tasking.onboard_missions)
         self.no_fly_zone_orders = NoFlyZoneOrders(

@@ -87,9 +87,9 @@ def flown_routes(agents: Mapping[int, Agent]) -> dict[int, Route]:
 
 
 def wanted_routes(agents: Mapping[int, Agent]) -> dict[int, Route]:
-    """Return the routes whose missions vehicles get: to targets, or home."""
-    home = {vehicle: agent.routes.returning for vehicle, agent in sorted(agents.items())}
-    return flown_routes(agents) | {vehicle: route for vehicle, route in home.items() if route is not None}
+    """Return the routes whose missions vehicles get: to targets, else to a circle in a layer."""
+    stacked = {vehicle: agent.routes.stacked for vehicle, agent in sorted(agents.items())}
+    return {v: route for v, route in stacked.items() if route is not None} | flown_routes(agents)
 
 
 def without_missions(agents: Mapping[int, Agent]) -> dict[int, str]:

@@ -528,6 +528,13 @@ class NoticeCode(TableCode):
     AIRCRAFT_GONE = _vehicle(
         "aircraft-gone", _I, "is apart from {aircraft}", ends="aircraft-near", by="aircraft"
     )
+    CHANGES_LAYER = _vehicle(
+        "changes-layer",
+        _W,
+        "holds near {other}: it gets a circle in a free altitude layer, {height_m:.0f} m above home",
+        "the circles of two that wait are nearer than the separation at one height (`planning.avoidance`)",
+        "nothing; `gcs order resume` as always",
+    )
     AVOIDS = _vehicle(
         "avoids",
         _W,

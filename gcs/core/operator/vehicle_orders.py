@@ -10,8 +10,8 @@ start of the mission. A vehicle that returns or lands is not turned back near th
 
 No order leads a vehicle into another one (`gcs.core.separation.order_check`). An order to resume is refused
 then. A vehicle that RTL would lead near others returns by a mission, in an altitude layer of its own
-(`gcs.core.replanning.stacked_returns`). Where that is not possible, and for an order to hold, the order waits
-until the vehicle is clear, with an alarm at once; given again, it is carried out at once.
+(`gcs.core.replanning.stacked_missions`). Where that is not possible, and for an order to hold, the order
+waits until the vehicle is clear, with an alarm at once; given again, it is carried out at once.
 
 Vehicles are armed by an order only. Arming is refused in a mode in which the vehicle would take off at once,
 except with a verified mission that is to be flown now: PX4 and ArduPlane start the stored mission when they
@@ -31,7 +31,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.core.operator.records import Command, OrderInProgress, WaitingOrder
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.replanning.planned_flights import AltitudeLayers
-from gcs.core.replanning.stacked_returns import StackedReturns
+from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.state import State, flown_routes
@@ -93,9 +93,9 @@ class Orders:
         return_heights: ReturnHeightMonitor,
         order_check: OrderCheck,
         landing_order: LandingOrder,
-        returns: StackedReturns,
+        stacked_missions: StackedMissions,
     ) -> None:
-        self._returns = returns
+        self._stacked = stacked_missions
         self._order_check = order_check
         self._landing_order = landing_order
         self._state = state
@@ -177,7 +177,7 @@ class Orders:
             returning = {
                 v
                 for v, agent in self._agents.items()
-                if agent.control.suspension == "return" and agent.routes.returning is None
+                if agent.control.suspension == "return" and agent.routes.stacked is None
             }
             warning = self._return_heights.warning(returning)
             detail += f"; {warning}" if warning else ""
@@ -217,9 +217,9 @@ class Orders:
                 return ""  # resume ends the pause after failed uploads
             case "resume" if control.is_ours:
                 return f"is not suspended, and is in {state.mode or 'an unknown mode'}"
-            case "hold" | "return" as action if (control.suspension, state.mode) == (action, _MODES[action]):
-                return control.reason
-            case "return" if self._returns_by_mission(vehicle, state):
+            case "hold" | "return" as action if control.suspension == action and (
+                state.mode == _MODES[action] or self._flies_stacked(vehicle, state)
+            ):
                 return control.reason
             case "arm" if state.armed:
                 return "is armed"
@@ -336,9 +336,9 @@ class Orders:
         """
         if order.action != "return" or not unclear:
             return {}
-        landing = [vehicle for vehicle in clear if self._returns.lands(vehicle)]
+        landing = [vehicle for vehicle in clear if self._stacked.lands(vehicle)]
         modes = self._ordered_modes() | {v: RTL for v in clear if v not in landing}
-        return self._returns.plan([*landing, *unclear], modes, order.t_ns)
+        return self._stacked.plan_returns([*landing, *unclear], modes, order.t_ns)
 
     def _return_by_mission(self, number: int, order: Order, route: Route) -> list[Effect]:
         """Begin a return by a mission; an older command to the vehicle ends."""
@@ -347,13 +347,13 @@ class Orders:
         self._agents[vehicle].claims.apply(ControlEvent.RETURN, order.t_ns)
         self._agents[vehicle].routes.suspend(is_uploaded=vehicle not in self._state.tasking.stages)
         self._defer(number, order, vehicle, uploads_since_t_ns=order.t_ns)
-        return effects + self._returns.send(route, order.t_ns)
+        return effects + self._stacked.send(route, order.t_ns)
 
-    def _returns_by_mission(self, vehicle: int, state: VehicleState) -> bool:
-        """Return True if a vehicle flies the mission that returns it."""
+    def _flies_stacked(self, vehicle: int, state: VehicleState) -> bool:
+        """Return True if a vehicle flies the mission that returns it, or holds it in a layer."""
         agent = self._agents[vehicle]
         onboard = agent.tasking.onboard
-        is_stored = onboard is not None and onboard.route.is_same(agent.routes.returning)
+        is_stored = onboard is not None and onboard.route.is_same(agent.routes.stacked)
         return is_stored and state.mode == AUTO and not self._state.tasking.has_pending(vehicle)
 
     def _waits_for(self, vehicle: int) -> str:
@@ -393,7 +393,7 @@ class Orders:
             return self._end_waiting(vehicle, t_ns, ended)
         order = replace(order, t_ns=t_ns)
         if waiting.uploads_since_t_ns is not None:
-            if self._returns_by_mission(vehicle, state):
+            if self._flies_stacked(vehicle, state):
                 self._agents[vehicle].orders.waiting = None
                 height_m = self._fleet.height_m(state)
                 done = f"AUTO, armed: flies home in its altitude layer, now at {height_m:.0f} m"
@@ -421,7 +421,7 @@ class Orders:
         orders.waiting = None
         if waiting is None:
             return []
-        self._agents[vehicle].routes.returning = None
+        self._agents[vehicle].routes.stacked = None
         return [self._operator.finish(waiting.order, t_ns, "failed", reason, vehicle)]
 
     # ------------------------------------------------------------ take-offs and missions

@@ -96,7 +96,8 @@ def watch_takeoffs(stages: Stages, event: Tick) -> list[Effect]:
 
 def watch_separation(stages: Stages, event: Tick) -> list[Effect]:
     """Look ahead over all pairs of vehicles in the air."""
-    return stages.separation.check(event.t_ns) + stages.avoidances.poll(event.t_ns)
+    watched = stages.dispatch.settle(stages.separation.check(event.t_ns))
+    return watched + stages.avoidances.poll(event.t_ns)
 
 
 def report_standstill(stages: Stages, event: Tick) -> list[Effect]:

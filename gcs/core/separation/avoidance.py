@@ -5,8 +5,11 @@ this service: not in a take-off or a landing, and never against a pilot, a fails
 station. Both choices are simulated, and compared with flying on. The hold that keeps its vehicle farthest
 from all others begins, if it is an improvement; of two that are equal, that of the vehicle with more to fly.
 
-A vehicle that holds keeps its target and its mission. It flies on as soon as that leads near nobody, and
-gets a new mission if that takes too long, or if its landing time is taken by then.
+Two that wait near each other in LOITER, and whose circles overlap, are kept apart by height: one gets a
+mission with a circle in a free altitude layer (`gcs.core.replanning.stacked_missions`).
+
+A vehicle that holds for another one keeps its target and its mission. It flies on as soon as that leads near
+nobody, and gets a new mission if that takes too long, or if its landing time is taken by then.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from gcs.config import Config
+from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.look_ahead import Encounter
@@ -38,6 +42,7 @@ _MAX_HOLD_NS: Final = ns(60.0)
 _PERIOD_NS: Final = ns(1.0)
 _CONTROLS: Final = frozenset({Authority.OURS, Authority.RETURNING})
 _PHASES: Final = frozenset({FlightPhase.EN_ROUTE, FlightPhase.RETURNING})
+_HOLDING: Final = frozenset({FlightPhase.EN_ROUTE, FlightPhase.AT_TARGET})
 
 
 class Avoidances:
@@ -52,7 +57,10 @@ class Avoidances:
         order_check: OrderCheck,
         landing_order: LandingOrder,
         air_traffic: AirTraffic,
+        stacked_missions: StackedMissions,
     ) -> None:
+        self._mission = config.mission
+        self._stacked = stacked_missions
         self._air_traffic = air_traffic
         self._is_enabled = config.planning.avoidance == "act"
         self._fleet = fleet
@@ -61,7 +69,25 @@ class Avoidances:
         self._order_check = order_check
         self._landing_order = landing_order
 
-    def begin(self, encounter: Encounter, t_ns: int) -> list[Effect]:
+    def stack(self, encounter: Encounter, t_ns: int) -> list[Effect]:
+        """Send one of two vehicles that hold near each other to a circle in a free altitude layer."""
+        ours = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
+        for vehicle in ours if self._is_enabled else ():
+            route = self._stacked.plan_hold(vehicle, t_ns) if self._may_stack(vehicle) else None
+            if route is None:
+                continue
+            (number,) = (v for v in encounter.vehicles if v != vehicle)
+            mission = self._mission
+            height_m = mission.altitude_rel_m + route.layer * mission.layer_step_m
+            parameters: dict[str, Parameter] = {
+                "other": self._air_traffic.name(number),
+                "height_m": height_m,
+            }
+            notice = Notice(t_ns, NoticeCode.CHANGES_LAYER, vehicle, parameters)
+            return [notice, *self._stacked.send(route, t_ns)]
+        return []
+
+    def hold(self, encounter: Encounter, t_ns: int) -> list[Effect]:
         """Let one vehicle of an encounter hold, if that helps; nothing while one of them holds already."""
         pair = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
         if not self._is_enabled or any(self._agents[v].separation.avoidance is not None for v in pair):
@@ -120,6 +146,17 @@ class Avoidances:
         is_in_cruise = agent.flight.phase in _PHASES and self._tasking.onboard_missions.points_ahead(vehicle)
         return is_obeyed and is_flown and is_settled and bool(is_in_cruise) and self._is_ours(vehicle)
 
+    def _may_stack(self, vehicle: int) -> bool:
+        """Return True if a vehicle waits in LOITER, by order or for a mission, and may be moved."""
+        agent = self._agents[vehicle]
+        state = self._fleet.state(vehicle)
+        if state is None or state.mode != LOITER or agent.link.liveness != "alive":
+            return False
+        is_waiting = agent.control.authority in (Authority.OURS, Authority.HELD) and _wanted(agent) is None
+        is_free = agent.orders.command is None and agent.orders.waiting is None
+        is_settled = vehicle not in self._tasking.state.stages and not agent.tasking.is_inconsistent
+        return is_waiting and is_free and is_settled and agent.flight.phase in _HOLDING
+
     def _is_ours(self, vehicle: int) -> bool:
         """Return True if a vehicle is on a mission of this service, to a target or home."""
         agent = self._agents[vehicle]
@@ -145,7 +182,7 @@ class Avoidances:
         routes = self._agents[vehicle].routes
         if held_ns < _MAX_HOLD_NS and not (is_clear and held_ns >= _MIN_HOLD_NS):
             return []
-        if routes.returning is not None:
+        if routes.stacked is not None:
             return []
         routes.drop_flown()
         return self._end(vehicle, "it waits for a new mission", t_ns)
@@ -171,4 +208,4 @@ class Avoidances:
 
 
 def _wanted(agent: Agent) -> Route | None:
-    return agent.routes.flown or agent.routes.returning
+    return agent.routes.flown or agent.routes.stacked

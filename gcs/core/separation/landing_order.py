@@ -211,7 +211,7 @@ class LandingOrder:
         agent = self._agents[vehicle]
         state = self._fleet.state(vehicle)
         planned_ns = agent.separation.landing_t_ns
-        wanted = agent.routes.flown or agent.routes.returning
+        wanted = agent.routes.flown or agent.routes.stacked
         if state is None or (agent.control.suspension is not None and wanted is None):
             return None
         is_flown = state.mode == AUTO and agent.tasking.is_selected and state.mission_seq >= 0

@@ -135,10 +135,7 @@ class SeparationMonitor:
         if stage <= approach.stage:
             return []
         approach.stage = stage
-        avoided: list[Effect] = []
-        if stage > 1 and not approach.has_avoided:
-            avoided = self._avoidances.begin(encounter, t_ns)
-            approach.has_avoided = bool(avoided)
+        avoided = self._avoid(encounter, approach, t_ns)
         parameters: dict[str, Parameter] = {"other": encounter.vehicles[1], **self._figures(encounter)}
         if is_lost:
             parameters |= {"distance_m": distance_m, "height_m": height_m}
@@ -153,13 +150,20 @@ class SeparationMonitor:
         if stage <= approach.stage:
             return []
         approach.stage = stage
-        avoided: list[Effect] = []
-        if stage > 1 and not approach.has_avoided:
-            avoided = self._avoidances.begin(encounter, t_ns)
-            approach.has_avoided = bool(avoided)
+        avoided = self._avoid(encounter, approach, t_ns)
         approach.name = self._air_traffic.name(number)
         parameters: dict[str, Parameter] = {"aircraft": approach.name, **self._figures(encounter)}
         return [Notice(t_ns, NoticeCode.AIRCRAFT_NEAR, vehicle, parameters), *avoided]
+
+    def _avoid(self, encounter: Encounter, approach: Approach, t_ns: int) -> list[Effect]:
+        """Keep one of a pair apart from the other, once."""
+        if approach.has_avoided:
+            return []
+        effects = self._avoidances.stack(encounter, t_ns)
+        if not effects and approach.stage > 1:
+            effects = self._avoidances.hold(encounter, t_ns)
+        approach.has_avoided = bool(effects)
+        return effects
 
     def _figures(self, encounter: Encounter) -> dict[str, Parameter]:
         east_m, north_m, msl_m = encounter.place_m

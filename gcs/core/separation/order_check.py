@@ -118,24 +118,24 @@ class OrderCheck:
     def _nearness(self, own: Flight, others: list[Flight]) -> float:
         return _nearest([*self._met(own, others, is_return=False), *self._overlapping(own, others)])
 
-    def return_problem(
+    def stacking_problem(
         self, route: Route, planned: Mapping[int, Route], modes: Mapping[int, str], t_ns: int
     ) -> str:
-        """Return which vehicle a return by a mission would lead a vehicle near to; empty if none.
+        """Return which vehicle a return or a hold by a mission would lead a vehicle near to; empty if none.
 
         Parameters
         ----------
         route : Route
-            Route home; the vehicle circles at its end.
+            Route of the vehicle, which circles at its end.
         planned : mapping of int to Route
-            The same of others that return by missions at this time.
+            The same of others that get such missions at this time.
         modes : mapping of int to str
             Modes that are ordered now, by vehicle.
         """
         states = {state.system_id: state for state in self._intents.flying(t_ns)}
-        own = self._return(states.pop(route.vehicle), route, t_ns)
+        own = self._stacked(states.pop(route.vehicle), route, t_ns)
         others = [
-            self._return(state, planned[vehicle], t_ns)
+            self._stacked(state, planned[vehicle], t_ns)
             if vehicle in planned
             else self._intents.flight(state, t_ns, modes.get(vehicle))
             for vehicle, state in states.items()
@@ -143,8 +143,8 @@ class OrderCheck:
         conflicts = [*self._met(own, others, is_return=True), *self._overlapping(own, others, last=True)]
         return f"would {min(conflicts).words}" if conflicts else ""
 
-    def _return(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
-        """Return the flight of a vehicle that returns by a mission."""
+    def _stacked(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
+        """Return the flight of a vehicle that returns or holds by a mission."""
         *legs, end = self._legs(route, route.flown_m)
         radius_m = self._airframes[route.vehicle].circle_radius_m
         circle = replace(end, kind=GoalKind.CIRCLE, radius_m=radius_m)

@@ -1,8 +1,11 @@
-"""Returns by missions, for vehicles that RTL would bring together.
+"""Returns and holds by missions, for vehicles that RTL or LOITER would keep near each other.
 
 In RTL all vehicles fly straight to one place, each at the return height of its autopilot. Where that leads
 one near another, a mission leads it home instead: a route clear of obstacles in an altitude layer of its own.
 It ends as missions do, with a circle at home, or with a landing in the landing order.
+
+LOITER keeps the height. A vehicle whose circle comes near that of another one gets a mission with the circle
+in a free layer.
 """
 
 from __future__ import annotations
@@ -23,8 +26,8 @@ from gcs.core.state import Agent
 from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet
-from gcs.model import APPROACH_M, Effect, Route, VehicleState
-from gcs.model.names import home_label
+from gcs.model import APPROACH_M, Effect, Label, Route, VehicleState
+from gcs.model.names import hold_label, home_label
 from gcs.planning.forward_simulation import predict_motion
 from gcs.planning.map.grid import Point
 from gcs.planning.planner import choose_new, plan_routes
@@ -34,8 +37,8 @@ _SIDES_DEG: Final = (0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0)
 """Sides of home on which a landing may begin, from that of the vehicle."""
 
 
-class StackedReturns:
-    """Plans returns by missions, and sends them."""
+class StackedMissions:
+    """Plans returns and holds by missions, and sends them."""
 
     def __init__(
         self,
@@ -61,7 +64,9 @@ class StackedReturns:
         self._frame = config.local_frame
         self._mission = mission_inputs(config, zones.grid)
 
-    def plan(self, vehicles: Collection[int], modes: Mapping[int, str], t_ns: int) -> dict[int, Route]:
+    def plan_returns(
+        self, vehicles: Collection[int], modes: Mapping[int, str], t_ns: int
+    ) -> dict[int, Route]:
         """Return routes home for vehicles that return at one time, as far as they are clear of all others.
 
         Parameters
@@ -75,23 +80,31 @@ class StackedReturns:
         planned: dict[int, Route] = {}
         for vehicle in vehicles:
             state = states.get(vehicle)
-            route = None if state is None else self._route(state, t_ns)
-            if route is None:
+            home = self._fleet.home(vehicle)
+            if state is None or home is None:
                 continue
-            stacked = [replace(route, layer=layer) for layer in self._nearest_layers(vehicle)]
-            problem = self._order_check.return_problem
-            clear = (one for one in stacked if not problem(one, planned, modes, t_ns))
-            if (found := next(clear, None)) is not None:
-                planned[vehicle] = found
+            end_m = self._landing_begin(state, self._frame.to_local(home.lat_deg, home.lon_deg))
+            label = home_label(vehicle)
+            route = None if end_m is None else self._route(state, end_m, label, planned, modes, t_ns)
+            if route is not None:
+                planned[vehicle] = route
         return planned
+
+    def plan_hold(self, vehicle: int, t_ns: int) -> Route | None:
+        """Return a route to a circle where a vehicle is, in a layer clear of all others; None without one."""
+        state = self._fleet.state(vehicle)
+        place_m = self._agents[vehicle].separation.hold_m
+        if state is None or place_m is None or not self._zones.grid.is_free(place_m):
+            return None
+        return self._route(state, place_m, hold_label(vehicle), {}, {}, t_ns)
 
     def lands(self, vehicle: int) -> bool:
         """Return True if a vehicle's missions end with a landing."""
         return self._airframes[vehicle].end == "land"
 
     def send(self, route: Route, t_ns: int) -> list[Effect]:
-        """Send a return as a mission, at once."""
-        self._agents[route.vehicle].routes.begin_return(route)
+        """Send a mission, at once."""
+        self._agents[route.vehicle].routes.stack(route)
         return_route, warnings = self._return_routes.plan(route, t_ns)
         return [*warnings, *self._tasking.enqueue_upload(route, t_ns, return_route, at_once=True)]
 
@@ -100,20 +113,28 @@ class StackedReturns:
         own = self._layers.of(vehicle)
         return sorted(range(self._mission.layers), key=lambda layer: (abs(layer - own), layer))
 
-    def _route(self, state: VehicleState, t_ns: int) -> Route | None:
-        """Return a route home; None if a vehicle cannot get a mission now, or no route is clear."""
+    def _route(
+        self,
+        state: VehicleState,
+        end_m: Point,
+        label: Label,
+        planned: Mapping[int, Route],
+        modes: Mapping[int, str],
+        t_ns: int,
+    ) -> Route | None:
+        """Return a route in a layer that is clear; None without one, or if no mission can be sent now."""
         vehicle = state.system_id
-        home = self._fleet.home(vehicle)
-        if home is None or self._fleet.profile(vehicle) is None or self._intents.is_climbing_out(state):
-            return None
-        end_m = self._end(state, self._frame.to_local(home.lat_deg, home.lon_deg))
-        if end_m is None:
+        if self._fleet.profile(vehicle) is None or self._intents.is_climbing_out(state):
             return None
         start = {vehicle: self._start(state, t_ns)}
-        made = plan_routes(self._zones.grid, start, {home_label(vehicle): end_m}, {}, self._mission.options)
-        return next(iter(choose_new(made).new), None) if not made.stops_short else None
+        made = plan_routes(self._zones.grid, start, {label: end_m}, {}, self._mission.options)
+        for route in choose_new(made).new if not made.stops_short else ():
+            stacked = [replace(route, layer=layer) for layer in self._nearest_layers(vehicle)]
+            problem = self._order_check.stacking_problem
+            return next((one for one in stacked if not problem(one, planned, modes, t_ns)), None)
+        return None
 
-    def _end(self, state: VehicleState, home_m: Point) -> Point | None:
+    def _landing_begin(self, state: VehicleState, home_m: Point) -> Point | None:
         """Return where a route home ends: at home, or where a landing begins on the vehicle's side."""
         grid = self._zones.grid
         if not self.lands(state.system_id):
