@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from helpers.sky import FIELD, LANDING, Sky, fly_on, give, with_one_home
+from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
 
 from gcs.model import NoticeCode
 from sim_vehicles.autopilots.base import Mode
@@ -92,3 +92,43 @@ def test_a_return_whose_upload_is_not_answered_waits_with_an_alarm_until_it_is_o
     give(sky, "return", 2)
     fly_on(sky, 3.0)
     assert sky.planes[2].autopilot.mode is Mode.RTL
+
+
+def held_together(field=FIELD):
+    """Two that a failsafe brought to one height, and that were ordered to hold there."""
+    sky = Sky((600.0, 600.0, 60.0), (1700.0, 1700.0, 80.0), field=field).fly(20.0)
+    one, other = sky.planes[1], sky.planes[2]
+    place(other, one.airframe.east_m + 80.0, one.airframe.north_m, one.airframe.alt_rel_m)
+    for plane in (one, other):
+        plane.autopilot.set_mode(Mode.RTL)
+    fly_on(sky, 0.6)
+    give(sky, "hold")
+    return sky
+
+
+@pytest.mark.parametrize("field", [FIELD, LANDING])
+def test_of_two_that_hold_on_circles_that_overlap_one_gets_another_layer(field):
+    """LOITER keeps the height. Before, they circled through each other until somebody acted."""
+    sky = fly_on(held_together(field), 15.0)
+    (_, notice), *_ = sky.told(NoticeCode.CHANGES_LAYER)
+    agent, plane = sky.run_.engine.state.agents[notice.vehicle], sky.planes[notice.vehicle]
+    assert agent.control.authority.word == "held"
+    assert plane.autopilot.mode is Mode.AUTO
+    place_m = agent.routes.stacked.points_m[-1]
+    sky.near_s.clear()
+    fly_on(sky, 60.0)
+    assert not sky.near_s
+    assert abs(sky.planes[1].alt_rel_m - sky.planes[2].alt_rel_m) > 15.0
+    assert np.hypot(plane.east_m - place_m[0], plane.north_m - place_m[1]) < 200.0
+    give(sky, "hold", notice.vehicle)
+    fly_on(sky, 1.0)
+    assert sky.answers[-1].detail == "is held by order: nothing was changed"
+    give(sky, "resume")
+    fly_on(sky, 20.0)
+    assert all(one.control.is_ours for one in sky.run_.engine.state.agents.values())
+
+
+def test_with_warnings_only_no_vehicle_that_holds_is_moved():
+    sky = fly_on(held_together(FIELD.replace("[planning]", '[planning]\navoidance = "warn"')), 15.0)
+    assert not sky.told(NoticeCode.CHANGES_LAYER)
+    assert [plane.autopilot.mode for plane in sky.planes.values()] == [Mode.LOITER, Mode.LOITER]
