@@ -3,8 +3,8 @@
     python tests/bench/bench_separation.py --missions 1000
 
 Each row counts intervals in which two vehicles in the air were within 30 m and 15 m in height, by what was
-told before. With --all each order to hold, return or resume is to all vehicles. With --cost it measures one
-check of the look-ahead instead, by swarm and time step.
+told before. With --all each order to hold, return or resume is to all vehicles; with --home all return once to
+one strip. With --cost it measures one check of the look-ahead instead, by swarm and time step.
 """
 
 from __future__ import annotations
@@ -45,6 +45,8 @@ def show(flown: list[Flown], each: bool) -> None:
     for action in ("hold", "return"):
         delays = [s for one in flown for (order, _), s in one.answered.items() if order.startswith(action)]
         done = np.array([s for s in delays if s is not None])
+        if not len(done):
+            continue
         late = int((done > LATE_S).sum())
         print(
             f"orders to {action}: {len(done)} of {len(delays)} carried out, {late} of them after "
@@ -107,6 +109,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--each", action="store_true", help="list the intervals")
     parser.add_argument("--all", action="store_true", help="order all vehicles at once")
+    parser.add_argument("--home", action="store_true", help="order all home once, and nothing else")
     parser.add_argument("--cost", action="store_true", help="measure one check")
     options = parser.parse_args()
     if options.cost:
@@ -115,7 +118,8 @@ def main() -> None:
     seeds = range(options.first, options.first + options.missions)
     began = time.perf_counter()
     with ProcessPoolExecutor(options.workers) as pool:
-        flown = list(pool.map(partial(fly, all_at_once=options.all), seeds, chunksize=4))
+        flight = partial(fly, all_at_once=options.all, home=options.home)
+        flown = list(pool.map(flight, seeds, chunksize=4))
     show(flown, options.each)
     print(f"took {time.perf_counter() - began:.0f} s")
 

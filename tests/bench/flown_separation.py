@@ -168,6 +168,30 @@ def draw(seed: int, duration_s: float, *, all_at_once: bool = False) -> Drawn:
     )
 
 
+def draw_return(seed: int, duration_s: float) -> Drawn:
+    """Draw a mission of vehicles in the air, which are all ordered to return once, to places 35 m apart."""
+    rng = np.random.default_rng([seed, 28])
+    drawn = next(
+        d for d in (draw(int(rng.integers(1 << 30)), duration_s) for _ in range(100)) if _is_strip(d)
+    )
+    vehicles = range(1, len(drawn.return_heights_m) + 1)
+    given_t_ns = START_T_NS + round(rng.uniform(30.0, 60.0) * NS_PER_S)
+    return replace(
+        drawn,
+        seed=seed,
+        grounded=frozenset(),
+        heights_m={v: BASE_M + STEP_M * (v - 1) for v in vehicles},
+        return_heights_m=dict.fromkeys(vehicles, 100.0),
+        orders=(Order(given_t_ns, "return-0", "return", None),),
+        failsafe_s=None,
+    )
+
+
+def _is_strip(drawn: Drawn) -> bool:
+    agents = drawn.scenario.config.agents
+    return math.dist((agents[0].east_m, agents[0].north_m), (agents[1].east_m, agents[1].north_m)) < 40.0
+
+
 def _orders(
     rng: np.random.Generator,
     vehicles: Sequence[int],
@@ -325,6 +349,8 @@ class FlownMission:
                 self._end_alarm(vehicles)
 
 
-def fly(seed: int, duration_s: float = 150.0, *, all_at_once: bool = False) -> Flown:
-    """Draw and fly one mission."""
+def fly(seed: int, duration_s: float = 150.0, *, all_at_once: bool = False, home: bool = False) -> Flown:
+    """Draw and fly one mission; with `home` one of `draw_return`."""
+    if home:
+        return FlownMission(draw_return(seed, duration_s)).fly(duration_s)
     return FlownMission(draw(seed, duration_s, all_at_once=all_at_once)).fly(duration_s)

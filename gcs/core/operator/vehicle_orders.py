@@ -479,7 +479,9 @@ class Orders:
             event = ControlEvent.HOLD if order.action == "hold" else ControlEvent.RETURN
             self._agents[vehicle].claims.apply(event, order.t_ns)
             effects += self._suspend(vehicle, order.action, order.t_ns)
-        before = self._tasking.overrides.of(vehicle).mode if order.action == "resume" else ""
+        authority = self._tasking.overrides.of(vehicle)
+        before = authority.mode if order.action == "resume" else ""
+        authority.note_command(mode)  # LOITER by an order is ours
         command = set_mode(vehicle, autopilot, mode)
         sender = CommandSender.begin(command, order.t_ns, mode=mode, before=before)
         return effects + self._send(number, vehicle, sender, order.t_ns)
