@@ -3,8 +3,8 @@
     python tests/bench/bench_separation.py --missions 1000
 
 Each row counts intervals in which two vehicles in the air were within 30 m and 15 m in height, by what was
-told before. With --all each order to hold, return or resume is to all vehicles; with --home all return once to
-one strip. With --cost it measures one check of the look-ahead instead, by swarm and time step.
+told before. With --all each order to hold, return or resume is to all vehicles; with --home all return once
+to one strip. With --cost it measures one check of the look-ahead instead, by swarm and time step.
 """
 
 from __future__ import annotations

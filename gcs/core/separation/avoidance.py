@@ -77,8 +77,7 @@ class Avoidances:
             if route is None:
                 continue
             (number,) = (v for v in encounter.vehicles if v != vehicle)
-            mission = self._mission
-            height_m = mission.altitude_rel_m + route.layer * mission.layer_step_m
+            height_m = self._mission.altitude_rel_m + route.layer * self._mission.layer_step_m
             parameters: dict[str, Parameter] = {
                 "other": self._air_traffic.name(number),
                 "height_m": height_m,
@@ -121,7 +120,7 @@ class Avoidances:
                 continue
             state = self._fleet.state(vehicle)
             if state is None or not self._is_ours(vehicle) or state.mode not in (AUTO, LOITER):
-                effects += self._end(vehicle, "others control it", t_ns)
+                effects += self._end(vehicle, agent.control.reason or "it has no route any more", t_ns)
             elif self._tasking.state.is_uploading(vehicle):
                 effects += self._end(vehicle, "it gets a new mission", t_ns)
             elif avoidance.sender is not None and avoidance.sender.outcome is None:

@@ -140,7 +140,8 @@ class OrderCheck:
             else self._intents.flight(state, t_ns, modes.get(vehicle))
             for vehicle, state in states.items()
         ]
-        conflicts = [*self._met(own, others, is_return=True), *self._overlapping(own, others, last=True)]
+        conflicts = [*self._overlapping(own, others, last=True)]
+        conflicts = conflicts or [*self._met(own, others, is_return=True)]
         return f"would {min(conflicts).words}" if conflicts else ""
 
     def _stacked(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
