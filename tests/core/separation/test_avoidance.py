@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
-from helpers.sky import FIELD, Sky, fly_on
+from helpers.sky import FIELD, Sky, fly_on, give
+from helpers.staging import S
 
-from gcs.model import NoticeCode, Order
+from gcs.core.separation.look_ahead import Encounter
+from gcs.core.snapshot import decode_state, encode_state
+from gcs.model import FlightPhase, NoticeCode, Order, Resumed
 from sim_vehicles.autopilots.base import Mode
 
 CROSSING = FIELD.replace("layers = 8", "layers = 1").replace(
@@ -60,3 +63,52 @@ def test_without_it_they_meet_and_are_told():
     assert least_m(sky, 90.0) < 30.0
     assert sky.told(NoticeCode.COMES_NEAR)
     assert not sky.told(NoticeCode.AVOIDS)
+
+
+def holding():
+    """Return two of which one has just begun to hold, and its number."""
+    sky = crossing()
+    while not sky.told(NoticeCode.AVOIDS):
+        fly_on(sky, 0.4)
+    vehicle = sky.told(NoticeCode.AVOIDS)[0][1].vehicle
+    fly_on(sky, 1.0)
+    assert sky.planes[vehicle].autopilot.mode is Mode.LOITER
+    return sky, vehicle
+
+
+def test_a_pilot_who_takes_over_a_vehicle_that_holds_keeps_it():
+    sky, vehicle = holding()
+    sky.planes[vehicle].autopilot.set_mode(Mode.FBWA)
+    fly_on(sky, 40.0)
+    assert sky.planes[vehicle].autopilot.mode is Mode.FBWA
+    assert sky.told(NoticeCode.AVOIDS_NO_LONGER)
+
+
+def test_an_order_to_hold_lasts_beyond_the_hold_for_the_other():
+    sky, vehicle = holding()
+    give(sky, "hold", vehicle)
+    fly_on(sky, 40.0)
+    assert sky.planes[vehicle].autopilot.mode is Mode.LOITER
+    assert sky.run_.engine.state.agents[vehicle].control.suspension == "hold"
+
+
+def test_a_restarted_service_lets_a_vehicle_that_holds_fly_on():
+    sky, vehicle = holding()
+    sky.run_.engine.state = decode_state("test", encode_state(sky.run_.engine.state))
+    sky.run_.engine.step(Resumed(sky.run_.t_ns, sky.run_.t_ns - S))
+    fly_on(sky, 60.0)
+    assert sky.planes[vehicle].autopilot.mode is Mode.AUTO
+    assert sky.told(NoticeCode.AVOIDS_NO_LONGER)
+    assert not sky.near_s
+
+
+def test_neither_of_two_that_land_or_take_off_is_held():
+    """Their flight cannot be interrupted; an alarm names them."""
+    sky = crossing()
+    while not sky.told(NoticeCode.COMES_NEAR):
+        fly_on(sky, 0.4)
+    for agent in sky.run_.engine.state.agents.values():
+        agent.flight.phase = FlightPhase.LANDING
+    avoidances = sky.run_.engine.stages.avoidances
+    place_m = (1500.0, 1500.0, 130.0)
+    assert not avoidances.hold(Encounter((1, 2), 9.0, 10.0, 0.0, place_m), sky.run_.t_ns)
