@@ -180,6 +180,7 @@ class PlanningTable(Table, frozen=True, kw_only=True):
     horizon_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 120.0
     cost: Literal["length", "arrival"] = "length"
     separation_m: NotNegative = 60.0
+    avoidance: Literal["act", "warn"] = "act"
 
 
 class MissionTable(Table, frozen=True, kw_only=True):

@@ -49,6 +49,8 @@ def bridge_gap(state: State, event: Resumed) -> list[Effect]:
     effects: list[Effect] = []
     for vehicle, agent in state.agents.items():
         agent.authority.loiter = None
+        if agent.separation.avoidance is not None:
+            agent.separation.avoidance.sender = None
         effects += _end_command(state, vehicle, event, is_long=gap_ns > _MAX_PREDICTION_NS)
     parameters: dict[str, Parameter] = {"age_s": gap_ns / NS_PER_S, "contents": _contents(state)}
     return [Notice(event.t_ns, NoticeCode.RESUMED, None, parameters), *effects]

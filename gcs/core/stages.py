@@ -6,6 +6,7 @@ A stage is a small class without state of its own. It gets the parts of the stat
 from __future__ import annotations
 
 from pymavlink.dialects.v20.ardupilotmega import (
+    MAVLINK_MSG_ID_ADSB_VEHICLE,
     MAVLINK_MSG_ID_PARAM_VALUE,
     MAVLINK_MSG_ID_TERRAIN_REQUEST,
 )
@@ -41,6 +42,9 @@ from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.replanning.input_builder import PlanningInputBuilder
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
+from gcs.core.replanning.stacked_missions import StackedMissions
+from gcs.core.separation.aircraft import AirTraffic
+from gcs.core.separation.avoidance import Avoidances
 from gcs.core.separation.climb_traffic import ClimbTraffic
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.landing_order import LandingOrder
@@ -100,7 +104,11 @@ class Stages:
                 checks_signatures=bool(config.links.keys),
             ),
             links=[link for link in links if link.role == "vehicles"],
-            extra_ids=[MAVLINK_MSG_ID_PARAM_VALUE, MAVLINK_MSG_ID_TERRAIN_REQUEST],
+            extra_ids=[
+                MAVLINK_MSG_ID_PARAM_VALUE,
+                MAVLINK_MSG_ID_TERRAIN_REQUEST,
+                MAVLINK_MSG_ID_ADSB_VEHICLE,
+            ],
             state=self.state.fleet,
             vehicle_links={vehicle: agent.link for vehicle, agent in agents.items()},
         )
@@ -124,9 +132,9 @@ class Stages:
         # Separation
         self.return_heights = ReturnHeightMonitor(config, self.fleet, agents)
         self.intents = Intents(config, self.fleet, agents, self.return_heights)
-        order_check = OrderCheck(config, self.intents)
+        self.air_traffic = AirTraffic(config, self.fleet, self.state.separation)
+        order_check = OrderCheck(config, self.intents, self.air_traffic)
         self.mission_traffic = MissionTraffic(order_check, agents, self.state.tasking)
-        self.separation = SeparationMonitor(config, self.intents, self.return_heights, self.state)
         # Planning and tasking
         self.replanner = Replanner(config, self.no_fly_zones, agents, self.state.replanning)
         landing_order = LandingOrder(config, self.fleet, agents)
@@ -144,6 +152,30 @@ class Stages:
             MissionBoundsCheck(config, self.no_fly_zones),
             self.takeoff_sequence,
             self.mission_traffic,
+        )
+        stacked_missions = StackedMissions(
+            config,
+            self.no_fly_zones,
+            self.fleet,
+            agents,
+            self.tasking,
+            self.replanner.layers,
+            self.return_routes,
+            order_check,
+            self.intents,
+        )
+        self.avoidances = Avoidances(
+            config,
+            self.fleet,
+            agents,
+            self.tasking,
+            order_check,
+            landing_order,
+            self.air_traffic,
+            stacked_missions,
+        )
+        self.separation = SeparationMonitor(
+            config, self.intents, self.return_heights, self.avoidances, self.air_traffic, self.state
         )
         self.flight_phases = FlightPhases(
             config, self.fleet, agents, self.tasking.onboard_missions, self.state.flight
@@ -164,6 +196,7 @@ class Stages:
             self.return_heights,
             order_check,
             landing_order,
+            stacked_missions,
         )
         self.incursions = IncursionWarnings(self.state.airspace, self.tasking.onboard_missions)
         self.no_fly_zone_orders = NoFlyZoneOrders(

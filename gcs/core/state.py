@@ -88,6 +88,12 @@ def flown_routes(agents: Mapping[int, Agent]) -> dict[int, Route]:
     return {vehicle: route for vehicle, route in routes.items() if route is not None}
 
 
+def wanted_routes(agents: Mapping[int, Agent]) -> dict[int, Route]:
+    """Return the routes whose missions vehicles get: to targets, else to a circle in a layer."""
+    stacked = {vehicle: agent.routes.stacked for vehicle, agent in sorted(agents.items())}
+    return {v: route for v, route in stacked.items() if route is not None} | flown_routes(agents)
+
+
 def without_missions(agents: Mapping[int, Agent]) -> dict[int, str]:
     """Return the vehicles that get no mission now, with the reason in words: not ours, or unable to fly."""
     controls = {vehicle: agent.control for vehicle, agent in agents.items()}

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Final
 
 from gcs.model.basics import Kind, Label
+
+_HOME: Final = -1
+_HOLD: Final = -2
 
 
 def vehicle_id(network: int, system_id: int) -> int:
@@ -36,8 +40,25 @@ def named(vehicles: Iterable[int]) -> str:
 
 
 def target_name(label: Label) -> str:
-    """Return the name of a target track: "T12.3", born in scan 12 with index 3."""
+    """Return the name of a target track: "T12.3", born in scan 12 with index 3; else "home" or "hold"."""
+    if is_place(label):
+        return "home" if label[0] == _HOME else "hold"
     return track_name("targets", label)
+
+
+def home_label(vehicle: int) -> Label:
+    """Return what a route home has in place of a target."""
+    return (_HOME, vehicle)
+
+
+def hold_label(vehicle: int) -> Label:
+    """Return what the route of a vehicle that holds has in place of a target."""
+    return (_HOLD, vehicle)
+
+
+def is_place(label: Label) -> bool:
+    """Return True if a label is of home, or of a place to hold, and not of a target."""
+    return label[0] < 0
 
 
 def track_name(kind: Kind, label: Label) -> str:

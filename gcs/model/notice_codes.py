@@ -522,6 +522,43 @@ class NoticeCode(TableCode):
         ends="comes-near separation-lost",
         by="other",
     )
+    AIRCRAFT_NEAR = _vehicle(
+        "aircraft-near",
+        _A,
+        "{aircraft} comes within {distance_m:.0f} m and {height_m:.0f} m in height of it in {after_s:.0f} s, "
+        "at ({east_m:.0f}, {north_m:.0f}) m, {place_height_m:.0f} m high: hold or return it, or let a pilot "
+        "take it over",
+        "an aircraft that a vehicle receives by ADS-B is predicted to come within 300 m and 75 m in height; "
+        "repeated 10 s before",
+        "keep clear: hold, return or land the vehicle, or let a pilot take it over",
+        by="aircraft",
+    )
+    AIRCRAFT_GONE = _vehicle(
+        "aircraft-gone", _I, "is apart from {aircraft}", ends="aircraft-near", by="aircraft"
+    )
+    CHANGES_LAYER = _vehicle(
+        "changes-layer",
+        _W,
+        "holds near {other}: it gets a circle in a free altitude layer, {height_m:.0f} m above home",
+        "the circles of two that wait are nearer than the separation at one height (`planning.avoidance`)",
+        "nothing; `gcs order resume` as always",
+    )
+    AVOIDS = _vehicle(
+        "avoids",
+        _W,
+        "holds: it would come near {other} in {after_s:.0f} s. It flies on when they are apart",
+        "its mission leads it near the other vehicle, and a hold keeps it farther away "
+        "(`planning.avoidance`, [separation](planning.md#separation-in-flight))",
+        "wait",
+        by="other",
+    )
+    AVOIDS_NO_LONGER = _vehicle(
+        "avoids-no-longer",
+        _I,
+        "no longer holds for {other}[: {reason}]",
+        ends="avoids",
+        by="other",
+    )
     RETURNS_NEAR = _mission(
         "returns-near",
         _W,

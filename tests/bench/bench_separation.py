@@ -3,7 +3,8 @@
     python tests/bench/bench_separation.py --missions 1000
 
 Each row counts intervals in which two vehicles in the air were within 30 m and 15 m in height, by what was
-told before. With --cost it measures one check of the look-ahead instead, by swarm and time step.
+told before. With --all each order to hold, return or resume is to all vehicles; with --home all return once
+to one strip. With --cost it measures one check of the look-ahead instead, by swarm and time step.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import argparse
 import time
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 
 import numpy as np
 from flown_separation import Flown, Pair, fly
@@ -19,6 +21,7 @@ from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_
 from gcs.core.separation.look_ahead import encounters
 
 MIN_LEAD_S = 5.0
+LATE_S = 3.0
 
 
 def show(flown: list[Flown], each: bool) -> None:
@@ -39,6 +42,17 @@ def show(flown: list[Flown], each: bool) -> None:
         f"alarms: {alarms}, and {undecided} shortly before the end; pairs that stayed apart: {false} "
         f"({100.0 * false / max(alarms, 1):.0f} %), in {avoided} of them a mode changed after the alarm"
     )
+    for action in ("hold", "return"):
+        delays = [s for one in flown for (order, _), s in one.answered.items() if order.startswith(action)]
+        done = np.array([s for s in delays if s is not None])
+        if not len(done):
+            continue
+        late = int((done > LATE_S).sum())
+        print(
+            f"orders to {action}: {len(done)} of {len(delays)} carried out, {late} of them after "
+            f"{LATE_S:g} s; median {np.median(done):.1f} s, most {done.max():.1f} s"
+        )
+    print(f"vehicles held for others: {sum(one.held for one in flown)}")
     if each:
         for pair in sorted(pairs, key=lambda one: (one in early, one.seed, one.begin_s)):
             print(words(pair))
@@ -94,6 +108,8 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1, help="first seed")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--each", action="store_true", help="list the intervals")
+    parser.add_argument("--all", action="store_true", help="order all vehicles at once")
+    parser.add_argument("--home", action="store_true", help="order all home once, and nothing else")
     parser.add_argument("--cost", action="store_true", help="measure one check")
     options = parser.parse_args()
     if options.cost:
@@ -102,7 +118,8 @@ def main() -> None:
     seeds = range(options.first, options.first + options.missions)
     began = time.perf_counter()
     with ProcessPoolExecutor(options.workers) as pool:
-        flown = list(pool.map(fly, seeds, chunksize=4))
+        flight = partial(fly, all_at_once=options.all, home=options.home)
+        flown = list(pool.map(flight, seeds, chunksize=4))
     show(flown, options.each)
     print(f"took {time.perf_counter() - began:.0f} s")
 

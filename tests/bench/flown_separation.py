@@ -118,10 +118,15 @@ class Flown:
     in_air_s: float = 0.0
     refused: int = 0
     told: list[tuple[float, str]] = field(default_factory=list)
+    answered: dict[tuple[str, int], float | None] = field(default_factory=dict)
+    """Time from an accepted order to hold or return until its vehicle did so, by order and vehicle; None if
+    it never did. Orders that a newer one replaced are left out."""
+    held: int = 0
+    """Vehicles that the service held for others by itself."""
 
 
-def draw(seed: int, duration_s: float) -> Drawn:
-    """Draw a mission."""
+def draw(seed: int, duration_s: float, *, all_at_once: bool = False) -> Drawn:
+    """Draw a mission; with `all_at_once` each order to hold, return or resume is to all vehicles."""
     rng = np.random.default_rng([seed, 25])
     n, speed = int(rng.integers(4, 7)), float(rng.choice([15.0, 18.0, 22.0]))
     px4 = [v for v in range(1, n + 1) if rng.random() < 1 / 3]
@@ -158,13 +163,41 @@ def draw(seed: int, duration_s: float) -> Drawn:
         grounded,
         heights,
         returns,
-        tuple(_orders(rng, vehicles, grounded, duration_s)),
+        tuple(_orders(rng, vehicles, grounded, duration_s, 1.0 if all_at_once else 0.3)),
         float(rng.uniform(40.0, duration_s - 30.0)) if rng.random() < 0.2 else None,
     )
 
 
+def draw_return(seed: int, duration_s: float) -> Drawn:
+    """Draw a mission of vehicles in the air, which are all ordered to return once, to places 35 m apart."""
+    rng = np.random.default_rng([seed, 28])
+    drawn = next(
+        d for d in (draw(int(rng.integers(1 << 30)), duration_s) for _ in range(100)) if _is_strip(d)
+    )
+    vehicles = range(1, len(drawn.return_heights_m) + 1)
+    given_t_ns = START_T_NS + round(rng.uniform(30.0, 60.0) * NS_PER_S)
+    return replace(
+        drawn,
+        seed=seed,
+        grounded=frozenset(),
+        heights_m={v: BASE_M + STEP_M * (v - 1) for v in vehicles},
+        return_heights_m=dict.fromkeys(vehicles, 100.0),
+        orders=(Order(given_t_ns, "return-0", "return", None),),
+        failsafe_s=None,
+    )
+
+
+def _is_strip(drawn: Drawn) -> bool:
+    agents = drawn.scenario.config.agents
+    return math.dist((agents[0].east_m, agents[0].north_m), (agents[1].east_m, agents[1].north_m)) < 40.0
+
+
 def _orders(
-    rng: np.random.Generator, vehicles: Sequence[int], grounded: frozenset[int], duration_s: float
+    rng: np.random.Generator,
+    vehicles: Sequence[int],
+    grounded: frozenset[int],
+    duration_s: float,
+    all_share: float,
 ) -> list[Order]:
     found: list[tuple[float, str, tuple[int, ...] | None]] = [(1.0, "hold", (v,)) for v in sorted(grounded)]
     found += [(4.0, "resume", (v,)) for v in sorted(grounded)]
@@ -174,7 +207,7 @@ def _orders(
     for _ in range(int(rng.integers(2, 8))):
         t_s = rng.uniform(15.0, duration_s - 10.0)
         what = str(rng.choice(["hold", "hold", "return", "resume"]))
-        who = None if rng.random() < 0.3 else (int(rng.choice(vehicles)),)
+        who = None if rng.random() < all_share else (int(rng.choice(vehicles)),)
         found.append((t_s, what, who))
         if what != "resume":  # most of them go on some time later
             found.append((t_s + rng.uniform(4.0, 40.0), "resume", who if rng.random() < 0.8 else None))
@@ -284,12 +317,27 @@ class FlownMission:
         self.flown.false_alarms += is_false
         self.flown.avoided += is_false and has_changed
 
+    def _on_answer(self, t_ns: int, answer: OrderAnswer) -> None:
+        self.flown.refused += answer.state == "refused"
+        if answer.action not in ("hold", "return"):
+            return
+        answered = self.flown.answered
+        if answer.state == "accepted":
+            answered.update({(answer.order_id, vehicle): None for vehicle in answer.waiting})
+        elif answer.vehicle is not None and (answer.order_id, answer.vehicle) in answered:
+            if answer.state == "done":
+                given_t_ns = next(one.t_ns for one in self.drawn.orders if one.order_id == answer.order_id)
+                answered[answer.order_id, answer.vehicle] = (t_ns - given_t_ns) / NS_PER_S
+            elif answer.detail.startswith("replaced"):
+                del answered[answer.order_id, answer.vehicle]
+
     def _on_effect(self, t_ns: int, effect: Effect) -> None:
-        if isinstance(effect, OrderAnswer) and effect.state == "refused":
-            self.flown.refused += 1
+        if isinstance(effect, OrderAnswer):
+            self._on_answer(t_ns, effect)
         if not isinstance(effect, Notice) or effect.vehicle is None:
             return
         t_s = (t_ns - START_T_NS) / NS_PER_S
+        self.flown.held += effect.code.value == "avoids"
         if effect.level != "info" or effect.code is NoticeCode.APART_AGAIN:
             self.flown.told.append((t_s, f"{effect.level} {effect.vehicle} {effect.text}"))
         other = effect.parameters.get("other", 0)
@@ -301,6 +349,8 @@ class FlownMission:
                 self._end_alarm(vehicles)
 
 
-def fly(seed: int, duration_s: float = 150.0) -> Flown:
-    """Draw and fly one mission."""
-    return FlownMission(draw(seed, duration_s)).fly(duration_s)
+def fly(seed: int, duration_s: float = 150.0, *, all_at_once: bool = False, home: bool = False) -> Flown:
+    """Draw and fly one mission; with `home` one of `draw_return`."""
+    if home:
+        return FlownMission(draw_return(seed, duration_s)).fly(duration_s)
+    return FlownMission(draw(seed, duration_s, all_at_once=all_at_once)).fly(duration_s)

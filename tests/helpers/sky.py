@@ -125,3 +125,10 @@ def place(plane, east_m, north_m, height_m, course_deg=0.0):
 def give(sky, action, *vehicles):
     number = len([one for one in sky.answers if one.action == action])
     sky.run_.order(Order(sky.run_.t_ns, f"{action}-{number}", action, vehicles or None))
+
+
+def with_one_home(sky):
+    """Let all vehicles return to one place, at the height of their parameters: 100 m."""
+    for plane in sky.planes.values():
+        plane.autopilot.home = replace(plane.autopilot.home, east_m=1500.0, north_m=1500.0)
+    return fly_on(sky, 12.0)

@@ -44,6 +44,7 @@ from gcs.model import (
     VehicleState,
     target_name,
 )
+from gcs.model.names import home_label
 from gcs.planning.map.grid import Point
 
 _PERIOD_NS: Final = ns(0.25)
@@ -161,7 +162,9 @@ class FlightPhases:
         ending = self._missions.terminal_phase(vehicle)
         if state.mode in _LANDING_MODES or state.is_landing or ending == "landing":
             return FlightEvent.LANDS
-        if state.mode == RTL or ending in ("return route", "return"):
+        stacked = self._agents[vehicle].routes.stacked
+        is_sent_home = state.mode == AUTO and stacked is not None and stacked.target == home_label(vehicle)
+        if state.mode == RTL or is_sent_home or ending in ("return route", "return"):
             return FlightEvent.RETURNS
         is_new = phase in (FlightPhase.ON_GROUND, FlightPhase.TAKING_OFF)
         if self._missions.is_in_takeoff(vehicle) or state.mode == "TAKEOFF" or (is_new and height_m < LOW_M):

@@ -40,13 +40,15 @@ class Command:
 
 @dataclass(slots=True)
 class WaitingOrder:
-    """Order to hold or return that waits until its vehicle is clear of others."""
+    """Order to hold or return that is not commanded yet: its vehicle would come near others."""
 
     order: int
     """Its number (`OperatorState.orders`)."""
     mode: str
     """Mode of the vehicle when it was given."""
     next_check_t_ns: int
+    uploads_since_t_ns: int | None = None
+    """Time since which a mission that returns it is uploaded; None: it waits."""
 
 
 @dataclass(slots=True)

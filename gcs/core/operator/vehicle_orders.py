@@ -9,8 +9,9 @@ otherwise it waits in LOITER for the next plan. It gets no upload until it is in
 start of the mission. A vehicle that returns or lands is not turned back near the ground.
 
 No order leads a vehicle into another one (`gcs.core.separation.order_check`). An order to resume is refused
-then. An order to hold or to return waits until the vehicle is clear, with an alarm at once; given again, it
-is carried out at once.
+then. A vehicle that RTL would lead near others returns by a mission, in an altitude layer of its own
+(`gcs.core.replanning.stacked_missions`). Where that is not possible, and for an order to hold, the order
+waits until the vehicle is clear, with an alarm at once; given again, it is carried out at once.
 
 Vehicles are armed by an order only. Arming is refused in a mode in which the vehicle would take off at once,
 except with a verified mission that is to be flown now: PX4 and ArduPlane start the stored mission when they
@@ -30,6 +31,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.core.operator.records import Command, OrderInProgress, WaitingOrder
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.replanning.planned_flights import AltitudeLayers
+from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.state import State, flown_routes
@@ -51,6 +53,7 @@ from gcs.model import (
     NoticeCode,
     Order,
     Parameter,
+    Route,
     VehicleState,
     named,
     vehicle_name,
@@ -66,6 +69,8 @@ PILOTED: Final = frozenset(
 """Modes of manual flight: the pilot keeps control."""
 _WAIT_PERIOD_NS: Final = NS_PER_S
 """Time between two checks of an order that waits."""
+_MAX_UPLOAD_NS: Final = 15 * NS_PER_S
+"""Time after which a return by a mission that is still being uploaded has failed."""
 _MAX_GROUND_SPEED_M_S = 2.0
 _MAX_GROUND_HEIGHT_M = 5.0
 _MAX_TAKEOFF_SHIFT_M: Final = 30.0
@@ -88,7 +93,9 @@ class Orders:
         return_heights: ReturnHeightMonitor,
         order_check: OrderCheck,
         landing_order: LandingOrder,
+        stacked_missions: StackedMissions,
     ) -> None:
+        self._stacked = stacked_missions
         self._order_check = order_check
         self._landing_order = landing_order
         self._state = state
@@ -153,15 +160,25 @@ class Orders:
             return effects
         number = self._operator.begin(ongoing)
         waits = self._problems(order, [v for v in begun if v not in insisted])
-        for vehicle, problem in waits.items():
-            effects += self._wait(number, order, vehicle, problem)
-        for vehicle in (v for v in begun if v not in waits):
+        clear = [v for v in begun if v not in waits]
+        home = self._planned_returns(order, [v for v in clear if v not in insisted], waits)
+        for route in home.values():
+            effects += self._return_by_mission(number, order, route)
+        for vehicle in waits.keys() - home.keys():
+            effects += self._wait(number, order, vehicle, waits[vehicle])
+        for vehicle in (v for v in clear if v not in home):
             if order.action == "resume":
                 release(vehicle, order.t_ns)
             effects += self._begin(number, order, vehicle, known[vehicle].autopilot, targets)
-        detail = named(ongoing.waiting) + (f"; {named(waits)} when clear of others" if waits else "")
+        held_up = waits.keys() - home.keys()
+        detail = named(ongoing.waiting) + (f"; {named(held_up)} when clear of others" if held_up else "")
+        detail += f"; {named(home)} in altitude layers" if home else ""
         if order.action == "return":
-            returning = {v for v, agent in self._agents.items() if agent.control.suspension == "return"}
+            returning = {
+                v
+                for v, agent in self._agents.items()
+                if agent.control.suspension == "return" and agent.routes.stacked is None
+            }
             warning = self._return_heights.warning(returning)
             detail += f"; {warning}" if warning else ""
             if warning:
@@ -200,7 +217,9 @@ class Orders:
                 return ""  # resume ends the pause after failed uploads
             case "resume" if control.is_ours:
                 return f"is not suspended, and is in {state.mode or 'an unknown mode'}"
-            case "hold" | "return" as action if (control.suspension, state.mode) == (action, _MODES[action]):
+            case "hold" | "return" as action if control.suspension == action and (
+                state.mode == _MODES[action] or self._flies_stacked(vehicle, state)
+            ):
                 return control.reason
             case "arm" | "disarm" if self._agents[vehicle].link.high_latency is not None:
                 return ""  # PX4 does not say there whether it is armed
@@ -310,6 +329,35 @@ class Orders:
                 modes[vehicle] = mode
         return problems
 
+    def _planned_returns(
+        self, order: Order, clear: Sequence[int], unclear: Collection[int]
+    ) -> dict[int, Route]:
+        """Return the routes home of vehicles that RTL would lead near others.
+
+        Then all land in order where missions land: in RTL one would circle where others descend.
+        """
+        if order.action != "return" or not unclear:
+            return {}
+        landing = [vehicle for vehicle in clear if self._stacked.lands(vehicle)]
+        modes = self._ordered_modes() | {v: RTL for v in clear if v not in landing}
+        return self._stacked.plan_returns([*landing, *unclear], modes, order.t_ns)
+
+    def _return_by_mission(self, number: int, order: Order, route: Route) -> list[Effect]:
+        """Begin a return by a mission; an older command to the vehicle ends."""
+        vehicle = route.vehicle
+        effects = self._end_command(vehicle, order.t_ns, _REPLACED.format(order.action))
+        self._agents[vehicle].claims.apply(ControlEvent.RETURN, order.t_ns)
+        self._agents[vehicle].routes.suspend(is_uploaded=vehicle not in self._state.tasking.stages)
+        self._defer(number, order, vehicle, uploads_since_t_ns=order.t_ns)
+        return effects + self._stacked.send(route, order.t_ns)
+
+    def _flies_stacked(self, vehicle: int, state: VehicleState) -> bool:
+        """Return True if a vehicle flies the mission that returns it, or holds it in a layer."""
+        agent = self._agents[vehicle]
+        onboard = agent.tasking.onboard
+        is_stored = onboard is not None and onboard.route.is_same(agent.routes.stacked)
+        return is_stored and state.mode == AUTO and not self._state.tasking.has_pending(vehicle)
+
     def _waits_for(self, vehicle: int) -> str:
         """Return the action of the order that waits for a vehicle; empty if there is none."""
         waiting = self._agents[vehicle].orders.waiting
@@ -317,12 +365,15 @@ class Orders:
 
     def _wait(self, number: int, order: Order, vehicle: int, problem: str) -> list[Effect]:
         """Let an order wait, with an alarm; an older command to the vehicle goes on."""
+        self._defer(number, order, vehicle)
+        parameters: dict[str, Parameter] = {"action": order.action, "reason": problem}
+        return [Notice(order.t_ns, NoticeCode.ORDER_WAITS, vehicle, parameters)]
+
+    def _defer(self, number: int, order: Order, vehicle: int, uploads_since_t_ns: int | None = None) -> None:
         state = self._fleet.state(vehicle)
         mode = "" if state is None else state.mode
         due_t_ns = order.t_ns + _WAIT_PERIOD_NS
-        self._agents[vehicle].orders.waiting = WaitingOrder(number, mode, due_t_ns)
-        parameters: dict[str, Parameter] = {"action": order.action, "reason": problem}
-        return [Notice(order.t_ns, NoticeCode.ORDER_WAITS, vehicle, parameters)]
+        self._agents[vehicle].orders.waiting = WaitingOrder(number, mode, due_t_ns, uploads_since_t_ns)
 
     def _check_waiting(self, vehicle: int, t_ns: int) -> list[Effect]:
         """Carry out an order that waits once its vehicle is clear; end it if somebody else takes over."""
@@ -342,13 +393,27 @@ class Orders:
             ended = f"its mode was changed to {state.mode} meanwhile"
         if ended:
             return self._end_waiting(vehicle, t_ns, ended)
+        order = replace(order, t_ns=t_ns)
+        if waiting.uploads_since_t_ns is not None:
+            if self._flies_stacked(vehicle, state):
+                self._agents[vehicle].orders.waiting = None
+                height_m = self._fleet.height_m(state)
+                done = f"AUTO, armed: flies home in its altitude layer, now at {height_m:.0f} m"
+                return [self._operator.finish(waiting.order, t_ns, "done", done, vehicle)]
+            is_late = t_ns - waiting.uploads_since_t_ns > _MAX_UPLOAD_NS
+            if self._state.tasking.has_pending(vehicle) and not is_late:
+                return []
         modes = self._ordered_modes() | {vehicle: _MODES[order.action]}
-        if self._order_check.problem(vehicle, modes, t_ns):
+        problem = self._order_check.problem(vehicle, modes, t_ns)
+        if problem and waiting.uploads_since_t_ns is None:
             return []
         self._agents[vehicle].orders.waiting = None
+        if problem:  # its return by a mission has failed
+            effects = self._suspend(vehicle, order.action, t_ns)
+            return effects + self._wait(waiting.order, order, vehicle, problem)
         return [
             Notice(t_ns, NoticeCode.ORDER_BEGINS, vehicle, {"action": order.action}),
-            *self._begin(waiting.order, replace(order, t_ns=t_ns), vehicle, health.autopilot, ()),
+            *self._begin(waiting.order, order, vehicle, health.autopilot, ()),
         ]
 
     def _end_waiting(self, vehicle: int, t_ns: int, reason: str) -> list[Effect]:
@@ -358,6 +423,7 @@ class Orders:
         orders.waiting = None
         if waiting is None:
             return []
+        self._agents[vehicle].routes.stacked = None
         return [self._operator.finish(waiting.order, t_ns, "failed", reason, vehicle)]
 
     # ------------------------------------------------------------ take-offs and missions
@@ -415,7 +481,9 @@ class Orders:
             event = ControlEvent.HOLD if order.action == "hold" else ControlEvent.RETURN
             self._agents[vehicle].claims.apply(event, order.t_ns)
             effects += self._suspend(vehicle, order.action, order.t_ns)
-        before = self._tasking.overrides.of(vehicle).mode if order.action == "resume" else ""
+        authority = self._tasking.overrides.of(vehicle)
+        before = authority.mode if order.action == "resume" else ""
+        authority.note_command(mode)  # LOITER by an order is ours
         command = set_mode(vehicle, autopilot, mode)
         sender = CommandSender.begin(command, order.t_ns, mode=mode, before=before)
         return effects + self._send(number, vehicle, sender, order.t_ns)

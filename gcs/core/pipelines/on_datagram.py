@@ -27,11 +27,15 @@ def receive_from_vehicles(stages: Stages, event: Datagram, frames: FrameTable | 
     t_ns = event.t_ns
     effects: list[Effect] = []
     for vehicle, message in stages.fleet.receive(event, frames):
+        if message.get_type() == "ADSB_VEHICLE":
+            stages.air_traffic.receive(message, t_ns)
+            continue
         stages.return_heights.receive(vehicle, message)
         stages.terrain.receive(vehicle, message)
         effects += stages.dispatch.settle(stages.tasking.receive(vehicle, message, t_ns))
         stages.failsafes.receive(vehicle, message, t_ns)
         effects += stages.orders.receive(vehicle, message, t_ns)
+        effects += stages.avoidances.receive(vehicle, message, t_ns)
         effects += stages.disarmed_in_auto.receive(vehicle, message, t_ns)
         effects += stages.onboard_audit.receive(vehicle, message, t_ns)
         effects += stages.external_uploads.receive_reply(vehicle, message, t_ns)

@@ -86,7 +86,7 @@ def watch_other_stations(stages: Stages, event: Tick) -> list[Effect]:
 
 def carry_on_orders(stages: Stages, event: Tick) -> list[Effect]:
     """Repeat commands of orders that vehicles have not confirmed; carry out those that waited."""
-    return stages.orders.poll(event.t_ns)
+    return stages.dispatch.settle(stages.orders.poll(event.t_ns))
 
 
 def audit_missions(stages: Stages, event: Tick) -> list[Effect]:
@@ -101,7 +101,8 @@ def watch_takeoffs(stages: Stages, event: Tick) -> list[Effect]:
 
 def watch_separation(stages: Stages, event: Tick) -> list[Effect]:
     """Look ahead over all pairs of vehicles in the air."""
-    return stages.separation.check(event.t_ns)
+    watched = stages.dispatch.settle(stages.separation.check(event.t_ns))
+    return watched + stages.avoidances.poll(event.t_ns)
 
 
 def report_standstill(stages: Stages, event: Tick) -> list[Effect]:

@@ -162,7 +162,12 @@ class PlanningInputBuilder:
             if state.mode == LOITER:
                 position_m, radius_m = _circle(state, self.agents[vehicle].separation.rate_rad_s)
                 to_m = position_m
-            found.append(OtherVehicle(vehicle, position_m, to_m, self.fleet.height_m(state), radius_m))
+            height_m = self.fleet.height_m(state)
+            stacked = self.agents[vehicle].routes.stacked
+            if stacked is not None and state.mode == AUTO:
+                to_m = (float(stacked.flown_m[-1, 0]), float(stacked.flown_m[-1, 1]))
+                height_m = self.replanner.layers.height_m(stacked.layer)
+            found.append(OtherVehicle(vehicle, position_m, to_m, height_m, radius_m))
         return tuple(found)
 
     def _left_s(self, vehicles: Iterable[int], t_ns: int) -> dict[int, float]:

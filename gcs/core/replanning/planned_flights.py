@@ -44,6 +44,10 @@ class AltitudeLayers:
         self._base_m = config.mission.altitude_rel_m
         self._step_m = config.mission.layer_step_m
 
+    def height_m(self, layer: int) -> float:
+        """Return the height of a layer above home."""
+        return self._base_m + layer * self._step_m
+
     def of(self, vehicle: int) -> int:
         """Return the layer of a vehicle, or its preferred one."""
         latest = self._agents[vehicle].routes.latest

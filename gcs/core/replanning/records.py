@@ -36,6 +36,8 @@ class AgentRoutes:
     """Proposed route that the operator rejected."""
     suspended: Route | None = None
     """Route of a suspended vehicle whose upload was complete."""
+    stacked: Route | None = None
+    """Route of a vehicle that returns, or holds, by a mission in an altitude layer of its own."""
     latest: Route | None = None
     """Last route that got an altitude layer; it stays when the route is dropped."""
     made_t_ns: int = 0
@@ -60,6 +62,7 @@ class AgentRoutes:
         """Drop the routes of a vehicle that arrived, is lost, or is not tasked."""
         self.drop_flown()
         self.proposed = None
+        self.stacked = None
 
     def drop_flown(self) -> None:
         """Drop the route of a vehicle whose mission could not be uploaded."""
@@ -82,6 +85,11 @@ class AgentRoutes:
             self.suspended = self.flown
         self.drop()
 
+    def stack(self, route: Route) -> None:
+        """Return or hold by a mission, instead of RTL or LOITER."""
+        self.stacked = route
+        self.latest = route
+
     def decline(self) -> None:
         """Note that an operator rejected the proposed route."""
         self.declined = self.proposed
@@ -90,6 +98,7 @@ class AgentRoutes:
         """Return, once, the route of a suspended vehicle."""
         route = self.suspended
         self.suspended = None
+        self.stacked = None
         return route
 
 

@@ -18,7 +18,7 @@ from gcs.core.replanning.plan_targets import vehicle_options
 from gcs.core.replanning.replanner import is_crossed
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.state import Agent
-from gcs.core.tasking.mission_builder import corners_of
+from gcs.core.tasking.mission_builder import corners_of, is_hold
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.item_builder import APPROACH_ALT_M, DESCENT_SLOPE
 from gcs.model import APPROACH_M, Effect, Notice, NoticeCode, Parameter, Route
@@ -60,7 +60,7 @@ class ReturnRoutes:
         points_m = route.points_m
         airframe = self._config.airframe_of(vehicle)
         landing = landing_of(airframe)
-        if landing is None:
+        if landing is None or is_hold(route):
             return None, []
         routes = self._agents[vehicle].routes
         home = self._fleet.home(vehicle)

@@ -18,7 +18,7 @@ from gcs.config import Config
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.separation.forward_flight import Flight, FlightPaths, Goal, GoalKind, simulate_flights
 from gcs.core.separation.intents import Intents
-from gcs.core.separation.monitor import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
+from gcs.core.separation.minima import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
 from gcs.core.state import Agent
 from gcs.core.takeoff.climbs import Climbs
 from gcs.model import FloatArray

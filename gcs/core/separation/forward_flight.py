@@ -91,6 +91,8 @@ class Flight:
     """Age of the state."""
     climb_gradient: float = 0.0
     """Vertical speed in a take-off climb, by ground speed."""
+    height_error_m: float = 0.0
+    """Half the width of the band of heights at the begin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,11 +134,12 @@ def simulate_flights(flights: Sequence[Flight], for_s: float, step_s: float = ST
                 flight.max_turn_rate_rad_s,
                 flight.age_s,
                 flight.climb_gradient,
+                flight.height_error_m,
             )
             for flight in flights
         ],
         dtype=np.float64,
-    ).reshape(n, 10)
+    ).reshape(n, 11)
     paths = np.empty((4, steps, n))
     _fly(table, last, state, paths, step_s)
     return FlightPaths(tuple(flight.vehicle for flight in flights), *paths)
@@ -146,9 +149,9 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
     """Fill (4, k, n) with east, north, lower and upper height."""
     rows = np.arange(len(last))
     goal = np.zeros_like(last)
-    east, north, height, speed, course, climb, turn_rate, max_rate, age, gradient = state.T.copy()
-    low = height.copy()
-    high = height.copy()
+    east, north, height, speed, course, climb, turn_rate, max_rate, age, gradient, error_m = state.T.copy()
+    low = height - error_m
+    high = height + error_m
     in_air = np.ones(len(last), dtype=bool)
     circled_s = np.zeros(len(last))
     rising = np.maximum(climb, gradient * speed)

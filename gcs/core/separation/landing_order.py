@@ -5,6 +5,9 @@ mission: a vehicle that would land at the time of another one waits before, on a
 time that is computed when the mission is made (NAV_LOITER_TIME). Each landing has a slot: as long as the
 descent and the approach take, and a margin for a turn more on the circle and for wind. The slots of others
 follow from what is left of their onboard missions.
+
+A descent crosses the layers below its own. So a vehicle lands after those that circle below its descent
+until they land, and waits beside the descents of those that land before it.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
@@ -70,22 +74,28 @@ class LandingOrder:
         others = dict(self._landings(vehicle, place_m, t_ns))
         lands_ns = earliest_ns
         before = 0
+        descent_m = self._descent_m(vehicle, route.layer, return_m)
         for other, taken_ns in sorted(others.items(), key=lambda item: item[1]):
             slot_ns = ns(max(self._slot_s(vehicle), self._slot_s(other)))
-            if abs(lands_ns - taken_ns) < slot_ns:
+            waits_below = lands_ns < taken_ns and self._waits_below(other, route.layer, descent_m)
+            if waits_below or abs(lands_ns - taken_ns) < slot_ns:
                 lands_ns = max(lands_ns, taken_ns + slot_ns)
                 before = other
-        self._agents[vehicle].separation.landing_t_ns = lands_ns
+        separation = self._agents[vehicle].separation
+        separation.landing_t_ns = lands_ns
+        separation.landing_wait_m = None
         wait_s = (lands_ns - earliest_ns) / NS_PER_S
         if wait_s <= 0.0:
             return None, ""
-        corner = self._corner(vehicle, return_m, grid)
+        above_m = self._descents_above(route, [v for v, taken_ns in others.items() if taken_ns < lands_ns])
+        corner = self._corner(vehicle, return_m, grid, above_m)
         if corner is None:
-            self._agents[vehicle].separation.landing_t_ns = earliest_ns
+            separation.landing_t_ns = earliest_ns
             return None, (
                 f"its landing comes too near to that of agent {vehicle_name(before)} in time, and there is "
                 "no clear circle to wait on: hold one until the other is down"
             )
+        separation.landing_wait_m = (float(return_m[corner + 1, 0]), float(return_m[corner + 1, 1]))
         return LandingWait(corner, round(max(wait_s, _MIN_WAIT_S))), ""
 
     def claim(self, vehicle: int, t_ns: int) -> bool:
@@ -102,32 +112,90 @@ class LandingOrder:
         if left_s is None:
             return True
         lands_ns = t_ns + ns(left_s)
-        for other, taken_ns in self._landings(
-            vehicle, self._frame.to_local(home.lat_deg, home.lon_deg), t_ns
-        ):
-            if abs(lands_ns - taken_ns) < ns(max(self._slot_s(vehicle), self._slot_s(other))):
+        routes = self._agents[vehicle].routes
+        descent_m = np.zeros((0, 2))
+        layer = 0
+        if routes.latest is not None and routes.return_m is not None:
+            layer = routes.latest.layer
+            descent_m = self._descent_m(vehicle, layer, routes.return_m)
+        home_m = self._frame.to_local(home.lat_deg, home.lon_deg)
+        for other, taken_ns in self._landings(vehicle, home_m, t_ns):
+            waits_below = lands_ns < taken_ns and self._waits_below(other, layer, descent_m)
+            if waits_below or abs(lands_ns - taken_ns) < ns(max(self._slot_s(vehicle), self._slot_s(other))):
                 return False
         self._agents[vehicle].separation.landing_t_ns = lands_ns
         return True
 
+    # ------------------------------------------------------------ descents and circles
+
+    def _descent_m(self, vehicle: int, layer: int, return_m: FloatArray) -> FloatArray:
+        """Return the part of a return route on which a vehicle is below its layer, (k, 2)."""
+        left_m = self._zone_m(layer) + 2.0 * self._airframes[vehicle].turn_radius_m
+        points = return_m[-1:]
+        for point in return_m[-2::-1]:
+            points = np.vstack((point, points))
+            left_m -= math.dist(point, points[1])
+            if left_m <= 0.0:
+                points[0] += (points[1] - point) * min(-left_m / math.dist(point, points[1]), 1.0)
+                break
+        return points
+
+    def _zone_m(self, layer: int) -> float:
+        """Return the length of the descent from a layer and the approach."""
+        mission = self._config.mission
+        return APPROACH_M + (mission.altitude_rel_m + layer * mission.layer_step_m) / DESCENT_SLOPE
+
+    def _waits_below(self, other: int, layer: int, descent_m: FloatArray) -> bool:
+        """Return True if another vehicle waits for its landing in a lower layer, below a descent."""
+        place_m = self._agents[other].separation.landing_wait_m
+        latest = self._agents[other].routes.latest
+        is_lower = place_m is not None and latest is not None and latest.layer < layer
+        return is_lower and place_m is not None and self._is_below(other, place_m, descent_m)
+
+    def _is_below(self, vehicle: int, place_m: Point, descent_m: FloatArray) -> bool:
+        """Return True if the circle of a vehicle is below a descent; turns may lead beside its legs."""
+        airframe = self._airframes[vehicle]
+        near_m = self._config.planning.separation_m + airframe.circle_radius_m
+        return _distance_m(place_m, descent_m) < near_m + 2.0 * airframe.turn_radius_m
+
+    def _descents_above(self, route: Route, others: Sequence[int]) -> list[FloatArray]:
+        """Return the descents of others from layers above that of a route."""
+        found = []
+        for other in others:
+            routes = self._agents[other].routes
+            if routes.latest is None or routes.return_m is None or routes.latest.layer <= route.layer:
+                continue
+            found.append(self._descent_m(other, routes.latest.layer, routes.return_m))
+        return found
+
     def _slot_s(self, vehicle: int) -> float:
         """Return the least time between a landing and that of another vehicle."""
-        mission = self._config.mission
         latest = self._agents[vehicle].routes.latest
-        layer_m = (mission.layers if latest is None else latest.layer) * mission.layer_step_m
-        zone_m = APPROACH_M + (mission.altitude_rel_m + layer_m) / DESCENT_SLOPE
+        zone_m = self._zone_m(self._config.mission.layers if latest is None else latest.layer)
         return zone_m / self._airframes[vehicle].speed_m_s + _MARGIN_S
 
-    def _corner(self, vehicle: int, return_m: FloatArray, grid: Grid) -> int | None:
-        """Return the first point with a clear circle: -1 for the end of the route, or a corner behind it."""
+    def _corner(
+        self, vehicle: int, return_m: FloatArray, grid: Grid, above_m: Sequence[FloatArray]
+    ) -> int | None:
+        """Return the first point with a clear circle: -1 for the end of the route, or a corner behind it.
+
+        One beside the descents of others is preferred.
+        """
         airframe = self._airframes[vehicle]
         room_m = (airframe.loiter_radius_m or _CIRCLE_RADIUS_M) + _CIRCLE_MARGIN_M
         if airframe.wind_m_s > 0.0:
             room_m = max(room_m, airframe.circle_radius_m + _DRIFT_S * airframe.wind_m_s)
-        for corner, (east_m, north_m) in enumerate(return_m[:-2].tolist(), start=-1):
-            if _is_clear(grid, (east_m, north_m), room_m):
-                return corner
-        return None
+        clear = [
+            (corner, place_m)
+            for corner, place_m in enumerate(map(tuple, return_m[:-2].tolist()), start=-1)
+            if _is_clear(grid, place_m, room_m)
+        ]
+        beside = [
+            corner
+            for corner, place_m in clear
+            if not any(self._is_below(vehicle, place_m, descent_m) for descent_m in above_m)
+        ]
+        return next(iter(beside or [corner for corner, _ in clear]), None)
 
     def _landings(self, vehicle: int, place_m: Point, t_ns: int) -> Iterator[tuple[int, int]]:
         """Yield the other vehicles that will land in the same field, and when."""
@@ -148,16 +216,18 @@ class LandingOrder:
         agent = self._agents[vehicle]
         state = self._fleet.state(vehicle)
         planned_ns = agent.separation.landing_t_ns
-        if state is None or agent.control.suspension is not None:
+        wanted = agent.routes.flown or agent.routes.stacked
+        if state is None or (agent.control.suspension is not None and wanted is None):
             return None
         is_flown = state.mode == AUTO and agent.tasking.is_selected and state.mission_seq >= 0
         grounded = is_on_ground(state, self._fleet.home(vehicle))
-        if agent.tasking.onboard is not None and is_flown and not grounded:
+        onboard = agent.tasking.onboard
+        is_newest = onboard is not None and (wanted is None or onboard.route.is_same(wanted))
+        if is_newest and is_flown and not grounded:
             left_s = self._left_s(vehicle, (state.east_m, state.north_m), state.mission_seq)
             if left_s is not None:
                 return t_ns + ns(left_s)
-        is_pending = agent.routes.flown is not None
-        return planned_ns if planned_ns > t_ns and (is_pending or not grounded) else None
+        return planned_ns if planned_ns > t_ns and (wanted is not None or not grounded) else None
 
     def _left_s(self, vehicle: int, place_m: Point, seq: int, *, is_begun: bool = True) -> float | None:
         """Return the time until a vehicle lands by its mission; None if it does not.
@@ -182,6 +252,16 @@ class LandingOrder:
 def _length_m(points_m: FloatArray) -> float:
     points: Sequence[Point] = [(east_m, north_m) for east_m, north_m in points_m.tolist()]
     return math.fsum(map(math.dist, points, points[1:]))
+
+
+def _distance_m(place_m: Point, points_m: FloatArray) -> float:
+    """Return the distance of a place from a line through points, (k, 2)."""
+    begins_m = points_m[:-1]
+    legs_m = np.diff(points_m, axis=0)
+    offsets_m = np.array(place_m) - begins_m
+    squares = np.maximum((legs_m**2).sum(axis=1), 1e-9)
+    shares = np.clip((offsets_m * legs_m).sum(axis=1) / squares, 0.0, 1.0)
+    return float(np.hypot(*(offsets_m - shares[:, None] * legs_m).T).min(initial=math.inf))
 
 
 def _is_clear(grid: Grid, place_m: Point, radius_m: float) -> bool:

@@ -32,6 +32,8 @@ class MissionTraffic:
     def holds_back(self, route: Route, t_ns: int) -> str:
         """Return why the upload of a route must wait; empty if it need not."""
         seen = self._agents[route.vehicle].separation
+        if seen.avoidance is not None:
+            return f"holds for {seen.avoidance.other}"
         if not seen.traffic or t_ns - seen.traffic_t_ns >= _PERIOD_NS:
             seen.traffic_t_ns = t_ns
             seen.traffic = self._order_check.mission_problem(route, t_ns)

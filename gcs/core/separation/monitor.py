@@ -14,9 +14,12 @@ from typing import Final
 
 from gcs.config import Config
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
+from gcs.core.separation.aircraft import AirTraffic, is_aircraft
+from gcs.core.separation.avoidance import Avoidances
 from gcs.core.separation.forward_flight import FlightPaths, simulate_flights
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import GROWTH_M_S, Encounter, encounters
+from gcs.core.separation.minima import LOST_SHARE, MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
 from gcs.core.separation.records import Approach
 from gcs.core.state import State
 from gcs.geo import wrap_pi
@@ -27,13 +30,6 @@ from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Parameter, VehicleSt
 LOOK_AHEAD_S: Final = 25.0
 WARNING_TIMES_S: Final = (LOOK_AHEAD_S, 10.0)
 """Times before a loss of separation at which it is told."""
-MIN_DISTANCE_M: Final = 30.0
-"""Least horizontal distance, whatever `planning.separation_m` says."""
-_ONE_LAYER_M: Final = 20.0
-"""Height between layers that counts where there is one layer."""
-PREDICTED_SHARE = 0.75
-LOST_SHARE = 0.5
-"""Shares of a layer step: least difference in height, predicted and measured."""
 _PERIOD_NS: Final = ns(1.0)
 _APART_NS: Final = ns(5.0)
 _HYSTERESIS: Final = 1.5
@@ -43,21 +39,27 @@ _MAX_TURN_NS = ns(3.0)
 """Time between two courses that give a turn rate."""
 _MIN_CLIMB_M_S = 1.0
 _GRADIENT_GAIN = 0.3
+_AIRCRAFT_M: Final = 300.0
+_AIRCRAFT_HEIGHT_M: Final = 75.0
+"""Minimum distance and height between a vehicle and an aircraft that is not ours."""
 _MAX_HOLD_M: Final = 200.0
 """Distance from the centre of its circle at which a vehicle in LOITER was sent elsewhere."""
-
-
-def layer_step_m(config: Config) -> float:
-    """Return the height between layers, or what counts where there is one layer."""
-    return config.mission.layer_step_m or _ONE_LAYER_M
 
 
 class SeparationMonitor:
     """Look-ahead over all pairs of vehicles in the air."""
 
     def __init__(
-        self, config: Config, intents: Intents, return_heights: ReturnHeightMonitor, state: State
+        self,
+        config: Config,
+        intents: Intents,
+        return_heights: ReturnHeightMonitor,
+        avoidances: Avoidances,
+        air_traffic: AirTraffic,
+        state: State,
     ) -> None:
+        self._avoidances = avoidances
+        self._air_traffic = air_traffic
         self._return_heights = return_heights
         self._intents = intents
         self._agents = state.agents
@@ -77,12 +79,18 @@ class SeparationMonitor:
         for one in in_air:
             self._note(one)
         effects: list[Effect] = [*self._return_heights.check(t_ns)]
-        if len(in_air) > 1:
-            flights = [self._intents.flight(one, t_ns) for one in in_air]
+        flights = [self._intents.flight(one, t_ns) for one in in_air]
+        if len(flights) > 1:
             paths = simulate_flights(flights, LOOK_AHEAD_S)
             for encounter in encounters(paths, self._min_m, PREDICTED_SHARE * self._step_m):
                 effects += self._tell(encounter, {one.system_id: one for one in in_air}, t_ns)
             self._note_still_near(paths, t_ns)
+        aircraft = self._air_traffic.flights(t_ns) if flights else []
+        if aircraft:
+            paths = simulate_flights([*flights, *aircraft], LOOK_AHEAD_S)
+            for encounter in encounters(paths, _AIRCRAFT_M, _AIRCRAFT_HEIGHT_M, growth_m_s=0.0):
+                if is_aircraft(encounter.vehicles[1]) and not is_aircraft(encounter.vehicles[0]):
+                    effects += self._tell_of_aircraft(encounter, t_ns)
         return effects + self._end(t_ns)
 
     def _note(self, state: VehicleState) -> None:
@@ -127,18 +135,46 @@ class SeparationMonitor:
         if stage <= approach.stage:
             return []
         approach.stage = stage
+        avoided = self._avoid(encounter, approach, t_ns)
+        parameters: dict[str, Parameter] = {"other": encounter.vehicles[1], **self._figures(encounter)}
+        if is_lost:
+            parameters |= {"distance_m": distance_m, "height_m": height_m}
+        code = NoticeCode.SEPARATION_LOST if is_lost else NoticeCode.COMES_NEAR
+        return [Notice(t_ns, code, encounter.vehicles[0], parameters), *avoided]
+
+    def _tell_of_aircraft(self, encounter: Encounter, t_ns: int) -> list[Effect]:
+        vehicle, number = encounter.vehicles
+        approach = self._state.approaches.setdefault(encounter.vehicles, Approach(0, t_ns))
+        approach.seen_t_ns = t_ns
+        stage = sum(encounter.after_s <= at_s for at_s in WARNING_TIMES_S)
+        if stage <= approach.stage:
+            return []
+        approach.stage = stage
+        avoided = self._avoid(encounter, approach, t_ns)
+        approach.name = self._air_traffic.name(number)
+        parameters: dict[str, Parameter] = {"aircraft": approach.name, **self._figures(encounter)}
+        return [Notice(t_ns, NoticeCode.AIRCRAFT_NEAR, vehicle, parameters), *avoided]
+
+    def _avoid(self, encounter: Encounter, approach: Approach, t_ns: int) -> list[Effect]:
+        """Keep one of a pair apart from the other, once."""
+        if approach.has_avoided:
+            return []
+        effects = self._avoidances.stack(encounter, t_ns)
+        if not effects and approach.stage > 1:
+            effects = self._avoidances.hold(encounter, t_ns)
+        approach.has_avoided = bool(effects)
+        return effects
+
+    def _figures(self, encounter: Encounter) -> dict[str, Parameter]:
         east_m, north_m, msl_m = encounter.place_m
-        parameters: dict[str, Parameter] = {
-            "other": encounter.vehicles[1],
-            "distance_m": distance_m if is_lost else encounter.distance_m,
-            "height_m": height_m if is_lost else encounter.height_m,
+        return {
+            "distance_m": encounter.distance_m,
+            "height_m": encounter.height_m,
             "after_s": encounter.after_s,
             "east_m": east_m,
             "north_m": north_m,
             "place_height_m": msl_m - self._base_msl_m,
         }
-        code = NoticeCode.SEPARATION_LOST if is_lost else NoticeCode.COMES_NEAR
-        return [Notice(t_ns, code, encounter.vehicles[0], parameters)]
 
     def _note_still_near(self, paths: FlightPaths, t_ns: int) -> None:
         """Note the pairs that were told and are not predicted to be well apart."""
@@ -159,6 +195,10 @@ class SeparationMonitor:
             approach = approaches.pop(vehicles)
             if approach.stage == 0:
                 continue
+            if is_aircraft(vehicles[1]):
+                gone: dict[str, Parameter] = {"aircraft": approach.name}
+                effects.append(Notice(t_ns, NoticeCode.AIRCRAFT_GONE, vehicles[0], gone))
+                continue
             parameters: dict[str, Parameter] = {"other": vehicles[1]}
             if approach.nearest_m is not None:
                 parameters["nearest_m"] = approach.nearest_m
@@ -169,4 +209,8 @@ class SeparationMonitor:
     @property
     def near(self) -> Iterable[tuple[int, int]]:
         """Pairs that were told and are not apart again."""
-        return [pair for pair, approach in sorted(self._state.approaches.items()) if approach.stage]
+        return [
+            pair
+            for pair, approach in sorted(self._state.approaches.items())
+            if approach.stage and not is_aircraft(pair[1])
+        ]

@@ -10,23 +10,26 @@ from a vehicle that is nearer now.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from gcs.config import Config
+from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
-from gcs.core.separation.monitor import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
-from gcs.mavlink.autopilots.modes import RTL
-from gcs.model import Route, vehicle_name
+from gcs.core.separation.minima import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
+from gcs.mavlink.autopilots.modes import LOITER, RTL
+from gcs.model import FloatArray, Route, VehicleState, vehicle_name
 
 _AHEAD_S: Final = 25.0
 _MAX_AHEAD_S: Final = 120.0
 _STEPS: Final = 50
+_MAX_STEP_S: Final = 1.0
+"""Vehicles that meet head on come nearer by twice their speed in a second."""
 _MAX_POINTS: Final = 8
 _GROWTH_M: Final = 20.0
 """Growth of the minimum distance up to the end of a simulation."""
@@ -48,13 +51,17 @@ class _Conflict:
 class OrderCheck:
     """Predicts what orders to vehicles in the air lead to."""
 
-    def __init__(self, config: Config, intents: Intents) -> None:
+    def __init__(self, config: Config, intents: Intents, air_traffic: AirTraffic) -> None:
         self._intents = intents
+        self._air_traffic = air_traffic
         self._mission = config.mission
+        self._airframes = config.airframes_of_agents
         self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
 
-    def problem(self, vehicle: int, modes: Mapping[int, str], t_ns: int) -> str:
+    def problem(
+        self, vehicle: int, modes: Mapping[int, str], t_ns: int, *, with_aircraft: bool = False
+    ) -> str:
         """Return which vehicle an order would bring a vehicle near to; empty if none, or no nearer than now.
 
         Parameters
@@ -63,13 +70,16 @@ class OrderCheck:
             Vehicle of the order.
         modes : mapping of int to str
             Modes that are ordered now, by vehicle; that of the vehicle is among them.
+        with_aircraft : bool
+            True if aircraft that are not ours count, too. ADS-B can be forged: no order waits for it.
         """
         states = {state.system_id: state for state in self._intents.flying(t_ns)}
-        if vehicle not in states or len(states) < 2:
+        if vehicle not in states:
             return ""
         others = [
             self._intents.flight(state, t_ns, modes.get(v)) for v, state in states.items() if v != vehicle
         ]
+        others += self._air_traffic.flights(t_ns) if with_aircraft else []
         ordered = self._intents.flight(states[vehicle], t_ns, modes[vehicle])
         present = self._intents.flight(states[vehicle], t_ns)
         is_return = modes[vehicle] == RTL, states[vehicle].mode == RTL
@@ -79,19 +89,76 @@ class OrderCheck:
         """Return which vehicle a new mission would at once lead one in the air near to; empty if none."""
         states = {state.system_id: state for state in self._intents.flying(t_ns)}
         state = states.pop(route.vehicle, None)
-        if state is None or not states or self._intents.is_climbing_out(state):
+        if state is None or self._intents.is_climbing_out(state):
             return ""
-        mission = self._mission
-        ground_m = self._intents.ground_m(route.vehicle)
-        height_m = ground_m + mission.altitude_rel_m + route.layer * mission.layer_step_m
-        legs = [
-            Goal(GoalKind.WAYPOINT, east_m, north_m, mission.accept_radius_m, height_m)
-            for east_m, north_m in route.flown_m[:_MAX_POINTS].tolist()
-        ]
         present = self._intents.flight(state, t_ns)
-        others = [self._intents.flight(one, t_ns) for one in states.values()]
+        others = self._flights(states.values(), t_ns)
+        legs = self._legs(route, route.flown_m[:_MAX_POINTS])
         led = replace(present, goals=(*legs, Goal(GoalKind.KEEP)))
         return self._worse(led, present, others, (False, state.mode == RTL))
+
+    def hold_gain(self, vehicle: int, t_ns: int) -> float:
+        """Return how much farther from all others a vehicle stays if it holds now, as a share of the minimum.
+
+        Negative if a hold leads it nearer.
+        """
+        states = {state.system_id: state for state in self._intents.flying(t_ns)}
+        state = states.pop(vehicle, None)
+        if state is None:
+            return 0.0
+        others = self._flights(states.values(), t_ns)
+        held = self._intents.flight(state, t_ns, LOITER)
+        present = self._intents.flight(state, t_ns)
+        return self._nearness(held, others) - self._nearness(present, others)
+
+    def _flights(self, states: Iterable[VehicleState], t_ns: int) -> list[Flight]:
+        """Return what other vehicles fly now, and aircraft."""
+        return [self._intents.flight(one, t_ns) for one in states] + self._air_traffic.flights(t_ns)
+
+    def _nearness(self, own: Flight, others: list[Flight]) -> float:
+        return _nearest([*self._met(own, others, is_return=False), *self._overlapping(own, others)])
+
+    def stacking_problem(
+        self, route: Route, planned: Mapping[int, Route], modes: Mapping[int, str], t_ns: int
+    ) -> str:
+        """Return which vehicle a return or a hold by a mission would lead a vehicle near to; empty if none.
+
+        Parameters
+        ----------
+        route : Route
+            Route of the vehicle, which circles at its end.
+        planned : mapping of int to Route
+            The same of others that get such missions at this time.
+        modes : mapping of int to str
+            Modes that are ordered now, by vehicle.
+        """
+        states = {state.system_id: state for state in self._intents.flying(t_ns)}
+        own = self._stacked(states.pop(route.vehicle), route, t_ns)
+        others = [
+            self._stacked(state, planned[vehicle], t_ns)
+            if vehicle in planned
+            else self._intents.flight(state, t_ns, modes.get(vehicle))
+            for vehicle, state in states.items()
+        ]
+        conflicts = [*self._overlapping(own, others, last=True)]
+        conflicts = conflicts or [*self._met(own, others, is_return=True)]
+        return f"would {min(conflicts).words}" if conflicts else ""
+
+    def _stacked(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
+        """Return the flight of a vehicle that returns or holds by a mission."""
+        *legs, end = self._legs(route, route.flown_m)
+        radius_m = self._airframes[route.vehicle].circle_radius_m
+        circle = replace(end, kind=GoalKind.CIRCLE, radius_m=radius_m)
+        return replace(self._intents.flight(state, t_ns), goals=(*legs, circle))
+
+    def _legs(self, route: Route, points_m: FloatArray) -> list[Goal]:
+        mission = self._mission
+        height_m = self._intents.ground_m(route.vehicle) + mission.altitude_rel_m
+        height_m += route.layer * mission.layer_step_m
+        return [
+            Goal(GoalKind.WAYPOINT, east_m, north_m, mission.accept_radius_m, height_m)
+            for east_m, north_m in points_m.tolist()
+        ]
 
     def _worse(
         self, changed: Flight, present: Flight, others: list[Flight], is_return: tuple[bool, bool]
@@ -103,6 +170,8 @@ class OrderCheck:
         is_return : tuple of bool
             True for a return, of the changed and of the present flight.
         """
+        if not others:
+            return ""
         led = [*self._met(changed, others, is_return[0])], [*self._overlapping(changed, others)]
         if not any(led):
             return ""
@@ -119,22 +188,25 @@ class OrderCheck:
             last = own.goals[-1]
             away_m = math.dist((own.east_m, own.north_m), (last.east_m, last.north_m))
             for_s += min((away_m + 2.0 * math.pi * abs(last.radius_m)) / own.speed_m_s, _MAX_AHEAD_S - for_s)
-        step_s = max(for_s / _STEPS, 0.5)
+        step_s = min(max(for_s / _STEPS, 0.5), _MAX_STEP_S)
         paths = simulate_flights([own, *others], for_s, step_s)
         for one in encounters(paths, self._min_m, self._min_height_m, _GROWTH_M / for_s, step_s):
             if own.vehicle in one.vehicles:
                 other = next(vehicle for vehicle in one.vehicles if vehicle != own.vehicle)
                 yield _Conflict(
                     max(one.distance_m / self._min_m, one.height_m / self._min_height_m),
-                    f"come within {one.distance_m:.0f} m and {one.height_m:.0f} m in height of agent "
-                    f"{vehicle_name(other)} in {one.after_s:.0f} s",
+                    f"come within {one.distance_m:.0f} m and {one.height_m:.0f} m in height of "
+                    f"{self._air_traffic.name(other)} in {one.after_s:.0f} s",
                 )
 
-    def _overlapping(self, own: Flight, others: list[Flight]) -> Iterator[_Conflict]:
-        """Yield the vehicles whose circles overlap the circle at the end of a flight."""
+    def _overlapping(self, own: Flight, others: list[Flight], *, last: bool = False) -> Iterator[_Conflict]:
+        """Yield the vehicles whose circles overlap the circle at the end of a flight.
+
+        These are circles that they fly now, or with `last` those at the ends of their flights.
+        """
         circle = _circle(own.goals[-1])
         for other in others if circle is not None else ():
-            theirs = _circle(other.goals[0])
+            theirs = _circle(other.goals[-1 if last else 0])
             if circle is None or theirs is None:
                 continue
             height_m = abs(circle.height_m - theirs.height_m)

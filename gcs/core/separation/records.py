@@ -4,6 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from gcs.mavlink.services.command_sender import CommandSender
+
+
+@dataclass(slots=True)
+class Avoidance:
+    """Hold of a vehicle that would come near another one."""
+
+    other: str
+    """That vehicle or aircraft, in words."""
+    since_t_ns: int
+    next_check_t_ns: int = 0
+    sender: CommandSender | None = None
+    """Command to hold, or to fly on."""
+    is_ending: bool = False
+    """True from the command to fly on."""
+
 
 @dataclass(slots=True)
 class AgentSeparation:
@@ -22,10 +38,13 @@ class AgentSeparation:
     """Radius of the last circle that it flew in LOITER or RTL, negative to the left; 0 if unknown."""
     landing_t_ns: int = 0
     """Time of its landing as planned; 0 before that."""
+    landing_wait_m: tuple[float, float] | None = None
+    """Place where it waits for that time on a circle; None if it does not."""
     traffic: str = ""
     """Vehicle that its queued mission would lead it near to, in words; empty if there is none."""
     traffic_t_ns: int = 0
     """Time of that check."""
+    avoidance: Avoidance | None = None
     waits_since_t_ns: int | None = None
     """Begin of the wait of its queued mission; None if it need not wait."""
 
@@ -42,6 +61,26 @@ class Approach:
     """Least horizontal distance in a loss of separation; None before that."""
     nearest_height_m: float = 0.0
     """Difference in height there."""
+    has_avoided: bool = False
+    """True after a hold of one of them."""
+    name: str = ""
+    """Aircraft of the pair, in words; empty for two of our vehicles."""
+
+
+@dataclass(frozen=True, slots=True)
+class Aircraft:
+    """Newest report of an aircraft that is not ours."""
+
+    t_ns: int
+    """Time of its position."""
+    east_m: float
+    north_m: float
+    alt_msl_m: float
+    speed_m_s: float
+    course_rad: float
+    climb_m_s: float
+    height_error_m: float
+    callsign: str
 
 
 @dataclass(slots=True)
@@ -51,3 +90,5 @@ class SeparationState:
     next_check_t_ns: int = 0
     approaches: dict[tuple[int, int], Approach] = field(default_factory=dict)
     """By pair of vehicles, the lower one first."""
+    aircraft: dict[int, Aircraft] = field(default_factory=dict)
+    """By number (`gcs.core.separation.aircraft`)."""

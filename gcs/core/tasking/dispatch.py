@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from gcs.core.authority.external_uploads import ExternalUploads
 from gcs.core.operator.plan_approval import PlanApproval
 from gcs.core.replanning.return_routes import ReturnRoutes
-from gcs.core.state import Agent, flown_routes
+from gcs.core.state import Agent, wanted_routes
+from gcs.core.tasking.mission_builder import is_hold
 from gcs.core.tasking.upload_latency import note_failure, note_success
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.model import ControlEvent, Effect, Route, UploadReport
@@ -39,7 +40,7 @@ class Dispatch:
 
     def withdraw(self, t_ns: int) -> list[Effect]:
         """Remove queued routes that their vehicles should not fly any more."""
-        unwanted = self.tasking.withdraw_except(flown_routes(self.agents))
+        unwanted = self.tasking.withdraw_except(wanted_routes(self.agents))
         return [answer for v in unwanted for answer in self.approval.end(v, t_ns, "not wanted any more")]
 
     def settle(self, effects: Sequence[Effect]) -> list[Effect]:
@@ -58,5 +59,8 @@ class Dispatch:
                 continue  # the result of the newer upload counts
             settled += self.approval.uploaded(effect)
             if not effect.ok:
-                self.agents[effect.vehicle].routes.drop_flown()
+                routes = self.agents[effect.vehicle].routes
+                routes.drop_flown()
+                if routes.stacked is not None and is_hold(routes.stacked):
+                    routes.stacked = None  # it stays in LOITER
         return settled

@@ -42,6 +42,7 @@ def check_missed_targets(
         end = agents[vehicle].tasking.route_end
         phase = missions.terminal_phase(vehicle)
         is_old = mission is not None and mission.route.target in agents[vehicle].perception.reached
+        is_old = is_old or agents[vehicle].routes.stacked is not None
         if is_old or not phase or (mission is None and phase != "return"):
             end.since_t_ns = None
             continue

@@ -8,6 +8,7 @@ from gcs.config import Config
 from gcs.config.airframe import AgentAirframe
 from gcs.core.state import Agent
 from gcs.model import NS_PER_S, FloatArray, HeightReference, Mission, Route, VehicleState, Waypoint
+from gcs.model.names import hold_label
 from gcs.planning.forward_simulation import LoiterCircle, RemainingMission
 from gcs.planning.manoeuvres.climb import Climb
 from gcs.planning.manoeuvres.landing import ReturnRoute
@@ -72,7 +73,7 @@ class MissionBuilder:
             route.vehicle,
             waypoints,
             airframe.loiter_radius_m,
-            airframe.end,
+            "loiter" if is_hold(route) else airframe.end,
             wait,
             takeoff,
             return_waypoints,
@@ -98,6 +99,11 @@ class MissionBuilder:
             Waypoint(*self._frame.to_geodetic(float(east), float(north)), altitude_rel_m, float(radius_m))
             for (east, north), radius_m in zip(return_route.points_m[:-1], radii_m[:-1], strict=True)
         )
+
+
+def is_hold(route: Route) -> bool:
+    """Return True if the route of a vehicle that holds ends with a circle, whatever its missions end with."""
+    return route.target == hold_label(route.vehicle)
 
 
 def _acceptance_m(

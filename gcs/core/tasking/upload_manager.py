@@ -421,7 +421,7 @@ class UploadManager:
                 passed = 0 if from_ground else points_passed(route, planned_t_ns, state)
                 flown = items[profile.home_items + passed :]
                 upload_s = DELIVERY_S + late_s(tasking)
-                motion = self._motion(state, t_ns)
+                motion = self.motion(state, t_ns)
                 heights_msl_m = state.alt_msl_m, home.alt_msl_m
                 problem = self._bounds.flight_problem(flown, vehicle, motion, upload_s, *heights_msl_m)
             if problem:
@@ -432,7 +432,7 @@ class UploadManager:
         onboard = OnboardMission(route, items, first_point, mission.mission_id, takeoff_m)
         return self._active.start(upload, onboard, planned_t_ns, t_ns)
 
-    def _motion(self, state: VehicleState, t_ns: int) -> Motion:
+    def motion(self, state: VehicleState, t_ns: int) -> Motion:
         """Return the motion of a vehicle, and what it flies until it gets another mission."""
         vehicle = state.system_id
         return Motion(

@@ -116,6 +116,8 @@ _NEEDED: Final = frozenset(
         dialect.MAVLINK_MSG_ID_WIND_COV,
     }
 )
+_OF_ANY_COMPONENT: Final = frozenset({dialect.MAVLINK_MSG_ID_ADSB_VEHICLE})
+"""Messages that any component on a vehicle may send: a receiver for ADS-B is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,6 +284,9 @@ class Fleet:
 
     def _accept_frame(self, vehicle: Vehicle, frame: Frame, address: Address, t_ns: int) -> Message | None:
         """Check a frame's sender and apply it; return its message if it is needed."""
+        is_known = vehicle.link.address == address
+        if is_known and frame.message_id in _OF_ANY_COMPONENT and frame.message_id in self._needed:
+            return frame.message()
         if frame.component_id != AUTOPILOT_COMPONENT_ID:
             self.links[address[0]].ignored += 1
             return None

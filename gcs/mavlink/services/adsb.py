@@ -24,7 +24,7 @@ _FLAGS: Final[int] = (
     | dialect.ADSB_FLAGS_VALID_VELOCITY
     | dialect.ADSB_FLAGS_VALID_CALLSIGN
 )
-_UNASSIGNED_ICAO_BLOCK: Final = 0xF00000
+UNASSIGNED_ICAO_BLOCK: Final = 0xF00000
 _INDEX_BITS: Final = 6
 _MAX_CALLSIGN_LENGTH: Final = 8
 _MAX_CM_S: Final = 65_535
@@ -34,7 +34,7 @@ def icao_address(label: Label) -> int:
     """Return the 24-bit address of a track: unique for 64 births a scan over 16384 scans."""
     scan, index = label
     number = (scan << _INDEX_BITS) | (index & ((1 << _INDEX_BITS) - 1))
-    return _UNASSIGNED_ICAO_BLOCK | (number & 0x0FFFFF)
+    return UNASSIGNED_ICAO_BLOCK | (number & 0x0FFFFF)
 
 
 def callsign(label: Label) -> str:

@@ -119,6 +119,7 @@ def _facts(material: Material) -> list[Fact]:
         facts += [
             Fact("re-tasks", str(summary.retasks), "", f"plans: {len(timeline.decisions)}"),
             Fact("mission transfers", str(summary.uploads), "", failed),
+            Fact("losses of separation", str(len(timeline.losses))),
         ]
     for name, values in material.work_ms.items():
         if len(values):
@@ -185,6 +186,8 @@ def _decisions(material: Material, folder: Path) -> Section:
         "Plans with their triggers, and the status of each agent over time.",
     )  # fmt: skip
     rows = [tables.agents(timeline, summary, material.flights), tables.plans(timeline)]
+    if timeline.losses:
+        rows.append(tables.losses(timeline))
     if timeline.notices:
         rows.append(tables.notices(timeline))
     return Section("Plans and agent status", "", (picture,), tuple(rows))

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gcs.model import NS_PER_S
+from gcs.model import NS_PER_S, vehicle_name
 from gcs.report.run.evaluation import Summary
 from gcs.report.run.timeline import KINDS, Timeline
 from gcs.report.telemetry.flights import Flight
@@ -140,6 +140,22 @@ def notices(timeline: Timeline) -> Table:
         for t_s, of in timeline.notices
     ]
     return _table("Warnings and alarms", ("at, s", "level", "vehicle", "text"), rows, {"level", "text"})
+
+
+def losses(timeline: Timeline) -> Table:
+    """Return the losses of separation."""
+    rows = [
+        (
+            " and ".join(map(vehicle_name, one.vehicles)), number(timeline.seconds(one.begin_t_ns)),
+            number(None if one.end_t_ns is None else timeline.seconds(one.end_t_ns)),
+            number(one.distance_m, 0), number(one.height_m, 0),
+            ", ".join(number(place_m, 0) for place_m in one.place_m),
+        )
+        for one in timeline.losses
+    ]  # fmt: skip
+    columns = ("agents", "from, s", "apart again, s", "nearest, m", "height there, m", "began at, m")
+    note = "by the positions that vehicles reported; places are east, north"
+    return _table("Losses of separation", columns, rows, {"agents"}, note)
 
 
 def flown(flights: Mapping[int, Flight]) -> Table:

@@ -31,6 +31,7 @@ from gcs.model import (
     read_only,
 )
 from gcs.report.run.evaluation import Evaluator, OspaSeries
+from gcs.report.run.separation_losses import SeparationLoss, SeparationLosses
 
 KINDS: tuple[Kind, ...] = ("agents", "targets")
 MAX_DETECTIONS = 40_000
@@ -117,6 +118,8 @@ class Timeline:
     """(vehicle, time, status)."""
     notices: tuple[tuple[float, Notice], ...]
     """Warnings and alarms; the first ones if there are many."""
+    losses: tuple[SeparationLoss, ...]
+    """Losses of separation."""
     ospa: dict[Kind, OspaSeries]
     start_t_ns: int
     duration_s: float
@@ -179,6 +182,7 @@ class TimelineBuilder:
         self._plans: list[Plan] = []
         self._marks: list[UploadReport | AgentStatus | Notice] = []
         self._notices = 0
+        self._losses = SeparationLosses()
         self._span_t_ns: tuple[int, int] | None = None
 
     @property
@@ -188,6 +192,8 @@ class TimelineBuilder:
 
     def add(self, value: object) -> None:
         """Add an event, an effect or ground truth; other values are ignored."""
+        if isinstance(value, Notice):
+            self._losses.add(value)
         match value:
             case Truth():
                 self._truth(value)
@@ -285,6 +291,7 @@ class TimelineBuilder:
                 (mark.vehicle, t_s, mark.status) for t_s, mark in since if isinstance(mark, AgentStatus)
             ),
             notices=tuple((t_s, mark) for t_s, mark in since if isinstance(mark, Notice)),
+            losses=self._losses.build(),
             ospa={kind: self.evaluator.ospa(kind) for kind in KINDS},
             start_t_ns=start,
             duration_s=(end - start) / NS_PER_S,

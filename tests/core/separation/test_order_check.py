@@ -1,13 +1,14 @@
 """An order would lead a vehicle into another one: a return through its circle, a hold beside it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from helpers.sky import LANDING, Sky, fly_on, give, place
+from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
 
 from gcs.model import NoticeCode
 from sim_vehicles.autopilots.base import Mode
+
+ONE_HEIGHT = FIELD.replace("altitude_rel_m = 60.0\nlayers = 8", "altitude_rel_m = 100.0\nlayers = 1")
+"""No mission is apart from a return in RTL, at 100 m."""
 
 
 def states(sky, action, vehicle):
@@ -15,15 +16,8 @@ def states(sky, action, vehicle):
     return [one.state for one in sky.answers if one.action == action and one.vehicle == vehicle]
 
 
-def with_one_home(sky):
-    """Let all vehicles return to one place, at the height of their parameters: 100 m."""
-    for plane in sky.planes.values():
-        plane.autopilot.home = replace(plane.autopilot.home, east_m=1500.0, north_m=1500.0)
-    return fly_on(sky, 12.0)
-
-
 def test_of_two_that_would_return_to_one_circle_the_second_waits_until_it_is_ordered_again():
-    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)))
+    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), field=ONE_HEIGHT))
     give(sky, "return")
     fly_on(sky, 2.0)
     ((_, notice),) = sky.told(NoticeCode.ORDER_WAITS)
@@ -37,7 +31,7 @@ def test_of_two_that_would_return_to_one_circle_the_second_waits_until_it_is_ord
 
 
 def test_a_return_that_waits_begins_when_the_other_has_left():
-    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)))
+    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), field=ONE_HEIGHT))
     give(sky, "return")
     fly_on(sky, 3.0)
     give(sky, "hold", 1)
@@ -50,7 +44,7 @@ def test_a_return_that_waits_begins_when_the_other_has_left():
 
 @pytest.mark.parametrize("action", ["resume", "hold"])
 def test_a_newer_order_ends_one_that_waits(action):
-    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)))
+    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), field=ONE_HEIGHT))
     give(sky, "return")
     fly_on(sky, 2.0)
     give(sky, action, 2)
@@ -62,7 +56,7 @@ def test_a_newer_order_ends_one_that_waits(action):
 
 
 def test_an_order_that_waits_ends_with_a_pilot():
-    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)))
+    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), field=ONE_HEIGHT))
     give(sky, "return")
     fly_on(sky, 2.0)
     sky.planes[2].autopilot.set_mode(Mode.FBWA)
@@ -75,7 +69,7 @@ def test_an_order_that_waits_ends_with_a_pilot():
 
 def test_an_order_that_waits_is_not_sent_to_a_vehicle_that_has_landed():
     """It would take off again."""
-    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)))
+    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), field=ONE_HEIGHT))
     give(sky, "return")
     fly_on(sky, 2.0)
     place(sky.planes[2], 2300.0, 2300.0, 0.0)
@@ -88,7 +82,7 @@ def test_an_order_that_waits_is_not_sent_to_a_vehicle_that_has_landed():
 
 
 def test_an_order_goes_on_waiting_while_its_vehicle_is_not_heard():
-    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)))
+    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), field=ONE_HEIGHT))
     give(sky, "return")
     fly_on(sky, 2.0)
     unheard = sky.run_.vehicles.pop("vehicle:2")
@@ -153,7 +147,7 @@ def test_two_that_hold_17_m_apart_are_told_and_resumed_one_after_the_other():
     assert before < sky.run_.t_ns
 
 
-def test_a_px4_that_would_land_by_its_mission_through_a_held_vehicle_does_not_return_yet():
+def test_a_px4_that_would_land_by_its_mission_through_a_held_vehicle_returns_by_another():
     """It comes down from its layer at once, and not at its return height."""
     sky = Sky((900.0, 600.0, 60.0), (1500.0, 600.0, 80.0), px4=(1, 2), field=LANDING).fly(24.0)
     give(sky, "hold", 2)
@@ -166,7 +160,7 @@ def test_a_px4_that_would_land_by_its_mission_through_a_held_vehicle_does_not_re
     held.autopilot.set_mode(Mode.LOITER)
     fly_on(sky, 4.0)
     give(sky, "return", 1)
-    fly_on(sky, 1.0)
-    ((_, notice),) = sky.told(NoticeCode.ORDER_WAITS)
-    assert (notice.vehicle, notice.parameters["action"]) == (1, "return")
+    fly_on(sky, 60.0)
     assert one.autopilot.mode is Mode.AUTO
+    assert states(sky, "return", 1) == ["done"]
+    assert not sky.near_s

@@ -1,0 +1,164 @@
+"""Returns and holds by missions, for vehicles that RTL or LOITER would keep near each other.
+
+In RTL all vehicles fly straight to one place, each at the return height of its autopilot. Where that leads
+one near another, a mission leads it home instead: a route clear of obstacles in an altitude layer of its own.
+It ends as missions do, with a circle at home, or with a landing in the landing order.
+
+LOITER keeps the height. A vehicle whose circle comes near that of another one gets a mission with the circle
+in a free layer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Final
+
+from gcs.config import Config
+from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.replanning.mission_inputs import mission_inputs
+from gcs.core.replanning.planned_flights import AltitudeLayers
+from gcs.core.replanning.return_routes import ReturnRoutes
+from gcs.core.separation.intents import Intents
+from gcs.core.separation.order_check import OrderCheck
+from gcs.core.state import Agent
+from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
+from gcs.core.tasking.upload_manager import UploadManager
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.model import APPROACH_M, Effect, Label, Route, VehicleState
+from gcs.model.names import hold_label, home_label
+from gcs.planning.forward_simulation import predict_motion
+from gcs.planning.map.grid import Point
+from gcs.planning.planner import choose_new, plan_routes
+from gcs.planning.planner_inputs import AgentState
+
+_SIDES_DEG: Final = (0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0)
+"""Sides of home on which a landing may begin, from that of the vehicle."""
+
+
+class StackedMissions:
+    """Plans returns and holds by missions, and sends them."""
+
+    def __init__(
+        self,
+        config: Config,
+        zones: NoFlyZones,
+        fleet: Fleet,
+        agents: Mapping[int, Agent],
+        tasking: UploadManager,
+        layers: AltitudeLayers,
+        return_routes: ReturnRoutes,
+        order_check: OrderCheck,
+        intents: Intents,
+    ) -> None:
+        self._zones = zones
+        self._fleet = fleet
+        self._agents = agents
+        self._tasking = tasking
+        self._layers = layers
+        self._return_routes = return_routes
+        self._order_check = order_check
+        self._intents = intents
+        self._airframes = config.airframes_of_agents
+        self._frame = config.local_frame
+        self._mission = mission_inputs(config, zones.grid)
+
+    def plan_returns(
+        self, vehicles: Collection[int], modes: Mapping[int, str], t_ns: int
+    ) -> dict[int, Route]:
+        """Return routes home for vehicles that return at one time, as far as they are clear of all others.
+
+        Parameters
+        ----------
+        vehicles : collection of int
+            In the order in which they get their layers.
+        modes : mapping of int to str
+            Modes that are ordered now, by vehicle.
+        """
+        states = {state.system_id: state for state in self._intents.in_air(t_ns)}
+        planned: dict[int, Route] = {}
+        for vehicle in vehicles:
+            state = states.get(vehicle)
+            home = self._fleet.home(vehicle)
+            if state is None or home is None:
+                continue
+            end_m = self._landing_begin(state, self._frame.to_local(home.lat_deg, home.lon_deg))
+            label = home_label(vehicle)
+            route = None if end_m is None else self._route(state, end_m, label, planned, modes, t_ns)
+            if route is not None:
+                planned[vehicle] = route
+        return planned
+
+    def plan_hold(self, vehicle: int, t_ns: int) -> Route | None:
+        """Return a route to a circle where a vehicle is, in a layer clear of all others; None without one."""
+        state = self._fleet.state(vehicle)
+        place_m = self._agents[vehicle].separation.hold_m
+        if state is None or place_m is None or not self._zones.grid.is_free(place_m):
+            return None
+        return self._route(state, place_m, hold_label(vehicle), {}, {}, t_ns)
+
+    def lands(self, vehicle: int) -> bool:
+        """Return True if a vehicle's missions end with a landing."""
+        return self._airframes[vehicle].end == "land"
+
+    def send(self, route: Route, t_ns: int) -> list[Effect]:
+        """Send a mission, at once."""
+        self._agents[route.vehicle].routes.stack(route)
+        return_route, warnings = self._return_routes.plan(route, t_ns)
+        return [*warnings, *self._tasking.enqueue_upload(route, t_ns, return_route, at_once=True)]
+
+    def _nearest_layers(self, vehicle: int) -> list[int]:
+        """Return all layers, that of a vehicle first."""
+        own = self._layers.of(vehicle)
+        return sorted(range(self._mission.layers), key=lambda layer: (abs(layer - own), layer))
+
+    def _route(
+        self,
+        state: VehicleState,
+        end_m: Point,
+        label: Label,
+        planned: Mapping[int, Route],
+        modes: Mapping[int, str],
+        t_ns: int,
+    ) -> Route | None:
+        """Return a route in a layer that is clear; None without one, or if no mission can be sent now."""
+        vehicle = state.system_id
+        if self._fleet.profile(vehicle) is None or self._intents.is_climbing_out(state):
+            return None
+        start = {vehicle: self._start(state, t_ns)}
+        made = plan_routes(self._zones.grid, start, {label: end_m}, {}, self._mission.options)
+        for route in choose_new(made).new if not made.stops_short else ():
+            stacked = [replace(route, layer=layer) for layer in self._nearest_layers(vehicle)]
+            problem = self._order_check.stacking_problem
+            return next((one for one in stacked if not problem(one, planned, modes, t_ns)), None)
+        return None
+
+    def _landing_begin(self, state: VehicleState, home_m: Point) -> Point | None:
+        """Return where a route home ends: at home, or where a landing begins on the vehicle's side."""
+        grid = self._zones.grid
+        if not self.lands(state.system_id):
+            return home_m if grid.is_free(home_m) else None
+        side_rad = math.atan2(state.east_m - home_m[0], state.north_m - home_m[1])
+        ends_m = (
+            (home_m[0] + APPROACH_M * math.sin(angle), home_m[1] + APPROACH_M * math.cos(angle))
+            for angle in (side_rad + math.radians(turn) for turn in _SIDES_DEG)
+        )
+        return next(filter(grid.is_free, ends_m), None)
+
+    def _start(self, state: VehicleState, t_ns: int) -> AgentState:
+        """Return where and how a vehicle begins a route that is planned now."""
+        vehicle = state.system_id
+        agent = self._mission.agents[vehicle]
+        motion = self._tasking.motion(state, t_ns)
+        lag_s = 0.0 if agent.options is None else agent.options.turn_lag_s
+        delivery_s = DELIVERY_S + late_s(self._agents[vehicle].tasking)
+        turns = predict_motion(self._zones.grid, motion, delivery_s + 0.5 * lag_s, lag_s)
+        east_m, north_m = turns.place_m
+        return replace(
+            agent,
+            east_m=east_m,
+            north_m=north_m,
+            course_rad=turns.course_rad,
+            motion=predict_motion(self._zones.grid, motion, delivery_s, lag_s),
+        )

@@ -1,0 +1,210 @@
+"""Avoidance: one of two vehicles that come too near to each other holds until they are apart.
+
+The monitor finds the pair (`gcs.core.separation.monitor`). A vehicle may hold while it flies its mission for
+this service: not in a take-off or a landing, and never against a pilot, a failsafe, an order or another
+station. Both choices are simulated, and compared with flying on. The hold that keeps its vehicle farthest
+from all others begins, if it is an improvement; of two that are equal, that of the vehicle with more to fly.
+
+Two that wait near each other in LOITER, and whose circles overlap, are kept apart by height: one gets a
+mission with a circle in a free altitude layer (`gcs.core.replanning.stacked_missions`).
+
+A vehicle that holds for another one keeps its target and its mission. It flies on as soon as that leads near
+nobody, and gets a new mission if that takes too long, or if its landing time is taken by then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from gcs.config import Config
+from gcs.core.replanning.stacked_missions import StackedMissions
+from gcs.core.separation.aircraft import AirTraffic
+from gcs.core.separation.landing_order import LandingOrder
+from gcs.core.separation.look_ahead import Encounter
+from gcs.core.separation.order_check import OrderCheck
+from gcs.core.separation.records import Avoidance
+from gcs.core.state import Agent
+from gcs.core.tasking.mission_builder import flown_points
+from gcs.core.tasking.upload_manager import UploadManager
+from gcs.mavlink.autopilots.modes import AUTO, LOITER
+from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.frames.codec import Message
+from gcs.mavlink.services.command_sender import CommandSender, set_mode
+from gcs.mavlink.services.retry import ns
+from gcs.model import Authority, Effect, FlightPhase, Notice, NoticeCode, Parameter, Route
+from gcs.planning.route_progress import remaining_length_m
+
+_MIN_GAIN: Final = 0.2
+"""Share of the minimum distances by which a hold must keep its vehicle farther from others."""
+_MIN_HOLD_NS: Final = ns(4.0)
+_MAX_HOLD_NS: Final = ns(60.0)
+_PERIOD_NS: Final = ns(1.0)
+_CONTROLS: Final = frozenset({Authority.OURS, Authority.RETURNING})
+_PHASES: Final = frozenset({FlightPhase.EN_ROUTE, FlightPhase.RETURNING})
+_HOLDING: Final = frozenset({FlightPhase.EN_ROUTE, FlightPhase.AT_TARGET})
+
+
+class Avoidances:
+    """Holds of vehicles that would come near others."""
+
+    def __init__(
+        self,
+        config: Config,
+        fleet: Fleet,
+        agents: Mapping[int, Agent],
+        tasking: UploadManager,
+        order_check: OrderCheck,
+        landing_order: LandingOrder,
+        air_traffic: AirTraffic,
+        stacked_missions: StackedMissions,
+    ) -> None:
+        self._mission = config.mission
+        self._stacked = stacked_missions
+        self._air_traffic = air_traffic
+        self._is_enabled = config.planning.avoidance == "act"
+        self._fleet = fleet
+        self._agents = agents
+        self._tasking = tasking
+        self._order_check = order_check
+        self._landing_order = landing_order
+
+    def stack(self, encounter: Encounter, t_ns: int) -> list[Effect]:
+        """Send one of two vehicles that hold near each other to a circle in a free altitude layer."""
+        ours = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
+        for vehicle in ours if self._is_enabled else ():
+            route = self._stacked.plan_hold(vehicle, t_ns) if self._may_stack(vehicle) else None
+            if route is None:
+                continue
+            (number,) = (v for v in encounter.vehicles if v != vehicle)
+            height_m = self._mission.altitude_rel_m + route.layer * self._mission.layer_step_m
+            parameters: dict[str, Parameter] = {
+                "other": self._air_traffic.name(number),
+                "height_m": height_m,
+            }
+            notice = Notice(t_ns, NoticeCode.CHANGES_LAYER, vehicle, parameters)
+            return [notice, *self._stacked.send(route, t_ns)]
+        return []
+
+    def hold(self, encounter: Encounter, t_ns: int) -> list[Effect]:
+        """Let one vehicle of an encounter hold, if that helps; nothing while one of them holds already."""
+        pair = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
+        if not self._is_enabled or any(self._agents[v].separation.avoidance is not None for v in pair):
+            return []
+        gains = {v: self._order_check.hold_gain(v, t_ns) for v in pair if self._may_hold(v)}
+        gains = {v: round(gain, 1) for v, gain in gains.items() if gain >= _MIN_GAIN}
+        if not gains:
+            return []
+        vehicle = max(gains, key=lambda v: (gains[v], self._left_m(v), v))
+        (number,) = (v for v in encounter.vehicles if v != vehicle)
+        other = self._air_traffic.name(number)
+        avoidance = self._agents[vehicle].separation.avoidance = Avoidance(other, t_ns)
+        parameters: dict[str, Parameter] = {"other": other, "after_s": encounter.after_s}
+        notice = Notice(t_ns, NoticeCode.AVOIDS, vehicle, parameters)
+        return [notice, *self._command(vehicle, avoidance, LOITER, t_ns)]
+
+    def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
+        """Process a message of a vehicle."""
+        avoidance = self._agents[vehicle].separation.avoidance
+        if avoidance is None or avoidance.sender is None:
+            return []
+        avoidance.sender.receive(message)
+        return self._progress(vehicle, avoidance.sender, t_ns)
+
+    def poll(self, t_ns: int) -> list[Effect]:
+        """Repeat commands; let vehicles fly on that are clear."""
+        effects: list[Effect] = []
+        for vehicle, agent in self._agents.items():
+            avoidance = agent.separation.avoidance
+            if avoidance is None:
+                continue
+            state = self._fleet.state(vehicle)
+            if state is None or not self._is_ours(vehicle) or state.mode not in (AUTO, LOITER):
+                effects += self._end(vehicle, agent.control.reason or "it has no route any more", t_ns)
+            elif self._tasking.state.is_uploading(vehicle):
+                effects += self._end(vehicle, "it gets a new mission", t_ns)
+            elif avoidance.sender is not None and avoidance.sender.outcome is None:
+                effects += self._progress(vehicle, avoidance.sender, t_ns)
+            elif state.mode == AUTO:
+                flies_on = avoidance.is_ending
+                effects += self._end(vehicle, "" if flies_on else "it does not obey", t_ns)
+            elif t_ns >= avoidance.next_check_t_ns:
+                avoidance.next_check_t_ns = t_ns + _PERIOD_NS
+                effects += self._check(vehicle, avoidance, t_ns)
+        return effects
+
+    def _may_hold(self, vehicle: int) -> bool:
+        """Return True if this service may interrupt the mission that a vehicle flies."""
+        agent = self._agents[vehicle]
+        state = self._fleet.state(vehicle)
+        onboard = agent.tasking.onboard
+        is_obeyed = state is not None and state.mode == AUTO and agent.link.liveness == "alive"
+        is_flown = onboard is not None and onboard.route.is_same(_wanted(agent)) and agent.tasking.is_selected
+        is_free = agent.orders.command is None and agent.orders.waiting is None
+        is_settled = is_free and vehicle not in self._tasking.state.stages
+        is_in_cruise = agent.flight.phase in _PHASES and self._tasking.onboard_missions.points_ahead(vehicle)
+        return is_obeyed and is_flown and is_settled and bool(is_in_cruise) and self._is_ours(vehicle)
+
+    def _may_stack(self, vehicle: int) -> bool:
+        """Return True if a vehicle waits in LOITER, by order or for a mission, and may be moved."""
+        agent = self._agents[vehicle]
+        state = self._fleet.state(vehicle)
+        if state is None or state.mode != LOITER or agent.link.liveness != "alive":
+            return False
+        is_waiting = agent.control.authority in (Authority.OURS, Authority.HELD) and _wanted(agent) is None
+        is_free = agent.orders.command is None and agent.orders.waiting is None
+        is_settled = vehicle not in self._tasking.state.stages and not agent.tasking.is_inconsistent
+        return is_waiting and is_free and is_settled and agent.flight.phase in _HOLDING
+
+    def _is_ours(self, vehicle: int) -> bool:
+        """Return True if a vehicle is on a mission of this service, to a target or home."""
+        agent = self._agents[vehicle]
+        return agent.control.authority in _CONTROLS and _wanted(agent) is not None
+
+    def _left_m(self, vehicle: int) -> float:
+        """Return the distance that a vehicle has left to fly on its route."""
+        agent = self._agents[vehicle]
+        route = _wanted(agent)
+        state = self._fleet.state(vehicle)
+        if route is None or state is None:
+            return 0.0
+        passed = flown_points(agent, route, state)
+        return remaining_length_m(route.points_m, (state.east_m, state.north_m), passed)
+
+    def _check(self, vehicle: int, avoidance: Avoidance, t_ns: int) -> list[Effect]:
+        """Let a vehicle in LOITER fly on, if that leads near nobody."""
+        held_ns = t_ns - avoidance.since_t_ns
+        is_clear = not self._order_check.problem(vehicle, {vehicle: AUTO}, t_ns, with_aircraft=True)
+        if held_ns >= _MIN_HOLD_NS and is_clear and self._landing_order.claim(vehicle, t_ns):
+            avoidance.is_ending = True
+            return self._command(vehicle, avoidance, AUTO, t_ns)
+        routes = self._agents[vehicle].routes
+        if held_ns < _MAX_HOLD_NS and not (is_clear and held_ns >= _MIN_HOLD_NS):
+            return []
+        if routes.stacked is not None:
+            return []
+        routes.drop_flown()
+        return self._end(vehicle, "it waits for a new mission", t_ns)
+
+    def _command(self, vehicle: int, avoidance: Avoidance, mode: str, t_ns: int) -> list[Effect]:
+        health = next(one for one in self._fleet.health() if one.system_id == vehicle)
+        self._tasking.overrides.of(vehicle).note_command(mode)
+        before = LOITER if mode == AUTO else ""
+        command = set_mode(vehicle, health.autopilot, mode)
+        avoidance.sender = CommandSender.begin(command, t_ns, mode=mode, before=before)
+        return self._progress(vehicle, avoidance.sender, t_ns)
+
+    def _progress(self, vehicle: int, sender: CommandSender, t_ns: int) -> list[Effect]:
+        self._fleet.forward_next_heartbeat(vehicle)
+        return [*self._fleet.address_frames(vehicle, sender.poll(t_ns, self._fleet.encoder(vehicle)))]
+
+    def _end(self, vehicle: int, reason: str, t_ns: int) -> list[Effect]:
+        separation = self._agents[vehicle].separation
+        avoidance = separation.avoidance
+        separation.avoidance = None
+        other = "" if avoidance is None else avoidance.other
+        return [Notice(t_ns, NoticeCode.AVOIDS_NO_LONGER, vehicle, {"other": other, "reason": reason})]
+
+
+def _wanted(agent: Agent) -> Route | None:
+    return agent.routes.flown or agent.routes.stacked

@@ -1,0 +1,20 @@
+"""Minimum distances and heights between vehicles in the air."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from gcs.config import Config
+
+MIN_DISTANCE_M: Final = 30.0
+"""Least horizontal distance, whatever `planning.separation_m` says."""
+_ONE_LAYER_M: Final = 20.0
+"""Height between layers that counts where there is one layer."""
+PREDICTED_SHARE: Final = 0.75
+LOST_SHARE: Final = 0.5
+"""Shares of a layer step: least difference in height, predicted and measured."""
+
+
+def layer_step_m(config: Config) -> float:
+    """Return the height between layers, or what counts where there is one layer."""
+    return config.mission.layer_step_m or _ONE_LAYER_M

@@ -1,0 +1,129 @@
+"""Aircraft that are not ours, and that our vehicles receive by ADS-B, came near without a word."""
+
+import numpy as np
+import pytest
+from helpers.played_vehicle import ARDUPLANE, Stage
+from helpers.sky import Sky, fly_on
+from helpers.staging import S
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.model import NoticeCode, Tick
+from sim_vehicles.autopilots.base import Mode
+
+GLIDER = 0x4CA2B1
+FLAGS = (
+    dialect.ADSB_FLAGS_VALID_COORDS
+    | dialect.ADSB_FLAGS_VALID_ALTITUDE
+    | dialect.ADSB_FLAGS_VALID_HEADING
+    | dialect.ADSB_FLAGS_VALID_VELOCITY
+)
+
+
+def report(frame, east_m, north_m, alt_msl_m, *, speed_m_s=30.0, course_deg=0.0, icao=GLIDER, flags=FLAGS):
+    lat_deg, lon_deg = frame.to_geodetic(east_m, north_m)
+    return dialect.MAVLink_adsb_vehicle_message(
+        icao, round(lat_deg * 1e7), round(lon_deg * 1e7), dialect.ADSB_ALTITUDE_TYPE_GEOMETRIC,
+        round(alt_msl_m * 1e3), round(course_deg * 100.0), round(speed_m_s * 100.0), 0, b"D-KXYZ",
+        dialect.ADSB_EMITTER_TYPE_GLIDER, 0, flags, 0,
+    )  # fmt: skip
+
+
+def pass_by(sky, begin_m, course_deg, for_s, speed_m_s=30.0):
+    """Fly on while an aircraft passes at the height of vehicle 1; return its least distance from that."""
+    frame, least_m = sky.run_.scenario.config.local_frame, np.inf
+    for k in range(round(for_s)):
+        east_m = begin_m[0] + speed_m_s * k * np.sin(np.deg2rad(course_deg))
+        north_m = begin_m[1] + speed_m_s * k * np.cos(np.deg2rad(course_deg))
+        message = report(frame, east_m, north_m, 130.0, course_deg=course_deg, speed_m_s=speed_m_s)
+        sky.run_.engine.stages.air_traffic.receive(message, sky.run_.t_ns)
+        plane = sky.planes[1]
+        least_m = min(least_m, np.hypot(plane.east_m - east_m, plane.north_m - north_m))
+        fly_on(sky, 1.0)
+    return least_m
+
+
+def test_an_aircraft_that_crosses_the_route_of_a_vehicle_is_told_and_the_vehicle_holds():
+    """Both would be at one place in 40 s, the vehicle on its way north-east."""
+    sky = fly_on(Sky((300.0, 300.0, 60.0), courses_deg=[45.0]), 10.0)
+    plane = sky.planes[1]
+    ahead = np.array((np.sin(plane.airframe.heading_rad), np.cos(plane.airframe.heading_rad)))
+    begin_m = np.array((plane.east_m + 40.0 * 30.0, plane.north_m)) + 40.0 * 18.0 * ahead
+    least_m = pass_by(sky, begin_m, 270.0, 70.0)
+    near = sky.told(NoticeCode.AIRCRAFT_NEAR)
+    assert 1 <= len(near) <= 2
+    assert near[0][1].parameters["aircraft"] == "aircraft 4CA2B1 (D-KXYZ)"
+    assert near[0][1].parameters["after_s"] >= 15.0
+    assert sky.told(NoticeCode.AVOIDS)
+    assert least_m > 60.0
+    ((_, gone),) = sky.told(NoticeCode.AIRCRAFT_GONE)
+    assert near[0][1].key in gone.ended
+    assert plane.autopilot.mode is Mode.AUTO
+
+
+def test_an_aircraft_far_above_is_not_told():
+    sky = fly_on(Sky((300.0, 300.0, 60.0), courses_deg=[45.0]), 10.0)
+    frame, plane = sky.run_.scenario.config.local_frame, sky.planes[1]
+    for _ in range(5):
+        message = report(frame, plane.east_m + 100.0, plane.north_m, 400.0)
+        sky.run_.engine.stages.air_traffic.receive(message, sky.run_.t_ns)
+        fly_on(sky, 1.0)
+    assert not sky.told(NoticeCode.AIRCRAFT_NEAR)
+
+
+def aircraft(stage):
+    return stage.engine.state.separation.aircraft
+
+
+def heard(stage, message):
+    stage.hear(message)
+    return aircraft(stage)
+
+
+@pytest.fixture
+def stage():
+    return Stage(ARDUPLANE, "AUTO", armed=True, height_m=100.0, speed_m_s=18.0)
+
+
+def test_an_aircraft_is_kept_once_and_forgotten_when_it_is_not_received_any_more(stage):
+    frame = stage.engine.config.local_frame
+    heard(stage, report(frame, 3000.0, 0.0, 200.0))
+    (one,) = heard(stage, report(frame, 3000.0, 30.0, 200.0)).values()
+    assert one.north_m == pytest.approx(30.0, abs=0.1)
+    assert one.callsign == "D-KXYZ"
+    for _ in range(17):
+        stage.t_ns += S
+        stage.step(Tick(stage.t_ns))
+    assert not stage.engine.stages.air_traffic.flights(stage.t_ns)
+    assert not aircraft(stage)
+
+
+@pytest.mark.parametrize(
+    ("icao", "flags", "east_m"),
+    [
+        (0xF00012, FLAGS, 3000.0),
+        (GLIDER, FLAGS & ~dialect.ADSB_FLAGS_VALID_ALTITUDE, 3000.0),
+        (GLIDER, FLAGS, 90_000.0),
+    ],
+)
+def test_our_own_target_tracks_and_what_is_without_a_height_or_far_away_are_no_traffic(
+    stage, icao, flags, east_m
+):
+    frame = stage.engine.config.local_frame
+    assert not heard(stage, report(frame, east_m, 0.0, 200.0, icao=icao, flags=flags))
+
+
+def test_the_transponder_of_one_of_our_vehicles_is_no_traffic(stage):
+    state = stage.engine.stages.fleet.state(1)
+    course_deg, frame = np.rad2deg(state.course_rad), stage.engine.config.local_frame
+    own = report(
+        frame, state.east_m + 5.0, state.north_m, state.alt_msl_m + 20.0,
+        speed_m_s=state.ground_speed_m_s, course_deg=course_deg,
+    )  # fmt: skip
+    assert not heard(stage, own)
+
+
+def test_no_more_than_64_aircraft_are_kept(stage):
+    frame = stage.engine.config.local_frame
+    for number in range(100):
+        heard(stage, report(frame, 3000.0 + 10.0 * number, 0.0, 200.0, icao=GLIDER + number))
+    assert len(aircraft(stage)) == 64

@@ -1,0 +1,114 @@
+"""Two vehicles that fly missions of this service meet at one height; before, they were warned of only."""
+
+import numpy as np
+import pytest
+from helpers.sky import FIELD, Sky, fly_on, give
+from helpers.staging import S
+
+from gcs.core.separation.look_ahead import Encounter
+from gcs.core.snapshot import decode_state, encode_state
+from gcs.model import FlightPhase, NoticeCode, Order, Resumed
+from sim_vehicles.autopilots.base import Mode
+
+CROSSING = FIELD.replace("layers = 8", "layers = 1").replace(
+    "2900.0\nnorth_m = 2900.0", "2600.0\nnorth_m = 1500.0"
+)
+CROSSING = CROSSING.replace("100.0\nnorth_m = 2900.0", "1500.0\nnorth_m = 2600.0")
+WARNING = CROSSING.replace("[planning]", '[planning]\navoidance = "warn"')
+
+
+def crossing(field=CROSSING, px4=()):
+    """Return two that are pinned to targets behind their crossing; with one layer, they meet there."""
+    sky = Sky((500.0, 1500.0, 60.0), (1500.0, 500.0, 60.0), courses_deg=[90.0, 0.0], field=field, px4=px4)
+    fly_on(sky, 8.0)
+    for vehicle in (1, 2):
+        labels = sky.run_.engine.stages.trackers.targets.confirmation.tracks
+        ends = {label: (track.mean[0], track.mean[1]) for label, track in labels.items()}
+        target = max(ends, key=lambda label: ends[label][vehicle - 1])
+        sky.run_.order(Order(sky.run_.t_ns, f"pin-{vehicle}", "pin", (vehicle,), target=target))
+    return fly_on(sky, 4.0)
+
+
+def apart_m(sky):
+    one, other = sky.planes[1], sky.planes[2]
+    return np.hypot(one.east_m - other.east_m, one.north_m - other.north_m)
+
+
+def least_m(sky, for_s):
+    least = np.inf
+    for _ in range(round(for_s / 0.4)):
+        fly_on(sky, 0.4)
+        least = min(least, apart_m(sky))
+    return least
+
+
+@pytest.mark.parametrize("px4", [(), (1, 2)])
+def test_one_of_two_that_would_meet_holds_and_flies_on_when_they_are_apart(px4):
+    sky = crossing(px4=px4)
+    assert least_m(sky, 90.0) > 60.0
+    ((begin_s, notice),) = sky.told(NoticeCode.AVOIDS)
+    ((end_s, over),) = sky.told(NoticeCode.AVOIDS_NO_LONGER)
+    assert notice.key in over.ended
+    assert end_s - begin_s < 40.0
+    agents = sky.run_.engine.state.agents
+    assert [plane.autopilot.mode for plane in sky.planes.values()] == [Mode.AUTO, Mode.AUTO]
+    assert all(agent.control.is_ours for agent in agents.values())
+    assert not sky.told(NoticeCode.SEPARATION_LOST)
+    fly_on(sky, 120.0)
+    assert sorted(agent.perception.status.status for agent in agents.values()) == ["arrived", "arrived"]
+
+
+def test_without_it_they_meet_and_are_told():
+    sky = crossing(WARNING)
+    assert least_m(sky, 90.0) < 30.0
+    assert sky.told(NoticeCode.COMES_NEAR)
+    assert not sky.told(NoticeCode.AVOIDS)
+
+
+def holding():
+    """Return two of which one has just begun to hold, and its number."""
+    sky = crossing()
+    while not sky.told(NoticeCode.AVOIDS):
+        fly_on(sky, 0.4)
+    vehicle = sky.told(NoticeCode.AVOIDS)[0][1].vehicle
+    fly_on(sky, 1.0)
+    assert sky.planes[vehicle].autopilot.mode is Mode.LOITER
+    return sky, vehicle
+
+
+def test_a_pilot_who_takes_over_a_vehicle_that_holds_keeps_it():
+    sky, vehicle = holding()
+    sky.planes[vehicle].autopilot.set_mode(Mode.FBWA)
+    fly_on(sky, 40.0)
+    assert sky.planes[vehicle].autopilot.mode is Mode.FBWA
+    assert sky.told(NoticeCode.AVOIDS_NO_LONGER)
+
+
+def test_an_order_to_hold_lasts_beyond_the_hold_for_the_other():
+    sky, vehicle = holding()
+    give(sky, "hold", vehicle)
+    fly_on(sky, 40.0)
+    assert sky.planes[vehicle].autopilot.mode is Mode.LOITER
+    assert sky.run_.engine.state.agents[vehicle].control.suspension == "hold"
+
+
+def test_a_restarted_service_lets_a_vehicle_that_holds_fly_on():
+    sky, vehicle = holding()
+    sky.run_.engine.state = decode_state("test", encode_state(sky.run_.engine.state))
+    sky.run_.engine.step(Resumed(sky.run_.t_ns, sky.run_.t_ns - S))
+    fly_on(sky, 60.0)
+    assert sky.planes[vehicle].autopilot.mode is Mode.AUTO
+    assert sky.told(NoticeCode.AVOIDS_NO_LONGER)
+    assert not sky.near_s
+
+
+def test_neither_of_two_that_land_or_take_off_is_held():
+    """Their flight cannot be interrupted; an alarm names them."""
+    sky = crossing()
+    while not sky.told(NoticeCode.COMES_NEAR):
+        fly_on(sky, 0.4)
+    for agent in sky.run_.engine.state.agents.values():
+        agent.flight.phase = FlightPhase.LANDING
+    avoidances = sky.run_.engine.stages.avoidances
+    place_m = (1500.0, 1500.0, 130.0)
+    assert not avoidances.hold(Encounter((1, 2), 9.0, 10.0, 0.0, place_m), sky.run_.t_ns)

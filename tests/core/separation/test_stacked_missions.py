@@ -1,0 +1,134 @@
+"""Vehicles that are ordered to return at one time would circle at one place and height."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
+
+from gcs.model import NoticeCode
+from sim_vehicles.autopilots.base import Mode
+
+PLACES = [(600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), (700.0, 2200.0, 100.0), (2200.0, 700.0, 120.0)]
+FOUR = FIELD.replace("ARMING_DELAY_S = 1.0", "ARMING_DELAY_S = 1.0, RTL_RETURN_ALT = 130.0") + "".join(
+    f"[[{table}]]\neast_m = {east_m}\nnorth_m = {north_m}\n"
+    for table in ("births", "simulation.targets")
+    for east_m, north_m in ((2900.0, 1500.0), (100.0, 1500.0))
+)
+
+
+@pytest.mark.parametrize("px4", [(), (1, 2, 3, 4)])
+def test_all_that_return_at_once_begin_at_once_and_circle_in_layers(px4):
+    """RTL brings each to 1500, 1500, ArduPlane at 100 m and PX4 at 130 m.
+
+    Before, all but one flew on to their targets.
+    """
+    sky = with_one_home(Sky(*PLACES, px4=px4, field=FOUR))
+    give(sky, "return")
+    fly_on(sky, 4.0)
+    assert not sky.told(NoticeCode.ORDER_WAITS)
+    assert [one.state for one in sky.answers if one.action == "return" and one.vehicle] == ["done"] * 4
+    fly_on(sky, 150.0)
+    assert not sky.near_s
+    heights = sorted(plane.alt_rel_m for plane in sky.planes.values())
+    assert all(upper - lower > 15.0 for lower, upper in pairwise(heights))
+    assert all(abs(p.east_m - 1500.0) + abs(p.north_m - 1500.0) < 200.0 for p in sky.planes.values())
+    assert {agent.control.authority.word for agent in sky.run_.engine.state.agents.values()} == {"returning"}
+    modes = [plane.autopilot.mode for plane in sky.planes.values()]
+    assert sorted(mode.name for mode in modes) == ["AUTO", "AUTO", "AUTO", "RTL"]
+
+
+def test_all_that_return_at_once_land_one_after_the_other_where_missions_end_so():
+    sky = with_one_home(Sky(*PLACES[:3], field=LANDING))
+    give(sky, "return")
+    fly_on(sky, 4.0)
+    assert [one.state for one in sky.answers if one.action == "return" and one.vehicle] == ["done"] * 3
+    sent_home = [v for v, plane in sky.planes.items() if plane.autopilot.mode is Mode.AUTO]
+    assert sent_home == [1, 2, 3]
+    fly_on(sky, 600.0)
+    assert not sky.near_s
+    landed_s = [t_s for t_s, notice in sky.told(NoticeCode.LANDED)]
+    assert len(landed_s) == 3
+    assert np.diff(landed_s).min() >= 50.0
+
+
+def test_a_vehicle_that_returns_by_a_mission_is_resumed_like_any_other():
+    sky = with_one_home(Sky(*PLACES[:2]))
+    give(sky, "return")
+    fly_on(sky, 10.0)
+    assert sky.planes[2].autopilot.mode is Mode.AUTO
+    give(sky, "return", 2)
+    fly_on(sky, 1.0)
+    assert sky.answers[-1].detail == "returns by order: nothing was changed"
+    give(sky, "resume", 2)
+    fly_on(sky, 10.0)
+    agent = sky.run_.engine.state.agents[2]
+    assert agent.control.is_ours
+    assert agent.routes.flown is not None
+    assert agent.tasking.onboard.route.is_same(agent.routes.flown)
+    give(sky, "hold", 2)
+    fly_on(sky, 3.0)
+    assert sky.planes[2].autopilot.mode is Mode.LOITER
+
+
+def test_a_pilot_who_takes_over_in_the_upload_of_a_return_keeps_the_vehicle():
+    sky = with_one_home(Sky(*PLACES[:2]))
+    give(sky, "return")
+    fly_on(sky, 0.3)
+    assert sky.run_.engine.state.tasking.is_uploading(2)
+    sky.planes[2].autopilot.set_mode(Mode.FBWA)
+    fly_on(sky, 30.0)
+    assert sky.planes[2].autopilot.mode is Mode.FBWA
+    assert [one.state for one in sky.answers if one.vehicle == 2] == ["failed"]
+
+
+def test_a_return_whose_upload_is_not_answered_waits_with_an_alarm_until_it_is_ordered_again():
+    sky = with_one_home(Sky(*PLACES[:2]))
+    sky.planes[2]._link._missions.handle = lambda *_: None
+    give(sky, "return")
+    fly_on(sky, 20.0)
+    ((_, notice),) = sky.told(NoticeCode.ORDER_WAITS)
+    assert (notice.vehicle, notice.parameters["action"]) == (2, "return")
+    give(sky, "return", 2)
+    fly_on(sky, 3.0)
+    assert sky.planes[2].autopilot.mode is Mode.RTL
+
+
+def held_together(field=FIELD):
+    """Two that a failsafe brought to one height, and that were ordered to hold there."""
+    sky = Sky((600.0, 600.0, 60.0), (1700.0, 1700.0, 80.0), field=field).fly(20.0)
+    one, other = sky.planes[1], sky.planes[2]
+    place(other, one.airframe.east_m + 80.0, one.airframe.north_m, one.airframe.alt_rel_m)
+    for plane in (one, other):
+        plane.autopilot.set_mode(Mode.RTL)
+    fly_on(sky, 0.6)
+    give(sky, "hold")
+    return sky
+
+
+@pytest.mark.parametrize("field", [FIELD, LANDING])
+def test_of_two_that_hold_on_circles_that_overlap_one_gets_another_layer(field):
+    """LOITER keeps the height. Before, they circled through each other until somebody acted."""
+    sky = fly_on(held_together(field), 15.0)
+    (_, notice), *_ = sky.told(NoticeCode.CHANGES_LAYER)
+    agent, plane = sky.run_.engine.state.agents[notice.vehicle], sky.planes[notice.vehicle]
+    assert agent.control.authority.word == "held"
+    assert plane.autopilot.mode is Mode.AUTO
+    place_m = agent.routes.stacked.points_m[-1]
+    sky.near_s.clear()
+    fly_on(sky, 60.0)
+    assert not sky.near_s
+    assert abs(sky.planes[1].alt_rel_m - sky.planes[2].alt_rel_m) > 15.0
+    assert np.hypot(plane.east_m - place_m[0], plane.north_m - place_m[1]) < 200.0
+    give(sky, "hold", notice.vehicle)
+    fly_on(sky, 1.0)
+    assert sky.answers[-1].detail == "is held by order: nothing was changed"
+    give(sky, "resume")
+    fly_on(sky, 20.0)
+    assert all(one.control.is_ours for one in sky.run_.engine.state.agents.values())
+
+
+def test_with_warnings_only_no_vehicle_that_holds_is_moved():
+    sky = fly_on(held_together(FIELD.replace("[planning]", '[planning]\navoidance = "warn"')), 15.0)
+    assert not sky.told(NoticeCode.CHANGES_LAYER)
+    assert [plane.autopilot.mode for plane in sky.planes.values()] == [Mode.LOITER, Mode.LOITER]
