@@ -186,6 +186,8 @@ export interface Polar {
   bearing_rad: [number, number];
   /** Clutter intensity in range x bearing. */
   clutter_per_m_rad: number;
+  /** True if its ranges are slant ranges, which the terrain projects to the ground plane. */
+  is_slant: boolean;
 }
 
 /** Line of the log. */
@@ -359,6 +361,8 @@ export interface Route {
   wait_m: [number, number] | null;
   /** (k,) height above mean sea level of each of `flown_m`; null: that of the layer, above home. */
   heights_msl_m: Point[] | null;
+  /** Index of the point where it meets its target; -1: the last one. */
+  target_point: number;
 }
 
 /** Figures of a proposed route, flown from the current position of its vehicle. */
