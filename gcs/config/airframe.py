@@ -7,7 +7,7 @@ table instead, each one that is there.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 from msgspec import Meta
@@ -65,6 +65,7 @@ class AgentAirframe:
     """Flight of one agent: cruise, turns, climb after take-off and end of its missions."""
 
     speed_m_s: float
+    """Airspeed; over terrain the true one at the greatest height of flight (`at_height`)."""
     bank_deg: float
     turn_lag_s: float
     wind_m_s: float
@@ -76,6 +77,15 @@ class AgentAirframe:
     end: MissionEnd
     climb_m_s: float = AirframeTable().climb_m_s
     sink_m_s: float = AirframeTable().sink_m_s
+
+    def at_height(self, height_msl_m: float) -> AgentAirframe:
+        """Return the airframe with the true airspeed at a height, in the standard atmosphere below 11 km.
+
+        Autopilots hold the indicated airspeed. So at 2,500 m it flies 13 % faster, its turns are 28 % wider,
+        and its climbs are less steep.
+        """
+        density = (1.0 - 2.25577e-5 * height_msl_m) ** 4.25588
+        return replace(self, speed_m_s=self.speed_m_s / math.sqrt(density))
 
     @property
     def turn_radius_m(self) -> float:

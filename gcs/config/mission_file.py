@@ -97,7 +97,10 @@ class Config(Table, frozen=True, kw_only=True):
             keys |= {name: value for name, value in own.items() if value is not None}
         if agent is not None and agent.speed_m_s is not None:
             keys["speed_m_s"] = agent.speed_m_s
-        return AgentAirframe(**keys)
+        airframe = AgentAirframe(**keys)
+        if self.terrain is None or self.elevation is None:
+            return airframe
+        return airframe.at_height(float(self.elevation.heights_msl_m.max()) + self.terrain.max_agl_m)
 
     @property
     def speeds_m_s(self) -> dict[int, float]:
