@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 import time
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from rich.console import Console
+
+if TYPE_CHECKING:
+    from gcs.config import Config
 
 TRACKING: Final = "gcs.tracking.glmb.filter"
 HISTORIES: Final = "gcs.tracking.trajectories.recovery"
 """Recovered and smoothed trajectories, for `gcs track` only."""
 PLANNING: Final = "gcs.planning.planner"
 LINKS: Final = "gcs.mavlink.fleet.fast_telemetry"
+TERRAIN: Final = "gcs.planning.terrain.warm_up"
+"""Routes over terrain, for missions with `[terrain]` only."""
 FLYING: Final = (TRACKING, PLANNING, LINKS)
-ALL: Final = (*FLYING, HISTORIES)
+ALL: Final = (*FLYING, HISTORIES, TERRAIN)
 _NAMES: Final = {
     TRACKING: "trackers", HISTORIES: "trajectories", PLANNING: "planner", LINKS: "links",
+    TERRAIN: "routes over terrain",
 }  # fmt: skip
+
+
+def flying(config: Config) -> tuple[str, ...]:
+    """Return the modules whose kernels fly a mission."""
+    return FLYING if config.terrain is None else (*FLYING, TERRAIN)
 
 
 def load_kernels(console: Console, *modules: str) -> None:

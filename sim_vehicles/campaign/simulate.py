@@ -13,7 +13,7 @@ from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING, load_kernels
+from gcs.cli.warm_up_progress import flying, load_kernels
 from gcs.io.console import console_for
 from gcs.io.recording.folder import Run, versions
 from gcs.io.recording.writer import DiskBudget, Recorder
@@ -52,7 +52,7 @@ def simulate(options: SimulateOptions) -> bool:
     runs = options.runs
     out = None if options.out is None else Path(options.out)
     console = console_for(stderr=options.as_json)
-    load_kernels(console, TRACKING, PLANNING, LINKS)
+    load_kernels(console, *flying(scenario.config))
     started = time.perf_counter()
     summaries = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

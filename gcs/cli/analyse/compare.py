@@ -12,7 +12,7 @@ from gcs.cli.analyse.playback import ReplayOptions, duration_s, open_source
 from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.console_page import comparison_page
 from gcs.cli.run_setup import warm_up
-from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
+from gcs.cli.warm_up_progress import flying
 from gcs.errors import ConsoleError, RecordingError
 from gcs.io.recording.reader import Damage
 from gcs.service.replay import Replay
@@ -34,7 +34,7 @@ def run_comparison(options: ReplayOptions, other: RunFile, console: Console) -> 
     options.page.check()
     both = options, replace(options, file=other)
     replays = linked_replays(both, console)
-    warm_up(console, TRACKING, PLANNING, LINKS)
+    warm_up(console, *flying(replays[0].config))
     asyncio.run(_play(replays, both, console))
     return 130
 

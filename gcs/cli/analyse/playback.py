@@ -23,7 +23,7 @@ from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, replay_page
 from gcs.cli.prepare.first_mission_file import mission_name, mission_text
 from gcs.cli.prepare.sketch.telemetry import read_vehicles
 from gcs.cli.run_setup import display, warm_up
-from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
+from gcs.cli.warm_up_progress import flying
 from gcs.config import Config, load, parse
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import versions
@@ -102,7 +102,7 @@ def run_replay(options: ReplayOptions, console: Console) -> int:
     """
     options.page.check()
     source = open_source(options, console)
-    warm_up(console, TRACKING, PLANNING, LINKS)
+    warm_up(console, *flying(source.config))
     replay = source.replay(options.window)
     verifier = Verifier()
     comparison = Comparison()

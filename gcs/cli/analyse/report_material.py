@@ -20,7 +20,7 @@ from rich.console import Console
 from gcs.cli.analyse.info import reading_progress
 from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.run_setup import warm_up
-from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING
+from gcs.cli.warm_up_progress import flying
 from gcs.config import Config, load, parse
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.engine import Engine
@@ -252,7 +252,7 @@ class _Reading:
     def _engine(self, *, can_repeat: bool) -> Engine | None:
         if self.config is None or not (can_repeat and self.timing):
             return None
-        warm_up(self.console, TRACKING, PLANNING, LINKS)
+        warm_up(self.console, *flying(self.config))
         return Engine(self.config, self.seed)
 
     def _replay_log(self, config: Config, added: DetectionFile | None) -> Iterator[object]:

@@ -23,6 +23,7 @@ from rich.console import Console
 from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, service_page
 from gcs.cli.link_table import link_rows
 from gcs.cli.run_setup import display, open_recorder, warm_up
+from gcs.cli.warm_up_progress import flying
 from gcs.config import Config, parse, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.endpoints import Link, parse_endpoint
@@ -106,7 +107,7 @@ def _fly_and_summarise(
     options: DemoOptions, config: Config, text: str, source: str, console: Console, view: QueuedText
 ) -> tuple[int, Summary]:
     """Fly; return the exit code and the summary."""
-    warm_up(console)
+    warm_up(console, *flying(config))
     evaluator = evaluator_of(config)
     run = Run(config.name, options.seed)
     name = f"{config.name}-{options.seed}"

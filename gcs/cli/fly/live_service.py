@@ -15,6 +15,7 @@ from rich.console import Console
 from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, service_page
 from gcs.cli.link_table import link_rows, link_table
 from gcs.cli.run_setup import display, open_recorder, warm_up
+from gcs.cli.warm_up_progress import flying
 from gcs.cli.zenoh_security import zenoh_warnings
 from gcs.config import Config, parse, read_text
 from gcs.errors import ConfigError
@@ -68,7 +69,7 @@ def serve(
             "expected the endpoint of the standby, such as "
             "tcp/127.0.0.1:7448; the same mission file is for all",
         )
-    warm_up(console)
+    warm_up(console, *flying(config))
     connected = bridges_for_standby if is_standby else bridges_of
     name = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}"
     belongs_to = fingerprint(text, seed)

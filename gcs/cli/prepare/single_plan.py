@@ -18,7 +18,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from gcs.cli.warm_up_progress import PLANNING, load_kernels
+from gcs.cli.warm_up_progress import PLANNING, TERRAIN, load_kernels
 from gcs.config import load
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.replanning.mission_inputs import mission_inputs
@@ -54,7 +54,7 @@ def run_plan(task: Task, plot: Path | None, console: Console, *, as_json: bool) 
     GcsError
         When the picture cannot be written.
     """
-    load_kernels(console, PLANNING)
+    load_kernels(console, PLANNING, *([] if task.mission.terrain is None else [TERRAIN]))
     result, timings_ms = _plan(task)
     return_routes = _return_routes(task, result)
     problems = {vehicle: one.problem for vehicle, one in return_routes.items() if one.problem}
