@@ -254,6 +254,10 @@ class CheckCode(TableCode):
         "return-low", "return height", _RETURN, "at least {min_height_m:g} m",
         "RTL flies straight, and obstacles of the mission file are up to {obstacle_m:g} m high",
     )  # fmt: skip
+    RETURN_INTO_GROUND = _refused(
+        "return-into-ground", "return height", _RETURN, "at least {min_height_m:g} m",
+        "RTL flies straight home, and the ground on the way is higher: raise it, or choose a rally point",
+    )  # fmt: skip
     RETURN_HEIGHT = _ok("return-height", "return height", _RETURN)
     RETURNS_NEAR = _warning(
         "returns-near", "return heights", _RETURNS, _RETURNS_WANTED, _MEETING + ", or {commands}"

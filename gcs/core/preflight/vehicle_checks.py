@@ -37,6 +37,8 @@ from gcs.mavlink.mission.geofence_rally import (
 from gcs.mavlink.services.preflight_query import PreflightQuery
 from gcs.model import NS_PER_S, FloatArray, Parameter
 
+_RETURN_SAMPLES: Final = 200
+"""Places on the straight way home at which the ground is read."""
 _TASKABLE: Final = (AUTO, LOITER)
 _MIN_BATTERY: Final = (25, 50)
 """Battery in percent: refused below the first, warning below the second."""
@@ -71,7 +73,8 @@ def envelope_of(config: Config, vehicle: int) -> Envelope:
     airframe = config.airframe_of(vehicle)
     name = config.airframe_name(vehicle)
     table = f"airframes.{name}" if name else "airframe"
-    return Envelope(airframe.speed_m_s, airframe.bank_deg, airframe.end == "land", table)
+    lands = airframe.end == "land"
+    return Envelope(airframe.speed_m_s, airframe.bank_deg, lands, table, config.terrain is not None)
 
 
 class VehicleChecks:
@@ -356,6 +359,29 @@ class VehicleChecks:
             _highest_obstacle_m(self._config),
             self._config.planning.vertical_clearance_m,
         )
+        yield from self._return_over_terrain()
+
+    def _return_over_terrain(self) -> Iterator[Check]:
+        """Check that straight returns from the routes keep above the ground."""
+        elevation = self._config.elevation
+        returns = _return_of(self._query, self._config)
+        home = self._health.home
+        if elevation is None or self._config.terrain is None or returns is None or home is None:
+            return
+        home_m = np.array(self._config.local_frame.to_local(home.lat_deg, home.lon_deg))
+        points_m = np.concatenate([np.empty((0, 2)), *self._routes_m])
+        share = np.linspace(0.0, 1.0, _RETURN_SAMPLES)[:, None, None]
+        ground_m = elevation.heights_at((home_m + share * (points_m - home_m)).reshape(-1, 2))
+        if not len(points_m) or not np.isfinite(ground_m).any():
+            return
+        needed_m = float(np.nanmax(ground_m)) - home.alt_msl_m + 0.5 * self._config.terrain.min_agl_m
+        if returns.height_m < needed_m:
+            yield self._found(
+                CheckCode.RETURN_INTO_GROUND,
+                height_m=returns.height_m,
+                source=returns.source,
+                min_height_m=math.ceil(needed_m),
+            )
 
     def _breach(self, limits: FenceLimits, onboard: Fence | None) -> Check:
         """Return whether the mission stays inside the vehicle's own fence."""

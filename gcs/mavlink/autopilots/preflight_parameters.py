@@ -71,6 +71,8 @@ class Envelope:
     """True if missions end in a landing."""
     table: str = "airframe"
     """Table of the mission file with these keys."""
+    follows_terrain: bool = False
+    """True if heights of missions change from point to point."""
 
 
 ARDUPLANE_PARAMETERS: Final = (
@@ -129,6 +131,15 @@ ARDUPLANE_PARAMETERS: Final = (
 )
 
 
+_LINEAR_LEGS: Final = WantedParameter(
+    ("ALT_SLOPE_MIN",),
+    1,
+    2,
+    "a leg that rises or falls less is not flown linearly but at once, so not at the planned heights",
+    older=WantedParameter(("GLIDE_SLOPE_MIN",), 1, 2, "a leg that rises or falls less is not flown linearly"),
+)
+
+
 def arduplane_parameters_for(envelope: Envelope) -> tuple[WantedParameter, ...]:
     """Return the parameters of ArduPlane that must fit a mission."""
     bank = envelope.bank_deg
@@ -152,6 +163,7 @@ def arduplane_parameters_for(envelope: Envelope) -> tuple[WantedParameter, ...]:
             must=False,
             older=WantedParameter(("TRIM_ARSPD_CM",), 100 * slow, 100 * fast, speed, must=False),
         ),
+        *([_LINEAR_LEGS] if envelope.follows_terrain else []),
     )
 
 
