@@ -25,8 +25,8 @@ _APART_RADII = 1.0
 """Distance between their centres."""
 _PASS_SHARE = 0.5
 """Share of the reach radius within which a target is passed."""
-_MAX_BEHIND_RADII = 40.0
-"""Length of the path that leads on to them."""
+_MAX_BEHIND_RADII = 15.0
+"""Distance of their centres from the target."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +106,17 @@ def nearest_circles(
 ) -> tuple[BandCircle, ...]:
     """Return a few circles near a place, the nearest first, a radius or more apart."""
     band = circles.band
-    heights = circles.heights_msl_m
+    reach_m = _MAX_BEHIND_RADII * circles.radius_m
+    corner = (np.array(place_m) - reach_m - band.origin_m) / band.spacing_m
+    col, row = np.maximum(np.ceil(corner), 0.0).astype(np.int64).tolist()
+    size = math.ceil(2.0 * reach_m / band.spacing_m)
+    heights = circles.heights_msl_m[row : row + size, col : col + size]
     at = np.argwhere(heights[:, :, 1] - heights[:, :, 0] >= _MIN_ROOM_M)
-    centres = at[:, ::-1] * band.spacing_m + np.array(band.origin_m)
+    centres = (at[:, ::-1] + (col, row)) * band.spacing_m + np.array(band.origin_m)
     apart_m = np.hypot(*(centres - np.array(place_m)).T)
     found: list[BandCircle] = []
     for k in np.argsort(apart_m, kind="stable").tolist():
-        if apart_m[k] > _MAX_BEHIND_RADII * circles.radius_m or len(found) == _MOST_CIRCLES:
+        if apart_m[k] > reach_m or len(found) == _MOST_CIRCLES:
             break
         east, north = centres[k].tolist()
         least_m = _APART_RADII * circles.radius_m
