@@ -14,6 +14,7 @@ import sys
 import time
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 from terrain_pairs import (
     MAX_AGL_M,
     MAX_GRADIENT,
@@ -26,11 +27,11 @@ from terrain_pairs import (
 )
 
 from gcs.planning.terrain.band import FlightBand, Vertical, make_band
+from gcs.planning.terrain.goal import cost_matrix, goal_at
 from gcs.planning.terrain.height_profile import sample_path
 from gcs.planning.terrain.loiter_circles import CircleMap, circle_at, goal_at_target, make_circle_map
 from gcs.planning.terrain.route import TerrainRoute, plan_route
-from gcs.planning.terrain.terrain_map import BandCircle, TerrainMap, cost_matrix, goal_at, make_terrain_map
-from scipy.optimize import linear_sum_assignment
+from gcs.planning.terrain.terrain_map import BandCircle, TerrainMap, make_terrain_map
 
 VERTICAL = Vertical(MAX_GRADIENT, MAX_GRADIENT)
 SWARM = 50
@@ -40,9 +41,7 @@ REACH_M = 60.0
 
 def end_of(circle: Circle) -> BandCircle:
     """Return a circle that is left or entered in either direction, at its height."""
-    return BandCircle(
-        circle.east_m, circle.north_m, TURN_RADIUS_M, circle.height_msl_m, circle.height_msl_m
-    )
+    return BandCircle(circle.east_m, circle.north_m, TURN_RADIUS_M, circle.height_msl_m, circle.height_msl_m)
 
 
 def route_between(terrain: TerrainMap, pair: Pair) -> TerrainRoute | None:
@@ -90,7 +89,9 @@ def bench_pairs(count: int) -> None:
         worst_m = max(worst_m, departure_m(band, route, pair))
     median, p99, most = np.percentile(times_ms, [50, 99, 100])
     print(f"found {len(lengths_m)} of {count}; {median:.1f} ms median, {p99:.1f} ms p99, {most:.1f} ms most")
-    print(f"mean length {np.mean(lengths_m):.1f} m; {np.median(points):.0f} points median, {max(points)} most")
+    print(
+        f"mean length {np.mean(lengths_m):.1f} m; {np.median(points):.0f} points median, {max(points)} most"
+    )
     print(f"farthest outside the band, or from a circle's height: {worst_m:.2f} m")
 
 

@@ -93,7 +93,22 @@ def fly_forward(
     y = points[i, 1] + before * math.sin(course)
     line_m = max(math.hypot(dx, dy) - before - behind, 0.0)
     low, high, entry = fly_arc_and_line(
-        surfaces, per_m, x, y, course, 1.0, radius, 0.0, line_m, low, high, entry, climb, sink, depth_m, step_m
+        surfaces,
+        per_m,
+        x,
+        y,
+        course,
+        1.0,
+        radius,
+        0.0,
+        line_m,
+        low,
+        high,
+        entry,
+        climb,
+        sink,
+        depth_m,
+        step_m,
     )
     if low > high or not turns or turn == 0.0:
         return low, high, entry

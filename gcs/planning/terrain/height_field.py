@@ -88,7 +88,12 @@ def make_move_map(band: FlightBand, vertical: Vertical) -> MoveMap:
 
 @kernel
 def move_limits(
-    surfaces: Float32Array, band_spacing_m: float, spacing_m: float, shape: IntArray, climb: float, sink: float
+    surfaces: Float32Array,
+    band_spacing_m: float,
+    spacing_m: float,
+    shape: IntArray,
+    climb: float,
+    sink: float,
 ) -> Float32Array:
     """Return F, C, A and B of each move, (rows, cols, 16, 4); without a band on the way A is -inf."""
     rows = shape[0]
@@ -135,7 +140,9 @@ def move_limits(
 
 
 @leaf
-def _is_covered(counts: Int32Array, labels: Float32Array, row: int, col: int, low: float, high: float) -> bool:
+def _is_covered(
+    counts: Int32Array, labels: Float32Array, row: int, col: int, low: float, high: float
+) -> bool:
     """Return True if a label of a node serves about the same heights."""
     for k in range(counts[row, col]):
         if labels[row, col, k, 1] <= low + _SAME_HEIGHT_M and labels[row, col, k, 2] >= high - _SAME_HEIGHT_M:

@@ -29,7 +29,9 @@ _BAND_TOLERANCE_M = 0.25
 
 
 @kernel
-def sample_path(points: FloatArray, radius: float, step_m: float) -> tuple[FloatArray, Int32Array, Int32Array]:
+def sample_path(
+    points: FloatArray, radius: float, step_m: float
+) -> tuple[FloatArray, Int32Array, Int32Array]:
     """Return places along a path with its turns.
 
     Returns

@@ -17,7 +17,7 @@ A vehicle outside the band enters it first: from below with the full climb, no d
 from __future__ import annotations
 
 from gcs.jit import inlined, spliced
-from gcs.model import Float32Array, FloatArray
+from gcs.model import Float32Array
 from gcs.planning.terrain.band import read_limits
 
 INSIDE = 0.0
@@ -50,7 +50,9 @@ def advance(
 
 
 @inlined
-def begin(low: float, high: float, floor: float, ceiling: float, depth_m: float) -> tuple[float, float, float]:
+def begin(
+    low: float, high: float, floor: float, ceiling: float, depth_m: float
+) -> tuple[float, float, float]:
     """Return interval and entry state at the start of a path."""
     entry = 0.0
     if high < floor:

@@ -15,7 +15,8 @@ from gcs.jit import kernel
 from gcs.model import Float32Array
 from gcs.planning.map.grid import Point
 from gcs.planning.terrain.band import FlightBand
-from gcs.planning.terrain.terrain_map import BandCircle, Goal, TerrainMap, goal_at
+from gcs.planning.terrain.goal import goal_at
+from gcs.planning.terrain.terrain_map import BandCircle, Goal, TerrainMap
 
 _MIN_ROOM_M = 5.0
 """Room in height that a circle needs."""
