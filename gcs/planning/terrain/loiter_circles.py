@@ -24,7 +24,7 @@ _MOST_CIRCLES = 3
 """Loiter circles that a route may go on to behind its target."""
 _APART_RADII = 1.0
 """Distance between their centres."""
-_PASS_SHARE = 0.5
+_PASS_SHARE = 0.75
 """Share of the reach radius within which a target is passed."""
 _MAX_BEHIND_RADII = 15.0
 """Distance of their centres from the target."""

@@ -18,9 +18,10 @@ from gcs.planning.terrain.path_search import CornerPath, Effort, find_path
 from gcs.planning.terrain.terrain_map import BandCircle, BandPose, Goal, TerrainMap
 
 _EFFORTS = (Effort(1.1, 2_000, 30_000), Effort(1.02, 20_000, 20_000))
+_PASSING_EFFORTS = (Effort(1.2, 1_000, 20_000), Effort(3.0, 2_000, 60_000))
 _SHORT_SHARE = 1.01
 """Length, as a multiple of that without turns, from which no other search is worth its time."""
-_MORE_EFFORTS = (Effort(1.2, 2_000, 100_000), Effort(1.4, 1_000, 300_000))
+_MORE_EFFORTS = (Effort(3.0, 2_000, 60_000), Effort(1.4, 2_000, 100_000))
 """Searches where the others found no route, one after the other."""
 _PROFILE_STEP_M = 1.0
 _MAX_SPLITS = 60
@@ -63,11 +64,11 @@ def plan_route(
         Wanted share of the band, from 0 at its floor to 1 at its ceiling.
     """
     paths: list[CornerPath] = []
-    for effort in _EFFORTS:
+    for effort in _EFFORTS if goal.place_m is None else _PASSING_EFFORTS:
         path = find_path(terrain, start, goal, effort)
         if path is not None:
             paths.append(path)
-            if path.length_m <= _SHORT_SHARE * path.field_m:
+            if goal.place_m is not None or path.length_m <= _SHORT_SHARE * path.field_m:
                 break
     for path in sorted(paths, key=lambda path: path.length_m):
         route = _with_heights(terrain, path, share)
