@@ -74,7 +74,7 @@ class FlightBand:
         row = np.minimum(y.astype(np.intp), rows - 2)
         u = (x - col)[:, None]
         v = (y - row)[:, None]
-        z = self.surfaces_msl_m.astype(np.float64)
+        z = self.surfaces_msl_m
         south = (1.0 - u) * z[row, col] + u * z[row, col + 1]
         north = (1.0 - u) * z[row + 1, col] + u * z[row + 1, col + 1]
         limits: FloatArray = np.where(

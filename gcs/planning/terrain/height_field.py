@@ -36,7 +36,7 @@ MOVES = np.array(
     ]
 )
 """(16, 2): rows north, columns east."""
-MAX_LABELS = 4
+MAX_LABELS = 3
 """Labels of a node."""
 _SPACING_M = 40.0
 _MAX_NODES = 60_000

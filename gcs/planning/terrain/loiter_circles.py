@@ -15,7 +15,8 @@ from gcs.jit import kernel
 from gcs.model import Float32Array
 from gcs.planning.map.grid import Point
 from gcs.planning.terrain.band import FlightBand
-from gcs.planning.terrain.terrain_map import BandCircle, Goal, TerrainMap, goal_at
+from gcs.planning.terrain.goal import goal_at
+from gcs.planning.terrain.terrain_map import BandCircle, Goal, TerrainMap
 
 _MIN_ROOM_M = 5.0
 """Room in height that a circle needs."""
@@ -23,10 +24,10 @@ _MOST_CIRCLES = 3
 """Loiter circles that a route may go on to behind its target."""
 _APART_RADII = 1.0
 """Distance between their centres."""
-_PASS_SHARE = 0.5
+_PASS_SHARE = 0.75
 """Share of the reach radius within which a target is passed."""
-_MAX_BEHIND_RADII = 40.0
-"""Length of the path that leads on to them."""
+_MAX_BEHIND_RADII = 15.0
+"""Distance of their centres from the target."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +107,17 @@ def nearest_circles(
 ) -> tuple[BandCircle, ...]:
     """Return a few circles near a place, the nearest first, a radius or more apart."""
     band = circles.band
-    heights = circles.heights_msl_m
+    reach_m = _MAX_BEHIND_RADII * circles.radius_m
+    corner = (np.array(place_m) - reach_m - band.origin_m) / band.spacing_m
+    col, row = np.maximum(np.ceil(corner), 0.0).astype(np.int64).tolist()
+    size = math.ceil(2.0 * reach_m / band.spacing_m)
+    heights = circles.heights_msl_m[row : row + size, col : col + size]
     at = np.argwhere(heights[:, :, 1] - heights[:, :, 0] >= _MIN_ROOM_M)
-    centres = at[:, ::-1] * band.spacing_m + np.array(band.origin_m)
+    centres = (at[:, ::-1] + (col, row)) * band.spacing_m + np.array(band.origin_m)
     apart_m = np.hypot(*(centres - np.array(place_m)).T)
     found: list[BandCircle] = []
     for k in np.argsort(apart_m, kind="stable").tolist():
-        if apart_m[k] > _MAX_BEHIND_RADII * circles.radius_m or len(found) == _MOST_CIRCLES:
+        if apart_m[k] > reach_m or len(found) == _MOST_CIRCLES:
             break
         east, north = centres[k].tolist()
         least_m = _APART_RADII * circles.radius_m

@@ -194,8 +194,8 @@ def search_poses(
     surfaces: Float32Array, frame: FloatArray, rates: FloatArray, counts: Int32Array, labels: Float32Array,
     samples: FloatArray, shapes: FloatArray, starts: FloatArray, course0: float, via: FloatArray,
     goals: FloatArray, limits: IntArray, weight: float, gap_share: float,
-) -> tuple[FloatArray, float, int]:  # fmt: skip
-    """Return the pieces of a path (k, 3), its length (inf if none), and the number of expansions.
+) -> tuple[FloatArray, float, float, int]:  # fmt: skip
+    """Return the pieces of a path (k, 3), its length (inf if none), that of the field, and the expansions.
 
     A path passes `via` (x, y, distance to keep at most; negative for no such place) before a goal.
     `counts`, `labels`: fields (2, ...) before and behind that place, as of `HeightField`.
@@ -241,6 +241,7 @@ def search_poses(
     best_far = 1.0
     best_goal = int64(0)
     found_at = int64(0)
+    least = np.inf
     for i in range(starts.shape[0]):
         floor, ceiling = read_limits(surfaces, starts[i, 0] * per_m, starts[i, 1] * per_m)
         low, high, entry = begin(starts[i, 3], starts[i, 4], floor, ceiling, depth_m)
@@ -249,6 +250,7 @@ def search_poses(
         ahead = field_length(counts, labels, ZERO, field_m, starts[i, 0], starts[i, 1], low, high, gradient)
         if ahead == np.inf:
             continue
+        least = min(least, ahead)
         states[used, 0] = starts[i, 0]
         states[used, 1] = starts[i, 1]
         states[used, 2] = low
@@ -371,7 +373,7 @@ def search_poses(
             waiting += 1
             used += 1
     if best == np.inf:
-        return np.empty((0, 3)), best, expansions
+        return np.empty((0, 3)), best, least, expansions
     count = 2
     at = best_label
     while tags[at, 1] >= 0:
@@ -389,7 +391,7 @@ def search_poses(
     pieces[0, 0] = -1 - tags[at, 1]
     pieces[0, 1] = best_goal
     pieces[0, 2] = best_far
-    return pieces, best, expansions
+    return pieces, best, least, expansions
 
 
 @leaf

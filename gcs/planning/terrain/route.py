@@ -13,16 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.model import FloatArray, read_only
-from gcs.planning.terrain.corner_path import corners_of, shorten_path
 from gcs.planning.terrain.height_profile import choose_knots, plan_heights, sample_path
-from gcs.planning.terrain.pose_search import COURSES, cell_size_m, make_primitives, search_poses
+from gcs.planning.terrain.path_search import CornerPath, Effort, find_path
 from gcs.planning.terrain.terrain_map import BandCircle, BandPose, Goal, TerrainMap
 
-_WEIGHTS = ((1.1, 2_000, 50_000), (1.02, 20_000, 20_000))
-"""Searches: weight of the heuristic, expansions beyond the first path and in all."""
-_MORE_WEIGHTS = ((1.2, 2_000, 100_000), (1.4, 1_000, 300_000), (1.05, 20_000, 300_000))
-"""Searches where the others found no path, one after the other."""
-_GAP_SHARE = 0.02
+_EFFORTS = (Effort(1.1, 2_000, 30_000), Effort(1.02, 20_000, 20_000))
+_PASSING_EFFORTS = (Effort(1.2, 1_000, 20_000), Effort(3.0, 2_000, 60_000))
+_SHORT_SHARE = 1.01
+"""Length, as a multiple of that without turns, from which no other search is worth its time."""
+_MORE_EFFORTS = (Effort(3.0, 2_000, 60_000), Effort(1.4, 2_000, 100_000))
+"""Searches where the others found no route, one after the other."""
 _PROFILE_STEP_M = 1.0
 _MAX_SPLITS = 60
 
@@ -63,111 +63,26 @@ def plan_route(
     share : float
         Wanted share of the band, from 0 at its floor to 1 at its ceiling.
     """
-    for weights in (_WEIGHTS, *((weight,) for weight in _MORE_WEIGHTS)):
-        paths = [path for weight in weights if (path := _path(terrain, start, goal, weight)) is not None]
-        for path in sorted(paths, key=lambda path: path.length_m):
-            route = _with_heights(terrain, path, share)
-            if route is not None:
-                return route
+    paths: list[CornerPath] = []
+    for effort in _EFFORTS if goal.place_m is None else _PASSING_EFFORTS:
+        path = find_path(terrain, start, goal, effort)
+        if path is not None:
+            paths.append(path)
+            if goal.place_m is not None or path.length_m <= _SHORT_SHARE * path.field_m:
+                break
+    for path in sorted(paths, key=lambda path: path.length_m):
+        route = _with_heights(terrain, path, share)
+        if route is not None:
+            return route
+    for effort in _MORE_EFFORTS:
+        path = find_path(terrain, start, goal, effort)
+        route = None if path is None else _with_heights(terrain, path, share)
+        if route is not None:
+            return route
     return None
 
 
-@dataclass(frozen=True, eq=False)
-class _CornerPath:
-    """Points in metres from node (0, 0), and the ends as of `shorten_path`."""
-
-    points: FloatArray
-    ends: FloatArray
-    length_m: float
-    circle: BandCircle
-
-
-def _path(
-    terrain: TerrainMap, start: BandPose | BandCircle, goal: Goal, weight: tuple[float, int, int]
-) -> _CornerPath | None:
-    """Search a path and shorten it."""
-    band = terrain.search_band
-    radius_m = terrain.turn_radius_m
-    step_m = 0.5 * band.spacing_m
-    starts, course0, sides = _start_poses(terrain, start)
-    size_m = np.array(band.surfaces_msl_m.shape[:2]) * band.spacing_m
-    samples, shapes = make_primitives(radius_m, step_m)
-    goal_ends = [_end_row(terrain, circle) for circle in goal.circles]
-    via = np.array([0.0, 0.0, -1.0])
-    if goal.place_m is not None:
-        via = np.array([*np.subtract(goal.place_m, band.origin_m), goal.reach_m])
-    pieces, length_m, _ = search_poses(
-        band.surfaces_msl_m,
-        np.array([band.spacing_m, goal.spacing_m, cell_size_m(radius_m, size_m), radius_m, step_m]),
-        terrain.rates,
-        goal.counts,
-        goal.labels,
-        samples,
-        shapes,
-        starts,
-        course0,
-        via,
-        np.array([[*end[[0, 1, 2, 4, 5]], end[3] * end[6]] for end in goal_ends]),
-        np.array([weight[2], weight[1]]),
-        weight[0],
-        _GAP_SHARE,
-    )
-    if not math.isfinite(length_m):
-        return None
-    first = int(pieces[0, 0])
-    last = int(pieces[0, 1])
-    begin = (starts[first, 0], starts[first, 1], course0 + 2.0 * math.pi * starts[first, 2] / COURSES)
-    ends = np.stack((_end_row(terrain, start, sides[first]), goal_ends[last]))
-    ends[1, 3] = pieces[0, 2]
-    points, pin = corners_of(pieces[1:], begin, radius_m)
-    frame = np.array([band.spacing_m, radius_m, 0.25 * band.spacing_m])
-    shorter, shorter_ends, shorter_m, _ = shorten_path(
-        terrain.shortening_band.surfaces_msl_m, frame, terrain.rates, points, ends, pin, via
-    )
-    if not math.isfinite(shorter_m):
-        return _CornerPath(points, ends, length_m, goal.circles[last])
-    return _CornerPath(shorter, shorter_ends, shorter_m, goal.circles[last])
-
-
-def _end_row(terrain: TerrainMap, end: BandPose | BandCircle, side: float = 1.0) -> FloatArray:
-    """Return an end as of `shorten_path`."""
-    east, north = terrain.band.origin_m
-    radius_m = end.radius_m if isinstance(end, BandCircle) else 0.0
-    is_fixed = 0.0
-    if isinstance(end, BandCircle) and end.is_clockwise is not None:
-        side = -1.0 if end.is_clockwise else 1.0
-        is_fixed = 1.0
-    return np.array(
-        [end.east_m - east, end.north_m - north, radius_m, side, end.low_msl_m, end.high_msl_m, is_fixed]
-    )
-
-
-def _start_poses(terrain: TerrainMap, start: BandPose | BandCircle) -> tuple[FloatArray, float, list[float]]:
-    """Return the poses where a search begins (`search_poses`), the first course, and the side of each."""
-    x, y, radius_m, only_side, low, high, is_fixed = _end_row(terrain, start).tolist()
-    if isinstance(start, BandPose):
-        course0 = 0.0 if start.course_rad is None else 0.5 * math.pi - start.course_rad
-        count = COURSES if start.course_rad is None else 1
-        return np.array([(x, y, k, low, high) for k in range(count)]), course0, [1.0] * count
-    rows = []
-    sides = []
-    for k in range(COURSES):
-        course = 2.0 * math.pi * k / COURSES
-        for side in (only_side,) if is_fixed else (1.0, -1.0):
-            rows.append(
-                (
-                    x + side * radius_m * math.sin(course),
-                    y - side * radius_m * math.cos(course),
-                    k,
-                    low,
-                    high,
-                )
-            )
-            sides.append(side)
-    return np.array(rows), 0.0, sides
-
-
-def _with_heights(terrain: TerrainMap, path: _CornerPath, share: float) -> TerrainRoute | None:
+def _with_heights(terrain: TerrainMap, path: CornerPath, share: float) -> TerrainRoute | None:
     """Return a path with a height at each waypoint; None if it leaves the band."""
     band = terrain.profile_band
     points = path.points
