@@ -57,7 +57,8 @@ from gcs.planning.wide_routes import (
     WIND_SHARES,
     clearance_in_wind_m,
     detour_worth_m,
-    enough_clearance_m,
+    keeps_enough,
+    needed_clearance_m,
     widened,
 )
 
@@ -376,16 +377,16 @@ def _fit_for_wind(
     if not is_windy or planned.route is None or own.shape != "flyable" or not grid.blocked.any():
         return planned
 
-    def rated(points_m: FloatArray, length_m: float) -> tuple[float, float]:
-        """Return the clearance of flights in wind, and the cost of a route."""
-        clearance_m = clearance_in_wind_m(grid, start, points_m, own)
+    def rated(points_m: FloatArray, length_m: float, most_m: float) -> tuple[float, float]:
+        """Return the clearance of flights in wind, and cost of a route; exact below `most_m`."""
+        give_up_m = needed_clearance_m(most_m - length_m, own)
+        clearance_m = clearance_in_wind_m(grid, start, points_m, own, give_up_m)
         return clearance_m, length_m + detour_worth_m(clearance_m, own)
 
-    enough_m = enough_clearance_m(own)
     best = planned
-    best_m, least_cost_m = rated(planned.route.points_m, planned.route.length_m)
+    best_m, least_cost_m = rated(planned.route.points_m, planned.route.length_m, math.inf)
     for shares in WIND_SHARES:
-        if best_m >= enough_m:
+        if keeps_enough(best_m, own):
             break
         agent = replace(start, options=widened(own, *shares))
         wide = widened(options, *shares)
@@ -393,22 +394,26 @@ def _fit_for_wind(
         if not math.isfinite(search.costs[0, 0]):
             continue
         aimed = search.route(0, 0)
-        if rated(aimed.points_m, aimed.length_m)[1] >= least_cost_m:
+        clearance_m, cost_m = rated(aimed.points_m, aimed.length_m, least_cost_m)
+        if cost_m >= least_cost_m:
             continue
         other = shape(search, (0, 0), options=wide)
         if other.route is None or other.is_short > best.is_short:
             continue
-        clearance_m, cost_m = rated(other.route.points_m, other.route.length_m)
+        if not np.array_equal(other.route.points_m, aimed.points_m):
+            clearance_m, cost_m = rated(other.route.points_m, other.route.length_m, least_cost_m)
         if cost_m < least_cost_m:
             best = other
             best_m = clearance_m
             least_cost_m = cost_m
     notes = [note for note in best.notes if best is planned or note.code not in _OF_WIDER]
-    if best_m < enough_m and all(note.code is not NoticeCode.ROUTE_NEAR_OBSTACLES for note in notes):
+    if not keeps_enough(best_m, own) and all(
+        note.code is not NoticeCode.ROUTE_NEAR_OBSTACLES for note in notes
+    ):
         about = {"clearance_m": float(own.clearance_m)}
         notes.append(_of_route(NoticeCode.ROUTE_NEAR_OBSTACLES, best.vehicle, best.label, about))
     captured = best.captured
-    if captured is not None and clearance_in_wind_m(grid, start, captured.points_m, own) < best_m:
+    if captured is not None and clearance_in_wind_m(grid, start, captured.points_m, own, best_m) < best_m:
         captured = None
     return replace(best, notes=notes, captured=captured)
 

@@ -7,6 +7,7 @@ simulated in wind from all sides (`gcs.planning.flight_variants`). Without wind 
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -19,13 +20,15 @@ from gcs.planning.map.grid import Grid
 from gcs.planning.map.line_of_sight import clearances_along
 from gcs.planning.planner_inputs import AgentState, PlanOptions
 
-WIND_SHARES = ((1.0, 0.7), (1.25, 1.0), (1.0, 1.3), (1.25, 0.7), (1.5, 1.0))
+WIND_SHARES = ((1.25, 1.0), (1.0, 0.7), (1.0, 1.3), (1.25, 0.7), (1.5, 1.0))
 """Clearances and turn radii of other routes, as shares of those asked for."""
 _ENOUGH_SHARE = 0.5
 """Share of the clearance that flights in wind keep of a route that needs no other, beside the wind margin."""
 COLLISION_M = -1.0
 _DETOUR_RADII = 10.0
 """Detour that a clearance is worth where there is none, in turn radii."""
+_MIN_DETOUR_RADII = 0.5
+"""Detour that is not looked for: about four fifths of what is sufficient are kept."""
 
 
 def widened(options: PlanOptions, clearance_share: float, radius_share: float) -> PlanOptions:
@@ -50,10 +53,23 @@ def detour_worth_m(clearance_m: float, options: PlanOptions) -> float:
     return worth_m if clearance_m >= 0.0 else 3.0 * worth_m
 
 
-def clearance_in_wind_m(grid: Grid, start: AgentState, points_m: FloatArray, options: PlanOptions) -> float:
+def keeps_enough(clearance_m: float, options: PlanOptions) -> bool:
+    """Return True if no other route is looked for."""
+    return detour_worth_m(clearance_m, options) < _MIN_DETOUR_RADII * options.turn_radius_m
+
+
+def needed_clearance_m(detour_m: float, options: PlanOptions) -> float:
+    """Return the clearance from which on a missing one is worth no more than a detour."""
+    share = math.sqrt(max(detour_m, 0.0) / (_DETOUR_RADII * options.turn_radius_m))
+    return enough_clearance_m(options) * (1.0 - min(share, 1.0))
+
+
+def clearance_in_wind_m(
+    grid: Grid, start: AgentState, points_m: FloatArray, options: PlanOptions, give_up_m: float = 0.0
+) -> float:
     """Return the least clearance of flights along a route in wind; `COLLISION_M` if one hits an obstacle.
 
-    At most what is sufficient.
+    At most what is sufficient. Below `give_up_m` no other flights are simulated.
     """
     turns = options.turns
     enough_m = enough_clearance_m(options)
@@ -76,6 +92,8 @@ def clearance_in_wind_m(grid: Grid, start: AgentState, points_m: FloatArray, opt
         if not flight.is_clear and len(flown) == len(flight.states):
             return COLLISION_M
         least_m = _least_m(grid, flown, least_m)
+        if least_m < give_up_m:
+            break
     return least_m
 
 

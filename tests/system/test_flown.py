@@ -27,6 +27,12 @@ def test_no_vehicle_flies_into_an_obstacle(name, wind, clearance_m):
     assert least_clearance_m(name, 1, wind) > clearance_m
 
 
+def test_between_dense_obstacles_no_vehicle_is_blown_into_one():
+    """The wind is 30 % of the airspeed, with gusts. Routes that were clear in still air led into a disc."""
+    wind = WindTable(east_m_s=2.94, north_m_s=-0.61, gust_std_m_s=0.75)
+    assert nearest(in_wind(load("deterministic"), wind, 3.75), 11).clearance_m > 5.0
+
+
 def test_vehicles_land_at_home_with_obstacles_between():
     home = flown_home(landing(load("random-obstacles")), 3)
     assert len(home) == 4

@@ -1,5 +1,6 @@
 """Vehicles that land by their missions would come down on each other: four did so within 66 s."""
 
+import msgspec
 import numpy as np
 import pytest
 from helpers.sky import LANDING, NEAR_HEIGHT_M, NEAR_M, Sky
@@ -7,6 +8,8 @@ from helpers.staging import S
 
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.mission_checks import mission_checks, rehearse
+from gcs.core.separation.landing_order import LandingOrder
+from gcs.planning.map.grid import free_grid
 from sim_vehicles.campaign.virtual_run import START_T_NS
 
 MIN_APART_S = 50.0
@@ -42,6 +45,20 @@ def test_vehicles_land_one_after_the_other_even_if_the_link_is_lost_after_the_up
     assert len(times_s) == 3
     assert min(np.diff(times_s)) >= MIN_APART_S
     assert not near
+
+
+def test_a_wait_needs_more_room_in_wind():
+    """A circle of 30 m was flown up to 106 m from its centre, in wind of 30 % of the airspeed."""
+    config = Sky(STRIP[0], field=LANDING).run_.scenario.config
+    airframe = msgspec.structs.replace(config.airframe, wind_m_s=5.6)
+    return_m = np.array([(0.0, 0.0), (600.0, 0.0), (1200.0, 0.0), (1700.0, 0.0)])
+    room_m = LandingOrder(config, None, {})._airframes[1].loiter_radius_m + 70.0
+    grid = free_grid((200, 100), 20.0, (-1000.0, -1000.0)).with_obstacles(
+        discs_m=[(0.0, room_m + 20.0, 20.0)]
+    )
+    assert LandingOrder(config, None, {})._corner(1, return_m, grid) == -1
+    config = msgspec.structs.replace(config, airframe=airframe)
+    assert LandingOrder(config, None, {})._corner(1, return_m, grid) == 0
 
 
 def test_a_vehicle_that_lands_alone_does_not_wait():
