@@ -193,7 +193,6 @@ class Stages:
             self.tasking,
             self.replanner.layers,
             self.takeoff_sequence,
-            self.return_heights,
             order_check,
             landing_order,
             stacked_missions,

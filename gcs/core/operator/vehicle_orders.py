@@ -29,7 +29,6 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.operator.records import Command, OrderInProgress, WaitingOrder
-from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.separation.landing_order import LandingOrder
@@ -90,7 +89,6 @@ class Orders:
         tasking: UploadManager,
         layers: AltitudeLayers,
         takeoff_sequence: TakeoffSequence,
-        return_heights: ReturnHeightMonitor,
         order_check: OrderCheck,
         landing_order: LandingOrder,
         stacked_missions: StackedMissions,
@@ -105,7 +103,6 @@ class Orders:
         self._tasking = tasking
         self._layers = layers
         self._takeoff_sequence = takeoff_sequence
-        self._return_heights = return_heights
 
     def has_ordered(self, vehicle: int, mode: str) -> bool:
         """Return True if an order put a vehicle into a mode, or a command is in progress."""
@@ -179,7 +176,7 @@ class Orders:
                 for v, agent in self._agents.items()
                 if agent.control.suspension == "return" and agent.routes.stacked is None
             }
-            warning = self._return_heights.warning(returning)
+            warning = self._order_check.return_warning(returning)
             detail += f"; {warning}" if warning else ""
             if warning:
                 effects.append(Notice(order.t_ns, NoticeCode.RETURN_ORDER_NEAR, None, {"warning": warning}))
@@ -423,7 +420,7 @@ class Orders:
         orders.waiting = None
         if waiting is None:
             return []
-        self._agents[vehicle].routes.stacked = None
+        self._agents[vehicle].routes.unstack()
         return [self._operator.finish(waiting.order, t_ns, "failed", reason, vehicle)]
 
     # ------------------------------------------------------------ take-offs and missions

@@ -90,6 +90,10 @@ class AgentRoutes:
         self.stacked = route
         self.latest = route
 
+    def unstack(self) -> None:
+        """Give a mission in a layer up."""
+        self.stacked = None
+
     def decline(self) -> None:
         """Note that an operator rejected the proposed route."""
         self.declined = self.proposed

@@ -11,7 +11,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -122,6 +122,10 @@ class Intents:
         if mode == LOITER:
             return (self._hold(state),)
         return (tuple(self._mission(state)) if mode == AUTO else ()) or (Goal(GoalKind.DRIFT),)
+
+    def return_warning(self, vehicles: Collection[int]) -> str:
+        """Return which vehicles would return by RTL at one height, in words; empty if none would."""
+        return self._return_heights.warning(vehicles)
 
     def is_climbing_out(self, state: VehicleState) -> bool:
         """Return True if a vehicle is at the take-off of its mission."""

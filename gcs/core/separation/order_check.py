@@ -10,7 +10,7 @@ from a vehicle that is nearer now.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -84,6 +84,10 @@ class OrderCheck:
         present = self._intents.flight(states[vehicle], t_ns)
         is_return = modes[vehicle] == RTL, states[vehicle].mode == RTL
         return self._worse(ordered, present, others, is_return)
+
+    def return_warning(self, vehicles: Collection[int]) -> str:
+        """Return which vehicles would return by RTL at one height, in words; empty if none would."""
+        return self._intents.return_warning(vehicles)
 
     def mission_problem(self, route: Route, t_ns: int) -> str:
         """Return which vehicle a new mission would at once lead one in the air near to; empty if none."""

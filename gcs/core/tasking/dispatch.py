@@ -62,5 +62,5 @@ class Dispatch:
                 routes = self.agents[effect.vehicle].routes
                 routes.drop_flown()
                 if routes.stacked is not None and is_hold(routes.stacked):
-                    routes.stacked = None  # it stays in LOITER
+                    routes.unstack()  # it stays in LOITER
         return settled
