@@ -230,7 +230,7 @@ def test_heights_in_feet_are_refused(tmp_path):
 
 def test_ellipsoidal_heights_become_msl_by_the_geoid_grid(tmp_path):
     """The grid of this test says 50 m at its western and 52 m at its eastern border."""
-    path = write_ground(tmp_path / "slope.tif", slope())
+    write_ground(tmp_path / "slope.tif", slope())
     grid = tmp_path / "us_nga_egm96_15.tif"
     undulation = np.tile(np.linspace(50.0, 52.0, 9), (9, 1)).astype("float32")
     with rasterio.open(
