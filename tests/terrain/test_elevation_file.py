@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import os
 import resource
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -17,8 +19,21 @@ from helpers.ground_files import FRAME, NORTH_M, SIZE_M, UTM, WEST_M, slope, slo
 from gcs.geo import LocalFrame
 from gcs.terrain import elevation_file
 from gcs.terrain.elevation_file import read_elevation_model
+from gcs.terrain.elevation_model import decode_model
 from gcs.terrain.problem import TerrainFileError
 
+WITH_GEOID = """
+import sys
+from pathlib import Path
+import pyproj.datadir
+pyproj.datadir.append_data_dir(sys.argv[1])
+from gcs.geo import LocalFrame
+from gcs.terrain.elevation_file import read_elevation_model
+from gcs.terrain.elevation_model import encode_model
+frame = LocalFrame(46.8, 9.8, 1500.0)
+path = Path(sys.argv[1]) / "slope.tif"
+print(encode_model(read_elevation_model(path, frame, (1000.0, 800.0), "ellipsoid")))
+"""
 DAVOS = os.environ.get("DAVOS_TIF", "")
 """File of the Alps around Davos, 10 m pixels, EPSG:21781 (ethz-asl/terrain-navigation)."""
 
@@ -147,6 +162,19 @@ def test_a_hole_beside_the_map_cuts_the_margin_and_is_said(tmp_path):
     assert np.isfinite(model.elevation.heights_msl_m).all()
 
 
+def test_a_lake_beside_the_map_is_cut_off_on_its_side_alone(tmp_path):
+    """The lake lies 200 m east of the map, within ground that is known 400 m further."""
+    heights = slope()
+    heights[100:140, 230:235] = np.nan
+    elevation = read(write_ground(tmp_path / "lake.tif", heights)).elevation
+    west, south = elevation.origin_m
+    rows, cols = elevation.heights_msl_m.shape
+    assert west < -900.0
+    assert south < -900.0
+    assert 1150.0 < west + (cols - 1) * elevation.spacing_m < 1300.0
+    assert south + (rows - 1) * elevation.spacing_m > 1600.0
+
+
 @pytest.mark.parametrize(
     ("size_m", "frame", "said"),
     [
@@ -202,7 +230,7 @@ def test_heights_in_feet_are_refused(tmp_path):
 
 def test_ellipsoidal_heights_become_msl_by_the_geoid_grid(tmp_path):
     """The grid of this test says 50 m at its western and 52 m at its eastern border."""
-    path = write_ground(tmp_path / "slope.tif", slope())
+    write_ground(tmp_path / "slope.tif", slope())
     grid = tmp_path / "us_nga_egm96_15.tif"
     undulation = np.tile(np.linspace(50.0, 52.0, 9), (9, 1)).astype("float32")
     with rasterio.open(
@@ -212,12 +240,10 @@ def test_ellipsoidal_heights_become_msl_by_the_geoid_grid(tmp_path):
         file.write(undulation, 1)
         file.update_tags(TYPE="VERTICAL_OFFSET_GEOGRAPHIC_TO_VERTICAL", AREA_OR_POINT="Point")
         file.set_band_description(1, "geoid_undulation")
-    before = pyproj.datadir.get_data_dir()
-    try:
-        pyproj.datadir.append_data_dir(str(tmp_path))
-        elevation = read(path, "ellipsoid").elevation
-    finally:
-        pyproj.datadir.set_data_dir(before)
+    done = subprocess.run(
+        [sys.executable, "-c", WITH_GEOID, str(tmp_path)], capture_output=True, text=True, check=True
+    )  # a process of its own: PROJ keeps the grids that it has found
+    elevation = decode_model(done.stdout).elevation
     places = random_places(50)
     lon = np.array([FRAME.to_geodetic(*place)[1] for place in places])
     expected = slope_at(FRAME, places) - 50.0 - (lon - 9.0)
