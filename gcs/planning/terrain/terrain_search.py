@@ -18,10 +18,11 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.terrain.band import FlightBand, Vertical, make_band
 from gcs.planning.terrain.flown_route import FlightModel, MarginLevel, worst_departure_m
+from gcs.planning.terrain.goal import cost_matrix
 from gcs.planning.terrain.ground import Terrain
 from gcs.planning.terrain.loiter_circles import goal_at_target, make_circle_map
 from gcs.planning.terrain.route import TerrainRoute, plan_route
-from gcs.planning.terrain.terrain_map import BandPose, Goal, cost_matrix, make_terrain_map
+from gcs.planning.terrain.terrain_map import BandPose, Goal, make_terrain_map
 
 _MARGINS_M: Final = (15.0, 40.0)
 """Tracking margins to plan with, the least one first."""
