@@ -24,6 +24,7 @@ from gcs.planning.terrain.corner_path import turn_at
 from gcs.planning.terrain.intervals import advance, begin
 
 _TUBE_M = 10.0
+_NO_LENGTH_M = 1e-6
 _BAND_TOLERANCE_M = 0.25
 """Distance by which a line between two knots may leave the band that a profile is planned in."""
 
@@ -67,7 +68,7 @@ def sample_path(
         turn = turn_at(points, i + 1, count)
         behind = radius * abs(math.tan(0.5 * turn))
         line_m = max(leg - before - behind, 0.0)
-        parts = int(math.ceil(line_m / step_m))
+        parts = int(math.ceil(line_m / step_m)) if line_m > _NO_LENGTH_M else 0
         for k in range(1, parts + 1):
             at = before + line_m * k / parts
             places[size, 0] = points[i, 0] + at * math.cos(course)
@@ -78,7 +79,7 @@ def sample_path(
         along += line_m
         knots[i + 1] = size - 1
         before = behind
-        if turn != 0.0:
+        if radius * abs(turn) > _NO_LENGTH_M:
             side = 1.0 if turn > 0.0 else -1.0
             x = points[i + 1, 0] - behind * math.cos(course) - side * radius * math.sin(course)
             y = points[i + 1, 1] - behind * math.sin(course) + side * radius * math.cos(course)

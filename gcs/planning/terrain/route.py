@@ -114,10 +114,9 @@ def _with_heights(terrain: TerrainMap, path: CornerPath, share: float) -> Terrai
 
 def _split_corner(points: FloatArray, i: int, radius_m: float) -> FloatArray:
     """Return a path with a corner split in two around the same arc."""
-    turn = math.atan2(
-        float(np.cross(points[i] - points[i - 1], points[i + 1] - points[i])),
-        float((points[i] - points[i - 1]) @ (points[i + 1] - points[i])),
-    )
+    ux, uy = (points[i] - points[i - 1]).tolist()
+    vx, vy = (points[i + 1] - points[i]).tolist()
+    turn = math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
     back_m = radius_m * (math.tan(0.5 * abs(turn)) - math.tan(0.25 * abs(turn)))
     before = points[i - 1] - points[i]
     behind = points[i + 1] - points[i]
