@@ -22,6 +22,7 @@ import numpy as np
 
 from gcs.area_corners import corner_error
 from gcs.config import Config
+from gcs.config.schema import MIN_RALLY_M, RallyTable
 from gcs.errors import ConfigError
 from gcs.geo import LocalFrame
 from gcs.model import UNLIMITED, FloatArray, VerticalLimits
@@ -169,20 +170,23 @@ def drawn_areas(config: Config, source: str = "") -> list[Area]:
 
 
 def rally_of(config: Config) -> tuple[Rally, ...]:
-    """Return the rally points of a mission file.
+    """Return the rally points of a mission file, with home at the height of the frame's origin."""
+    return tuple(Rally(row.lat_deg, row.lon_deg, round(_rally_height_m(row, config))) for row in config.rally)
 
-    Heights above sea level count from the height of the frame's origin, where home is.
-    """
-    return tuple(
-        Rally(
-            row.lat_deg,
-            row.lon_deg,
-            round((row.alt_msl_m or 0.0) - config.frame.alt_msl_m)
-            if row.alt_rel_m is None
-            else row.alt_rel_m,
-        )
-        for row in config.rally
-    )
+
+def _rally_height_m(row: RallyTable, config: Config) -> float:
+    """Return the height of a rally point above home."""
+    if row.alt_rel_m is not None:
+        return row.alt_rel_m
+    home_msl_m = config.frame.alt_msl_m
+    if row.alt_msl_m is not None:
+        return row.alt_msl_m - home_msl_m
+    elevation = config.elevation
+    place_m = config.local_frame.to_local(row.lat_deg, row.lon_deg)
+    ground_m = 0.0 if elevation is None else elevation.height_msl_m(*place_m) - home_msl_m
+    if math.isnan(ground_m):
+        raise ConfigError(config.name, "rally", f"the ground at {row.lat_deg}, {row.lon_deg} is not known")
+    return ground_m + (row.alt_agl_m or 0.0)
 
 
 def _check(fence: Fence, config: Config, source: str) -> None:
@@ -193,6 +197,13 @@ def _check(fence: Fence, config: Config, source: str) -> None:
             "fence.max_alt_rel_m" if config.fence.max_alt_msl_m is None else "fence.max_alt_msl_m",
             f"expected more than the highest altitude layer, {config.mission.highest_rel_m:g} m above home",
         )
+    for index, point in enumerate(rally_of(config)):
+        if point.alt_rel_m < MIN_RALLY_M:
+            raise ConfigError(
+                source,
+                f"rally[{index}]",
+                f"is {point.alt_rel_m} m above home (frame.alt_msl_m); expected {MIN_RALLY_M} m or more",
+            )
     for index, row in enumerate(config.rally):
         if fence.beyond([frame.to_local(row.lat_deg, row.lon_deg)], frame):
             raise ConfigError(source, f"rally[{index}]", "lies outside the fence: a return would breach it")

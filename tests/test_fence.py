@@ -117,6 +117,8 @@ def test_a_height_above_sea_level_counts_from_the_origin_of_the_frame():
     )
     assert fence_of(config).max_alt_rel_m == 200.0
     assert [point.alt_rel_m for point in rally_of(config)] == [95]
+    level = fenced("[[rally]]\nlat_deg = 33.205\nlon_deg = -87.59\nalt_agl_m = 80.4\n")
+    assert [point.alt_rel_m for point in rally_of(level)] == [80]
 
 
 CIRCLE = '[[fence.areas]]\nkind = "exclusion"\ncircle = [33.209, -87.59, 100.0]\n'
@@ -156,9 +158,13 @@ def test_an_area_that_all_layers_pass_above_or_below_is_not_sent_and_not_forgott
             "expected more than frame.alt_msl_m, 70 m",
         ),
         ("[fence]\nmax_alt_msl_m = nan\n", "fence.max_alt_msl_m", "expected"),
-        (RALLY, "rally[0]", "either alt_rel_m or alt_msl_m"),
-        (RALLY + "alt_rel_m = 90\nalt_msl_m = 160.0\n", "rally[0]", "either alt_rel_m or alt_msl_m"),
-        (RALLY + "alt_msl_m = 75.0\n", "rally[0].alt_msl_m", "at least 10 m above frame.alt_msl_m, 70 m"),
+        (RALLY, "rally[0]", "one of alt_rel_m, alt_msl_m and alt_agl_m"),
+        (RALLY + "alt_rel_m = 90\nalt_msl_m = 160.0\n", "rally[0]", "one of alt_rel_m, alt_msl_m"),
+        (
+            RALLY + "alt_msl_m = 75.0\n",
+            "rally[0]",
+            "is 5 m above home (frame.alt_msl_m); expected 10 m or more",
+        ),
         (CIRCLE + "ceiling_m = 60.0\n", "fence.areas[0].reference", "is missing"),
         (
             CIRCLE + 'ceiling_m = nan\nreference = "msl"\n',

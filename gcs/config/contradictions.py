@@ -9,7 +9,6 @@ import numpy as np
 from gcs.area_corners import corner_error
 from gcs.config.mission_file import Config
 from gcs.config.schema import (
-    MIN_RALLY_M,
     AgentTable,
     BirthTable,
     LimitsTable,
@@ -122,14 +121,8 @@ def _heights(config: Config, source: str) -> Iterator[ConfigError]:
                 f"expected more than frame.alt_msl_m, {config.frame.alt_msl_m:g} m",
             )
     for index, point in enumerate(config.rally):
-        if (point.alt_rel_m is None) == (point.alt_msl_m is None):
-            yield ConfigError(source, f"rally[{index}]", "expected either alt_rel_m or alt_msl_m")
-        elif point.alt_msl_m is not None and point.alt_msl_m - config.frame.alt_msl_m < MIN_RALLY_M:
-            yield ConfigError(
-                source,
-                f"rally[{index}].alt_msl_m",
-                f"expected at least {MIN_RALLY_M:g} m above frame.alt_msl_m, {config.frame.alt_msl_m:g} m",
-            )
+        if sum(alt is not None for alt in (point.alt_rel_m, point.alt_msl_m, point.alt_agl_m)) != 1:
+            yield ConfigError(source, f"rally[{index}]", "expected one of alt_rel_m, alt_msl_m and alt_agl_m")
 
 
 def _limits(table: LimitsTable, source: str, key: str) -> Iterator[ConfigError]:

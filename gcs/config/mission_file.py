@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 import msgspec
@@ -116,9 +117,12 @@ class Config(Table, frozen=True, kw_only=True):
     def layer_heights(self) -> LayerHeights:
         """Heights at which routes are flown over level ground, from the end of the climb on."""
         mission = self.mission
-        lowest_m = min(mission.altitude_rel_m, self.takeoff.altitude_rel_m or mission.altitude_rel_m)
+        ground_m = self.frame.alt_msl_m
         clearance_m = self.planning.vertical_clearance_m
-        return LayerHeights(lowest_m, mission.highest_rel_m, self.frame.alt_msl_m, clearance_m)
+        if self.terrain is not None:
+            return LayerHeights(self.terrain.max_agl_m, -math.inf, ground_m, clearance_m)
+        lowest_m = min(mission.altitude_rel_m, self.takeoff.altitude_rel_m or mission.altitude_rel_m)
+        return LayerHeights(lowest_m, mission.highest_rel_m, ground_m, clearance_m)
 
     @property
     def area_limits(self) -> list[VerticalLimits]:

@@ -233,6 +233,8 @@ class RallyTable(Table, frozen=True, kw_only=True):
     lon_deg: Longitude
     alt_rel_m: Annotated[int, Meta(ge=MIN_RALLY_M, le=30_000)] | None = None
     alt_msl_m: AltitudeMsl | None = None
+    alt_agl_m: Annotated[float, Meta(ge=MIN_RALLY_M, le=30_000.0)] | None = None
+    """Above the ground there; without an elevation model the ground is level."""
 
 
 class RecordingTable(Table, frozen=True, kw_only=True):

@@ -50,12 +50,13 @@ class LayerHeights:
     """Heights of the altitude layers over level ground.
 
     An area that ends more than the vertical clearance below the lowest layer, or begins that far above the
-    highest, blocks no layer.
+    highest, blocks no layer. Over terrain there are no layers: the flight band passes over or under areas.
     """
 
     lowest_m: float
-    """Least height above the ground that routes are flown at."""
+    """Least height above the ground that routes are flown at: climbs and descents are lower."""
     highest_m: float
+    """Minus infinity: there are no layers."""
     ground_msl_m: float
     clearance_m: float
     """Vertical clearance."""
@@ -66,9 +67,10 @@ class LayerHeights:
         return floor_m < self.highest_m + self.clearance_m and ceiling_m > self.lowest_m - self.clearance_m
 
     def lie_above(self, limits: VerticalLimits) -> bool:
-        """Return True if the layers lie above an area that climbs and landings may meet."""
-        _, ceiling_m = limits.above_level_ground(self.ground_msl_m)
-        return -self.clearance_m < ceiling_m <= self.lowest_m - self.clearance_m
+        """Return True if climbs and descents may come too near to an area that the layers do not meet."""
+        floor_m, ceiling_m = limits.above_level_ground(self.ground_msl_m)
+        is_low = floor_m < self.lowest_m + self.clearance_m and ceiling_m > -self.clearance_m
+        return is_low and not self.meet(limits)
 
 
 def vertical_limits(

@@ -76,3 +76,17 @@ def test_the_vertical_clearance_decides_which_layers_an_area_blocks(keys, is_met
     limits = vertical_limits(**keys)
     assert LAYERS.meet(limits) is is_met
     assert LAYERS.lie_above(limits) is is_below
+
+
+OVER_TERRAIN = LayerHeights(120.0, -math.inf, 70.0, 20.0)
+
+
+def test_over_terrain_the_flight_band_passes_areas_and_climbs_avoid_those_up_to_it():
+    for keys in (
+        {"height_m": 80},
+        {"floor_m": 100, "reference": "ground"},
+        {"ceiling_m": 500, "reference": "msl"},
+    ):
+        assert not OVER_TERRAIN.meet(vertical_limits(**keys))
+        assert OVER_TERRAIN.lie_above(vertical_limits(**keys))
+    assert not OVER_TERRAIN.lie_above(vertical_limits(floor_m=210.0, reference="msl"))

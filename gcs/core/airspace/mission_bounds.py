@@ -26,10 +26,10 @@ from gcs.core.airspace.flown_heights import lowest_heights_m
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.fence import Area, held_areas
 from gcs.mavlink.mission.items import Item
-from gcs.model import BoolArray, FloatArray, IntArray, VehicleState
+from gcs.model import BoolArray, FloatArray, IntArray, LimitReference, VehicleState
 from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission, simulate
 from gcs.planning.map.grid import Grid, Point, free_grid_like
-from gcs.planning.map.zone_heights import blocked_by
+from gcs.planning.map.limited_area import blocked_by
 from gcs.planning.mission_flight import NOWHERE, simulate_mission
 
 _ROUNDING_M: Final = 1.0
@@ -115,7 +115,7 @@ class MissionBoundsCheck:
         what = "leaves the fence"
         if not len(wrong) and self._keeps_clear:
             blocked = _is_blocked(self._zones.grid, flown_m)
-            blocked |= self._is_over_low_obstacle(flown_m, lowest_msl_m)
+            blocked |= self._is_in_limited_area(flown_m, lowest_msl_m)
             if blocked.any() and blocked[0]:  # it leaves an obstacle by any way, for a clear end
                 is_end = parts >= len(items) - 1
                 blocked &= is_end
@@ -158,17 +158,27 @@ class MissionBoundsCheck:
         is_flown = parts < len(items)  # behind the landing nothing is flown
         return flight.places_m[is_flown], parts[is_flown]
 
-    def _is_over_low_obstacle(self, flown_m: FloatArray, lowest_msl_m: FloatArray) -> BoolArray:
-        """Return a mask of the places over obstacles that a vehicle flies over with half of the clearance."""
+    def _is_in_limited_area(self, flown_m: FloatArray, lowest_msl_m: FloatArray) -> BoolArray:
+        """Return a mask of the places nearer than half of the clearance over or under an area."""
         obstacles = self._zones.obstacles
-        ground_m = obstacles.layers.ground_msl_m
+        margin_m = 0.5 * obstacles.layers.clearance_m
         blocked = np.zeros(len(flown_m), dtype=np.bool_)
-        for area in obstacles.low_areas:
-            _, ceiling_m = area.limits.above_level_ground(ground_m)
-            is_low = lowest_msl_m - ground_m < ceiling_m + 0.5 * obstacles.layers.clearance_m
-            if is_low.any():
-                blocked |= is_low & _is_blocked(blocked_by(free_grid_like(self._zones.grid), [area]), flown_m)
+        for area in obstacles.limited:
+            if obstacles.layers.meet(area.limits):
+                continue  # blocked at all heights
+            floor_m, ceiling_m = area.limits.bounds_m
+            heights_m = lowest_msl_m - self._zero_msl_m(area.limits.reference, flown_m)
+            is_level_with_it = (heights_m > floor_m - margin_m) & (heights_m < ceiling_m + margin_m)
+            if is_level_with_it.any():
+                alone = blocked_by(free_grid_like(self._zones.grid), [area])
+                blocked |= is_level_with_it & _is_blocked(alone, flown_m)
         return blocked
+
+    def _zero_msl_m(self, reference: LimitReference, places_m: FloatArray) -> FloatArray | float:
+        """Return what limits are above, at places."""
+        if reference == "ground" and self._elevation is not None:
+            return self._elevation.heights_at(places_m)
+        return 0.0 if reference == "msl" else self._zones.obstacles.layers.ground_msl_m
 
     def _is_near_ground(
         self, items: Sequence[Item], flown_m: FloatArray, parts: IntArray, lowest_msl_m: FloatArray

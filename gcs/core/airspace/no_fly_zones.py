@@ -13,8 +13,8 @@ from gcs.core.airspace.obstacle_map import LowFlight, ObstacleMap, closed_area
 from gcs.core.airspace.records import AirspaceState
 from gcs.model import NoFlyZone
 from gcs.planning.map.grid import Grid, Point, free_grid_like
+from gcs.planning.map.limited_area import LimitedArea, blocked_by
 from gcs.planning.map.line_of_sight import line_of_sight
-from gcs.planning.map.zone_heights import LimitedArea, blocked_by
 
 
 @dataclass(frozen=True, eq=False)

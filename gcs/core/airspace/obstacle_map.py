@@ -13,7 +13,7 @@ from gcs.config import Config
 from gcs.fence import drawn_areas
 from gcs.model import UNLIMITED, IntArray, LayerHeights, NoFlyZone, VerticalLimits
 from gcs.planning.map.grid import Grid, Point, Polygon, free_grid, free_grid_like, random_obstacles
-from gcs.planning.map.zone_heights import LimitedArea, blocked_by
+from gcs.planning.map.limited_area import LimitedArea, blocked_by
 
 _PURPOSE = 0x6D6170
 """Separates the map's random numbers from others with the same seed."""

@@ -432,8 +432,10 @@ def vehicle_checks(
 
 def _uses_heights(config: Config) -> bool:
     """Return True if heights of the mission file count from the height of the frame's origin."""
-    altitudes_m = [config.fence.max_alt_msl_m, *(point.alt_msl_m for point in config.rally)]
-    return bool(config.area_limits) or any(altitude_m is not None for altitude_m in altitudes_m)
+    is_converted = config.fence.max_alt_msl_m is not None or any(
+        point.alt_rel_m is None for point in config.rally
+    )
+    return is_converted or bool(config.area_limits)
 
 
 def _highest_obstacle_m(config: Config) -> float:

@@ -133,16 +133,19 @@ def disc_footprint(radius: float) -> BoolArray:
 
 def _is_closed(elevation: Elevation, grid: Grid, clearance_m: float) -> BoolArray:
     """Return True for the nodes of the elevation that are too near to a blocked cell, or off the map."""
-    rows, cols = elevation.heights_msl_m.shape
-    east = elevation.origin_m[0] + elevation.spacing_m * np.arange(cols)
-    north = elevation.origin_m[1] + elevation.spacing_m * np.arange(rows)
-    col = (east - grid.origin_m[0]) / grid.spacing_m
-    row = (north - grid.origin_m[1]) / grid.spacing_m
+    row, col = _nodes_on(elevation, grid)
     map_rows, map_cols = grid.shape
     is_on_map = ((row >= -0.5) & (row <= map_rows - 0.5))[:, None] & ((col >= -0.5) & (col <= map_cols - 0.5))
-    closed: BoolArray = ~is_on_map
     # The square of nodes around a place bulges by the sagitta between two nodes at the clearance.
     reach_m = clearance_m + elevation.spacing_m**2 / (8.0 * max(clearance_m, elevation.spacing_m))
+    closed: BoolArray = ~is_on_map | nodes_near(elevation, grid, reach_m)
+    return closed
+
+
+def nodes_near(elevation: Elevation, grid: Grid, reach_m: float) -> BoolArray:
+    """Return True for the nodes of the elevation within a distance of a blocked cell."""
+    row, col = _nodes_on(elevation, grid)
+    near = np.zeros(elevation.heights_msl_m.shape, dtype=np.bool_)
     for r, c in np.argwhere(grid.blocked).tolist():
         rows_near = np.flatnonzero(np.abs(row - r) <= 0.5 + reach_m / grid.spacing_m)
         cols_near = np.flatnonzero(np.abs(col - c) <= 0.5 + reach_m / grid.spacing_m)
@@ -151,8 +154,18 @@ def _is_closed(elevation: Elevation, grid: Grid, clearance_m: float) -> BoolArra
         block = (slice(rows_near[0], rows_near[-1] + 1), slice(cols_near[0], cols_near[-1] + 1))
         up = np.maximum(np.abs(row[block[0]] - r) - 0.5, 0.0)
         along = np.maximum(np.abs(col[block[1]] - c) - 0.5, 0.0)
-        closed[block] |= np.hypot(up[:, None], along[None, :]) * grid.spacing_m <= reach_m
-    return closed
+        near[block] |= np.hypot(up[:, None], along[None, :]) * grid.spacing_m <= reach_m
+    return near
+
+
+def _nodes_on(elevation: Elevation, grid: Grid) -> tuple[FloatArray, FloatArray]:
+    """Return the rows and the columns of the elevation's nodes on a map, as floats."""
+    rows, cols = elevation.heights_msl_m.shape
+    east_m = elevation.origin_m[0] + elevation.spacing_m * np.arange(cols)
+    north_m = elevation.origin_m[1] + elevation.spacing_m * np.arange(rows)
+    row = np.asarray((north_m - grid.origin_m[1]) / grid.spacing_m, dtype=np.float64)
+    col = np.asarray((east_m - grid.origin_m[0]) / grid.spacing_m, dtype=np.float64)
+    return row, col
 
 
 @spliced
