@@ -2,7 +2,8 @@
 
 In RTL all vehicles fly straight to one place, each at the return height of its autopilot. Where that leads
 one near another, a mission leads it home instead: a route clear of obstacles in an altitude layer of its own.
-It ends as missions do, with a circle at home, or with a landing in the landing order.
+It ends as missions do: with a circle at home, or beside it where all layers there are taken, or with a
+landing in the landing order.
 
 LOITER keeps the height. A vehicle whose circle comes near that of another one gets a mission with the circle
 in a free layer.
@@ -11,9 +12,11 @@ in a free layer.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Final
+
+import numpy as np
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
@@ -21,6 +24,7 @@ from gcs.core.replanning.mission_inputs import mission_inputs
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.separation.intents import Intents
+from gcs.core.separation.minima import MIN_DISTANCE_M
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.state import Agent
 from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
@@ -33,8 +37,12 @@ from gcs.planning.map.grid import Point
 from gcs.planning.planner import choose_new, plan_routes
 from gcs.planning.planner_inputs import AgentState
 
-_SIDES_DEG: Final = (0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0)
-"""Sides of home on which a landing may begin, from that of the vehicle."""
+_SIDES_DEG: Final = (0.0, 60.0, -60.0, 120.0, -120.0, 180.0)
+"""Sides of home on which a route may end, from that of the vehicle."""
+_MARGIN_M: Final = 20.0
+"""Beyond the separation of two circles beside each other."""
+_MAX_ROUTES: Final = 2
+"""Number of routes that are planned for one vehicle at most."""
 
 
 class StackedMissions:
@@ -63,6 +71,8 @@ class StackedMissions:
         self._airframes = config.airframes_of_agents
         self._frame = config.local_frame
         self._mission = mission_inputs(config, zones.grid)
+        self._options = self._mission.options
+        self._beside_m = max(config.planning.separation_m, MIN_DISTANCE_M) + _MARGIN_M
 
     def plan_returns(
         self, vehicles: Collection[int], modes: Mapping[int, str], t_ns: int
@@ -83,9 +93,8 @@ class StackedMissions:
             home = self._fleet.home(vehicle)
             if state is None or home is None:
                 continue
-            end_m = self._landing_begin(state, self._frame.to_local(home.lat_deg, home.lon_deg))
-            label = home_label(vehicle)
-            route = None if end_m is None else self._route(state, end_m, label, planned, modes, t_ns)
+            ends_m = self._ends(state, self._frame.to_local(home.lat_deg, home.lon_deg))
+            route = self._route(state, ends_m, home_label(vehicle), planned, modes, t_ns)
             if route is not None:
                 planned[vehicle] = route
         return planned
@@ -94,9 +103,9 @@ class StackedMissions:
         """Return a route to a circle where a vehicle is, in a layer clear of all others; None without one."""
         state = self._fleet.state(vehicle)
         place_m = self._agents[vehicle].separation.hold_m
-        if state is None or place_m is None or not self._zones.grid.is_free(place_m):
+        if state is None or place_m is None:
             return None
-        return self._route(state, place_m, hold_label(vehicle), {}, {}, t_ns)
+        return self._route(state, [place_m], hold_label(vehicle), {}, {}, t_ns)
 
     def lands(self, vehicle: int) -> bool:
         """Return True if a vehicle's missions end with a landing."""
@@ -116,35 +125,53 @@ class StackedMissions:
     def _route(
         self,
         state: VehicleState,
-        end_m: Point,
+        ends_m: Iterable[Point],
         label: Label,
         planned: Mapping[int, Route],
         modes: Mapping[int, str],
         t_ns: int,
     ) -> Route | None:
-        """Return a route in a layer that is clear; None without one, or if no mission can be sent now."""
+        """Return a route to one of some places in a layer that is clear; None without one.
+
+        None also if the vehicle can get no mission now.
+        """
         vehicle = state.system_id
+        grid = self._zones.grid
+        problem = self._order_check.stacking_problem
         if self._fleet.profile(vehicle) is None or self._intents.is_climbing_out(state):
             return None
-        start = {vehicle: self._start(state, t_ns)}
-        made = plan_routes(self._zones.grid, start, {label: end_m}, {}, self._mission.options)
-        for route in choose_new(made).new if not made.stops_short else ():
-            stacked = [replace(route, layer=layer) for layer in self._nearest_layers(vehicle)]
-            problem = self._order_check.stacking_problem
-            return next((one for one in stacked if not problem(one, planned, modes, t_ns)), None)
+        tries = 0
+        for end_m in filter(grid.is_free, ends_m):
+            circle = Route(vehicle, label, np.array([end_m]), 0.0)
+            layers = [
+                layer
+                for layer in self._nearest_layers(vehicle)
+                if not problem(replace(circle, layer=layer), planned, modes, t_ns, circles_only=True)
+            ]
+            if not layers:
+                continue
+            made = plan_routes(grid, {vehicle: self._start(state, t_ns)}, {label: end_m}, {}, self._options)
+            for route in choose_new(made).new if not made.stops_short else ():
+                stacked = (replace(route, layer=layer) for layer in layers)
+                found = next((one for one in stacked if not problem(one, planned, modes, t_ns)), None)
+                if found is not None:
+                    return found
+            tries += 1
+            if tries == _MAX_ROUTES:
+                return None
         return None
 
-    def _landing_begin(self, state: VehicleState, home_m: Point) -> Point | None:
-        """Return where a route home ends: at home, or where a landing begins on the vehicle's side."""
-        grid = self._zones.grid
-        if not self.lands(state.system_id):
-            return home_m if grid.is_free(home_m) else None
+    def _ends(self, state: VehicleState, home_m: Point) -> Iterator[Point]:
+        """Yield where a route home may end: at home and round it, or where a landing begins."""
+        vehicle = state.system_id
+        away_m = APPROACH_M
+        if not self.lands(vehicle):
+            yield home_m
+            away_m = 2.0 * self._airframes[vehicle].circle_radius_m + self._beside_m
         side_rad = math.atan2(state.east_m - home_m[0], state.north_m - home_m[1])
-        ends_m = (
-            (home_m[0] + APPROACH_M * math.sin(angle), home_m[1] + APPROACH_M * math.cos(angle))
-            for angle in (side_rad + math.radians(turn) for turn in _SIDES_DEG)
-        )
-        return next(filter(grid.is_free, ends_m), None)
+        for turn_deg in _SIDES_DEG:
+            angle = side_rad + math.radians(turn_deg)
+            yield home_m[0] + away_m * math.sin(angle), home_m[1] + away_m * math.cos(angle)
 
     def _start(self, state: VehicleState, t_ns: int) -> AgentState:
         """Return where and how a vehicle begins a route that is planned now."""

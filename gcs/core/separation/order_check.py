@@ -123,7 +123,13 @@ class OrderCheck:
         return _nearest([*self._met(own, others, is_return=False), *self._overlapping(own, others)])
 
     def stacking_problem(
-        self, route: Route, planned: Mapping[int, Route], modes: Mapping[int, str], t_ns: int
+        self,
+        route: Route,
+        planned: Mapping[int, Route],
+        modes: Mapping[int, str],
+        t_ns: int,
+        *,
+        circles_only: bool = False,
     ) -> str:
         """Return which vehicle a return or a hold by a mission would lead a vehicle near to; empty if none.
 
@@ -135,6 +141,8 @@ class OrderCheck:
             The same of others that get such missions at this time.
         modes : mapping of int to str
             Modes that are ordered now, by vehicle.
+        circles_only : bool
+            True if the circle at its end alone is checked.
         """
         states = {state.system_id: state for state in self._intents.flying(t_ns)}
         own = self._stacked(states.pop(route.vehicle), route, t_ns)
@@ -145,7 +153,8 @@ class OrderCheck:
             for vehicle, state in states.items()
         ]
         conflicts = [*self._overlapping(own, others, last=True)]
-        conflicts = conflicts or [*self._met(own, others, is_return=True)]
+        if not conflicts and not circles_only:
+            conflicts = [*self._met(own, others, is_return=True)]
         return f"would {min(conflicts).words}" if conflicts else ""
 
     def _stacked(self, state: VehicleState, route: Route, t_ns: int) -> Flight:

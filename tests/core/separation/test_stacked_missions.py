@@ -38,6 +38,18 @@ def test_all_that_return_at_once_begin_at_once_and_circle_in_layers(px4):
     assert sorted(mode.name for mode in modes) == ["AUTO", "AUTO", "AUTO", "RTL"]
 
 
+def test_where_all_layers_at_home_are_taken_others_circle_beside_it():
+    sky = with_one_home(Sky(*PLACES, field=FOUR.replace("layers = 8", "layers = 2")))
+    give(sky, "return")
+    fly_on(sky, 4.0)
+    assert not sky.told(NoticeCode.ORDER_WAITS)
+    fly_on(sky, 110.0)
+    assert not sky.near_s
+    away_m = [np.hypot(p.east_m - 1500.0, p.north_m - 1500.0) for p in sky.planes.values()]
+    assert max(away_m) < 320.0
+    assert not sky.told(NoticeCode.SEPARATION_LOST)
+
+
 def test_all_that_return_at_once_land_one_after_the_other_where_missions_end_so():
     sky = with_one_home(Sky(*PLACES[:3], field=LANDING))
     give(sky, "return")
