@@ -89,7 +89,8 @@ def test_warm_up_compiles_everything_and_a_flight_only_what_it_needs(monkeypatch
     assert (shown.exit_code, shown.stdout.strip()) == (0, "all kernels are ready")
     warm_up_progress.load_kernels(Console(quiet=True))
     everything, flight = map(set, asked)
-    assert everything - flight == {"gcs.tracking.trajectories.recovery"}, "only gcs track asks for histories"
+    more = {"gcs.tracking.trajectories.recovery", "gcs.planning.terrain.warm_up"}
+    assert everything - flight == more, "for gcs track, and for missions over terrain"
     assert flight < everything
 
 

@@ -115,7 +115,12 @@ def test_climbs_and_descents_are_flatter_downwind(tmp_path):
     text += "[airframe]\nspeed_m_s = 15.0\nwind_m_s = 5.0\nclimb_m_s = 3.0\n"
     text += "[airframes.slow]\nsink_m_s = 1.0\n"
     config = load(write_mission(tmp_path, text))
-    assert config.default_airframe.climb_gradient == pytest.approx(0.15)
-    assert config.default_airframe.sink_gradient == pytest.approx(0.1)
-    assert config.airframe_of(1).climb_gradient == pytest.approx(0.15)
-    assert config.airframe_of(1).sink_gradient == pytest.approx(0.05)
+    assert config.elevation is not None
+    highest_m = config.elevation.heights_msl_m.max() + 120.0
+    true_m_s = 15.0 / (1.0 - 2.25577e-5 * highest_m) ** 2.12794
+    assert 16.0 < true_m_s < 17.0, "15 m/s of indicated airspeed"
+    over_ground_m_s = true_m_s + 5.0
+    assert config.default_airframe.climb_gradient == pytest.approx(0.85 * 3.0 / over_ground_m_s)
+    assert config.default_airframe.sink_gradient == pytest.approx(0.85 * 2.0 / over_ground_m_s)
+    assert config.airframe_of(1).climb_gradient == pytest.approx(0.85 * 3.0 / over_ground_m_s)
+    assert config.airframe_of(1).sink_gradient == pytest.approx(0.85 * 1.0 / over_ground_m_s)

@@ -56,9 +56,9 @@ def test_a_wait_needs_more_room_in_wind():
     grid = free_grid((200, 100), 20.0, (-1000.0, -1000.0)).with_obstacles(
         discs_m=[(0.0, room_m + 20.0, 20.0)]
     )
-    assert LandingOrder(config, None, {})._corner(1, return_m, grid) == -1
+    assert LandingOrder(config, None, {})._corner(1, return_m, grid, []) == -1
     config = msgspec.structs.replace(config, airframe=airframe)
-    assert LandingOrder(config, None, {})._corner(1, return_m, grid) == 0
+    assert LandingOrder(config, None, {})._corner(1, return_m, grid, []) == 0
 
 
 def test_a_vehicle_that_lands_alone_does_not_wait():
