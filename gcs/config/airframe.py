@@ -32,8 +32,8 @@ UNKNOWN_LOITER_RADIUS_M = 80.0
 _G_M_S2 = 9.80665
 _STRONG_WIND_M_S = 30.0
 _PLANNED_SHARE = 0.85
-"""Share of the sustained rates that routes use. A vehicle that is late must catch up, and autopilots climb
-at these rates at most: ArduPlane in SITL kept 2.34 of 2.5 m/s through turns, and fell behind by 32 m in 140 s."""
+"""Share of the sustained rates that routes use: a vehicle that is late must catch up, and autopilots climb
+at these rates at most. ArduPlane in SITL kept 2.34 of 2.5 m/s through turns: it was 32 m late in 140 s."""
 
 
 class AirframeTable(Table, frozen=True, kw_only=True):

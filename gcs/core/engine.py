@@ -80,6 +80,7 @@ PIPELINES: Final[dict[type[Event], Pipeline]] = {
         on_tick.audit_missions,
         on_tick.watch_takeoffs,
         on_tick.watch_separation,
+        on_tick.watch_ground,
         on_tick.report_standstill,
         on_tick.report_overrides,
         on_tick.leave_auto_on_ground,

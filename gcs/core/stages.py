@@ -12,6 +12,7 @@ from pymavlink.dialects.v20.ardupilotmega import (
 )
 
 from gcs.config import Config
+from gcs.core.airspace.ground_proximity import GroundProximity
 from gcs.core.airspace.incursion_warning import IncursionWarnings
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.no_fly_zones import NoFlyZones
@@ -177,6 +178,7 @@ class Stages:
         self.separation = SeparationMonitor(
             config, self.intents, self.return_heights, self.avoidances, self.air_traffic, self.state
         )
+        self.ground_proximity = GroundProximity(config, self.intents, self.state)
         self.flight_phases = FlightPhases(
             config, self.fleet, agents, self.tasking.onboard_missions, self.state.flight
         )

@@ -522,6 +522,16 @@ class NoticeCode(TableCode):
         ends="comes-near separation-lost",
         by="other",
     )
+    NEAR_GROUND = _vehicle(
+        "near-ground",
+        _A,
+        "comes within {agl_m:.0f} m of the ground in {after_s:.0f} s, at ({east_m:.0f}, {north_m:.0f}) m; "
+        "{least_m:.0f} m are the least: let a pilot take it over, or order it to return if it is clear",
+        "by the elevation model, at its height now, or in the next 20 s in a mode other than AUTO; half of "
+        "`terrain.min_agl_m` is the least height",
+        "a pilot climbs; on a mission, check the height of the autopilot and the elevation model",
+    )
+    CLEAR_OF_GROUND = _vehicle("clear-of-ground", _I, "is clear of the ground", ends="near-ground")
     AIRCRAFT_NEAR = _vehicle(
         "aircraft-near",
         _A,

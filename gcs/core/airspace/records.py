@@ -1,4 +1,4 @@
-"""State of the airspace: no-fly zones, incursions."""
+"""State of the airspace: no-fly zones, incursions, heights above ground."""
 
 from __future__ import annotations
 
@@ -15,3 +15,6 @@ class AirspaceState:
     """Closed zones by name."""
     incursions_s: dict[tuple[int, str], float] = field(default_factory=dict)
     """Time to each imminent incursion at the last check, by vehicle and zone."""
+    near_ground: dict[int, int] = field(default_factory=dict)
+    """Time at which each vehicle that was told was last too near to the ground."""
+    next_ground_check_t_ns: int = 0

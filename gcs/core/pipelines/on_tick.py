@@ -105,6 +105,11 @@ def watch_separation(stages: Stages, event: Tick) -> list[Effect]:
     return watched + stages.avoidances.poll(event.t_ns)
 
 
+def watch_ground(stages: Stages, event: Tick) -> list[Effect]:
+    """Tell of vehicles that come near the ground."""
+    return stages.ground_proximity.check(event.t_ns)
+
+
 def report_standstill(stages: Stages, event: Tick) -> list[Effect]:
     """Tell when no agent that is left can be tasked."""
     state = stages.state
