@@ -209,6 +209,7 @@ def plan_routes(
     demands: Mapping[Label, TargetDemand] = MappingProxyType({}),
     pinned: Mapping[int, Label] = MappingProxyType({}),
     terrain: Terrain | None = None,
+    layer: int = 0,
 ) -> PlanResult:
     """Assign targets to agents and plan a route for each assigned agent.
 
@@ -224,6 +225,8 @@ def plan_routes(
         Vehicles that must get a certain target, if it is there and a path leads to it.
     terrain : Terrain or None
         Ground that routes keep above; None: the ground is flat. Over terrain targets do not move in a plan.
+    layer : int
+        Altitude layer whose heights routes over terrain prefer.
     """
     notes: list[PlanNote] = []
     vehicles = [v for v in sorted(agents) if _on_earth(agents[v].east_m, agents[v].north_m)]
@@ -264,7 +267,7 @@ def plan_routes(
                 if (i, j) in found:
                     continue
                 if isinstance(search, TerrainSearch):
-                    found[i, j] = _shape_over_terrain(search, (i, j), vehicles[i], labels[j], 0)
+                    found[i, j] = _shape_over_terrain(search, (i, j), vehicles[i], labels[j], layer)
                 else:
                     shape = partial(_shape_route, grid, vehicle=vehicles[i], label=labels[j])
                     planned = shape(search, (i, j), options=options)

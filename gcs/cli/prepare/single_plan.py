@@ -20,7 +20,7 @@ from rich.table import Table
 
 from gcs.cli.warm_up_progress import PLANNING, TERRAIN, load_kernels
 from gcs.config import load
-from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.airspace.obstacle_map import mission_map
 from gcs.core.replanning.mission_inputs import mission_inputs
 from gcs.core.replanning.return_routes import landing_of
 from gcs.errors import ConfigError, RecordingError
@@ -80,7 +80,7 @@ def planning_task(
         When an argument or a file is invalid.
     """
     config = load(scenario)
-    mission = mission_inputs(config, mission_grid(config, seed))
+    mission = mission_inputs(config, mission_map(config, seed))
     if agent_texts is not None:
         starts = _positions(agent_texts, "--agents", mission.grid)
         agents = {

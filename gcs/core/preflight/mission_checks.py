@@ -59,7 +59,7 @@ def rehearse(
         States of vehicles; None: none is on the ground.
     """
     obstacles = mission_map(config, seed)
-    mission = mission_inputs(config, obstacles.grid)
+    mission = mission_inputs(config, obstacles)
     zones = NoFlyZones(AirspaceState(), obstacles)
     takeoffs = None if fleet is None else Climbs(config, zones, fleet, {})
     climbs = {

@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 
 from gcs.config import Config
+from gcs.core.airspace.obstacle_map import ObstacleMap
 from gcs.core.replanning.plan_targets import plan_options, vehicle_options
-from gcs.planning.map.grid import Grid
+from gcs.planning.map.limited_area import LimitedArea
 from gcs.planning.planner_inputs import AgentState, MissionInputs
 from gcs.planning.terrain.ground import Terrain
 
 
-def mission_inputs(config: Config, grid: Grid) -> MissionInputs:
+def mission_inputs(config: Config, obstacles: ObstacleMap) -> MissionInputs:
     """Return the inputs of a plan from the starts of agents to the birth components of targets."""
     speeds_m_s = config.speeds_m_s
     options = vehicle_options(config)
     layers = config.mission.layers if config.mission.layer_step_m > 0.0 else 1
-    terrain = _terrain(config, layers)
+    terrain = _terrain(config, layers, obstacles.limited)
     agents = {
         one.vehicle: AgentState(
             one.east_m,
@@ -29,7 +30,7 @@ def mission_inputs(config: Config, grid: Grid) -> MissionInputs:
         for one in config.agents
     }
     return MissionInputs(
-        grid,
+        obstacles.grid,
         plan_options(config),
         layers,
         config.planning.separation_m,
@@ -40,13 +41,21 @@ def mission_inputs(config: Config, grid: Grid) -> MissionInputs:
     )
 
 
-def _terrain(config: Config, layers: int) -> Terrain | None:
+def _terrain(config: Config, layers: int, areas: tuple[LimitedArea, ...]) -> Terrain | None:
     """Return ground and flight band; None if the ground is flat."""
     table = config.terrain
     elevation = config.elevation
     if table is None or elevation is None:
         return None
-    return Terrain(elevation, table.min_agl_m, table.max_agl_m, layers)
+    return Terrain(
+        elevation,
+        table.min_agl_m,
+        table.max_agl_m,
+        layers,
+        areas,
+        config.frame.alt_msl_m,
+        config.planning.vertical_clearance_m,
+    )
 
 
 def _start_msl_m(terrain: Terrain | None, east_m: float, north_m: float) -> float:

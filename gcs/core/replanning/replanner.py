@@ -64,7 +64,7 @@ class Replanner:
         self._agents = agents
         self._state = state
         self._planning = config.planning
-        self._mission = mission_inputs(config, zones.grid)
+        self._mission = mission_inputs(config, zones.obstacles)
         self.plan_targets = PlanTargets(config)
         self.layers = AltitudeLayers(config, self._mission, agents, state)
         self._turn_lags_s = {v: one.turn_lag_s for v, one in vehicle_options(config).items()}
@@ -372,6 +372,10 @@ class Replanner:
         if fixed:
             demands = {label: replace(one, agents=counts[label]) for label, one in demands.items()}
         ahead_s = (inputs.t_ns - inputs.picture_t_ns) / NS_PER_S + self._ahead_s  # begin of the routes
+        terrain = self._mission.terrain
+        areas = self._zones.obstacles.limited
+        if terrain is not None and terrain.areas is not areas:  # its maps are made anew
+            self._mission = replace(self._mission, terrain=replace(terrain, areas=areas))
         return replace(
             self._mission,
             grid=self._zones.obstacles.below_layers(self._low_flights(agents, inputs)),

@@ -12,8 +12,9 @@ in a free layer.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -70,7 +71,7 @@ class StackedMissions:
         self._intents = intents
         self._airframes = config.airframes_of_agents
         self._frame = config.local_frame
-        self._mission = mission_inputs(config, zones.grid)
+        self._mission = mission_inputs(config, zones.obstacles)
         self._options = self._mission.options
         self._beside_m = max(config.planning.separation_m, MIN_DISTANCE_M) + _MARGIN_M
 
@@ -146,20 +147,34 @@ class StackedMissions:
             layers = [
                 layer
                 for layer in self._nearest_layers(vehicle)
-                if not problem(replace(circle, layer=layer), planned, modes, t_ns, circles_only=True)
+                if self._mission.terrain is not None  # the height of the circle is not known yet
+                or not problem(replace(circle, layer=layer), planned, modes, t_ns, circles_only=True)
             ]
             if not layers:
                 continue
-            made = plan_routes(grid, {vehicle: self._start(state, t_ns)}, {label: end_m}, {}, self._options)
-            for route in choose_new(made).new if not made.stops_short else ():
-                stacked = (replace(route, layer=layer) for layer in layers)
-                found = next((one for one in stacked if not problem(one, planned, modes, t_ns)), None)
-                if found is not None:
-                    return found
+            routes = self._in_layers(state, end_m, label, layers, t_ns)
+            found = next((one for one in routes if not problem(one, planned, modes, t_ns)), None)
+            if found is not None:
+                return found
             tries += 1
             if tries == _MAX_ROUTES:
                 return None
         return None
+
+    def _in_layers(
+        self, state: VehicleState, end_m: Point, label: Label, layers: Sequence[int], t_ns: int
+    ) -> Iterator[Route]:
+        """Yield routes to a place in each of some layers; over terrain each at heights of its own."""
+        starts = {state.system_id: self._start(state, t_ns)}
+        plan = partial(plan_routes, self._zones.grid, starts, {label: end_m}, {}, self._options)
+        if self._mission.terrain is not None:
+            for layer in layers:
+                for route in plan(terrain=self._mission.terrain, layer=layer).routes:
+                    yield replace(route, layer=layer)
+            return
+        made = plan()
+        for route in () if made.stops_short else choose_new(made).new:
+            yield from (replace(route, layer=layer) for layer in layers)
 
     def _ends(self, state: VehicleState, home_m: Point) -> Iterator[Point]:
         """Yield where a route home may end: at home and round it, or where a landing begins."""
@@ -188,4 +203,5 @@ class StackedMissions:
             north_m=north_m,
             course_rad=turns.course_rad,
             motion=predict_motion(self._zones.grid, motion, delivery_s, lag_s),
+            height_msl_m=state.alt_msl_m,
         )

@@ -25,7 +25,7 @@ from gcs.core.separation.look_ahead import Encounter
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.separation.records import Avoidance
 from gcs.core.state import Agent
-from gcs.core.tasking.mission_builder import flown_points
+from gcs.core.tasking.mission_builder import flown_points, route_heights_msl_m
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
@@ -60,6 +60,7 @@ class Avoidances:
         stacked_missions: StackedMissions,
     ) -> None:
         self._mission = config.mission
+        self._base_msl_m = config.frame.alt_msl_m
         self._stacked = stacked_missions
         self._air_traffic = air_traffic
         self._is_enabled = config.planning.avoidance == "act"
@@ -77,7 +78,8 @@ class Avoidances:
             if route is None:
                 continue
             (number,) = (v for v in encounter.vehicles if v != vehicle)
-            height_m = self._mission.altitude_rel_m + route.layer * self._mission.layer_step_m
+            heights_msl_m = route_heights_msl_m(route, self._base_msl_m, self._mission)
+            height_m = float(heights_msl_m[-1]) - self._base_msl_m
             parameters: dict[str, Parameter] = {
                 "other": self._air_traffic.name(number),
                 "height_m": height_m,

@@ -22,6 +22,7 @@ from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
 from gcs.core.separation.minima import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
+from gcs.core.tasking.mission_builder import route_heights_msl_m
 from gcs.mavlink.autopilots.modes import LOITER, RTL
 from gcs.model import FloatArray, Route, VehicleState, vehicle_name
 
@@ -166,11 +167,10 @@ class OrderCheck:
 
     def _legs(self, route: Route, points_m: FloatArray) -> list[Goal]:
         mission = self._mission
-        height_m = self._intents.ground_m(route.vehicle) + mission.altitude_rel_m
-        height_m += route.layer * mission.layer_step_m
+        heights_m = route_heights_msl_m(route, self._intents.ground_m(route.vehicle), mission)
         return [
             Goal(GoalKind.WAYPOINT, east_m, north_m, mission.accept_radius_m, height_m)
-            for east_m, north_m in points_m.tolist()
+            for (east_m, north_m), height_m in zip(points_m.tolist(), heights_m.tolist(), strict=False)
         ]
 
     def _worse(

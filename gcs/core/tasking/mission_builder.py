@@ -6,6 +6,7 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.config.airframe import AgentAirframe
+from gcs.config.schema import MissionTable
 from gcs.core.state import Agent
 from gcs.model import NS_PER_S, FloatArray, HeightReference, Mission, Route, VehicleState, Waypoint
 from gcs.model.names import hold_label
@@ -115,6 +116,14 @@ def _acceptance_m(
         start = [climb.latest_end_m]
     wanted = corners_of(airframe).accept_radii_m(np.concatenate((start, route.points_m)))
     return np.minimum(np.round(wanted, 0), MAX_RADIUS_M)
+
+
+def route_heights_msl_m(route: Route, home_msl_m: float, table: MissionTable) -> FloatArray:
+    """Return the heights above mean sea level of a route's `flown_m` (k,): its own, or that of its layer."""
+    if route.heights_msl_m is not None:
+        return route.heights_msl_m
+    height_m = home_msl_m + table.altitude_rel_m + route.layer * table.layer_step_m
+    return np.full(len(route.flown_m), height_m)
 
 
 def mission_ahead(route: Route, start_m: Point, airframe: AgentAirframe) -> RemainingMission:

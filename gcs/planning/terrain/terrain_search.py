@@ -20,6 +20,7 @@ from gcs.planning.terrain.band import FlightBand, Vertical, make_band
 from gcs.planning.terrain.flown_route import FlightModel, MarginLevel, worst_departure_m
 from gcs.planning.terrain.goal import cost_matrix
 from gcs.planning.terrain.ground import Terrain
+from gcs.planning.terrain.limited_band import limit_band
 from gcs.planning.terrain.loiter_circles import goal_at_target, make_circle_map
 from gcs.planning.terrain.route import TerrainRoute, plan_route
 from gcs.planning.terrain.terrain_map import BandPose, Goal, make_terrain_map
@@ -108,7 +109,9 @@ def _levels(terrain: Terrain, grid: Grid, options: PlanOptions) -> list[MarginLe
 
 @lru_cache(maxsize=8)
 def _band(terrain: Terrain, grid: Grid, clearance_m: float, margin_m: float) -> FlightBand:
-    return make_band(terrain.elevation, terrain.min_agl_m, terrain.max_agl_m, grid, clearance_m, margin_m)
+    band = make_band(terrain.elevation, terrain.min_agl_m, terrain.max_agl_m, grid, clearance_m, margin_m)
+    clearances_m = clearance_m + margin_m, terrain.vertical_clearance_m
+    return limit_band(band, terrain.elevation, grid, terrain.areas, terrain.home_msl_m, clearances_m)
 
 
 @lru_cache(maxsize=8)

@@ -31,7 +31,7 @@ def planned(limits: VerticalLimits, low=100.0, layers=1, clearance=20.0):
     tables += PLANNING.format(clearance=clearance)
     config = mission(agents=[(200.0, 1000.0)], births=[(1700.0, 1000.0)], tables=tables)
     wall = mission_map(mission(tables=WALL.format(limits="")), 0).grid
-    (route,) = plan_mission(mission_inputs(config, mission_map(config, 0).grid)).routes
+    (route,) = plan_mission(mission_inputs(config, mission_map(config, 0))).routes
     places = [(200.0, 1000.0), *map(tuple, route.points_m.tolist())]
     return not all(line_of_sight(wall, a, b) for a, b in pairwise(places))
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from helpers.staging import at, mission, track
 
-from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.airspace.obstacle_map import mission_map
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.core.replanning.mission_inputs import mission_inputs
 from gcs.core.replanning.planned_flights import AltitudeLayers
@@ -20,7 +20,7 @@ CONFIG = mission(
     tables="[mission]\naltitude_rel_m = 90.0\nlayer_step_m = 30.0\nlayers = 2\n",
 )
 """Vehicles 1 and 3 would like layer 0, vehicle 2 layer 1."""
-TASK = mission_inputs(CONFIG, mission_grid(CONFIG, 1))
+TASK = mission_inputs(CONFIG, mission_map(CONFIG, 1))
 
 
 def route(vehicle, *points, layer=0):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from helpers.random_terrain import MAX_AGL_M, MIN_AGL_M, RADIUS_M, SPACING_M, VERTICAL, hills
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
-from helpers.random_terrain import MAX_AGL_M, MIN_AGL_M, RADIUS_M, SPACING_M, VERTICAL, hills
 
 from gcs.planning.terrain.band import make_band
 from gcs.planning.terrain.goal import goal_at

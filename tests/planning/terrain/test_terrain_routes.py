@@ -6,8 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from helpers.random_terrain import (
     MAX_AGL_M,
     MIN_AGL_M,
@@ -18,6 +16,8 @@ from helpers.random_terrain import (
     flown,
     hills,
 )
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gcs.planning.map.grid import free_grid
 from gcs.planning.map.line_of_sight import line_of_sight
