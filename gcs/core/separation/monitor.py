@@ -132,10 +132,10 @@ class SeparationMonitor:
         if is_lost and (approach.nearest_m is None or distance_m < approach.nearest_m):
             approach.nearest_m = distance_m
             approach.nearest_height_m = height_m
+        avoided = self._avoid(encounter, approach, stage, t_ns)
         if stage <= approach.stage:
-            return []
+            return avoided
         approach.stage = stage
-        avoided = self._avoid(encounter, approach, t_ns)
         parameters: dict[str, Parameter] = {"other": encounter.vehicles[1], **self._figures(encounter)}
         if is_lost:
             parameters |= {"distance_m": distance_m, "height_m": height_m}
@@ -147,20 +147,20 @@ class SeparationMonitor:
         approach = self._state.approaches.setdefault(encounter.vehicles, Approach(0, t_ns))
         approach.seen_t_ns = t_ns
         stage = sum(encounter.after_s <= at_s for at_s in WARNING_TIMES_S)
+        avoided = self._avoid(encounter, approach, stage, t_ns)
         if stage <= approach.stage:
-            return []
+            return avoided
         approach.stage = stage
-        avoided = self._avoid(encounter, approach, t_ns)
         approach.name = self._air_traffic.name(number)
         parameters: dict[str, Parameter] = {"aircraft": approach.name, **self._figures(encounter)}
         return [Notice(t_ns, NoticeCode.AIRCRAFT_NEAR, vehicle, parameters), *avoided]
 
-    def _avoid(self, encounter: Encounter, approach: Approach, t_ns: int) -> list[Effect]:
+    def _avoid(self, encounter: Encounter, approach: Approach, stage: int, t_ns: int) -> list[Effect]:
         """Keep one of a pair apart from the other, once."""
         if approach.has_avoided:
             return []
         effects = self._avoidances.stack(encounter, t_ns)
-        if not effects and approach.stage > 1:
+        if not effects and stage > 1:
             effects = self._avoidances.hold(encounter, t_ns)
         approach.has_avoided = bool(effects)
         return effects
