@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from gcs.jit import spliced
@@ -161,9 +163,10 @@ def _room_m(elevation: Elevation, grid: Grid | None, clearance_m: float, margin_
     return room
 
 
-def _inside_m(places: FloatArray, low: float, high: float) -> FloatArray:
+def _inside_m(places: NDArray[np.floating[Any]], low: float, high: float) -> FloatArray:
     """Return the distance from the nearer end of an interval, negative outside."""
-    return np.minimum(places - low, high - places)
+    inside: FloatArray = np.minimum(places - low, high - places)
+    return inside
 
 
 @spliced

@@ -1,9 +1,9 @@
 """The flight along a terrain route, and routes whose flight stays in the band.
 
-The vehicle cuts corners, overshoots and follows its legs with a lag (`gcs.planning.mission_flight`). Its height
-is that of the leg it flies, linear between the two waypoints. A route is planned in a band above all ground
-within a tracking margin; its flight is checked against the ground below it. Where it leaves the band by more
-than is allowed, the route is planned again with a wider margin.
+The vehicle cuts corners, overshoots and follows its legs late (`gcs.planning.mission_flight`). Its height
+is that of the leg it flies, linear between the two waypoints. A route is planned in a band above all
+ground within a tracking margin; its flight is checked against the ground below it. Where it leaves the
+band by more than is allowed, the route is planned again with a wider margin.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ def fly_route(route: TerrainRoute, model: FlightModel) -> tuple[FloatArray, Floa
         loiter = LoiterCircle((circle.east_m, circle.north_m), circle.radius_m)
     waypoints = tuple((float(east), float(north)) for east, north in points[1:])
     first = points[1] - points[0]
-    motion = Motion(*points[0].tolist(), model.speed_m_s, math.atan2(first[0], first[1]))
+    east_m, north_m = points[0].tolist()
+    motion = Motion(east_m, north_m, model.speed_m_s, math.atan2(first[0], first[1]))
     ahead = RemainingMission(waypoints, tuple(radii_m.tolist()), circle=loiter)
     flight = simulate_mission(motion, None, ahead, model.turn_lag_s, model.turns.radius_m)
     places = flight.places_m

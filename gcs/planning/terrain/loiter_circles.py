@@ -60,7 +60,7 @@ def make_circle_map(band: FlightBand, radius_m: float) -> CircleMap:
 def circle_heights(
     surfaces: Float32Array, radius: float, first_row: int, end_row: int, first_col: int, end_col: int
 ) -> Float32Array:
-    """Return least and greatest height of circles with centres at some rows and columns; `radius` in cells."""
+    """Return least and greatest height of circles around some nodes; `radius` in cells."""
     rows, cols, _ = surfaces.shape
     heights = np.empty((end_row - first_row, end_col - first_col, 2), np.float32)
     outer = radius + _TOUCHED

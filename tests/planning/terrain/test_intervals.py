@@ -1,14 +1,14 @@
-"""The heights that kernels find along a path are those of the plain recursion, and of an exhaustive search."""
+"""Kernels find the heights that the plain recursion and an exhaustive search find."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from helpers.random_terrain import MAX_AGL_M, MIN_AGL_M, RADIUS_M, SPACING_M, VERTICAL, hills
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numba import njit
-from helpers.random_terrain import MAX_AGL_M, MIN_AGL_M, RADIUS_M, SPACING_M, VERTICAL, hills
 
 from gcs.planning.terrain.band import make_band
 from gcs.planning.terrain.goal import goal_at
@@ -25,6 +25,8 @@ def plain_intervals(band, places, low, high):
     """Return the interval at each place by the plain recursion; None if one is empty."""
     limits = band.limits_at(places[:, :2])
     low, high, entry = begin.py_func(low, high, *limits[0].tolist(), RATES[2])
+    if low > high:
+        return None
     found = [(low, high, entry)]
     for before, place, (floor, ceiling) in zip(places, places[1:], limits[1:].tolist(), strict=False):
         step_m = place[2] - before[2]
@@ -118,7 +120,7 @@ def exhaustive(surfaces, start, goal, radius, climb, sink):  # type: ignore[no-u
                         break
                 if not ok:
                     continue
-                k = int(round((nc % (2.0 * math.pi)) / turn)) % courses
+                k = round((nc % (2.0 * math.pi)) / turn) % courses
                 i, j, m = int(ny / cell), int(nx / cell), int((nz - base) / layer)
                 if not seen[i, j, k, m]:
                     seen[i, j, k, m] = True

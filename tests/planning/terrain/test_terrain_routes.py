@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from helpers.random_terrain import (
     MAX_AGL_M,
     MIN_AGL_M,
@@ -18,6 +17,8 @@ from helpers.random_terrain import (
     flown,
     hills,
 )
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gcs.planning.map.grid import free_grid
 from gcs.planning.map.line_of_sight import line_of_sight
@@ -149,7 +150,7 @@ def test_a_route_keeps_its_clearance_from_obstacles():
     assert route is not None
     places, _ = flown(route, step_m=1.0)
     legs = [tuple(map(float, place)) for place in places[:, :2]]
-    assert all(line_of_sight(grid, a, b, 9.5) for a, b in zip(legs, legs[1:], strict=False))
+    assert all(line_of_sight(grid, a, b, 9.5) for a, b in pairwise(legs))
 
 
 def test_a_target_without_a_circle_is_passed_and_the_route_ends_in_a_circle_inside_the_band():
