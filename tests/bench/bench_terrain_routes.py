@@ -3,7 +3,7 @@
     python tests/bench/bench_terrain_routes.py [pairs]
 
 The pairs are those of `terrain_pairs`. Each route includes the field of its goal, and is checked every 0.5 m:
-inside the band, gradients kept, ends kept. Of two neighbouring problems the swarm has 50 vehicles on circles
+inside the band, gradients kept, ends kept. The swarm has 50 vehicles on circles
 and 50 targets anywhere, with a tracking margin of 10 m. CPU time, one thread.
 """
 
@@ -130,8 +130,8 @@ def bench_swarm() -> None:
         around = sum(goal is not None and goal.place_m is None for goal in goals)
         found = sum(route is not None for route in routes)
         print(
-            f"{SWARM} x {SWARM}, seed {seed}: {end - begin:.2f} s, of that {costed - begin:.2f} s for the cost"
-            f" matrix; {found} routes; {around} targets have a circle around them"
+            f"{SWARM} x {SWARM}, seed {seed}: {end - begin:.2f} s, of that {costed - begin:.2f} s for the"
+            f" cost matrix; {found} routes; {around} targets have a circle around them"
         )
 
 

@@ -1,10 +1,9 @@
 """The flight band over terrain: least and greatest height above mean sea level at each place.
 
 The floor at a node is the highest ground within the tracking margin plus the least height above ground. The
-ceiling is the lowest ground there plus the greatest height above ground. Both are bilinear between the nodes
-of the elevation model. A node nearer than the clearance to a blocked cell, or off the map, has no band: a path
-may not enter a square that has such a node as a corner. (Blocked cells are no smaller than these squares, so
-no corner of a cell lies in a square whose nodes are all free.)
+ceiling is the lowest ground there plus the greatest height above ground. The room at a node is its distance
+from blocked cells beyond the clearance, and from the edge of the map. All three are bilinear between the
+nodes of the elevation model. Where the room is negative there is no band.
 
 Searches work in metres from node (0, 0), with angles counter-clockwise from east.
 """
@@ -13,8 +12,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from gcs.jit import spliced
@@ -23,7 +24,10 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.terrain.elevation import Elevation
 
 NO_BAND_M = 1e6
-"""Floor, and negative ceiling, of a node without a band."""
+"""Floor, and negative ceiling, of a place without a band."""
+_MOST_ROOM_SPACINGS = 4.0
+_ROOM_SLACKS = 2.0
+"""Room that a narrower band takes away, as a multiple of the slack in height."""
 _ENTRY_SHARE = 0.5
 """Share of the least height above ground that a vehicle keeps that enters the band from below."""
 
@@ -46,8 +50,8 @@ class FlightBand:
         East and north of node (0, 0).
     spacing_m : float
         Distance of neighbouring nodes.
-    surfaces_msl_m : ndarray of float32, shape (rows north, cols east, 2)
-        Floor and ceiling of each node, above mean sea level. Read-only.
+    surfaces_msl_m : ndarray of float32, shape (rows north, cols east, 3)
+        Floor and ceiling of each node, above mean sea level, and its room. Read-only.
     entry_depth_m : float
         Depth below the floor at which a vehicle may be that enters the band from below.
     """
@@ -58,13 +62,14 @@ class FlightBand:
     entry_depth_m: float
 
     def narrowed(self, slack_m: float) -> FlightBand:
-        """Return the band with a floor higher and a ceiling lower by some metres."""
-        surfaces = self.surfaces_msl_m + np.array([slack_m, -slack_m], dtype=np.float32)
+        """Return the band with a floor higher and a ceiling lower by some metres, and with less room."""
+        slack = np.array([slack_m, -slack_m, -_ROOM_SLACKS * slack_m], dtype=np.float32)
+        surfaces = self.surfaces_msl_m + slack
         surfaces.flags.writeable = False
         return replace(self, surfaces_msl_m=surfaces)
 
     def limits_at(self, points_m: FloatArray) -> FloatArray:
-        """Return floor and ceiling (k, 2) at places (k, 2); no room (floor above ceiling) where no band is."""
+        """Return floor and ceiling (k, 2) at places (k, 2); floor above ceiling where no band is."""
         rows, cols, _ = self.surfaces_msl_m.shape
         x, y = ((np.asarray(points_m, dtype=np.float64) - self.origin_m) / self.spacing_m).T
         is_inside = (x >= 0.0) & (x <= cols - 1) & (y >= 0.0) & (y <= rows - 1)
@@ -77,9 +82,9 @@ class FlightBand:
         z = self.surfaces_msl_m
         south = (1.0 - u) * z[row, col] + u * z[row, col + 1]
         north = (1.0 - u) * z[row + 1, col] + u * z[row + 1, col + 1]
-        limits: FloatArray = np.where(
-            is_inside[:, None], (1.0 - v) * south + v * north, (NO_BAND_M, -NO_BAND_M)
-        )
+        read = (1.0 - v) * south + v * north
+        is_inside &= read[:, 2] >= 0.0
+        limits: FloatArray = np.where(is_inside[:, None], read[:, :2], (NO_BAND_M, -NO_BAND_M))
         return limits
 
 
@@ -110,14 +115,7 @@ def make_band(
     disc = disc_footprint(margin_m / elevation.spacing_m)
     floor = ndimage.maximum_filter(ground, footprint=disc, mode="nearest") + min_agl_m
     ceiling = ndimage.minimum_filter(ground, footprint=disc, mode="nearest") + max_agl_m
-    surfaces = np.stack((floor, ceiling), axis=2)
-    # The ground beyond the edge is unknown.
-    edge = math.ceil(margin_m / elevation.spacing_m)
-    is_edge = np.ones(ground.shape, dtype=np.bool_)
-    is_edge[edge : ground.shape[0] - edge, edge : ground.shape[1] - edge] = False
-    surfaces[is_edge] = (NO_BAND_M, -NO_BAND_M)
-    if grid is not None:
-        surfaces[_is_closed(elevation, grid, clearance_m)] = (NO_BAND_M, -NO_BAND_M)
+    surfaces = np.stack((floor, ceiling, _room_m(elevation, grid, clearance_m, margin_m)), axis=2)
     surfaces = surfaces.astype(np.float32)
     surfaces.flags.writeable = False
     return FlightBand(elevation.origin_m, elevation.spacing_m, surfaces, _ENTRY_SHARE * min_agl_m)
@@ -131,41 +129,44 @@ def disc_footprint(radius: float) -> BoolArray:
     return within
 
 
-def _is_closed(elevation: Elevation, grid: Grid, clearance_m: float) -> BoolArray:
-    """Return True for the nodes of the elevation that are too near to a blocked cell, or off the map."""
-    row, col = _nodes_on(elevation, grid)
+def _room_m(elevation: Elevation, grid: Grid | None, clearance_m: float, margin_m: float) -> FloatArray:
+    """Return the room of each node of the elevation, at most `_MOST_ROOM_SPACINGS`."""
+    rows, cols = elevation.heights_msl_m.shape
+    spacing_m = elevation.spacing_m
+    east = elevation.origin_m[0] + spacing_m * np.arange(cols)
+    north = elevation.origin_m[1] + spacing_m * np.arange(rows)
+    # The ground beyond the edge is unknown.
+    room = np.minimum(*np.meshgrid(_inside_m(east, east[0], east[-1]), _inside_m(north, north[0], north[-1])))
+    room = np.minimum(room - margin_m, _MOST_ROOM_SPACINGS * spacing_m)
+    if grid is None:
+        return room
+    half_m = 0.5 * grid.spacing_m
     map_rows, map_cols = grid.shape
-    is_on_map = ((row >= -0.5) & (row <= map_rows - 0.5))[:, None] & ((col >= -0.5) & (col <= map_cols - 0.5))
-    # The square of nodes around a place bulges by the sagitta between two nodes at the clearance.
-    reach_m = clearance_m + elevation.spacing_m**2 / (8.0 * max(clearance_m, elevation.spacing_m))
-    closed: BoolArray = ~is_on_map | nodes_near(elevation, grid, reach_m)
-    return closed
-
-
-def nodes_near(elevation: Elevation, grid: Grid, reach_m: float) -> BoolArray:
-    """Return True for the nodes of the elevation within a distance of a blocked cell."""
-    row, col = _nodes_on(elevation, grid)
-    near = np.zeros(elevation.heights_msl_m.shape, dtype=np.bool_)
-    for r, c in np.argwhere(grid.blocked).tolist():
-        rows_near = np.flatnonzero(np.abs(row - r) <= 0.5 + reach_m / grid.spacing_m)
-        cols_near = np.flatnonzero(np.abs(col - c) <= 0.5 + reach_m / grid.spacing_m)
+    west, south = grid.point_of((0, 0))
+    along = _inside_m(east, west - half_m, west + grid.spacing_m * map_cols - half_m)
+    up = _inside_m(north, south - half_m, south + grid.spacing_m * map_rows - half_m)
+    room = np.minimum(room, np.minimum(*np.meshgrid(along, up)))
+    # Between nodes the distance from a corner is read too great by up to the sagitta.
+    kept_m = clearance_m + spacing_m**2 / (8.0 * max(clearance_m, spacing_m))
+    reach_m = half_m + kept_m + _MOST_ROOM_SPACINGS * spacing_m
+    for node in np.argwhere(grid.blocked).tolist():
+        x, y = grid.point_of((node[0], node[1]))
+        cols_near = np.flatnonzero(np.abs(east - x) <= reach_m)
+        rows_near = np.flatnonzero(np.abs(north - y) <= reach_m)
         if not rows_near.size or not cols_near.size:
             continue
         block = (slice(rows_near[0], rows_near[-1] + 1), slice(cols_near[0], cols_near[-1] + 1))
-        up = np.maximum(np.abs(row[block[0]] - r) - 0.5, 0.0)
-        along = np.maximum(np.abs(col[block[1]] - c) - 0.5, 0.0)
-        near[block] |= np.hypot(up[:, None], along[None, :]) * grid.spacing_m <= reach_m
-    return near
+        dx = np.abs(east[block[1]] - x)[None, :] - half_m
+        dy = np.abs(north[block[0]] - y)[:, None] - half_m
+        apart = np.hypot(np.maximum(dx, 0.0), np.maximum(dy, 0.0)) + np.minimum(np.maximum(dx, dy), 0.0)
+        room[block] = np.minimum(room[block], apart - kept_m)
+    return room
 
 
-def _nodes_on(elevation: Elevation, grid: Grid) -> tuple[FloatArray, FloatArray]:
-    """Return the rows and the columns of the elevation's nodes on a map, as floats."""
-    rows, cols = elevation.heights_msl_m.shape
-    east_m = elevation.origin_m[0] + elevation.spacing_m * np.arange(cols)
-    north_m = elevation.origin_m[1] + elevation.spacing_m * np.arange(rows)
-    row = np.asarray((north_m - grid.origin_m[1]) / grid.spacing_m, dtype=np.float64)
-    col = np.asarray((east_m - grid.origin_m[0]) / grid.spacing_m, dtype=np.float64)
-    return row, col
+def _inside_m(places: NDArray[np.floating[Any]], low: float, high: float) -> FloatArray:
+    """Return the distance from the nearer end of an interval, negative outside."""
+    inside: FloatArray = np.minimum(places - low, high - places)
+    return inside
 
 
 @spliced
@@ -182,6 +183,14 @@ def read_limits(surfaces: Float32Array, x: float, y: float) -> tuple[float, floa
     b = u * (1.0 - v)
     c = (1.0 - u) * v
     d = u * v
+    room = (
+        a * surfaces[row, col, 2]
+        + b * surfaces[row, col + 1, 2]
+        + c * surfaces[row + 1, col, 2]
+        + d * surfaces[row + 1, col + 1, 2]
+    )
+    if room < 0.0:
+        return NO_BAND_M, -NO_BAND_M
     floor = (
         a * surfaces[row, col, 0]
         + b * surfaces[row, col + 1, 0]

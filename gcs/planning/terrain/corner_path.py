@@ -233,7 +233,7 @@ def _set_ends(points: FloatArray, count: int, ends: FloatArray) -> bool:
 @leaf
 def _is_better(
     surfaces: Float32Array, frame: FloatArray, rates: FloatArray, points: FloatArray, count: int,
-    trial: FloatArray, trial_count: int, first: int, last: int, ends: FloatArray, trial_ends: FloatArray,
+    trial: FloatArray, trial_count: int, first: int, last: int, trial_ends: FloatArray,
     ahead: FloatArray, behind: FloatArray, pin: int, via: FloatArray,
 ) -> bool:  # fmt: skip
     """Return True if a trial is shorter, has heights, and passes `via` at point `pin`.
@@ -299,7 +299,7 @@ def _drop(points: FloatArray, count: int, i: int, dropped: int, to: FloatArray) 
 
 @leaf
 def _join(points: FloatArray, count: int, i: int, to: FloatArray) -> int:
-    """Copy a path with points i and i + 1 replaced by the one where their outer legs meet; 0 if they do not."""
+    """Copy a path with points i and i + 1 joined where their outer legs meet; return 0 if they do not."""
     ux = points[i, 0] - points[i - 1, 0]
     uy = points[i, 1] - points[i - 1, 1]
     vx = points[i + 2, 0] - points[i + 1, 0]
@@ -334,12 +334,13 @@ def shorten_path(
     surfaces: Float32Array, frame: FloatArray, rates: FloatArray, vertices: FloatArray, ends: FloatArray,
     pin: int, via: FloatArray,
 ) -> tuple[FloatArray, FloatArray, float, int]:  # fmt: skip
-    """Return a shorter path (k, 2), its ends, its length and the number of trials; (0, 2) if it has no heights.
+    """Return a shorter path (k, 2), its ends, its length and the trials; no points if it has no heights.
 
     `frame`: spacing of the band, turn radius, step of samples. `rates`: climb and sink gradient, entry depth.
     `vertices` (n, 2): the start and the goal included. `ends` (2, 7): for start and goal x, y and radius of
-    the circle, side (1 counter-clockwise), lowest and highest height, and 0 if the side may change. A start with radius 0 is a pose: its
-    first leg keeps its course. Point `pin` (-1: none) stays within the distance of `via` (x, y, distance).
+    the circle, side (1 counter-clockwise), lowest and highest height, and 0 if the side may change. A start
+    with radius 0 is a pose: its first leg keeps its course. Point `pin` (-1: none) stays within the distance
+    of `via` (x, y, distance).
     """
     capacity = vertices.shape[0] * 2 + 64
     count = vertices.shape[0]
@@ -373,7 +374,7 @@ def shorten_path(
                 trials += 1
                 to_pin = pin - dropped if pin > i else pin
                 if not (i <= pin < i + dropped) and _is_better(
-                    surfaces, frame, rates, points, count, trial, trial_count, i - 2, i + dropped + 1, ends,
+                    surfaces, frame, rates, points, count, trial, trial_count, i - 2, i + dropped + 1,
                     ends, ahead, behind, to_pin, via,
                 ):  # fmt: skip
                     pin = to_pin
@@ -389,7 +390,7 @@ def shorten_path(
                 trials += 1
                 to_pin = pin - 1 if pin > i else pin
                 if _is_better(
-                    surfaces, frame, rates, points, count, trial, trial_count, i - 2, i + 3, ends, ends,
+                    surfaces, frame, rates, points, count, trial, trial_count, i - 2, i + 3, ends,
                     ahead, behind, to_pin, via,
                 ):  # fmt: skip
                     pin = to_pin
@@ -406,7 +407,7 @@ def shorten_path(
                 at = 1 if end == 0 else count - 2
                 trials += 1
                 if _is_better(
-                    surfaces, frame, rates, points, count, trial, count, at - 2, at + 2, ends, trial_ends,
+                    surfaces, frame, rates, points, count, trial, count, at - 2, at + 2, trial_ends,
                     ahead, behind, pin, via,
                 ):  # fmt: skip
                     ends[:] = trial_ends
@@ -431,7 +432,7 @@ def shorten_path(
                             trial[1, 1] = points[0, 1] + max(along, 0.0) * pose_y
                         trials += 1
                         if _is_better(
-                            surfaces, frame, rates, points, count, trial, count, i - 2, i + moved + 1, ends,
+                            surfaces, frame, rates, points, count, trial, count, i - 2, i + moved + 1,
                             ends, ahead, behind, pin, via,
                         ):  # fmt: skip
                             _copy(trial, count, points)

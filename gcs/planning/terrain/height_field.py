@@ -1,19 +1,21 @@
 """Lengths of paths without turns from every place to a goal, by the height at the place.
 
-A one-to-all Dijkstra search from the goal over nodes some 40 m apart, with sixteen moves from each. A label is
-a length with an interval of heights (`gcs.planning.terrain.intervals`): from any of these heights a path of
-that length leads to the goal inside the band. A longer path gets a label of its own if it serves other
-heights. So the field knows that a climb of 300 m takes 2 km, in serpentines where the slope is steeper.
+A one-to-all Dijkstra search from the goal over nodes some 40 m apart, with sixteen moves from each. A
+label is a length with an interval of heights (`gcs.planning.terrain.intervals`): from any of these
+heights a path of that length leads to the goal inside the band. A longer path gets a label of its own if
+it serves other heights. So the field knows that a climb of 300 m takes 2 km, in serpentines where the
+slope is steeper.
 
-The field is the heuristic of `gcs.planning.terrain.pose_search`, and the cost matrix of all starts and goals.
+The field is the heuristic of `gcs.planning.terrain.pose_search`, and the cost matrix of all starts and
+goals.
 
 A move maps an interval in closed form. For the greatest gains c d and losses s d over the move,
 
     low' = max(low - s d, F),  high' = min(high + c d, C),  possible if low <= A and high >= B
 
-where F and C are the least and the greatest height at its end that floor and ceiling on the way allow, and A
-and B follow from the floor and the ceiling at each place on the way. The four numbers of each move are
-computed once for a band (`move_limits`). The search runs backwards, so climb and sink change places.
+where F and C are the least and the greatest height at its end that floor and ceiling on the way allow,
+and A and B follow from the floor and the ceiling at each place on the way. The four numbers of each move
+are computed once for a band (`move_limits`). The search runs backwards, so climb and sink change places.
 
 Labels are kept in buckets of costs narrower than the shortest move: each is final when its bucket is.
 """
@@ -108,7 +110,7 @@ def move_limits(
                 to_row = row + up
                 to_col = col + along
                 length = spacing_m * math.hypot(up, along)
-                count = int(math.ceil(length * per_m))
+                count = math.ceil(length * per_m)
                 step = length / count
                 lower = -np.inf
                 upper = np.inf
@@ -235,7 +237,7 @@ def field_length(
     counts: Int32Array, labels: Float32Array, stage: int, spacing_m: float, x: float, y: float, low: float,
     high: float, gradient: float,
 ) -> float:  # fmt: skip
-    """Return the length, in the field of a stage, from a place in metres at a height in [low, high]: bilinear; inf without a path.
+    """Return the length in a field from a place in metres and a height in [low, high]; inf without a path.
 
     A height apart from those of a label costs the length of the climb (`gradient`) between them.
     """

@@ -68,7 +68,7 @@ def sample_path(
         turn = turn_at(points, i + 1, count)
         behind = radius * abs(math.tan(0.5 * turn))
         line_m = max(leg - before - behind, 0.0)
-        parts = int(math.ceil(line_m / step_m)) if line_m > _NO_LENGTH_M else 0
+        parts = math.ceil(line_m / step_m) if line_m > _NO_LENGTH_M else 0
         for k in range(1, parts + 1):
             at = before + line_m * k / parts
             places[size, 0] = points[i, 0] + at * math.cos(course)
@@ -84,7 +84,7 @@ def sample_path(
             x = points[i + 1, 0] - behind * math.cos(course) - side * radius * math.sin(course)
             y = points[i + 1, 1] - behind * math.sin(course) + side * radius * math.cos(course)
             arc_m = radius * abs(turn)
-            parts = 2 * int(math.ceil(0.5 * arc_m / step_m))
+            parts = 2 * math.ceil(0.5 * arc_m / step_m)
             for k in range(1, parts + 1):
                 turned = course + turn * k / parts
                 places[size, 0] = x + side * radius * math.sin(turned)
@@ -224,8 +224,8 @@ def choose_knots(
 ) -> tuple[IntArray, int]:  # fmt: skip
     """Return the knots of a profile that is linear between them and stays in the band, in order.
 
-    Given knots stay. Knots are added on straight legs. Also returns the corner in whose turn the profile leaves
-    the band nevertheless, -1 for none.
+    Given knots stay. Knots are added on straight legs. Also returns the corner in whose turn the profile
+    leaves the band nevertheless, -1 for none.
     """
     size = along.size
     result = np.empty(size, np.int64)

@@ -1,7 +1,7 @@
 """Loiter circles inside the flight band: at one height all the way round.
 
 A circle keeps the floor of its whole disc, since vehicles enter and fly it tighter, and the ceiling of its
-ring. Nodes one spacing beyond count, too, so the bilinear surfaces between them are kept everywhere.
+ring. Nodes whose squares touch it count, so the bilinear surfaces between them are kept everywhere.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from gcs.planning.terrain.terrain_map import BandCircle, Goal, TerrainMap
 
 _MIN_ROOM_M = 5.0
 """Room in height that a circle needs."""
+_TOUCHED = math.sqrt(2.0)
+"""Distance in cells of a node from a place in a square that it is a corner of, at most."""
 _MOST_CIRCLES = 3
 """Loiter circles that a route may go on to behind its target."""
 _APART_RADII = 1.0
@@ -58,11 +60,11 @@ def make_circle_map(band: FlightBand, radius_m: float) -> CircleMap:
 def circle_heights(
     surfaces: Float32Array, radius: float, first_row: int, end_row: int, first_col: int, end_col: int
 ) -> Float32Array:
-    """Return least and greatest height of circles with centres at some rows and columns; `radius` in cells."""
+    """Return least and greatest height of circles around some nodes; `radius` in cells."""
     rows, cols, _ = surfaces.shape
     heights = np.empty((end_row - first_row, end_col - first_col, 2), np.float32)
-    outer = radius + 1.0
-    inner = max(radius - 1.0, 0.0)
+    outer = radius + _TOUCHED
+    inner = max(radius - _TOUCHED, 0.0)
     reach = int(outer)
     for row in range(first_row, end_row):
         for col in range(first_col, end_col):
@@ -76,6 +78,8 @@ def circle_heights(
                     wide = int(math.sqrt(outer * outer - up * up))
                     for along in range(-wide, wide + 1):
                         low = max(low, surfaces[row + up, col + along, 0])
+                        if surfaces[row + up, col + along, 2] < 0.0:
+                            low = np.inf
                         if up * up + along * along >= inner * inner:
                             high = min(high, surfaces[row + up, col + along, 1])
             heights[row - first_row, col - first_col, 0] = low

@@ -1,14 +1,15 @@
 """A* over poses with intervals of heights: a flyable path from a start to a loiter circle.
 
-Hybrid A* (Dolgov, Thrun, Montemerlo and Diebel 2010): poses are continuous and hashed to cells and 32 courses.
-From each pose lead straight lines and arcs of the turn radius, some followed by a straight line. A label has
-the interval of heights that the path can reach (`gcs.planning.terrain.intervals`). In one cell and course a
-label is dropped if a cheaper one leaves no less room to floor and ceiling. So several labels of a cell stand
-for several heights, and the search is three-dimensional at little more than the price of two dimensions.
+Hybrid A* (Dolgov, Thrun, Montemerlo and Diebel 2010): poses are continuous and hashed to cells and 32
+courses. From each pose lead straight lines and arcs of the turn radius, some followed by a straight line.
+A label has the interval of heights that the path can reach (`gcs.planning.terrain.intervals`). In one
+cell and course a label is dropped if a cheaper one leaves no less room to floor and ceiling. So several
+labels of a cell stand for several heights, and the search is three-dimensional at little more than the
+price of two dimensions.
 
-The heuristic is a `HeightField`: it knows the climbs that lie ahead. Paths are closed by an arc and a straight
-line that ends on a tangent of the loiter circle. The search ends when no label can lead to a path that is
-shorter by more than `_GAP_SHARE`, or after a bounded number of expansions.
+The heuristic is a `HeightField`: it knows the climbs that lie ahead. Paths are closed by an arc and a
+straight line that ends on a tangent of the loiter circle. The search ends when no label can lead to a
+path that is shorter by more than `_GAP_SHARE`, or after a bounded number of expansions.
 
 Lengths in metres from node (0, 0) of the band, angles counter-clockwise from east.
 """
@@ -151,7 +152,7 @@ def fly_arc_and_line(
 ) -> tuple[float, float, float]:  # fmt: skip
     """Return interval and entry state behind an arc of `angle` to a side and a straight line."""
     arc_m = angle * radius
-    count = int(math.ceil(arc_m / step_m))
+    count = math.ceil(arc_m / step_m)
     centre_x = x - side * radius * math.sin(course)
     centre_y = y + side * radius * math.cos(course)
     if count > 0:
@@ -175,7 +176,7 @@ def fly_arc_and_line(
     course = course + side * angle
     x = centre_x + side * radius * math.sin(course)
     y = centre_y - side * radius * math.cos(course)
-    count = int(math.ceil(line_m / step_m))
+    count = math.ceil(line_m / step_m)
     if count > 0:
         step = line_m / count
         dx = step * math.cos(course)
@@ -200,11 +201,11 @@ def search_poses(
     A path passes `via` (x, y, distance to keep at most; negative for no such place) before a goal.
     `counts`, `labels`: fields (2, ...) before and behind that place, as of `HeightField`.
     `frame`: spacing of the band, of the field, side of a cell, turn radius, step of samples in shots.
-    `rates`: climb and sink gradient, entry depth. `samples`, `shapes`: `make_primitives`. `starts` (n, 5): x,
-    y, index of the course from `course0`, lowest, highest. `goals` (m, 6): x, y, radius, lowest, highest, side
-    on which it is entered (0: any). `limits`: expansions, expansions beyond the first path. Pieces: start
-    index, goal index and side; then angle of an arc, length of the line behind it, and 1 where the path
-    passes `via` at the end of the piece.
+    `rates`: climb and sink gradient, entry depth. `samples`, `shapes`: `make_primitives`. `starts` (n, 5):
+    x, y, index of the course from `course0`, lowest, highest. `goals` (m, 6): x, y, radius, lowest,
+    highest, side on which it is entered (0: any). `limits`: expansions, expansions beyond the first path.
+    Pieces: start index, goal index and side; then angle of an arc, length of the line behind it, and 1
+    where the path passes `via` at the end of the piece.
     """
     climb = rates[0]
     sink = rates[1]
