@@ -129,7 +129,7 @@ def test_a_landing_and_a_loiter_fly_in_one_swarm():
     assert builder.of(route, 1, None).end == "land"
     assert builder.of(Route(SLOW, (0, 0), route.points_m, 1.0), 1, None).end == "loiter"
     options = vehicle_options(CONFIG)
-    assert options[FAST].loiter.is_left, "in wind a landing needs room for a wait, too"
+    assert options[FAST].loiter.is_left  # in wind it needs room to turn
     assert not options[SLOW].loiter.is_left
 
 

@@ -20,13 +20,17 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
+from gcs.config.airframe import AgentAirframe
 from gcs.core.state import Agent
+from gcs.core.tasking.mission_builder import corners_of
 from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.mission.item_builder import DESCENT_SLOPE
 from gcs.mavlink.services.retry import ns
 from gcs.model import APPROACH_M, NS_PER_S, FloatArray, LandingWait, Route, vehicle_name
+from gcs.planning.flight_variants import wind_margin_m, windy_flights
+from gcs.planning.forward_simulation import Motion, RemainingMission
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 
@@ -38,6 +42,8 @@ _CIRCLE_MARGIN_M: Final = 60.0
 """Overshoot of a vehicle that enters its circle."""
 _DRIFT_S: Final = 8.0
 """Time in which the wind would take a vehicle as far off its circle as it is flown."""
+_EXITS: Final = 8
+"""Places on a circle from where a vehicle may leave it."""
 _CIRCLE_RADIUS_M: Final = 80.0
 """Radius of a circle that the autopilot sets."""
 
@@ -189,6 +195,7 @@ class LandingOrder:
             (corner, place_m)
             for corner, place_m in enumerate(map(tuple, return_m[:-2].tolist()), start=-1)
             if _is_clear(grid, place_m, room_m)
+            and (airframe.wind_m_s == 0.0 or _is_left_clear(grid, airframe, return_m[corner + 1 : -1][:3]))
         ]
         beside = [
             corner
@@ -262,6 +269,34 @@ def _distance_m(place_m: Point, points_m: FloatArray) -> float:
     squares = np.maximum((legs_m**2).sum(axis=1), 1e-9)
     shares = np.clip((offsets_m * legs_m).sum(axis=1) / squares, 0.0, 1.0)
     return float(np.hypot(*(offsets_m - shares[:, None] * legs_m).T).min(initial=math.inf))
+
+
+def _is_left_clear(grid: Grid, airframe: AgentAirframe, points_m: FloatArray) -> bool:
+    """Return True if flights in wind from all round a circle at the first point to the next ones are clear.
+
+    A wait ends at a time, not at a place.
+    """
+    turns = corners_of(airframe)
+    radius_m = airframe.circle_radius_m
+    next_m = tuple((east_m, north_m) for east_m, north_m in points_m[1:].tolist())
+    ahead = RemainingMission(next_m, tuple(turns.accept_radii_m(points_m).tolist()))
+    for_s = (_length_m(points_m) + 2.0 * math.pi * radius_m) / max(
+        airframe.speed_m_s - airframe.wind_m_s, 1.0
+    )
+    for k in range(_EXITS):
+        angle = 2.0 * math.pi * k / _EXITS
+        motion = Motion(
+            float(points_m[0, 0]) + radius_m * math.sin(angle),
+            float(points_m[0, 1]) + radius_m * math.cos(angle),
+            airframe.speed_m_s,
+            angle + 0.5 * math.pi,
+            airframe.speed_m_s / radius_m,
+            ahead=ahead,
+        )
+        flights = windy_flights(grid, motion, for_s, turns, airframe.turn_lag_s, wind_margin_m(turns))
+        if not all(flight.is_clear for flight in flights):
+            return False
+    return True
 
 
 def _is_clear(grid: Grid, place_m: Point, radius_m: float) -> bool:

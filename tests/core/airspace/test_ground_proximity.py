@@ -1,4 +1,4 @@
-"""A pilot, or an autopilot that holds or returns, would fly into a hill and nobody at the station would know."""
+"""A pilot, or an autopilot that returns, would fly into a hill, and no operator would know."""
 
 from dataclasses import replace
 
@@ -58,7 +58,6 @@ def test_a_mission_that_keeps_above_the_ground_is_not_told():
 def test_a_return_that_leads_through_a_hill_is_told():
     sky, plane = flight(Mode.LOITER, 2300.0)
     plane.autopilot.home = replace(plane.autopilot.home, east_m=1500.0, north_m=400.0)
-    plane.autopilot.parameters["RTL_ALTITUDE"] = 100.0
     plane.autopilot.set_mode(Mode.RTL)
     fly_on(sky, 30.0)
     assert sky.told(NoticeCode.NEAR_GROUND)
