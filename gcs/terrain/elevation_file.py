@@ -11,8 +11,6 @@ a bound: for turns and returns, and for ArduPlane, which asks for terrain up to 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -26,6 +24,7 @@ from gcs.model import FloatArray
 from gcs.terrain.datum import VerticalDatum, ellipsoid_to_msl, frame_to_degrees, geoid_heights_m
 from gcs.terrain.elevation import Elevation
 from gcs.terrain.elevation_model import MAX_NODES, ElevationModel
+from gcs.terrain.nodes import Nodes, cut_margin
 from gcs.terrain.problem import TerrainFileError
 from gcs.terrain.raster import Raster, open_raster
 
@@ -36,55 +35,9 @@ _WIDE_NODES: Final = 1_000_000
 """Number of nodes up to which the margin is made wider."""
 _MAX_PIXELS: Final = 400_000_000
 """Maximum number of pixels that are read."""
-_TILE: Final = 256
 _STEP: Final = 16
-_OUTSIDE: Final = -math.inf
+OUTSIDE: Final = -math.inf
 """Height of a node outside the file, until the margin is cut."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Nodes:
-    """Nodes of the local frame: rows and columns from `first` up to `end`, counted from the origin."""
-
-    spacing_m: float
-    first: tuple[int, int]
-    end: tuple[int, int]
-
-    @classmethod
-    def around(cls, size_m: tuple[float, float], margin_m: float, spacing_m: float) -> _Nodes:
-        """Return the nodes of an area (east, north) from the origin, with a margin."""
-        first = math.floor(-margin_m / spacing_m)
-        end = [math.ceil((size + margin_m) / spacing_m) + 1 for size in size_m]
-        return cls(spacing_m, (first, first), (end[1], end[0]))
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Number of rows and columns."""
-        return self.end[0] - self.first[0], self.end[1] - self.first[1]
-
-    @property
-    def count(self) -> int:
-        """Number of nodes."""
-        return self.shape[0] * self.shape[1]
-
-    def within(self, outer: _Nodes) -> tuple[slice, slice]:
-        """Return where these nodes are in the array of others."""
-        row, col = (own - other for own, other in zip(self.first, outer.first, strict=True))
-        return slice(row, row + self.shape[0]), slice(col, col + self.shape[1])
-
-    def tiles(self) -> Iterator[_Nodes]:
-        """Yield the nodes in squares."""
-        for row in range(self.first[0], self.end[0], _TILE):
-            for col in range(self.first[1], self.end[1], _TILE):
-                end = min(row + _TILE, self.end[0]), min(col + _TILE, self.end[1])
-                yield _Nodes(self.spacing_m, (row, col), end)
-
-    def places_m(self) -> tuple[FloatArray, FloatArray]:
-        """Return east and north of each node."""
-        rows = np.arange(self.first[0], self.end[0]) * self.spacing_m
-        cols = np.arange(self.first[1], self.end[1]) * self.spacing_m
-        north, east = np.meshgrid(rows, cols, indexing="ij")
-        return east, north
 
 
 def read_elevation_model(
@@ -107,7 +60,7 @@ def read_elevation_model(
     with open_raster(path, datum) as raster:
         reader = _Reader(raster, frame, size_m, datum)
         nodes, heights = reader.read()
-    cut, heights = _cut(nodes, heights, _Nodes.around(size_m, 0.0, nodes.spacing_m))
+    cut, heights = cut_margin(nodes, heights, Nodes.around(size_m, 0.0, nodes.spacing_m))
     origin_m = round(cut.first[1] * cut.spacing_m, 3), round(cut.first[0] * cut.spacing_m, 3)
     margins_m = (
         -origin_m[0],
@@ -146,8 +99,8 @@ class _Reader:
         self.resolution_m = max(0.01, round(float(np.hypot(*metres).min()), 3))
         self._nodes, self.is_coarser = self._choose_nodes()
 
-    def read(self) -> tuple[_Nodes, FloatArray]:
-        """Return nodes and their heights; NaN in holes, `_OUTSIDE` outside the file.
+    def read(self) -> tuple[Nodes, FloatArray]:
+        """Return nodes and their heights; NaN in holes, `OUTSIDE` outside the file.
 
         Raises
         ------
@@ -155,12 +108,12 @@ class _Reader:
             When the file does not cover the map, has a hole there, or is too fine.
         """
         nodes = self._nodes
-        needed = _Nodes.around(self._size_m, 0.0, nodes.spacing_m)
+        needed = Nodes.around(self._size_m, 0.0, nodes.spacing_m)
         self._check_covered(needed)
         heights = np.empty(nodes.shape)
         for tile in nodes.tiles():
             heights[tile.within(nodes)] = self._tile_heights(tile)
-        holes = np.argwhere(np.isnan(heights[needed.within(nodes)]))
+        holes = np.argwhere(~np.isfinite(heights[needed.within(nodes)]))
         if holes.size:
             row, col = holes[0].tolist()
             place = self._place(col * nodes.spacing_m, row * nodes.spacing_m)
@@ -184,17 +137,17 @@ class _Reader:
     def _middle_m(self) -> tuple[float, float]:
         return 0.5 * self._size_m[0], 0.5 * self._size_m[1]
 
-    def _choose_nodes(self) -> tuple[_Nodes, bool]:
+    def _choose_nodes(self) -> tuple[Nodes, bool]:
         """Return the nodes, and True if they are further apart than the pixels."""
         for margin_m in np.arange(_WIDE_MARGIN_M, MARGIN_M, -MARGIN_M).tolist():
-            nodes = _Nodes.around(self._size_m, margin_m, self.resolution_m)
+            nodes = Nodes.around(self._size_m, margin_m, self.resolution_m)
             if nodes.count <= _WIDE_NODES:
                 return nodes, False
         spacing_m = self.resolution_m
-        nodes = _Nodes.around(self._size_m, MARGIN_M, spacing_m)
+        nodes = Nodes.around(self._size_m, MARGIN_M, spacing_m)
         while nodes.count > MAX_NODES:
             spacing_m = round(spacing_m * max(1.01, math.sqrt(nodes.count / MAX_NODES)), 3) + 0.001
-            nodes = _Nodes.around(self._size_m, MARGIN_M, spacing_m)
+            nodes = Nodes.around(self._size_m, MARGIN_M, spacing_m)
         area_m2 = nodes.count * spacing_m**2
         pixels = area_m2 * abs(float(np.linalg.det(self._per_m)))
         if pixels > _MAX_PIXELS:
@@ -204,7 +157,7 @@ class _Reader:
             )
         return nodes, spacing_m > self.resolution_m
 
-    def _check_covered(self, needed: _Nodes) -> None:
+    def _check_covered(self, needed: Nodes) -> None:
         """Check that the outer nodes of the map lie in the file: those between them do as well."""
         east, north = needed.places_m()
         is_outer = np.zeros(east.shape, dtype=bool)
@@ -237,11 +190,11 @@ class _Reader:
         lon, lat = self._degrees(np.array([east_m]), np.array([north_m]))
         return f"{lat[0]:.6f}°, {lon[0]:.6f}° (east {east_m:.0f} m, north {north_m:.0f} m)"
 
-    def _tile_heights(self, tile: _Nodes) -> FloatArray:
+    def _tile_heights(self, tile: Nodes) -> FloatArray:
         """Return heights above MSL of some nodes."""
         lon, lat, cols, rows = self._coordinates(tile)
         is_inside = self._is_inside(cols, rows)
-        heights = np.full(tile.shape, _OUTSIDE)
+        heights = np.full(tile.shape, OUTSIDE)
         if not is_inside.any():
             return heights
         read = self._greatest if self.is_coarser else self._bilinear
@@ -250,7 +203,7 @@ class _Reader:
             heights[is_inside] -= geoid_heights_m(self._to_msl, lon[is_inside], lat[is_inside])
         return heights
 
-    def _coordinates(self, tile: _Nodes) -> list[FloatArray]:
+    def _coordinates(self, tile: Nodes) -> list[FloatArray]:
         """Return longitude, latitude, column and row of some nodes, interpolated between every 16th of them.
 
         Over 16 nodes of 100 m this differs by less than 0.1 m from the exact ones.
@@ -304,13 +257,13 @@ class _Reader:
     def _blocks(
         self, low: npt.NDArray[np.intp], high: npt.NDArray[np.intp], block: npt.NDArray[np.intp]
     ) -> FloatArray:
-        """Return the greatest height of blocks of pixels; infinite with a hole, `_OUTSIDE` off the file."""
+        """Return the greatest height of blocks of pixels; infinite with a hole, `OUTSIDE` off the file."""
         first_col, first_row = (low * block).tolist()
         end_col, end_row = (high * block).tolist()
         height, width = self._raster.shape
         inner = max(first_row, 0), max(first_col, 0)
         end = min(end_row, height), min(end_col, width)
-        z = np.full((end_row - first_row, end_col - first_col), _OUTSIDE)
+        z = np.full((end_row - first_row, end_col - first_col), OUTSIDE)
         rows = slice(inner[0] - first_row, end[0] - first_row)
         cols = slice(inner[1] - first_col, end[1] - first_col)
         z[rows, cols] = np.nan_to_num(self._raster.read(inner, end), nan=np.inf)
@@ -324,36 +277,3 @@ def _weights(count: int) -> tuple[npt.NDArray[np.intp], FloatArray]:
     chosen = np.unique(np.append(np.arange(0, count, _STEP), count - 1))
     weights = [np.interp(np.arange(count), chosen, one) for one in np.eye(len(chosen))]
     return chosen, np.array(weights).T
-
-
-def _cut(nodes: _Nodes, heights: FloatArray, needed: _Nodes) -> tuple[_Nodes, FloatArray]:
-    """Return the nodes without border rows and columns, until all that are left have heights.
-
-    In turn the border with the most missing heights is cut; those of the map are kept.
-    """
-    rows, cols = needed.within(nodes)
-    has_height = np.isfinite(heights)
-    south = 0
-    west = 0
-    north, east = heights.shape
-    while not has_height[south:north, west:east].all():
-        inner = has_height[south:north, west:east]
-        missing = {
-            "south": _missing(inner[0], allowed=south < rows.start),
-            "north": _missing(inner[-1], allowed=north > rows.stop),
-            "west": _missing(inner[:, 0], allowed=west < cols.start),
-            "east": _missing(inner[:, -1], allowed=east > cols.stop),
-        }
-        side = max(missing, key=lambda name: missing[name])
-        south += side == "south"
-        north -= side == "north"
-        west += side == "west"
-        east -= side == "east"
-    first = nodes.first[0] + south, nodes.first[1] + west
-    end = nodes.first[0] + north, nodes.first[1] + east
-    return _Nodes(nodes.spacing_m, first, end), heights[south:north, west:east]
-
-
-def _missing(border: npt.NDArray[np.bool_], *, allowed: bool) -> float:
-    """Return the share of a border without heights; -1 for one that must be kept."""
-    return 1.0 - float(border.mean()) if allowed else -1.0

@@ -6,6 +6,7 @@ holds of a file is then all that was used of it.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -99,13 +100,17 @@ def open_raster(path: Path, datum: VerticalDatum) -> Iterator[Raster]:
         "GDAL_PAM_ENABLED": "NO",
     }
     try:
-        with rasterio.Env(**settings), rasterio.open(path, driver=driver) as dataset:
+        with (
+            warnings.catch_warnings(action="ignore"),
+            rasterio.Env(**settings),
+            rasterio.open(path, driver=driver) as dataset,
+        ):
             _check(dataset)
             yield Raster(dataset, datum)
     except TerrainFileError:
         raise
     except Exception as error:  # GDAL, PROJ and their wrappers raise whatever a damaged file leads them to
-        problem = str(error) or type(error).__name__
+        problem = str(error.__cause__ or error) or type(error).__name__
         expected = "expected a GeoTIFF or an SRTM tile such as N46E009.hgt, complete"
         raise TerrainFileError(f"cannot be read as an elevation model ({problem}): {expected}") from None
 

@@ -73,10 +73,8 @@ def write_ground(path: Path, heights: np.ndarray, pixel_m: float = 10.0, **profi
     return path
 
 
-def write_mission(
-    folder: Path, heights: np.ndarray | None = None, text: str = MISSION, **profile: Any
-) -> str:
+def write_mission(folder: Path, text: str = MISSION) -> str:
     """Write a mission and its elevation model; return the name of the mission file."""
-    write_ground(folder / "ground.tif", slope() if heights is None else heights, **profile)
+    write_ground(folder / "ground.tif", slope())
     (folder / "mission.toml").write_text(text, encoding="utf-8")
     return str(folder / "mission.toml")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import os
 import resource
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -17,8 +19,21 @@ from helpers.ground_files import FRAME, NORTH_M, SIZE_M, UTM, WEST_M, slope, slo
 from gcs.geo import LocalFrame
 from gcs.terrain import elevation_file
 from gcs.terrain.elevation_file import read_elevation_model
+from gcs.terrain.elevation_model import decode_model
 from gcs.terrain.problem import TerrainFileError
 
+WITH_GEOID = """
+import sys
+from pathlib import Path
+import pyproj.datadir
+pyproj.datadir.append_data_dir(sys.argv[1])
+from gcs.geo import LocalFrame
+from gcs.terrain.elevation_file import read_elevation_model
+from gcs.terrain.elevation_model import encode_model
+frame = LocalFrame(46.8, 9.8, 1500.0)
+path = Path(sys.argv[1]) / "slope.tif"
+print(encode_model(read_elevation_model(path, frame, (1000.0, 800.0), "ellipsoid")))
+"""
 DAVOS = os.environ.get("DAVOS_TIF", "")
 """File of the Alps around Davos, 10 m pixels, EPSG:21781 (ethz-asl/terrain-navigation)."""
 
@@ -98,9 +113,7 @@ def test_too_many_pixels_give_wider_squares_that_no_peak_rises_above(tmp_path, m
     assert known.sum() > 20_000
     assert above_m[known].min() >= 0.0
     spacing_m = model.elevation.spacing_m
-    assert above_m[known].max() < 50.0 + 0.2 * 2.0 * 1.5 * spacing_m, (
-        "and only the squares around a peak are raised"
-    )
+    assert above_m[known].max() < 50.0 + 0.6 * spacing_m, "and only the squares around a peak are raised"
 
 
 def test_ten_gigabytes_cost_neither_memory_nor_time(tmp_path):
@@ -149,13 +162,26 @@ def test_a_hole_beside_the_map_cuts_the_margin_and_is_said(tmp_path):
     assert np.isfinite(model.elevation.heights_msl_m).all()
 
 
+def test_a_lake_beside_the_map_is_cut_off_on_its_side_alone(tmp_path):
+    """The lake lies 200 m east of the map, within ground that is known 400 m further."""
+    heights = slope()
+    heights[100:140, 230:235] = np.nan
+    elevation = read(write_ground(tmp_path / "lake.tif", heights)).elevation
+    west, south = elevation.origin_m
+    rows, cols = elevation.heights_msl_m.shape
+    assert west < -900.0
+    assert south < -900.0
+    assert 1150.0 < west + (cols - 1) * elevation.spacing_m < 1300.0
+    assert south + (rows - 1) * elevation.spacing_m > 1600.0
+
+
 @pytest.mark.parametrize(
     ("size_m", "frame", "said"),
     [
         (
             (3000.0, 800.0),
             FRAME,
-            r"does not cover the map: it has no height at .*; expected latitudes 46\.79",
+            r"does not cover the map: it has no height at .*; expected lat.* 46\.79",
         ),
         (SIZE_M, LocalFrame(46.8, 11.0, 1500.0), "does not cover the map"),
         (SIZE_M, LocalFrame(-33.0, -87.0, 70.0), "does not cover the map|another place"),
@@ -166,6 +192,7 @@ def test_a_file_of_another_place_is_refused(tmp_path, size_m, frame, said):
         read(write_ground(tmp_path / "slope.tif", slope()), size_m=size_m, frame=frame)
 
 
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 @pytest.mark.parametrize(
     ("profile", "said"),
     [
@@ -203,7 +230,7 @@ def test_heights_in_feet_are_refused(tmp_path):
 
 def test_ellipsoidal_heights_become_msl_by_the_geoid_grid(tmp_path):
     """The grid of this test says 50 m at its western and 52 m at its eastern border."""
-    path = write_ground(tmp_path / "slope.tif", slope())
+    write_ground(tmp_path / "slope.tif", slope())
     grid = tmp_path / "us_nga_egm96_15.tif"
     undulation = np.tile(np.linspace(50.0, 52.0, 9), (9, 1)).astype("float32")
     with rasterio.open(
@@ -213,12 +240,10 @@ def test_ellipsoidal_heights_become_msl_by_the_geoid_grid(tmp_path):
         file.write(undulation, 1)
         file.update_tags(TYPE="VERTICAL_OFFSET_GEOGRAPHIC_TO_VERTICAL", AREA_OR_POINT="Point")
         file.set_band_description(1, "geoid_undulation")
-    before = pyproj.datadir.get_data_dir()
-    try:
-        pyproj.datadir.append_data_dir(str(tmp_path))
-        elevation = read(path, "ellipsoid").elevation
-    finally:
-        pyproj.datadir.set_data_dir(before)
+    done = subprocess.run(
+        [sys.executable, "-c", WITH_GEOID, str(tmp_path)], capture_output=True, text=True, check=True
+    )  # a process of its own: PROJ keeps the grids that it has found
+    elevation = decode_model(done.stdout).elevation
     places = random_places(50)
     lon = np.array([FRAME.to_geodetic(*place)[1] for place in places])
     expected = slope_at(FRAME, places) - 50.0 - (lon - 9.0)
@@ -242,14 +267,16 @@ def test_what_cannot_be_opened_is_refused(tmp_path):
             read(tmp_path / name)
 
 
-@pytest.mark.parametrize(
-    "profile", [{}, {"compress": "deflate", "tiled": True, "blockxsize": 64, "blockysize": 64}]
-)
+TILED = {"compress": "deflate", "tiled": True, "blockxsize": 64, "blockysize": 64}
+
+
+@pytest.mark.parametrize("profile", [{}, TILED])
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 def test_damaged_files_end_in_one_readable_line(tmp_path, profile):
     whole = write_ground(tmp_path / "whole.tif", slope(), **profile).read_bytes()
     damaged = tmp_path / "damaged.tif"
     rng = np.random.default_rng(3)
-    refused = 0
+    said = []
     for number in range(120):
         data = bytearray(whole)
         if number % 3 == 0:
@@ -264,9 +291,9 @@ def test_damaged_files_end_in_one_readable_line(tmp_path, profile):
         try:
             read(damaged)
         except TerrainFileError as error:
-            refused += 1
-            assert "\n" not in str(error)
-    assert refused > 40, "every cut, at least"
+            said.append(str(error))
+    assert len(said) > 40, "every cut, at least"
+    assert "\n" not in "".join(said)
 
 
 @pytest.mark.skipif(not DAVOS, reason="DAVOS_TIF names no file")
