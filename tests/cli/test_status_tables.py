@@ -50,7 +50,10 @@ def row(lines: list[str], first: str) -> str:
 
 def test_an_agent_is_one_row_with_units_in_the_head() -> None:
     lines = printed(CALM, plan_id=7)
-    assert lines[0] == "site: agents 1 active, 0 arrived, 0 lost; 1 targets; terrain flat; plan 7 waits: gcs order plan"
+    assert (
+        lines[0]
+        == "site: agents 1 active, 0 arrived, 0 lost; 1 targets; terrain flat; plan 7 waits: gcs order plan"
+    )
     assert row(lines, "1").split() == [
         *(
             "1",
