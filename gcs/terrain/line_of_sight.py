@@ -24,6 +24,8 @@ from gcs.terrain.elevation import Elevation
 _MAX_BEARINGS: Final = 1024
 _MAX_RANGES: Final = 512
 """Together 2 MB of shadows for a place."""
+_EDGE_SHARE: Final = np.float32(0.01)
+"""What is seen at least in a cell at the edge of a shadow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +51,27 @@ class LineOfSight:
         """Return the shadow (k,) at places (k, 2)."""
         return _nearest(self.east_m, self.north_m, self.range_step_m, self.shadow_agl_m, points_m)
 
-    def visibility(self, low_agl_m: float, high_agl_m: float) -> Visibility:
-        """Return what is seen of objects whose heights above the ground are uniform between two."""
+    def visibility(self, low_agl_m: float, high_agl_m: float, min_share: float = 0.0) -> Visibility:
+        """Return what is seen of objects whose heights above the ground are uniform between two.
+
+        A share below `min_share` counts as that: objects may be higher than supposed. At the edge of a shadow
+        the least share of the neighbouring cells counts, but not none: the elevation model is not exact.
+        """
         above_m = high_agl_m - self.shadow_agl_m
         share = above_m >= 0.0 if high_agl_m <= low_agl_m else above_m / (high_agl_m - low_agl_m)
-        values = np.clip(share, 0.0, 1.0).astype(np.float32)
+        share = np.clip(share, 0.0, 1.0).astype(np.float32)
+        values = np.minimum(share, np.maximum(_least_of_neighbours(share), _EDGE_SHARE))
+        values = np.maximum(values, np.float32(min_share))
         return Visibility(self.east_m, self.north_m, self.range_step_m, values)
+
+
+def _least_of_neighbours(share: Float32Array) -> Float32Array:
+    """Return the least of each cell and its eight neighbours."""
+    along = np.minimum(share, np.minimum(np.roll(share, 1, axis=0), np.roll(share, -1, axis=0)))
+    least = along.copy()
+    np.minimum(least[:, 1:], along[:, :-1], out=least[:, 1:])
+    np.minimum(least[:, :-1], along[:, 1:], out=least[:, :-1])
+    return least
 
 
 def visible_share(visibility: Visibility, points_m: FloatArray) -> FloatArray:

@@ -49,6 +49,10 @@ _STREAMS_HZ: Final = {
 }
 
 
+_WITH_TERRAIN: Final = {"TERRAIN_SPACING": 30.0}
+"""Default: 100 m, by which steep ground is off by tens of metres."""
+
+
 def parse_sitl(text: str) -> tuple[Firmware, Path]:
     """Read ``arduplane=PATH`` or ``px4=PATH``.
 
@@ -77,12 +81,20 @@ class Ports:
 
 
 def arduplane_command(
-    binary: Path, spec: VehicleSpec, frame: LocalFrame, ports: Ports, instance: int, folder: Path
+    binary: Path,
+    spec: VehicleSpec,
+    frame: LocalFrame,
+    ports: Ports,
+    instance: int,
+    folder: Path,
+    *,
+    has_terrain: bool = False,
 ) -> list[str]:
     """Return the command line of ArduPlane's SITL, and write its parameter file into `folder`.
 
     The aeroplane is SITL's ``plane`` with the parameters that ArduPilot ships for it. The scenario's speed,
-    wind and parameters are set on top.
+    wind and parameters are set on top. With terrain it requests the ground from the ground station, finer
+    than by default; its simulation flies and crashes over that ground.
     """
     wind_m_s = math.hypot(spec.wind_east_m_s, spec.wind_north_m_s)
     wind_from_deg = math.degrees(math.atan2(-spec.wind_east_m_s, -spec.wind_north_m_s)) % 360.0
@@ -93,6 +105,7 @@ def arduplane_command(
         "TKOFF_ALT": spec.alt_rel_m,
         "RTL_ALTITUDE": spec.alt_rel_m,
         "WP_LOITER_RAD": 40.0,
+        **(_WITH_TERRAIN if has_terrain else {}),
         "SIM_WIND_SPD": wind_m_s,
         "SIM_WIND_DIR": wind_from_deg,
         **spec.parameters,
@@ -166,10 +179,7 @@ class Launch:
     Commands are repeated each second until the vehicle's heartbeat shows their effect.
     """
 
-    def __init__(self, spec: VehicleSpec, frame: LocalFrame, *, has_terrain: bool = False) -> None:
-        self._streams_hz = _STREAMS_HZ | (
-            {mavlink.MAVLINK_MSG_ID_TERRAIN_REQUEST: 2.0} if has_terrain else {}
-        )
+    def __init__(self, spec: VehicleSpec, frame: LocalFrame) -> None:
         self.stage = Stage.WAITING
         self.last_status = ""
         """The vehicle's last STATUSTEXT, for the error of a failed launch."""
@@ -214,7 +224,7 @@ class Launch:
         self._again_ns = t_ns + _AGAIN_NS
         match self.stage:
             case Stage.WAITING:
-                streams = {TRUE_STATE[self._spec.autopilot]: 10.0, **self._streams_hz}
+                streams = {TRUE_STATE[self._spec.autopilot]: 10.0, **_STREAMS_HZ}
                 commands = [self._interval(number, rate_hz) for number, rate_hz in streams.items()]
                 if self._spec.autopilot == "px4":
                     commands.append(self._accept_missions_without_landing())

@@ -31,7 +31,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.errors import SimulationError
 from gcs.io.clock import RunClock
 from gcs.mavlink.frames.codec import Encoder
-from gcs.mavlink.services.terrain_data import TerrainRecord, TerrainServer
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.firmware import (
     Launch,
@@ -48,7 +47,6 @@ from sim_vehicles.process_start import (
     Address,
     FirmwareArguments,
     await_clock,
-    load_elevation,
     read_arguments,
 )
 from sim_vehicles.vehicle.faults import FaultChange, FaultKind, Faults, fault_changes
@@ -127,10 +125,7 @@ class FirmwareHost:
         frame = vehicle.frame
         spec = self.spec
         self._frame = frame
-        elevation = load_elevation(vehicle.elevation)
-        self._terrain = None if elevation is None else TerrainServer(elevation, frame)
-        self._terrain_record = TerrainRecord()
-        self.launch = Launch(spec, frame, has_terrain=elevation is not None)
+        self.launch = Launch(spec, frame)
         folder.mkdir(parents=True, exist_ok=True)
         environment: dict[str, str] = {}
         if arguments.firmware == "px4":
@@ -141,7 +136,9 @@ class FirmwareHost:
             self._ground = _Port()
             self._truth_port = _Port()
             ports = Ports(self._ground.port, self._truth_port.port)
-            command = arduplane_command(binary, spec, frame, ports, arguments.instance, folder)
+            command = arduplane_command(
+                binary, spec, frame, ports, arguments.instance, folder, has_terrain=bool(vehicle.elevation)
+            )
         self._log = (folder / "firmware.log").open("wb")
         self.process = subprocess.Popen(  # noqa: S603  the program that the user named, no shell
             command, cwd=folder, stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT,
@@ -217,10 +214,8 @@ class FirmwareHost:
                 for message in self._reader.messages(data):
                     self.launch.receive(message)
                     self._send_fix(message)
-                    self._note_terrain_request(message)
             for command in self.launch.poll(time.monotonic_ns()):
                 self._commands.send(command)
-            self._send_terrain()
             for data in self._commands.pop_datagrams():
                 self._truth_port.send(data)
         return True
@@ -283,7 +278,6 @@ class FirmwareHost:
             return
         self._change_faults(t_ns)
         self._send_sticks(time.monotonic_ns())
-        self._send_terrain()
         for data in self._commands.pop_datagrams():
             self._truth_port.send(data)
         is_silent = FaultKind.RADIO in self._faults
@@ -329,16 +323,6 @@ class FirmwareHost:
             self._stick_ns = now_ns + _STICK_PERIOD_NS
             self._commands.send(stick_message(self.spec.system_id))
 
-    def _note_terrain_request(self, message: Any) -> None:
-        if self._terrain is not None and message.get_type() == "TERRAIN_REQUEST":
-            self._terrain.receive(self._terrain_record, message)
-
-    def _send_terrain(self) -> None:
-        """Be the terrain files of ArduPlane, by which its simulation knows the ground."""
-        if self._terrain is not None:
-            for message in self._terrain.poll(self._terrain_record, time.monotonic_ns())[0]:
-                self._commands.send(message)
-
     def _send_fix(self, message: Any) -> None:
         """Be the GPS receiver of a PX4 that is to glitch."""
         if self._is_receiver and message.get_type() == "HIL_STATE_QUATERNION":
@@ -376,8 +360,6 @@ class FirmwareHost:
             elif message.get_type() == "GLOBAL_POSITION_INT":
                 self._alt_msl_m = message.alt * 1e-3
                 self._watch_height(message)
-            else:
-                self._note_terrain_request(message)
 
     def _send_truth(self, t_ns: int, place: tuple[float, float] | None) -> None:
         for message in truth_messages(t_ns, place, self._alt_msl_m):

@@ -4,6 +4,9 @@ A sensor that announces its place and height (`Viewpoint`) does not see what ter
 height. A target stands on the ground, at `TARGET_HEIGHT_M`. An agent is anywhere in the flight band. So each
 kind has its own view of a sensor, from one table of shadows.
 
+A tracker of all objects takes them to be as low as targets, and still lets detections of hidden ones in:
+they are agents.
+
 Slant ranges become ranges over ground in the same way, kind by kind, unless the sensor measures heights.
 """
 
@@ -33,6 +36,7 @@ SeenKind: TypeAlias = Literal["agents", "targets", "all"]
 
 TARGET_HEIGHT_M: Final = 2.0
 """Height of a target above the ground."""
+_MIN_SHARE: Final[dict[SeenKind, float]] = {"agents": 0.0, "targets": 0.0, "all": 0.01}
 _MAX_BELOW_M: Final = 30.0
 """Depth under the ground at which an announced height is wrong, not the elevation model."""
 _MAX_VIEWS: Final = 32
@@ -59,7 +63,7 @@ class TerrainSight:
             heights: dict[SeenKind, tuple[float, float]] = {
                 "agents": (config.terrain.min_agl_m, config.terrain.max_agl_m),
                 "targets": (TARGET_HEIGHT_M, TARGET_HEIGHT_M),
-                "all": (TARGET_HEIGHT_M, config.terrain.max_agl_m),
+                "all": (TARGET_HEIGHT_M, TARGET_HEIGHT_M),
             }
             self._heights_agl_m = {kind: heights[kind] for kind in kinds}
         self._views: OrderedDict[str, _View] = OrderedDict()
@@ -94,7 +98,10 @@ class TerrainSight:
         reach_m = sensor_reach_m(sensor, viewpoint)
         if view is None or (view.viewpoint, view.reach_m) != (viewpoint, reach_m):
             lines = sensor_line_of_sight(elevation, sensor, viewpoint)
-            seen = {kind: lines.visibility(*heights) for kind, heights in self._heights_agl_m.items()}
+            seen = {
+                kind: lines.visibility(*heights, _MIN_SHARE[kind])
+                for kind, heights in self._heights_agl_m.items()
+            }
             view = _View(viewpoint, reach_m, sensor_alt_msl_m(elevation, viewpoint), seen)
             self._views[sensor.name] = view
             if len(self._views) > _MAX_VIEWS:

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from bench_baselines import compare
 from helpers.detection_sets import KEYS, MODEL, SCANS, made, run, scores
+from helpers.ridged import ridge, terrain_table
 from typer.testing import CliRunner
 
 from gcs.cli import app
 from gcs.config import read_text
 from gcs.io.detections.readers import load
 from gcs.io.recording.writer import Recorder
-from gcs.model import NS_PER_S, Scan, Sensor, Truth, TruthObject, read_only
+from gcs.model import NS_PER_S, Scan, Sensor, Truth, TruthObject, Viewpoint, read_only
 
 
 def test_a_set_with_its_own_model_is_tracked_written_scored_and_drawn(files):
@@ -122,6 +123,25 @@ def test_a_recording_is_tracked_with_the_announced_sensor_models(tmp_path):
     assert result["scans"] == 20
     assert result["ospa_mean_m"] < 10.0
     assert result["cardinality_error_mean"] == 0.0
+
+
+@pytest.mark.parametrize(("height_agl_m", "is_kept"), [(10.0, True), (None, False)])
+def test_a_recorded_target_behind_a_ridge_is_kept(tmp_path, height_agl_m, is_kept):
+    text, _ = read_text("prescribed")
+    text = text.split("\n[[births]]", 1)[0] + "\n[[births]]\neast_m = 960.0\nnorth_m = 600.0\n"
+    viewpoint = None if height_agl_m is None else Viewpoint(300.0, 600.0, height_agl_m, is_agl=True)
+    detector = Sensor(
+        "radar", 0.98, 1e-6, read_only(np.eye(2) * 9.0), (0.0, 0.0, 2000.0, 2000.0), viewpoint=viewpoint
+    )
+    rng = np.random.default_rng(3)
+    with Recorder(tmp_path / "run", text + terrain_table(ridge(), 50.0, 90.0), {}) as recorder:
+        for k in range(20):
+            place = np.array([960.0 + 5.0 * k, 600.0])
+            seen = [place + rng.normal(0, 3, 2)] if place[0] < 1005.0 else []
+            z_m = read_only(np.reshape(seen, (-1, 2)))
+            recorder.record_event(Scan(k * NS_PER_S + 5, k * NS_PER_S, detector, z_m))
+            recorder.record_truth(Truth(k * NS_PER_S, (TruthObject("targets", 1, *place.tolist(), True),)))
+    assert (scores(tmp_path / "run")["cardinality_error_mean"] < 0.1) == is_kept
 
 
 ANYWHERE = MODEL.split("[[births]]")[0] + "[anywhere]\nper_s = 0.1\n"

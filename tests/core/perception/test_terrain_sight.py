@@ -15,7 +15,7 @@ from gcs.core.perception.position_integrity import PositionIntegrityMonitor
 from gcs.core.perception.terrain_sight import TARGET_HEIGHT_M, TerrainSight
 from gcs.core.state import State
 from gcs.model import Polar, Viewpoint, read_only
-from gcs.tracking.models.sensor_geometry import polar_sensor, sensor_coordinates
+from gcs.tracking.models.sensor_geometry import covers, polar_sensor, sensor_coordinates
 
 START = (100.0, 200.0)
 WEST, EAST = (900.0, 1000.0), (1500.0, 1000.0)
@@ -90,6 +90,16 @@ def test_a_vehicle_that_reports_behind_a_ridge_is_not_accused():
             seen = sight.scan_of(scan(t_s, sensor=replace(RADAR, viewpoint=viewpoint)), "agents")
             notices += monitor.update(seen, [state(1, EAST, t_s)], {}, [])
         assert bool(notices) == is_accused
+
+
+def test_a_sensor_that_moves_sees_from_where_it_is():
+    sight = TerrainSight(OVER_RIDGE)
+    for viewpoint in (MAST, Viewpoint(1800.0, 1000.0, 10.0, is_agl=True), MAST):
+        seen = sight.scan_of(scan(0.0, sensor=replace(RADAR, viewpoint=viewpoint)), "targets")
+        assert covers(seen.sensor, np.array([WEST, EAST])).tolist() == [
+            viewpoint is MAST,
+            viewpoint is not MAST,
+        ]
 
 
 def test_slant_ranges_are_projected_for_each_kind_by_its_height():

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.ridged import VALLEY_MSL_M, ridge, terrain_table
 
 from gcs.config import scenario_names
 from gcs.errors import ConfigError
-from sim_vehicles.world.scenario import generator, load
+from sim_vehicles.world.scenario import generator, load, parse_scenario
+from sim_vehicles.world.specs import vehicle_specs
 
 GOOD = """
 name = "x"
@@ -135,3 +137,20 @@ def test_a_fault_of_an_unknown_vehicle_or_kind_is_named(mistake):
     fault = '[[simulation.faults]]\nsystem_id = {}\nat_s = 5.0\nkind = "{}"\n'
     assert "simulation.faults[0].system_id" in str(mistake(GOOD + TARGET + fault.format(9, "engine")))
     assert "simulation.faults[0].kind" in str(mistake(GOOD + TARGET + fault.format(1, "wing")))
+
+
+def test_over_terrain_homes_are_on_the_ground_and_climbs_are_the_airframe_s():
+    flat = parse_scenario(GOOD + TARGET, "world.toml")
+    over = parse_scenario(
+        GOOD + TARGET + terrain_table(ridge()) + "[airframe]\nclimb_m_s = 3.5\n", "world.toml"
+    )
+    (level,) = vehicle_specs(flat, 0)
+    (high,) = vehicle_specs(over, 0)
+    assert (level.home_rel_m, level.climb_m_s, level.sink_m_s) == (0.0, None, None)
+    assert (high.home_rel_m, high.climb_m_s, high.sink_m_s) == (VALLEY_MSL_M - 70.0, 3.5, 2.0)
+
+
+def test_slant_ranges_need_the_height_of_the_sensor(mistake):
+    error = mistake(GOOD + TARGET + '[simulation.sensor]\nkind = "range_bearing"\nrange = "slant"\n')
+    assert "simulation.sensor.range" in str(error)
+    assert "height_agl_m" in str(error)
