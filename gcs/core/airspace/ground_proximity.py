@@ -43,8 +43,7 @@ class GroundProximity:
         self._state.next_ground_check_t_ns = t_ns + _PERIOD_NS
         effects: list[Effect] = []
         for state in self._intents.in_air(t_ns):
-            flight = self._agents[state.system_id].flight
-            if flight.phase in _PHASES and not flight.is_landing_planned:
+            if self._agents[state.system_id].flight.phase in _PHASES:
                 effects += self._check(state, t_ns)
         return effects + self._end(t_ns)
 

@@ -1,7 +1,5 @@
 """A pilot, or an autopilot that returns, would fly into a hill, and no operator would know."""
 
-from dataclasses import replace
-
 from helpers.hills import elevation_of, hill, terrain_table
 from helpers.sky import FIELD, Sky, fly_on, place
 from helpers.staging import S
@@ -14,11 +12,11 @@ HILL = hill(1500.0, 1700.0, 150.0, 200.0, 70.0)
 HILLS = FIELD + terrain_table(elevation_of(HILL, 3000.0))
 
 
-def flight(mode, north_m, height_m=100.0):
-    """Return the flight of a vehicle that is put south of a hill in a mode, with its course north."""
+def flight(mode, north_m, east_m=1500.0):
+    """Return the flight of a vehicle that is put somewhere, 100 m high, with its course north."""
     sky = Sky((400.0, 400.0, 100.0), field=HILLS).fly(6.0)
     plane = sky.planes[1]
-    place(plane, 1500.0, north_m, height_m)
+    place(plane, east_m, north_m, 100.0)
     plane.autopilot.set_mode(mode)
     return sky, plane
 
@@ -41,7 +39,7 @@ def test_a_pilot_who_flies_towards_a_hill_is_told_before():
 
 
 def test_a_vehicle_that_turns_away_is_told_to_be_clear():
-    sky, plane = flight(Mode.FBWA, 1100.0)
+    sky, plane = flight(Mode.FBWA, 1200.0)
     fly_on(sky, 4.0)
     assert sky.told(NoticeCode.NEAR_GROUND)
     place(plane, 1500.0, 500.0, 100.0, 180.0)
@@ -56,8 +54,6 @@ def test_a_mission_that_keeps_above_the_ground_is_not_told():
 
 
 def test_a_return_that_leads_through_a_hill_is_told():
-    sky, plane = flight(Mode.LOITER, 2300.0)
-    plane.autopilot.home = replace(plane.autopilot.home, east_m=1500.0, north_m=400.0)
-    plane.autopilot.set_mode(Mode.RTL)
+    sky, _ = flight(Mode.RTL, 2300.0, east_m=2008.0)  # the hill is between it and its home
     fly_on(sky, 30.0)
     assert sky.told(NoticeCode.NEAR_GROUND)
