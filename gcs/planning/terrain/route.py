@@ -17,7 +17,12 @@ from gcs.planning.terrain.height_profile import choose_knots, plan_heights, samp
 from gcs.planning.terrain.path_search import CornerPath, Effort, find_path
 from gcs.planning.terrain.terrain_map import BandCircle, BandPose, Goal, TerrainMap
 
-_EFFORTS = (Effort(1.1, 2_000, 30_000), Effort(1.02, 20_000, 20_000))
+_EFFORTS = (
+    Effort(1.1, 2_000, 30_000),
+    Effort(1.3, 1_000, 20_000),
+    Effort(1.02, 10_000, 15_000),
+    Effort(1.0, 10_000, 10_000),
+)
 _PASSING_EFFORTS = (Effort(1.2, 1_000, 20_000), Effort(3.0, 2_000, 60_000))
 _SHORT_SHARE = 1.01
 """Length, as a multiple of that without turns, from which no other search is worth its time."""
