@@ -214,7 +214,7 @@ class MultiSensorTracker:
         self._config = config
         self._telemetry = config.telemetry
         self.state = TrackersState() if state is None else state
-        self.sight = TerrainSight(config)
+        self._sight = TerrainSight(config)
         self.untracked = UntrackedDetections(config, self.state.untracked)
         self.agents = ClassTracker("agents", config, agent_births(config), self.state.agents)
         self.targets = ClassTracker("targets", config, target_births(config), self.state.targets)
@@ -232,7 +232,11 @@ class MultiSensorTracker:
         is_new = scan.measured_t_ns > self.state.measured_t_ns
         if not is_new and scan.sensor.name in self.state.sensors_at_epoch:
             return "came twice"
-        return self.sight.refusal(scan.sensor)
+        return self._sight.refusal(scan.sensor)
+
+    def scan_of_agents(self, scan: Scan) -> Scan:
+        """Return a scan as agents' detections: what terrain hides from its sensor is out of its view."""
+        return self._sight.scan_of(scan, "agents")
 
     def scan(self, scan: Scan, states: Sequence[VehicleState]) -> tuple[Picture, Picture]:
         """Process one scan that is not refused; return the pictures of agents and targets."""
@@ -248,8 +252,8 @@ class MultiSensorTracker:
             sensor = estimation.corrected(sensor)
         scan = replace(scan, sensor=sensor)
         # Terrain hides agents and targets in different places, and moves slant ranges differently.
-        at_agents = self.sight.scan_of(scan, "agents")
-        at_targets = self.sight.scan_of(scan, "targets")
+        at_agents = self._sight.scan_of(scan, "agents")
+        at_targets = self._sight.scan_of(scan, "targets")
         report_births, reports = self._reports(t_ns, states, self.agents.births)
         of_targets = self.targets.intensity(t_ns, at_targets.z_m, at_targets.sensor)
         ours = self.agents.update(t_ns, at_agents.z_m, at_agents.sensor, of_targets, report_births)

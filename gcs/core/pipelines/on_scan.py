@@ -87,7 +87,7 @@ def associate_vehicles(stages: Stages, epoch: Epoch) -> list[Effect]:
     targets = stages.trackers.targets.confirmation
     stages.association.update(agents, epoch.measured_t_ns, epoch.states)
     stages.kinematics.update(epoch.newest)
-    scan = stages.trackers.sight.scan_of(epoch.scan, "agents")
+    scan = stages.trackers.scan_of_agents(epoch.scan)
     effects: list[Effect] = [
         *stages.position_integrity.update(scan, epoch.states, agents.tracks, targets.tracks.values())
     ]

@@ -9,20 +9,18 @@ band by more than is allowed, the route is planned again with a wider margin.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from gcs.model import FloatArray
 from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission
-from gcs.planning.map.grid import Point
 from gcs.planning.mission_flight import simulate_mission
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.terrain.band import FlightBand
-from gcs.planning.terrain.loiter_circles import CircleMap, goal_at_target
 from gcs.planning.terrain.route import TerrainRoute, plan_route
-from gcs.planning.terrain.terrain_map import BandCircle, BandPose, TerrainMap
+from gcs.planning.terrain.terrain_map import BandCircle, BandPose, Goal, TerrainMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,14 +30,6 @@ class FlightModel:
     speed_m_s: float
     turn_lag_s: float
     turns: TurnAnticipation
-
-
-@dataclass(frozen=True, eq=False)
-class MarginLevel:
-    """Terrain and loiter circles with one tracking margin."""
-
-    terrain: TerrainMap
-    circles: CircleMap
 
 
 def fly_route(route: TerrainRoute, model: FlightModel) -> tuple[FloatArray, FloatArray]:
@@ -84,40 +74,39 @@ def worst_departure_m(band: FlightBand, route: TerrainRoute, model: FlightModel)
 
 def plan_flown_route(
     band: FlightBand,
-    levels: Sequence[MarginLevel],
+    tries: Iterable[tuple[TerrainMap, Goal | None]],
     start: BandPose | BandCircle,
-    target_m: Point,
-    reach_radius_m: float,
     model: FlightModel,
     share: float = 0.5,
     allowed_m: float = 0.0,
-) -> TerrainRoute | None:
-    """Return a route to a target whose flight stays in a band, with the least margin that achieves it.
+) -> tuple[TerrainRoute, Goal] | None:
+    """Return a route whose flight stays in a band, and its goal; the first of some tries that achieves it.
 
     Parameters
     ----------
     band : FlightBand
         Band without a margin, for the check.
-    levels : sequence of MarginLevel
-        Margins to plan with, the least one first.
+    tries : iterable of (TerrainMap, Goal or None)
+        Map and goal with each tracking margin, the least one first; None where the target has none.
+    share : float
+        Wanted share of the band.
     allowed_m : float
         Distance that the flight may leave the band by.
 
     Returns
     -------
-    TerrainRoute or None
+    tuple or None
         Where no flight stays in the band, the route whose flight leaves it least; None without any route.
     """
-    best: TerrainRoute | None = None
+    best: tuple[TerrainRoute, Goal] | None = None
     best_m = math.inf
-    for level in levels:
-        goal = goal_at_target(level.terrain, level.circles, target_m, reach_radius_m)
-        route = None if goal is None else plan_route(level.terrain, start, goal, share)
-        if route is None:
+    for terrain, goal in tries:
+        route = None if goal is None else plan_route(terrain, start, goal, share)
+        if route is None or goal is None:
             continue
         departure_m = worst_departure_m(band, route, model)
         if departure_m < best_m:
-            best = route
+            best = route, goal
             best_m = departure_m
         if departure_m <= allowed_m:
             break

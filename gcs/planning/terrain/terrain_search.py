@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -17,18 +18,26 @@ from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.terrain.band import FlightBand, Vertical, make_band
-from gcs.planning.terrain.flown_route import FlightModel, MarginLevel, worst_departure_m
+from gcs.planning.terrain.flown_route import FlightModel, plan_flown_route
 from gcs.planning.terrain.goal import cost_matrix
 from gcs.planning.terrain.ground import Terrain
 from gcs.planning.terrain.limited_band import limit_band
-from gcs.planning.terrain.loiter_circles import goal_at_target, make_circle_map
-from gcs.planning.terrain.route import TerrainRoute, plan_route
-from gcs.planning.terrain.terrain_map import BandPose, Goal, make_terrain_map
+from gcs.planning.terrain.loiter_circles import CircleMap, goal_at_target, make_circle_map
+from gcs.planning.terrain.route import TerrainRoute
+from gcs.planning.terrain.terrain_map import BandPose, Goal, TerrainMap, make_terrain_map
 
 _MARGINS_M: Final = (15.0, 40.0)
 """Tracking margins to plan with, the least one first."""
 _ALLOWED_M: Final = 3.0
 """Distance by which a simulated flight may leave the band."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """Terrain and loiter circles with one tracking margin."""
+
+    terrain: TerrainMap
+    circles: CircleMap
 
 
 class TerrainSearch:
@@ -71,22 +80,13 @@ class TerrainSearch:
         assert options.turns is not None
         model = FlightModel(agent.speed_m_s, options.turn_lag_s, options.turns)
         band = _band(self._terrain, self._grid, options.clearance_m, 0.0)
-        best: tuple[TerrainRoute, Point] | None = None
-        best_m = math.inf
-        for level in _levels(self._terrain, self._grid, options):
-            goal = _goal(level, self._targets[j], options)
-            if goal is None:
-                continue
-            route = plan_route(level.terrain, _start(agent), goal, self._terrain.share(layer))
-            if route is None:
-                continue
-            departure_m = worst_departure_m(band, route, model)
-            if departure_m < best_m:
-                best = route, goal.place_m or self._targets[j]
-                best_m = departure_m
-            if departure_m <= _ALLOWED_M:
-                break
-        return best
+        levels = _levels(self._terrain, self._grid, options)
+        tries = ((level.terrain, _goal(level, self._targets[j], options)) for level in levels)
+        found = plan_flown_route(band, tries, _start(agent), model, self._terrain.share(layer), _ALLOWED_M)
+        if found is None:
+            return None
+        route, goal = found
+        return route, goal.place_m or self._targets[j]
 
     def _options_of(self, agent: AgentState) -> PlanOptions:
         return agent.options or self._options
@@ -96,7 +96,7 @@ def _start(agent: AgentState) -> BandPose:
     return BandPose(agent.east_m, agent.north_m, agent.course_rad, agent.height_msl_m, agent.height_msl_m)
 
 
-def _levels(terrain: Terrain, grid: Grid, options: PlanOptions) -> list[MarginLevel]:
+def _levels(terrain: Terrain, grid: Grid, options: PlanOptions) -> list[_Level]:
     """Return the maps of an airframe, with the least margin first."""
     loiter = options.loiter
     assert loiter is not None
@@ -122,17 +122,17 @@ def _level(
     margin_m: float,
     radii_m: tuple[float, float],
     vertical: Vertical,
-) -> MarginLevel:
+) -> _Level:
     """Return the maps for one margin; `radii_m`: of turns and of loiter circles."""
     band = _band(terrain, grid, clearance_m, margin_m)
-    return MarginLevel(make_terrain_map(band, vertical, radii_m[0]), make_circle_map(band, radii_m[1]))
+    return _Level(make_terrain_map(band, vertical, radii_m[0]), make_circle_map(band, radii_m[1]))
 
 
-def _goal(level: MarginLevel, target_m: Point, options: PlanOptions) -> Goal | None:
+def _goal(level: _Level, target_m: Point, options: PlanOptions) -> Goal | None:
     assert options.loiter is not None
     return _goal_at(level, target_m, options.loiter.reach_radius_m)
 
 
 @lru_cache(maxsize=256)
-def _goal_at(level: MarginLevel, target_m: Point, reach_radius_m: float) -> Goal | None:
+def _goal_at(level: _Level, target_m: Point, reach_radius_m: float) -> Goal | None:
     return goal_at_target(level.terrain, level.circles, target_m, reach_radius_m)

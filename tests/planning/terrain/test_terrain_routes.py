@@ -24,7 +24,7 @@ from gcs.planning.map.grid import free_grid
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.terrain.band import make_band
-from gcs.planning.terrain.flown_route import FlightModel, MarginLevel, plan_flown_route, worst_departure_m
+from gcs.planning.terrain.flown_route import FlightModel, plan_flown_route, worst_departure_m
 from gcs.planning.terrain.goal import cost_matrix, goal_at
 from gcs.planning.terrain.loiter_circles import circle_at, goal_at_target, make_circle_map, nearest_circles
 from gcs.planning.terrain.route import plan_route
@@ -213,15 +213,14 @@ def test_a_wider_margin_is_used_where_the_flight_would_leave_the_band():
     elevation = hills(5, relief_m=25.0)
     band = make_band(elevation, MIN_AGL_M, MAX_AGL_M)
     model = FlightModel(12.0, 1.0, TurnAnticipation(RADIUS_M, 12.0, 5.0))
-    levels = []
+    tries = []
     for margin_m in (0.0, 10.0, 20.0):
         wide = make_band(elevation, MIN_AGL_M, MAX_AGL_M, margin_m=margin_m)
-        levels.append(
-            MarginLevel(make_terrain_map(wide, VERTICAL, 1.25 * RADIUS_M), make_circle_map(wide, RADIUS_M))
-        )
-    start = _two_circles(levels[-1].circles, 5)[0]
-    target_m = (450.0, 450.0)
-    routes = [plan_flown_route(band, levels[:k], start, target_m, 40.0, model) for k in (1, 3)]
-    assert None not in routes
-    departures_m = [worst_departure_m(band, route, model) for route in routes]
+        terrain = make_terrain_map(wide, VERTICAL, 1.25 * RADIUS_M)
+        circles = make_circle_map(wide, RADIUS_M)
+        tries.append((terrain, goal_at_target(terrain, circles, (450.0, 450.0), 40.0)))
+    start = _two_circles(circles, 5)[0]
+    found = [plan_flown_route(band, tries[:k], start, model) for k in (1, 3)]
+    assert None not in found
+    departures_m = [worst_departure_m(band, route, model) for route, _ in found]
     assert departures_m[1] <= departures_m[0]
