@@ -7,6 +7,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+from helpers.hills import elevation_of, hill, terrain_table
 from helpers.planning_desk import replanner
 from helpers.staging import track
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -244,6 +245,33 @@ def test_a_return_below_an_obstacle_of_known_height_is_a_warning():
     ]
     assert [row.code for row in rows] == [CheckCode.RETURN_LOW, CheckCode.RETURN_HEIGHT]
     assert rows[0].parameters["min_height_m"] == 90.0
+
+
+def over_a_hill():
+    """Return a mission with a hill of 150 m between the first start and the first target."""
+    ground = terrain_table(elevation_of(hill(900.0, 230.0, 150.0, 150.0, 70.0), 2000.0))
+    return parse(read_text("prescribed")[0] + ground, "hill.toml")
+
+
+def test_a_straight_return_into_a_hill_is_refused():
+    config = over_a_hill()
+    codes = [
+        inspected(config, parameters=GOOD | {"ALT_SLOPE_MIN": 1, "RTL_ALTITUDE": height_m})[
+            "return height"
+        ].code
+        for height_m in (100.0, 250.0)
+    ]
+    assert codes == [CheckCode.RETURN_INTO_GROUND, CheckCode.RETURN_HEIGHT]
+
+
+def test_an_arduplane_that_flies_small_changes_of_height_at_once_is_refused_over_terrain():
+    config = over_a_hill()
+    levels = [
+        inspected(config, parameters=GOOD | {"ALT_SLOPE_MIN": value})["ALT_SLOPE_MIN"].level
+        for value in (0, 1, 15)
+    ]
+    assert levels == ["refused", "ok", "refused"]
+    assert "ALT_SLOPE_MIN" not in inspected(mission())
 
 
 def test_areas_that_vehicles_cannot_hold_are_said():
