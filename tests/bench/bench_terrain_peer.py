@@ -91,6 +91,7 @@ def check(elevation: Elevation, pair: Pair, path_m: FloatArray) -> dict[str, flo
         East, north, height above mean sea level.
     """
     agl_m = path_m[:, 2] - elevation.heights_at(path_m[:, :2])
+    agl_m[np.isnan(agl_m)] = math.inf  # off the elevation
     is_new = np.linalg.norm(np.diff(path_m[:, :2], axis=0), axis=1) > 0.01
     path_m = path_m[np.concatenate(([True], is_new))]
     steps_m = np.diff(path_m, axis=0)
