@@ -41,8 +41,9 @@ from terrain_pairs import (
 
 from gcs.model import FloatArray
 from gcs.planning.terrain.band import Vertical, make_band
+from gcs.planning.terrain.goal import goal_at
 from gcs.planning.terrain.route import plan_route
-from gcs.planning.terrain.terrain_map import BandCircle, TerrainMap, goal_at, make_terrain_map
+from gcs.planning.terrain.terrain_map import BandCircle, TerrainMap, make_terrain_map
 from gcs.terrain.elevation import Elevation
 
 RANGE_M = 600.0
@@ -152,7 +153,8 @@ def plan_ours(terrain: TerrainMap, elevation: Elevation, pair: Pair) -> dict[str
         for end in (pair.start, pair.goal)
     )
     begin = time.process_time()
-    route = plan_route(terrain, start, goal_at(terrain, goal))
+    aim = goal_at(terrain, (goal,))
+    route = plan_route(terrain, start, aim) if aim is not None else None
     spent_s = time.process_time() - begin
     if route is None:
         return {"cpu_s": spent_s, "check": None}
