@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 from draws import sets
 
-from gcs.cli.analyse.track_run import Scores, score, track_detections
+from gcs.cli.analyse.track_run import track_detections
+from gcs.cli.analyse.track_scores import Scores, score
 from gcs.io.detections.readers import load
 from gcs.tracking.glmb.filter import warm_up
 
@@ -39,7 +40,9 @@ def main() -> None:
     for difficulty in ("demo", "hard"):
         with sets(arguments.data, difficulty, arguments.fresh, arguments.seed) as paths:
             loaded = [load(path, None, None) for path in paths]
-        loaded = [replace(d, params=replace(d.params, **override)) for d in loaded]
+        loaded = [
+            replace(d, model=replace(d.model, params=replace(d.model.params, **override))) for d in loaded
+        ]
         for estimator in ("filtered", "recovered", "smoothed"):
             rows = np.array(
                 [
