@@ -210,58 +210,87 @@ def track_scans(
     on_scan
         Called after each scan.
     """
-    is_adaptive = model.births_per_s > 0.0
-    tracker = Glmb(
-        "targets",
-        model.params,
-        _SEED,
-        keep_histories=estimator != "filtered",
-        summarise_detections=is_adaptive,
-    )
-    unknown = AdaptiveBirth(
-        model.births_per_s,
-        model.birth_speed_std_m_s,
-        model.max_birth_probability,
-        model.params.process_noise,
-    )
-    places = model.births
+    tracker = BatchTracker(model, keep_histories=estimator != "filtered")
     collected = _Collected()
-    t_ns: int | None = None
     for scan in scans:
-        # Components keep their numbers: a second scan at one epoch has no births.
-        births = tuple(replace(p, probability=0.0) for p in places) if scan.t_ns == t_ns else places
-        if is_adaptive:
-            births = (*births, *unknown.births(scan.t_ns))
-        tracker.update(scan.t_ns, scan.z_m, scan.sensor, births)
-        if tracker.detection_summary is not None:
-            unknown.add_scan(scan.t_ns, scan.z_m, scan.sensor, tracker.detection_summary.explained)
-        found = tracker.estimates()
-        if t_ns is None or scan.t_ns >= t_ns:
-            t_ns = scan.t_ns
-            labels = [(born, place) for born, place in found.label.tolist()]
-            estimated = np.flatnonzero(found.estimated).tolist()
-            collected.existence[t_ns] = dict(zip(labels, found.existence.tolist(), strict=True))
-            collected.states[t_ns] = {labels[i]: (found.mean[i], found.cov[i]) for i in estimated}
-            if model.birth_again_probability is not None:
-                places = _renew_births(places, collected.states[t_ns], model.birth_again_probability)
+        states = tracker.update(scan)
+        if states is not None:
+            collected.existence[scan.t_ns] = tracker.existence
+            collected.states[scan.t_ns] = states
         on_scan()
-    if tracker.histories is not None:
+    if tracker.glmb.histories is not None:
         collected.states = {t: {} for t in collected.states}
-        for path in tracker.histories.paths(smooth=estimator == "smoothed", lag_scans=lag_scans):
+        for path in tracker.glmb.histories.paths(smooth=estimator == "smoothed", lag_scans=lag_scans):
             for t, mean, cov in zip(path.t_ns.tolist(), path.mean, path.cov, strict=True):
                 collected.states[t][path.label] = mean, cov
-    return collected.track_set(tracker.late_scans, tracker.bad_detections)
+    return collected.track_set(tracker.glmb.late_scans, tracker.glmb.bad_detections)
 
 
-_States: TypeAlias = dict[Label, tuple[FloatArray, FloatArray]]
+States: TypeAlias = dict[Label, tuple[FloatArray, FloatArray]]
 """Mean (4,) and covariance (4, 4) by label."""
+
+
+class BatchTracker:
+    """A filter with the births of its model, fed scan by scan.
+
+    Attributes
+    ----------
+    glmb : Glmb
+    existence : dict of label to float
+        Existence probability of each label at the last scan.
+    """
+
+    def __init__(self, model: TrackingModel, *, keep_histories: bool = False) -> None:
+        self._model = model
+        self._is_adaptive = model.births_per_s > 0.0
+        self.glmb = Glmb(
+            "targets",
+            model.params,
+            _SEED,
+            keep_histories=keep_histories,
+            summarise_detections=self._is_adaptive,
+        )
+        self.existence: dict[Label, float] = {}
+        self._unknown = AdaptiveBirth(
+            model.births_per_s,
+            model.birth_speed_std_m_s,
+            model.max_birth_probability,
+            model.params.process_noise,
+        )
+        self._places = model.births
+        self._t_ns: int | None = None
+
+    def update(self, scan: SensorScan) -> States | None:
+        """Process a scan; return the filtered estimates, None if it is older than the last one."""
+        is_late = self._t_ns is not None and scan.t_ns < self._t_ns
+        glmb = self.glmb
+        glmb.update(scan.t_ns, scan.z_m, scan.sensor, self._births(scan))
+        if glmb.detection_summary is not None:
+            self._unknown.add_scan(scan.t_ns, scan.z_m, scan.sensor, glmb.detection_summary.explained)
+        found = glmb.estimates()
+        if is_late:
+            return None
+        self._t_ns = scan.t_ns
+        labels = [(born, place) for born, place in found.label.tolist()]
+        self.existence = dict(zip(labels, found.existence.tolist(), strict=True))
+        states = {labels[i]: (found.mean[i], found.cov[i]) for i in np.flatnonzero(found.estimated).tolist()}
+        if self._model.birth_again_probability is not None:
+            self._places = _renew_births(self._places, states, self._model.birth_again_probability)
+        return states
+
+    def _births(self, scan: SensorScan) -> tuple[Birth, ...]:
+        places = self._places
+        if scan.t_ns == self._t_ns:
+            # Components keep their numbers: a second scan at one epoch has no births.
+            places = tuple(replace(place, probability=0.0) for place in places)
+        return (*places, *self._unknown.births(scan.t_ns)) if self._is_adaptive else places
 
 
 class _Collected:
     """Estimates by time in nanoseconds: the last scan of an epoch counts."""
 
     def __init__(self) -> None:
-        self.states: dict[int, _States] = {}
+        self.states: dict[int, States] = {}
         self.existence: dict[int, dict[Label, float]] = {}
 
     def track_set(self, late_scans: int, bad_detections: int) -> TrackSet:
@@ -288,7 +317,7 @@ def _times(times: Iterable[int]) -> IntArray:
     return array
 
 
-def _renew_births(places: tuple[Birth, ...], states: _States, probability: float) -> tuple[Birth, ...]:
+def _renew_births(places: tuple[Birth, ...], states: States, probability: float) -> tuple[Birth, ...]:
     """Set the probability of components that had a birth; return the same tuple if nothing changes."""
     used = {place for _, place in states if place < len(places) and places[place].probability != probability}
     if not used:
