@@ -6,7 +6,8 @@ it. Three estimators use the same filter:
 - "filtered": the estimate at each scan, from the detections up to it.
 - "recovered": whole paths from the association histories, each state from the detections up to it. Which
   detections belong to a path, and where it begins and ends, follows from all scans.
-- "smoothed": the same paths, each state from all detections (see `trajectories.recovery`).
+- "smoothed": the same paths, each state from all detections (see `trajectories.recovery`); or causal, with a
+  fixed lag.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from gcs.tracking import Estimator
 from gcs.tracking.glmb.filter import Glmb
 from gcs.tracking.glmb.params import Birth, GlmbParams
 from gcs.tracking.models.adaptive_birth import AdaptiveBirth
+from gcs.tracking.trajectories.recovery import Path
 
 _MAX_TIME_S: Final = 9e9
 """The year 2255: nanoseconds since 1970 fit an int64."""
@@ -154,6 +156,7 @@ def track(
     sensor: Sensor | Sequence[Sensor],
     model: TrackingModel,
     estimator: Estimator = "smoothed",
+    lag_scans: int | None = None,
 ) -> TrackSet:
     """Track the objects of a data set.
 
@@ -167,6 +170,10 @@ def track(
     sensor : Sensor or sequence of K Sensor
         The sensor, or that of each scan.
     estimator : "filtered", "recovered" or "smoothed"
+    lag_scans : int, optional
+        Fixed lag L of smoothed estimates: what scan k says of scan k - L, from the detections up to scan k
+        only, as a tracker that runs would know it. The last L scans are as of the last one. By default each
+        state uses all detections.
 
     Raises
     ------
@@ -184,6 +191,8 @@ def track(
         _check_shape(f"noise_cov_m2 of sensor {one.name}", one.noise_cov_m2, (2, 2), "covariance of x, y")
     if estimator not in get_args(Estimator):
         raise ValueError(f"estimator: expected one of {', '.join(get_args(Estimator))}, got {estimator!r}")
+    if lag_scans is not None and (lag_scans < 0 or estimator != "smoothed"):
+        raise ValueError("lag_scans: expected at least 0, and the estimator smoothed with it")
     return track_scans(
         (
             SensorScan(round(t_s * NS_PER_S), one, _detections(k, z))
@@ -191,6 +200,7 @@ def track(
         ),
         model,
         estimator,
+        lag_scans,
     )
 
 
@@ -206,23 +216,27 @@ def track_scans(
     Parameters
     ----------
     lag_scans
-        Fixed lag of the smoother; None: all detections.
+        As for `track`.
     on_scan
         Called after each scan.
     """
     tracker = BatchTracker(model, keep_histories=estimator != "filtered")
+    histories = tracker.glmb.histories
     collected = _Collected()
+    times: list[int] = []
     for scan in scans:
         states = tracker.update(scan)
         if states is not None:
+            times.append(scan.t_ns)
             collected.existence[scan.t_ns] = tracker.existence
-            collected.states[scan.t_ns] = states
+            collected.states[scan.t_ns] = states if histories is None else {}
+            if histories is not None and lag_scans is not None and len(times) > lag_scans:
+                first = len(times) - 1 - lag_scans
+                collected.add_paths(histories.paths(smooth=True, since_scan=first), first, first)
         on_scan()
-    if tracker.glmb.histories is not None:
-        collected.states = {t: {} for t in collected.states}
-        for path in tracker.glmb.histories.paths(smooth=estimator == "smoothed", lag_scans=lag_scans):
-            for t, mean, cov in zip(path.t_ns.tolist(), path.mean, path.cov, strict=True):
-                collected.states[t][path.label] = mean, cov
+    if histories is not None:
+        first = 0 if lag_scans is None else max(0, len(times) - lag_scans)
+        collected.add_paths(histories.paths(smooth=estimator == "smoothed"), first, len(times) - 1)
     return collected.track_set(tracker.glmb.late_scans, tracker.glmb.bad_detections)
 
 
@@ -292,6 +306,15 @@ class _Collected:
     def __init__(self) -> None:
         self.states: dict[int, States] = {}
         self.existence: dict[int, dict[Label, float]] = {}
+
+    def add_paths(self, paths: Iterable[Path], first: int, last: int) -> None:
+        """Replace the states at scans `first` to `last` by those of paths."""
+        for path in paths:
+            begin = max(first - int(path.scan[0]), 0)
+            end = max(last + 1 - int(path.scan[0]), 0)
+            rows = zip(path.t_ns[begin:end].tolist(), path.mean[begin:], path.cov[begin:], strict=False)
+            for t_ns, mean, cov in rows:
+                self.states[t_ns][path.label] = mean, cov
 
     def track_set(self, late_scans: int, bad_detections: int) -> TrackSet:
         times: dict[Label, list[int]] = {}

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -38,8 +39,9 @@ _ORDER: Final = [0, 2, 1, 3]
 class StoneSoupTracker(Tracker):  # type: ignore[misc]
     """GLMB tracker as a Stone Soup `Tracker`: filtered estimates, scan by scan.
 
-    The result is a set of tracks at each time, each extended while the object is estimated. A track's `id` is
-    its label: scan of its birth, and number of its birth component.
+    The result is a set of tracks at each time. A track's `id` is its label: scan of its birth, and number of
+    its birth component. Stone Soup's metrics need tracks without gaps: an object that is not estimated for a
+    scan goes on as another track of the same id.
     """
 
     detector: Any = Property(doc="Iterable of (datetime, set of Detection).")
@@ -49,14 +51,13 @@ class StoneSoupTracker(Tracker):  # type: ignore[misc]
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._tracker = BatchTracker(self.model)
-        self._known: dict[Label, Any] = {}
-        self._now: set[Any] = set()
+        self._now: dict[Label, Any] = {}
         self._detections: Iterator[tuple[datetime, set[Any]]] | None = None
 
     @property
     def tracks(self) -> set[Any]:
         """Tracks that exist at the last time."""
-        return self._now
+        return set(self._now.values())
 
     def __iter__(self) -> StoneSoupTracker:
         """Begin with the detector's first detections."""
@@ -69,12 +70,11 @@ class StoneSoupTracker(Tracker):  # type: ignore[misc]
             self._detections = iter(self.detector)
         time, detections = next(self._detections)
         states = self._tracker.update(SensorScan(t_ns_of(time), self.sensor, _positions(detections)))
-        if states is None:
-            return time, self._now
-        for label, (mean, cov) in states.items():
-            self._known.setdefault(label, Track(id=_name(label))).append(_state(mean, cov, time))
-        self._now = {self._known[label] for label in states}
-        return time, self._now
+        if states is not None:
+            self._now = {label: self._now.get(label) or Track(id=_name(label)) for label in states}
+            for label, (mean, cov) in states.items():
+                self._now[label].append(_state(mean, cov, time))
+        return time, self.tracks
 
 
 def to_arrays(detector: Iterable[tuple[datetime, set[Any]]]) -> tuple[list[FloatArray], FloatArray]:
@@ -107,14 +107,16 @@ def positions_m(
 
 
 def to_tracks(tracks: TrackSet) -> set[Any]:
-    """Return trajectories as Stone Soup tracks of Gaussian states."""
-    return {
-        Track(
-            [_state(m, c, time_of(t)) for t, m, c in zip(one.t_ns.tolist(), one.mean, one.cov, strict=True)],
-            id=_name(one.label),
-        )
-        for one in tracks.trajectories
-    }
+    """Return trajectories as Stone Soup tracks of Gaussian states, one for each part without a gap."""
+    found = set()
+    for one in tracks.trajectories:
+        states = [
+            _state(m, c, time_of(t)) for t, m, c in zip(one.t_ns.tolist(), one.mean, one.cov, strict=True)
+        ]
+        gaps = np.flatnonzero(np.diff(np.searchsorted(tracks.t_ns, one.t_ns)) > 1) + 1
+        edges = [0, *gaps.tolist(), len(states)]
+        found |= {Track(states[a:b], id=_name(one.label)) for a, b in pairwise(edges)}
+    return found
 
 
 def to_ground_truth(

@@ -43,15 +43,13 @@ def main() -> None:
         loaded = [
             replace(d, model=replace(d.model, params=replace(d.model.params, **override))) for d in loaded
         ]
-        for estimator in ("filtered", "recovered", "smoothed"):
+        for estimator, lag in (("filtered", None), ("recovered", None), ("smoothed", 3), ("smoothed", None)):
+            tracked = (track_detections(d, estimator, lag_scans=lag, clock=time.process_time) for d in loaded)
             rows = np.array(
-                [
-                    astuple(score(d, track_detections(d, estimator, clock=time.process_time))[0])
-                    for d in loaded
-                ],
-                dtype=float,
+                [astuple(score(d, one)[0]) for d, one in zip(loaded, tracked, strict=True)], dtype=float
             )
-            print(f"{difficulty} {estimator}: {len(rows)} sets; mean ± spread, ± error of the mean")
+            late = "" if lag is None else f", {lag} scans late"
+            print(f"{difficulty} {estimator}{late}: {len(rows)} sets; mean ± spread, ± error of the mean")
             error = rows.std(axis=0, ddof=1) / np.sqrt(len(rows))
             for name, mean, spread, sure in zip(names, rows.mean(0), rows.std(0), error, strict=True):
                 print(f"    {name:24s}{mean:8.2f} ± {spread:.2f}   ± {sure:.2f}")

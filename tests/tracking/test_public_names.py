@@ -74,6 +74,26 @@ def test_the_trajectories_are_those_of_the_tracker_used_scan_by_scan():
     assert gospa(np.array(list(last.values()))[:, :2], truth(29)).missed == 0
 
 
+@pytest.mark.parametrize("lag", [0, 3])
+def test_estimates_with_a_lag_use_no_later_detection(lag):
+    scans = made_scans()
+    whole = track(scans, np.arange(30.0), RADAR, MODEL, lag_scans=lag).positions_m()
+    for k in (4, 9, 17, 24):
+        known = track(scans[: k + lag + 1], np.arange(k + lag + 1.0), RADAR, MODEL, lag_scans=lag)
+        at = known.positions_m()[k]
+        assert at.keys() == whole[k].keys()
+        assert all(at[label].tolist() == whole[k][label].tolist() for label in at)
+
+
+def test_a_longer_lag_is_more_accurate_than_filtering():
+    def error_m(**how):
+        at = track(made_scans(), np.arange(30.0), RADAR, MODEL, **how).positions_m()
+        points = [np.reshape(list(found.values()), (-1, 2)) for found in at]
+        return np.mean([ospa(found, truth(k)).total_m for k, found in enumerate(points)])
+
+    assert error_m() <= error_m(lag_scans=3) < error_m(estimator="filtered")
+
+
 def test_two_sensors_at_one_time_are_one_epoch():
     scans = [z_m for pair in zip(made_scans(seed=1), made_scans(seed=2), strict=True) for z_m in pair]
     west = Sensor("west", *[getattr(RADAR, name) for name in RADAR.__slots__[1:]])
@@ -91,6 +111,10 @@ WRONG = {
     "noise as a number": (
         {"sensor": Sensor("x", 0.9, 1e-6, np.array(5.0), RADAR.field_of_view_m)},
         "noise_cov_m2 of sensor x: expected shape (2, 2)",
+    ),
+    "a lag of filtered estimates": (
+        {"estimator": "filtered", "lag_scans": 3},
+        "lag_scans: expected at least 0",
     ),
     "no such estimator": ({"estimator": "best"}, "expected one of filtered, recovered, smoothed, got 'best'"),
 }

@@ -1,6 +1,7 @@
 """A user of Stone Soup runs our tracker in their framework and scores both sides by both kinds of metrics."""
 
 import datetime
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from stonesoup.tracker.base import Tracker
 from stonesoup.types.detection import Detection
 from stonesoup.types.state import State
 
-from gcs.tracking import GlmbParams, Sensor, TrackingModel, ospa, track
+from gcs.tracking import GlmbParams, Sensor, TrackingModel, Trajectory, ospa, track
 from gcs.tracking.stonesoup_adapter import (
     StoneSoupTracker,
     positions_m,
@@ -107,6 +108,15 @@ def test_their_metrics_score_our_tracks_as_our_metric_does(scans):
     ]
     np.testing.assert_allclose(theirs, mine, rtol=1e-6)
     assert scores["siap"]["SIAP Completeness"].value > 0.9
+
+
+def test_a_gap_in_a_trajectory_makes_two_tracks_of_one_id():
+    whole = track([], [], RADAR, MODEL)
+    t_ns = np.arange(4) * 10**9
+    one = Trajectory((1, 0), t_ns[[0, 1, 3]], np.zeros((3, 4)), np.zeros((3, 4, 4)), np.ones(3))
+    tracks = to_tracks(replace(whole, t_ns=t_ns, trajectories=(one,)))
+    assert sorted(len(part) for part in tracks) == [1, 2]
+    assert {part.id for part in tracks} == {"1.0"}
 
 
 def test_their_tracks_and_truth_feed_our_metrics(scans):

@@ -48,7 +48,11 @@ def track(
     ] = "recovered",
     lag_scans: Annotated[
         int | None,
-        typer.Option(min=0, help="Fixed lag of the smoother, in scans.  [default: all detections]"),
+        typer.Option(
+            min=0,
+            help="Fixed lag of smoothed estimates, in scans: each state as known so many scans later, from "
+            "the detections up to then.  [default: all detections]",
+        ),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of the result, such as tracks.png.")] = None,
     as_json: JsonOption = False,

@@ -172,7 +172,7 @@ def track_detections(
     advance
         Called after each scan.
     lag_scans
-        Fixed lag of the smoother; None: all detections.
+        As for `gcs.tracking.track`.
     clock
         Time in seconds, for the time of a scan.
     """
