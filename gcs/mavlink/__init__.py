@@ -30,4 +30,84 @@ In reading order:
 `autopilots.preflight_parameters`  parameters that the preflight check reads, and their ranges
 `router.router`                    routes between vehicles and other ground stations
 =================================  ======================================================================
+
+The names in `__all__` are the public interface (`docs/library.md`), imported at first use.
 """
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from gcs.endpoints import Link, parse_endpoint
+    from gcs.mavlink.autopilots import ARDUPLANE, PX4, AutopilotProfile
+    from gcs.mavlink.fleet.mode_authority import ModeAuthority
+    from gcs.mavlink.frames.codec import Encoder, Frame, FrameTable, decode, scan, target_of
+    from gcs.mavlink.frames.stream import FrameStream
+    from gcs.mavlink.mission.item_builder import build_items
+    from gcs.mavlink.mission.items import Home, Item, item_of
+    from gcs.mavlink.mission.upload import Upload
+    from gcs.mavlink.mission.upload_limits import UploadPolicy
+    from gcs.mavlink.mission.upload_stages import Event, OnboardState, UploadResult
+    from gcs.mavlink.mission.upload_state import UploadState
+    from gcs.mavlink.mission.uploads import list_upload, mission_upload
+    from gcs.mavlink.router.router import Routed, Router
+    from gcs.model import Mission, Waypoint
+
+__all__ = [
+    "ARDUPLANE",
+    "PX4",
+    "AutopilotProfile",
+    "Encoder",
+    "Event",
+    "Frame",
+    "FrameStream",
+    "FrameTable",
+    "Home",
+    "Item",
+    "Link",
+    "Mission",
+    "ModeAuthority",
+    "OnboardState",
+    "Routed",
+    "Router",
+    "Upload",
+    "UploadPolicy",
+    "UploadResult",
+    "UploadState",
+    "Waypoint",
+    "build_items",
+    "decode",
+    "item_of",
+    "list_upload",
+    "mission_upload",
+    "parse_endpoint",
+    "scan",
+    "target_of",
+]
+
+_PARTS: Final = {
+    "gcs.endpoints": ("Link", "parse_endpoint"),
+    "gcs.mavlink.autopilots": ("ARDUPLANE", "PX4", "AutopilotProfile"),
+    "gcs.mavlink.fleet.mode_authority": ("ModeAuthority",),
+    "gcs.mavlink.frames.codec": ("Encoder", "Frame", "FrameTable", "decode", "scan", "target_of"),
+    "gcs.mavlink.frames.stream": ("FrameStream",),
+    "gcs.mavlink.mission.item_builder": ("build_items",),
+    "gcs.mavlink.mission.items": ("Home", "Item", "item_of"),
+    "gcs.mavlink.mission.upload": ("Upload",),
+    "gcs.mavlink.mission.upload_limits": ("UploadPolicy",),
+    "gcs.mavlink.mission.upload_stages": ("Event", "OnboardState", "UploadResult"),
+    "gcs.mavlink.mission.upload_state": ("UploadState",),
+    "gcs.mavlink.mission.uploads": ("list_upload", "mission_upload"),
+    "gcs.mavlink.router.router": ("Routed", "Router"),
+    "gcs.model": ("Mission", "Waypoint"),
+}
+_MODULES: Final = {name: module for module, names in _PARTS.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name at first use (PEP 562)."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_MODULES[name]), name)

@@ -1,5 +1,6 @@
 """Motion planning for a team of fixed-wing vehicles: grid search, assignment, flyable routes.
 
+`plan_swarm` plans a team on an occupancy grid, arrays in and out (`docs/library.md`).
 `plan_mission` takes `MissionInputs` and returns a `PlanResult`: routes in altitude layers, for the engine,
 `gcs plan` and the preflight check. Its first part, `plan_routes`, takes a `Grid`, the `AgentState` of each
 vehicle and the targets.
@@ -8,6 +9,7 @@ The package is pure: no I/O, no clock, no random numbers.
 Reading order:
 
 1. `planner_inputs`: inputs of the planner. `planner`: the stages of one plan.
+   `swarm_plan`: the same in arrays.
 2. `map`: obstacle grid, polygons, exact line of sight, clearance-shifted nodes.
 3. `search`: eight-neighbour moves, canonical ordering (jump-point pruning), A*, one-to-all Dijkstra, and the
    cost matrix of all agent-target pairs.
@@ -29,19 +31,24 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gcs.planning.map.grid import Grid
+    from gcs.planning.plan_notes import PlanNote
     from gcs.planning.planner import PlanResult, plan_mission, plan_routes
     from gcs.planning.planner_inputs import AgentState, LoiterSpec, MissionInputs, PlanOptions, TargetDemand
+    from gcs.planning.swarm_plan import SwarmPlan, plan_swarm
 
 __all__ = [
     "AgentState",
     "Grid",
     "LoiterSpec",
     "MissionInputs",
+    "PlanNote",
     "PlanOptions",
     "PlanResult",
+    "SwarmPlan",
     "TargetDemand",
     "plan_mission",
     "plan_routes",
+    "plan_swarm",
 ]
 
 _MODULES = {
@@ -49,11 +56,14 @@ _MODULES = {
     "Grid": "map.grid",
     "LoiterSpec": "planner_inputs",
     "MissionInputs": "planner_inputs",
+    "PlanNote": "plan_notes",
     "PlanOptions": "planner_inputs",
     "PlanResult": "planner",
+    "SwarmPlan": "swarm_plan",
     "TargetDemand": "planner_inputs",
     "plan_mission": "planner",
     "plan_routes": "planner",
+    "plan_swarm": "swarm_plan",
 }
 
 

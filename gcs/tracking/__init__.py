@@ -2,6 +2,7 @@
 
 Reading order:
 
+- `batch` (`track`): a whole data set, in arrays.
 - `glmb.filter` (`Glmb`), `glmb.params` (`GlmbParams`, `Birth`): the tracker and its parameters.
 - `glmb.recursion`: the equations of the filter, and the steps of a scan.
 - `glmb.kalman`, `glmb.gating`, `glmb.joint_association`, `glmb.scan_update`: prediction, association, update.
@@ -12,33 +13,67 @@ Reading order:
 - `metrics`: OSPA, OSPA(2), GOSPA and others.
 - `numerics`: sorting, exponentials and logarithms for kernels.
 
-The names below are the public interface. They are imported at first use: `Glmb` imports numba.
+The names in `__all__` are the public interface (`docs/library.md`). They are imported at first use: `Glmb`
+imports numba.
 """
 
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 if TYPE_CHECKING:
-    from gcs.model import Sensor
+    from gcs.model import Polar, Sensor
+    from gcs.tracking.batch import SensorScan, TrackingModel, TrackSet, Trajectory, track, track_scans
+    from gcs.tracking.glmb.extraction import Estimates
     from gcs.tracking.glmb.filter import Glmb
     from gcs.tracking.glmb.params import Birth, GlmbParams
-    from gcs.tracking.metrics import gospa, ospa
+    from gcs.tracking.metrics import cardinality_error, gospa, identity_switches, ospa, ospa2
+    from gcs.tracking.models.sensor_geometry import map_coordinates, polar_sensor, sector
 
-__all__ = ["Birth", "Glmb", "GlmbParams", "Sensor", "gospa", "ospa"]
+Estimator: TypeAlias = Literal["filtered", "recovered", "smoothed"]
+"""Estimates at each scan; whole paths afterwards; or smoothed paths (see `batch`)."""
 
-_MODULES = {
-    "Birth": "gcs.tracking.glmb.params",
-    "Glmb": "gcs.tracking.glmb.filter",
-    "GlmbParams": "gcs.tracking.glmb.params",
-    "Sensor": "gcs.model",
-    "gospa": "gcs.tracking.metrics",
-    "ospa": "gcs.tracking.metrics",
-}
+__all__ = [
+    "Birth",
+    "Estimates",
+    "Estimator",
+    "Glmb",
+    "GlmbParams",
+    "Polar",
+    "Sensor",
+    "SensorScan",
+    "TrackSet",
+    "TrackingModel",
+    "Trajectory",
+    "cardinality_error",
+    "gospa",
+    "identity_switches",
+    "map_coordinates",
+    "ospa",
+    "ospa2",
+    "polar_sensor",
+    "sector",
+    "track",
+    "track_scans",
+]
+
+_PARTS: Final = {
+    "gcs.model": ("Polar", "Sensor"),
+    "gcs.tracking.batch": (
+        "SensorScan", "TrackSet", "TrackingModel", "Trajectory", "track", "track_scans",
+    ),
+    "gcs.tracking.glmb.extraction": ("Estimates",),
+    "gcs.tracking.glmb.filter": ("Glmb",),
+    "gcs.tracking.glmb.params": ("Birth", "GlmbParams"),
+    "gcs.tracking.metrics": ("cardinality_error", "gospa", "identity_switches", "ospa", "ospa2"),
+    "gcs.tracking.models.sensor_geometry": ("map_coordinates", "polar_sensor", "sector"),
+}  # fmt: skip
+_MODULES: Final = {name: module for module, names in _PARTS.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
+    """Import a public name at first use (PEP 562)."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_MODULES[name]), name)

@@ -15,10 +15,11 @@ from rich.table import Table as Shown
 from gcs.cli.warm_up_progress import LINKS, PLANNING, TRACKING, load_kernels
 from gcs.errors import InterruptedRunError
 from gcs.io.console import console_for
+from gcs.io.parquet import write_parquet
 from gcs.report.run.tables import Table
 from sim_vehicles.campaign.campaign import Campaign, Job, Store, fly_all, fly_on_dask
 from sim_vehicles.campaign.page import failures, overviews, write_report
-from sim_vehicles.campaign.results import groups, write_csv, write_parquet
+from sim_vehicles.campaign.results import groups, write_csv
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,9 @@ def run_montecarlo(options: MontecarloOptions) -> bool:
     key = options.campaign.sweep_key
     write_csv(rows, folder / "results.csv")
     if options.parquet:
-        write_parquet(rows, folder / "results.parquet")
+        fields = [msgspec.to_builtins(row) for row in rows]
+        columns = {name: [row[name] for row in fields] for name in fields[0]}
+        write_parquet(columns, folder / "results.parquet")
     with console.status("writing the report"):
         page = write_report(found, rows, key, options.campaign.settings, folder)
     for table in overviews(found, key):

@@ -237,22 +237,3 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
                 writer.writerow([" ".join(map(str, v)) if isinstance(v, list) else v for v in values])
     except OSError as error:
         raise RecordingError(str(path), f"cannot be written: {error.strerror}") from None
-
-
-def write_parquet(rows: Sequence[Row], path: Path) -> None:
-    """Write one row per mission as Parquet.
-
-    Raises
-    ------
-    RecordingError
-        If pyarrow is not installed or the file cannot be written.
-    """
-    try:
-        from pyarrow import Table
-        from pyarrow.parquet import write_table
-    except ImportError:
-        raise RecordingError(str(path), "needs pyarrow: pip install 'swarm-gcs[campaign]'") from None
-    try:
-        write_table(Table.from_pylist([msgspec.to_builtins(row) for row in rows]), path)
-    except OSError as error:
-        raise RecordingError(str(path), f"cannot be written: {error}") from None

@@ -19,7 +19,8 @@ from baselines import NearestNeighbourTracker, TrueAssociationTracker
 from rich.console import Console
 
 from gcs.cli.analyse.track import Estimator
-from gcs.cli.analyse.track_run import Scores, States, Tracked, score, score_rows, track_detections
+from gcs.cli.analyse.track_run import track_detections
+from gcs.cli.analyse.track_scores import Scores, States, Tracked, score, score_rows
 from gcs.cli.warm_up_progress import HISTORIES, TRACKING, load_kernels
 from gcs.io.detections.readers import Detections, load
 
@@ -36,9 +37,10 @@ def track_baseline(
     "recovered" and "smoothed" are whole paths of confirmed tracks, from the first to the last detection, as
     are all estimates of true association.
     """
-    anywhere, params = detections.anywhere, detections.params
-    nearest = NearestNeighbourTracker(params, anywhere.speed_std_m_s if anywhere.per_s > 0.0 else None)
-    true = TrueAssociationTracker(params, anywhere.speed_std_m_s)
+    model = detections.model
+    speed_std_m_s = model.birth_speed_std_m_s
+    nearest = NearestNeighbourTracker(model.params, speed_std_m_s if model.births_per_s > 0.0 else None)
+    true = TrueAssociationTracker(model.params, speed_std_m_s)
     tracker = nearest if baseline == "nearest" else true
     states: dict[int, States] = {k: {} for k in detections.scan_numbers.values()}
     number_of_scan: list[int] = []
@@ -46,10 +48,10 @@ def track_baseline(
     for scan in detections.scans:
         begin = time.perf_counter()
         if baseline == "nearest":
-            nearest.update(scan.t_ns, scan.z_m, scan.sensor, detections.births)
+            nearest.update(scan.t_ns, scan.z_m, scan.sensor, model.births)
         else:
             assert scan.origin is not None
-            true.update(scan.t_ns, scan.z_m, scan.sensor, detections.births, scan.origin)
+            true.update(scan.t_ns, scan.z_m, scan.sensor, model.births, scan.origin)
         scan_ms.append((time.perf_counter() - begin) * 1e3)
         if tracker.scans > len(number_of_scan):
             number_of_scan.append(detections.scan_numbers[scan.t_ns])

@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 from draws import sets
 
-from gcs.cli.analyse.track_run import Scores, score, track_detections
+from gcs.cli.analyse.track_run import track_detections
+from gcs.cli.analyse.track_scores import Scores, score
 from gcs.io.detections.readers import load
 from gcs.tracking.glmb.filter import warm_up
 
@@ -39,16 +40,16 @@ def main() -> None:
     for difficulty in ("demo", "hard"):
         with sets(arguments.data, difficulty, arguments.fresh, arguments.seed) as paths:
             loaded = [load(path, None, None) for path in paths]
-        loaded = [replace(d, params=replace(d.params, **override)) for d in loaded]
-        for estimator in ("filtered", "recovered", "smoothed"):
+        loaded = [
+            replace(d, model=replace(d.model, params=replace(d.model.params, **override))) for d in loaded
+        ]
+        for estimator, lag in (("filtered", None), ("recovered", None), ("smoothed", 3), ("smoothed", None)):
+            tracked = (track_detections(d, estimator, lag_scans=lag, clock=time.process_time) for d in loaded)
             rows = np.array(
-                [
-                    astuple(score(d, track_detections(d, estimator, clock=time.process_time))[0])
-                    for d in loaded
-                ],
-                dtype=float,
+                [astuple(score(d, one)[0]) for d, one in zip(loaded, tracked, strict=True)], dtype=float
             )
-            print(f"{difficulty} {estimator}: {len(rows)} sets; mean ± spread, ± error of the mean")
+            late = "" if lag is None else f", {lag} scans late"
+            print(f"{difficulty} {estimator}{late}: {len(rows)} sets; mean ± spread, ± error of the mean")
             error = rows.std(axis=0, ddof=1) / np.sqrt(len(rows))
             for name, mean, spread, sure in zip(names, rows.mean(0), rows.std(0), error, strict=True):
                 print(f"    {name:24s}{mean:8.2f} ± {spread:.2f}   ± {sure:.2f}")

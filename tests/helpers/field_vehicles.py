@@ -8,13 +8,15 @@ import selectors
 import socket
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
+from gcs.geo import LocalFrame
 from gcs.io.zenoh.session import free_endpoint
 from sim_vehicles.process_start import VehicleArguments, process_command
 from sim_vehicles.vehicle.vehicle import VehicleSpec
@@ -50,7 +52,14 @@ def field(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     for system_id, north_m, more in ((1, 200.0, {}), (2, 720.0, {"FS_LONG_ACTN": 2.0})):
         spec = VehicleSpec(system_id, 120.0, north_m, math.pi / 2, 100.0, 15.0, parameters=READY | more)
         specs.append(spec)
-    arguments = VehicleArguments(parse(text, "field").local_frame, specs, ("127.0.0.1", port))
+    with vehicle_process(specs, parse(text, "field").local_frame, port):
+        yield path
+
+
+@contextmanager
+def vehicle_process(specs: Sequence[VehicleSpec], frame: LocalFrame, port: int) -> Iterator[None]:
+    """Fly vehicles in a process of their own, which send to a UDP port of this machine."""
+    arguments = VehicleArguments(frame, specs, ("127.0.0.1", port))
     command = process_command("vehicle.process", arguments)
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdin is not None
@@ -62,6 +71,8 @@ def field(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     now_ns = time.time_ns()
     process.stdin.write(json.dumps({"epoch_ns": now_ns, "start_t_ns": now_ns, "speed": 1.0}) + "\n")
     process.stdin.flush()
-    yield path
-    process.kill()
-    process.communicate()
+    try:
+        yield
+    finally:
+        process.kill()
+        process.communicate()

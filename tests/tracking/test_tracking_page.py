@@ -35,13 +35,14 @@ def test_the_model_on_the_page_is_one_with_all_its_optional_keys_as_well(tmp_pat
     (tmp_path / "model.toml").write_text(model)
     (tmp_path / "set.csv").write_text("k,x,y\n1,400.0,-600.0\n")
     found = load(tmp_path / "set.csv", tmp_path / "model.toml", None)
-    assert [birth.probability for birth in found.births] == [0.03]
-    assert found.anywhere.per_s == (0.1 if optional else 0.0)
+    assert [birth.probability for birth in found.model.births] == [0.03]
+    assert found.model.births_per_s == (0.1 if optional else 0.0)
 
 
 def test_the_sensors_and_the_table_on_the_page_fit_each_other(tmp_path):
     (table,) = (text for text in blocks("") if text.startswith("t_s,sensor"))
     model = "accel_psd_m2_s3 = 1.0\nsurvival_probability = 0.99\n" + blocks("toml")[1]
+    model += "[anywhere]\nper_s = 0.1\n"
     (tmp_path / "model.toml").write_text(model)
     (tmp_path / "set.csv").write_text(table)
     scans = load(tmp_path / "set.csv", tmp_path / "model.toml", None).scans

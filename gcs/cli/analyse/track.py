@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated
 
 import typer
 
 from gcs.cli.arguments import JsonOption, command_app
 from gcs.cli.errors import exit_on_error
 from gcs.io.console import console_for
+from gcs.tracking import Estimator
 
 app = command_app()
-
-Estimator: TypeAlias = Literal["filtered", "recovered", "smoothed"]
 
 
 @app.command()
 def track(
-    file: Annotated[
-        Path,
+    files: Annotated[
+        list[Path],
         typer.Argument(
-            help="Detections: NPZ, or CSV with k,x,y or t_s,sensor,range_m,bearing_deg; or a recording."
+            metavar="FILE...",
+            help="Detections: NPZ, or CSV with k,x,y or t_s,sensor,range_m,bearing_deg; or a recording. Of "
+            "several files the scores are given as mean, deviation and 95 % interval.",
         ),
     ],
     model: Annotated[
@@ -30,7 +31,9 @@ def track(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="CSV of the estimates: k,label,x,y,vx,vy,…"),
+        typer.Option(
+            "--out", "-o", help="CSV or Parquet (by its ending) of the estimates: k,label,x,y,vx,vy,…"
+        ),
     ] = None,
     truth: Annotated[
         Path | None,
@@ -45,7 +48,11 @@ def track(
     ] = "recovered",
     lag_scans: Annotated[
         int | None,
-        typer.Option(min=0, help="Fixed lag of the smoother, in scans.  [default: all detections]"),
+        typer.Option(
+            min=0,
+            help="Fixed lag of smoothed estimates, in scans: each state as known so many scans later, from "
+            "the detections up to then.  [default: all detections]",
+        ),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of the result, such as tracks.png.")] = None,
     as_json: JsonOption = False,
@@ -56,6 +63,6 @@ def track(
     """
     from gcs.cli.analyse.track_run import TrackOptions, run_track
 
-    options = TrackOptions(file, model, truth, estimator, lag_scans, out, plot, as_json)
+    options = TrackOptions(tuple(files), model, truth, estimator, lag_scans, out, plot, as_json)
     with exit_on_error():
         run_track(options, console_for(stderr=as_json))

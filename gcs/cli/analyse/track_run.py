@@ -1,8 +1,6 @@
 """`gcs track`: tracking of recorded detections, scores, output files and picture.
 
-The estimators use the same filter. "filtered" is the estimate at each scan. "recovered" are whole paths from
-the association histories, each state from the detections up to it. "smoothed" are these paths from all
-detections (see `gcs.tracking.trajectories.recovery`).
+`gcs.tracking.batch` tracks.
 """
 
 from __future__ import annotations
@@ -10,10 +8,10 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 from rich.console import Console
@@ -21,30 +19,27 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from gcs.cli.analyse.info import reading_progress
-from gcs.cli.analyse.track import Estimator
+from gcs.cli.analyse.track_scores import Scores, States, Tracked, score, score_rows, spread_of, spread_rows
 from gcs.cli.arguments import check_picture
 from gcs.cli.warm_up_progress import HISTORIES, TRACKING, load_kernels
 from gcs.errors import ConfigError, RecordingError
 from gcs.io.detections.readers import Detections, load
+from gcs.io.parquet import write_parquet
 from gcs.io.recording.mcap_file import recording_bytes
-from gcs.model import FloatArray, Label
+from gcs.model import FloatArray, IntArray, Label
 from gcs.report.plots.track_figure import TrackingDrawing, draw_tracking
-from gcs.tracking.glmb.filter import Birth, Glmb
-from gcs.tracking.metrics import Tracks, cardinality_error, gospa, identity_switches, ospa, ospa2
-from gcs.tracking.models.adaptive_birth import AdaptiveBirth
+from gcs.tracking import Estimator
+from gcs.tracking.batch import SensorScan, track_scans
 
-States: TypeAlias = dict[Label, FloatArray]
-"""State (4,) by label at one scan."""
-
-OSPA2_WINDOW_SCANS: Final = 10
-_SEED: Final = 1
+_CSV_FORMATS: Final = dict.fromkeys(("x", "y", "vx", "vy"), ".4f") | {"existence": ".6f"}
 
 
 @dataclass(frozen=True, slots=True)
 class TrackOptions:
     """The options of `gcs track`."""
 
-    path: Path
+    paths: tuple[Path, ...]
+    """One or more."""
     model: Path | None
     truth: Path | None
     estimator: Estimator
@@ -52,33 +47,6 @@ class TrackOptions:
     out: Path | None
     plot: Path | None
     as_json: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Tracked:
-    """Estimates of all scans."""
-
-    states: dict[int, States]
-    """By scan number k."""
-    existence: dict[int, dict[Label, float]]
-    """Existence probability by scan number and label."""
-    scan_ms: list[float]
-    late_scans: int
-    bad_detections: int
-
-
-@dataclass(frozen=True, slots=True)
-class Scores:
-    """Scores of the estimates; None without ground truth."""
-
-    scans: int
-    ospa_mean_m: float | None
-    ospa2_mean_m: float | None
-    gospa_mean_m: float | None
-    cardinality_error_mean: float | None
-    id_switches: int | None
-    scan_ms_mean: float
-    scan_ms_p99: float
 
 
 def run_track(options: TrackOptions, console: Console) -> None:
@@ -92,29 +60,71 @@ def run_track(options: TrackOptions, console: Console) -> None:
     check_picture(options.plot)
     if options.lag_scans is not None and options.estimator != "smoothed":
         raise ConfigError("--lag-scans", "", "is for smoothed paths: expected --estimator smoothed with it")
+    if len(options.paths) > 1:
+        for option, path in (("-o", options.out), ("--plot", options.plot), ("--truth", options.truth)):
+            if path is not None:
+                raise ConfigError(str(path), option, f"is for one file: got {len(options.paths)} files")
+        _run_several(options, console)
+    else:
+        _run_one(options, console)
+
+
+def _run_one(options: TrackOptions, console: Console) -> None:
+    (path,) = options.paths
     _check_outputs(options)
-    detections = _load_detections(options, console)
-    if not detections.births and detections.anywhere.per_s <= 0.0:
-        where = str(options.model or options.path)
-        raise ConfigError(where, "births", "expected birth components, or anywhere.per_s > 0")
+    detections = _load_detections(path, options, console)
     load_kernels(console, TRACKING, HISTORIES)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("tracking", total=len(detections.scans))
-        tracked = track_detections(
-            detections, options.estimator, lambda: progress.advance(task), options.lag_scans
-        )
+    tracked = _track_with_progress(detections, options, console)
     scores, per_scan = score(detections, tracked)
     if options.out is not None:
         _write(options.out, tracked, detections)
     if options.plot is not None:
         with console.status("drawing"):
-            _draw(options, detections, tracked, scores, per_scan)
+            _draw(options.plot, f"{path.name}, {options.estimator}", detections, tracked, scores, per_scan)
     _print_result(options, tracked, scores, console)
-    for remark in detections.remarks:
-        console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
+    _print_remarks(detections.remarks, console)
     if options.as_json:
-        print(json.dumps(asdict(scores) | {"remarks": list(detections.remarks)}), flush=True)  # noqa: T201  the output of --json
+        _print_json(asdict(scores) | {"remarks": list(detections.remarks)})
+
+
+def _run_several(options: TrackOptions, console: Console) -> None:
+    """Track each file by itself; print the spread of the scores over the files."""
+    load_kernels(console, TRACKING, HISTORIES)
+    scores: list[Scores] = []
+    remarks: list[str] = []
+    for path in options.paths:
+        detections = _load_detections(path, options, console)
+        scores.append(score(detections, _track_with_progress(detections, options, console))[0])
+        remarks += [f"{path}: {text}" for text in detections.remarks]
+    spread = spread_of(scores)
+    table = Table("", "mean", "deviation", "95 % interval of the mean")
+    table.title = f"{len(scores)} files, {options.estimator}"
+    for row in spread_rows(spread):
+        table.add_row(*row)
+    console.print(table)
+    _print_remarks(remarks, console)
+    if options.as_json:
+        files = [{"file": str(path)} | asdict(one) for path, one in zip(options.paths, scores, strict=True)]
+        figures = {name: None if one is None else asdict(one) for name, one in spread.items()}
+        _print_json({"files": files, "spread": figures, "remarks": remarks})
+
+
+def _track_with_progress(detections: Detections, options: TrackOptions, console: Console) -> Tracked:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("tracking", total=len(detections.scans))
+        return track_detections(
+            detections, options.estimator, lambda: progress.advance(task), options.lag_scans
+        )
+
+
+def _print_remarks(remarks: Sequence[str], console: Console) -> None:
+    for remark in remarks:
+        console.print(remark, style="yellow", highlight=False, markup=False, soft_wrap=True)
+
+
+def _print_json(result: Mapping[str, Any]) -> None:
+    print(json.dumps(result), flush=True)  # noqa: T201  the output of --json
 
 
 def _check_outputs(options: TrackOptions) -> None:
@@ -135,16 +145,17 @@ def _check_outputs(options: TrackOptions) -> None:
 
 
 def _inputs(options: TrackOptions) -> list[tuple[str, Path]]:
-    detections = options.path / "run.mcap" if options.path.is_dir() else options.path
+    (path,) = options.paths
+    detections = path / "run.mcap" if path.is_dir() else path
     named = (("the file of detections", detections), ("--model", options.model), ("--truth", options.truth))
     return [(role, path) for role, path in named if path is not None]
 
 
-def _load_detections(options: TrackOptions, console: Console) -> Detections:
-    if not options.path.is_dir() and options.path.suffix != ".mcap":
-        return load(options.path, options.model, options.truth)
-    with reading_progress(console, options.path, recording_bytes(options.path)) as advance:
-        return load(options.path, options.model, options.truth, advance)
+def _load_detections(path: Path, options: TrackOptions, console: Console) -> Detections:
+    if not path.is_dir() and path.suffix != ".mcap":
+        return load(path, options.model, options.truth)
+    with reading_progress(console, path, recording_bytes(path)) as advance:
+        return load(path, options.model, options.truth, advance)
 
 
 def track_detections(
@@ -161,91 +172,32 @@ def track_detections(
     advance
         Called after each scan.
     lag_scans
-        Fixed lag of the smoother; None: all detections.
+        As for `gcs.tracking.track`.
     clock
         Time in seconds, for the time of a scan.
     """
-    anywhere = detections.anywhere
-    params = detections.params
-    tracker = Glmb(
-        "targets",
-        params,
-        _SEED,
-        keep_histories=estimator != "filtered",
-        summarise_detections=anywhere.per_s > 0.0,
-    )
-    unknown = AdaptiveBirth(
-        anywhere.per_s, anywhere.speed_std_m_s, anywhere.max_probability, params.process_noise
-    )
-    places = detections.births
-    states: dict[int, States] = {k: {} for k in detections.scan_numbers.values()}
-    existence: dict[int, dict[Label, float]] = {k: {} for k in states}
-    number_of_scan: list[int] = []
     scan_ms: list[float] = []
-    for scan in detections.scans:
-        k = detections.scan_numbers[scan.t_ns]
-        is_same_epoch = bool(number_of_scan) and number_of_scan[-1] == k
-        begin = clock()
-        # Components keep their numbers: a second scan at one epoch has no births.
-        births = tuple(replace(place, probability=0.0) for place in places) if is_same_epoch else places
-        if anywhere.per_s > 0.0:
-            births = (*births, *unknown.births(scan.t_ns))
-        tracker.update(scan.t_ns, scan.z_m, scan.sensor, births)
-        if tracker.detection_summary is not None:
-            unknown.add_scan(scan.t_ns, scan.z_m, scan.sensor, tracker.detection_summary.explained)
-        found = tracker.estimates()
+    begin = 0.0
+
+    def timed_scans() -> Iterator[SensorScan]:
+        nonlocal begin
+        for scan in detections.scans:
+            begin = clock()
+            yield scan
+
+    def end_scan() -> None:
         scan_ms.append((clock() - begin) * 1e3)
         advance()
-        if tracker.scans == len(number_of_scan):
-            continue  # Refused as late.
-        number_of_scan.append(k)
-        labels = [(born, place) for born, place in found.label.tolist()]
-        states[k] = {labels[i]: found.mean[i] for i in np.flatnonzero(found.estimated)}
-        existence[k] = dict(zip(labels, found.existence.tolist(), strict=True))
-        if detections.birth_again_probability is not None:
-            places = _renew_births(places, states[k], detections.birth_again_probability)
-    if tracker.histories is not None:
-        states = {k: {} for k in states}
-        for path in tracker.histories.paths(smooth=estimator == "smoothed", lag_scans=lag_scans):
-            for n, mean in zip(path.scan, path.mean, strict=True):
-                states[number_of_scan[n]][path.label] = mean
-    return Tracked(states, existence, scan_ms, tracker.late_scans, tracker.bad_detections)
 
-
-def _renew_births(places: tuple[Birth, ...], states: States, probability: float) -> tuple[Birth, ...]:
-    """Set the probability of components that had a birth; return the same tuple if nothing changes."""
-    used = {place for _, place in states if place < len(places) and places[place].probability != probability}
-    if not used:
-        return places
-    return tuple(replace(p, probability=probability) if i in used else p for i, p in enumerate(places))
-
-
-def score(detections: Detections, tracked: Tracked) -> tuple[Scores, FloatArray]:
-    """Return the scores, and for each scan with ground truth OSPA (m), found and true number (n, 3)."""
-    times = tracked.scan_ms or [0.0]
-    speed = (float(np.mean(times)), float(np.percentile(times, 99)))
-    scored = [k for k in tracked.states if k in detections.truth]
-    if not scored:
-        return Scores(len(tracked.states), None, None, None, None, None, *speed), np.empty((0, 3))
-    found = [{label: state[:2] for label, state in tracked.states[k].items()} for k in scored]
-    true = [detections.truth[k] for k in scored]
-    near = [ospa(_points(x), _points(y)).total_m for x, y in zip(found, true, strict=True)]
-    windows = [slice(max(0, k - OSPA2_WINDOW_SCANS + 1), k + 1) for k in range(len(scored))]
-    scores = Scores(
-        len(tracked.states),
-        float(np.mean(near)),
-        float(np.mean([ospa2(found[w], true[w]).total_m for w in windows])),
-        float(np.mean([gospa(_points(x), _points(y)).total_m for x, y in zip(found, true, strict=True)])),
-        cardinality_error(found, true),
-        identity_switches(found, true),
-        *speed,
-    )
-    counts = [(len(x), len(y)) for x, y in zip(found, true, strict=True)]
-    return scores, np.column_stack([near, counts])
-
-
-def _points(tracks: Tracks[Label] | Tracks[object]) -> FloatArray:
-    return np.reshape(list(tracks.values()), (-1, 2))
+    found = track_scans(timed_scans(), detections.model, estimator, lag_scans, end_scan)
+    states: dict[int, States] = {k: {} for k in detections.scan_numbers.values()}
+    existence: dict[int, dict[Label, float]] = {k: {} for k in states}
+    for one in found.trajectories:
+        for t_ns, mean, probability in zip(one.t_ns.tolist(), one.mean, one.existence.tolist(), strict=True):
+            k = detections.scan_numbers[t_ns]
+            states[k][one.label] = mean
+            existence[k][one.label] = probability
+    return Tracked(states, existence, scan_ms, found.late_scans, found.bad_detections)
 
 
 def _numbers(tracked: Tracked) -> dict[Label, int]:
@@ -254,28 +206,51 @@ def _numbers(tracked: Tracked) -> dict[Label, int]:
     return {label: n for n, label in enumerate(labels, 1)}
 
 
-def _write(path: Path, tracked: Tracked, detections: Detections) -> None:
+def _columns(tracked: Tracked, detections: Detections) -> dict[str, FloatArray | IntArray]:
+    """Return the estimates as a table by columns; without times, k is the only time."""
     number = _numbers(tracked)
-    # Without times, k is the only column.
-    times = {k: f",{t_ns}" if detections.has_times else "" for t_ns, k in detections.scan_numbers.items()}
-    lines = ["k,label,x,y,vx,vy,existence" + (",t_ns" if detections.has_times else "")]
-    for k, states in sorted(tracked.states.items()):
-        for label, state in sorted(states.items()):
-            x, y, vx, vy = state
-            existence = tracked.existence[k].get(label, 0.0)
-            lines.append(f"{k},{number[label]},{x:.4f},{y:.4f},{vx:.4f},{vy:.4f},{existence:.6f}{times[k]}")
+    t_ns = {k: t_ns for t_ns, k in detections.scan_numbers.items()}
+    at = [(k, label) for k, states in sorted(tracked.states.items()) for label in sorted(states)]
+    state = np.reshape([tracked.states[k][label] for k, label in at], (-1, 4))
+    existence = [tracked.existence[k].get(label, 0.0) for k, label in at]
+    columns: dict[str, FloatArray | IntArray] = {
+        "k": np.array([k for k, _ in at], np.int64),
+        "label": np.array([number[label] for _, label in at], np.int64),
+    }
+    columns |= {name: state[:, i] for i, name in enumerate(("x", "y", "vx", "vy"))}
+    columns["existence"] = np.array(existence, np.float64)
+    if detections.has_times:
+        columns["t_ns"] = np.array([t_ns[k] for k, _ in at], np.int64)
+    return columns
+
+
+def _write(path: Path, tracked: Tracked, detections: Detections) -> None:
+    columns = _columns(tracked, detections)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        if path.suffix.lower() == ".parquet":
+            write_parquet(columns, path)
+        else:
+            path.write_text(_csv(columns), encoding="utf-8")
     except OSError as error:
-        raise RecordingError(str(path), f"cannot be written: {error.strerror}") from None
+        raise RecordingError(str(path), f"cannot be written: {error.strerror or error}") from None
+
+
+def _csv(columns: Mapping[str, FloatArray | IntArray]) -> str:
+    formats = [_CSV_FORMATS.get(name, "d") for name in columns]
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    lines = [",".join(format(value, form) for value, form in zip(row, formats, strict=True)) for row in rows]
+    return "\n".join([",".join(columns), *lines]) + "\n"
 
 
 def _draw(
-    options: TrackOptions, detections: Detections, tracked: Tracked, scores: Scores, per_scan: FloatArray
+    plot: Path,
+    title: str,
+    detections: Detections,
+    tracked: Tracked,
+    scores: Scores,
+    per_scan: FloatArray,
 ) -> None:
-    assert options.plot is not None
-    title = f"{options.path.name}, {options.estimator}"
     if scores.ospa_mean_m is not None:
         title += f": OSPA {scores.ospa_mean_m:.1f} m, OSPA(2) {scores.ospa2_mean_m:.1f} m"
     drawing = TrackingDrawing(
@@ -290,17 +265,17 @@ def _draw(
         ospa_m=dict(zip((k for k in tracked.states if k in detections.truth), per_scan[:, 0], strict=True)),
     )
     try:
-        options.plot.parent.mkdir(parents=True, exist_ok=True)
-        draw_tracking(drawing, options.plot)
+        plot.parent.mkdir(parents=True, exist_ok=True)
+        draw_tracking(drawing, plot)
     except OSError as error:
-        raise RecordingError(str(options.plot), f"cannot be written: {error.strerror}") from None
+        raise RecordingError(str(plot), f"cannot be written: {error.strerror}") from None
 
 
 def _print_result(options: TrackOptions, tracked: Tracked, scores: Scores, console: Console) -> None:
     table = Table(show_header=False)
     table.add_column(style="bold")
     table.add_column(overflow="fold")
-    table.add_row("detections", str(options.path))
+    table.add_row("detections", str(options.paths[0]))
     table.add_row("estimator", options.estimator)
     table.add_row("scans", str(scores.scans))
     table.add_row("objects", str(len(_numbers(tracked))))
@@ -312,18 +287,3 @@ def _print_result(options: TrackOptions, tracked: Tracked, scores: Scores, conso
         if path is not None:
             table.add_row(name, str(path))
     console.print(table)
-
-
-def score_rows(scores: Scores) -> list[tuple[str, str]]:
-    """Return name and text of each score."""
-    time_row = ("time per scan", f"{scores.scan_ms_mean:.2f} ms, 99 % {scores.scan_ms_p99:.2f} ms")
-    if scores.ospa_mean_m is None:
-        return [("scores", "none: no ground truth (--truth)"), time_row]
-    return [
-        ("OSPA (c 100 m, p 1)", f"{scores.ospa_mean_m:.2f} m"),
-        (f"OSPA(2), window {OSPA2_WINDOW_SCANS}", f"{scores.ospa2_mean_m:.2f} m"),
-        ("GOSPA (c 50 m, p 2)", f"{scores.gospa_mean_m:.2f} m"),
-        ("cardinality error", f"{scores.cardinality_error_mean:.3f}"),
-        ("identity switches", str(scores.id_switches)),
-        time_row,
-    ]

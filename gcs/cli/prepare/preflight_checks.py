@@ -70,7 +70,7 @@ def run_preflight(
         checks = asyncio.run(
             _run_checks(
                 config,
-                VehicleSession(config, source, PREFLIGHT_MESSAGE_IDS, link),
+                VehicleSession.of_mission(config, source, PREFLIGHT_MESSAGE_IDS, link),
                 scan_listener if sensors else None,
                 wait_s,
                 seed,

@@ -14,7 +14,7 @@ Ground truth is used for the scores only, the true objects of detections for a b
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -48,7 +48,8 @@ from gcs.io.detections.table_files import (
 from gcs.io.detections.truth import TruthRows, read_truth, truth_by_scan, truth_rows
 from gcs.io.zenoh.scans import MAX_DETECTIONS
 from gcs.model import NS_PER_S, BoolArray, FloatArray, IntArray, Scan, Sensor, Truth, read_only
-from gcs.tracking.glmb.filter import Birth, GlmbParams
+from gcs.tracking.batch import SensorScan, TrackingModel
+from gcs.tracking.glmb.params import Birth, GlmbParams
 from gcs.tracking.metrics import Tracks
 
 _MAX_T_NS: Final = 4.2e18
@@ -66,26 +67,10 @@ _MIN_SPAN_NS: Final = 1e6
 
 
 @dataclass(frozen=True, slots=True)
-class SensorScan:
-    """Scan of one sensor, as the tracker gets it."""
-
-    t_ns: int
-    sensor: Sensor
-    z_m: FloatArray
-    origin: FloatArray | None = None
-    """(m,) number of the true object of each detection, 0 for clutter; None if unknown."""
-
-
-@dataclass(frozen=True, slots=True)
 class Detections:
     """Input of the tracker and of its scores."""
 
-    params: GlmbParams
-    births: tuple[Birth, ...]
-    anywhere: AnywhereTable
-    """Adaptive births."""
-    birth_again_probability: float | None
-    """Probability of a birth component after its first birth; None: as before."""
+    model: TrackingModel
     scans: tuple[SensorScan, ...]
     scan_numbers: Mapping[int, int]
     """Number k of each scan, by its time in nanoseconds."""
@@ -123,14 +108,15 @@ def load(
         table = array_table(path, arrays, "meas")
         if true is None and "truth" in arrays:
             true = truth_rows(array_table(path, arrays, "truth"))
-        return _detections(table, npz_model(path, arrays) if model is None else read_model(model), true)
+        found = npz_model(path, arrays) if model is None else read_model(model)
+        return _detections(table, found, str(model or path), true)
     table = read_csv(path, DETECTION_TITLES)
     if model is None:
         raise ConfigError(str(path), "", "a CSV has no model: name one, NPZ or TOML, with --model")
-    return _detections(table, read_model(model), true)
+    return _detections(table, read_model(model), str(model), true)
 
 
-def _detections(table: Table, model: ModelTable, truth: TruthRows | None) -> Detections:
+def _detections(table: Table, model: ModelTable, source: str, truth: TruthRows | None) -> Detections:
     """Return the detections of a table, made by the sensors of a model."""
     columns = find_columns(table)
     sensors = sensors_of(model, table.path.name)
@@ -152,13 +138,9 @@ def _detections(table: Table, model: ModelTable, truth: TruthRows | None) -> Det
         problem = f"expected scans of at most {MAX_DETECTIONS} detections, found one of {most}"
         raise ConfigError(str(table.path), columns.time, problem)
     seen_m = [z_m[rows.is_detection & (sensor == i)] for i in range(len(sensors))]
-    params, births = _motion(model)
     true, remarks = ({}, ()) if truth is None else truth_by_scan(truth, numbers)
     return Detections(
-        params,
-        births,
-        model.anywhere,
-        None,
+        _tracking_model(source, model),
         scans,
         numbers,
         true,
@@ -246,8 +228,8 @@ def _numbered_scans(
     return numbers, scans
 
 
-def _motion(model: ModelTable) -> tuple[GlmbParams, tuple[Birth, ...]]:
-    """Return the filter's parameters and the births of a model."""
+def _tracking_model(source: str, model: ModelTable) -> TrackingModel:
+    """Return the motion and the births of a model; `source` is its file, for errors."""
     params = GlmbParams(
         accel_psd_m2_s3=model.accel_psd_m2_s3,
         piecewise_accel_std_m_s2=model.piecewise_accel_std_m_s2,
@@ -259,7 +241,27 @@ def _motion(model: ModelTable) -> tuple[GlmbParams, tuple[Birth, ...]]:
         birth((b.x_m, b.y_m, b.vx_m_s, b.vy_m_s), b.std_m, b.speed_std_m_s, b.probability)
         for b in model.births
     )
-    return params, tuple(_moved_since_birth(one, model.dt_s) for one in births)
+    moved = tuple(_moved_since_birth(one, model.dt_s) for one in births)
+    return _with_births(source, params, moved, model.anywhere)
+
+
+def _with_births(
+    source: str,
+    params: GlmbParams,
+    births: Sequence[Birth],
+    anywhere: AnywhereTable,
+    birth_again_probability: float | None = None,
+) -> TrackingModel:
+    if not births and anywhere.per_s <= 0.0:
+        raise ConfigError(source, "births", "expected birth components, or anywhere.per_s > 0")
+    return TrackingModel(
+        params,
+        tuple(births),
+        anywhere.per_s,
+        anywhere.speed_std_m_s,
+        anywhere.max_probability,
+        birth_again_probability,
+    )
 
 
 def _load_recording(
@@ -313,11 +315,9 @@ def _load_recording(
     else:
         true, more = truth_by_scan(read_truth(truth), numbers)
         remarks = (*remarks, *more)
+    anywhere = max((kind.anywhere for kind in kinds), key=lambda one: one.per_s)
     return Detections(
-        params,
-        tuple(births),
-        max((kind.anywhere for kind in kinds), key=lambda anywhere: anywhere.per_s),
-        BIRTH_AGAIN_PROBABILITY,
+        _with_births(str(path), params, births, anywhere, BIRTH_AGAIN_PROBABILITY),
         tuple(scans),
         numbers,
         true,

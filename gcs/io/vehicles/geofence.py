@@ -147,7 +147,7 @@ def fence_vehicles(
     elif action == "show":
         lists = {FENCE: None, RALLY: None}
     ceiling_m = fence.max_alt_rel_m if action == "upload" else 0.0
-    session = VehicleSession(
+    session = VehicleSession.of_mission(
         config,
         source,
         [dialect.MAVLINK_MSG_ID_PARAM_VALUE],

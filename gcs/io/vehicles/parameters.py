@@ -127,7 +127,7 @@ def access_parameters(
     ConfigError, LinkError
         The keys cannot be used, or a port cannot be opened.
     """
-    session = VehicleSession(
+    session = VehicleSession.of_mission(
         config, source, [dialect.MAVLINK_MSG_ID_PARAM_VALUE], link, writes=value is not None
     )
     tasks = [ParameterTask(v, names, value, session.fleet.encoder(v), armed_too=armed_too) for v in vehicles]

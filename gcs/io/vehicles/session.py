@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Final, Protocol
 
 from gcs.config import Config
+from gcs.geo import LocalFrame
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
 from gcs.io.signing.link_signing import LinkSigning
-from gcs.io.vehicles.vehicle_access import vehicle_access
+from gcs.io.vehicles.vehicle_access import VehicleAccess, vehicle_access
 from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.mavlink.frames.codec import FrameTable, Message
 from gcs.model import NS_PER_S, Datagram, Notice, NoticeCode, Parameter, system_of
@@ -40,18 +42,21 @@ class VehicleTask(Protocol):
 
 
 class VehicleSession:
-    """Links of a mission file, or of its running service, and the vehicles there.
+    """Links to vehicles, and the vehicles there.
 
     Parameters
     ----------
-    source : str
-        Path of the mission file, for its key file.
+    vehicles : iterable of int
+    frame : LocalFrame
+        Frame of their positions.
+    access : VehicleAccess
+        Links to them, and our ids there.
     extra_ids : iterable of int
         Message ids that the tasks need besides the fleet's.
-    link : str or None
-        Endpoint to use instead, such as another ground station's forward endpoint.
-    writes : bool
-        True if something on the vehicles is to be changed.
+    keys : Path, optional
+        Key file of the links.
+    position_rate_hz : float, optional
+        Rate of their position reports.
 
     Raises
     ------
@@ -61,31 +66,67 @@ class VehicleSession:
 
     def __init__(
         self,
+        vehicles: Iterable[int],
+        frame: LocalFrame,
+        access: VehicleAccess,
+        extra_ids: Iterable[int] = (),
+        keys: Path | None = None,
+        position_rate_hz: float | None = None,
+    ) -> None:
+        vehicles = list(vehicles)
+        links = access.links
+        self.access = access
+        self.clock = RunClock()
+        self.fleet = Fleet(
+            vehicles,
+            frame,
+            FleetSettings() if position_rate_hz is None else FleetSettings(position_rate_hz),
+            links=links,
+            own=access.own,
+            extra_ids=extra_ids,
+            kernel=False,  # a session is shorter than the loading of kernels
+        )
+        signing = LinkSigning(links, keys)
+        self.links = Links(links, vehicles, frame, signing)
+        self.notices: list[Notice] = []
+        self._tasks: dict[int, VehicleTask] = {}
+
+    @classmethod
+    def of_mission(
+        cls,
         config: Config,
         source: str,
         extra_ids: Iterable[int] = (),
         link: str | None = None,
         *,
         writes: bool = False,
-    ) -> None:
-        vehicles = [agent.vehicle for agent in config.agents]
-        self.access = vehicle_access(config, link, writes=writes)
-        links = self.access.links
-        is_direct = link is None and self.access.service is None
-        self.clock = RunClock()
-        self.fleet = Fleet(
-            vehicles,
+    ) -> VehicleSession:
+        """Return a session over the links of a mission file, or through its running service.
+
+        Parameters
+        ----------
+        source : str
+            Path of the mission file, for its key file.
+        link : str or None
+            Endpoint to use instead, such as another ground station's forward endpoint.
+        writes : bool
+            True if something on the vehicles is to be changed.
+
+        Raises
+        ------
+        ConfigError, LinkError
+            The keys cannot be used, or an endpoint cannot be opened.
+        """
+        access = vehicle_access(config, link, writes=writes)
+        is_direct = link is None and access.service is None
+        return cls(
+            [agent.vehicle for agent in config.agents],
             config.local_frame,
-            FleetSettings(position_rate_hz=config.telemetry.rate_hz),
-            links=links,
-            own=self.access.own,
-            extra_ids=extra_ids,
-            kernel=False,  # a session is shorter than the loading of kernels
+            access,
+            extra_ids,
+            config.links.key_file(source) if is_direct else None,
+            config.telemetry.rate_hz,
         )
-        signing = LinkSigning(links, config.links.key_file(source) if is_direct else None)
-        self.links = Links(links, vehicles, config.local_frame, signing)
-        self.notices: list[Notice] = []
-        self._tasks: dict[int, VehicleTask] = {}
 
     async def run(
         self,

@@ -155,19 +155,23 @@ class Histories:
         if len(self._scans) > self._max_scans:
             self._forget_scans()
 
-    def paths(self, *, smooth: bool = False, lag_scans: int | None = None) -> tuple[Path, ...]:
-        """Return the path of every label ever estimated, ordered by label.
+    def paths(self, *, smooth: bool = False, since_scan: int = 0) -> tuple[Path, ...]:
+        """Return the path of every label ever estimated, ordered by label, from the scans so far.
 
         Parameters
         ----------
         smooth : bool
             True to use later detections for each state.
-        lag_scans : int, optional
-            Number of later scans that a smoothed state uses; all by default.
+        since_scan : int
+            Paths that were last estimated before this scan are left out.
         """
-        chains = {label: self._chain(label) for label in self._estimated}
+        chains = {
+            label: self._chain(label)
+            for label, node in self._estimated.items()
+            if self._tree.scan[node] >= since_scan
+        }
         return tuple(
-            self._path(label, chain, is_detected, smooth=smooth, lag_scans=lag_scans)
+            self._path(label, chain, is_detected, smooth=smooth)
             for label, (chain, is_detected) in sorted(self._resolve_shared_detections(chains).items())
         )
 
@@ -231,9 +235,7 @@ class Histories:
         death = 0.0 if alive else self._scans[int(self._tree.scan[chain[-1]])].log_death
         return chain, is_detected, float(logw.sum()) - never + death
 
-    def _path(
-        self, label: Label, chain: IntArray, is_detected: BoolArray, *, smooth: bool, lag_scans: int | None
-    ) -> Path:
+    def _path(self, label: Label, chain: IntArray, is_detected: BoolArray, *, smooth: bool) -> Path:
         scans = [self._scans[int(k)] for k in self._tree.scan[chain]]
         birth = scans[0].births[int(self._tree.birth[chain[0]])]
         z_m = np.where(is_detected[:, None], self._tree.z_m[chain], np.nan)
@@ -248,7 +250,7 @@ class Histories:
             for scan, z, detected in zip(scans, z_m, is_detected, strict=True)
         ]
         run = run_filter(birth.mean, birth.cov, steps, self._turns)
-        mean, cov = smooth_states(run, lag_scans) if smooth else (run.mean, run.cov)
+        mean, cov = smooth_states(run) if smooth else (run.mean, run.cov)
         return Path(
             label,
             self._tree.scan[chain],

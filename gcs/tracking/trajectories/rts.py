@@ -5,7 +5,7 @@ Joseph form. Smoother (Rauch, Tung & Striebel 1965), with the gain G_k = P_k|k F
 
     x_k|n = x_k|k + G_k (x_k+1|n - x_k+1|k),    P_k|n = P_k|k + G_k (P_k+1|n - P_k+1|k) G_k'
 
-With a fixed lag L, n = min(k + L, last). The state is [east, north, v_east, v_north], and the turn rate as a
+The state is [east, north, v_east, v_north], and the turn rate as a
 fifth element with a turn model. That filter is `coordinated_turn`, and its smoother linearises around the
 filtered states. Sensors are linearised around each state (`models.measurement_model`).
 """
@@ -169,20 +169,15 @@ def run_filter(
     return FilterResult(means[1], covs[1], means[0], covs[0], F)
 
 
-def smooth_states(run: FilterResult, lag_scans: int | None = None) -> tuple[FloatArray, FloatArray]:
-    """Return means (n, d) and covariances (n, d, d) given all scans, or those up to `lag_scans` later."""
+def smooth_states(run: FilterResult) -> tuple[FloatArray, FloatArray]:
+    """Return means (n, d) and covariances (n, d, d) given all scans."""
     n = len(run.mean)
     mean = run.mean.copy()
     cov = run.cov.copy()
     if n < 2:
         return mean, cov
     G = np.swapaxes(np.linalg.solve(run.predicted_cov[1:], run.F @ run.cov[:-1]), 1, 2)
-    if lag_scans is None or lag_scans >= n - 1:
-        for k in range(n - 2, -1, -1):
-            mean[k] += G[k] @ (mean[k + 1] - run.predicted_mean[k + 1])
-            cov[k] += G[k] @ (cov[k + 1] - run.predicted_cov[k + 1]) @ G[k].T
-        return mean, cov
-    for _ in range(lag_scans):
-        mean[:-1] = run.mean[:-1] + np.einsum("kij,kj->ki", G, mean[1:] - run.predicted_mean[1:])
-        cov[:-1] = run.cov[:-1] + G @ (cov[1:] - run.predicted_cov[1:]) @ np.swapaxes(G, 1, 2)
+    for k in range(n - 2, -1, -1):
+        mean[k] += G[k] @ (mean[k + 1] - run.predicted_mean[k + 1])
+        cov[k] += G[k] @ (cov[k + 1] - run.predicted_cov[k + 1]) @ G[k].T
     return mean, cov

@@ -1,0 +1,378 @@
+"""Batch tracking: whole data sets in, labelled trajectories out.
+
+`track` takes arrays. `track_scans` takes the scans of several sensors, at their own times; `gcs track` calls
+it. Three estimators use the same filter:
+
+- "filtered": the estimate at each scan, from the detections up to it.
+- "recovered": whole paths from the association histories, each state from the detections up to it. Which
+  detections belong to a path, and where it begins and ends, follows from all scans.
+- "smoothed": the same paths, each state from all detections (see `trajectories.recovery`); or causal, with a
+  fixed lag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gcs.model import NS_PER_S, FloatArray, IntArray, Label, Sensor, read_only
+from gcs.tracking import Estimator
+from gcs.tracking.glmb.filter import Glmb
+from gcs.tracking.glmb.params import Birth, GlmbParams
+from gcs.tracking.models.adaptive_birth import AdaptiveBirth
+from gcs.tracking.trajectories.recovery import Path
+
+_MAX_TIME_S: Final = 9e9
+"""The year 2255: nanoseconds since 1970 fit an int64."""
+_SEED: Final = 1
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingModel:
+    """Motion and births of the objects.
+
+    Objects are born at known places (`births`), anywhere (`births_per_s`), or both.
+
+    Raises
+    ------
+    ValueError
+        Nothing can be born, or an array has another shape: names it and what was expected.
+    """
+
+    params: GlmbParams
+    births: tuple[Birth, ...] = ()
+    """Birth components of each scan."""
+    births_per_s: float = 0.0
+    """Objects expected to appear in a second, at detections that no track explains (`adaptive_birth`)."""
+    birth_speed_std_m_s: float = 10.0
+    """Standard deviation of their velocity, along each axis."""
+    max_birth_probability: float = 0.1
+    """Largest probability of one such birth."""
+    birth_again_probability: float | None = None
+    """Probability of a birth component after its first birth; None: as before."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "births", tuple(self.births))
+        if not self.births and not self.births_per_s > 0.0:
+            raise ValueError("births: expected birth components, or births_per_s above 0: nothing is born")
+        for i, birth in enumerate(self.births):
+            _check_shape(f"births[{i}].mean", birth.mean, (4,), "x, y, vx, vy")
+            _check_shape(f"births[{i}].cov", birth.cov, (4, 4), "covariance of x, y, vx, vy")
+
+
+@dataclass(frozen=True, slots=True)
+class SensorScan:
+    """Scan of one sensor."""
+
+    t_ns: int
+    """Time of measurement."""
+    sensor: Sensor
+    z_m: FloatArray
+    """(m, 2) detections, east and north."""
+    origin: FloatArray | None = None
+    """(m,) number of the true object of each detection, 0 for clutter; None if unknown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """Estimated trajectory of one object; n states, in the order of time."""
+
+    label: Label
+    """Scan of its birth, and number of its birth component in that scan."""
+    t_ns: IntArray
+    """(n,) times of measurement."""
+    mean: FloatArray
+    """(n, 4) x, y, vx, vy in metres and metres a second; x is east, y is north."""
+    cov: FloatArray
+    """(n, 4, 4)."""
+    existence: FloatArray
+    """(n,) existence probability by the filter, from the detections up to each time."""
+
+    @property
+    def t_s(self) -> FloatArray:
+        """(n,) times of measurement in seconds."""
+        return self.t_ns / NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class TrackSet:
+    """Trajectories of a data set."""
+
+    t_ns: IntArray
+    """(K,) times of all scans, each once."""
+    trajectories: tuple[Trajectory, ...]
+    """Ordered by label."""
+    late_scans: int = 0
+    """Scans that were not used: older than the one before."""
+    bad_detections: int = 0
+    """Detections that were not used: not finite."""
+
+    def __len__(self) -> int:
+        return len(self.trajectories)
+
+    def positions_m(self) -> list[dict[Label, FloatArray]]:
+        """Return the position (2,) by label at each of the K times, as the metrics take them."""
+        found: list[dict[Label, FloatArray]] = [{} for _ in self.t_ns]
+        for one in self.trajectories:
+            for k, mean in zip(np.searchsorted(self.t_ns, one.t_ns).tolist(), one.mean, strict=True):
+                found[k][one.label] = mean[:2]
+        return found
+
+    def columns(self) -> dict[str, IntArray | FloatArray]:
+        """Return a table as its columns: a row for each state, ordered by time and label.
+
+        k (number of the time, from 0), t_s, label (from 1, in the order of births), x, y, vx, vy, existence.
+        """
+        parts = [(np.full(one.t_ns.size, n), one) for n, one in enumerate(self.trajectories, 1)]
+        label = np.concatenate([np.empty(0, np.int64), *(number for number, _ in parts)])
+        t_ns = np.concatenate([np.empty(0, np.int64), *(one.t_ns for _, one in parts)])
+        mean = np.concatenate([np.empty((0, 4)), *(one.mean for _, one in parts)])
+        existence = np.concatenate([np.empty(0), *(one.existence for _, one in parts)])
+        order = np.lexsort((label, t_ns))
+        columns: dict[str, IntArray | FloatArray] = {
+            "k": np.searchsorted(self.t_ns, t_ns[order]),
+            "t_s": t_ns[order] / NS_PER_S,
+            "label": label[order],
+        }
+        columns |= {name: mean[order, i] for i, name in enumerate(("x", "y", "vx", "vy"))}
+        return columns | {"existence": existence[order]}
+
+    def to_pandas(self) -> Any:
+        """Return `columns` as a `pandas.DataFrame`; needs the extra `tables`."""
+        return _frame("pandas", self.columns())
+
+    def to_polars(self) -> Any:
+        """Return `columns` as a `polars.DataFrame`; needs the extra `tables`."""
+        return _frame("polars", self.columns())
+
+
+def track(
+    scans: Sequence[ArrayLike],
+    times_s: ArrayLike,
+    sensor: Sensor | Sequence[Sensor],
+    model: TrackingModel,
+    estimator: Estimator = "smoothed",
+    lag_scans: int | None = None,
+) -> TrackSet:
+    """Track the objects of a data set.
+
+    Parameters
+    ----------
+    scans : sequence of (m, 2) arrays
+        Detections of each scan, east and north in metres; m may be 0 and may differ. Detections with a NaN
+        are counted in `TrackSet.bad_detections`.
+    times_s : (K,) array
+        Time of each scan in seconds, in order. Scans of several sensors may have the same time.
+    sensor : Sensor or sequence of K Sensor
+        The sensor, or that of each scan.
+    estimator : "filtered", "recovered" or "smoothed"
+    lag_scans : int, optional
+        Fixed lag L of smoothed estimates: what scan k says of scan k - L, from the detections up to scan k
+        only, as a tracker that runs would know it. The last L scans are as of the last one. By default each
+        state uses all detections.
+
+    Raises
+    ------
+    ValueError
+        An argument has another shape: names it, the expected and the found shape.
+    """
+    times = np.asarray(times_s, np.float64)
+    _check_shape("times_s", times, (len(scans),), "one time in seconds for each of the scans")
+    if not (np.isfinite(times).all() and (np.abs(times) < _MAX_TIME_S).all() and (np.diff(times) >= 0).all()):
+        raise ValueError("times_s: expected finite times in seconds that do not decrease")
+    sensors = [sensor] * len(scans) if isinstance(sensor, Sensor) else list(sensor)
+    if len(sensors) != len(scans):
+        raise ValueError(f"sensor: expected one, or one for each of {len(scans)} scans, got {len(sensors)}")
+    for one in {id(one): one for one in sensors}.values():
+        _check_shape(f"noise_cov_m2 of sensor {one.name}", one.noise_cov_m2, (2, 2), "covariance of x, y")
+    if estimator not in get_args(Estimator):
+        raise ValueError(f"estimator: expected one of {', '.join(get_args(Estimator))}, got {estimator!r}")
+    if lag_scans is not None and (lag_scans < 0 or estimator != "smoothed"):
+        raise ValueError("lag_scans: expected at least 0, and the estimator smoothed with it")
+    return track_scans(
+        (
+            SensorScan(round(t_s * NS_PER_S), one, _detections(k, z))
+            for k, (t_s, one, z) in enumerate(zip(times.tolist(), sensors, scans, strict=True))
+        ),
+        model,
+        estimator,
+        lag_scans,
+    )
+
+
+def track_scans(
+    scans: Iterable[SensorScan],
+    model: TrackingModel,
+    estimator: Estimator,
+    lag_scans: int | None = None,
+    on_scan: Callable[[], object] = lambda: None,
+) -> TrackSet:
+    """Track the objects of scans, which are taken one by one; older ones than the last are not used.
+
+    Parameters
+    ----------
+    lag_scans
+        As for `track`.
+    on_scan
+        Called after each scan.
+    """
+    tracker = BatchTracker(model, keep_histories=estimator != "filtered")
+    histories = tracker.glmb.histories
+    collected = _Collected()
+    times: list[int] = []
+    for scan in scans:
+        states = tracker.update(scan)
+        if states is not None:
+            times.append(scan.t_ns)
+            collected.existence[scan.t_ns] = tracker.existence
+            collected.states[scan.t_ns] = states if histories is None else {}
+            if histories is not None and lag_scans is not None and len(times) > lag_scans:
+                first = len(times) - 1 - lag_scans
+                collected.add_paths(histories.paths(smooth=True, since_scan=first), first, first)
+        on_scan()
+    if histories is not None:
+        first = 0 if lag_scans is None else max(0, len(times) - lag_scans)
+        collected.add_paths(histories.paths(smooth=estimator == "smoothed"), first, len(times) - 1)
+    return collected.track_set(tracker.glmb.late_scans, tracker.glmb.bad_detections)
+
+
+States: TypeAlias = dict[Label, tuple[FloatArray, FloatArray]]
+"""Mean (4,) and covariance (4, 4) by label."""
+
+
+class BatchTracker:
+    """A filter with the births of its model, fed scan by scan.
+
+    Attributes
+    ----------
+    glmb : Glmb
+    existence : dict of label to float
+        Existence probability of each label at the last scan.
+    """
+
+    def __init__(self, model: TrackingModel, *, keep_histories: bool = False) -> None:
+        self._model = model
+        self._is_adaptive = model.births_per_s > 0.0
+        self.glmb = Glmb(
+            "targets",
+            model.params,
+            _SEED,
+            keep_histories=keep_histories,
+            summarise_detections=self._is_adaptive,
+        )
+        self.existence: dict[Label, float] = {}
+        self._unknown = AdaptiveBirth(
+            model.births_per_s,
+            model.birth_speed_std_m_s,
+            model.max_birth_probability,
+            model.params.process_noise,
+        )
+        self._places = model.births
+        self._t_ns: int | None = None
+
+    def update(self, scan: SensorScan) -> States | None:
+        """Process a scan; return the filtered estimates, None if it is older than the last one."""
+        is_late = self._t_ns is not None and scan.t_ns < self._t_ns
+        glmb = self.glmb
+        glmb.update(scan.t_ns, scan.z_m, scan.sensor, self._births(scan))
+        if glmb.detection_summary is not None:
+            self._unknown.add_scan(scan.t_ns, scan.z_m, scan.sensor, glmb.detection_summary.explained)
+        found = glmb.estimates()
+        if is_late:
+            return None
+        self._t_ns = scan.t_ns
+        labels = [(born, place) for born, place in found.label.tolist()]
+        self.existence = dict(zip(labels, found.existence.tolist(), strict=True))
+        states = {labels[i]: (found.mean[i], found.cov[i]) for i in np.flatnonzero(found.estimated).tolist()}
+        if self._model.birth_again_probability is not None:
+            self._places = _renew_births(self._places, states, self._model.birth_again_probability)
+        return states
+
+    def _births(self, scan: SensorScan) -> tuple[Birth, ...]:
+        places = self._places
+        if scan.t_ns == self._t_ns:
+            # Components keep their numbers: a second scan at one epoch has no births.
+            places = tuple(replace(place, probability=0.0) for place in places)
+        return (*places, *self._unknown.births(scan.t_ns)) if self._is_adaptive else places
+
+
+class _Collected:
+    """Estimates by time in nanoseconds: the last scan of an epoch counts."""
+
+    def __init__(self) -> None:
+        self.states: dict[int, States] = {}
+        self.existence: dict[int, dict[Label, float]] = {}
+
+    def add_paths(self, paths: Iterable[Path], first: int, last: int) -> None:
+        """Replace the states at scans `first` to `last` by those of paths."""
+        for path in paths:
+            begin = max(first - int(path.scan[0]), 0)
+            end = max(last + 1 - int(path.scan[0]), 0)
+            rows = zip(path.t_ns[begin:end].tolist(), path.mean[begin:], path.cov[begin:], strict=False)
+            for t_ns, mean, cov in rows:
+                self.states[t_ns][path.label] = mean, cov
+
+    def track_set(self, late_scans: int, bad_detections: int) -> TrackSet:
+        times: dict[Label, list[int]] = {}
+        for t_ns, states in self.states.items():
+            for label in states:
+                times.setdefault(label, []).append(t_ns)
+        trajectories = tuple(self._trajectory(label, at) for label, at in sorted(times.items()))
+        return TrackSet(_times(self.states), trajectories, late_scans, bad_detections)
+
+    def _trajectory(self, label: Label, times: Sequence[int]) -> Trajectory:
+        return Trajectory(
+            label,
+            _times(times),
+            read_only(np.stack([self.states[t][label][0] for t in times])),
+            read_only(np.stack([self.states[t][label][1] for t in times])),
+            read_only([self.existence[t].get(label, 0.0) for t in times]),
+        )
+
+
+def _times(times: Iterable[int]) -> IntArray:
+    array = np.array(list(times), np.int64)
+    array.flags.writeable = False
+    return array
+
+
+def _renew_births(places: tuple[Birth, ...], states: States, probability: float) -> tuple[Birth, ...]:
+    """Set the probability of components that had a birth; return the same tuple if nothing changes."""
+    used = {place for _, place in states if place < len(places) and places[place].probability != probability}
+    if not used:
+        return places
+    return tuple(replace(p, probability=probability) if i in used else p for i, p in enumerate(places))
+
+
+def _detections(k: int, z: ArrayLike) -> FloatArray:
+    z_m = np.asarray(z, np.float64)
+    if z_m.size == 0:
+        return np.empty((0, 2))
+    if z_m.ndim != 2 or z_m.shape[1] != 2:
+        raise ValueError(
+            f"scans[{k}]: expected shape (m, 2), detections as east and north in metres; got {z_m.shape}"
+        )
+    return z_m
+
+
+def _check_shape(name: str, array: ArrayLike, shape: tuple[int, ...], meaning: str) -> None:
+    found = np.shape(array)
+    if found != shape:
+        raise ValueError(f"{name}: expected shape {shape}, {meaning}; got {found}")
+
+
+def _frame(library: str, columns: dict[str, IntArray | FloatArray]) -> Any:
+    """Return columns as a data frame of pandas or polars."""
+    import importlib
+
+    try:
+        module = importlib.import_module(library)
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError(
+            f"{library} is not installed: pip install 'swarm-gcs[tables]'", name=library
+        ) from None
+    return module.DataFrame(columns)
