@@ -9,11 +9,9 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
 from gcs.config import Config
 from gcs.core.airspace.records import AirspaceState
-from gcs.core.separation.forward_flight import STEP_S, simulate_flights
+from gcs.core.separation.ground_ahead import GroundAhead
 from gcs.core.separation.intents import Intents
 from gcs.core.state import State
 from gcs.mavlink.autopilots.modes import AUTO
@@ -30,15 +28,14 @@ class GroundProximity:
     """Height above ground of all vehicles in flight."""
 
     def __init__(self, config: Config, intents: Intents, state: State) -> None:
-        self._elevation = config.elevation
-        self._least_m = 0.0 if config.terrain is None else 0.5 * config.terrain.min_agl_m
+        self._ground = GroundAhead(config)
         self._intents = intents
         self._agents = state.agents
         self._state: AirspaceState = state.airspace
 
     def check(self, t_ns: int) -> list[Effect]:
         """Check once a second; return alarms and all-clears."""
-        if self._elevation is None or t_ns < self._state.next_ground_check_t_ns:
+        if not self._ground.is_known or t_ns < self._state.next_ground_check_t_ns:
             return []
         self._state.next_ground_check_t_ns = t_ns + _PERIOD_NS
         effects: list[Effect] = []
@@ -49,39 +46,23 @@ class GroundProximity:
 
     def _check(self, state: VehicleState, t_ns: int) -> list[Effect]:
         """Return the alarm of a vehicle that is, or comes, too near to the ground."""
-        found = self._nearest(state, t_ns)
+        ahead_s = 0.0 if state.mode == AUTO else LOOK_AHEAD_S
+        found = self._ground.first(self._intents.flight(state, t_ns), ahead_s)
         if found is None:
             return []
-        after_s, agl_m, east_m, north_m = found
         told = self._state.near_ground
         is_news = state.system_id not in told
         told[state.system_id] = t_ns
         if not is_news:
             return []
         parameters: dict[str, Parameter] = {
-            "agl_m": agl_m,
-            "least_m": self._least_m,
-            "after_s": after_s,
-            "east_m": east_m,
-            "north_m": north_m,
+            "agl_m": found.agl_m,
+            "least_m": self._ground.least_m,
+            "after_s": found.after_s,
+            "east_m": found.east_m,
+            "north_m": found.north_m,
         }
         return [Notice(t_ns, NoticeCode.NEAR_GROUND, state.system_id, parameters)]
-
-    def _nearest(self, state: VehicleState, t_ns: int) -> tuple[float, float, float, float] | None:
-        """Return when, how high and where a vehicle is first too near to the ground; None if it is not."""
-        assert self._elevation is not None
-        ahead_s = 0.0 if state.mode == AUTO else LOOK_AHEAD_S
-        paths = simulate_flights([self._intents.flight(state, t_ns)], ahead_s)
-        places_m = np.column_stack((paths.east_m[:, 0], paths.north_m[:, 0]))
-        heights_m = paths.low_m[:, 0]
-        heights_m[0] = state.alt_msl_m
-        agl_m = heights_m - self._elevation.heights_at(places_m)
-        near = np.flatnonzero(agl_m < self._least_m)
-        if not len(near):
-            return None
-        first = int(near[0])
-        east_m, north_m = places_m[first].tolist()
-        return first * STEP_S, float(agl_m[first]), east_m, north_m
 
     def _end(self, t_ns: int) -> list[Effect]:
         told = self._state.near_ground

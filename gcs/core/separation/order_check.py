@@ -19,11 +19,12 @@ import numpy as np
 from gcs.config import Config
 from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
+from gcs.core.separation.ground_ahead import GroundAhead
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
 from gcs.core.separation.minima import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
 from gcs.core.tasking.mission_builder import route_heights_msl_m
-from gcs.mavlink.autopilots.modes import LOITER, RTL
+from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.model import FloatArray, Route, VehicleState, vehicle_name
 
 _AHEAD_S: Final = 25.0
@@ -59,11 +60,14 @@ class OrderCheck:
         self._airframes = config.airframes_of_agents
         self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
+        self._ground = GroundAhead(config)
 
     def problem(
         self, vehicle: int, modes: Mapping[int, str], t_ns: int, *, with_aircraft: bool = False
     ) -> str:
-        """Return which vehicle an order would bring a vehicle near to; empty if none, or no nearer than now.
+        """Return which vehicle, or ground, an order would bring a vehicle near to; else empty.
+
+        Empty also if it is no nearer to a vehicle than now.
 
         Parameters
         ----------
@@ -84,7 +88,18 @@ class OrderCheck:
         ordered = self._intents.flight(states[vehicle], t_ns, modes[vehicle])
         present = self._intents.flight(states[vehicle], t_ns)
         is_return = modes[vehicle] == RTL, states[vehicle].mode == RTL
-        return self._worse(ordered, present, others, is_return)
+        near_ground = "" if modes[vehicle] == AUTO else self._ground_problem(ordered)
+        return near_ground or self._worse(ordered, present, others, is_return)
+
+    def _ground_problem(self, flight: Flight) -> str:
+        """Return where a flight to a circle, and round it, comes near the ground; empty if it does not."""
+        last = flight.goals[-1]
+        away_m = math.dist((flight.east_m, flight.north_m), (last.east_m, last.north_m))
+        ahead_s = (away_m + 2.0 * math.pi * abs(last.radius_m)) / flight.speed_m_s
+        found = self._ground.first(flight, min(ahead_s, _MAX_AHEAD_S))
+        if found is None:
+            return ""
+        return f"would come within {found.agl_m:.0f} m of the ground in {found.after_s:.0f} s"
 
     def return_warning(self, vehicles: Collection[int]) -> str:
         """Return which vehicles would return by RTL at one height, in words; empty if none would."""
@@ -113,6 +128,8 @@ class OrderCheck:
             return 0.0
         others = self._flights(states.values(), t_ns)
         held = self._intents.flight(state, t_ns, LOITER)
+        if self._ground_problem(held):
+            return -math.inf
         present = self._intents.flight(state, t_ns)
         return self._nearness(held, others) - self._nearness(present, others)
 

@@ -1,7 +1,7 @@
 """A pilot, or an autopilot that returns, would fly into a hill, and no operator would know."""
 
 from helpers.hills import elevation_of, hill, terrain_table
-from helpers.sky import FIELD, Sky, fly_on, place
+from helpers.sky import FIELD, Sky, fly_on, give, place
 from helpers.staging import S
 
 from gcs.model import NoticeCode
@@ -57,3 +57,17 @@ def test_a_return_that_leads_through_a_hill_is_told():
     sky, _ = flight(Mode.RTL, 2300.0, east_m=2008.0)  # the hill is between it and its home
     fly_on(sky, 30.0)
     assert sky.told(NoticeCode.NEAR_GROUND)
+
+
+def test_an_order_to_hold_beside_a_hill_waits_until_the_circle_is_clear():
+    sky = Sky((900.0, 1560.0, 100.0), courses_deg=[90.0], field=HILLS).fly(6.0)
+    plane = sky.planes[1]
+    for _ in range(12):  # a jump is believed after some reports
+        place(plane, 1225.0, 1700.0, 100.0, 90.0)  # the ground 60 m in front of it is 15 m lower
+        fly_on(sky, 0.4)
+    give(sky, "hold", 1)
+    fly_on(sky, 0.4)
+    assert plane.autopilot.mode is Mode.AUTO
+    place(plane, 1225.0, 300.0, 100.0, 90.0)
+    fly_on(sky, 8.0)
+    assert plane.autopilot.mode is Mode.LOITER

@@ -1,0 +1,50 @@
+"""Ground ahead: where a predicted flight comes too near to the ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs.config import Config
+from gcs.core.separation.forward_flight import STEP_S, Flight, simulate_flights
+
+
+@dataclass(frozen=True, slots=True)
+class GroundEncounter:
+    """First place of a flight that is too near to the ground."""
+
+    after_s: float
+    agl_m: float
+    """Height above ground there."""
+    east_m: float
+    north_m: float
+
+
+class GroundAhead:
+    """Finds where flights come nearer to the ground than half of `terrain.min_agl_m`; without it nowhere."""
+
+    def __init__(self, config: Config) -> None:
+        self._elevation = config.elevation
+        self.least_m = 0.0 if config.terrain is None else 0.5 * config.terrain.min_agl_m
+
+    @property
+    def is_known(self) -> bool:
+        """True if there is an elevation model."""
+        return self._elevation is not None
+
+    def first(self, flight: Flight, ahead_s: float) -> GroundEncounter | None:
+        """Return where a flight is first too near to the ground; None if it is not, or no ground is known."""
+        if self._elevation is None:
+            return None
+        paths = simulate_flights([flight], ahead_s)
+        places_m = np.column_stack((paths.east_m[:, 0], paths.north_m[:, 0]))
+        heights_m = paths.low_m[:, 0]
+        heights_m[0] = flight.height_m
+        agl_m = heights_m - self._elevation.heights_at(places_m)
+        near = np.flatnonzero(agl_m < self.least_m)
+        if not len(near):
+            return None
+        at = int(near[0])
+        east_m, north_m = places_m[at].tolist()
+        return GroundEncounter(at * STEP_S, float(agl_m[at]), east_m, north_m)
