@@ -17,8 +17,8 @@ from gcs.report.agent_order import attention
 _STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red", "down": "red"}
 _FIX_NAMES: Final = {0: "none", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK", 7: "static"}
 AGENT_COLUMNS: Final = (
-    "id", "status", "phase", "authority", "mode", "armed", "alt m", "AGL m", "m/s", "battery", "fix", "heard", "loss",
-    "target", "to go m", "ETA s", "mission",
+    "id", "status", "phase", "authority", "mode", "armed", "alt m", "AGL m", "m/s", "battery", "fix", "heard",
+    "loss", "target", "to go m", "ETA s", "mission",
 )  # fmt: skip
 _LEFT_COLUMNS: Final = ("status", "phase", "authority", "mode", "armed", "mission")
 

@@ -61,7 +61,7 @@ export interface ElevationMap {
   shape: [number, number];
   lowest_msl_m: number;
   step_m: number;
-  /** Height of each node above the lowest one in steps, row by row from the south: 16 bits, little-endian, in base64. */
+  /** Steps of each node above the lowest one, row by row from the south: 16 bits, little-endian, base64. */
   heights: string;
   min_agl_m: number;
   max_agl_m: number;
@@ -386,7 +386,7 @@ export interface Route {
   /** Centre of the loiter circle that follows, east/north; null: the last point. */
   wait_m: [number, number] | null;
   /** (k,) height above mean sea level of each of `flown_m`; null: that of the layer, above home. */
-  heights_msl_m: Point[] | null;
+  heights_msl_m: number[] | null;
   /** Index of the point where it meets its target; -1: the last one. */
   target_point: number;
 }

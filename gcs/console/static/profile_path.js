@@ -48,7 +48,7 @@ export function aheadOf(mission, vehicle, route) {
   for (let index = first; index < flown.length; index++) {
     const last = stations[stations.length - 1];
     const place = flown[index];
-    const height = heights ? Number(heights[index]) : mission.layers_rel_m[route.layer];
+    const height = heights ? heights[index] : mission.layers_rel_m[route.layer];
     stations.push({ at: last.at + distance(last.place, place), place, height });
   }
   return stations;

@@ -197,9 +197,9 @@ export class TerrainPicture {
     ctx.drawImage(this.image, -0.5, 0.5 - rows);
     ctx.restore();
     ctx.strokeStyle = colour("contour");
-    ctx.lineWidth = 0.6 / cell;
+    ctx.lineWidth = 0.8 / cell;
     ctx.stroke(this.thin);
-    ctx.lineWidth = 1.3 / cell;
+    ctx.lineWidth = 1.6 / cell;
     ctx.stroke(this.thick);
     ctx.restore();
   }

@@ -87,8 +87,7 @@ class ElevationMap(Struct, frozen=True):
     lowest_msl_m: float
     step_m: float
     heights: str
-    """Height of each node above the lowest one in steps, row by row from the south: 16 bits, little-endian, in
-    base64."""
+    """Steps of each node above the lowest one, row by row from the south: 16 bits, little-endian, base64."""
     min_agl_m: float
     max_agl_m: float
 

@@ -16,7 +16,7 @@ def mission_inputs(config: Config, grid: Grid) -> MissionInputs:
     speeds_m_s = config.speeds_m_s
     options = vehicle_options(config)
     layers = config.mission.layers if config.mission.layer_step_m > 0.0 else 1
-    terrain = _terrain(config, layers)
+    terrain = terrain_of(config, layers)
     agents = {
         one.vehicle: AgentState(
             one.east_m,
@@ -40,7 +40,7 @@ def mission_inputs(config: Config, grid: Grid) -> MissionInputs:
     )
 
 
-def _terrain(config: Config, layers: int) -> Terrain | None:
+def terrain_of(config: Config, layers: int = 1) -> Terrain | None:
     """Return ground and flight band; None if the ground is flat."""
     table = config.terrain
     elevation = config.elevation

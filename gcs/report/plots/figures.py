@@ -16,7 +16,7 @@ import numpy as np
 from gcs.report.plots.maps import (
     Ground,
     draw_clutter,
-    draw_obstacles,
+    draw_ground,
     draw_some_estimates,
     legend_entries,
     truth_until,
@@ -74,7 +74,7 @@ def _draw_map(axes: Axes, timeline: Timeline, ground: Ground | None) -> None:
     axes.set(xlim=(west - margin, east + margin), ylim=(south - margin, north + margin), aspect="equal")
     axes.set(xlabel="east, m", ylabel="north, m")
     tidy(axes)
-    draw_obstacles(axes, ground)
+    draw_ground(axes, ground)
     draw_clutter(axes, timeline)
     colour = colours(agents_of(timeline))
     for vehicle, _, points in timeline.routes:
