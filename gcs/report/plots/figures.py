@@ -81,7 +81,7 @@ def _draw_map(axes: Axes, timeline: Timeline, ground: Ground | None) -> None:
         axes.plot(*points.T, ls=(0, (4, 3)), lw=0.8, color=colour.get(vehicle, INK), alpha=0.75, zorder=3)
     truth_until(axes, timeline, timeline.duration_s)
     draw_some_estimates(axes, timeline, timeline.duration_s)
-    entries = legend_entries(timeline, obstacles=ground is not None, everything=True)
+    entries = legend_entries(timeline, ground, everything=True)
     legend_below(axes, entries, 0.08, rows=2)
 
 

@@ -35,7 +35,7 @@ from gcs.report.plots.style import (
     size_for,
     tidy,
 )
-from gcs.report.plots.terrain import draw_terrain
+from gcs.report.plots.terrain import draw_terrain, terrain_entries
 from gcs.report.run.timeline import Timeline, area_of
 from gcs.report.telemetry.flights import Flight
 
@@ -91,7 +91,7 @@ def truth_figure(
         if estimates:
             draw_some_estimates(axes, timeline, until_s)
     panels[1].set_ylabel("")
-    known = legend_entries(timeline, obstacles=ground is not None, estimates=estimates)
+    known = legend_entries(timeline, ground, estimates=estimates)
     _legend(figure, known if timeline.has_truth else _report_entries(timeline, flights, ground))
     return figure
 
@@ -118,7 +118,7 @@ def tracker_figure(timeline: Timeline, ground: Ground | None) -> Figure:
     word = "clutter" if timeline.has_truth else "detections"
     share = "" if every == 1 else f", one of {every} shown"
     entries.append(sample(f"{word}{share}", marker="^", ms=6, color=CLUTTER, alpha=0.6, mew=0))
-    _legend(figure, entries + _ground_entries(ground is not None))
+    _legend(figure, entries + _ground_entries(ground))
     return figure
 
 
@@ -242,7 +242,7 @@ def _frame(axes: Axes, timeline: Timeline, flights: Mapping[int, Flight]) -> Non
 
 
 def legend_entries(
-    timeline: Timeline, *, obstacles: bool, estimates: bool = True, everything: bool = False
+    timeline: Timeline, ground: Ground | None, *, estimates: bool = True, everything: bool = False
 ) -> list[Artist]:
     """Return the legend of a map of the ground truth; `everything` adds routes and clutter."""
     entries = [
@@ -258,7 +258,7 @@ def legend_entries(
     if everything:
         entries.append(sample("planned route", ls=(0, (4, 3)), lw=0.8, color=AGENTS[0]))
         entries.append(sample("clutter", marker="^", ms=5, color=CLUTTER, alpha=0.5, mew=0))
-    return entries + _ground_entries(obstacles)
+    return entries + _ground_entries(ground)
 
 
 def _report_entries(timeline: Timeline, flights: Mapping[int, Flight], ground: Ground | None) -> list[Artist]:
@@ -273,11 +273,13 @@ def _report_entries(timeline: Timeline, flights: Mapping[int, Flight], ground: G
         entries.append(sample("track of an agent", ls="-", lw=1.0))
     if any(len(estimate.points_m) for estimate in timeline.estimates["targets"]):
         entries.append(sample("estimate of a target", marker="o", ms=4, mfc="white", mew=0.8, mec="black"))
-    return entries + _ground_entries(ground is not None)
+    return entries + _ground_entries(ground)
 
 
-def _ground_entries(obstacles: bool) -> list[Artist]:
-    return [sample("obstacle", marker="s", ms=7, color=INK, mec=AXIS)] if obstacles else []
+def _ground_entries(ground: Ground | None) -> list[Artist]:
+    if ground is None:
+        return []
+    return [sample("obstacle", marker="s", ms=7, color=INK, mec=AXIS), *terrain_entries(ground.terrain)]
 
 
 def _legend(figure: Figure, entries: list[Artist]) -> None:

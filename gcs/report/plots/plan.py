@@ -14,7 +14,7 @@ from gcs.planning.forward_simulation import LoiterCircle
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.terrain.ground import Terrain
 from gcs.report.plots.style import AGENTS, AXIS, INK, RED, annotate, heading, legend_below, sample
-from gcs.report.plots.terrain import draw_profile, draw_terrain
+from gcs.report.plots.terrain import draw_profile, draw_terrain, terrain_entries
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -170,4 +170,5 @@ def _draw_legend(axes: Axes, drawing: PlanDrawing) -> None:
         entries.append(sample("return route", ls=(0, (4, 1.5)), lw=1.4, color=AGENTS[0]))
     if (drawing.inflated.blocked & ~drawing.grid.blocked).any():
         entries.append(sample("nearer than the clearance", marker="s", ms=8, color=_NEAR))
+    entries += terrain_entries(drawing.terrain)
     legend_below(axes, entries, 0.07)

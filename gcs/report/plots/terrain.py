@@ -9,9 +9,10 @@ import numpy as np
 
 from gcs.model import FloatArray
 from gcs.planning.terrain.ground import Terrain
-from gcs.report.plots.style import AXIS, GRID, tidy
+from gcs.report.plots.style import AXIS, GRID, sample, tidy
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 _MAX_NODES: Final = 60_000
@@ -22,10 +23,25 @@ _FLAT: Final = math.sin(math.radians(_SUN_DEG[1]))
 _DARKEST: Final = 0.5
 _BRIGHTEST: Final = 0.35
 """Opacity of the darkest and of the brightest slopes, which are drawn in black and in white."""
-_CONTOURS: Final = 12
+_CONTOURS: Final = 20
+"""Greatest number of contours."""
 _SAMPLES: Final = 300
 BAND: Final = "#009e73"
 GROUND: Final = "#a08468"
+
+
+def contour_step_m(terrain: Terrain) -> float:
+    """Return the height from one contour to the next: 1, 2 or 5 times a power of ten."""
+    least_m = max(1.0, float(np.ptp(terrain.elevation.heights_msl_m)) / _CONTOURS)
+    power_m = 10.0 ** math.floor(math.log10(least_m))
+    return next(count * power_m for count in (1, 2, 5, 10) if count * power_m >= least_m)
+
+
+def terrain_entries(terrain: Terrain | None) -> list[Artist]:
+    """Return the entries of a legend for the terrain of a map."""
+    if terrain is None:
+        return []
+    return [sample(f"contours every {contour_step_m(terrain):g} m", ls="-", lw=0.8, color=AXIS)]
 
 
 def draw_terrain(axes: Axes, terrain: Terrain | None, zorder: float = 0.4) -> None:
@@ -48,6 +64,8 @@ def draw_terrain(axes: Axes, terrain: Terrain | None, zorder: float = 0.4) -> No
     half_m = spacing_m / 2.0
     east_m = west_m + spacing_m * np.arange(cols)
     north_m = south_m + spacing_m * np.arange(rows)
+    step_m = contour_step_m(terrain)
+    levels = step_m * np.arange(math.ceil(heights_msl_m.min() / step_m), heights_msl_m.max() // step_m + 1)
     limits = (axes.get_xlim(), axes.get_ylim())
     axes.imshow(
         picture,
@@ -60,7 +78,7 @@ def draw_terrain(axes: Axes, terrain: Terrain | None, zorder: float = 0.4) -> No
         east_m,
         north_m,
         heights_msl_m,
-        levels=_CONTOURS,
+        levels=levels,
         colors=AXIS,
         linewidths=0.5,
         alpha=0.8,

@@ -154,7 +154,7 @@ def _map(material: Material, folder: Path) -> Section:
         title = "Telemetry"
     over = " over the obstacles" if material.ground is not None else ""
     if material.ground is not None and material.ground.terrain is not None:
-        over += " and the terrain, with contours"
+        over += " and the terrain"
     caption = f"{title}{over}, at half time and at the end of the run."
     if material.has_tracks:
         caption += " Only some estimates are drawn."
