@@ -17,8 +17,8 @@ from gcs.report.agent_order import attention
 _STATUS_STYLE: Final = {"active": "cyan", "arrived": "green", "lost": "red", "down": "red"}
 _FIX_NAMES: Final = {0: "none", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK", 7: "static"}
 AGENT_COLUMNS: Final = (
-    "id", "status", "phase", "authority", "mode", "armed", "alt m", "m/s", "battery", "fix", "heard", "loss",
-    "target", "to go m", "ETA s", "mission",
+    "id", "status", "phase", "authority", "mode", "armed", "alt m", "AGL m", "m/s", "battery", "fix", "heard",
+    "loss", "target", "to go m", "ETA s", "mission",
 )  # fmt: skip
 _LEFT_COLUMNS: Final = ("status", "phase", "authority", "mode", "armed", "mission")
 
@@ -84,6 +84,7 @@ def _agent_cells(agent: AgentRecord) -> dict[str, str | Text]:
         "mode": agent.mode,
         "armed": "armed" if agent.armed else "",
         "alt m": _number(agent.alt_rel_m, ".0f"),
+        "AGL m": _number(agent.agl_m, ".0f") or "-",
         "m/s": _number(agent.ground_speed_m_s, ".1f"),
         "battery": Text(_number(agent.battery_percent, "d", " %"), style=battery_style),
         "fix": "" if agent.fix_type is None else _FIX_NAMES.get(agent.fix_type, str(agent.fix_type)),

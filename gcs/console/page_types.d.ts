@@ -9,8 +9,11 @@ export type Point = [number, number];
 /** East-east, east-north and north-north, in square metres. */
 export type Covariance = [number, number, number];
 
+/** East, north, and height above mean sea level. */
+export type TrailPoint = [number, number, number];
+
 /** Places of a vehicle; null where it was not heard between two of them. */
-export type Trail = (Point | null)[];
+export type Trail = (TrailPoint | null)[];
 
 /** Values by bin; null for empty bins. */
 export type Series = (number | null)[];
@@ -49,6 +52,21 @@ export interface RunInfo {
   title: string;
 }
 
+/** Ground of a mission over terrain, and its flight band. */
+export interface ElevationMap {
+  /** South-western node. */
+  origin_m: Point;
+  spacing_m: number;
+  /** Rows and columns. */
+  shape: [number, number];
+  lowest_msl_m: number;
+  step_m: number;
+  /** Steps of each node above the lowest one, row by row from the south: 16 bits, little-endian, base64. */
+  heights: string;
+  min_agl_m: number;
+  max_agl_m: number;
+}
+
 /** Parts of the mission that do not change in a run. */
 export interface MissionInfo extends RunInfo {
   name: string;
@@ -60,6 +78,10 @@ export interface MissionInfo extends RunInfo {
   origin_alt_m: number;
   /** Elevation model and flight band in words, or "flat". */
   terrain: string;
+  /** Null: the ground is flat. */
+  elevation: ElevationMap | null;
+  /** Height of each altitude layer above home, over flat ground. */
+  layers_rel_m: number[];
   /** Loiter radius of each vehicle. */
   loiter_radii_m: Record<string, number>;
   homes: Point[];
@@ -272,6 +294,10 @@ export interface AgentRecord {
   course_rad: number | null;
   /** Reported height above its home. */
   alt_rel_m: number | null;
+  /** Reported height above mean sea level. */
+  alt_msl_m: number | null;
+  /** Height above the ground below it, by the elevation model; null without one. */
+  agl_m: number | null;
   ground_speed_m_s: number | null;
   /** True if an integrity warning about its reports is open. */
   is_position_doubted: boolean;
@@ -360,7 +386,7 @@ export interface Route {
   /** Centre of the loiter circle that follows, east/north; null: the last point. */
   wait_m: [number, number] | null;
   /** (k,) height above mean sea level of each of `flown_m`; null: that of the layer, above home. */
-  heights_msl_m: Point[] | null;
+  heights_msl_m: number[] | null;
   /** Index of the point where it meets its target; -1: the last one. */
   target_point: number;
 }

@@ -233,7 +233,13 @@ class Stages:
             self.replanner,
         )
         self.status_report = StatusReport(
-            self.state, self.fleet, self.trackers, self.replanner.layers, self.tasking, config.ground
+            self.state,
+            self.fleet,
+            self.trackers,
+            self.replanner.layers,
+            self.tasking,
+            config.ground,
+            config.elevation,
         )
 
     def max_age_ns(self, state: VehicleState) -> int:

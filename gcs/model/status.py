@@ -45,6 +45,10 @@ class AgentRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Reported course over ground, clockwise from north."""
     alt_rel_m: float | None
     """Reported height above its home."""
+    alt_msl_m: float | None = None
+    """Reported height above mean sea level."""
+    agl_m: float | None = None
+    """Height above the ground below it, by the elevation model; None without one."""
     ground_speed_m_s: float | None
     is_position_doubted: bool
     """True if an integrity warning about its reports is open."""

@@ -56,6 +56,17 @@ class Elevation:
         """Return the height of the ground at a place; NaN outside the nodes."""
         return float(self.heights_at(np.array([[east_m, north_m]]))[0])
 
+    def coarser(self, max_nodes: int) -> Elevation:
+        """Return the same ground with at most so many nodes, for pictures; itself if it has no more."""
+        rows, cols = self.heights_msl_m.shape
+        if rows * cols <= max_nodes:
+            return self
+        every = math.sqrt((rows - 1) * (cols - 1) / max_nodes) * 1.01
+        ups, alongs = (np.arange(0.0, count - 1, every) * self.spacing_m for count in (rows, cols))
+        east_m, north_m = np.meshgrid(self.origin_m[0] + alongs, self.origin_m[1] + ups)
+        heights_msl_m = self.heights_at(np.column_stack((east_m.ravel(), north_m.ravel())))
+        return Elevation(self.origin_m, every * self.spacing_m, heights_msl_m.reshape(east_m.shape))
+
     def heights_at(self, points_m: FloatArray) -> FloatArray:
         """Return the height of the ground at places, bilinear between the four nodes around each.
 

@@ -63,6 +63,7 @@ def test_an_agent_is_one_row_with_units_in_the_head() -> None:
             "AUTO",
             "armed",
             "90",
+            "-",
             "15.1",
             "88",
             "%",

@@ -25,7 +25,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from websockets.sync.client import ClientConnection, connect
 
 from gcs.cli.console_page import answer_consoles
-from gcs.config import load
+from gcs.config import Config, load
 from gcs.console.remote.remote_run import find_run
 from gcs.console.server import ConsoleServer
 from gcs.console.view.feed import Feed
@@ -220,14 +220,16 @@ def fly() -> Callable[..., Any]:
 
 
 @contextmanager
-def _fly(access: Access | None = None, tiles: Tiles | None = None) -> Iterator[Flight]:
+def _fly(
+    access: Access | None = None, tiles: Tiles | None = None, config: Config | None = None
+) -> Iterator[Flight]:
     started, flights = threading.Event(), []
     ends: list[Callable[[], object]] = []
 
     async def run(bus: ZenohSession) -> None:
-        config = load("prescribed")
-        links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1, 2, 3, 4], config.local_frame)
-        service, events, stop = Service(config, 1, links, bus), Events(), asyncio.Event()
+        flown = config or load("prescribed")
+        links = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1, 2, 3, 4], flown.local_frame)
+        service, events, stop = Service(flown, 1, links, bus), Events(), asyncio.Event()
         service.sinks.append(events)
         feed = answer_consoles(service, bus, 1.0)
         loop = asyncio.get_running_loop()

@@ -170,6 +170,7 @@ class State:
     t_ns: int
     east_m: float
     north_m: float = 0.0
+    alt_msl_m: float = 600.0
 
 
 def test_a_trail_ends_where_nothing_was_heard() -> None:
@@ -179,7 +180,7 @@ def test_a_trail_ends_where_nothing_was_heard() -> None:
     for state in states:
         world._add_to_trails([state])  # type: ignore[list-item]
     trail = json.loads(world.snapshot())["trails"]["1"]
-    assert trail == [[0, 0], [20, 0], [40, 0], None, [200, 0], [220, 0]]
+    assert trail == [[0, 0, 600], [20, 0, 600], [40, 0, 600], None, [200, 0, 600], [220, 0, 600]]
 
 
 @pytest.mark.parametrize("key", ["v", "g"])

@@ -104,7 +104,10 @@ class Types:
                 parts = list(self.parts(where, field.annotation))
                 known = [one for one in parts if one != "UnsetType"]
                 name = field.target.id.rstrip("_") + ("?" if len(known) < len(parts) else "")
-                yield f"{comment(text_of(after), '  ')}  {name}: {' | '.join(known)};\n"
+                text = text_of(after)
+                if text.startswith("(k,)"):  # of an array: one number each
+                    known = ["number[]" if one == "Point[]" else one for one in known]
+                yield f"{comment(text, '  ')}  {name}: {' | '.join(known)};\n"
 
     def type(self, where: str, node: ast.expr) -> str:
         return " | ".join(self.parts(where, node))

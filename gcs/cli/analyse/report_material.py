@@ -24,6 +24,7 @@ from gcs.cli.warm_up_progress import flying
 from gcs.config import Config, load, parse
 from gcs.core.airspace.obstacle_map import mission_grid
 from gcs.core.engine import Engine
+from gcs.core.replanning.mission_inputs import terrain_of
 from gcs.errors import ConfigError, GcsError, RecordingError
 from gcs.io.onboard_logs import open_telemetry
 from gcs.io.recording.mcap_file import recording_bytes
@@ -244,7 +245,7 @@ class _Reading:
         if not known and config.map.random_threshold > 0.0:
             self.remarks.append("It has no seed, and its obstacles are random; give --seed.")
             return None
-        return Ground.of(mission_grid(config, self.seed))
+        return Ground.of(mission_grid(config, self.seed), terrain_of(config))
 
     def _flights(self) -> Flights:
         return Flights(None if self.config is None else self.config.local_frame)

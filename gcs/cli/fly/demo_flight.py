@@ -26,6 +26,7 @@ from gcs.cli.run_setup import display, open_recorder, warm_up
 from gcs.cli.warm_up_progress import flying
 from gcs.config import Config, parse, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
+from gcs.core.replanning.mission_inputs import terrain_of
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import ConfigError, InterruptedRunError, SimulationError
 from gcs.io.background_writer import QueuedText, off_loop
@@ -177,7 +178,7 @@ class EvaluatorSink:
 def _draw_recording(folder: Path, config: Config, seed: int) -> Path:
     """Draw the picture of a recorded run into its folder; return the file."""
     picture = folder / "run.png"
-    ground = Ground.of(mission_grid(config, seed))
+    ground = Ground.of(mission_grid(config, seed), terrain_of(config))
     draw_run((record.value for record in read(folder)), picture, ground, f"{config.name}, seed {seed}")
     return picture
 

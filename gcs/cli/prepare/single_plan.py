@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -209,6 +210,14 @@ def _draw(path: Path, task: Task, result: PlanResult, return_routes: Mapping[int
             r.vehicle: (r.points_m[-1].tolist(), *return_routes[r.vehicle].points_m.tolist())
             for r in result.routes
             if r.vehicle in return_routes
+        },
+        terrain=task.mission.terrain,
+        heights_msl_m={
+            r.vehicle: np.append(
+                task.mission.agents[r.vehicle].height_msl_m, r.heights_msl_m[: len(r.points_m)]
+            )
+            for r in result.routes
+            if r.heights_msl_m is not None
         },
     )
     try:

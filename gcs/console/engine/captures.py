@@ -4,18 +4,31 @@ from __future__ import annotations
 
 import base64
 from functools import lru_cache
+from typing import Final
 
 import msgspec
 import numpy as np
 
 from gcs.config import Config
 from gcs.console.view.capture import Capture
-from gcs.console.view.schema import FenceArea, MissionInfo, ObstacleMap, RunInfo, ServiceState
+from gcs.console.view.schema import (
+    ElevationMap,
+    FenceArea,
+    MissionInfo,
+    ObstacleMap,
+    RunInfo,
+    ServiceState,
+)
 from gcs.core.engine import Engine
 from gcs.core.state import flown_routes
 from gcs.fence import drawn_areas, rally_of
 from gcs.model import BoolArray
 from gcs.planning.map.grid import Grid
+
+_MAX_NODES: Final = 100_000
+"""Of the ground that is sent to a page: 270 kB."""
+_STEPS: Final = 2**16 - 1
+_MIN_STEP_M: Final = 0.01
 
 
 def capture(engine: Engine, t_ns: int, service: ServiceState | None = None) -> Capture:
@@ -45,10 +58,32 @@ def _bits(blocked: BoolArray) -> str:
     return base64.b64encode(np.packbits(blocked, axis=None, bitorder="little").tobytes()).decode()
 
 
+def elevation_map(config: Config) -> ElevationMap | None:
+    """Return the ground for the page, resampled to at most `_MAX_NODES`; None if it is flat."""
+    terrain, elevation = config.terrain, config.elevation
+    if terrain is None or elevation is None:
+        return None
+    drawn = elevation.coarser(_MAX_NODES)
+    lowest_m = float(drawn.heights_msl_m.min())
+    step_m = max(float(np.ptp(drawn.heights_msl_m)) / _STEPS, _MIN_STEP_M)
+    steps = np.rint((drawn.heights_msl_m - lowest_m) / step_m).astype("<u2")
+    return ElevationMap(
+        origin_m=drawn.origin_m,
+        spacing_m=drawn.spacing_m,
+        shape=steps.shape,
+        lowest_msl_m=lowest_m,
+        step_m=step_m,
+        heights=base64.b64encode(steps.tobytes()).decode(),
+        min_agl_m=terrain.min_agl_m,
+        max_agl_m=terrain.max_agl_m,
+    )
+
+
 def mission_info(config: Config, run: RunInfo) -> MissionInfo:
     """Return what does not change in a run."""
     area = config.map
     frame = config.local_frame
+    mission = config.mission
     return MissionInfo(
         **msgspec.structs.asdict(run),
         name=config.name,
@@ -56,6 +91,10 @@ def mission_info(config: Config, run: RunInfo) -> MissionInfo:
         origin_deg=(frame.lat_deg, frame.lon_deg),
         origin_alt_m=frame.alt_msl_m,
         terrain=config.ground,
+        elevation=elevation_map(config),
+        layers_rel_m=tuple(
+            mission.altitude_rel_m + layer * mission.layer_step_m for layer in range(mission.layers)
+        ),
         loiter_radii_m={v: one.loiter_radius_m for v, one in config.airframes_of_agents.items()},
         homes=tuple((one.east_m, one.north_m) for one in config.agents),
         rally=tuple(frame.to_local(one.lat_deg, one.lon_deg) for one in rally_of(config)),

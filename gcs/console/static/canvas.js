@@ -1,7 +1,7 @@
 // What all drawings share.
 
 /**
- * @import { Point } from "../page_types.d.ts"
+ * @import { Point, TrailPoint } from "../page_types.d.ts"
  * @import { View } from "./view.js"
  *
  * @typedef {[east: number, north: number, radius: number]} Disc
@@ -60,7 +60,7 @@ export function oncePerFrame(draw) {
  *
  * @param {Context} ctx
  * @param {View} view
- * @param {(Point | null)[]} points
+ * @param {(Point | TrailPoint | null)[]} points
  */
 export function addLine(ctx, view, points) {
   let isBegun = false;

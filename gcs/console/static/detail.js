@@ -103,6 +103,7 @@ export class Detail {
       ...row("mission", missionOf(record)),
       ...row("upload", uploadOf(record)),
       ...row("pinned to", [record.agent.pinned ? targetName(record.agent.pinned) : "no target"]),
+      ...row("height", [heightOf(record, this.feed.data.mission?.terrain === "flat")]),
       ...row("return", returnOf(record)),
       ...row("position", positionOf(record)),
     );
@@ -185,6 +186,15 @@ function uploadOf({ agent: { upload: stage }, upload: { since_s: since, failures
   if (failures) parts.push(bad(`, ${failures} failed`));
   if (pause) parts.push(fair(`, next attempt in ${seconds(pause)}`));
   return parts;
+}
+
+/**
+ * @param {VehicleDetail} record
+ * @param {boolean} isFlat
+ */
+function heightOf({ agent: { alt_rel_m: rel, alt_msl_m: msl, agl_m: agl } }, isFlat) {
+  const heights = `${number(rel)} m above home, ${number(msl)} m above sea level`;
+  return isFlat ? heights : `${number(agl)} m above ground, ${heights}`;
 }
 
 /** @param {VehicleDetail} record */

@@ -235,8 +235,9 @@ function beginSector(
  * @param {Context} ctx
  * @param {View} view
  * @param {Colour} colour
+ * @param {string} note beside it
  */
-export function drawScaleBar(ctx, view, colour) {
+export function drawScaleBar(ctx, view, colour, note) {
   const length = roundLength(SCALE_PX / view.scale);
   const [x, y] = [12, view.height - 12];
   const end = x + length * view.scale;
@@ -250,4 +251,5 @@ export function drawScaleBar(ctx, view, colour) {
   ]);
   ctx.textAlign = "left";
   ctx.fillText(metres(length), x + 4, y - 5);
+  ctx.fillText(note, end + 12, y);
 }

@@ -157,9 +157,10 @@ export function drawVehicles(ctx, view, vehicles, selection, labels, colour) {
 export function drawAltitudes(ctx, view, vehicles, labels, colour) {
   ctx.textAlign = "left";
   ctx.fillStyle = colour("dim");
-  for (const { position_m: at, alt_rel_m: alt, status } of vehicles) {
-    if (at && alt !== null && status !== "lost")
-      labels.draw(`${alt.toFixed(0)} m`, view.x(at[0]) + 10, view.y(at[1]) + 9);
+  for (const { position_m: at, alt_rel_m: alt, agl_m: agl, status } of vehicles) {
+    if (!at || alt === null || status === "lost") continue;
+    const above = agl === null ? "" : `, ${agl.toFixed(0)} AGL`;
+    labels.draw(`${alt.toFixed(0)} m${above}`, view.x(at[0]) + 10, view.y(at[1]) + 9);
   }
 }
 

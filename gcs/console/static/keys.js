@@ -31,6 +31,7 @@ export const KEYS = [
   ["+ −", "zoom"],
   ["arrows", "move the map"],
   ["V", "details of the selected vehicle, or targets"],
+  ["H", "height profile of the selected vehicle"],
   ["L", "layers"],
   ["G", "charts"],
   ["W", "charts: one minute, or the whole run; the pointer draws a span"],

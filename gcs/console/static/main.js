@@ -21,6 +21,7 @@ import { Marks } from "./marks.js";
 import { Orders } from "./orders.js";
 import { Panels } from "./panels.js";
 import { Plan } from "./plan.js";
+import { Profile } from "./profile.js";
 import { Replay } from "./replay.js";
 import { Selection } from "./selection.js";
 import { TargetOrders } from "./target_orders.js";
@@ -52,6 +53,7 @@ const charts = new Charts(part("charts"), feed, marks, selection, theme, panels,
 
 const help = () => showKeys(KEYS);
 new Detail(part("detail"), feed, selection, map, panels);
+new Profile(part("profile"), feed, selection, map, panels, theme);
 showHeader(part("head"), feed, theme, freshness, help);
 showOld(part("map"), freshness);
 showVehicles(part("vehicles"), feed, selection);
@@ -91,6 +93,7 @@ const actions = {
   f: () => motion.toggleFollow(),
   l: () => map.toggleLayers(),
   g: () => panels.toggle("charts"),
+  h: () => panels.toggle("profile"),
   w: () => charts.zoom(),
   m: () => map.measure(),
   p: inReplay(

@@ -83,6 +83,7 @@ export class SwarmMap {
     new ResizeObserver(() => this.resize()).observe(this.canvas);
     theme.addEventListener("change", () => {
       picture.obstacles.recolour(theme.colour);
+      picture.terrain.recolour(theme.colour);
       this.redraw();
     });
     this.layers.addEventListener("change", () => this.redraw());
@@ -90,6 +91,7 @@ export class SwarmMap {
       this.followButton.setAttribute("aria-pressed", String(motion.follows));
       this.redraw();
     });
+    feed.on("mission", (mission) => picture.terrain.set(mission.elevation, theme.colour));
     feed.on("map", (map) => picture.obstacles.set(map, theme.colour));
     feed.on("vehicles", (vehicles) => picture.trails.add(vehicles));
     feed.on("scans", (scans) => picture.detections.add(scans));
@@ -159,7 +161,7 @@ export class SwarmMap {
     picture.draw(this.feed.data, mission, layers.shown);
     this.tool?.draw(ctx, view, colour);
     this.pointer.drawBox(ctx, colour);
-    drawScaleBar(ctx, view, colour);
+    drawScaleBar(ctx, view, colour, layers.shown.terrain ? picture.terrain.legend : "");
     if (layers.shown.detections && !picture.detections.isEmpty) this.fade();
   }
 

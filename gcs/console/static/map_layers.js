@@ -5,6 +5,7 @@ import { el } from "./dom.js";
 /** @typedef {keyof typeof TITLES} LayerName */
 
 const TITLES = {
+  terrain: "Terrain: hill shading, contours",
   tiles: "Map tiles",
   trails: "Trails",
   routes: "Routes",

@@ -18,6 +18,7 @@ import * as swarm from "./draw_swarm.js";
 import { drawAgentTracks, drawTargets } from "./draw_tracks.js";
 import { targetName } from "./format.js";
 import { Labels } from "./labels.js";
+import { TerrainPicture } from "./terrain.js";
 import { Tiles } from "./tiles.js";
 import { Trails } from "./trails.js";
 
@@ -38,6 +39,7 @@ export class MapPicture {
     this.selection = selection;
     this.theme = theme;
     this.obstacles = new ground.Obstacles();
+    this.terrain = new TerrainPicture();
     this.trails = new Trails();
     this.detections = new Detections();
     this.tiles = new Tiles(redraw);
@@ -68,6 +70,7 @@ export class MapPicture {
     ctx.fillStyle = colour("map");
     ctx.fillRect(0, 0, view.width, view.height);
     ctx.font = FONT;
+    if (layers.terrain) this.terrain.draw(ctx, view, colour);
     if (layers.tiles) this.drawTiles(mission);
     ground.drawGridLines(ctx, view, colour);
     this.obstacles.draw(ctx, view);

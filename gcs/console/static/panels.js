@@ -2,12 +2,13 @@
 
 import { el, part, setText } from "./dom.js";
 
-/** @typedef {"targets" | "detail" | "alarms" | "charts"} PanelName */
+/** @typedef {"targets" | "detail" | "profile" | "alarms" | "charts"} PanelName */
 
 /** @type {Record<PanelName, { title: string, id: string }>} */
 const PANELS = {
   targets: { title: "Targets", id: "targets" },
   detail: { title: "Details", id: "detail" },
+  profile: { title: "Profile", id: "profile" },
   alarms: { title: "Alarms", id: "alarm-list" },
   charts: { title: "Charts", id: "charts" },
 };

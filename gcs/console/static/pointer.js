@@ -63,7 +63,9 @@ export class Pointer {
   move(event) {
     const { map, press } = this;
     const [east, north] = this.pointOf(event);
-    setText(this.place, `E ${east.toFixed(0)}  N ${north.toFixed(0)}`);
+    const ground = map.picture.terrain.ground?.at([east, north]) ?? null;
+    const height = ground === null ? "" : `  ground ${ground.toFixed(0)} m`;
+    setText(this.place, `E ${east.toFixed(0)}  N ${north.toFixed(0)}${height}`);
     const before = this.pressed.get(event.pointerId);
     if (before && press) this.drag(event, before, press);
     else if (map.tool) map.tool.hover?.([east, north]);

@@ -28,12 +28,12 @@ export class Trails {
 
   /** @param {AgentRecord[]} vehicles */
   add(vehicles) {
-    for (const { vehicle: id, position_m: at, is_late: isLate, status } of vehicles) {
+    for (const { vehicle: id, position_m: at, alt_msl_m: alt, is_late: isLate, status } of vehicles) {
       const trail = this.trails.get(id) ?? [];
       const last = trail.at(-1);
       if (isLate && last) trail.push(null);
       if (!at || isLate || status === "lost") continue;
-      if (!last || distance(last, at) > STEP_M) trail.push(at);
+      if (!last || distance([last[0], last[1]], at) > STEP_M) trail.push([at[0], at[1], alt ?? 0]);
       if (trail.length > MAX_POINTS) trail.shift();
       this.trails.set(id, trail);
     }

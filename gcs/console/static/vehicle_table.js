@@ -37,6 +37,7 @@ const COLUMNS = [
   { name: "mode", title: "mode", style: "left", cell: (one) => one.mode || "–" },
   { name: "armed", title: "armed", style: "left", cell: (one) => (one.armed ? "armed" : "–") },
   { name: "alt", title: "alt m", style: "", cell: (one) => number(one.alt_rel_m) },
+  { name: "agl", title: "AGL m", style: "", cell: (one) => number(one.agl_m) },
   { name: "layer", title: "layer", style: "", cell: layerCell },
   { name: "speed", title: "m/s", style: "", cell: (one) => number(one.ground_speed_m_s) },
   {

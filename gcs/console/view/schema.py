@@ -34,7 +34,9 @@ Point: TypeAlias = tuple[float, float]
 """East and north."""
 Covariance: TypeAlias = tuple[float, float, float]
 """East-east, east-north and north-north, in square metres."""
-Trail: TypeAlias = list[Point | None]
+TrailPoint: TypeAlias = tuple[float, float, float]
+"""East, north, and height above mean sea level."""
+Trail: TypeAlias = list[TrailPoint | None]
 """Places of a vehicle; None where it was not heard between two of them."""
 Series: TypeAlias = list[float | None]
 """Values by bin; None for empty bins."""
@@ -74,6 +76,22 @@ class RunInfo(Struct, frozen=True):
     """File that is replayed."""
 
 
+class ElevationMap(Struct, frozen=True):
+    """Ground of a mission over terrain, and its flight band."""
+
+    origin_m: Point
+    """South-western node."""
+    spacing_m: float
+    shape: tuple[int, int]
+    """Rows and columns."""
+    lowest_msl_m: float
+    step_m: float
+    heights: str
+    """Steps of each node above the lowest one, row by row from the south: 16 bits, little-endian, base64."""
+    min_agl_m: float
+    max_agl_m: float
+
+
 class MissionInfo(RunInfo, frozen=True, kw_only=True):
     """Parts of the mission that do not change in a run."""
 
@@ -86,6 +104,10 @@ class MissionInfo(RunInfo, frozen=True, kw_only=True):
     """Its height above sea level."""
     terrain: str
     """Elevation model and flight band in words, or "flat"."""
+    elevation: ElevationMap | None = None
+    """Null: the ground is flat."""
+    layers_rel_m: tuple[float, ...] = ()
+    """Height of each altitude layer above home, over flat ground."""
     loiter_radii_m: dict[int, float]
     """Loiter radius of each vehicle."""
     homes: tuple[Point, ...]

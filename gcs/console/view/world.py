@@ -16,7 +16,15 @@ from gcs.console.view import sections
 from gcs.console.view.capture import Capture, same_routes
 from gcs.console.view.history import SEVERE, History
 from gcs.console.view.news import News
-from gcs.console.view.schema import FieldOfView, Head, LogEntry, MissionInfo, ObstacleMap, ReplayState
+from gcs.console.view.schema import (
+    FieldOfView,
+    Head,
+    LogEntry,
+    MissionInfo,
+    ObstacleMap,
+    ReplayState,
+    TrailPoint,
+)
 from gcs.model import (
     NS_PER_S,
     Effect,
@@ -82,7 +90,7 @@ class World:
         """Number of each vehicle's last verified mission, and when that was."""
         self.answers: deque[OrderAnswer] = deque(maxlen=_MAX_ANSWERS)
         self._sections: dict[str, msgspec.Raw] = {"mission": _raw(self.mission)}
-        self._trails: dict[int, deque[tuple[float, float] | None]] = {}
+        self._trails: dict[int, deque[TrailPoint | None]] = {}
         """Places of each vehicle; None where it was not heard between two of them."""
         self._heard_t_ns: dict[int, int] = {}
         """Time of the newest place."""
@@ -218,7 +226,7 @@ class World:
             trail = self._trails.setdefault(state.system_id, deque(maxlen=_MAX_TRAIL))
             if before_t_ns is not None and state.t_ns - before_t_ns > _GAP_NS:
                 trail.append(None)
-            trail.append((round(state.east_m), round(state.north_m)))
+            trail.append((round(state.east_m), round(state.north_m), round(state.alt_msl_m)))
 
     def _add_scans(self, scans: list[Scan], news: dict[str, Any]) -> None:
         news["scans"] = [sections.detections(one) for one in scans]

@@ -18,7 +18,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 _STYLES: Final = (
-    "base", "layout", "header", "alarms", "map", "vehicles", "panels", "charts", "log", "replay", "commands",
+    "base", "layout", "header", "alarms", "map", "vehicles", "panels", "profile", "charts", "log", "replay",
+    "commands",
 )  # fmt: skip
 _IMPORT: Final = re.compile(r'^import (?:\* as (\w+)|\{([^}]+)\}) from "\./(\w+\.js)";$', re.MULTILINE)
 _EXPORT: Final = re.compile(r"^export (?=(?:(?:async )?function|class|const) (\w+))", re.MULTILINE)

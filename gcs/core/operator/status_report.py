@@ -15,9 +15,10 @@ from gcs.mavlink.fleet.checks.battery_alarm import is_low
 from gcs.mavlink.fleet.checks.link_timeouts import STALE_AFTER_S
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.vehicle import Health
-from gcs.model import NS_PER_S, AgentRecord, Label, SwarmStatus, TargetRecord, Track
+from gcs.model import NS_PER_S, AgentRecord, Label, SwarmStatus, TargetRecord, Track, VehicleState
 from gcs.model.rounding import rounded, rounded_place
 from gcs.planning.route_progress import remaining_length_m
+from gcs.terrain.elevation import Elevation
 
 _MIN_SPEED_M_S = 1.0
 
@@ -33,6 +34,8 @@ class StatusReport:
     tasking: UploadManager
     ground: str
     """Terrain of the mission in words."""
+    elevation: Elevation | None = None
+    """None: the ground is flat."""
 
     def build(self, t_ns: int, order_id: str = "") -> SwarmStatus:
         """Return the status now, as the answer to an order."""
@@ -89,6 +92,8 @@ class StatusReport:
             position_m=None if state is None else rounded_place(state.east_m, state.north_m),
             course_rad=None if state is None else rounded(state.course_rad, 2),
             alt_rel_m=None if state is None else rounded(self.fleet.height_m(state)),
+            alt_msl_m=None if state is None else rounded(state.alt_msl_m),
+            agl_m=None if state is None else self._agl_m(state),
             ground_speed_m_s=None if state is None else rounded(state.ground_speed_m_s),
             is_position_doubted=agent.perception.integrity.is_alarmed,
             lost_at_m=None if lost_at_m is None else rounded_place(*lost_at_m),
@@ -109,6 +114,13 @@ class StatusReport:
                 f"{item.value}: {one.cause}" for item, one in agent.flight.problems.items() if one.is_told
             ),
         )
+
+    def _agl_m(self, state: VehicleState) -> float | None:
+        """Return the height of a vehicle above the ground; None over flat ground, and beyond the model."""
+        if self.elevation is None:
+            return None
+        agl_m = state.alt_msl_m - self.elevation.height_msl_m(state.east_m, state.north_m)
+        return rounded(agl_m) if math.isfinite(agl_m) else None
 
     def _targets(self) -> tuple[TargetRecord, ...]:
         agents = self.state.agents

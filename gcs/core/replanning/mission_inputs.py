@@ -17,7 +17,7 @@ def mission_inputs(config: Config, obstacles: ObstacleMap) -> MissionInputs:
     speeds_m_s = config.speeds_m_s
     options = vehicle_options(config)
     layers = config.mission.layers if config.mission.layer_step_m > 0.0 else 1
-    terrain = _terrain(config, layers, obstacles.limited)
+    terrain = terrain_of(config, layers, obstacles.limited)
     agents = {
         one.vehicle: AgentState(
             one.east_m,
@@ -41,7 +41,7 @@ def mission_inputs(config: Config, obstacles: ObstacleMap) -> MissionInputs:
     )
 
 
-def _terrain(config: Config, layers: int, areas: tuple[LimitedArea, ...]) -> Terrain | None:
+def terrain_of(config: Config, layers: int = 1, areas: tuple[LimitedArea, ...] = ()) -> Terrain | None:
     """Return ground and flight band; None if the ground is flat."""
     table = config.terrain
     elevation = config.elevation

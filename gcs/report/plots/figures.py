@@ -16,7 +16,7 @@ import numpy as np
 from gcs.report.plots.maps import (
     Ground,
     draw_clutter,
-    draw_obstacles,
+    draw_ground,
     draw_some_estimates,
     legend_entries,
     truth_until,
@@ -74,14 +74,14 @@ def _draw_map(axes: Axes, timeline: Timeline, ground: Ground | None) -> None:
     axes.set(xlim=(west - margin, east + margin), ylim=(south - margin, north + margin), aspect="equal")
     axes.set(xlabel="east, m", ylabel="north, m")
     tidy(axes)
-    draw_obstacles(axes, ground)
+    draw_ground(axes, ground)
     draw_clutter(axes, timeline)
     colour = colours(agents_of(timeline))
     for vehicle, _, points in timeline.routes:
         axes.plot(*points.T, ls=(0, (4, 3)), lw=0.8, color=colour.get(vehicle, INK), alpha=0.75, zorder=3)
     truth_until(axes, timeline, timeline.duration_s)
     draw_some_estimates(axes, timeline, timeline.duration_s)
-    entries = legend_entries(timeline, obstacles=ground is not None, everything=True)
+    entries = legend_entries(timeline, ground, everything=True)
     legend_below(axes, entries, 0.08, rows=2)
 
 

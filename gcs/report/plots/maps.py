@@ -15,6 +15,7 @@ import numpy as np
 
 from gcs.model import FloatArray, Label
 from gcs.planning.map.grid import Grid
+from gcs.planning.terrain.ground import Terrain
 from gcs.report.plots.style import (
     AGENTS,
     AXIS,
@@ -34,6 +35,7 @@ from gcs.report.plots.style import (
     size_for,
     tidy,
 )
+from gcs.report.plots.terrain import draw_terrain, terrain_entries
 from gcs.report.run.timeline import Timeline, area_of
 from gcs.report.telemetry.flights import Flight
 
@@ -52,18 +54,20 @@ _MOST_POINTS = 1500
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """Obstacles of a mission."""
+    """Obstacles and terrain of a mission."""
 
     obstacles_m: FloatArray
     """(n, 2) east/north of the centres of blocked cells."""
     cell_m: float
     """Side of a cell."""
+    terrain: Terrain | None = None
+    """None: flat."""
 
     @classmethod
-    def of(cls, grid: Grid) -> Ground:
-        """Return the obstacles of a map."""
+    def of(cls, grid: Grid, terrain: Terrain | None = None) -> Ground:
+        """Return the obstacles of a map, and its terrain."""
         centres = [grid.point_of((int(row), int(column))) for row, column in np.argwhere(grid.blocked)]
-        return cls(np.reshape(centres, (-1, 2)), grid.spacing_m)
+        return cls(np.reshape(centres, (-1, 2)), grid.spacing_m, terrain)
 
 
 def truth_figure(
@@ -79,7 +83,7 @@ def truth_figure(
     for axes, until_s, name in zip(panels, times_s, ("half time", "end"), strict=True):
         _frame(axes, timeline, flights)
         heading(axes, f"{name}: {until_s:.0f} s")
-        draw_obstacles(axes, ground)
+        draw_ground(axes, ground)
         if timeline.has_truth:
             truth_until(axes, timeline, until_s)
         else:
@@ -87,7 +91,7 @@ def truth_figure(
         if estimates:
             draw_some_estimates(axes, timeline, until_s)
     panels[1].set_ylabel("")
-    known = legend_entries(timeline, obstacles=ground is not None, estimates=estimates)
+    known = legend_entries(timeline, ground, estimates=estimates)
     _legend(figure, known if timeline.has_truth else _report_entries(timeline, flights, ground))
     return figure
 
@@ -97,7 +101,7 @@ def tracker_figure(timeline: Timeline, ground: Ground | None) -> Figure:
     figure = new_figure(9.4, 8.6)
     axes = figure.add_subplot()
     _frame(axes, timeline, {})
-    draw_obstacles(axes, ground, alpha=0.35)
+    draw_ground(axes, ground, alpha=0.35)
     every = draw_clutter(axes, timeline)
     size = size_for(_agent_count(timeline))
     entries = []
@@ -114,7 +118,7 @@ def tracker_figure(timeline: Timeline, ground: Ground | None) -> Figure:
     word = "clutter" if timeline.has_truth else "detections"
     share = "" if every == 1 else f", one of {every} shown"
     entries.append(sample(f"{word}{share}", marker="^", ms=6, color=CLUTTER, alpha=0.6, mew=0))
-    _legend(figure, entries + _ground_entries(ground is not None))
+    _legend(figure, entries + _ground_entries(ground))
     return figure
 
 
@@ -206,12 +210,15 @@ def _thin(points_m: FloatArray) -> FloatArray:
     return points_m if step <= 1 else np.vstack([points_m[:-1:step], points_m[-1:]])
 
 
-def draw_obstacles(axes: Axes, ground: Ground | None, alpha: float = 1.0) -> None:
-    """Draw blocked cells as squares."""
+def draw_ground(axes: Axes, ground: Ground | None, alpha: float = 1.0) -> None:
+    """Draw terrain, and blocked cells as squares."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Rectangle
 
-    if ground is None or not len(ground.obstacles_m):
+    if ground is None:
+        return
+    draw_terrain(axes, ground.terrain)
+    if not len(ground.obstacles_m):
         return
     side = ground.cell_m
     cells = [Rectangle((x - side / 2.0, y - side / 2.0), side, side) for x, y in ground.obstacles_m]
@@ -235,7 +242,7 @@ def _frame(axes: Axes, timeline: Timeline, flights: Mapping[int, Flight]) -> Non
 
 
 def legend_entries(
-    timeline: Timeline, *, obstacles: bool, estimates: bool = True, everything: bool = False
+    timeline: Timeline, ground: Ground | None, *, estimates: bool = True, everything: bool = False
 ) -> list[Artist]:
     """Return the legend of a map of the ground truth; `everything` adds routes and clutter."""
     entries = [
@@ -251,7 +258,7 @@ def legend_entries(
     if everything:
         entries.append(sample("planned route", ls=(0, (4, 3)), lw=0.8, color=AGENTS[0]))
         entries.append(sample("clutter", marker="^", ms=5, color=CLUTTER, alpha=0.5, mew=0))
-    return entries + _ground_entries(obstacles)
+    return entries + _ground_entries(ground)
 
 
 def _report_entries(timeline: Timeline, flights: Mapping[int, Flight], ground: Ground | None) -> list[Artist]:
@@ -266,11 +273,13 @@ def _report_entries(timeline: Timeline, flights: Mapping[int, Flight], ground: G
         entries.append(sample("track of an agent", ls="-", lw=1.0))
     if any(len(estimate.points_m) for estimate in timeline.estimates["targets"]):
         entries.append(sample("estimate of a target", marker="o", ms=4, mfc="white", mew=0.8, mec="black"))
-    return entries + _ground_entries(ground is not None)
+    return entries + _ground_entries(ground)
 
 
-def _ground_entries(obstacles: bool) -> list[Artist]:
-    return [sample("obstacle", marker="s", ms=7, color=INK, mec=AXIS)] if obstacles else []
+def _ground_entries(ground: Ground | None) -> list[Artist]:
+    if ground is None:
+        return []
+    return [sample("obstacle", marker="s", ms=7, color=INK, mec=AXIS), *terrain_entries(ground.terrain)]
 
 
 def _legend(figure: Figure, entries: list[Artist]) -> None:

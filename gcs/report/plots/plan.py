@@ -1,4 +1,4 @@
-"""Figure of a plan: the map with the clearance around its obstacles, and the routes."""
+"""Figure of a plan: the map with the clearance around its obstacles, the routes, and their heights."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ import numpy as np
 from gcs.model import FloatArray
 from gcs.planning.forward_simulation import LoiterCircle
 from gcs.planning.map.grid import Grid, Point
-from gcs.report.plots.style import AGENTS, AXIS, INK, RED, annotate, legend_below, sample
+from gcs.planning.terrain.ground import Terrain
+from gcs.report.plots.style import AGENTS, AXIS, INK, RED, annotate, heading, legend_below, sample
+from gcs.report.plots.terrain import draw_profile, draw_terrain, terrain_entries
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,6 +26,9 @@ _NAMED = 30
 """Up to this many agents or targets are named."""
 _WIDTH_IN = 9.0
 _TALLEST = 2.0
+_PROFILE_IN = 1.6
+_PROFILES = 8
+"""Greatest number of routes whose heights are drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +48,10 @@ class PlanDrawing:
     """Loiter circles at the ends of the routes."""
     homes: Mapping[int, Sequence[Sequence[float]]] = field(default_factory=dict)
     """Return routes by agent, from the ends of the routes."""
+    terrain: Terrain | None = None
+    """None: flat."""
+    heights_msl_m: Mapping[int, FloatArray] = field(default_factory=dict)
+    """Heights of the points by agent, over terrain."""
 
 
 def draw_plan(drawing: PlanDrawing, path: Path) -> None:
@@ -58,9 +67,18 @@ def draw_plan(drawing: PlanDrawing, path: Path) -> None:
 
     rows, cols = drawing.grid.shape
     height_in = _WIDTH_IN * min(max(rows / cols, 0.4), _TALLEST)
-    figure = Figure(figsize=(_WIDTH_IN, height_in + 0.9), dpi=130, facecolor="white", layout="constrained")
+    profiled = [] if drawing.terrain is None else sorted(drawing.heights_msl_m)[:_PROFILES]
+    below_in = _PROFILE_IN * len(profiled)
+    figure = Figure(
+        figsize=(_WIDTH_IN, height_in + 0.9 + below_in), dpi=130, facecolor="white", layout="constrained"
+    )
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
+    axes, *below = figure.subplots(
+        1 + len(profiled),
+        1,
+        squeeze=False,
+        gridspec_kw={"height_ratios": [height_in + 0.9, *[_PROFILE_IN] * len(profiled)]},
+    )[:, 0]
     axes.set_title(drawing.title, loc="left", fontsize=12, fontweight="bold", color=INK)
     _draw_map(axes, drawing)
     few = max(len(drawing.starts), len(drawing.targets)) <= _NAMED
@@ -91,7 +109,21 @@ def draw_plan(drawing: PlanDrawing, path: Path) -> None:
         for name, place in drawing.targets.items():
             annotate(axes, name, place, INK)
     _draw_legend(axes, drawing)
+    _draw_profiles(below, drawing, profiled)
     figure.savefig(path)
+
+
+def _draw_profiles(rows: Sequence[Axes], drawing: PlanDrawing, agents: Sequence[int]) -> None:
+    """Draw the heights of routes over ground and flight band, one below the other."""
+    order = sorted(drawing.routes)
+    for axes, agent in zip(rows, agents, strict=True):
+        assert drawing.terrain is not None
+        colour = AGENTS[order.index(agent) % len(AGENTS)]
+        points_m = np.array(drawing.routes[agent])
+        draw_profile(axes, drawing.terrain, points_m, drawing.heights_msl_m[agent], colour)
+        heading(axes, f"agent {agent}: height above sea level, m")
+    if len(rows):
+        rows[-1].set_xlabel("distance along the route, m")
 
 
 def _circle_points(circle: LoiterCircle) -> FloatArray:
@@ -118,6 +150,7 @@ def _draw_map(axes: Axes, drawing: PlanDrawing) -> None:
         interpolation="nearest" if max(rows, cols) <= 1000 else "antialiased",
         zorder=1,
     )
+    draw_terrain(axes, drawing.terrain, zorder=1.2)
     axes.set(xlabel="east, m", ylabel="north, m")
     axes.tick_params(labelsize=9, color=AXIS)
     for spine in axes.spines.values():
@@ -137,4 +170,5 @@ def _draw_legend(axes: Axes, drawing: PlanDrawing) -> None:
         entries.append(sample("return route", ls=(0, (4, 1.5)), lw=1.4, color=AGENTS[0]))
     if (drawing.inflated.blocked & ~drawing.grid.blocked).any():
         entries.append(sample("nearer than the clearance", marker="s", ms=8, color=_NEAR))
+    entries += terrain_entries(drawing.terrain)
     legend_below(axes, entries, 0.07)

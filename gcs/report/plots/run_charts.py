@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from gcs.model import FloatArray, read_only
+from gcs.planning.terrain.ground import Terrain
 from gcs.report.plots.style import (
     INK,
     KINDS,
@@ -22,9 +23,10 @@ from gcs.report.plots.style import (
     size_for,
     tidy,
 )
+from gcs.report.plots.terrain import BAND
 from gcs.report.run.evaluation import OSPA_CUTOFF_M
 from gcs.report.run.timeline import Timeline
-from gcs.report.telemetry.flights import Flight
+from gcs.report.telemetry.flights import Flight, agl_m
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -205,12 +207,16 @@ def _shares(axes: Axes, values: Mapping[str, Sequence[float] | FloatArray], titl
         say(axes, "not measured")
 
 
-def flight_figure(flights: Mapping[int, Flight], duration_s: float) -> Figure:
-    """Draw height, speed and flight modes from telemetry over time."""
+def flight_figure(flights: Mapping[int, Flight], duration_s: float, terrain: Terrain | None = None) -> Figure:
+    """Draw height, speed and flight modes from telemetry over time, and heights above terrain."""
     row_height = 0.34 if len(flights) <= LABELLED else 0.16
-    heights = (1.9, 1.9, row_height * max(len(flights), 1) + 0.5)
+    above = [] if terrain is None else [1.9]
+    heights = (1.9, *above, 1.9, row_height * max(len(flights), 1) + 0.5)
     figure = new_figure(11.0, sum(heights) + 1.2)
-    height, speed, modes = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": heights})
+    rows = figure.subplots(len(heights), 1, sharex=True, gridspec_kw={"height_ratios": heights})
+    height, speed, modes = rows[0], rows[-2], rows[-1]
+    if terrain is not None:
+        _heights_above_ground(rows[1], flights, terrain)
     size = size_for(len(flights))
     colour = colours(flights)
     for vehicle, flight in flights.items():
@@ -230,6 +236,20 @@ def flight_figure(flights: Mapping[int, Flight], duration_s: float) -> Figure:
     modes.set_xlim(0.0, max(duration_s, 1.0))
     modes.set_xlabel("time, s")
     return figure
+
+
+def _heights_above_ground(axes: Axes, flights: Mapping[int, Flight], terrain: Terrain) -> None:
+    tidy(axes)
+    heading(axes, f"height above ground, m; flight band {terrain.min_agl_m:g} to {terrain.max_agl_m:g} m")
+    axes.axhspan(terrain.min_agl_m, terrain.max_agl_m, color=BAND, alpha=0.18, lw=0.0, zorder=1)
+    size = size_for(len(flights))
+    colour = colours(flights)
+    for vehicle, flight in flights.items():
+        step = max(1, len(flight.t_s) // 1500)
+        axes.plot(
+            flight.t_s[::step], agl_m(flight, terrain)[::step], color=colour[vehicle], lw=1.4 * size, zorder=3
+        )
+    axes.set_ylim(bottom=0.0)
 
 
 def _modes(axes: Axes, flights: Mapping[int, Flight]) -> None:

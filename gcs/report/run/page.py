@@ -153,6 +153,8 @@ def _map(material: Material, folder: Path) -> Section:
     if not material.has_tracks:
         title = "Telemetry"
     over = " over the obstacles" if material.ground is not None else ""
+    if material.ground is not None and material.ground.terrain is not None:
+        over += " and the terrain"
     caption = f"{title}{over}, at half time and at the end of the run."
     if material.has_tracks:
         caption += " Only some estimates are drawn."
@@ -206,10 +208,12 @@ def _times(material: Material, folder: Path) -> Section:
 
 
 def _flights(material: Material, folder: Path) -> Section:
-    figure = flight_figure(material.flights, material.duration_s)
-    caption = "Height, ground speed and flight mode of each vehicle, from its telemetry."
+    terrain = None if material.ground is None else material.ground.terrain
+    figure = flight_figure(material.flights, material.duration_s, terrain)
+    heights = "Height" if terrain is None else "Height above home and above ground"
+    caption = f"{heights}, ground speed and flight mode of each vehicle, from its telemetry."
     picture = save_figure(figure, folder, "flights", caption)
-    return Section("Vehicle telemetry", "", (picture,), (tables.flown(material.flights),))
+    return Section("Vehicle telemetry", "", (picture,), (tables.flown(material.flights, terrain),))
 
 
 def _link(material: Material) -> Section:

@@ -12,12 +12,14 @@ from typing import Any, Final
 import numpy as np
 
 from gcs.model import NS_PER_S, vehicle_name
+from gcs.planning.terrain.ground import Terrain
 from gcs.report.run.evaluation import Summary
 from gcs.report.run.timeline import KINDS, Timeline
-from gcs.report.telemetry.flights import Flight
+from gcs.report.telemetry.flights import Flight, least_agl_m
 
 _ROWS: Final = 300
 NONE: Final = "–"
+_LEAST_AGL: Final = "least AGL is that between the first and the last time above the floor of the flight band"
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +160,7 @@ def losses(timeline: Timeline) -> Table:
     return _table("Losses of separation", columns, rows, {"agents"}, note)
 
 
-def flown(flights: Mapping[int, Flight]) -> Table:
+def flown(flights: Mapping[int, Flight], terrain: Terrain | None = None) -> Table:
     """Return the telemetry of each vehicle."""
     rows = []
     for vehicle, of in flights.items():
@@ -166,15 +168,17 @@ def flown(flights: Mapping[int, Flight]) -> Table:
         modes = list(dict.fromkeys(mode for _, mode, _ in of.modes))
         height = number(float(of.alt_rel_m.max())) if len(of.t_s) else NONE
         speed = number(float(of.ground_speed_m_s.max())) if len(of.t_s) else NONE
+        above = () if terrain is None else (number(least_agl_m(of, terrain), 0),)
         rows.append((
-            str(vehicle), str(len(of.t_s)), times, number(of.length_m, 0), height, speed,
+            str(vehicle), str(len(of.t_s)), times, number(of.length_m, 0), height, *above, speed,
             "yes" if any(armed for _, _, armed in of.modes) else "no", ", ".join(modes),
         ))  # fmt: skip
     columns = (
-        "vehicle", "positions kept", "from – to, s", "flown, m", "highest, m", "fastest, m/s", "armed",
-        "modes",
+        "vehicle", "positions kept", "from – to, s", "flown, m", "highest, m",
+        *(() if terrain is None else ("least AGL, m",)), "fastest, m/s", "armed", "modes",
     )  # fmt: skip
-    return _table("Vehicles by their telemetry", columns, rows, {"from – to, s", "armed", "modes"})
+    note = "" if terrain is None else _LEAST_AGL
+    return _table("Vehicles by their telemetry", columns, rows, {"from – to, s", "armed", "modes"}, note)
 
 
 def senders(traffic: Mapping[str, Any]) -> Table:

@@ -21,6 +21,7 @@ from gcs.mavlink.autopilots import profile_of
 from gcs.mavlink.fleet.checks.position_checks import position_problem
 from gcs.mavlink.frames.codec import Frame, Message
 from gcs.model import NS_PER_S, FloatArray, read_only
+from gcs.planning.terrain.ground import Terrain
 from gcs.report.telemetry.smoothed_path import smooth_path
 
 _LEAST_NS: Final = NS_PER_S // 2
@@ -29,7 +30,7 @@ _MOST_MODES: Final = 2_000
 _MAX_VEHICLES: Final = 250
 _MAX_JUMPS_LISTED: Final = 5
 _MAX_DISTANCE_M: Final = 200_000.0
-_COLUMNS: Final = 5
+_COLUMNS: Final = 6
 _READ: Final = frozenset({dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_HEARTBEAT})
 _PLANE_LIKE: Final = frozenset({dialect.MAV_TYPE_FIXED_WING, *range(19, 26)})
 """Aeroplanes and the VTOL types of MAV_TYPE."""
@@ -53,6 +54,8 @@ class Flight:
     """(n, 2) east/north of the origin."""
     alt_rel_m: FloatArray
     """(n,) reported height above home."""
+    alt_msl_m: FloatArray
+    """(n,) reported height above mean sea level."""
     ground_speed_m_s: FloatArray
     """(n,)."""
     modes: tuple[tuple[float, str, bool], ...]
@@ -68,7 +71,7 @@ class Flight:
 class _Vehicle:
     t_ns: array[int] = field(default_factory=lambda: array("q"))
     values: array[float] = field(default_factory=lambda: array("d"))
-    """East, north, height, speed, boot time of each report."""
+    """East, north, height above home, speed, boot time, height above mean sea level of each report."""
     modes: list[tuple[int, str, bool]] = field(default_factory=list)
     least_ns: int = _LEAST_NS
     heard_ns: int = 0
@@ -125,7 +128,7 @@ class Flights:
         vehicle.t_ns.append(t_ns)
         vehicle.values.extend((
             *origin.to_local(lat_deg, lon_deg), message.relative_alt * 1e-3, speed_m_s,
-            message.time_boot_ms * 1e-3,
+            message.time_boot_ms * 1e-3, alt_msl_m,
         ))  # fmt: skip
         if len(vehicle.t_ns) > _MOST:
             vehicle.least_ns *= 2
@@ -147,10 +150,26 @@ class Flights:
             )
             found[system_id] = Flight(
                 system_id, read_only(t_s[order]), read_only(values[:, :2]), read_only(values[:, 2]),
-                read_only(values[:, 3]), modes, (vehicle.heard_ns - start_t_ns) / NS_PER_S,
-                path.length_m, jumps,
+                read_only(values[:, 5]), read_only(values[:, 3]), modes,
+                (vehicle.heard_ns - start_t_ns) / NS_PER_S, path.length_m, jumps,
             )  # fmt: skip
         return found
+
+
+def agl_m(flight: Flight, terrain: Terrain) -> FloatArray:
+    """Return the height of each report above the ground, (n,); NaN beyond the elevation model."""
+    above: FloatArray = flight.alt_msl_m - terrain.elevation.heights_at(flight.points_m)
+    return above
+
+
+def least_agl_m(flight: Flight, terrain: Terrain) -> float | None:
+    """Return the least height above ground between the first and the last time above the floor of the band.
+
+    So take-off and landing are left out. None: it was never above the floor.
+    """
+    above_m = agl_m(flight, terrain)
+    inside = np.flatnonzero(above_m >= terrain.min_agl_m)
+    return float(np.nanmin(above_m[inside[0] : inside[-1] + 1])) if len(inside) else None
 
 
 def jump_lines(flights: Mapping[int, Flight]) -> list[str]:

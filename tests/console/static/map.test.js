@@ -58,6 +58,7 @@ test("of a route only what is ahead of the vehicle is drawn", () => {
       layer: 0,
       wait_m: null,
       heights_msl_m: null,
+      target_point: -1,
     },
   ];
   drawRoutes(ctx, view, routes, [vehicle({ position_m: [130, 0], points_passed: 2 })], style);
@@ -75,13 +76,13 @@ test("of a route only what is ahead of the vehicle is drawn", () => {
 
 test("a trail ends where the vehicle was not heard, and begins again", () => {
   const trails = new Trails();
-  trails.begin({ 1: [[0, 0]] });
-  trails.add([vehicle({ position_m: [10, 0] })]);
-  trails.add([vehicle({ position_m: [12, 0] })]);
-  trails.add([vehicle({ position_m: [20, 0], is_late: true })]);
-  trails.add([vehicle({ position_m: [30, 0], is_late: true })]);
-  trails.add([vehicle({ position_m: [40, 0] })]);
-  assert.deepEqual([...trails.all()], [[[0, 0], [10, 0], null, [40, 0]]]);
+  trails.begin({ 1: [[0, 0, 600]] });
+  trails.add([vehicle({ position_m: [10, 0], alt_msl_m: 610 })]);
+  trails.add([vehicle({ position_m: [12, 0], alt_msl_m: 612 })]);
+  trails.add([vehicle({ position_m: [20, 0], alt_msl_m: 620, is_late: true })]);
+  trails.add([vehicle({ position_m: [30, 0], alt_msl_m: 630, is_late: true })]);
+  trails.add([vehicle({ position_m: [40, 0], alt_msl_m: 640 })]);
+  assert.deepEqual([...trails.all()], [[[0, 0, 600], [10, 0, 610], null, [40, 0, 640]]]);
 });
 
 test("places are where the service's local frame has them", () => {

@@ -2,9 +2,12 @@
 
 from dataclasses import replace
 
+from helpers.hills import elevation_of, hill, terrain_table
+
+from gcs.config import read_text
 from gcs.model import NS_PER_S, AgentRecord, Order, SwarmStatus
 from sim_vehicles.campaign.virtual_run import VirtualRun
-from sim_vehicles.world.scenario import load
+from sim_vehicles.world.scenario import load, parse_scenario
 
 
 def asked(run: VirtualRun, order_id: str = "status-1") -> SwarmStatus:
@@ -107,3 +110,24 @@ def test_a_sensor_that_falls_silent_is_late_at_first() -> None:
         return record.state
 
     assert [state(t_s) for t_s in (4, 6, 9)] == ["", "late", "silent"]
+
+
+def test_heights_above_the_ground_are_those_over_the_elevation_model() -> None:
+    ground = elevation_of(hill(1000.0, 1000.0, 60.0, 300.0, 70.0), 2000.0)
+    run = VirtualRun(parse_scenario(read_text("prescribed")[0] + terrain_table(ground), "hills"), 1)
+    run.run(20.0)
+    heard = [one for one in asked(run).agents if one.agl_m is not None]
+    assert len(heard) >= 3
+    for one in heard:
+        truth = run.vehicles[f"vehicle:{one.vehicle}"]
+        true_agl_m = truth.alt_msl_m - ground.height_msl_m(truth.east_m, truth.north_m)
+        assert one.agl_m is not None
+        assert abs(one.agl_m - true_agl_m) < 8.0
+        assert one.alt_msl_m is not None
+        assert abs(one.alt_msl_m - truth.alt_msl_m) < 5.0
+
+
+def test_over_flat_ground_no_height_above_it_is_claimed() -> None:
+    run = VirtualRun(load("prescribed"), 1)
+    run.run(5.0)
+    assert all(one.agl_m is None and one.alt_msl_m is not None for one in asked(run).agents)

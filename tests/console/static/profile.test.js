@@ -1,0 +1,136 @@
+// A profile would show a vehicle clear of the ground, or of another vehicle, where it is not.
+
+/** @import { AgentRecord, ElevationMap, MissionInfo, Point, Route } from "../../../gcs/console/page_types.d.ts" */
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import {
+  aheadOf,
+  behindOf,
+  crossingsOf,
+  othersNear,
+  stationAt,
+} from "../../../gcs/console/static/profile_path.js";
+import { Ground } from "../../../gcs/console/static/terrain.js";
+
+/** @param {Partial<AgentRecord>} more */
+const vehicle = (more) =>
+  /** @type {AgentRecord} */ ({
+    vehicle: 1,
+    status: "active",
+    position_m: [0, 0],
+    alt_msl_m: 700,
+    alt_rel_m: 100,
+    points_passed: 1,
+    ...more,
+  });
+
+/** @param {Partial<Route>} more */
+const route = (more) =>
+  /** @type {Route} */ ({
+    vehicle: 1,
+    points_m: /** @type {Point[]} */ ([
+      [-100, 0],
+      [100, 0],
+      [100, 200],
+    ]),
+    wait_m: null,
+    heights_msl_m: null,
+    layer: 1,
+    ...more,
+  });
+
+const flat = /** @type {MissionInfo} */ ({ elevation: null, layers_rel_m: [100, 120] });
+const steep = /** @type {MissionInfo} */ ({
+  elevation: /** @type {ElevationMap} */ ({}),
+  layers_rel_m: [100],
+});
+
+test("ground is read between nodes, and unknown beyond them", () => {
+  const steps = new Uint16Array([0, 10, 20, 100, 110, 120]);
+  const heights = btoa(String.fromCharCode(...new Uint8Array(steps.buffer)));
+  const ground = new Ground({
+    origin_m: [1000, 2000],
+    spacing_m: 10,
+    shape: [2, 3],
+    lowest_msl_m: 500,
+    step_m: 0.5,
+    heights,
+    min_agl_m: 50,
+    max_agl_m: 120,
+  });
+  assert.equal(ground.at([1000, 2000]), 500);
+  assert.equal(ground.at([1020, 2010]), 560);
+  assert.equal(ground.at([1015, 2005]), 532.5);
+  assert.equal(ground.at([1020.1, 2005]), null);
+  assert.equal(ground.at([1000, 1999]), null);
+  /** @type {number[][]} */
+  const lines = [];
+  ground.contour(525, (...line) => lines.push(line));
+  assert.deepEqual(lines, [
+    [1, 0.4, 0, 0.5],
+    [2, 0.3, 1, 0.4],
+  ]);
+  assert.ok(ground.brightness(0, 1) < 1, "a slope to the south is darker than level ground");
+});
+
+test("over terrain the route has its own heights above sea level, from the vehicle on", () => {
+  const ahead = aheadOf(
+    steep,
+    vehicle({}),
+    route({ wait_m: [100, 260], heights_msl_m: [690, 710, 730, 735] }),
+  );
+  assert.deepEqual(
+    ahead.map(({ at, height }) => [at, height]),
+    [
+      [0, 700],
+      [100, 710],
+      [300, 730],
+      [360, 735],
+    ],
+  );
+  assert.deepEqual(stationAt(ahead, 200), { at: 200, place: [100, 100], height: 720 });
+});
+
+test("over flat ground heights are above home, and the route has that of its layer", () => {
+  const ahead = aheadOf(flat, vehicle({}), route({}));
+  assert.deepEqual(
+    ahead.map((one) => one.height),
+    [100, 120, 120],
+  );
+  assert.deepEqual(aheadOf(flat, vehicle({ position_m: null }), route({})), []);
+});
+
+test("where a vehicle was not heard, no flown height is shown", () => {
+  const [now] = aheadOf(steep, vehicle({}), undefined);
+  const runs = behindOf([[-300, 0, 660], [-200, 0, 670], null, [-50, 0, 690]], now, 0, 0);
+  assert.deepEqual(
+    runs.map((run) => run.map(({ at, height }) => [at, height])),
+    [
+      [
+        [-300, 660],
+        [-200, 670],
+      ],
+      [
+        [-50, 690],
+        [0, 700],
+      ],
+    ],
+  );
+});
+
+test("other vehicles are shown at their heights where they are near, and where their routes cross", () => {
+  const ahead = aheadOf(steep, vehicle({}), route({ heights_msl_m: [690, 710, 730] }));
+  const others = [
+    vehicle({ vehicle: 2, position_m: [50, 40], alt_msl_m: 705 }),
+    vehicle({ vehicle: 3, position_m: [50, 900] }),
+    vehicle({ vehicle: 4, position_m: [50, 10], status: "down" }),
+  ];
+  assert.deepEqual(othersNear(ahead, others, 0), [{ vehicle: 2, at: 50, height: 705 }]);
+  const crossing = aheadOf(
+    steep,
+    vehicle({ vehicle: 2, position_m: [60, -50], alt_msl_m: 740, points_passed: 0 }),
+    route({ points_m: [[60, 50]], heights_msl_m: [720] }),
+  );
+  assert.deepEqual(crossingsOf(ahead, 2, crossing), [{ vehicle: 2, at: 60, height: 730 }]);
+});
