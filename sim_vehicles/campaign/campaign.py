@@ -104,7 +104,7 @@ def fly(job: Job) -> Row:
     config = scenario.config
     evaluator = evaluator_of(config)
     losses = LossWatch()
-    truths = GroundTruthTrackers()
+    truths = GroundTruthTrackers(config)
     run = VirtualRun(scenario, job.seed, loss=job.loss)
 
     def on_effect(_t_ns: int, effect: Effect) -> None:

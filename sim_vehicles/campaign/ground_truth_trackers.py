@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from gcs.config import Config
+from gcs.core.perception.terrain_sight import TerrainSight
 from gcs.model import NS_PER_S, Kind, Label, Notice, Picture, Scan, Track, Truth, VehicleState, read_only
 
 _COV = read_only(np.diag([0.01, 0.01, 0.01, 0.01]))
@@ -67,8 +69,9 @@ class GroundTruthClass:
 class GroundTruthTrackers:
     """Replaces `gcs.core.perception.fusion.MultiSensorTracker`; `truth` is set before each scan."""
 
-    def __init__(self) -> None:
+    def __init__(self, config: Config) -> None:
         self.truth: Truth | None = None
+        self._sight = TerrainSight(config)
         self.agents = GroundTruthClass("agents")
         self.targets = GroundTruthClass("targets")
 
@@ -77,8 +80,8 @@ class GroundTruthTrackers:
         return ""
 
     def scan_of_agents(self, scan: Scan) -> Scan:
-        """Return a scan as it is: truth is not hidden."""
-        return scan
+        """Return a scan as agents' detections, as the service does."""
+        return self._sight.scan_of(scan, "agents")
 
     def is_report_epoch_due(self, _t_ns: int) -> bool:
         """Use no position reports."""

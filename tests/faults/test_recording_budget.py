@@ -174,7 +174,7 @@ def test_recordings_and_journals_are_their_owners_alone(
 def test_a_start_that_fails_leaves_no_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     out = tmp_path / "flight"
-    monkeypatch.setattr("gcs.cli.fly.live_service.warm_up", lambda _: None)
+    monkeypatch.setattr("gcs.cli.fly.live_service.warm_up", lambda *_: None)
     mission = tmp_path / "m.toml"
     text, _ = read_text("prescribed")
     taken = Links([Link(parse_endpoint("udpin:127.0.0.1:0"))], [1], load("prescribed").local_frame)

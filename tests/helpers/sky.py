@@ -117,9 +117,11 @@ def fly_on(sky, for_s):
 
 
 def place(plane, east_m, north_m, height_m, course_deg=0.0):
-    """Put a vehicle somewhere; it keeps its mode."""
-    plane.airframe.east_m, plane.airframe.north_m = east_m, north_m
-    plane.airframe.alt_rel_m, plane.airframe.heading_rad = height_m, np.deg2rad(course_deg)
+    """Put a vehicle somewhere in level flight; it keeps its mode."""
+    airframe = plane.airframe
+    airframe.east_m, airframe.north_m = east_m, north_m
+    airframe.alt_rel_m, airframe.heading_rad = height_m, np.deg2rad(course_deg)
+    airframe._alt_demand_m, airframe.climb_m_s = height_m, 0.0
 
 
 def give(sky, action, *vehicles):
@@ -127,8 +129,9 @@ def give(sky, action, *vehicles):
     sky.run_.order(Order(sky.run_.t_ns, f"{action}-{number}", action, vehicles or None))
 
 
-def with_one_home(sky):
+def with_one_home(sky, place_m=(1500.0, 1500.0)):
     """Let all vehicles return to one place, at the height of their parameters: 100 m."""
+    east_m, north_m = place_m
     for plane in sky.planes.values():
-        plane.autopilot.home = replace(plane.autopilot.home, east_m=1500.0, north_m=1500.0)
+        plane.autopilot.home = replace(plane.autopilot.home, east_m=east_m, north_m=north_m)
     return fly_on(sky, 12.0)

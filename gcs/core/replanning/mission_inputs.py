@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 from gcs.config import Config
 from gcs.core.airspace.obstacle_map import ObstacleMap
 from gcs.core.replanning.plan_targets import plan_options, vehicle_options
-from gcs.planning.map.limited_area import LimitedArea
 from gcs.planning.planner_inputs import AgentState, MissionInputs
 from gcs.planning.terrain.ground import Terrain
 
@@ -16,8 +16,8 @@ def mission_inputs(config: Config, obstacles: ObstacleMap) -> MissionInputs:
     """Return the inputs of a plan from the starts of agents to the birth components of targets."""
     speeds_m_s = config.speeds_m_s
     options = vehicle_options(config)
-    layers = config.mission.layers if config.mission.layer_step_m > 0.0 else 1
-    terrain = terrain_of(config, layers, obstacles.limited)
+    layers = _layers(config)
+    terrain = terrain_of(config, obstacles)
     agents = {
         one.vehicle: AgentState(
             one.east_m,
@@ -41,21 +41,29 @@ def mission_inputs(config: Config, obstacles: ObstacleMap) -> MissionInputs:
     )
 
 
-def terrain_of(config: Config, layers: int = 1, areas: tuple[LimitedArea, ...] = ()) -> Terrain | None:
-    """Return ground and flight band; None if the ground is flat."""
+def terrain_of(config: Config, obstacles: ObstacleMap | None = None) -> Terrain | None:
+    """Return ground and flight band, with the areas of a map; None if the ground is flat."""
     table = config.terrain
     elevation = config.elevation
     if table is None or elevation is None:
         return None
-    return Terrain(
+    return _terrain(
         elevation,
         table.min_agl_m,
         table.max_agl_m,
-        layers,
-        areas,
+        _layers(config),
+        () if obstacles is None else obstacles.limited,
         config.frame.alt_msl_m,
         config.planning.vertical_clearance_m,
     )
+
+
+_terrain = lru_cache(maxsize=4)(Terrain)
+"""The planner makes its maps once for each terrain."""
+
+
+def _layers(config: Config) -> int:
+    return config.mission.layers if config.mission.layer_step_m > 0.0 else 1
 
 
 def _start_msl_m(terrain: Terrain | None, east_m: float, north_m: float) -> float:

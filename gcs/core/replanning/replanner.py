@@ -22,7 +22,7 @@ from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import LowFlight
 from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
-from gcs.core.replanning.mission_inputs import mission_inputs
+from gcs.core.replanning.mission_inputs import mission_inputs, terrain_of
 from gcs.core.replanning.plan_targets import PlanTargets, vehicle_options
 from gcs.core.replanning.planned_flights import AltitudeLayers, begin_m
 from gcs.core.replanning.reasons import Reason
@@ -63,6 +63,7 @@ class Replanner:
         self._zones = zones
         self._agents = agents
         self._state = state
+        self._config = config
         self._planning = config.planning
         self._mission = mission_inputs(config, zones.obstacles)
         self.plan_targets = PlanTargets(config)
@@ -372,10 +373,6 @@ class Replanner:
         if fixed:
             demands = {label: replace(one, agents=counts[label]) for label, one in demands.items()}
         ahead_s = (inputs.t_ns - inputs.picture_t_ns) / NS_PER_S + self._ahead_s  # begin of the routes
-        terrain = self._mission.terrain
-        areas = self._zones.obstacles.limited
-        if terrain is not None and terrain.areas is not areas:  # its maps are made anew
-            self._mission = replace(self._mission, terrain=replace(terrain, areas=areas))
         return replace(
             self._mission,
             grid=self._zones.obstacles.below_layers(self._low_flights(agents, inputs)),
@@ -386,6 +383,7 @@ class Replanner:
             flown_to=flown,
             demands=demands,
             pinned={v: label for v, label in pinned.items() if label is not None},
+            terrain=terrain_of(self._config, self._zones.obstacles),
         )
 
     def _low_flights(self, vehicles: Iterable[int], inputs: PlanningInputs) -> Iterator[LowFlight]:

@@ -21,7 +21,7 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.replanning.mission_inputs import mission_inputs
+from gcs.core.replanning.mission_inputs import mission_inputs, terrain_of
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.separation.intents import Intents
@@ -61,6 +61,7 @@ class StackedMissions:
         order_check: OrderCheck,
         intents: Intents,
     ) -> None:
+        self._config = config
         self._zones = zones
         self._fleet = fleet
         self._agents = agents
@@ -167,9 +168,10 @@ class StackedMissions:
         """Yield routes to a place in each of some layers; over terrain each at heights of its own."""
         starts = {state.system_id: self._start(state, t_ns)}
         plan = partial(plan_routes, self._zones.grid, starts, {label: end_m}, {}, self._options)
-        if self._mission.terrain is not None:
+        terrain = terrain_of(self._config, self._zones.obstacles)
+        if terrain is not None:
             for layer in layers:
-                for route in plan(terrain=self._mission.terrain, layer=layer).routes:
+                for route in plan(terrain=terrain, layer=layer).routes:
                     yield replace(route, layer=layer)
             return
         made = plan()

@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
-from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
+from helpers.sky import LANDING, Sky, fly_on, give, place, with_one_home
 
 from gcs.model import NoticeCode
 from sim_vehicles.autopilots.base import Mode
 
-ONE_HEIGHT = FIELD.replace("altitude_rel_m = 60.0\nlayers = 8", "altitude_rel_m = 100.0\nlayers = 1")
-"""No mission is apart from a return in RTL, at 100 m."""
+
+def with_home_off_the_map():
+    """Two that RTL would lead to one circle. No mission leads them home: it is off the map."""
+    return with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0)), (1500.0, -300.0))
 
 
 def states(sky, action, vehicle):
@@ -17,7 +19,7 @@ def states(sky, action, vehicle):
 
 
 def test_of_two_that_would_return_to_one_circle_the_second_waits_until_it_is_ordered_again():
-    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), field=ONE_HEIGHT))
+    sky = with_home_off_the_map()
     give(sky, "return")
     fly_on(sky, 2.0)
     ((_, notice),) = sky.told(NoticeCode.ORDER_WAITS)
@@ -31,7 +33,7 @@ def test_of_two_that_would_return_to_one_circle_the_second_waits_until_it_is_ord
 
 
 def test_a_return_that_waits_begins_when_the_other_has_left():
-    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), field=ONE_HEIGHT))
+    sky = with_home_off_the_map()
     give(sky, "return")
     fly_on(sky, 3.0)
     give(sky, "hold", 1)
@@ -44,7 +46,7 @@ def test_a_return_that_waits_begins_when_the_other_has_left():
 
 @pytest.mark.parametrize("action", ["resume", "hold"])
 def test_a_newer_order_ends_one_that_waits(action):
-    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), field=ONE_HEIGHT))
+    sky = with_home_off_the_map()
     give(sky, "return")
     fly_on(sky, 2.0)
     give(sky, action, 2)
@@ -56,7 +58,7 @@ def test_a_newer_order_ends_one_that_waits(action):
 
 
 def test_an_order_that_waits_ends_with_a_pilot():
-    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), field=ONE_HEIGHT))
+    sky = with_home_off_the_map()
     give(sky, "return")
     fly_on(sky, 2.0)
     sky.planes[2].autopilot.set_mode(Mode.FBWA)
@@ -69,7 +71,7 @@ def test_an_order_that_waits_ends_with_a_pilot():
 
 def test_an_order_that_waits_is_not_sent_to_a_vehicle_that_has_landed():
     """It would take off again."""
-    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), field=ONE_HEIGHT))
+    sky = with_home_off_the_map()
     give(sky, "return")
     fly_on(sky, 2.0)
     place(sky.planes[2], 2300.0, 2300.0, 0.0)
@@ -82,7 +84,7 @@ def test_an_order_that_waits_is_not_sent_to_a_vehicle_that_has_landed():
 
 
 def test_an_order_goes_on_waiting_while_its_vehicle_is_not_heard():
-    sky = with_one_home(Sky((600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), field=ONE_HEIGHT))
+    sky = with_home_off_the_map()
     give(sky, "return")
     fly_on(sky, 2.0)
     unheard = sky.run_.vehicles.pop("vehicle:2")

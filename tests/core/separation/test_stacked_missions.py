@@ -4,9 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from helpers.hills import elevation_of, hill, terrain_table
 from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
 
-from gcs.model import NoticeCode
+from gcs.model import NoFlyZone, NoticeCode, Order, VerticalLimits
 from sim_vehicles.autopilots.base import Mode
 
 PLACES = [(600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), (700.0, 2200.0, 100.0), (2200.0, 700.0, 120.0)]
@@ -104,6 +105,19 @@ def test_a_return_whose_upload_is_not_answered_waits_with_an_alarm_until_it_is_o
     give(sky, "return", 2)
     fly_on(sky, 3.0)
     assert sky.planes[2].autopilot.mode is Mode.RTL
+
+
+def test_a_return_over_terrain_waits_where_a_zone_with_a_ceiling_was_closed_round_home_in_flight():
+    """The zone reaches above the flight band. Before, the mission led into it."""
+    ground = elevation_of(hill(700.0, 2300.0, 60.0, 200.0, 70.0), 3000.0)
+    sky = with_one_home(Sky(*PLACES[:2], field=FIELD + terrain_table(ground)))
+    zone = NoFlyZone("fire", (1500.0, 1500.0, 400.0), limits=VerticalLimits(ceiling_m=300.0))
+    sky.run_.order(Order(sky.run_.t_ns, "fire", "no-fly-zone", None, no_fly_zone=zone))
+    fly_on(sky, 1.0)
+    give(sky, "return")
+    fly_on(sky, 4.0)
+    ((_, notice),) = sky.told(NoticeCode.ORDER_WAITS)
+    assert (notice.vehicle, notice.parameters["action"]) == (2, "return")
 
 
 def held_together(field=FIELD):
