@@ -18,7 +18,7 @@ from gcs.geo import wrap_pi
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.model import FloatArray, Notice, NoticeCode, Parameter
-from gcs.planning.manoeuvres.climb import Climb, climb_obstruction, turn_obstruction
+from gcs.planning.manoeuvres.climb import Climb, climb_obstruction, ground_obstruction, turn_obstruction
 from gcs.planning.manoeuvres.takeoff_obstruction import Obstruction, ObstructionCode
 
 _MAX_HEADING_ERROR_RAD = math.radians(15.0)
@@ -37,6 +37,8 @@ class Climbs:
         self._options = vehicle_options(config)
         self._fleet = fleet
         self._airframes = config.airframes_of_agents
+        self._elevation = config.elevation
+        self._least_agl_m = 0.0 if config.terrain is None else 0.5 * config.terrain.min_agl_m
 
     def climb(self, vehicle: int, layer: int, *, in_takeoff: bool = False) -> Climb | None:
         """Return the climb before a vehicle's route; None in flight.
@@ -111,6 +113,8 @@ class Climbs:
             return Obstruction(ObstructionCode.NOT_ALONG_RUNWAY, directions)
         obstacles = self._zones.obstacles
         found = climb_obstruction(obstacles.near_ground, climb, options.clearance_m + extra_m)
+        if found is None and self._elevation is not None and climb.ground_run_m > 0.0:
+            found = ground_obstruction(climb, self._elevation, self._least_agl_m)
         if found is not None or points_m is None:
             return found
         points = [(east_m, north_m) for east_m, north_m in points_m.tolist()]

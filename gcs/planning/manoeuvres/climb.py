@@ -17,17 +17,20 @@ from itertools import pairwise, product
 
 import numpy as np
 
+from gcs.model import Parameter
 from gcs.planning.forward_simulation import Motion
 from gcs.planning.manoeuvres.takeoff_obstruction import Obstruction, ObstructionCode
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight, path_clearance, to_cells
 from gcs.planning.path.initial_turn import START_CLEARANCE_SHARE, is_turn_safe, start_clearance
+from gcs.terrain.elevation import Elevation
 
 _CLIMB_LENGTH_UNCERTAINTY = 0.1
 """Relative uncertainty of the length of the airborne climb."""
 _FIRST_TURN_RADII = 2.0
 """A waypoint within this many turn radii is part of the first turn."""
 _HALVINGS = 12
+_GROUND_SAMPLES = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +120,34 @@ def climb_obstruction(grid: Grid, climb: Climb, clearance_m: float) -> Obstructi
         if not grid.contains(end):
             return _obstruction(ObstructionCode.OUTSIDE_MAP, climb, end, min_clearance_m)
     return None
+
+
+def ground_obstruction(climb: Climb, elevation: Elevation, least_agl_m: float) -> Obstruction | None:
+    """Return where a climb comes too near to the ground; None if it does not.
+
+    The airborne part keeps half of its height above the start, or the least height above ground if that is
+    less.
+    """
+    share = np.linspace(0.0, 1.0, _GROUND_SAMPLES)
+    east, north = math.sin(climb.heading_rad), math.cos(climb.heading_rad)
+    run_m = min(climb.ground_run_m, climb.latest_length_m)
+    along_m = run_m + share * (climb.latest_length_m - run_m)
+    places_m = np.array(climb.start_m) + along_m[:, None] * (east, north)
+    start_msl_m = elevation.height_msl_m(*climb.start_m)
+    height_m = share * climb.altitude_rel_m
+    agl_m = start_msl_m + height_m - elevation.heights_at(places_m)
+    near = np.flatnonzero(agl_m < np.minimum(0.5 * height_m, least_agl_m))
+    if not len(near):
+        return None
+    first = int(near[0])
+    east_m, north_m = places_m[first].tolist()
+    parameters: dict[str, Parameter] = {
+        "agl_m": float(agl_m[first]),
+        "distance_m": float(along_m[first]),
+        "east_m": east_m,
+        "north_m": north_m,
+    }
+    return Obstruction(ObstructionCode.NEAR_GROUND, parameters)
 
 
 def turn_obstruction(

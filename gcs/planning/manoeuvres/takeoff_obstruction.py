@@ -29,6 +29,10 @@ class ObstructionCode(TableCode):
     remedy: str
 
     CLIMB_BLOCKED = _Entry("climb-blocked", "the climb comes " + _BLOCKED + _WHERE)
+    NEAR_GROUND = _Entry(
+        "near-ground", "the climb comes within {agl_m:.0f} m of the ground" + _WHERE,
+        "take off from elsewhere or in another direction",
+    )  # fmt: skip
     OUTSIDE_MAP = _Entry("outside-map", "the climb leaves the map" + _WHERE)
     TURN_BLOCKED = _Entry("turn-blocked", "the first turn comes " + _BLOCKED + _WHERE)
     TURN_MAY_BE_BLOCKED = _Entry("turn-may-be-blocked", "the first turn may come " + _BLOCKED + _WHERE)

@@ -22,6 +22,29 @@ from gcs.terrain.elevation import Elevation
 _AROUND_SPACINGS = 1.5
 
 
+def split_closed(
+    band: FlightBand,
+    elevation: Elevation,
+    grid: Grid,
+    areas: Iterable[LimitedArea],
+    home_msl_m: float,
+    clearances_m: tuple[float, float],
+) -> tuple[list[LimitedArea], list[LimitedArea]]:
+    """Return the areas that a band can pass neither over nor under anywhere, and the others.
+
+    The closed ones are obstacles: a way leads round them. Parameters as of `limit_band`.
+    """
+    closed: list[LimitedArea] = []
+    passed: list[LimitedArea] = []
+    before = band.surfaces_msl_m[:, :, :2]
+    for area in areas:
+        limited = limit_band(band, elevation, grid, [area], home_msl_m, clearances_m)
+        after = limited.surfaces_msl_m[:, :, :2][(limited.surfaces_msl_m[:, :, :2] != before).any(axis=2)]
+        is_closed = bool(len(after)) and bool((after[:, 0] >= after[:, 1]).all())
+        (closed if is_closed else passed).append(area)
+    return closed, passed
+
+
 def limit_band(
     band: FlightBand,
     elevation: Elevation,

@@ -16,12 +16,13 @@ import numpy as np
 
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid, Point
+from gcs.planning.map.limited_area import blocked_by
 from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.terrain.band import FlightBand, Vertical, make_band
 from gcs.planning.terrain.flown_route import FlightModel, plan_flown_route
 from gcs.planning.terrain.goal import cost_matrix
 from gcs.planning.terrain.ground import Terrain
-from gcs.planning.terrain.limited_band import limit_band
+from gcs.planning.terrain.limited_band import limit_band, split_closed
 from gcs.planning.terrain.loiter_circles import CircleMap, goal_at_target, make_circle_map
 from gcs.planning.terrain.route import TerrainRoute
 from gcs.planning.terrain.terrain_map import BandPose, Goal, TerrainMap, make_terrain_map
@@ -109,9 +110,16 @@ def _levels(terrain: Terrain, grid: Grid, options: PlanOptions) -> list[_Level]:
 
 @lru_cache(maxsize=8)
 def _band(terrain: Terrain, grid: Grid, clearance_m: float, margin_m: float) -> FlightBand:
-    band = make_band(terrain.elevation, terrain.min_agl_m, terrain.max_agl_m, grid, clearance_m, margin_m)
+    heights_m = terrain.min_agl_m, terrain.max_agl_m
+    band = make_band(terrain.elevation, *heights_m, grid, clearance_m, margin_m)
+    if not terrain.areas:
+        return band
     clearances_m = clearance_m + margin_m, terrain.vertical_clearance_m
-    return limit_band(band, terrain.elevation, grid, terrain.areas, terrain.home_msl_m, clearances_m)
+    limits = terrain.home_msl_m, clearances_m
+    closed, passed = split_closed(band, terrain.elevation, grid, terrain.areas, *limits)
+    if closed:
+        band = make_band(terrain.elevation, *heights_m, blocked_by(grid, closed), clearance_m, margin_m)
+    return limit_band(band, terrain.elevation, grid, passed, *limits)
 
 
 @lru_cache(maxsize=8)

@@ -2,11 +2,13 @@
 
 import math
 
+import numpy as np
 import pytest
 
-from gcs.planning.manoeuvres.climb import Climb, climb_obstruction, turn_obstruction
+from gcs.planning.manoeuvres.climb import Climb, climb_obstruction, ground_obstruction, turn_obstruction
 from gcs.planning.manoeuvres.takeoff_obstruction import ObstructionCode
 from gcs.planning.map.grid import free_grid
+from gcs.terrain.elevation import Elevation
 
 HEADING_RAD = math.radians(352.9)
 STAND_M = (1501.5, 1000.0)
@@ -105,3 +107,21 @@ def test_a_climb_out_of_the_map_is_refused():
 def test_on_the_ground_a_vehicle_may_stand_near_a_hangar():
     hangar = (1540.0, 960.0, 1580.0, 1000.0)
     assert not climb_obstruction(field(hangar), climb(20.0), 40.0)
+
+
+def rising(gradient, from_m=150.0):
+    """Return ground that rises along the runway, from a distance to it on."""
+    at = np.arange(-1500.0, 3500.0, 20.0)
+    east, north = np.meshgrid(at, at)
+    along = (east - STAND_M[0]) * math.sin(HEADING_RAD) + (north - STAND_M[1]) * math.cos(HEADING_RAD)
+    return Elevation((-1500.0, -1500.0), 20.0, 70.0 + gradient * np.maximum(along - from_m, 0.0))
+
+
+def test_a_climb_towards_rising_ground_keeps_half_of_its_height():
+    climbing = climb(120.0)
+    assert ground_obstruction(climbing, rising(0.0), 25.0) is None
+    assert ground_obstruction(climbing, rising(0.1), 25.0) is None
+    found = ground_obstruction(climbing, rising(0.4), 25.0)
+    assert found.code is ObstructionCode.NEAR_GROUND
+    assert found.parameters["agl_m"] < 25.0
+    assert "of the ground" in found.problem

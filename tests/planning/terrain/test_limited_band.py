@@ -1,5 +1,7 @@
 """A vehicle over terrain would fly through an area that it may pass over or under, or find no way past it."""
 
+import math
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -7,8 +9,12 @@ from hypothesis import strategies as st
 from gcs.model import VerticalLimits
 from gcs.planning.map.grid import free_grid, free_grid_like
 from gcs.planning.map.limited_area import LimitedArea, blocked_by
+from gcs.planning.path.turns import TurnAnticipation
+from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.terrain.band import make_band
-from gcs.planning.terrain.limited_band import limit_band
+from gcs.planning.terrain.ground import Terrain
+from gcs.planning.terrain.limited_band import limit_band, split_closed
+from gcs.planning.terrain.terrain_search import TerrainSearch
 from gcs.terrain.elevation import Elevation
 
 GRID = free_grid((26, 26), 40.0)
@@ -100,3 +106,20 @@ def test_every_height_of_the_band_keeps_the_clearance_on_one_side_of_an_area(
     under = ceiling_m <= low_m - clearances_m[1] + 1e-3
     assert over[is_open].all() or under[is_open].all()
     assert not (blocked_by(free_grid_like(GRID), [LimitedArea(CELLS, limits)]).blocked ^ ZONE.blocked).any()
+
+
+def test_a_way_leads_round_an_area_that_the_band_passes_neither_over_nor_under():
+    clearances_m = (0.0, 20.0)
+    band = make_band(LEVEL, 50.0, 120.0, GRID)
+    high = LimitedArea(CELLS, VerticalLimits(None, 300.0))
+    low = LimitedArea(CELLS, VerticalLimits(None, 60.0, "ground"))
+    closed, passed = split_closed(band, LEVEL, GRID, [high, low], HOME_MSL_M, clearances_m)
+    assert (closed, passed) == ([high], [low])
+    turns = TurnAnticipation(40.0, 15.0, 10.0)
+    options = PlanOptions(shape="flyable", turns=turns, loiter=LoiterSpec(40.0, 40.0, 1.0, turns))
+    starts = [
+        AgentState(150.0, north_m, 0.5 * math.pi, height_msl_m=480.0) for north_m in (300.0, 500.0, 700.0)
+    ]
+    terrain = Terrain(LEVEL, 50.0, 120.0, 1, (high,), HOME_MSL_M, 20.0)
+    search = TerrainSearch(terrain, GRID, starts, [(850.0, 500.0)], options)
+    assert all(search.route(i, 0, 0) is not None for i in range(3))
