@@ -27,6 +27,7 @@ SIZE = {"width": 1400, "height": 820}
 PLAN_S, DETAIL_S, END_S = 20.0, 66.0, 110.0
 """Elapsed time from which each picture may be taken, and after which the demo is ended."""
 SEEK_S = 82.0
+TERRAIN_S = 75.0
 
 
 @contextmanager
@@ -106,14 +107,34 @@ def replay(browser: Browser, folder: Path, out: Path) -> None:
         page.screenshot(path=folder / "console-replay.png")
 
 
+def terrain(browser: Browser, folder: Path, recording: Path) -> None:
+    """Take the picture of a flight over terrain, with the height profile of a vehicle."""
+    command = ("replay", str(recording), "--headless", "--speed", "8")
+    with served(*command) as url, opened(browser, url, "light") as page:
+        while elapsed_s(page) < TERRAIN_S:
+            time.sleep(0.1)
+        page.keyboard.press("p")
+        page.keyboard.press("4")
+        page.keyboard.press("h")
+        expect(page.locator("#profile .values")).to_contain_text("above ground")
+        time.sleep(1.0)
+        page.screenshot(path=folder / "terrain.png")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folder", type=Path)
+    parser.add_argument(
+        "--terrain", type=Path, help="recording of four vehicles over terrain: its picture only"
+    )
     arguments = parser.parse_args()
     with sync_playwright() as playwright, tempfile.TemporaryDirectory() as temporary:
         chromium = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
-        fly(chromium, arguments.folder, Path(temporary))
-        replay(chromium, arguments.folder, Path(temporary))
+        if arguments.terrain:
+            terrain(chromium, arguments.folder, arguments.terrain)
+        else:
+            fly(chromium, arguments.folder, Path(temporary))
+            replay(chromium, arguments.folder, Path(temporary))
         chromium.close()

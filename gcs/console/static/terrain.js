@@ -165,12 +165,13 @@ export class TerrainPicture {
     const ctx = this.image?.getContext("2d");
     if (!ground || !ctx) return;
     const [low, high] = [rgbOf(colour("terrain-low")), rgbOf(colour("terrain-high"))];
+    const shading = Number(colour("terrain-shading"));
     const pixels = ctx.createImageData(ground.columns, ground.rows);
     const range = Math.max(1, ground.highest - ground.lowest);
     for (let row = 0; row < ground.rows; row++) {
       for (let column = 0; column < ground.columns; column++) {
         const share = (ground.node(row, column) - ground.lowest) / range;
-        const bright = ground.brightness(row, column);
+        const bright = 1 + shading * (ground.brightness(row, column) - 1);
         const at = 4 * ((ground.rows - 1 - row) * ground.columns + column);
         for (let k = 0; k < 3; k++) pixels.data[at + k] = bright * (low[k] + share * (high[k] - low[k]));
         pixels.data[at + 3] = 255;

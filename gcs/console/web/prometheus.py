@@ -14,6 +14,7 @@ _AGENT_GAUGES: Final[tuple[tuple[str, str, Callable[[AgentRecord], float | None]
     ("loss_ratio", "Fraction of its frames that did not arrive.", lambda a: a.loss),
     ("battery_percent", "Remaining battery.", lambda a: a.battery_percent),
     ("altitude_metres", "Height above its home.", lambda a: a.alt_rel_m),
+    ("above_ground_metres", "Height above the ground, over terrain.", lambda a: a.agl_m),
     ("ground_speed_metres_per_second", "Ground speed.", lambda a: a.ground_speed_m_s),
     ("armed", "1 if armed.", lambda a: float(a.armed)),
     ("ours", "1 if the service may task it.", lambda a: float(a.authority == "ours")),
