@@ -3,8 +3,8 @@
     python tests/bench/bench_terrain_missions.py davos.tif --seeds 10
 
 The elevation model is that of an argument or of the environment variable DAVOS_TIF. Each row is one mission
-in one wind over all seeds. With --each it lists what was outside the band, and the near pairs. With --write it
-writes the mission files instead, for other programs.
+in one wind over all seeds. With --each it lists what was outside the band, and the near pairs. With --write
+it writes the mission files instead, for other programs.
 """
 
 from __future__ import annotations
@@ -95,8 +95,10 @@ def main() -> None:
         parser.error("name the elevation model, or set DAVOS_TIF")
     seeds = range(options.first, options.first + options.seeds)
     began_s = time.perf_counter()
-    print("| vehicles | wind, m/s | arrived | lost | least AGL, m | greatest AGL, m | samples outside, in missions "
-          "| near pairs, in missions | uploads | CPU, s |")
+    print(
+        "| vehicles | wind, m/s | arrived | lost | least AGL, m | greatest AGL, m "
+        "| samples outside, in missions | near pairs, in missions | uploads | CPU, s |"
+    )
     print("|---|---|---|---|---|---|---|---|---|---|")
     with ProcessPoolExecutor(options.workers) as pool:
         for vehicles in options.vehicles:

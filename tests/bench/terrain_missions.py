@@ -105,7 +105,7 @@ class Site:
     per_row: int = 7
 
 
-DAVOS = Site(46.7985, 9.793, 1548.0, 5100.0, 4300.0, (2760.0, 110.0), (200.0, 130.0), 75.0)
+DAVOS = Site(46.7985, 9.793, 1548.0, 5100.0, 4300.0, (2760.0, 110.0), (220.0, 190.0), 75.0)
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,9 @@ def mission_text(site: Site, elevation: Elevation, vehicles: int, wind_m_s: floa
         east_m = site.start_m[0] + site.steps_m[0] * place
         text += _AGENT.format(number + 1, east_m, site.start_m[1] + site.steps_m[1] * row, site.course_deg)
     for east_m, north_m in valley_places(elevation, site, vehicles):
-        text += _TARGET.format("births", east_m, north_m) + _TARGET.format("simulation.targets", east_m, north_m)
+        text += _TARGET.format("births", east_m, north_m) + _TARGET.format(
+            "simulation.targets", east_m, north_m
+        )
     return text
 
 

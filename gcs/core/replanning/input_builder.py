@@ -166,7 +166,7 @@ class PlanningInputBuilder:
             stacked = self.agents[vehicle].routes.stacked
             if stacked is not None and state.mode == AUTO:
                 to_m = (float(stacked.flown_m[-1, 0]), float(stacked.flown_m[-1, 1]))
-                height_m = self.replanner.layers.height_m(stacked.layer)
+                height_m = self.replanner.layers.end_height_m(stacked)
             found.append(OtherVehicle(vehicle, position_m, to_m, height_m, radius_m))
         return tuple(found)
 
