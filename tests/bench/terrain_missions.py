@@ -102,10 +102,10 @@ class Site:
     course_deg: float
     speed_m_s: float = 15.0
     max_duration_s: float = 900.0
-    per_row: int = 7
+    per_row: int = 6
 
 
-DAVOS = Site(46.7985, 9.793, 1548.0, 5100.0, 4300.0, (2760.0, 110.0), (220.0, 190.0), 75.0)
+DAVOS = Site(46.7985, 9.793, 1548.0, 5100.0, 4300.0, (3000.0, 230.0), (220.0, 190.0), 75.0)
 
 
 @dataclass(frozen=True)
@@ -228,9 +228,13 @@ class FlownMission:
         self.run.ended = False
         self.run.run(flight.duration_s + AFTER_END_S)
         flight.cpu_s = time.process_time() - began_s
+        self.look()
+        return flight
+
+    def look(self) -> None:
+        """Note samples outside the band and near pairs among the positions flown."""
         self._look_at_heights()
         self._look_at_pairs()
-        return flight
 
     def _on_event(self, event: Event) -> None:
         if not isinstance(event, Tick):

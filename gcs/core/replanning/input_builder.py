@@ -162,7 +162,7 @@ class PlanningInputBuilder:
             if state.mode == LOITER:
                 position_m, radius_m = _circle(state, self.agents[vehicle].separation.rate_rad_s)
                 to_m = position_m
-            height_m = self.fleet.height_m(state)
+            height_m = self.replanner.layers.present_height_m(state, self.fleet.height_m(state))
             stacked = self.agents[vehicle].routes.stacked
             if stacked is not None and state.mode == AUTO:
                 to_m = (float(stacked.flown_m[-1, 0]), float(stacked.flown_m[-1, 1]))

@@ -14,7 +14,7 @@ from gcs.core.replanning.plan_targets import place_of
 from gcs.core.replanning.records import OtherVehicle, ReplanningState
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import flown_points
-from gcs.model import FloatArray, Route
+from gcs.model import FloatArray, Route, VehicleState
 from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers, min_separation_m
 from gcs.planning.map.grid import Point
 from gcs.planning.planner_inputs import MissionInputs
@@ -54,6 +54,10 @@ class AltitudeLayers:
         if route.heights_msl_m is None:
             return self.height_m(route.layer)
         return float(route.heights_msl_m[-1]) - self._base_msl_m
+
+    def present_height_m(self, state: VehicleState, above_own_m: float) -> float:
+        """Return the height of a vehicle above home: over terrain above that of the mission file."""
+        return above_own_m if self._mission.terrain is None else state.alt_msl_m - self._base_msl_m
 
     def of(self, vehicle: int) -> int:
         """Return the layer of a vehicle, or its preferred one."""
