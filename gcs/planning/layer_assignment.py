@@ -4,6 +4,10 @@ Vehicles in different layers are separated by altitude. Within a layer they are 
 predicted positions along their routes. A vehicle shares a layer only if no layer is free. A vehicle that
 flies its route already keeps its layer, since another altitude means another mission. After the end of its
 route a vehicle is assumed to stay there.
+
+Over terrain routes have heights, and a layer is a share of the flight band. Where the ground bends more than
+a vehicle can climb, the heights of two layers come together. So two flights with heights are separated by
+these, whatever their layers are.
 """
 
 from __future__ import annotations
@@ -35,6 +39,8 @@ class PlannedFlight:
     """True if the layer must not change."""
     radius_m: float = 0.0
     """Radius of its circle, if it stays where it is."""
+    heights_msl_m: FloatArray | None = None
+    """(k,), heights of the points; None: that of its layer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +53,7 @@ class Conflict:
 
 
 def assign_layers(
-    flights: Sequence[PlannedFlight], layers: int, min_distance_m: float
+    flights: Sequence[PlannedFlight], layers: int, min_distance_m: float, min_height_m: float = 0.0
 ) -> tuple[dict[int, int], tuple[Conflict, ...]]:
     """Assign an altitude layer to each vehicle.
 
@@ -59,6 +65,8 @@ def assign_layers(
         Number of layers.
     min_distance_m : float
         Minimum separation within a layer.
+    min_height_m : float
+        Difference in height from which two flights with heights are separated.
 
     Returns
     -------
@@ -70,52 +78,68 @@ def assign_layers(
     order = sorted(flights, key=lambda flight: (not flight.keeps_layer, flight.vehicle))
     if not order:
         return {}, ()
-    distance_m, after_s = _nearest(_positions(order), min_distance_m + 2.0 * max(f.radius_m for f in order))
+    within_m = min_distance_m + 2.0 * max(f.radius_m for f in order)
+    distance_m, after_s = _nearest(_positions(order), within_m, min_height_m)
     radii_m = np.array([flight.radius_m for flight in order])
     distance_m -= radii_m[:, None] + radii_m
+    has_heights = np.array([flight.heights_msl_m is not None for flight in order])
     found: list[int] = []
     conflicts: list[Conflict] = []
     for i, flight in enumerate(order):
         nearest = distance_m[i, :i]
         assigned = np.array(found, dtype=np.int64)
-        separations = [float(nearest[assigned == layer].min(initial=np.inf)) for layer in range(layers)]
+        by_height = has_heights[:i] & has_heights[i]
+        separations = [
+            float(nearest[(assigned == layer) | by_height].min(initial=np.inf)) for layer in range(layers)
+        ]
         layer = flight.layer % layers
         if not flight.keeps_layer and separations[layer] < min_distance_m:
             layer = int(np.argmax([min(one, min_distance_m) for one in separations]))
-        for j in np.flatnonzero((assigned == layer) & (nearest < min_distance_m)).tolist():
+        meets = ((assigned == layer) | by_height) & (nearest < min_distance_m)
+        for j in np.flatnonzero(meets).tolist():
             pair = sorted((order[j].vehicle, flight.vehicle))
             conflicts.append(Conflict((pair[0], pair[1]), float(nearest[j]), float(after_s[i, j])))
         found.append(layer)
     return {flight.vehicle: layer for flight, layer in zip(order, found, strict=True)}, tuple(conflicts)
 
 
-def min_separation_m(flights: Sequence[PlannedFlight]) -> dict[int, float]:
-    """Return the least distance of each vehicle to others of its layer; inf for a vehicle without others."""
+def min_separation_m(flights: Sequence[PlannedFlight], min_height_m: float = 0.0) -> dict[int, float]:
+    """Return the least distance of each vehicle to others at its height; inf for a vehicle without others."""
     if not flights:
         return {}
-    distance_m, _ = _nearest(_positions(flights), 0.0)
+    distance_m, _ = _nearest(_positions(flights), 0.0, min_height_m)
     layers = np.array([flight.layer for flight in flights])
-    distance_m = np.where(layers[:, None] == layers[None, :], np.minimum(distance_m, distance_m.T), np.inf)
+    has_heights = np.array([flight.heights_msl_m is not None for flight in flights])
+    meets = (layers[:, None] == layers) | (has_heights[:, None] & has_heights)
+    distance_m = np.where(meets, np.minimum(distance_m, distance_m.T), np.inf)
     return {flight.vehicle: float(distance_m[i].min()) for i, flight in enumerate(flights)}
 
 
 def _positions(flights: Sequence[PlannedFlight]) -> FloatArray:
-    """Return predicted positions at each step, (n, steps, 2), until the last flight ends."""
+    """Return predicted positions at each step, (n, steps, 3), until the last flight ends.
+
+    The third is the height; NaN where a flight has none.
+    """
     along_m = [np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(f.points_m, axis=0).T)))) for f in flights]
     longest_s = max(
         distances_m[-1] / flight.speed_m_s for distances_m, flight in zip(along_m, flights, strict=True)
     )
     t_s = np.arange(0.0, min(longest_s, _MAX_HORIZON_S) + _STEP_S, _STEP_S)
-    places = np.empty((len(flights), len(t_s), 2))
+    places = np.full((len(flights), len(t_s), 3), np.nan)
     for i, (distances_m, flight) in enumerate(zip(along_m, flights, strict=True)):
         for axis in (0, 1):
             places[i, :, axis] = np.interp(flight.speed_m_s * t_s, distances_m, flight.points_m[:, axis])
+        if flight.heights_msl_m is not None:
+            places[i, :, 2] = np.interp(flight.speed_m_s * t_s, distances_m, flight.heights_msl_m)
     return places
 
 
 @kernel
-def _nearest(places: FloatArray, min_distance_m: float) -> tuple[FloatArray, FloatArray]:
-    """Return the least distance of each pair and when it falls below a minimum, (n, n) below the diagonal."""
+def _nearest(places: FloatArray, min_distance_m: float, min_height_m: float) -> tuple[FloatArray, FloatArray]:
+    """Return the least distance of each pair and when it falls below a minimum, (n, n) below the diagonal.
+
+    Times at which a pair is apart in height do not count.
+    """
     n = places.shape[0]
     distance_m = np.full((n, n), np.inf)
     after_s = np.full((n, n), np.inf)
@@ -123,6 +147,8 @@ def _nearest(places: FloatArray, min_distance_m: float) -> tuple[FloatArray, Flo
         for j in range(i):
             nearest2 = np.inf
             for k in range(places.shape[1]):
+                if abs(places[i, k, 2] - places[j, k, 2]) >= min_height_m:
+                    continue  # not with NaN
                 x = places[i, k, 0] - places[j, k, 0]
                 y = places[i, k, 1] - places[j, k, 1]
                 gap2 = x * x + y * y
@@ -135,4 +161,4 @@ def _nearest(places: FloatArray, min_distance_m: float) -> tuple[FloatArray, Flo
 
 def warm_up_calls() -> list[Call]:
     """Return one call of the kernel with the types of a plan."""
-    return [(_nearest, np.zeros((2, 1, 2)), 1.0)]
+    return [(_nearest, np.zeros((2, 1, 3)), 1.0, 1.0)]

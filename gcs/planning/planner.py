@@ -164,9 +164,12 @@ def plan_mission(
         inputs.terrain,
     )
     choice = choose(result)
-    flights = [_flight(route, inputs) for route in choice.new]
-    layers, conflicts = assign_layers([*flights, *choice.flights], inputs.layers, inputs.separation_m)
-    new = [_in_layer(route, layers[route.vehicle], inputs) for route in choice.new]
+    if inputs.terrain is None:
+        flights = [_flight(route, inputs) for route in choice.new]
+        layers, conflicts = assign_layers([*flights, *choice.flights], inputs.layers, inputs.separation_m)
+        new = [replace(route, layer=layers[route.vehicle]) for route in choice.new]
+    else:
+        new, flights, conflicts = _apart_over_terrain(choice, inputs)
     routes = sorted([*choice.kept, *new], key=attrgetter("vehicle"))
     busy = {route.vehicle for route in routes}
     served = {route.target for route in routes}
@@ -180,10 +183,44 @@ def plan_mission(
     )
 
 
+def _apart_over_terrain(
+    choice: Choice, inputs: MissionInputs
+) -> tuple[list[Route], list[PlannedFlight], tuple[Conflict, ...]]:
+    """Return new routes at heights that separate them, their flights, and the pairs that come near.
+
+    Each route in turn gets the first layer, from the preferred one on, in which it is separated from others,
+    or else the one in which it stays farthest from them.
+    """
+    new: list[Route] = []
+    flights: list[PlannedFlight] = []
+    found: list[Conflict] = []
+    for route in choice.new:
+        others = [*choice.flights, *flights]
+        tries: list[tuple[float, Route, PlannedFlight, list[Conflict]]] = []
+        for turn in range(inputs.layers):
+            layer = (inputs.preferred_layers[route.vehicle] + turn) % inputs.layers
+            planned = _in_layer(route, layer, inputs)
+            flight = replace(_flight(planned, inputs), layer=layer, keeps_layer=True)
+            _, all_near = assign_layers(
+                [*others, flight], inputs.layers, inputs.separation_m, inputs.min_height_m
+            )
+            near = [one for one in all_near if route.vehicle in one.vehicles]
+            least_m = min((one.distance_m for one in near), default=math.inf)
+            tries.append((least_m, planned, flight, near))
+            if not near:
+                break
+        _, planned, flight, near = max(tries, key=lambda one: one[0])
+        new.append(planned)
+        flights.append(flight)
+        found += near
+    return new, flights, tuple(found)
+
+
 def _in_layer(route: Route, layer: int, inputs: MissionInputs) -> Route:
-    """Return a route in its layer: over terrain at the heights that the layer prefers."""
-    if inputs.terrain is None:
-        return replace(route, layer=layer)
+    """Return a route over terrain at the heights that a layer prefers."""
+    assert inputs.terrain is not None
+    if layer == 0:
+        return replace(route, layer=layer)  # planned so
     agent = inputs.agents[route.vehicle]
     target_m = inputs.grid.nearest_inside(inputs.targets[route.target])
     search = TerrainSearch(inputs.terrain, inputs.grid, [agent], [target_m], inputs.options)
@@ -196,7 +233,11 @@ def _flight(route: Route, inputs: MissionInputs) -> PlannedFlight:
     agent = inputs.agents[route.vehicle]
     begin_m = inputs.begins_m.get(route.vehicle, [(agent.east_m, agent.north_m)])
     path_m = np.vstack((*begin_m, route.flown_m))
-    return PlannedFlight(route.vehicle, path_m, agent.speed_m_s, inputs.preferred_layers[route.vehicle])
+    heights_m = route.heights_msl_m
+    if heights_m is not None:
+        heights_m = np.concatenate((np.full(len(begin_m), agent.height_msl_m), heights_m))
+    layer = inputs.preferred_layers[route.vehicle]
+    return PlannedFlight(route.vehicle, path_m, agent.speed_m_s, layer, heights_msl_m=heights_m)
 
 
 def plan_routes(

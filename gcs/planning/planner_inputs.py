@@ -138,6 +138,8 @@ class MissionInputs:
         Vehicles that must get a certain target, if it is there and a path leads to it.
     terrain : Terrain or None
         Ground that routes keep above, at heights of their own; None: the ground is flat.
+    min_height_m : float
+        Difference in height from which two vehicles over terrain are separated.
     """
 
     grid: Grid
@@ -152,3 +154,4 @@ class MissionInputs:
     demands: Mapping[Label, TargetDemand] = field(default_factory=dict)
     pinned: Mapping[int, Label] = field(default_factory=dict)
     terrain: Terrain | None = None
+    min_height_m: float = 0.0

@@ -21,6 +21,29 @@ def test_conflicting_routes_get_different_layers():
     assert conflicts == ()
 
 
+def over_terrain(vehicle, *places, layer):
+    """Return a flight through places of east, north and height."""
+    at = np.array(places, dtype=float)
+    return PlannedFlight(vehicle, at[:, :2], 15.0, layer, True, heights_msl_m=at[:, 2])
+
+
+def test_routes_over_terrain_whose_heights_come_together_are_reported_though_their_layers_differ():
+    lower = over_terrain(1, (0, 0, 1600), (1000, 0, 1620), layer=0)
+    upper = over_terrain(2, (1000, 0, 1640), (0, 0, 1600), layer=1)
+    _, (conflict,) = assign_layers([lower, upper], 3, 60.0, 15.0)
+    assert conflict.vehicles == (1, 2)
+    _, conflicts = assign_layers(
+        [lower, over_terrain(2, (1000, 0, 1640), (0, 0, 1635), layer=1)], 3, 60.0, 15.0
+    )
+    assert conflicts == ()
+
+
+def test_routes_over_terrain_that_are_apart_in_height_may_share_a_layer():
+    lower = over_terrain(1, (0, 0, 1600), (1000, 0, 1600), layer=0)
+    upper = over_terrain(2, (1000, 0, 1620), (0, 0, 1620), layer=0)
+    assert assign_layers([lower, upper], 1, 60.0, 15.0)[1] == ()
+
+
 def test_an_earlier_pass_may_share_a_layer():
     crossing = [
         flight(1, (0, 0), (1000, 0)),

@@ -162,11 +162,11 @@ class PlanningInputBuilder:
             if state.mode == LOITER:
                 position_m, radius_m = _circle(state, self.agents[vehicle].separation.rate_rad_s)
                 to_m = position_m
-            height_m = self.fleet.height_m(state)
+            height_m = self.replanner.layers.present_height_m(state, self.fleet.height_m(state))
             stacked = self.agents[vehicle].routes.stacked
             if stacked is not None and state.mode == AUTO:
                 to_m = (float(stacked.flown_m[-1, 0]), float(stacked.flown_m[-1, 1]))
-                height_m = self.replanner.layers.height_m(stacked.layer)
+                height_m = self.replanner.layers.end_height_m(stacked)
             found.append(OtherVehicle(vehicle, position_m, to_m, height_m, radius_m))
         return tuple(found)
 

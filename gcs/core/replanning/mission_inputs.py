@@ -8,6 +8,7 @@ from functools import lru_cache
 from gcs.config import Config
 from gcs.core.airspace.obstacle_map import ObstacleMap
 from gcs.core.replanning.plan_targets import plan_options, vehicle_options
+from gcs.core.separation.minima import PREDICTED_SHARE, layer_step_m
 from gcs.planning.planner_inputs import AgentState, MissionInputs
 from gcs.planning.terrain.ground import Terrain
 
@@ -38,6 +39,7 @@ def mission_inputs(config: Config, obstacles: ObstacleMap) -> MissionInputs:
         {(0, number): (birth.east_m, birth.north_m) for number, birth in enumerate(config.births)},
         {one.vehicle: number % layers for number, one in enumerate(config.agents)},
         terrain=terrain,
+        min_height_m=PREDICTED_SHARE * layer_step_m(config),
     )
 
 

@@ -14,7 +14,7 @@ from gcs.core.replanning.plan_targets import place_of
 from gcs.core.replanning.records import OtherVehicle, ReplanningState
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import flown_points
-from gcs.model import FloatArray, Route
+from gcs.model import FloatArray, Route, VehicleState
 from gcs.planning.layer_assignment import Conflict, PlannedFlight, assign_layers, min_separation_m
 from gcs.planning.map.grid import Point
 from gcs.planning.planner_inputs import MissionInputs
@@ -43,10 +43,21 @@ class AltitudeLayers:
         self._radii_m = {vehicle: one.loiter_radius_m for vehicle, one in airframes}
         self._base_m = config.mission.altitude_rel_m
         self._step_m = config.mission.layer_step_m
+        self._base_msl_m = config.frame.alt_msl_m
 
     def height_m(self, layer: int) -> float:
         """Return the height of a layer above home."""
         return self._base_m + layer * self._step_m
+
+    def end_height_m(self, route: Route) -> float:
+        """Return the height of the end of a route above home."""
+        if route.heights_msl_m is None:
+            return self.height_m(route.layer)
+        return float(route.heights_msl_m[-1]) - self._base_msl_m
+
+    def present_height_m(self, state: VehicleState, above_own_m: float) -> float:
+        """Return the height of a vehicle above home: over terrain above that of the mission file."""
+        return above_own_m if self._mission.terrain is None else state.alt_msl_m - self._base_msl_m
 
     def of(self, vehicle: int) -> int:
         """Return the layer of a vehicle, or its preferred one."""
@@ -69,24 +80,22 @@ class AltitudeLayers:
     ) -> dict[int, float]:
         """Return the minimum distance of each vehicle to another of its layer."""
         kept = [route for route in routes if route.vehicle not in proposed]
-        flights = [
-            self._planned(r, np.vstack((*begin_m(r.vehicle, inputs), r.flown_m)), r.layer)
-            for r in routes
-            if r.vehicle in proposed
-        ]
-        return min_separation_m([*flights, *self.flights(kept, routes, inputs)])
+        flights = [self._from(r, begin_m(r.vehicle, inputs), 0) for r in routes if r.vehicle in proposed]
+        return min_separation_m([*flights, *self.flights(kept, routes, inputs)], self._mission.min_height_m)
 
     def _others(self, routes: Sequence[Route], arrived: Collection[int]) -> list[PlannedFlight]:
         """Return the flights of vehicles without a route among these: they circle, or return."""
         planned = {route.vehicle for route in routes}
         others = {one.vehicle for one in self._state.other_vehicles}
         latest = [self._agents[vehicle].routes.latest for vehicle in arrived if vehicle not in others]
-        circling = [
-            self._planned(route, route.flown_m[[-1, -1]], route.layer, radius_m=self._radii_m[route.vehicle])
-            for route in latest
-            if route is not None
-        ]
+        circling = [self._circling(route) for route in latest if route is not None]
         return [one for one in self._other_flights() if one.vehicle not in planned] + circling
+
+    def _circling(self, route: Route) -> PlannedFlight:
+        """Return the flight round the circle at the end of a route."""
+        end_m = route.flown_m[[-1, -1]]
+        heights_m = None if route.heights_msl_m is None else route.heights_msl_m[[-1, -1]]
+        return self._planned(route, end_m, route.layer, heights_m, self._radii_m[route.vehicle])
 
     def is_clear(self, route: Route, routes: Sequence[Route], places: Mapping[int, Point]) -> bool:
         """Return True if a route is separated, in its layer, from others flown from these positions."""
@@ -108,7 +117,8 @@ class AltitudeLayers:
         return {vehicle for vehicle in met if self._is_apart_elsewhere(vehicle, flights)}
 
     def _conflicts(self, flights: Sequence[PlannedFlight]) -> tuple[Conflict, ...]:
-        return assign_layers(flights, self._mission.layers, self._mission.separation_m)[1]
+        mission = self._mission
+        return assign_layers(flights, mission.layers, mission.separation_m, mission.min_height_m)[1]
 
     def _is_apart_elsewhere(self, vehicle: int, flights: Sequence[PlannedFlight]) -> bool:
         free = [replace(one, keeps_layer=one.vehicle != vehicle) for one in flights]
@@ -122,27 +132,46 @@ class AltitudeLayers:
             level = (one.height_m - self._base_m) / self._step_m if self._mission.layers > 1 else 0.0
             near = {math.floor(level + _NEAR_LAYER), math.ceil(level - _NEAR_LAYER)}  # between two: both
             places_m = np.array((one.position_m, one.to_m))
+            if self._mission.terrain is not None:
+                heights_m = np.full(2, self._base_msl_m + one.height_m)
+                flights.append(self._planned(one, places_m, 0, heights_m, one.radius_m))
+                continue
             flights += [
-                self._planned(one, places_m, layer, radius_m=one.radius_m)
+                self._planned(one, places_m, layer, None, one.radius_m)
                 for layer in sorted(near)
                 if 0 <= layer < self._mission.layers
             ]
         return flights
 
-    def _from(self, route: Route, begin: Sequence[Point]) -> PlannedFlight:
-        """Return the remaining flight on a route."""
+    def _from(self, route: Route, begin: Sequence[Point], passed: int | None = None) -> PlannedFlight:
+        """Return the flight on a route; without a number of points passed, the remaining one."""
         agent = self._agents[route.vehicle]
-        passed = flown_points(agent, route, agent.perception.motion.state)
+        if passed is None:
+            passed = flown_points(agent, route, agent.perception.motion.state)
         points_m = np.vstack((*begin, remaining_m(route.flown_m, passed)))
-        return self._planned(route, points_m, route.layer)
+        heights_m = self._heights_msl_m(route, len(begin), passed)
+        return self._planned(route, points_m, route.layer, heights_m)
 
     def _planned(
-        self, one: Route | OtherVehicle, points_m: FloatArray, layer: int, radius_m: float = 0.0
+        self,
+        one: Route | OtherVehicle,
+        points_m: FloatArray,
+        layer: int,
+        heights_m: FloatArray | None,
+        radius_m: float = 0.0,
     ) -> PlannedFlight:
         """Return a flight that keeps its layer."""
-        return PlannedFlight(
-            one.vehicle, points_m, self._mission.agents[one.vehicle].speed_m_s, layer, True, radius_m
-        )
+        speed_m_s = self._mission.agents[one.vehicle].speed_m_s
+        return PlannedFlight(one.vehicle, points_m, speed_m_s, layer, True, radius_m, heights_m)
+
+    def _heights_msl_m(self, route: Route, begins: int, passed: int = 0) -> FloatArray | None:
+        """Return the heights of the rest of a route over terrain, and its vehicle's height before it."""
+        if route.heights_msl_m is None:
+            return None
+        left_m = remaining_m(route.heights_msl_m, passed)
+        state = self._agents[route.vehicle].perception.motion.state
+        now_m = float(left_m[0]) if state is None else state.alt_msl_m
+        return np.concatenate((np.full(begins, now_m), left_m))
 
 
 def begin_m(vehicle: int, inputs: PlanningInputs) -> list[Point]:
