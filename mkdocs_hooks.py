@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import re
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -25,14 +24,18 @@ from sim_vehicles.cli import app as sim_vehicles
 
 ROOT: Final = Path(__file__).parent
 DOCS: Final = ROOT / "docs"
-AT_ROOT: Final = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
+AT_ROOT: Final = {
+    "README.md": "index.md",
+    "CHANGELOG.md": "changelog.md",
+    "CONTRIBUTING.md": "contributing.md",
+}
 """Markdown files at the root: their pages."""
 
 PACKAGES: Final = ("gcs.tracking", "gcs.planning", "gcs.mavlink")
 """Packages whose public names (`__all__`) are documented."""
 
 _LINK: Final = re.compile(r"(?<=\]\()([^)\s#]+)(?=[#)])")
-_TABLE: Final = re.compile(r"^(?:# )?\[\[?(\w+)", re.MULTILINE)
+_TABLE: Final = re.compile(r"(?:# )?\[\[?(\w+)")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -109,13 +112,15 @@ def mission_file_page() -> str:
     """Return the page of the mission file: a section for each table of config/reference.toml."""
     text = (ROOT / "config" / "reference.toml").read_text(encoding="utf-8")
     intro, _, body = text.partition("\n\n")
-    parts: dict[str, list[str]] = {"Top level": []}
+    parts: dict[str, str] = {"Top level": ""}
+    name = "Top level"
     for paragraph in body.split("\n\n"):
-        table = _TABLE.match(paragraph)
-        parts.setdefault(table[1] if table else "Top level", []).append(paragraph)
-    assert parts.keys() - {"Top level", "terrain"} <= tomllib.loads(text).keys()
+        if paragraph.startswith("# The simulated world"):
+            name = "simulation"
+        name = _TABLE.findall(paragraph)[0] if _TABLE.match(paragraph) else name
+        parts[name] = f"{parts.get(name, '')}{paragraph.strip()}\n\n"
     lead = "\n".join(line.lstrip("# ") for line in intro.splitlines())
-    sections = [f"## {name}\n\n```toml\n" + "\n\n".join(text).strip() + "\n```\n" for name, text in parts.items()]
+    sections = [f"## {name}\n\n```toml\n{part.rstrip()}\n```\n" for name, part in parts.items()]
     return "\n".join(["# Mission file\n", lead, "", *sections])
 
 
