@@ -156,6 +156,7 @@ def documented_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.timeout(300)  # many commands, each as long as a test
 @pytest.mark.parametrize("page", [page for page in PAGES if run_commands(page)], ids=lambda page: page.stem)
 def test_the_commands_of_a_page_succeed_one_after_another(
     page: Path, documented_files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
