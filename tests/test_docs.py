@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import re
 import shlex
+import shutil
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,12 +16,15 @@ from typing import Any, get_args
 import msgspec
 import pytest
 import typer
+from helpers.documented_files import write_documented_files
+from typer.testing import CliRunner
 
 from gcs.cli import app as gcs
-from gcs.config import Config, Table
+from gcs.config import Config, Table, parse
+from gcs.io.signing.keystore import read_keys
 from gcs.mavlink.autopilots import ARDUPLANE, PX4, AutopilotProfile
 from sim_vehicles.cli import app as sim_vehicles
-from sim_vehicles.world.scenario import Simulation
+from sim_vehicles.world.scenario import Simulation, parse_scenario
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -27,6 +32,7 @@ APPS = {"gcs": typer.main.get_command(gcs), "sim-vehicles": typer.main.get_comma
 COMMAND = re.compile(r"(gcs|sim-vehicles) [a-z]")
 SPAN = re.compile(r"`([^`]+)`")
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SAVED = re.compile(r"\b[Ss]ave (?:this|it) as `([\w.]+)`.*?^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
@@ -114,6 +120,76 @@ def test_commands_are_found_in_fenced_and_indented_blocks() -> None:
     assert len(shown_commands(ROOT / "docs" / "field-guide.md")) > 20
     assert len(shown_commands(ROOT / "docs" / "recordings.md")) >= 7
     assert "gcs demo" in shown_commands(ROOT / "README.md")
+
+
+NEEDS_A_SERVICE = "needs a running service"
+NEEDS_VEHICLES = "needs vehicles, or their autopilot on a cable"
+NOT_RUN = {
+    "gcs demo": "flies for minutes; tests/system",
+    "gcs montecarlo": "flies for minutes; tests/sim_vehicles/campaign",
+    "gcs simulate random-targets": "flies for minutes of virtual time; a shorter one is run",
+    "gcs warm-up": "compiles all kernels; tests/conftest.py",
+    "gcs run": "serves until it is interrupted; tests/service",
+    "gcs console": NEEDS_A_SERVICE,
+    "gcs status": NEEDS_A_SERVICE,
+    "gcs order": NEEDS_A_SERVICE,
+    "gcs preflight": NEEDS_VEHICLES,
+    "gcs fence": NEEDS_VEHICLES,
+    "gcs param": NEEDS_VEHICLES,
+    "gcs init --listen": NEEDS_VEHICLES,
+    "gcs keys install": NEEDS_VEHICLES,
+    "gcs keys rotate": NEEDS_VEHICLES,
+    "gcs replay flight.tlog": "needs detections of the same flight; tests/cli/test_foreign.py",
+    "sim-vehicles": "serves until it is interrupted; tests/sim_vehicles",
+}
+"""Commands of the documentation that only have to be accepted by the command line, and why."""
+
+
+def run_commands(page: Path) -> list[str]:
+    return [line for line in shown_commands(page) if not line.startswith(tuple(NOT_RUN))]
+
+
+@pytest.fixture(scope="module")
+def documented_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("documented")
+    write_documented_files(folder)
+    return folder
+
+
+@pytest.mark.timeout(300)  # many commands, each as long as a test
+@pytest.mark.parametrize("page", [page for page in PAGES if run_commands(page)], ids=lambda page: page.stem)
+def test_the_commands_of_a_page_succeed_one_after_another(
+    page: Path, documented_files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a folder with the files that the page names; a block of Python or TOML "Save ... as" is saved."""
+    shutil.copytree(documented_files, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    for name, language, text in SAVED.findall(text_of(page)):
+        (tmp_path / name).write_text(text)
+        if language == "python":
+            run(text, name)
+    for line in run_commands(page):
+        words = words_of(line)[1:]
+        if words[0] == "init":  # it replaces no file, and the guide has two sources of the same name
+            Path(words[1]).with_suffix(".toml").unlink(missing_ok=True)
+        done = CliRunner().invoke(gcs, words)
+        assert done.exit_code == 0, f"{line}: {done.output}"
+
+
+def test_each_reason_not_to_run_a_command_is_one_of_a_command_that_is_shown() -> None:
+    shown = [line for page in PAGES for line in shown_commands(page)]
+    assert [start for start in NOT_RUN if not any(line.startswith(start) for line in shown)] == []
+
+
+def test_no_code_block_is_in_a_language_that_nothing_checks() -> None:
+    found = {language for page in PAGES for language, _ in FENCE.findall(text_of(page))}
+    assert found <= {"", "python", "toml", "json", "mermaid"}
+
+
+@each_page
+def test_every_block_of_json_is_read(page: Path) -> None:
+    for block in blocks(page, "json"):
+        json.loads(block)
 
 
 @pytest.mark.parametrize(
@@ -237,7 +313,11 @@ TABLES |= {path: TABLES[path] | {"lat_deg", "lon_deg"} for path in PLACES}
 PATHS = {f"{path}.{key}".lstrip(".") for path, keys in TABLES.items() for key in keys}
 BY_NAME = {"airframes"}
 """Tables of tables with names of the user's own."""
-OTHER_TOML = {"tracking.md": "the trackers' model", "signing.md": "the key file"}
+OTHER_TOML = {
+    "tracking.md": "the trackers' model; tests/tracking/test_tracking_page.py",
+    "own-detections.md": "the trackers' model; a command of the page reads it",
+    "signing.md": "the key file",
+}
 
 
 def keys_of(value: Any, path: str) -> Iterator[str]:
@@ -268,6 +348,22 @@ def test_every_key_of_a_mission_file_is_one(page: Path) -> None:
     assert named - PATHS == set()
 
 
+@each_page
+def test_every_whole_mission_file_is_read(page: Path) -> None:
+    for block in blocks(page, "toml"):
+        if {"name", "frame", "agents"} <= tomllib.loads(block).keys():
+            parse(block, page.name)
+            parse_scenario(block, page.name)
+
+
+def test_the_key_file_of_the_signing_page_is_read(tmp_path: Path) -> None:
+    (block,) = blocks(ROOT / "docs" / "signing.md", "toml")
+    file = tmp_path / "keys.toml"
+    file.write_text(re.sub(r'"(?:64 hex digits|\.\.\.)"', f'"{"5a" * 32}"', block))
+    file.chmod(0o600)
+    assert read_keys(file).keys
+
+
 @pytest.mark.parametrize("key", ["planning.switch_gain", "tracking.targets.anywhere.rate", "fences"])
 def test_a_wrong_key_is_noticed(key: str) -> None:
     assert key not in PATHS
@@ -280,6 +376,31 @@ def run(code: str, page: str) -> str:
     with contextlib.redirect_stdout(printed):
         exec(compile(code, page, "exec"), {})
     return printed.getvalue()
+
+
+RUN_BY = {
+    "README.md": "tests/test_docs.py",
+    "console.md": "tests/console/test_programs.py",
+    "library.md": "tests/test_library_page.py",
+    "own-detections.md": "tests/test_docs.py",  # with its commands
+    "recordings.md": "tests/test_docs.py",
+    "security.md": "tests/io/zenoh/test_session.py",
+    "sensors.md": "tests/io/zenoh/test_session.py",
+    "tracking.md": "tests/tracking/test_tracking_page.py",
+}
+"""Pages with Python that needs files, a service or a vehicle, or whose output is compared: their tests."""
+
+
+@each_page
+def test_every_block_of_python_is_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    if not blocks(page, "python"):
+        return
+    if page.name in RUN_BY:
+        assert page.name in text_of(ROOT / RUN_BY[page.name])
+        return
+    for block in blocks(page, "python"):
+        run(block, page.name)
 
 
 def test_the_example_of_the_readme_tracks_a_data_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-CHECKED = ["gcs", "sim_vehicles", "tests"]
+CHECKED = ["gcs", "sim_vehicles", "tests", "mkdocs_hooks.py"]
 
 CHECKS = {
     "ruff": [sys.executable, "-m", "ruff", "check", *CHECKED],

@@ -1,6 +1,8 @@
 """A program that watches the swarm would get other data than the documentation says."""
 
 import json
+import re
+from pathlib import Path
 
 from starlette.routing import Route
 
@@ -23,6 +25,15 @@ def test_status_plan_metrics_and_their_description(fly):
         assert {"/api/status", "/api/plan", "/api/orders", "/metrics"} <= api["paths"].keys()
         fields = api["components"]["schemas"]["AgentRecord"]["properties"]
         assert fields.keys() == json.loads(body)["agents"][0].keys()
+
+
+def test_the_program_in_the_documentation_holds_a_vehicle(fly, capsys):
+    page = (Path(__file__).parents[2] / "docs" / "console.md").read_text(encoding="utf-8")
+    (program,) = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    with fly() as flight:
+        assert "http://127.0.0.1:8480" in program
+        exec(program.replace("http://127.0.0.1:8480", flight.url), {})
+    assert capsys.readouterr().out.startswith("3 ")
 
 
 def test_every_route_is_described_with_its_methods():
