@@ -48,6 +48,13 @@ def remaining_m(points_m: FloatArray, passed: int) -> FloatArray:
     return points_m[min(passed, len(points_m) - 1) :]
 
 
+def points_within(points_m: FloatArray, position_m: tuple[float, float], length_m: float) -> int:
+    """Return the number of waypoints up to the first one that is farther along a route than a length."""
+    left = np.vstack((position_m, points_m))
+    along_m = np.hypot(*np.diff(left, axis=0).T).cumsum()
+    return min(int(np.searchsorted(along_m, length_m)) + 1, len(points_m))
+
+
 def remaining_length_m(points_m: FloatArray, position_m: tuple[float, float], passed: int) -> float:
     """Return the length of the rest of a route for a vehicle that has passed some of its waypoints."""
     left = [position_m, *remaining_m(points_m, passed).tolist()]

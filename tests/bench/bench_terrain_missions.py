@@ -46,7 +46,9 @@ def show(vehicles: int, wind_m_s: float, flights: list[Flight]) -> None:
 def show_each(seed: int, flight: Flight, *, notices: bool) -> None:
     """Print what went wrong in one mission."""
     first: dict[tuple[int, int], tuple[float, float]] = {}
-    print(f"  seed {seed}: {flight.arrived} arrived, {flight.lost} lost, {flight.duration_s:.0f} s")
+    print(
+        f"  seed {seed}: {flight.arrived} arrived, {flight.lost} lost, {flight.duration_s:.0f} s", flush=True
+    )
     for one in flight.outside:
         key = (one.vehicle, round(one.t_s) // 20)
         if key not in first:
@@ -107,11 +109,13 @@ def main() -> None:
                     for seed in seeds:
                         write(options.tile, options.write, vehicles, wind_m_s, seed)
                     continue
-                flights = list(pool.map(partial(fly, options.tile, vehicles, wind_m_s), seeds))
-                show(vehicles, wind_m_s, flights)
-                if options.each:
-                    for seed, flight in zip(seeds, flights, strict=True):
+                flights = []
+                flown = pool.map(partial(fly, options.tile, vehicles, wind_m_s), seeds)
+                for seed, flight in zip(seeds, flown, strict=True):
+                    flights.append(flight)
+                    if options.each:
                         show_each(seed, flight, notices=options.notices)
+                show(vehicles, wind_m_s, flights)
     print(f"took {time.perf_counter() - began_s:.0f} s")
 
 

@@ -30,7 +30,9 @@ from gcs.model import NS_PER_S, VehicleState
 _G_M_S2: Final = 9.80665
 _MAX_AGE_S: Final = 10.0
 """Age of a position beyond which a vehicle is not predicted; its link is down by then."""
-_MAX_ITEMS: Final = 8
+_MIN_ITEMS: Final = 8
+_AHEAD_S: Final = 40.0
+"""Items that are flown sooner count, and at least `_MIN_ITEMS`: over terrain waypoints are close together."""
 _CIRCLE_RADIUS_M: Final = 60.0
 """Default WP_LOITER_RAD of ArduPlane."""
 _RETURN_HEIGHT_M: Final = 100.0
@@ -216,11 +218,17 @@ class Intents:
         if tasking.onboard is None or not tasking.is_selected or profile is None or state.mission_seq < 0:
             return
         first = max(state.mission_seq, profile.home_items)
-        items = tasking.onboard.items[first : first + _MAX_ITEMS]
         ground_m = self.ground_m(state.system_id)
-        for item in items:
+        left_m = _AHEAD_S * state.ground_speed_m_s
+        place_m = (state.east_m, state.north_m)
+        for number, item in enumerate(tasking.onboard.items[first:]):
+            if number >= _MIN_ITEMS and left_m < 0.0:
+                return
             if item.command in _KINDS:
-                yield self._goal(item, ground_m)
+                goal = self._goal(item, ground_m)
+                yield goal
+                left_m -= math.dist(place_m, (goal.east_m, goal.north_m))
+                place_m = (goal.east_m, goal.north_m)
 
     def _goal(self, item: Item, ground_m: float) -> Goal:
         kind = _KINDS[item.command]

@@ -26,13 +26,15 @@ from gcs.core.separation.minima import MIN_DISTANCE_M, PREDICTED_SHARE, layer_st
 from gcs.core.tasking.mission_builder import route_heights_msl_m
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.model import FloatArray, Route, VehicleState, vehicle_name
+from gcs.planning.route_progress import points_within
 
 _AHEAD_S: Final = 25.0
 _MAX_AHEAD_S: Final = 120.0
 _STEPS: Final = 50
 _MAX_STEP_S: Final = 1.0
 """Vehicles that meet head on come nearer by twice their speed in a second."""
-_MAX_POINTS: Final = 8
+_MIN_POINTS: Final = 8
+"""Points of a new mission that count, or more if these are flown in less than `_AHEAD_S`."""
 _GROWTH_M: Final = 20.0
 """Growth of the minimum distance up to the end of a simulation."""
 _CLEAR: Final = 1.5
@@ -113,7 +115,9 @@ class OrderCheck:
             return ""
         present = self._intents.flight(state, t_ns)
         others = self._flights(states.values(), t_ns)
-        legs = self._legs(route, route.flown_m[:_MAX_POINTS])
+        reach_m = state.ground_speed_m_s * _AHEAD_S
+        count = points_within(route.flown_m, (state.east_m, state.north_m), reach_m)
+        legs = self._legs(route, route.flown_m[: max(count, _MIN_POINTS)])
         led = replace(present, goals=(*legs, Goal(GoalKind.KEEP)))
         return self._worse(led, present, others, (False, state.mode == RTL))
 

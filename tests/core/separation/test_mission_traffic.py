@@ -73,3 +73,19 @@ def test_a_mission_that_is_needed_at_once_does_not_wait(sky):
     engine.stages.tasking.enqueue_upload(route, sky.run_.t_ns, at_once=True)
     fly_on(sky, 0.2)
     assert engine.state.tasking.is_uploading(1)
+
+
+def test_a_new_mission_with_many_near_points_is_judged_by_all_that_are_flown_soon(sky):
+    """Over terrain waypoints are close together: eight of them were flown in some seconds."""
+    plane = sky.planes[1].airframe
+    here = np.array((plane.east_m, plane.north_m))
+    ahead = np.array((np.sin(plane.heading_rad), np.cos(plane.heading_rad)))
+    along_m = np.array([*range(20, 201, 20), 220, 600], dtype=float)
+    heights_m = 70.0 + plane.alt_rel_m + np.where(along_m > 200.0, 20.0, 0.0)
+    route = replace(
+        sky.run_.engine.state.agents[1].routes.flown,
+        points_m=read_only(here + along_m[:, None] * ahead),
+        wait_m=None,
+        heights_msl_m=read_only(heights_m),
+    )
+    assert "agent 2" in sky.run_.engine.stages.mission_traffic.holds_back(route, sky.run_.t_ns)
