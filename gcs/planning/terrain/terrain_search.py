@@ -141,6 +141,6 @@ def _goal(level: _Level, target_m: Point, options: PlanOptions) -> Goal | None:
     return _goal_at(level, target_m, options.loiter.reach_radius_m)
 
 
-@lru_cache(maxsize=64)  # some 7 MB each for 25 square kilometres
+@lru_cache(maxsize=64)  # 1.3 MB each for 25 square kilometres
 def _goal_at(level: _Level, target_m: Point, reach_radius_m: float) -> Goal | None:
     return goal_at_target(level.terrain, level.circles, target_m, reach_radius_m)
