@@ -25,7 +25,7 @@ def export(
             "--out",
             "-o",
             metavar="FILE",
-            help="File to write; its ending is the format: .kml, .geojson or .gpx.",
+            help="File to write; its ending is the format: .kml, .geojson, .gpx or .mcap.",
         ),
     ],
     config: Annotated[str | None, typer.Option(help="Mission file, for a recording without its own.")] = None,
@@ -38,7 +38,8 @@ def export(
 
     - .kml for Google Earth and QGroundControl;
     - .geojson for QGIS, geopandas and web maps;
-    - .gpx for GPS tools: targets and losses are waypoints.
+    - .gpx for GPS tools: targets and losses are waypoints;
+    - .mcap for Foxglove: map, 3-D scene and log over time.
     """
     from gcs.cli.analyse.export_files import write_export
 

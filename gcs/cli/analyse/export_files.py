@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
 from rich.console import Console
 
+from gcs.cli.analyse.foxglove_file import write_mcap
 from gcs.cli.analyse.info import reading_progress
 from gcs.config import Config, load, parse
 from gcs.errors import ConfigError, RecordingError
@@ -16,9 +17,10 @@ from gcs.io.recording.mcap_file import recording_bytes
 from gcs.io.recording.reader import Damage, is_recording, read, read_info
 from gcs.io.recording.timestamps import LogClock
 from gcs.io.recording.tlog import LogFrame, read_log
-from gcs.mavlink.frames.codec import scan
-from gcs.model import AgentStatus, Datagram, Picture, Plan
+from gcs.mavlink.frames.codec import Frame, scan
+from gcs.model import AgentStatus, Datagram, Notice, Picture, Plan
 from gcs.report.export.features import geojson_text
+from gcs.report.export.foxglove import FoxgloveMessages, Message
 from gcs.report.export.gpx import gpx_text
 from gcs.report.export.kml import kml_text
 from gcs.report.export.run_map import RunMap, RunMapBuilder, flown_paths
@@ -31,7 +33,7 @@ _FORMATS: Final[dict[str, Callable[[RunMap], str]]] = {
     ".json": geojson_text,
     ".gpx": gpx_text,
 }
-_READ: Final = (Datagram, Plan, Picture, AgentStatus)
+_READ: Final = (Datagram, Plan, Picture, AgentStatus, Notice)
 _PROGRESS_PERIOD: Final = 4096
 """Parts of a log between updates of the progress bar."""
 
@@ -45,10 +47,16 @@ def write_export(path: Path, out: Path, console: Console, *, config: str | None,
         When the run cannot be read or has nothing to show, or the file cannot be written.
     """
     formatted = _FORMATS.get(out.suffix.lower())
-    if formatted is None:
-        raise ConfigError(str(out), "", "expected a name that ends in .kml, .geojson or .gpx")
+    if formatted is None and out.suffix.lower() != ".mcap":
+        raise ConfigError(str(out), "", "expected a name that ends in .kml, .geojson, .gpx or .mcap")
     if out.exists() and not force:
         raise ConfigError(str(out), "", "exists already; choose another name, or add --force")
+    if out.exists() and out.samefile(path):
+        raise ConfigError(str(out), "", "is the run itself; choose another name")
+    if formatted is None:
+        count = write_mcap(out, _messages(path, config, console))
+        console.print(f"{out}: {count} messages", highlight=False, markup=False, soft_wrap=True)
+        return
     run = read_run_map(path, config, console)
     if run.is_empty:
         raise RecordingError(str(path), "has no positions, routes or targets: there is nothing to export")
@@ -90,6 +98,36 @@ def _recording(path: Path, config: str | None, console: Console) -> RunMap:
     mission = mission_of(path, config)
     builder = RunMapBuilder(mission)
     flights = Flights(mission.local_frame)
+    for t_ns, value in _recorded(path, console):
+        if isinstance(value, Frame):
+            flights.add_frame(t_ns, value)
+        else:
+            builder.add(value)
+    return builder.build(mission.name, flights.reports())
+
+
+def _log(path: Path, console: Console) -> RunMap:
+    flights = Flights()
+    for t_ns, frame in _logged(path, console):
+        flights.add_frame(t_ns, frame)
+    return RunMap(path.name, flown_paths(flights.reports()))
+
+
+def _messages(path: Path, config: str | None, console: Console) -> Iterator[Message]:
+    """Yield the messages for Foxglove of a recording or a log."""
+    is_ours = is_recording(path)
+    if not is_ours:
+        refuse_detections(path)
+    messages = FoxgloveMessages(mission_of(path, config) if is_ours else None)
+    records = _recorded(path, console) if is_ours else _logged(path, console)
+    for number, (t_ns, value) in enumerate(records):
+        if number == 0:
+            yield from messages.areas(t_ns)
+        yield from messages.frame(t_ns, value) if isinstance(value, Frame) else messages.effect(t_ns, value)
+
+
+def _recorded(path: Path, console: Console) -> Iterator[tuple[int, object]]:
+    """Yield frames from vehicles, and effects, with their times."""
     with reading_progress(console, path, recording_bytes(path)) as advance:
         for record in read(path, advance, _READ):
             value = record.value
@@ -97,14 +135,13 @@ def _recording(path: Path, config: str | None, console: Console) -> RunMap:
                 _warn(console, f"the recording ends early: {value.problem}")
             elif isinstance(value, Datagram):
                 for frame in scan(value.data).frames:
-                    flights.add_frame(record.t_ns, frame)
+                    yield record.t_ns, frame
             else:
-                builder.add(value)
-    return builder.build(mission.name, flights.reports())
+                yield record.t_ns, value
 
 
-def _log(path: Path, console: Console) -> RunMap:
-    flights = Flights()
+def _logged(path: Path, console: Console) -> Iterator[tuple[int, Frame]]:
+    """Yield the valid frames of a log, with their times."""
     bad_bytes = 0
     with open_telemetry(path) as file, reading_progress(console, path, path.stat().st_size) as advance:
         clock = LogClock()
@@ -114,10 +151,9 @@ def _log(path: Path, console: Console) -> RunMap:
             if not isinstance(part, LogFrame):
                 bad_bytes += part.length
             elif part.validity == "good":
-                flights.add_frame(clock.time_of(part.t_ns), part.frame)
+                yield clock.time_of(part.t_ns), part.frame
     if bad_bytes:
         _warn(console, f"{bad_bytes} damaged bytes were skipped")
-    return RunMap(path.name, flown_paths(flights.reports()))
 
 
 def _warn(console: Console, text: str) -> None:

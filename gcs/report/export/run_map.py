@@ -194,17 +194,7 @@ class RunMapBuilder:
         for vehicle in plan.changed:
             if vehicle in routes:
                 self._tasked[vehicle] = len(self._routes)
-                self._routes.append(self.planned(routes[vehicle], plan.t_ns))
-
-    def planned(self, route: Route, t_ns: int) -> PlannedRoute:
-        """Return a route with its heights."""
-        heights_m = route_heights_msl_m(route, self._config.frame.alt_msl_m, self._config.mission)
-        frame = self._config.local_frame
-        places = tuple(
-            Place(*frame.to_geodetic(east_m, north_m), height_m)
-            for (east_m, north_m), height_m in zip(route.flown_m.tolist(), heights_m.tolist(), strict=True)
-        )
-        return PlannedRoute(route.vehicle, route.target, t_ns, places)
+                self._routes.append(planned_route(self._config, routes[vehicle], plan.t_ns))
 
     def build(self, name: str, reports: Mapping[int, Reports]) -> RunMap:
         """Return the map of the values so far, and of the reported positions of vehicles."""
@@ -250,6 +240,11 @@ class Ground:
         known_m = self._frame.alt_msl_m if math.isnan(height_m) else height_m
         return Place(*self._frame.to_geodetic(east_m, north_m), known_m)
 
+    def to_local(self, place: Place) -> tuple[float, float, float]:
+        """Return a position east, north and above the origin, in metres."""
+        east_m, north_m = self._frame.to_local(place.lat_deg, place.lon_deg)
+        return east_m, north_m, place.alt_msl_m - self._frame.alt_msl_m
+
     def target(self, t_ns: int, track: Track) -> TargetEstimate:
         """Return a track of a target with its ellipse."""
         centre_m = track.mean[:2]
@@ -273,6 +268,16 @@ class Ground:
             math.degrees(math.atan2(east, north)) % 180.0,
             (*outline, outline[0]),
         )
+
+
+def planned_route(config: Config, route: Route, t_ns: int) -> PlannedRoute:
+    """Return a route with its heights, from its first point on."""
+    heights_m = route_heights_msl_m(route, config.frame.alt_msl_m, config.mission)
+    places = tuple(
+        Place(*config.local_frame.to_geodetic(east_m, north_m), height_m)
+        for (east_m, north_m), height_m in zip(route.flown_m.tolist(), heights_m.tolist(), strict=True)
+    )
+    return PlannedRoute(route.vehicle, route.target, t_ns, places)
 
 
 def flown_paths(reports: Mapping[int, Reports]) -> tuple[FlownPath, ...]:
