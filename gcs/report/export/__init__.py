@@ -4,4 +4,5 @@
 ``kml``        KML 2.2, for Google Earth and QGroundControl
 ``features``   GeoJSON (RFC 7946)
 ``gpx``        GPX 1.1
+``foxglove``   messages for Foxglove; ``foxglove_records`` has its well-known schemas
 """
