@@ -31,7 +31,7 @@ AT_ROOT: Final = {
 }
 """Markdown files at the root: their pages."""
 
-PACKAGES: Final = ("gcs.tracking", "gcs.planning", "gcs.mavlink")
+PACKAGES: Final = ("gcs.tracking", "gcs.planning", "gcs.mavlink", "gcs.io.vehicles")
 """Packages whose public names (`__all__`) are documented."""
 
 _LINK: Final = re.compile(r"(?<=\]\()([^)\s#]+)(?=[#)])")

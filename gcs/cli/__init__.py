@@ -70,6 +70,10 @@ _COMMANDS: Final[dict[str, dict[str, tuple[str, str]]]] = {
     "Recordings": {
         "replay": ("gcs.cli.analyse.replay", "Play a recording through central command again."),
         "report": ("gcs.cli.analyse.report", "Write a page about a run: maps, tracks, plans and times."),
+        "export": (
+            "gcs.cli.analyse.export",
+            "Write flown paths, routes, targets and losses as KML, GeoJSON, GPX or for Foxglove.",
+        ),
         "info": ("gcs.cli.analyse.info", "Summarise a recording, a log or a table of detections."),
         "track": ("gcs.cli.analyse.track", "Track recorded detections and score the result."),
     },

@@ -39,18 +39,33 @@ def plan(
     ] = None,
     seed: MapSeedOption = 1,
     plot: Annotated[Path | None, typer.Option(help="Picture of the plan, such as plan.png.")] = None,
+    plan_files: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Write a .plan of QGroundControl for each vehicle: mission, fence and rally points.",
+        ),
+    ] = None,
+    autopilot: Annotated[
+        str, typer.Option(help="Autopilot of the .plan files: arduplane or px4.")
+    ] = "arduplane",
     as_json: JsonOption = False,
 ) -> None:
     """Plan routes once, without a flight.
 
     Prints targets, routes, lengths and times, and why an agent has no route. Exit code 1: an agent has no
     route although a target is left for it.
+
+    The .plan files have the items that `gcs run` uploads to vehicles in flight at their starts: there is no
+    take-off.
     """
-    from gcs.cli.prepare.single_plan import planning_task, run_plan
+    from gcs.cli.prepare.plan_files import autopilot_profile
+    from gcs.cli.prepare.single_plan import Outputs, planning_task, run_plan
 
     console = console_for(stderr=as_json)
     with exit_on_error():
         check_picture(plot)
         task = planning_task(scenario, agents, targets, seed)
-        code = run_plan(task, plot, console, as_json=as_json)
+        outputs = Outputs(plot, plan_files, autopilot_profile(autopilot))
+        code = run_plan(task, outputs, console, as_json=as_json)
     raise typer.Exit(code)

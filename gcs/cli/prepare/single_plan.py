@@ -19,12 +19,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from gcs.cli.prepare.plan_files import write_plan_files
 from gcs.cli.warm_up_progress import PLANNING, TERRAIN, load_kernels
-from gcs.config import load
+from gcs.config import Config, load
 from gcs.core.airspace.obstacle_map import mission_map
 from gcs.core.replanning.mission_inputs import mission_inputs
 from gcs.core.replanning.return_routes import landing_of
 from gcs.errors import ConfigError, RecordingError
+from gcs.mavlink.autopilots import ARDUPLANE, AutopilotProfile
 from gcs.model import NoticeCode, target_name, vehicle_name
 from gcs.planning.forward_simulation import LoiterCircle
 from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
@@ -37,23 +39,32 @@ from gcs.report.plots.plan import PlanDrawing, draw_plan
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Inputs of a plan, with the name of the mission and its landings."""
+    """Inputs of a plan, with the mission file and its landings."""
 
-    name: str
+    config: Config
     mission: MissionInputs
-    terrain: str
-    """Elevation model and flight band in words, or "flat"."""
     landings: Mapping[int, LandingSpec]
     """Landings of agents at their starts; none for agents that loiter at the ends of their routes."""
 
 
-def run_plan(task: Task, plot: Path | None, console: Console, *, as_json: bool) -> int:
-    """Plan, print and draw; return the exit code: 1 when an agent that could have a route has none.
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """Files that a plan is written to."""
+
+    plot: Path | None = None
+    plan_files: Path | None = None
+    """Folder of the `.plan` files."""
+    profile: AutopilotProfile = ARDUPLANE
+    """Autopilot of the `.plan` files."""
+
+
+def run_plan(task: Task, outputs: Outputs, console: Console, *, as_json: bool) -> int:
+    """Plan, print and write; return the exit code: 1 when an agent that could have a route has none.
 
     Raises
     ------
     GcsError
-        When the picture cannot be written.
+        When a file cannot be written.
     """
     load_kernels(console, PLANNING, *([] if task.mission.terrain is None else [TERRAIN]))
     result, timings_ms = _plan(task)
@@ -61,9 +72,21 @@ def run_plan(task: Task, plot: Path | None, console: Console, *, as_json: bool) 
     problems = {vehicle: one.problem for vehicle, one in return_routes.items() if one.problem}
     notes = [PlanNote(NoticeCode.RETURN_ROUTE_PROBLEM, v, {"problem": text}) for v, text in problems.items()]
     result = replace(result, notes=(*result.notes, *notes))
-    if plot is not None:
-        _draw(plot, task, result, return_routes)
-    _print_plan(task, result, timings_ms, plot, console)
+    paths = [] if outputs.plot is None else [outputs.plot]
+    if outputs.plot is not None:
+        _draw(outputs.plot, task, result, return_routes)
+    if outputs.plan_files is not None:
+        paths += write_plan_files(
+            outputs.plan_files,
+            task.config,
+            outputs.profile,
+            task.mission.agents,
+            result.routes,
+            return_routes,
+        )
+    _print_plan(task, result, timings_ms, console)
+    for path in paths:
+        console.print(f"written: {path}", highlight=False, markup=False, soft_wrap=True)
     if as_json:
         print(json.dumps(_as_dict(task, result, timings_ms, return_routes)), flush=True)  # noqa: T201  the output of --json
     routes_expected = min(len(task.mission.agents), len(task.mission.targets))
@@ -97,7 +120,7 @@ def planning_task(
         for vehicle, airframe in config.airframes_of_agents.items()
         if (landing := landing_of(airframe)) is not None
     }
-    return Task(config.name, mission, config.ground, landings)
+    return Task(config, mission, landings)
 
 
 def _positions(given: Sequence[str], option: str, grid: Grid) -> list[Point]:
@@ -179,7 +202,7 @@ def _as_dict(
             }
             for route in result.routes
         ],
-        "terrain": task.terrain,
+        "terrain": task.config.ground,
         "total_length_m": result.total_length_m,
         "unassigned_agents": list(result.unassigned_vehicles),
         "unassigned_targets": [list(target) for target in result.unassigned_targets],
@@ -190,7 +213,7 @@ def _as_dict(
 
 def _draw(path: Path, task: Task, result: PlanResult, return_routes: Mapping[int, ReturnRoute]) -> None:
     loiter = task.mission.options.loiter if task.mission.options.shape == "flyable" else None
-    title = f"{task.name}: {len(result.routes)} routes, {result.total_length_m:,.0f} m"
+    title = f"{task.config.name}: {len(result.routes)} routes, {result.total_length_m:,.0f} m"
     drawing = PlanDrawing(
         title,
         task.mission.grid,
@@ -227,13 +250,11 @@ def _draw(path: Path, task: Task, result: PlanResult, return_routes: Mapping[int
         raise RecordingError(str(path), f"cannot be written: {error.strerror}") from None
 
 
-def _print_plan(
-    task: Task, result: PlanResult, timings_ms: dict[str, float], plot: Path | None, console: Console
-) -> None:
+def _print_plan(task: Task, result: PlanResult, timings_ms: dict[str, float], console: Console) -> None:
     grid = task.mission.grid
     console.print(
-        f"{task.name}: {grid.shape[1]} x {grid.shape[0]} nodes, {grid.spacing_m:g} m apart, "
-        f"{grid.blocked.mean():.1%} blocked; terrain {task.terrain}",
+        f"{task.config.name}: {grid.shape[1]} x {grid.shape[0]} nodes, {grid.spacing_m:g} m apart, "
+        f"{grid.blocked.mean():.1%} blocked; terrain {task.config.ground}",
         highlight=False,
     )
     table = Table()
@@ -264,5 +285,3 @@ def _print_plan(
         console.print(f"[yellow]note:[/] {note.line}", highlight=False)
     stages = [f"{stage} {ms:.2f} ms" for stage, ms in timings_ms.items()]
     console.print(", ".join(stages), highlight=False, style="dim")
-    if plot is not None:
-        console.print(f"picture: {plot}", highlight=False, markup=False, soft_wrap=True)

@@ -20,7 +20,7 @@ from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import profile_of
 from gcs.mavlink.fleet.checks.position_checks import position_problem
 from gcs.mavlink.frames.codec import Frame, Message
-from gcs.model import NS_PER_S, FloatArray, read_only
+from gcs.model import NS_PER_S, FloatArray, IntArray, read_only
 from gcs.planning.terrain.ground import Terrain
 from gcs.report.telemetry.smoothed_path import smooth_path
 
@@ -30,7 +30,7 @@ _MOST_MODES: Final = 2_000
 _MAX_VEHICLES: Final = 250
 _MAX_JUMPS_LISTED: Final = 5
 _MAX_DISTANCE_M: Final = 200_000.0
-_COLUMNS: Final = 6
+_COLUMNS: Final = 8
 _READ: Final = frozenset({dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_HEARTBEAT})
 _PLANE_LIKE: Final = frozenset({dialect.MAV_TYPE_FIXED_WING, *range(19, 26)})
 """Aeroplanes and the VTOL types of MAV_TYPE."""
@@ -67,11 +67,20 @@ class Flight:
     jumps: tuple[PositionJump, ...]
 
 
+class Reports(NamedTuple):
+    """Reported positions of one vehicle, as they were received."""
+
+    t_ns: IntArray
+    """(n,) in order."""
+    places: FloatArray
+    """(n, 3) latitude and longitude in degrees, metres above mean sea level."""
+
+
 @dataclass(slots=True)
 class _Vehicle:
     t_ns: array[int] = field(default_factory=lambda: array("q"))
     values: array[float] = field(default_factory=lambda: array("d"))
-    """East, north, height above home, speed, boot time, height above mean sea level of each report."""
+    """Of each report: east, north, height above home, speed, boot time; latitude, longitude, height MSL."""
     modes: list[tuple[int, str, bool]] = field(default_factory=list)
     least_ns: int = _LEAST_NS
     heard_ns: int = 0
@@ -128,12 +137,22 @@ class Flights:
         vehicle.t_ns.append(t_ns)
         vehicle.values.extend((
             *origin.to_local(lat_deg, lon_deg), message.relative_alt * 1e-3, speed_m_s,
-            message.time_boot_ms * 1e-3, alt_msl_m,
+            message.time_boot_ms * 1e-3, lat_deg, lon_deg, alt_msl_m,
         ))  # fmt: skip
         if len(vehicle.t_ns) > _MOST:
             vehicle.least_ns *= 2
             vehicle.t_ns = vehicle.t_ns[::2]
             vehicle.values = array("d", np.array(vehicle.values).reshape(-1, _COLUMNS)[::2].ravel())
+
+    def reports(self) -> dict[int, Reports]:
+        """Return the reported positions of each vehicle with telemetry."""
+        found = {}
+        for system_id, vehicle in sorted(self._vehicles.items()):
+            t_ns = np.array(vehicle.t_ns, dtype=np.int64)
+            order = np.argsort(t_ns, kind="stable")
+            places = np.array(vehicle.values).reshape(-1, _COLUMNS)[order, 5:]
+            found[system_id] = Reports(t_ns[order], read_only(places))
+        return found
 
     def flights(self, start_t_ns: int) -> dict[int, Flight]:
         """Return the flight of each vehicle with telemetry."""
@@ -150,7 +169,7 @@ class Flights:
             )
             found[system_id] = Flight(
                 system_id, read_only(t_s[order]), read_only(values[:, :2]), read_only(values[:, 2]),
-                read_only(values[:, 5]), read_only(values[:, 3]), modes,
+                read_only(values[:, 7]), read_only(values[:, 3]), modes,
                 (vehicle.heard_ns - start_t_ns) / NS_PER_S, path.length_m, jumps,
             )  # fmt: skip
         return found

@@ -1,0 +1,227 @@
+"""Messages for Foxglove from the records of a run: positions, map, 3-D scene and log.
+
+| topic | schema | content |
+|---|---|---|
+| `/vehicle/N/fix` | LocationFix | reported position |
+| `/tf` | FrameTransform | frame `vehicle-N` in the frame `map` |
+| `/map/areas`, `/map/routes`, `/map/targets` | GeoJSON | fence and no-fly zones, present routes, targets |
+| `/scene/areas`, `/scene/routes`, `/scene/targets` | SceneUpdate | the same in 3-D, with names |
+| `/notices` | Log | notices for the operator |
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Final, NamedTuple
+
+import msgspec
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from gcs.config import Config
+from gcs.fence import Area, areas_of
+from gcs.geo import LocalFrame
+from gcs.mavlink.fleet.checks.position_checks import position_problem
+from gcs.mavlink.frames.codec import Frame
+from gcs.model import Label, Notice, Picture, Plan, Route, target_name, vehicle_name
+from gcs.report.export.features import feature, line, target_features
+from gcs.report.export.foxglove_records import (
+    MAP_FRAME,
+    Color,
+    FrameTransform,
+    GeoJSON,
+    LinePrimitive,
+    LocationFix,
+    Log,
+    Pose,
+    Quaternion,
+    SceneEntity,
+    SceneEntityDeletion,
+    SceneUpdate,
+    SpherePrimitive,
+    TextPrimitive,
+    Time,
+    Vector3,
+)
+from gcs.report.export.run_map import Ground, Place, PlannedRoute, TargetEstimate, planned_route
+
+SCHEMAS: Final = (LocationFix, FrameTransform, GeoJSON, SceneUpdate, Log)
+_LEVELS: Final = {"info": 2, "warning": 3, "alarm": 4}
+_ROUTE: Final = Color(0.8, 0.47, 0.65, 1.0)
+_TARGET: Final = Color(0.84, 0.37, 0.0, 0.5)
+_AREA: Final = {True: Color(0.0, 0.62, 0.45, 1.0), False: Color(0.84, 0.1, 0.11, 1.0)}
+"""Colour of inclusion and exclusion areas."""
+_MAX_DISTANCE_M: Final = 200_000.0
+_UNKNOWN_COURSE: Final = 65535
+_LINE_STRIP: Final = 0
+_LINE_LOOP: Final = 1
+_FLAT_M: Final = 2.0
+"""Height of a target's ellipsoid."""
+
+
+class Message(NamedTuple):
+    """Message of a topic."""
+
+    topic: str
+    t_ns: int
+    value: LocationFix | FrameTransform | GeoJSON | SceneUpdate | Log
+
+
+class FoxgloveMessages:
+    """Turns the records of a run into messages, one after another.
+
+    Parameters
+    ----------
+    config : Config, optional
+        Mission of the run; without one there are positions only, in a frame at the first of them.
+    """
+
+    def __init__(self, config: Config | None = None) -> None:
+        self._config = config
+        self._frame: LocalFrame | None = None if config is None else config.local_frame
+        self._ground = None if config is None else Ground(config)
+        self._routes: dict[int, PlannedRoute] = {}
+        self._shown: set[Label] = set()
+
+    def areas(self, t_ns: int) -> Iterator[Message]:
+        """Yield the fence and the no-fly zones.
+
+        Raises
+        ------
+        ConfigError
+            When an area of the mission file is invalid.
+        """
+        config = self._config
+        areas = [] if config is None else areas_of(config)
+        if config is None or not areas:
+            return
+        outlines = [area.outline_m(config.local_frame) for area in areas]
+        rings = [[Place(*config.local_frame.to_geodetic(*point), 0.0) for point in ring] for ring in outlines]
+        names = [_area_name(area) for area in areas]
+        yield _features(
+            "/map/areas",
+            t_ns,
+            (feature("area", name, line([*ring, ring[0]])) for name, ring in zip(names, rings, strict=True)),
+        )
+        entities = [
+            SceneEntity(
+                Time.of(t_ns),
+                f"area {number}",
+                lines=(
+                    LinePrimitive(
+                        _LINE_LOOP,
+                        tuple(Vector3(east_m, north_m, 0.0) for east_m, north_m in ring),
+                        _AREA[area.stay_in],
+                    ),
+                ),
+            )
+            for number, (area, ring) in enumerate(zip(areas, outlines, strict=True))
+        ]
+        yield Message("/scene/areas", t_ns, SceneUpdate((), tuple(entities)))
+
+    def frame(self, t_ns: int, frame: Frame) -> Iterator[Message]:
+        """Yield the position of a GLOBAL_POSITION_INT; nothing for other frames and impossible positions."""
+        if frame.message_id != dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
+            return
+        report = frame.message()
+        if report is None:
+            return
+        lat_deg = report.lat * 1e-7
+        lon_deg = report.lon * 1e-7
+        alt_msl_m = report.alt * 1e-3
+        origin = self._frame or LocalFrame(lat_deg, lon_deg, alt_msl_m)
+        if position_problem(lat_deg, lon_deg, alt_msl_m, origin, _MAX_DISTANCE_M):
+            return
+        self._frame = origin
+        time = Time.of(t_ns)
+        name = vehicle_name(frame.system_id)
+        frame_id = f"vehicle-{name}"
+        place = Vector3(*origin.to_local(lat_deg, lon_deg), alt_msl_m - origin.alt_msl_m)
+        course_deg = 90.0 if report.hdg == _UNKNOWN_COURSE else report.hdg * 0.01
+        rotation = Quaternion.about_up(math.radians(90.0 - course_deg))
+        yield Message(f"/vehicle/{name}/fix", t_ns, LocationFix(time, frame_id, lat_deg, lon_deg, alt_msl_m))
+        yield Message("/tf", t_ns, FrameTransform(time, MAP_FRAME, frame_id, place, rotation))
+
+    def effect(self, t_ns: int, value: object) -> Iterator[Message]:
+        """Yield the messages of an effect of the engine; nothing for those without one."""
+        match value:
+            case Plan():
+                yield from self._plan(t_ns, value)
+            case Picture(kind="targets"):
+                yield from self._targets(t_ns, value)
+            case Notice():
+                level = _LEVELS[value.level]
+                name = "swarm" if value.vehicle is None else f"vehicle {vehicle_name(value.vehicle)}"
+                yield Message("/notices", t_ns, Log(Time.of(t_ns), level, value.line, name))
+
+    def _plan(self, t_ns: int, plan: Plan) -> Iterator[Message]:
+        config = self._config
+        if config is None:
+            return
+        present = {route.vehicle: route for route in plan.routes}
+        gone = self._routes.keys() - present.keys()
+        changed = [present[vehicle] for vehicle in plan.changed if vehicle in present]
+        if not gone and not changed:
+            return
+        self._routes = {vehicle: one for vehicle, one in self._routes.items() if vehicle in present}
+        self._routes |= {route.vehicle: planned_route(config, route, t_ns) for route in changed}
+        routes = self._routes.values()
+        yield _features("/map/routes", t_ns, (feature("route", r.name, line(r.places)) for r in routes))
+        deletions = [SceneEntityDeletion(Time.of(t_ns), _route_id(vehicle)) for vehicle in sorted(gone)]
+        entities = [self._route_entity(t_ns, route, config.local_frame) for route in changed]
+        yield Message("/scene/routes", t_ns, SceneUpdate(tuple(deletions), tuple(entities)))
+
+    def _route_entity(self, t_ns: int, route: Route, frame: LocalFrame) -> SceneEntity:
+        places = self._routes[route.vehicle].places
+        points = [
+            Vector3(east_m, north_m, place.alt_msl_m - frame.alt_msl_m)
+            for (east_m, north_m), place in zip(route.flown_m.tolist(), places, strict=True)
+        ]
+        return SceneEntity(
+            Time.of(t_ns),
+            _route_id(route.vehicle),
+            lines=(LinePrimitive(_LINE_STRIP, tuple(points), _ROUTE),),
+            texts=(TextPrimitive(Pose(points[0]), vehicle_name(route.vehicle), _ROUTE),),
+        )
+
+    def _targets(self, t_ns: int, picture: Picture) -> Iterator[Message]:
+        ground = self._ground
+        if ground is None:
+            return
+        found = [ground.target(picture.scan_t_ns, track) for track in picture.tracks if track.estimated]
+        features = (one for target in found for one in target_features(target))
+        yield _features("/map/targets", t_ns, features)
+        labels = {target.label for target in found}
+        gone = sorted(self._shown - labels)
+        self._shown = labels
+        deletions = [SceneEntityDeletion(Time.of(t_ns), target_name(label)) for label in gone]
+        entities = [_target_entity(t_ns, target, ground.to_local) for target in found]
+        yield Message("/scene/targets", t_ns, SceneUpdate(tuple(deletions), tuple(entities)))
+
+
+def _target_entity(
+    t_ns: int, target: TargetEstimate, to_local: Callable[[Place], tuple[float, float, float]]
+) -> SceneEntity:
+    centre = Vector3(*to_local(target.place))
+    pose = Pose(centre, Quaternion.about_up(math.radians(90.0 - target.azimuth_deg)))
+    larger_m, smaller_m = target.semi_axes_m
+    name = target_name(target.label)
+    return SceneEntity(
+        Time.of(t_ns),
+        name,
+        spheres=(SpherePrimitive(pose, Vector3(2.0 * larger_m, 2.0 * smaller_m, _FLAT_M), _TARGET),),
+        texts=(TextPrimitive(Pose(centre), name, _TARGET),),
+    )
+
+
+def _features(topic: str, t_ns: int, features: Iterable[dict[str, Any]]) -> Message:
+    collection = {"type": "FeatureCollection", "features": list(features)}
+    return Message(topic, t_ns, GeoJSON(msgspec.json.encode(collection).decode()))
+
+
+def _route_id(vehicle: int) -> str:
+    return f"route {vehicle_name(vehicle)}"
+
+
+def _area_name(area: Area) -> str:
+    return "inclusion area" if area.stay_in else "exclusion area or no-fly zone"
