@@ -102,10 +102,10 @@ class Site:
     course_deg: float
     speed_m_s: float = 15.0
     max_duration_s: float = 900.0
-    per_row: int = 6
+    per_row: int = 5
 
 
-DAVOS = Site(46.7985, 9.793, 1548.0, 5100.0, 4300.0, (3000.0, 230.0), (220.0, 190.0), 75.0)
+DAVOS = Site(46.7985, 9.793, 1548.0, 5100.0, 4300.0, (3100.0, 230.0), (200.0, 180.0), 75.0)
 
 
 @dataclass(frozen=True)

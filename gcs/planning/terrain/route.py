@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.model import FloatArray, read_only
+from gcs.planning.terrain.band import NO_BAND_M, FlightBand
 from gcs.planning.terrain.height_profile import choose_knots, plan_heights, sample_path
 from gcs.planning.terrain.path_search import CornerPath, Effort, find_path
 from gcs.planning.terrain.terrain_map import BandCircle, BandPose, Goal, TerrainMap
@@ -30,6 +31,8 @@ _MORE_EFFORTS = (Effort(3.0, 2_000, 60_000), Effort(1.4, 2_000, 100_000))
 """Searches where the others found no route, one after the other."""
 _PROFILE_STEP_M = 1.0
 _MAX_SPLITS = 60
+_MIN_SPLIT_RAD = 0.15
+"""Smallest turn that is split for its corner: the next corners would be no farther inside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +93,7 @@ def plan_route(
 def _with_heights(terrain: TerrainMap, path: CornerPath, share: float) -> TerrainRoute | None:
     """Return a path with a height at each waypoint; None if it leaves the band."""
     band = terrain.profile_band
-    points = path.points
+    points = _with_corners_inside(band, path.points, terrain.turn_radius_m)
     for _ in range(_MAX_SPLITS):
         places, corners, middles = sample_path(points, terrain.turn_radius_m, _PROFILE_STEP_M)
         heights, limits = plan_heights(
@@ -115,6 +118,23 @@ def _with_heights(terrain: TerrainMap, path: CornerPath, share: float) -> Terrai
         BandCircle(circle.east_m, circle.north_m, circle.radius_m, end_msl_m, end_msl_m, is_clockwise),
         float(places[-1, 2]),
     )
+
+
+def _with_corners_inside(band: FlightBand, points: FloatArray, radius_m: float) -> FloatArray:
+    """Return a path whose corners are split where they lie off the map, or over blocked cells.
+
+    Its turns are inside, and stay the same; but no waypoint of a mission may lie outside.
+    """
+    for _ in range(_MAX_SPLITS):
+        inner = band.limits_at(points + np.array(band.origin_m))[1:-1]
+        legs = np.diff(points, axis=0)
+        courses = np.arctan2(legs[:, 1], legs[:, 0])
+        turns = np.abs((np.diff(courses) + math.pi) % (2.0 * math.pi) - math.pi)
+        turns[inner[:, 0] < NO_BAND_M] = 0.0
+        if not turns.size or turns.max() < _MIN_SPLIT_RAD:
+            break
+        points = _split_corner(points, int(np.argmax(turns)) + 1, radius_m)
+    return points
 
 
 def _split_corner(points: FloatArray, i: int, radius_m: float) -> FloatArray:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.hills import elevation_of, hill
 from helpers.sky import FIELD, Sky, fly_on, give
 from helpers.staging import S
 
@@ -40,6 +41,24 @@ def least_m(sky, for_s):
         fly_on(sky, 0.4)
         least = min(least, apart_m(sky))
     return least
+
+
+def test_of_two_the_one_holds_whose_circle_keeps_above_the_ground():
+    """A hold over a slope went below the least height, while the other vehicle had level ground below."""
+    level = crossing()
+    least_m(level, 60.0)
+    ((_, notice),) = level.told(NoticeCode.AVOIDS)
+    chosen = notice.vehicle
+    sky = crossing()
+    plane = sky.planes[chosen]
+    avoidances = sky.run_.engine.stages.avoidances
+    avoidances._least_agl_m = 50.0
+    towards = {1: (1500.0, 1500.0), 2: (1500.0, 1500.0)}[chosen]
+    away = np.array((plane.east_m, plane.north_m)) - towards
+    middle = towards + away / np.hypot(*away) * 200.0
+    avoidances._elevation = elevation_of(hill(*middle, 40.0, 80.0, 70.0), 3000.0)
+    least_m(sky, 60.0)
+    assert [one.vehicle for _, one in sky.told(NoticeCode.AVOIDS)] == [3 - chosen]
 
 
 @pytest.mark.parametrize("px4", [(), (1, 2)])

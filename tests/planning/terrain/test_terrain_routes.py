@@ -79,6 +79,17 @@ def test_a_route_stays_in_its_band_and_keeps_its_gradients_and_ends(seed, relief
     assert np.array_equal(again.heights_msl_m, route.heights_msl_m)
 
 
+@pytest.mark.parametrize(("seed", "relief_m", "share"), [(71, 40.0, 0.3), (111, 60.0, 0.3), (132, 40.0, 0.3)])
+def test_no_waypoint_lies_outside_the_map(seed, relief_m, share):
+    """A turn at the edge had its corner beyond it, and the check before the upload refused the mission."""
+    band = make_band(hills(seed, relief_m=relief_m), MIN_AGL_M, MAX_AGL_M)
+    start, end = _two_circles(make_circle_map(band, RADIUS_M), seed)
+    terrain = make_terrain_map(band, VERTICAL, RADIUS_M)
+    route = plan_route(terrain, start, goal_at(terrain, [end]), share)
+    assert route.points_m.min() >= 0.0
+    assert route.points_m.max() <= 590.0
+
+
 def test_over_flat_ground_a_route_between_circles_is_no_longer_than_their_common_tangent():
     terrain = make_terrain_map(make_band(FLAT, MIN_AGL_M, MAX_AGL_M), VERTICAL, RADIUS_M)
     start = BandCircle(100.0, 100.0, RADIUS_M, 150.0, 180.0)
