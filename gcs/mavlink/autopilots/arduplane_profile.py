@@ -162,3 +162,4 @@ ARDUPLANE: Final = AutopilotProfile(
     return_parameters=("RTL_ALTITUDE", "ALT_HOLD_RTL"),
     return_heights=_return_heights,
 )
+"""Profile of ArduPlane, tested with 4.7."""

@@ -117,3 +117,4 @@ PX4: Final = AutopilotProfile(
     return_parameters=("RTL_RETURN_ALT", "RTL_TYPE"),
     return_heights=_return_heights,
 )
+"""Profile of PX4 as an aeroplane."""
