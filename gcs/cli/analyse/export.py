@@ -31,10 +31,9 @@ def export(
     config: Annotated[str | None, typer.Option(help="Mission file, for a recording without its own.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
-    """Write the map of a run for other programs.
+    """Write flown paths, routes, targets and losses as KML, GeoJSON, GPX or for Foxglove.
 
-    Flown paths, planned routes, targets with their 95 % ellipses, and vehicles that were lost. A log has
-    flown paths only. Heights are metres above mean sea level.
+    Targets have their 95 % ellipses. A log has flown paths only. Heights are metres above mean sea level.
 
     - .kml for Google Earth and QGroundControl;
     - .geojson for QGIS, geopandas and web maps;
