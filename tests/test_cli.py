@@ -59,7 +59,7 @@ from gcs.cli import app
 from sim_vehicles.cli import app as simulation
 
 def check(command):
-    heavy = ("numba", "scipy", "zenoh", "matplotlib", "gcs.core", "gcs.planning", "gcs.tracking")
+    heavy = ("numba", "scipy", "zenoh", "matplotlib", "gcs.core", "gcs.planning", "gcs.tracking.glmb")
     if loaded := [name for name in heavy if name in sys.modules]:
         sys.exit(f"{{command}} loads {{loaded}}")
 

@@ -37,7 +37,7 @@ def track_baseline(
     "recovered" and "smoothed" are whole paths of confirmed tracks, from the first to the last detection, as
     are all estimates of true association.
     """
-    model = detections.model
+    model = detections.tracking_model()
     speed_std_m_s = model.birth_speed_std_m_s
     nearest = NearestNeighbourTracker(model.params, speed_std_m_s if model.births_per_s > 0.0 else None)
     true = TrueAssociationTracker(model.params, speed_std_m_s)

@@ -41,7 +41,10 @@ def main() -> None:
         with sets(arguments.data, difficulty, arguments.fresh, arguments.seed) as paths:
             loaded = [load(path, None, None) for path in paths]
         loaded = [
-            replace(d, model=replace(d.model, params=replace(d.model.params, **override))) for d in loaded
+            replace(
+                d, model=replace(d.tracking_model(), params=replace(d.tracking_model().params, **override))
+            )
+            for d in loaded
         ]
         for estimator, lag in (("filtered", None), ("recovered", None), ("smoothed", 3), ("smoothed", None)):
             tracked = (track_detections(d, estimator, lag_scans=lag, clock=time.process_time) for d in loaded)

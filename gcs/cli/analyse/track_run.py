@@ -153,9 +153,12 @@ def _inputs(options: TrackOptions) -> list[tuple[str, Path]]:
 
 def _load_detections(path: Path, options: TrackOptions, console: Console) -> Detections:
     if not path.is_dir() and path.suffix != ".mcap":
-        return load(path, options.model, options.truth)
-    with reading_progress(console, path, recording_bytes(path)) as advance:
-        return load(path, options.model, options.truth, advance)
+        detections = load(path, options.model, options.truth)
+    else:
+        with reading_progress(console, path, recording_bytes(path)) as advance:
+            detections = load(path, options.model, options.truth, advance)
+    detections.tracking_model()  # raises, before the kernels are loaded
+    return detections
 
 
 def track_detections(
@@ -189,7 +192,7 @@ def track_detections(
         scan_ms.append((clock() - begin) * 1e3)
         advance()
 
-    found = track_scans(timed_scans(), detections.model, estimator, lag_scans, end_scan)
+    found = track_scans(timed_scans(), detections.tracking_model(), estimator, lag_scans, end_scan)
     states: dict[int, States] = {k: {} for k in detections.scan_numbers.values()}
     existence: dict[int, dict[Label, float]] = {k: {} for k in states}
     for one in found.trajectories:

@@ -60,7 +60,8 @@ def _bits(blocked: BoolArray) -> str:
 
 def elevation_map(config: Config) -> ElevationMap | None:
     """Return the ground for the page, resampled to at most `_MAX_NODES`; None if it is flat."""
-    terrain, elevation = config.terrain, config.elevation
+    terrain = config.terrain
+    elevation = config.elevation
     if terrain is None or elevation is None:
         return None
     drawn = elevation.coarser(_MAX_NODES)

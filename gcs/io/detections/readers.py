@@ -70,7 +70,10 @@ _MIN_SPAN_NS: Final = 1e6
 class Detections:
     """Input of the tracker and of its scores."""
 
-    model: TrackingModel
+    model: TrackingModel | None
+    """None where nothing can be born: such detections can be added to a log, but not tracked alone."""
+    model_source: str
+    """File of the model."""
     scans: tuple[SensorScan, ...]
     scan_numbers: Mapping[int, int]
     """Number k of each scan, by its time in nanoseconds."""
@@ -82,6 +85,18 @@ class Detections:
     """True if the file has times; False if it numbers scans."""
     remarks: tuple[str, ...] = ()
     """Remarks for the user, such as where a damaged file ends."""
+
+    def tracking_model(self) -> TrackingModel:
+        """Return the model to track by.
+
+        Raises
+        ------
+        ConfigError
+            Nothing can be born.
+        """
+        if self.model is None:
+            raise ConfigError(self.model_source, "births", "expected birth components, or anywhere.per_s > 0")
+        return self.model
 
 
 def load(
@@ -140,7 +155,8 @@ def _detections(table: Table, model: ModelTable, source: str, truth: TruthRows |
     seen_m = [z_m[rows.is_detection & (sensor == i)] for i in range(len(sensors))]
     true, remarks = ({}, ()) if truth is None else truth_by_scan(truth, numbers)
     return Detections(
-        _tracking_model(source, model),
+        _tracking_model(model),
+        source,
         scans,
         numbers,
         true,
@@ -228,8 +244,8 @@ def _numbered_scans(
     return numbers, scans
 
 
-def _tracking_model(source: str, model: ModelTable) -> TrackingModel:
-    """Return the motion and the births of a model; `source` is its file, for errors."""
+def _tracking_model(model: ModelTable) -> TrackingModel | None:
+    """Return the motion and the births of a model."""
     params = GlmbParams(
         accel_psd_m2_s3=model.accel_psd_m2_s3,
         piecewise_accel_std_m_s2=model.piecewise_accel_std_m_s2,
@@ -242,18 +258,17 @@ def _tracking_model(source: str, model: ModelTable) -> TrackingModel:
         for b in model.births
     )
     moved = tuple(_moved_since_birth(one, model.dt_s) for one in births)
-    return _with_births(source, params, moved, model.anywhere)
+    return _with_births(params, moved, model.anywhere)
 
 
 def _with_births(
-    source: str,
     params: GlmbParams,
     births: Sequence[Birth],
     anywhere: AnywhereTable,
     birth_again_probability: float | None = None,
-) -> TrackingModel:
+) -> TrackingModel | None:
     if not births and anywhere.per_s <= 0.0:
-        raise ConfigError(source, "births", "expected birth components, or anywhere.per_s > 0")
+        return None
     return TrackingModel(
         params,
         tuple(births),
@@ -317,7 +332,8 @@ def _load_recording(
         remarks = (*remarks, *more)
     anywhere = max((kind.anywhere for kind in kinds), key=lambda one: one.per_s)
     return Detections(
-        _with_births(str(path), params, births, anywhere, BIRTH_AGAIN_PROBABILITY),
+        _with_births(params, births, anywhere, BIRTH_AGAIN_PROBABILITY),
+        str(path),
         tuple(scans),
         numbers,
         true,

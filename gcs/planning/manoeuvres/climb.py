@@ -129,7 +129,8 @@ def ground_obstruction(climb: Climb, elevation: Elevation, least_agl_m: float) -
     less.
     """
     share = np.linspace(0.0, 1.0, _GROUND_SAMPLES)
-    east, north = math.sin(climb.heading_rad), math.cos(climb.heading_rad)
+    east = math.sin(climb.heading_rad)
+    north = math.cos(climb.heading_rad)
     run_m = min(climb.ground_run_m, climb.latest_length_m)
     along_m = run_m + share * (climb.latest_length_m - run_m)
     places_m = np.array(climb.start_m) + along_m[:, None] * (east, north)

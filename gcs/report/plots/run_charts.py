@@ -214,7 +214,9 @@ def flight_figure(flights: Mapping[int, Flight], duration_s: float, terrain: Ter
     heights = (1.9, *above, 1.9, row_height * max(len(flights), 1) + 0.5)
     figure = new_figure(11.0, sum(heights) + 1.2)
     rows = figure.subplots(len(heights), 1, sharex=True, gridspec_kw={"height_ratios": heights})
-    height, speed, modes = rows[0], rows[-2], rows[-1]
+    height = rows[0]
+    speed = rows[-2]
+    modes = rows[-1]
     if terrain is not None:
         _heights_above_ground(rows[1], flights, terrain)
     size = size_for(len(flights))
