@@ -7,7 +7,7 @@ the airspeed. Their direction is drawn for each seed, gusts have a quarter of th
 file states the sum of both (`airframe.wind_m_s`).
 
 With ``--home`` vehicles land at home after their targets: how many were inside an obstacle between the
-two, with ways home that are planned and with straight ones.
+two, with return routes that are planned and with straight ones.
 """
 
 import argparse
@@ -51,7 +51,9 @@ def fly_home(name: str, seed: int, share: float, straight: bool) -> list[ReturnF
 
 
 def show_ways_home(options: argparse.Namespace) -> None:
-    print("| scenario | wind | ways home | vehicles | landed | inside | least, a tenth below, median, m |")
+    print(
+        "| scenario | wind | return routes | vehicles | landed | inside | least, a tenth below, median, m |"
+    )
     print("|---|---|---|---|---|---|---|")
     n = options.seeds
     with ProcessPoolExecutor(2) as pool:

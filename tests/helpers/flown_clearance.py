@@ -126,7 +126,7 @@ def landing(scenario: Scenario) -> Scenario:
 def flown_home(scenario: Scenario, seed: int, *, straight: bool = False) -> dict[int, ReturnFlight]:
     """Fly a whole mission that ends at home; return how each vehicle that reached its target came home.
 
-    With `straight` ways home are planned as if there were no obstacles.
+    With `straight` return routes are planned as if there were no obstacles.
     """
     arrived: dict[int, ReturnFlight] = {}
 

@@ -38,7 +38,7 @@ from gcs.mavlink.services.preflight_query import PreflightQuery
 from gcs.model import NS_PER_S, FloatArray, Parameter
 
 _RETURN_SAMPLES: Final = 200
-"""Places on the straight way home at which the ground is read."""
+"""Places on the straight line to home at which the ground is read."""
 _TASKABLE: Final = (AUTO, LOITER)
 _MIN_BATTERY: Final = (25, 50)
 """Battery in percent: refused below the first, warning below the second."""

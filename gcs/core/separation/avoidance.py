@@ -9,8 +9,8 @@ Over terrain a hold whose circle keeps the least height above ground comes first
 Two that wait near each other in LOITER, and whose circles overlap, are kept apart by height: one gets a
 mission with a circle in a free altitude layer (`gcs.core.replanning.stacked_missions`).
 
-A vehicle that holds for another one keeps its target and its mission. It flies on as soon as that leads near
-nobody, and gets a new mission if that takes too long, or if its landing time is taken by then.
+A vehicle that holds for another one keeps its target and its mission. It flies on as soon as that leads
+near no other vehicle, and gets a new mission if that takes too long, or if its landing time is taken by then.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ class Avoidances:
         return remaining_length_m(route.points_m, (state.east_m, state.north_m), passed)
 
     def _check(self, vehicle: int, avoidance: Avoidance, t_ns: int) -> list[Effect]:
-        """Let a vehicle in LOITER fly on, if that leads near nobody."""
+        """Let a vehicle in LOITER fly on, if that leads near no other vehicle."""
         held_ns = t_ns - avoidance.since_t_ns
         is_clear = not self._order_check.problem(vehicle, {vehicle: AUTO}, t_ns, with_aircraft=True)
         if held_ns >= _MIN_HOLD_NS and is_clear and self._landing_order.claim(vehicle, t_ns):
