@@ -38,7 +38,8 @@ def write_documented_files(folder: Path) -> None:
     fly(load("prescribed"), 1, run, duration_s=10.0)
     shutil.copy(run / "link.tlog", folder / "flight.tlog")
     arrays = made()
-    np.savez(folder / "set.npz", **arrays)
+    for name in ("set", "mc-1", "mc-2", "mc-3"):
+        np.savez(folder / f"{name}.npz", **arrays)
     _write_table(folder / "set.csv", ("k", "x", "y"), arrays["meas"][:, :3])
     _write_table(folder / "truth.csv", ("k", "id", "x", "y"), arrays["truth"][:, [0, 1, 2, 4]])
     (folder / "model.toml").write_text(MODEL)

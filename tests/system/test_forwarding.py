@@ -154,6 +154,7 @@ def test_mavsdk_and_mavproxy_work_with_all_vehicles_while_missions_change(tmp_pa
         items = found.get(timeout=60.0)
         assert sorted(items) == list(VEHICLES)
         assert all(count >= 2 for count in items.values()), items
+        programs[0].until(r"(?s)(re-tasked: \d.*){3}")  # the first plan, and two that change missions
         said = programs[0].interrupted()
         ends.set()
         working.result()
