@@ -76,6 +76,7 @@ class Attacker:
 
     def __init__(self, port: int, seed: int, kinds: str) -> None:
         self.address = ("127.0.0.1", port)
+        self.ends = threading.Event()
         self.random = random.Random(seed)
         self.sent: Counter[str] = Counter()
         self.waiting: list[socket.socket] = []
@@ -180,6 +181,8 @@ class Attacker:
             path = self.random.choice(("/", "/api/openapi.json", "/metrics", "/alarms", "/page.js"))
             message = f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{self.address[1]}\r\n\r\n".encode()
             for _ in range(300):
+                if self.ends.is_set():  # the console serves a connection in a hurry slowly
+                    return
                 link.sendall(message)
                 link.recv(65536)
 
@@ -247,18 +250,18 @@ def _frame(head: int, data: bytes, length: int) -> bytes:
 
 def attack(port: int, seed: int, threads: int, kinds: str) -> None:
     """Attack until the input ends; print the counts."""
-    ends = threading.Event()
     attackers = [Attacker(port, seed * 1000 + number, kinds) for number in range(threads)]
 
     def run(one: Attacker) -> None:
-        while not ends.is_set():
+        while not one.ends.is_set():
             one.attack()
 
     started = [threading.Thread(target=run, args=(one,), daemon=True) for one in attackers]
     for thread in started:
         thread.start()
     sys.stdin.read()
-    ends.set()
+    for one in attackers:
+        one.ends.set()
     for thread in started:
         thread.join(5.0)
     print(json.dumps(sum((one.sent for one in attackers), Counter())))
