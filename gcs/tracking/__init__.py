@@ -9,6 +9,7 @@ Reading order:
 - `clusters`: labels that compete for detections are merged into clusters, associated and split again.
 - `glmb.marginals`, `glmb.extraction`: existence, cardinality and state estimates.
 - `trajectories`: whole paths from association histories, filtered and smoothed.
+- `state_space`: the same filter with motion and measurement models of the user, in states of any dimension.
 - `models`: motion, survival, sensor geometry, measurement models, clutter, adaptive birth, sensor estimation.
 - `metrics`: OSPA, OSPA(2), GOSPA and others.
 - `numerics`: sorting, exponentials and logarithms for kernels.
@@ -30,6 +31,14 @@ if TYPE_CHECKING:
     from gcs.tracking.glmb.params import Birth, GlmbParams
     from gcs.tracking.metrics import cardinality_error, gospa, identity_switches, ospa, ospa2
     from gcs.tracking.models.sensor_geometry import map_coordinates, polar_sensor, sector
+    from gcs.tracking.state_space.models import (
+        MeasurementModel,
+        MotionModel,
+        SwitchingMotion,
+        constant_velocity,
+        linear_measurement,
+        linear_motion,
+    )
 
 Estimator: TypeAlias = Literal["filtered", "recovered", "smoothed"]
 """Estimates at each scan; whole paths afterwards; or smoothed paths (see `batch`)."""
@@ -40,15 +49,21 @@ __all__ = [
     "Estimator",
     "Glmb",
     "GlmbParams",
+    "MeasurementModel",
+    "MotionModel",
     "Polar",
     "Sensor",
     "SensorScan",
+    "SwitchingMotion",
     "TrackSet",
     "TrackingModel",
     "Trajectory",
     "cardinality_error",
+    "constant_velocity",
     "gospa",
     "identity_switches",
+    "linear_measurement",
+    "linear_motion",
     "map_coordinates",
     "ospa",
     "ospa2",
@@ -68,6 +83,10 @@ _PARTS: Final = {
     "gcs.tracking.glmb.params": ("Birth", "GlmbParams"),
     "gcs.tracking.metrics": ("cardinality_error", "gospa", "identity_switches", "ospa", "ospa2"),
     "gcs.tracking.models.sensor_geometry": ("map_coordinates", "polar_sensor", "sector"),
+    "gcs.tracking.state_space.models": (
+        "MeasurementModel", "MotionModel", "SwitchingMotion", "constant_velocity", "linear_measurement",
+        "linear_motion",
+    ),
 }  # fmt: skip
 _MODULES: Final = {name: module for module, names in _PARTS.items() for name in names}
 

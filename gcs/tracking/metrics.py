@@ -12,7 +12,7 @@
 - Identity switches (Bernardin & Stiefelhagen, "CLEAR MOT", 2008): number of times that a true object changes
   its label. A pair lasts while it is within c. Others are paired by distance.
 
-Points are (n, 2) arrays of east and north in metres. Results are in metres.
+Points are (n, 2) arrays of east and north in metres, or (n, 3) with heights. Results are in metres.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gcs.model import FloatArray, IntArray
 
 LabelT = TypeVar("LabelT")
 IdT = TypeVar("IdT")
 Tracks: TypeAlias = Mapping[LabelT, FloatArray]
-"""Position (2,) by label at one time."""
+"""Position (2,), or (3,), by label at one time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +52,22 @@ class Gospa:
 
 
 def _distances(x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-    x = np.reshape(x_m, (-1, 1, 2))
-    y = np.reshape(y_m, (1, -1, 2))
-    return np.asarray(np.hypot(x[..., 0] - y[..., 0], x[..., 1] - y[..., 1]))
+    x, y = (_points(positions) for positions in (x_m, y_m))
+    if not len(x) or not len(y):
+        return np.empty((len(x), len(y)))
+    if x.shape[1] != y.shape[1]:
+        raise ValueError(f"expected points of the same dimension, got {x.shape} and {y.shape}")
+    return np.asarray(np.sqrt(((x[:, None] - y) ** 2).sum(axis=-1)))
+
+
+def _points(positions_m: ArrayLike) -> FloatArray:
+    """Return points as (n, 2) or (n, 3); (0, 2) for none."""
+    points = np.asarray(positions_m, np.float64)
+    if not points.size:
+        return np.empty((0, 2))
+    if points.ndim != 2 or points.shape[1] not in (2, 3):
+        raise ValueError(f"expected points (n, 2) or (n, 3) in metres, got {points.shape}")
+    return points
 
 
 def _optimal_assignment(cost: FloatArray) -> tuple[IntArray, IntArray]:
@@ -90,9 +104,10 @@ def ospa2(
     x_m: Sequence[Tracks[LabelT]], y_m: Sequence[Tracks[IdT]], c_m: float = 100.0, p: float = 1.0
 ) -> Ospa:
     """Return OSPA(2) of two sets of tracks over a window; element k is what exists at time k."""
-    x = _stack_tracks(x_m)
-    y = _stack_tracks(y_m)
-    gap = np.hypot(*np.moveaxis(x[:, None] - y[None, :], -1, 0))
+    size = next((len(point) for scan in (*x_m, *y_m) for point in scan.values()), 2)
+    x = _stack_tracks(x_m, size)
+    y = _stack_tracks(y_m, size)
+    gap = np.sqrt(((x[:, None] - y[None, :]) ** 2).sum(axis=-1))
     here_x = ~np.isnan(x[:, None, :, 0])
     here_y = ~np.isnan(y[None, :, :, 0])
     cut = np.where(here_x & here_y, np.minimum(gap, c_m), np.where(here_x | here_y, c_m, 0.0))
@@ -100,10 +115,10 @@ def ospa2(
     return _ospa_from_distances(cut.sum(axis=-1) / either, c_m, p)
 
 
-def _stack_tracks(scans: Sequence[Tracks[LabelT]]) -> FloatArray:
-    """Return positions (labels, times, 2), NaN where a label does not exist."""
+def _stack_tracks(scans: Sequence[Tracks[LabelT]], size: int) -> FloatArray:
+    """Return positions (labels, times, size), NaN where a label does not exist."""
     row = {label: i for i, label in enumerate(dict.fromkeys(label for scan in scans for label in scan))}
-    stacked = np.full((len(row), len(scans), 2), np.nan)
+    stacked = np.full((len(row), len(scans), size), np.nan)
     for k, scan in enumerate(scans):
         for label, position in scan.items():
             stacked[row[label], k] = position
@@ -146,9 +161,7 @@ def identity_switches(
         ids = [id_ for id_ in true if id_ not in pairs]
         kept = set(pairs.values())
         labels = [label for label in found if label not in kept]
-        gaps = _distances(
-            np.reshape([true[id_] for id_ in ids], (-1, 2)), np.reshape([found[n] for n in labels], (-1, 2))
-        )
+        gaps = _distances(_points([true[id_] for id_ in ids]), _points([found[n] for n in labels]))
         for i, j in zip(*_optimal_assignment(np.minimum(gaps, c_m)), strict=True):
             if gaps[i, j] < c_m:
                 pairs[ids[i]] = labels[j]
@@ -159,4 +172,4 @@ def identity_switches(
 
 
 def _distance(a_m: FloatArray, b_m: FloatArray) -> float:
-    return float(np.hypot(a_m[0] - b_m[0], a_m[1] - b_m[1]))
+    return float(np.sqrt(((a_m - b_m) ** 2).sum()))

@@ -39,7 +39,7 @@ SAME_STATE_CHI2: Final = 13.28
 """99 % quantile of the chi-square distribution with four degrees of freedom."""
 _NOT_REPORTED_KEY: Final = -(2**63)
 """Sort key of labels that are not reported."""
-_MIN_SHARE: Final = 1e-3
+MIN_SHARE: Final = 1e-3
 """Tracks below this probability, relative to the representative one, do not change the average."""
 
 
@@ -94,7 +94,7 @@ def _average_states(
             end += 1
         weight = 1.0
         for u in range(first, end):
-            if u == t or probability[u] < _MIN_SHARE * probability[t]:
+            if u == t or probability[u] < MIN_SHARE * probability[t]:
                 continue
             if (mean[u, 0] - centre[0, 0]) ** 2 > SAME_STATE_CHI2 * (cov[t, 0, 0] + cov[u, 0, 0]):
                 continue

@@ -220,7 +220,7 @@ def _moment_match(
 
 
 @leaf
-def _max_cluster_hypotheses(clusters: Clusters) -> int:
+def max_cluster_hypotheses(clusters: Clusters) -> int:
     """Return the most hypotheses of a cluster."""
     max_count = 0
     for g in range(clusters.first.size - 1):
@@ -229,7 +229,7 @@ def _max_cluster_hypotheses(clusters: Clusters) -> int:
 
 
 @leaf
-def _merge_hypotheses(
+def merge_hypotheses(
     clusters: Clusters,
     hyp_probability: FloatArray,
     representative: IntArray,
@@ -291,6 +291,6 @@ def merge_similar_tracks(
     _moment_match(mean, cov, buffers.track_probability, representative, mixture, total, centre, spread)
     n_clusters = clusters.first.size - 1
     out = allocate_clusters(n_clusters, clusters.logw.size, clusters.items.size)
-    unique = allocate_unique(_max_cluster_hypotheses(clusters))
-    _merge_hypotheses(clusters, buffers.hyp_probability, representative, unique, out)
+    unique = allocate_unique(max_cluster_hypotheses(clusters))
+    merge_hypotheses(clusters, buffers.hyp_probability, representative, unique, out)
     return trim_clusters(out, n_clusters, out.first[n_clusters])

@@ -155,12 +155,12 @@ class BirthComponents(NamedTuple):
     """(n,) log(1 - r_B)."""
 
     @classmethod
-    def from_births(cls, births: Sequence[Birth]) -> BirthComponents:
-        """Convert births to arrays."""
+    def from_births(cls, births: Sequence[Birth], d: int = 4) -> BirthComponents:
+        """Convert births of d states to arrays."""
         probability = np.clip([birth.probability for birth in births], 1.0 - SURE, SURE)
         return cls(
-            np.array([birth.mean for birth in births], dtype=np.float64).reshape(-1, 4),
-            np.array([birth.cov for birth in births], dtype=np.float64).reshape(-1, 4, 4),
+            np.array([birth.mean for birth in births], dtype=np.float64).reshape(-1, d),
+            np.array([birth.cov for birth in births], dtype=np.float64).reshape(-1, d, d),
             np.log(probability),
             np.log1p(-probability),
         )

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gcs.model import NS_PER_S, FloatArray, Sensor, read_only
+from gcs.model import NS_PER_S, FloatArray, IntArray, Sensor, read_only
 from gcs.tracking.glmb.params import Birth
 from gcs.tracking.models import constant_velocity, sensor_geometry
 
@@ -30,6 +30,7 @@ _FIRST_INTERVAL_S = 1.0
 _SENSOR_TIMEOUT_S = 60.0
 """A sensor without a scan for so long no longer counts."""
 _MIN_PROBABILITY = 1e-7
+_MAX_LOG_RATIO = 50.0
 _MAX_BIRTHS = 2000
 """Per scan, the least explained detections first: bounds the work of a hostile scan."""
 
@@ -115,25 +116,61 @@ class AdaptiveBirth:
             found.append(Birth(read_only(mean), read_only(F @ cov @ F.T + Q), float(probability)))
         return found
 
-    def add_scan(self, t_ns: int, z_m: FloatArray, sensor: Sensor, explained: FloatArray) -> None:
-        """Add a processed scan: detections (m, 2) and the probability that tracks explain each (m,)."""
-        elapsed_s = self._elapsed_s(t_ns, sensor.name)
-        unexplained = np.clip(1.0 - explained, 0.0, 1.0)
-        total = float(unexplained.sum())
-        if self._per_s <= 0.0 or total <= 0.0:
+    def add_scan(
+        self,
+        t_ns: int,
+        z_m: FloatArray,
+        sensor: Sensor,
+        explained: FloatArray,
+        log_ratio: FloatArray | None = None,
+    ) -> None:
+        """Add a processed scan: detections (m, 2) and the probability that tracks explain each (m,).
+
+        `log_ratio` (m,) is the log-likelihood ratio of what else was measured of each, object against
+        clutter.
+        """
+        elapsed_s = add_scan_time(self._state.last_scan_t_ns, t_ns, sensor.name)
+        unexplained = unexplained_weight(explained, log_ratio)
+        if self._per_s <= 0.0 or not unexplained.any():
             return
         expected = self._per_s * elapsed_s / len(self._state.last_scan_t_ns)
-        probability = np.minimum(unexplained / total * expected, self._max_probability)
-        rows = np.argsort(-probability, kind="stable")[:_MAX_BIRTHS]
-        rows = np.sort(rows[probability[rows] >= _MIN_PROBABILITY])
+        rows, probability = birth_probabilities(unexplained, expected, self._max_probability)
         self._state.unexplained = Unexplained(
-            t_ns, z_m[rows], sensor_geometry.noise_m2(sensor, z_m[rows]), probability[rows]
+            t_ns, z_m[rows], sensor_geometry.noise_m2(sensor, z_m[rows]), probability
         )
 
-    def _elapsed_s(self, t_ns: int, sensor: str) -> float:
-        """Record a sensor's scan, and return the time since its last one."""
-        before = self._state.last_scan_t_ns.get(sensor)
-        horizon = t_ns - int(_SENSOR_TIMEOUT_S * NS_PER_S)
-        times = self._state.last_scan_t_ns | {sensor: t_ns}
-        self._state.last_scan_t_ns = {name: at for name, at in times.items() if at >= horizon}
-        return _FIRST_INTERVAL_S if before is None else (t_ns - before) / NS_PER_S
+
+def add_scan_time(last_scan_t_ns: dict[str, int], t_ns: int, sensor: str) -> float:
+    """Record the time of a sensor's scan, and return the time in seconds since its last one."""
+    before = last_scan_t_ns.get(sensor)
+    last_scan_t_ns[sensor] = t_ns
+    horizon = t_ns - int(_SENSOR_TIMEOUT_S * NS_PER_S)
+    for name in [name for name, at in last_scan_t_ns.items() if at < horizon]:
+        del last_scan_t_ns[name]
+    return _FIRST_INTERVAL_S if before is None else (t_ns - before) / NS_PER_S
+
+
+def unexplained_weight(explained: FloatArray, log_ratio: FloatArray | None) -> FloatArray:
+    """Return the weight (m,) of each detection as a birth: 1 - r_U, times its likelihood ratio."""
+    weight = np.clip(1.0 - explained, 0.0, 1.0)
+    if log_ratio is None:
+        return weight
+    return np.asarray(weight * np.exp(np.clip(np.nan_to_num(log_ratio), -_MAX_LOG_RATIO, _MAX_LOG_RATIO)))
+
+
+def birth_probabilities(
+    unexplained: FloatArray, expected: float, max_probability: float
+) -> tuple[IntArray, FloatArray]:
+    """Return the detections that give birth (n,) and their birth probabilities (n,).
+
+    Parameters
+    ----------
+    unexplained : (m,) array
+        Weight of each detection (`unexplained_weight`), not all 0.
+    expected : float
+        lambda_B, the expected number of births.
+    """
+    probability = np.minimum(unexplained / unexplained.sum() * expected, max_probability)
+    rows = np.argsort(-probability, kind="stable")[:_MAX_BIRTHS]
+    rows = np.sort(rows[probability[rows] >= _MIN_PROBABILITY])
+    return rows, probability[rows]

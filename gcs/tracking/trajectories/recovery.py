@@ -23,8 +23,9 @@ estimated history. Later scans decide three questions:
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -41,6 +42,7 @@ from gcs.tracking.trajectories.rts import FilterStep, run_filter, smooth_states
 
 if TYPE_CHECKING:
     from gcs.tracking.glmb.params import Birth
+    from gcs.tracking.state_space.models import MeasurementModel
 
 _MIN_REMEMBERED_SCANS = 64
 """Scans that are kept before the unused ones are removed."""
@@ -72,7 +74,7 @@ class _Scan:
     t_ns: int
     dt_s: float
     Q: FloatArray
-    sensor: Sensor
+    sensor: Sensor | MeasurementModel
     births: tuple[Birth, ...]
     survival: float
     log_death: float = 0.0
@@ -117,7 +119,7 @@ class Histories:
     def add_scan(
         self,
         t_ns: int,
-        sensor: Sensor,
+        sensor: Sensor | MeasurementModel,
         births: tuple[Birth, ...],
         survival: float,
         interval: Interval,
@@ -170,10 +172,7 @@ class Histories:
             for label, node in self._estimated.items()
             if self._tree.scan[node] >= since_scan
         }
-        return tuple(
-            self._path(label, chain, is_detected, smooth=smooth)
-            for label, (chain, is_detected) in sorted(self._resolve_shared_detections(chains).items())
-        )
+        return self._paths(sorted(self._resolve_shared_detections(chains).items()), smooth=smooth)
 
     def _chain(self, label: Label) -> IntArray:
         """Return the nodes of a label, birth first."""
@@ -235,6 +234,11 @@ class Histories:
         death = 0.0 if alive else self._scans[int(self._tree.scan[chain[-1]])].log_death
         return chain, is_detected, float(logw.sum()) - never + death
 
+    def _paths(
+        self, chains: Iterable[tuple[Label, tuple[IntArray, BoolArray]]], *, smooth: bool
+    ) -> tuple[Path, ...]:
+        return tuple(self._path(label, *chain, smooth=smooth) for label, chain in chains)
+
     def _path(self, label: Label, chain: IntArray, is_detected: BoolArray, *, smooth: bool) -> Path:
         scans = [self._scans[int(k)] for k in self._tree.scan[chain]]
         birth = scans[0].births[int(self._tree.birth[chain[0]])]
@@ -244,7 +248,7 @@ class Histories:
                 scan.dt_s,
                 constant_velocity.transition(scan.dt_s),
                 scan.Q,
-                scan.sensor,
+                cast(Sensor, scan.sensor),
                 z if detected else None,
             )
             for scan, z, detected in zip(scans, z_m, is_detected, strict=True)
