@@ -51,6 +51,16 @@ def tracked(tmp_path, monkeypatch):
     return run
 
 
+def test_a_column_of_log_ratios_says_which_detections_are_faint(tracked):
+    """Clutter as near as the object, that its amplitude gives away."""
+    near = np.tile(PATH_M, (3, 1)) + np.random.default_rng(1).normal(0.0, 25.0, (3 * SCANS, 2))
+    rows = [(k, *xy, 3.0) for k, xy in enumerate(PATH_M, 1)]
+    rows += [(1 + i % SCANS, *xy, -8.0) for i, xy in enumerate(near)]
+    told = scores(tracked(table("k,x,y,log_ratio", rows), TRUTH))
+    untold = scores(tracked(table("k,x,y,height", rows), TRUTH))
+    assert told["ospa_mean_m"] < 0.8 * untold["ospa_mean_m"]
+
+
 def scores(done):
     assert done.exit_code == 0, done.output
     return json.loads(done.stdout.splitlines()[-1])

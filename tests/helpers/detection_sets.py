@@ -14,6 +14,7 @@ KEYS = [
     "gospa_mean_m",
     "cardinality_error_mean",
     "id_switches",
+    "labels_per_object",
     "scan_ms_mean",
     "scan_ms_p99",
     "remarks",

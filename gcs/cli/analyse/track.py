@@ -54,6 +54,15 @@ def track(
             "the detections up to then.  [default: all detections]",
         ),
     ] = None,
+    cutoff_m: Annotated[
+        float,
+        typer.Option(
+            min=1e-3,
+            max=1e9,
+            help="Cut-off c of OSPA in metres: how far off an object counts as missed. GOSPA and identity "
+            "switches use half of it.",
+        ),
+    ] = 100.0,
     plot: Annotated[Path | None, typer.Option(help="Picture of the result, such as tracks.png.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -63,6 +72,6 @@ def track(
     """
     from gcs.cli.analyse.track_run import TrackOptions, run_track
 
-    options = TrackOptions(tuple(files), model, truth, estimator, lag_scans, out, plot, as_json)
+    options = TrackOptions(tuple(files), model, truth, estimator, lag_scans, cutoff_m, out, plot, as_json)
     with exit_on_error():
         run_track(options, console_for(stderr=as_json))

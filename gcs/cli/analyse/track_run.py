@@ -44,6 +44,7 @@ class TrackOptions:
     truth: Path | None
     estimator: Estimator
     lag_scans: int | None
+    cutoff_m: float
     out: Path | None
     plot: Path | None
     as_json: bool
@@ -75,12 +76,12 @@ def _run_one(options: TrackOptions, console: Console) -> None:
     detections = _load_detections(path, options, console)
     load_kernels(console, TRACKING, HISTORIES)
     tracked = _track_with_progress(detections, options, console)
-    scores, per_scan = score(detections, tracked)
+    scores, per_scan = score(detections, tracked, options.cutoff_m)
     if options.out is not None:
         _write(options.out, tracked, detections)
     if options.plot is not None:
         with console.status("drawing"):
-            _draw(options.plot, f"{path.name}, {options.estimator}", detections, tracked, scores, per_scan)
+            _draw(options, detections, tracked, scores, per_scan)
     _print_result(options, tracked, scores, console)
     _print_remarks(detections.remarks, console)
     if options.as_json:
@@ -94,12 +95,13 @@ def _run_several(options: TrackOptions, console: Console) -> None:
     remarks: list[str] = []
     for path in options.paths:
         detections = _load_detections(path, options, console)
-        scores.append(score(detections, _track_with_progress(detections, options, console))[0])
+        tracked = _track_with_progress(detections, options, console)
+        scores.append(score(detections, tracked, options.cutoff_m)[0])
         remarks += [f"{path}: {text}" for text in detections.remarks]
     spread = spread_of(scores)
     table = Table("", "mean", "deviation", "95 % interval of the mean")
     table.title = f"{len(scores)} files, {options.estimator}"
-    for row in spread_rows(spread):
+    for row in spread_rows(spread, options.cutoff_m):
         table.add_row(*row)
     console.print(table)
     _print_remarks(remarks, console)
@@ -247,13 +249,11 @@ def _csv(columns: Mapping[str, FloatArray | IntArray]) -> str:
 
 
 def _draw(
-    plot: Path,
-    title: str,
-    detections: Detections,
-    tracked: Tracked,
-    scores: Scores,
-    per_scan: FloatArray,
+    options: TrackOptions, detections: Detections, tracked: Tracked, scores: Scores, per_scan: FloatArray
 ) -> None:
+    plot = options.plot
+    assert plot is not None
+    title = f"{options.paths[0].name}, {options.estimator}"
     if scores.ospa_mean_m is not None:
         title += f": OSPA {scores.ospa_mean_m:.1f} m, OSPA(2) {scores.ospa2_mean_m:.1f} m"
     drawing = TrackingDrawing(
@@ -266,6 +266,7 @@ def _draw(
         found=tracked.states,
         true=detections.truth,
         ospa_m=dict(zip((k for k in tracked.states if k in detections.truth), per_scan[:, 0], strict=True)),
+        cutoff_m=options.cutoff_m,
     )
     try:
         plot.parent.mkdir(parents=True, exist_ok=True)
@@ -282,7 +283,7 @@ def _print_result(options: TrackOptions, tracked: Tracked, scores: Scores, conso
     table.add_row("estimator", options.estimator)
     table.add_row("scans", str(scores.scans))
     table.add_row("objects", str(len(_numbers(tracked))))
-    for name, text in score_rows(scores):
+    for name, text in score_rows(scores, options.cutoff_m):
         table.add_row(name, text)
     if tracked.late_scans or tracked.bad_detections:
         table.add_row("not used", f"{tracked.late_scans} late scans, {tracked.bad_detections} bad detections")

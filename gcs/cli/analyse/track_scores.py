@@ -16,6 +16,8 @@ States: TypeAlias = dict[Label, FloatArray]
 """State (4,) by label at one scan."""
 
 OSPA2_WINDOW_SCANS: Final = 10
+CUTOFF_M: Final = 100.0
+"""Cut-off c of OSPA and OSPA(2). That of GOSPA, and of pairs for identity switches, is half of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,28 +43,32 @@ class Scores:
     gospa_mean_m: float | None
     cardinality_error_mean: float | None
     id_switches: int | None
+    labels_per_object: float | None
+    """Different labels over different true objects."""
     scan_ms_mean: float
     scan_ms_p99: float
 
 
-def score(detections: Detections, tracked: Tracked) -> tuple[Scores, FloatArray]:
+def score(detections: Detections, tracked: Tracked, cutoff_m: float = CUTOFF_M) -> tuple[Scores, FloatArray]:
     """Return the scores, and for each scan with ground truth OSPA (m), found and true number (n, 3)."""
     times = tracked.scan_ms or [0.0]
     speed = (float(np.mean(times)), float(np.percentile(times, 99)))
     scored = [k for k in tracked.states if k in detections.truth]
     if not scored:
-        return Scores(len(tracked.states), None, None, None, None, None, *speed), np.empty((0, 3))
+        return Scores(len(tracked.states), None, None, None, None, None, None, *speed), np.empty((0, 3))
     found = [{label: state[:2] for label, state in tracked.states[k].items()} for k in scored]
     true = [detections.truth[k] for k in scored]
-    near = [ospa(_points(x), _points(y)).total_m for x, y in zip(found, true, strict=True)]
+    pairs = [(_points(x), _points(y)) for x, y in zip(found, true, strict=True)]
+    near = [ospa(x, y, cutoff_m).total_m for x, y in pairs]
     windows = [slice(max(0, k - OSPA2_WINDOW_SCANS + 1), k + 1) for k in range(len(scored))]
     scores = Scores(
         len(tracked.states),
         float(np.mean(near)),
-        float(np.mean([ospa2(found[w], true[w]).total_m for w in windows])),
-        float(np.mean([gospa(_points(x), _points(y)).total_m for x, y in zip(found, true, strict=True)])),
+        float(np.mean([ospa2(found[w], true[w], cutoff_m).total_m for w in windows])),
+        float(np.mean([gospa(x, y, cutoff_m / 2.0).total_m for x, y in pairs])),
         cardinality_error(found, true),
-        identity_switches(found, true),
+        identity_switches(found, true, cutoff_m / 2.0),
+        len(set().union(*found)) / max(1, len(set().union(*true))),
         *speed,
     )
     counts = [(len(x), len(y)) for x, y in zip(found, true, strict=True)]
@@ -73,21 +79,24 @@ def _points(tracks: Tracks[Label] | Tracks[object]) -> FloatArray:
     return np.reshape(list(tracks.values()), (-1, 2))
 
 
-_NAMES: Final = {
-    "ospa_mean_m": ("OSPA (c 100 m, p 1)", "{:.2f} m"),
-    "ospa2_mean_m": (f"OSPA(2), window {OSPA2_WINDOW_SCANS}", "{:.2f} m"),
-    "gospa_mean_m": ("GOSPA (c 50 m, p 2)", "{:.2f} m"),
-    "cardinality_error_mean": ("cardinality error", "{:.3f}"),
-    "id_switches": ("identity switches", "{:g}"),
-}
+def _names(cutoff_m: float) -> dict[str, tuple[str, str]]:
+    """Return title and format of each score."""
+    return {
+        "ospa_mean_m": (f"OSPA (c {cutoff_m:g} m, p 1)", "{:.2f} m"),
+        "ospa2_mean_m": (f"OSPA(2), window {OSPA2_WINDOW_SCANS}", "{:.2f} m"),
+        "gospa_mean_m": (f"GOSPA (c {cutoff_m / 2.0:g} m, p 2)", "{:.2f} m"),
+        "cardinality_error_mean": ("cardinality error", "{:.3f}"),
+        "id_switches": ("identity switches", "{:g}"),
+        "labels_per_object": ("labels per object", "{:.2f}"),
+    }
 
 
-def score_rows(scores: Scores) -> list[tuple[str, str]]:
+def score_rows(scores: Scores, cutoff_m: float = CUTOFF_M) -> list[tuple[str, str]]:
     """Return name and text of each score."""
     time_row = ("time per scan", f"{scores.scan_ms_mean:.2f} ms, 99 % {scores.scan_ms_p99:.2f} ms")
     if scores.ospa_mean_m is None:
         return [("scores", "none: no ground truth (--truth)"), time_row]
-    rows = [(name, form.format(getattr(scores, key))) for key, (name, form) in _NAMES.items()]
+    rows = [(name, form.format(getattr(scores, key))) for key, (name, form) in _names(cutoff_m).items()]
     return [*rows, time_row]
 
 
@@ -121,9 +130,11 @@ def _spread(values: FloatArray) -> Spread:
     return Spread(mean, std, (mean - float(half), mean + float(half)))
 
 
-def spread_rows(spread: Mapping[str, Spread | None]) -> list[tuple[str, str, str, str]]:
+def spread_rows(
+    spread: Mapping[str, Spread | None], cutoff_m: float = CUTOFF_M
+) -> list[tuple[str, str, str, str]]:
     """Return name, mean, standard deviation and interval of each score, as texts."""
-    named = {**_NAMES, "scan_ms_mean": ("time per scan", "{:.2f} ms")}
+    named = {**_names(cutoff_m), "scan_ms_mean": ("time per scan", "{:.2f} ms")}
     rows = []
     for key, (name, form) in named.items():
         one = spread[key]

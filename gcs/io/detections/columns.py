@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from gcs.errors import ConfigError
-from gcs.io.detections.table_files import DETECTION_TITLES, ORIGIN, SENSOR, Table, title_error
+from gcs.io.detections.table_files import DETECTION_TITLES, LOG_RATIO, ORIGIN, SENSOR, Table, title_error
 from gcs.model import BoolArray, FloatArray, IntArray, Sensor
 from gcs.tracking.models.sensor_geometry import map_coordinates
 
@@ -30,6 +30,7 @@ class Columns:
     """Range and bearing."""
     bearing_unit_rad: float
     origin: int | None
+    log_ratio: int | None
 
     def is_detection(self, rows: FloatArray) -> BoolArray:
         """Return True for each row (n,) with a detection; others are empty scans."""
@@ -67,7 +68,8 @@ def find_columns(table: Table) -> Columns:
             raise ConfigError(str(table.path), bearing, problem)
     sensor = table.column((SENSOR,))
     origin = table.column((ORIGIN,))
-    return Columns(table.titles[0], sensor, position, polar, unit_rad, origin)
+    log_ratio = table.column((LOG_RATIO,))
+    return Columns(table.titles[0], sensor, position, polar, unit_rad, origin, log_ratio)
 
 
 def sensor_of_rows(table: Table, columns: Columns, sensors: tuple[Sensor, ...]) -> IntArray:

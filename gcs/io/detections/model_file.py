@@ -74,6 +74,17 @@ class RangeBearingSensor(Table, frozen=True, kw_only=True, tag_field="kind", tag
     sector_width_deg: Annotated[float, Meta(gt=0.0, le=360.0)] = 360.0
 
 
+class ManoeuvreModel(Table, frozen=True, kw_only=True):
+    """Manoeuvres between straight flights (see `gcs.tracking.SwitchingMotion`)."""
+
+    accel_psd_m2_s3: Positive
+    """Spectral density of the acceleration in a manoeuvre."""
+    mean_time_s: Positive
+    """Mean duration of a manoeuvre."""
+    straight_time_s: Positive
+    """Mean time between two."""
+
+
 class ModelTable(Table, frozen=True, kw_only=True):
     """A model file."""
 
@@ -84,6 +95,7 @@ class ModelTable(Table, frozen=True, kw_only=True):
     """Standard deviation of an acceleration that is constant from scan to scan."""
     turn_rate_std_deg_s: Annotated[float, Meta(ge=0.0, le=180.0)] = 0.0
     turn_time_s: Positive = 10.0
+    manoeuvres: ManoeuvreModel | None = None
     survival_probability: InnerProbability
     """From scan to scan."""
     detection_probability: Probability | None = None
@@ -211,6 +223,9 @@ def _check_model(path: Path, table: ModelTable) -> ModelTable:
             "accel_psd_m2_s3",
             "expected a process noise above 0: this key, or piecewise_accel_std_m_s2",
         )
+    if table.manoeuvres is not None and table.turn_rate_std_deg_s > 0.0:
+        problem = "is another model of turns than [manoeuvres]: expected one of them"
+        raise ConfigError(str(path), "turn_rate_std_deg_s", problem)
     own = [key for key in (*_SENSOR_KEYS, "field_of_view_m") if getattr(table, key) is not None]
     if table.sensors and own:
         raise ConfigError(str(path), own[0], "is of one sensor: expected it in the tables of [[sensors]]")

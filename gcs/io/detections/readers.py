@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -51,6 +51,7 @@ from gcs.model import NS_PER_S, BoolArray, FloatArray, IntArray, Scan, Sensor, T
 from gcs.tracking.batch import SensorScan, TrackingModel
 from gcs.tracking.glmb.params import Birth, GlmbParams
 from gcs.tracking.metrics import Tracks
+from gcs.tracking.state_space.models import SwitchingMotion, constant_velocity
 
 _MAX_T_NS: Final = 4.2e18
 _MAX_EMPTY_SCANS = 10_000
@@ -140,7 +141,9 @@ def _detections(table: Table, model: ModelTable, source: str, truth: TruthRows |
     for i, one in enumerate(sensors):
         z_m[sensor == i] = columns.positions(table.rows[sensor == i], one)
     origin = None if columns.origin is None else table.rows[:, columns.origin]
-    rows = _Rows(table.path, table.rows[:, 0], sensor, z_m, columns.is_detection(table.rows), origin)
+    log_ratio = None if columns.log_ratio is None else table.rows[:, columns.log_ratio]
+    is_detection = columns.is_detection(table.rows)
+    rows = _Rows(table.path, table.rows[:, 0], sensor, z_m, is_detection, origin, log_ratio)
     has_times = columns.time in TIME_UNIT_NS
     if has_times:
         numbers, scans = _timed_scans(rows, columns.time, sensors)
@@ -180,12 +183,15 @@ class _Rows(NamedTuple):
     """(n,) False in a row that means an empty scan."""
     origin: FloatArray | None
     """(n,) number of the true object."""
+    log_ratio: FloatArray | None
+    """(n,) log-likelihood ratio of what else was measured."""
 
     def scan(self, t_ns: int, sensor: Sensor, rows: IntArray) -> SensorScan:
         """Return the scan of some rows."""
         rows = rows[self.is_detection[rows]]
         origin = None if self.origin is None else read_only(self.origin[rows])
-        return SensorScan(t_ns, sensor, read_only(self.z_m[rows]), origin)
+        log_ratio = None if self.log_ratio is None else read_only(self.log_ratio[rows])
+        return SensorScan(t_ns, sensor, read_only(self.z_m[rows]), origin, log_ratio)
 
 
 def _timed_scans(
@@ -258,7 +264,20 @@ def _tracking_model(model: ModelTable) -> TrackingModel | None:
         for b in model.births
     )
     moved = tuple(_moved_since_birth(one, model.dt_s) for one in births)
-    return _with_births(params, moved, model.anywhere)
+    found = _with_births(params, moved, model.anywhere)
+    manoeuvres = model.manoeuvres
+    if found is None or manoeuvres is None:
+        return found
+    straight = constant_velocity(2, 0.0)
+    motion = SwitchingMotion(
+        (
+            replace(straight, process_noise=params.process_noise),
+            constant_velocity(2, manoeuvres.accel_psd_m2_s3),
+        ),
+        (manoeuvres.straight_time_s, manoeuvres.mean_time_s),
+    )
+    own_noise = replace(params, accel_psd_m2_s3=0.0, piecewise_accel_std_m_s2=0.0)
+    return replace(found, params=own_noise, motion=motion)
 
 
 def _with_births(

@@ -37,8 +37,11 @@ SENSOR: Final = "sensor"
 """Title of a column with the name of the sensor."""
 ORIGIN: Final = "src"
 """Title of a column with the number of a detection's true object, 0 for clutter."""
+LOG_RATIO: Final = "log_ratio"
+"""Title of a column with the log-likelihood ratio of what else was measured of a detection."""
 DETECTION_TITLES: Final = (
-    "k, t_s or t_ns first; x and y, or range_m and bearing_deg or bearing_rad; sensor and src where known"
+    "k, t_s or t_ns first; x and y, or range_m and bearing_deg or bearing_rad; sensor, log_ratio and src "
+    "where known"
 )
 _ARRAY_TITLES: Final = {"meas": ("k", "x", "y", ORIGIN), "truth": ("k", "id", "px", "vx", "py", "vy")}
 

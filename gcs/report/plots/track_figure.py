@@ -38,6 +38,8 @@ class TrackingDrawing:
     """States; the first two numbers are the position."""
     true: Mapping[int, Tracks[object]]
     ospa_m: Mapping[int, float]
+    cutoff_m: float
+    """Cut-off c of OSPA."""
 
 
 def draw_tracking(drawing: TrackingDrawing, out: Path) -> None:
@@ -72,7 +74,7 @@ def draw_tracking(drawing: TrackingDrawing, out: Path) -> None:
         for label, path in found.items():
             axes.plot(path[:, 0], path[:, column], color=colour[label], lw=1.9, alpha=0.85, zorder=3)
         heading(axes, name)
-    _draw_ospa(charts[2], drawing.ospa_m)
+    _draw_ospa(charts[2], drawing.ospa_m, drawing.cutoff_m)
     _draw_numbers(charts[3], drawing)
     scans = sorted(drawing.found) or [0]
     charts[3].set_xlim(scans[0], max(scans[-1], scans[0] + 1))
@@ -131,8 +133,8 @@ def _draw_place(
     legend_below(axes, handles, 0.075)
 
 
-def _draw_ospa(axes: Axes, ospa_m: Mapping[int, float]) -> None:
-    heading(axes, "OSPA (c = 100 m, p = 1), m")
+def _draw_ospa(axes: Axes, ospa_m: Mapping[int, float], cutoff_m: float) -> None:
+    heading(axes, f"OSPA (c = {cutoff_m:g} m, p = 1), m")
     if not ospa_m:
         say(axes, "no ground truth")
         return

@@ -193,6 +193,46 @@ def test_paths_of_turning_objects_are_recovered_with_their_turns(tmp_path):
     assert smoothed < ospa(straight, "smoothed")
 
 
+def test_scores_have_the_cut_off_that_long_ranges_need(files):
+    how = (files / "set.npz", "--estimator", "filtered")
+    plain, at_100, at_1000 = (
+        scores(*how, *more) for more in ([], ["--cutoff-m", "100"], ["--cutoff-m", "1000"])
+    )
+    assert at_100["gospa_mean_m"] == plain["gospa_mean_m"]
+    assert at_1000["ospa_mean_m"] > 3.0 * at_100["ospa_mean_m"] == 3.0 * plain["ospa_mean_m"]
+    shown = " ".join(run(files / "set.npz", "--cutoff-m", "1000").output.split())
+    assert "OSPA (c 1000 m, p 1)" in shown
+    assert "GOSPA (c 500 m, p 2)" in shown
+    assert all(run(files / "set.npz", "--cutoff-m", c).exit_code == 2 for c in ("0", "nan", "inf"))
+
+
+def test_objects_that_manoeuvre_keep_their_label_with_manoeuvres_in_the_model(tmp_path):
+    rng = np.random.default_rng(2)
+    k = np.arange(1, 41)
+    angle = np.cumsum(np.where((k > 15) & (k < 24), np.radians(25.0), 0.0))
+    place = np.cumsum(20.0 * np.column_stack([np.cos(angle), np.sin(angle)]), axis=0) - [300.0, 0.0]
+    truth = np.column_stack([k, np.ones(40), place[:, 0], 0 * k, place[:, 1], 0 * k])
+    seen = rng.random(40) < 0.9
+    meas = np.column_stack([k, place + rng.normal(0.0, 5.0, place.shape)])[seen]
+    clutter = np.column_stack([rng.integers(1, 41, 400), rng.uniform(-500, 500, (400, 2))])
+    np.savez(tmp_path / "set.npz", meas=np.vstack([meas, clutter]), truth=truth)
+    head = MODEL.split("[[births]]", 1)[0].replace("piecewise_accel_std_m_s2 = 5.0", "accel_psd_m2_s3 = 0.1")
+    head = head.replace("noise_std_m = 10.0", "noise_std_m = 5.0").replace("scans = 30", "scans = 40")
+    anywhere = "[anywhere]\nper_s = 0.1\nspeed_std_m_s = 20.0\n"
+    manoeuvres = "[manoeuvres]\naccel_psd_m2_s3 = 50.0\nmean_time_s = 10.0\nstraight_time_s = 20.0\n"
+    (tmp_path / "straight.toml").write_text(head + anywhere)
+    (tmp_path / "both.toml").write_text(head + anywhere + manoeuvres)
+    straight, both = (
+        scores(tmp_path / "set.npz", "--model", tmp_path / f"{n}.toml") for n in ("straight", "both")
+    )
+    assert both["labels_per_object"] == 1.0 < straight["labels_per_object"]
+    assert both["ospa_mean_m"] < straight["ospa_mean_m"]
+    (tmp_path / "both.toml").write_text("turn_rate_std_deg_s = 5.0\n" + head + anywhere + manoeuvres)
+    refused = run(tmp_path / "set.npz", "--model", tmp_path / "both.toml")
+    assert refused.exit_code == 2
+    assert "another model of turns than [manoeuvres]" in " ".join(refused.output.split())
+
+
 def test_several_files_give_mean_deviation_and_interval(files):
     for seed, name in enumerate(("second", "third"), 2):
         np.savez(files / f"{name}.npz", **made(seed))
