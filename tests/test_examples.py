@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 MAX_LINES = 40
+TRACKING = (Path(__file__).parents[1] / "docs" / "tracking.md").read_text(encoding="utf-8")
 NUMBERS = r"-?\d+ -?\d+"
 
 
@@ -52,3 +54,31 @@ def test_uploading_stores_the_mission_on_a_vehicle(tmp_path: Path) -> None:
 def test_each_example_is_short_and_tested_here(path: Path) -> None:
     assert len(path.read_text(encoding="utf-8").splitlines()) <= MAX_LINES
     assert path.name in Path(__file__).read_text(encoding="utf-8")
+
+
+def test_a_model_of_ones_own_tracks_in_three_dimensions(tmp_path: Path) -> None:
+    (line,) = run("own_models.py", cwd=tmp_path).splitlines()
+    assert line.startswith("2 trajectories of x, y, z, vx, vy, vz, OSPA ")
+    assert float(line.split()[-2]) < 15.0
+
+
+REPORTS = "time,mmsi,lat,lon\n" + "".join(
+    f"{1700000000 + 10 * k},{name},{45.0 + 0.01 * k * north:.6f},{9.0 + 0.02 * k:.6f}\n"
+    for k in range(40)
+    for name, north in (("A", 1), ("B", -1))
+)
+
+
+def test_reports_of_traffic_become_detections_that_can_be_scored(tmp_path: Path) -> None:
+    (tmp_path / "reports.csv").write_text(REPORTS)
+    (model,) = re.findall(r"^```toml\n(dt_s = 10\.0\n.*?)^```$", TRACKING, re.MULTILINE | re.DOTALL)
+    model = re.sub(r"(?m)^region_m = .*$", "region_m = [-31e3, -43e3, 31e3, 43e3]", model)
+    (tmp_path / "model.toml").write_text(model)
+    shown = run("traffic_to_npz.py", "reports.csv", "set.npz", "time", "mmsi", "lat", "lon", cwd=tmp_path)
+    assert shown.startswith("2 objects, 39 scans, ")
+    words = ["track", "set.npz", "--model", "model.toml", "--cutoff-m", "2000", "--json"]
+    command = [sys.executable, "-m", "gcs", *words]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=110, check=True)
+    scores = json.loads(done.stdout.splitlines()[-1])
+    assert scores["labels_per_object"] == 1.0
+    assert scores["ospa_mean_m"] < 200.0

@@ -14,7 +14,7 @@ from gcs.geo import LocalFrame
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 PAGE = Path(__file__).parents[1] / "docs" / "library.md"
-TRACK, PLAN, UPLOAD, STONE_SOUP = re.findall(
+TRACK, MODELS, PLAN, UPLOAD, STONE_SOUP = re.findall(
     r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
 )
 
@@ -29,6 +29,12 @@ def run(code: str) -> list[str]:
 def test_the_data_set_has_one_object() -> None:
     (line,) = run(TRACK)
     assert re.fullmatch(r"\(\d+, \d+\) \((\d+),\) \(\1, 4\) \(\1, 4, 4\)", line), line
+
+
+def test_models_of_the_user_track_the_object() -> None:
+    (line,) = run(MODELS)
+    state = [float(word) for word in line.partition("[")[2].strip("]").split()]
+    assert state == pytest.approx([880.0, 465.0, 20.0, -15.0], abs=10.0)
 
 
 def test_each_target_gets_an_agent() -> None:
