@@ -1,6 +1,6 @@
 """The ``gcs`` command. Each command has a file: its arguments, its work and its output.
 
-- ``fly``: ``demo``, ``run``, ``console``, ``order``, ``simulate``, ``montecarlo``.
+- ``fly``: ``demo``, ``run``, ``console``, ``metrics``, ``status``, ``order``, ``simulate``, ``montecarlo``.
 - ``prepare``: mission files, plans, vehicles and keys before a flight.
 - ``analyse``: recordings and logs after a flight.
 - `arguments`, `errors`: arguments of several commands; error messages and exit codes.
@@ -41,6 +41,10 @@ _COMMANDS: Final[dict[str, dict[str, tuple[str, str]]]] = {
         "console": (
             "gcs.cli.fly.console",
             "Serve the console of a service that runs elsewhere, until Ctrl-C.",
+        ),
+        "metrics": (
+            "gcs.cli.fly.metrics",
+            "Serve metrics of a running service for Prometheus, until Ctrl-C.",
         ),
         "status": ("gcs.cli.fly.status", "Print the agents, targets and sensors of a running service."),
         "order": ("gcs.cli.fly.order", "Give orders to a running service (`gcs run` or `gcs demo`)."),

@@ -35,9 +35,20 @@ _NOTICES_S: Final = 1.0
 
 
 def serve_console(
-    connect: str | None, mission: str | None, tls: Path | None, options: PageOptions, console: Console
+    connect: str | None,
+    mission: str | None,
+    tls: Path | None,
+    options: PageOptions,
+    console: Console,
+    *,
+    is_metrics_only: bool = False,
 ) -> None:
     """Serve the console of a service until Ctrl-C.
+
+    Parameters
+    ----------
+    is_metrics_only : bool
+        True: serve its metrics only.
 
     Raises
     ------
@@ -53,10 +64,13 @@ def serve_console(
         mission = address.mission
         connect = address.zenoh
         tls = address.tls
-    with _served(connect, mission, tls, options, found, _FIND_S) as server:
+    with _served(connect, mission, tls, options, found, _FIND_S, is_metrics_only=is_metrics_only) as server:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: server.close())
-        show_address(server.url, options, console)
+        if is_metrics_only:
+            console.print(f"metrics: {server.url}metrics", highlight=False, markup=False, soft_wrap=True)
+        else:
+            show_address(server.url, options, console)
         while not server.ended.wait(_NOTICES_S):
             if (content := server.notice()) is not None:
                 notice = Notice(time.time_ns(), content[0], server.name, content[1])
@@ -91,12 +105,14 @@ def _served(
     found: tuple[Access, Listener],
     within_s: float,
     mission_file: str | None = None,
+    *,
+    is_metrics_only: bool = False,
 ) -> Iterator[ConsoleServer]:
     """Serve the console of a service while the context lasts; raise the program error that has ended it."""
     tiles = None if options.map_file is None else Tiles(options.map_file)
     with ZenohSession(connect=endpoint, tls=tls) as bus:
         source = asyncio.run(find_run(bus, mission, within_s, mission_file))
-        server = ConsoleServer(source, found[0], tiles, listener=found[1])
+        server = ConsoleServer(source, found[0], tiles, listener=found[1], is_metrics_only=is_metrics_only)
         try:
             yield server
         finally:

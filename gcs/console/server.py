@@ -66,6 +66,8 @@ class ConsoleServer:
     ----------
     listener : Listener, optional
         Socket that listens already; by default one is opened.
+    is_metrics_only : bool
+        True: it serves metrics only.
 
     Raises
     ------
@@ -80,6 +82,8 @@ class ConsoleServer:
         tiles: Tiles | None = None,
         other: Source | None = None,
         listener: Listener | None = None,
+        *,
+        is_metrics_only: bool = False,
     ) -> None:
         self.name = "console"
         """Name in notices."""
@@ -99,7 +103,12 @@ class ConsoleServer:
         for run, peer in zip(self.runs, reversed(self.runs), strict=True):
             run.playback.peer = None if peer is run else peer.playback
         config = uvicorn.Config(
-            make_app([run.board for run in self.runs], self._access, self._socket),
+            make_app(
+                [run.board for run in self.runs],
+                self._access,
+                self._socket,
+                is_metrics_only=is_metrics_only,
+            ),
             loop="asyncio",
             http="h11",
             ws="websockets-sansio",
