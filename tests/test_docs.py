@@ -132,6 +132,8 @@ NOT_RUN = {
     "gcs run": "serves until it is interrupted; tests/service",
     "gcs console": NEEDS_A_SERVICE,
     "gcs metrics": NEEDS_A_SERVICE,
+    "gcs tak": NEEDS_A_SERVICE,
+    "gcs foxglove": NEEDS_A_SERVICE,
     "gcs status": NEEDS_A_SERVICE,
     "gcs order": NEEDS_A_SERVICE,
     "gcs preflight": NEEDS_VEHICLES,

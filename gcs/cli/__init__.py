@@ -46,6 +46,8 @@ _COMMANDS: Final[dict[str, dict[str, tuple[str, str]]]] = {
             "gcs.cli.fly.metrics",
             "Serve metrics of a running service for Prometheus, until Ctrl-C.",
         ),
+        "foxglove": ("gcs.cli.fly.foxglove", "Show a running service in Foxglove, until Ctrl-C."),
+        "tak": ("gcs.cli.fly.tak", "Show a running service on TAK: vehicles, targets, routes, alarms."),
         "status": ("gcs.cli.fly.status", "Print the agents, targets and sensors of a running service."),
         "order": ("gcs.cli.fly.order", "Give orders to a running service (`gcs run` or `gcs demo`)."),
     },

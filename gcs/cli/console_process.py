@@ -18,19 +18,17 @@ import msgspec
 from rich.console import Console
 
 from gcs.cli.console_page import PageOptions, open_listener, show_address
+from gcs.cli.following import FIND_S, address_of
 from gcs.console.remote.remote_run import find_run
 from gcs.console.server import ConsoleServer
 from gcs.console.web.access import Access, parse_access
 from gcs.console.web.listener import Listener
 from gcs.console.web.tiles import Tiles
 from gcs.errors import ConsoleError
-from gcs.io.zenoh.discovery import choose_service
 from gcs.io.zenoh.session import ZenohSession
 from gcs.model import Notice
 from gcs.service.child_process import Report
 
-_FIND_S: Final = 10.0
-"""Time in which the service of an operator's console must answer."""
 _NOTICES_S: Final = 1.0
 
 
@@ -59,12 +57,8 @@ def serve_console(
     found = open_listener(options)
     if found is None:
         raise ConsoleError("gcs console serves a console; leave out --console off")
-    if connect is None:
-        address = choose_service(mission, None, tls)
-        mission = address.mission
-        connect = address.zenoh
-        tls = address.tls
-    with _served(connect, mission, tls, options, found, _FIND_S, is_metrics_only=is_metrics_only) as server:
+    address = address_of(connect, mission, tls)
+    with _served(*address, options, found, FIND_S, is_metrics_only=is_metrics_only) as server:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: server.close())
         if is_metrics_only:

@@ -281,9 +281,7 @@ class ShownRun:
         self._heard_ms = time.time_ns() // 1_000_000
         if self.playback.is_moved and not self._shows_passed:  # a page has just asked for another time
             news = dataclasses.replace(news, capture=None)
-        captured = news.capture.number if news.capture is not None else 0
-        known = 0 if news.begins_anew else self._request.capture
-        self._request = NewsRequest(news.run, news.cursor, captured or known)
+        self._request = self._request.after(news)
         if news.mission is not None:
             news = dataclasses.replace(news, mission=self._shown(news.mission))
         self._send(self.world.update(news, self._replay_state()))

@@ -92,11 +92,15 @@ class FoxgloveMessages:
         self._origin: LocalFrame | None = None if mission is None else mission.local
         self._routes: dict[int, PlannedRoute] = {}
         self._shown: set[Label] = set()
+        self._areas = 0
+        """Number of areas that are shown."""
 
     def areas(self, t_ns: int, areas: Sequence[Outline]) -> Iterator[Message]:
-        """Yield areas: fence and no-fly zones."""
+        """Yield all areas: fence and no-fly zones."""
         mission = self._mission
-        if mission is None or not areas:
+        gone = range(len(areas), self._areas)
+        self._areas = len(areas)
+        if mission is None or not (areas or gone):
             return
         rings = [
             [Place(*mission.local.to_geodetic(*point), 0.0) for point in area.corners_m] for area in areas
@@ -112,7 +116,7 @@ class FoxgloveMessages:
         entities = [
             SceneEntity(
                 Time.of(t_ns),
-                f"area {number}",
+                _area_id(number),
                 lines=(
                     LinePrimitive(
                         _LINE_LOOP,
@@ -123,7 +127,8 @@ class FoxgloveMessages:
             )
             for number, area in enumerate(areas)
         ]
-        yield Message("/scene/areas", t_ns, SceneUpdate((), tuple(entities)))
+        deletions = [SceneEntityDeletion(Time.of(t_ns), _area_id(number)) for number in gone]
+        yield Message("/scene/areas", t_ns, SceneUpdate(tuple(deletions), tuple(entities)))
 
     def frame(self, t_ns: int, frame: Frame) -> Iterator[Message]:
         """Yield the position of a GLOBAL_POSITION_INT; nothing for other frames and impossible positions."""
@@ -247,6 +252,10 @@ def _target_entity(
 def _features(topic: str, t_ns: int, features: Iterable[dict[str, Any]]) -> Message:
     collection = {"type": "FeatureCollection", "features": list(features)}
     return Message(topic, t_ns, GeoJSON(msgspec.json.encode(collection).decode()))
+
+
+def _area_id(number: int) -> str:
+    return f"area {number}"
 
 
 def _route_id(vehicle: int) -> str:
