@@ -122,7 +122,8 @@ def _fields(record: type, inner: list[type]) -> Iterator[tuple[str, str]]:
 
 
 def _type(hint: Any, inner: list[type]) -> str:
-    origin, parts = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    parts = get_args(hint)
     if hint in _SIMPLE:
         return _SIMPLE[hint]
     if origin is Literal or (isinstance(hint, type) and issubclass(hint, Enum)):
