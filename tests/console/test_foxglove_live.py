@@ -21,6 +21,7 @@ from gcs.config import load
 
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed: pip install '.[foxglove]'")
 
+GCS = [sys.executable, "-P", "-m", "gcs", "foxglove"]
 WAIT_S = 30.0
 MESSAGE_DATA = 1
 """Operation code: then come the subscription (u32) and the time (u64), little-endian."""
@@ -29,7 +30,7 @@ FIX = "/vehicle/1/fix"
 
 @contextmanager
 def foxglove(endpoint: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    command = [sys.executable, "-P", "-m", "gcs", "foxglove", "--connect", endpoint, "--port", "0"]
+    command = [*GCS, "--connect", endpoint, "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         try:
             assert process.stdout is not None
@@ -84,5 +85,10 @@ def test_a_display_gets_positions_areas_and_notices_with_their_schemas(fly, laun
             assert place[1] == pytest.approx(300.0, abs=50.0)  # as launched
             with display(url) as late:  # areas are sent once, and again to who comes later
                 assert received(late, "/map/areas", "/scene/areas")
+            taken = url.rpartition(":")[2]
+            second = [*GCS, "--connect", flight.endpoint, "--port", taken]
+            done = subprocess.run(second, capture_output=True, text=True, timeout=WAIT_S, check=False)
+            assert done.returncode == 2
+            assert f"port {taken} cannot be opened" in done.stderr
             process.send_signal(signal.SIGINT)
             assert process.wait(10.0) == 0

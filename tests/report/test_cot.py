@@ -122,6 +122,13 @@ def test_an_alarm_ends_with_its_condition(cot: CotEvents) -> None:
     assert list(cot.alarm(Notice(3, NoticeCode.LINK_STALE, 1, {"silence_s": 2.6}), NOW)) == []  # a warning
 
 
+def test_alarms_that_never_end_do_not_keep_later_ones_from_ending(cot: CotEvents) -> None:
+    for number in range(1000):
+        list(cot.alarm(Notice(1, NoticeCode.AUTOPILOT_ALARM, 1, {"said": f"text {number}"}), NOW))
+    list(cot.alarm(Notice(1, NoticeCode.LINK_DOWN, 2, {"silence_s": 5.1}), NOW))
+    assert len(list(cot.alarm(Notice(2, NoticeCode.HEARD_AGAIN, 2, {"silence_s": 9.0}), NOW))) == 1
+
+
 def test_texts_from_outside_stay_texts(cot: CotEvents) -> None:
     notice = Notice(1, NoticeCode.AUTOPILOT_ALARM, 1, {"said": HOSTILE})
     (event,) = parsed(cot.alarm(notice, NOW))

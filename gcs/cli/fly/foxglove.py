@@ -31,11 +31,12 @@ def foxglove(
     It needs foxglove-sdk: `pip install 'swarm-gcs[foxglove]'`.
     """
     with exit_on_error():
-        from gcs.cli.fly.foxglove_server import FoxgloveServer
+        from gcs.cli.fly.foxglove_server import FoxgloveServer, foxglove_sdk
         from gcs.cli.following import followed
 
+        sdk = foxglove_sdk()
         with (
             followed(connect, mission, zenoh_tls) as source,
-            FoxgloveServer(source.mission.name, port) as server,
+            FoxgloveServer(sdk, source.mission.name, port) as server,
         ):
             server.serve(source, console_for())

@@ -24,32 +24,46 @@ _KEPT: Final = ("/map/areas", "/scene/areas", "/map/routes", "/scene/routes")
 """Topics whose last message a new subscriber gets."""
 
 
-class FoxgloveServer:
-    """WebSocket that displays connect to.
+def foxglove_sdk() -> Any:
+    """Return the module of foxglove-sdk.
 
     Raises
     ------
     GcsError
-        When foxglove-sdk is not installed, or the port is taken.
+        When it is not installed.
+    """
+    try:
+        import foxglove
+    except ImportError:
+        raise GcsError("gcs foxglove needs foxglove-sdk: pip install 'swarm-gcs[foxglove]'") from None
+    return foxglove
+
+
+class FoxgloveServer:
+    """WebSocket that displays connect to.
+
+    Parameters
+    ----------
+    sdk : module
+        That of foxglove-sdk.
+
+    Raises
+    ------
+    ConsoleError
+        When the port is taken.
     """
 
-    def __init__(self, mission: str, port: int) -> None:
-        try:
-            import foxglove
-        except ImportError:
-            raise GcsError("gcs foxglove needs foxglove-sdk: pip install 'swarm-gcs[foxglove]'") from None
-        self._foxglove = foxglove
-        self._context = foxglove.Context()
+    def __init__(self, sdk: Any, mission: str, port: int) -> None:
+        self._sdk = sdk
+        self._context = sdk.Context()
         self._schemas = {
-            kind: foxglove.Schema(
-                name=f"foxglove.{kind.__name__}", encoding="jsonschema", data=json_schema(kind)
-            )
+            kind: sdk.Schema(name=f"foxglove.{kind.__name__}", encoding="jsonschema", data=json_schema(kind))
             for kind in SCHEMAS
         }
         self._channels: dict[str, Any] = {}
         self._kept: dict[str, tuple[int, bytes]] = {}
         try:
-            self._server = foxglove.start_server(
+            self._server = sdk.start_server(
                 name=f"swarm-gcs {mission}",
                 host=_HOST,
                 port=port,
@@ -107,7 +121,7 @@ class FoxgloveServer:
     def _log(self, message: Message) -> None:
         topic = message.topic
         if topic not in self._channels:
-            self._channels[topic] = self._foxglove.Channel(
+            self._channels[topic] = self._sdk.Channel(
                 topic,
                 schema=self._schemas[type(message.value)],
                 message_encoding="json",

@@ -19,8 +19,9 @@ from gcs.cli.following import frame_of, news_of
 from gcs.console.source import Source
 from gcs.console.view.news import News
 from gcs.errors import ConfigError, GcsError
-from gcs.model import Notice
+from gcs.model import Order
 from gcs.report.export.cot import CotEvents, CotStyle, Now
+from gcs.report.operator_lines import effect_notice
 
 _PERIOD_S: Final = 1.0
 _ROUTES_S: Final = 10.0
@@ -142,8 +143,9 @@ class _Events:
                 yield from self._cot.routes(capture.routes, now)
         if self._has_alarms and self._is_begun:
             for _, effect in news.effects:
-                if isinstance(effect, Notice):
-                    yield from self._cot.alarm(effect, now)
+                notice = None if isinstance(effect, Order) else effect_notice(effect)
+                if notice is not None:
+                    yield from self._cot.alarm(notice, now)
         self._is_begun = True
 
 

@@ -162,8 +162,9 @@ class CotEvents:
         origin = self._frame.place(0.0, 0.0)
         place = origin if vehicle is None else self._places.get(vehicle, origin)
         callsign = self._mission if vehicle is None else self._callsign(vehicle)
-        if len(self._alarms) < _MAX_ALARMS:
-            self._alarms[notice.key] = (callsign, place)
+        if len(self._alarms) >= _MAX_ALARMS:
+            del self._alarms[next(iter(self._alarms))]
+        self._alarms[notice.key] = (callsign, place)
         yield self._alarm(notice.key, _ALARM, callsign, place, notice.line, now)
 
     def _alarm(self, key: str, kind: str, callsign: str, place: Place, text: str, now: Now) -> bytes:
