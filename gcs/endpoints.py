@@ -89,6 +89,8 @@ class Link:
     """Bridge that opens it; empty: the only one."""
     redundant: bool = False
     """True if vehicles of other links may be heard here as well."""
+    traffic: bool = False
+    """True if receivers for ADS-B and Remote ID with system ids of their own report aircraft here."""
 
     @property
     def name(self) -> str:

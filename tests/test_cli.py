@@ -122,3 +122,19 @@ def test_a_wrong_option_is_refused_before_anything_starts(
     assert "expected" in done.output
     assert "listens" not in done.output
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("typed", "expected"),
+    [("gcs run --log-f", "--log-format"), ("gcs demo presc", "prescribed"), ("gcs order ho", "hold")],
+)
+def test_the_tab_key_completes_commands_options_and_scenarios(typed: str, expected: str) -> None:
+    words = {"_GCS_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
+    command = [
+        sys.executable,
+        "-P",
+        "-c",
+        "import sys; sys.argv[0] = 'gcs'; from gcs.cli import main; main()",
+    ]
+    done = subprocess.run(command, env=os.environ | words, capture_output=True, text=True, check=False)
+    assert done.stdout.split() == [expected]

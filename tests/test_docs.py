@@ -131,6 +131,9 @@ NOT_RUN = {
     "gcs warm-up": "compiles all kernels; tests/conftest.py",
     "gcs run": "serves until it is interrupted; tests/service",
     "gcs console": NEEDS_A_SERVICE,
+    "gcs metrics": NEEDS_A_SERVICE,
+    "gcs tak": NEEDS_A_SERVICE,
+    "gcs foxglove": NEEDS_A_SERVICE,
     "gcs status": NEEDS_A_SERVICE,
     "gcs order": NEEDS_A_SERVICE,
     "gcs preflight": NEEDS_VEHICLES,
@@ -253,7 +256,7 @@ def test_every_command_named_in_the_text_exists_with_its_options(page: Path) -> 
 
 
 SCRIPTS = [*(ROOT / "tests" / "bench").glob("*.py"), ROOT / "tests" / "recordings" / "renew.py"]
-EVERY_OPTION = {"--release", "--install-completion"}.union(
+EVERY_OPTION = {"--release", "--install-completion", "--show-completion"}.union(
     *(options_of([program]) for program in APPS),
     *(re.findall(r'"(--[a-z-]+)"', text_of(script)) for script in SCRIPTS),
 )

@@ -15,6 +15,8 @@ from gcs.geo import LocalFrame
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
+ELSEWHERE = {"ros2_bridge.py": "tests/console/test_ros2_bridge.py"}
+"""Examples that need a service: their tests."""
 MAX_LINES = 40
 TRACKING = (Path(__file__).parents[1] / "docs" / "tracking.md").read_text(encoding="utf-8")
 NUMBERS = r"-?\d+ -?\d+"

@@ -1,6 +1,6 @@
 """The ``gcs`` command. Each command has a file: its arguments, its work and its output.
 
-- ``fly``: ``demo``, ``run``, ``console``, ``order``, ``simulate``, ``montecarlo``.
+- ``fly``: ``demo``, ``run``, ``console``, ``metrics``, ``status``, ``order``, ``simulate``, ``montecarlo``.
 - ``prepare``: mission files, plans, vehicles and keys before a flight.
 - ``analyse``: recordings and logs after a flight.
 - `arguments`, `errors`: arguments of several commands; error messages and exit codes.
@@ -42,6 +42,12 @@ _COMMANDS: Final[dict[str, dict[str, tuple[str, str]]]] = {
             "gcs.cli.fly.console",
             "Serve the console of a service that runs elsewhere, until Ctrl-C.",
         ),
+        "metrics": (
+            "gcs.cli.fly.metrics",
+            "Serve metrics of a running service for Prometheus, until Ctrl-C.",
+        ),
+        "foxglove": ("gcs.cli.fly.foxglove", "Show a running service in Foxglove, until Ctrl-C."),
+        "tak": ("gcs.cli.fly.tak", "Show a running service on TAK: vehicles, targets, routes, alarms."),
         "status": ("gcs.cli.fly.status", "Print the agents, targets and sensors of a running service."),
         "order": ("gcs.cli.fly.order", "Give orders to a running service (`gcs run` or `gcs demo`)."),
     },

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -102,6 +103,23 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object 
 HeadlessOption = Annotated[
     bool, typer.Option("--headless", help="Print plain lines instead of the live view.")
 ]
+
+
+class LogFormat(StrEnum):
+    """Form of what a run prints."""
+
+    TEXT = "text"
+    JSON = "json"
+
+
+LogFormatOption = Annotated[
+    LogFormat,
+    typer.Option(
+        "--log-format",
+        help="*text*: a live view in a terminal, else lines.  *json*: one JSON object a line, with time, "
+        "level, code, subject and parameters.",
+    ),
+]
 ConsoleOption = Annotated[
     str | None,
     typer.Option(
@@ -180,6 +198,13 @@ MissionOption = Annotated[
 ZenohOption = Annotated[
     str | None,
     typer.Option(help="zenoh endpoint of the service, such as tls/10.0.0.5:7447.  [default: this machine]"),
+]
+ConnectOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ENDPOINT",
+        help="zenoh endpoint of the service, such as tls/10.0.0.5:7447.  [default: this machine]",
+    ),
 ]
 ZenohTlsOption = Annotated[
     Path | None,

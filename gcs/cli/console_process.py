@@ -18,26 +18,35 @@ import msgspec
 from rich.console import Console
 
 from gcs.cli.console_page import PageOptions, open_listener, show_address
+from gcs.cli.following import FIND_S, address_of
 from gcs.console.remote.remote_run import find_run
 from gcs.console.server import ConsoleServer
 from gcs.console.web.access import Access, parse_access
 from gcs.console.web.listener import Listener
 from gcs.console.web.tiles import Tiles
 from gcs.errors import ConsoleError
-from gcs.io.zenoh.discovery import choose_service
 from gcs.io.zenoh.session import ZenohSession
 from gcs.model import Notice
 from gcs.service.child_process import Report
 
-_FIND_S: Final = 10.0
-"""Time in which the service of an operator's console must answer."""
 _NOTICES_S: Final = 1.0
 
 
 def serve_console(
-    connect: str | None, mission: str | None, tls: Path | None, options: PageOptions, console: Console
+    connect: str | None,
+    mission: str | None,
+    tls: Path | None,
+    options: PageOptions,
+    console: Console,
+    *,
+    is_metrics_only: bool = False,
 ) -> None:
     """Serve the console of a service until Ctrl-C.
+
+    Parameters
+    ----------
+    is_metrics_only : bool
+        True: serve its metrics only.
 
     Raises
     ------
@@ -48,15 +57,14 @@ def serve_console(
     found = open_listener(options)
     if found is None:
         raise ConsoleError("gcs console serves a console; leave out --console off")
-    if connect is None:
-        address = choose_service(mission, None, tls)
-        mission = address.mission
-        connect = address.zenoh
-        tls = address.tls
-    with _served(connect, mission, tls, options, found, _FIND_S) as server:
+    address = address_of(connect, mission, tls)
+    with _served(*address, options, found, FIND_S, is_metrics_only=is_metrics_only) as server:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: server.close())
-        show_address(server.url, options, console)
+        if is_metrics_only:
+            console.print(f"metrics: {server.url}metrics", highlight=False, markup=False, soft_wrap=True)
+        else:
+            show_address(server.url, options, console)
         while not server.ended.wait(_NOTICES_S):
             if (content := server.notice()) is not None:
                 notice = Notice(time.time_ns(), content[0], server.name, content[1])
@@ -91,12 +99,14 @@ def _served(
     found: tuple[Access, Listener],
     within_s: float,
     mission_file: str | None = None,
+    *,
+    is_metrics_only: bool = False,
 ) -> Iterator[ConsoleServer]:
     """Serve the console of a service while the context lasts; raise the program error that has ended it."""
     tiles = None if options.map_file is None else Tiles(options.map_file)
     with ZenohSession(connect=endpoint, tls=tls) as bus:
         source = asyncio.run(find_run(bus, mission, within_s, mission_file))
-        server = ConsoleServer(source, found[0], tiles, listener=found[1])
+        server = ConsoleServer(source, found[0], tiles, listener=found[1], is_metrics_only=is_metrics_only)
         try:
             yield server
         finally:

@@ -6,14 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import typer
+from rich.console import Console
 from rich.text import Text
 
 from gcs.errors import GcsError, InterruptedRunError, NoAnswerError
 from gcs.io.console import console_for
 
 
-def print_error(error: GcsError) -> int:
-    """Print an error as one line on stderr; return the exit code.
+def print_error(error: GcsError, console: Console | None = None) -> int:
+    """Print an error as one line on a console, by default on stderr; return the exit code.
 
     The code is 130 after Ctrl-C, 1 when no service answers, else 2. The text is not read as markup: file
     names may have brackets.
@@ -22,20 +23,21 @@ def print_error(error: GcsError) -> int:
         line = Text.assemble(("interrupted: ", "yellow"), str(error))
     else:
         line = Text.assemble(("error: ", "bold red"), str(error))
-    console_for(stderr=True).print(line, highlight=False, soft_wrap=True)
+    console = console or console_for(stderr=True)
+    console.print(line, highlight=False, soft_wrap=True)
     if isinstance(error, InterruptedRunError):
         return 130
     return 1 if isinstance(error, NoAnswerError) else 2
 
 
 @contextmanager
-def exit_on_error() -> Iterator[None]:
-    """Turn an expected error into one line on stderr and an exit code."""
+def exit_on_error(console: Console | None = None) -> Iterator[None]:
+    """Turn an expected error into one line on a console, by default on stderr, and an exit code."""
     try:
         yield
     except GcsError as error:
-        raise typer.Exit(print_error(error)) from None
+        raise typer.Exit(print_error(error, console)) from None
     except MemoryError:
-        raise typer.Exit(print_error(GcsError("this needs more memory than there is"))) from None
+        raise typer.Exit(print_error(GcsError("this needs more memory than there is"), console)) from None
     except KeyboardInterrupt:
-        raise typer.Exit(print_error(InterruptedRunError("the command did not finish"))) from None
+        raise typer.Exit(print_error(InterruptedRunError("the command did not finish"), console)) from None

@@ -22,6 +22,7 @@ from gcs.config import Config
 from gcs.core.authority.override_notices import overridden_text
 from gcs.core.engine import Engine
 from gcs.io.links.vehicle_links import VehicleLinks
+from gcs.io.log_console import LogConsole
 from gcs.model import (
     NS_PER_S,
     AgentRecord,
@@ -65,7 +66,7 @@ _AGENT_COLUMNS: Final = (
 
 
 class PlainLines:
-    """Prints one line for each effect that concerns the operator."""
+    """Prints one line, or one JSON object, for each effect that concerns the operator."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -82,10 +83,14 @@ class PlainLines:
         if isinstance(effect, Proposal) and not self._proposals.add_if_due(effect):
             return
         notice = effect_notice(effect)
-        if notice is not None:
-            seconds = (t_ns - (self._start_t_ns or t_ns)) / NS_PER_S
-            line = Text(f"{seconds:7.2f} s  {notice.line}", style=_STYLE[notice.level])
-            self._console.print(line, soft_wrap=True)
+        if notice is None:
+            return
+        if isinstance(self._console, LogConsole) and self._console.as_json:
+            self._console.notice(notice)
+            return
+        seconds = (t_ns - (self._start_t_ns or t_ns)) / NS_PER_S
+        line = Text(f"{seconds:7.2f} s  {notice.line}", style=_STYLE[notice.level])
+        self._console.print(line, soft_wrap=True)
 
 
 class LiveView:

@@ -254,6 +254,8 @@ class EndpointTable(Table, frozen=True, kw_only=True):
     network: Network = 0
     bridge: str = ""
     redundant: bool = False
+    traffic: bool = False
+    """True if receivers for ADS-B and Remote ID with system ids of their own report aircraft there."""
 
 
 class ForwardTable(Table, frozen=True, kw_only=True):
@@ -321,7 +323,13 @@ def link_of(entry: str | EndpointTable | ForwardTable) -> Link:
             return Link(parse_endpoint(entry))
         case EndpointTable():
             endpoint = parse_endpoint(entry.endpoint)
-            return Link(endpoint, entry.network, bridge=entry.bridge, redundant=entry.redundant)
+            return Link(
+                endpoint,
+                entry.network,
+                bridge=entry.bridge,
+                redundant=entry.redundant,
+                traffic=entry.traffic,
+            )
         case ForwardTable():
             endpoint = parse_endpoint(entry.endpoint)
             return Link(endpoint, entry.network, entry.access, entry.adsb, entry.bridge)

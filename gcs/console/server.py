@@ -66,6 +66,8 @@ class ConsoleServer:
     ----------
     listener : Listener, optional
         Socket that listens already; by default one is opened.
+    is_metrics_only : bool
+        True: it serves metrics only.
 
     Raises
     ------
@@ -80,6 +82,8 @@ class ConsoleServer:
         tiles: Tiles | None = None,
         other: Source | None = None,
         listener: Listener | None = None,
+        *,
+        is_metrics_only: bool = False,
     ) -> None:
         self.name = "console"
         """Name in notices."""
@@ -99,7 +103,12 @@ class ConsoleServer:
         for run, peer in zip(self.runs, reversed(self.runs), strict=True):
             run.playback.peer = None if peer is run else peer.playback
         config = uvicorn.Config(
-            make_app([run.board for run in self.runs], self._access, self._socket),
+            make_app(
+                [run.board for run in self.runs],
+                self._access,
+                self._socket,
+                is_metrics_only=is_metrics_only,
+            ),
             loop="asyncio",
             http="h11",
             ws="websockets-sansio",
@@ -272,9 +281,7 @@ class ShownRun:
         self._heard_ms = time.time_ns() // 1_000_000
         if self.playback.is_moved and not self._shows_passed:  # a page has just asked for another time
             news = dataclasses.replace(news, capture=None)
-        captured = news.capture.number if news.capture is not None else 0
-        known = 0 if news.begins_anew else self._request.capture
-        self._request = NewsRequest(news.run, news.cursor, captured or known)
+        self._request = self._request.after(news)
         if news.mission is not None:
             news = dataclasses.replace(news, mission=self._shown(news.mission))
         self._send(self.world.update(news, self._replay_state()))

@@ -6,7 +6,6 @@ A stage is a small class without state of its own. It gets the parts of the stat
 from __future__ import annotations
 
 from pymavlink.dialects.v20.ardupilotmega import (
-    MAVLINK_MSG_ID_ADSB_VEHICLE,
     MAVLINK_MSG_ID_PARAM_VALUE,
     MAVLINK_MSG_ID_TERRAIN_REQUEST,
 )
@@ -59,7 +58,7 @@ from gcs.core.tasking.dispatch import Dispatch
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.checks.link_timeouts import STALE_PERIODS
-from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
+from gcs.mavlink.fleet.fleet import TRAFFIC, Fleet, FleetSettings
 from gcs.model import NS_PER_S, VehicleState
 
 
@@ -108,7 +107,7 @@ class Stages:
             extra_ids=[
                 MAVLINK_MSG_ID_PARAM_VALUE,
                 MAVLINK_MSG_ID_TERRAIN_REQUEST,
-                MAVLINK_MSG_ID_ADSB_VEHICLE,
+                *TRAFFIC,
             ],
             state=self.state.fleet,
             vehicle_links={vehicle: agent.link for vehicle, agent in agents.items()},

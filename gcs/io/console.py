@@ -11,6 +11,7 @@ from typing import Final
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderableType, RenderHook, RenderResult
 from rich.segment import Segment
 
+from gcs.io.log_console import LogConsole, is_journal
 from gcs.safe_text import printable
 
 ERRORS: Final = "gcs.ascii"
@@ -42,14 +43,24 @@ class _PrintableHook(RenderHook):
         return [Printable(renderable) for renderable in renderables]
 
 
-def console_for(*, stderr: bool = False) -> Console:
-    """Return a console on stdout or stderr; `COLUMNS` in the environment sets the width for files."""
+def console_for(*, stderr: bool = False, as_json: bool = False) -> Console:
+    """Return a console on stdout or stderr; `COLUMNS` in the environment sets the width for files.
+
+    Parameters
+    ----------
+    as_json : bool
+        True: each message is a JSON object (`gcs.io.log_console`).
+    """
     stream = sys.stderr if stderr else sys.stdout
     if isinstance(stream, io.TextIOWrapper):
         stream.reconfigure(errors=ERRORS)
-    console = Console(stderr=stderr)
-    if not console.is_terminal and "COLUMNS" not in os.environ:
-        console.width = _FILE_COLUMNS
+    has_priorities = is_journal(stream)
+    if as_json or has_priorities:
+        console: Console = LogConsole(stderr=stderr, as_json=as_json, has_priorities=has_priorities)
+    else:
+        console = Console(stderr=stderr)
+        if not console.is_terminal and "COLUMNS" not in os.environ:
+            console.width = _FILE_COLUMNS
     console.push_render_hook(_PrintableHook())
     return console
 

@@ -52,8 +52,13 @@ def encode(record: object) -> bytes:
 
 def encode_shown(notice: Notice) -> bytes:
     """Return a notice as JSON for programs that show it: with its level and its text."""
+    return _encode(shown_fields(notice))
+
+
+def shown_fields(notice: Notice) -> dict[str, Any]:
+    """Return the fields of a notice for programs that show it, its level and its text among them."""
     fields = {name: getattr(notice, name) for name in ("t_ns", "code", "level", "subject", "parameters")}
-    return _encode(fields | {"text": notice.line})
+    return fields | {"text": notice.line}
 
 
 def decode(source: str, payload: bytes, record_type: type[RecordT]) -> RecordT:

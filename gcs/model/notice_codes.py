@@ -538,8 +538,8 @@ class NoticeCode(TableCode):
         "{aircraft} comes within {distance_m:.0f} m and {height_m:.0f} m in height of it in {after_s:.0f} s, "
         "at ({east_m:.0f}, {north_m:.0f}) m, {place_height_m:.0f} m high: hold or return it, or let a pilot "
         "take it over",
-        "an aircraft that a vehicle receives by ADS-B is predicted to come within 300 m and 75 m in height; "
-        "repeated 10 s before",
+        "an aircraft or drone that is received by ADS-B or Remote ID is predicted to come within 300 m and "
+        "75 m in height; repeated 10 s before",
         "keep clear: hold, return or land the vehicle, or let a pilot take it over",
         by="aircraft",
     )

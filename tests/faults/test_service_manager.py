@@ -51,7 +51,9 @@ def test_systemd_hears_of_the_start_of_signs_of_life_and_of_the_end(
             run.end()
 
 
-@pytest.mark.parametrize("unit", UNITS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "unit", [one for one in UNITS if "gcs run" in one.read_text()], ids=lambda path: path.stem
+)
 def test_each_unit_waits_for_the_start_and_watches_the_program(unit: Path) -> None:
     lines = unit.read_text().splitlines()
     assert {"Type=notify", "KillSignal=SIGINT", "NoNewPrivileges=yes"} <= set(lines)

@@ -12,6 +12,7 @@ from gcs.cli.analyse.foxglove_file import write_mcap
 from gcs.cli.analyse.info import reading_progress
 from gcs.config import Config, load, parse
 from gcs.errors import ConfigError, RecordingError
+from gcs.fence import areas_of
 from gcs.io.onboard_logs import open_telemetry
 from gcs.io.recording.mcap_file import recording_bytes
 from gcs.io.recording.reader import Damage, is_recording, read, read_info
@@ -20,9 +21,10 @@ from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.mavlink.frames.codec import Frame, scan
 from gcs.model import AgentStatus, Datagram, Notice, Picture, Plan
 from gcs.report.export.features import geojson_text
-from gcs.report.export.foxglove import FoxgloveMessages, Message
+from gcs.report.export.foxglove import FoxgloveMessages, Message, Outline
 from gcs.report.export.gpx import gpx_text
 from gcs.report.export.kml import kml_text
+from gcs.report.export.mission_frame import MissionFrame
 from gcs.report.export.run_map import RunMap, RunMapBuilder, flown_paths
 from gcs.report.telemetry.flights import Flights
 from gcs.service.foreign_logs import refuse_detections
@@ -118,11 +120,16 @@ def _messages(path: Path, config: str | None, console: Console) -> Iterator[Mess
     is_ours = is_recording(path)
     if not is_ours:
         refuse_detections(path)
-    messages = FoxgloveMessages(mission_of(path, config) if is_ours else None)
+    mission = mission_of(path, config) if is_ours else None
+    messages = FoxgloveMessages(None if mission is None else MissionFrame.of(mission))
+    outlines: list[Outline] = []
+    if mission is not None:
+        frame = mission.local_frame
+        outlines = [Outline(area.stay_in, area.outline_m(frame)) for area in areas_of(mission)]
     records = _recorded(path, console) if is_ours else _logged(path, console)
     for number, (t_ns, value) in enumerate(records):
         if number == 0:
-            yield from messages.areas(t_ns)
+            yield from messages.areas(t_ns, outlines)
         yield from messages.frame(t_ns, value) if isinstance(value, Frame) else messages.effect(t_ns, value)
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from gcs.cli.arguments import (
+    ConnectOption,
     ConsoleAccessOption,
     ConsoleMapOption,
     ConsoleOption,
@@ -23,13 +24,7 @@ app = command_app()
 
 @app.command()
 def console(
-    connect: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ENDPOINT",
-            help="zenoh endpoint of the service, such as tls/10.0.0.5:7447.  [default: this machine]",
-        ),
-    ] = None,
+    connect: ConnectOption = None,
     mission: MissionOption = None,
     zenoh_tls: ZenohTlsOption = None,
     page: ConsoleOption = None,

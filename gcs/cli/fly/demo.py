@@ -14,6 +14,8 @@ from gcs.cli.arguments import (
     FaultsOption,
     HeadlessOption,
     JsonOption,
+    LogFormat,
+    LogFormatOption,
     LossOption,
     OpenOption,
     PackOption,
@@ -35,6 +37,7 @@ def demo(
     speed: SpeedOption = 1.0,
     seed: SeedOption = 1,
     headless: HeadlessOption = False,
+    log_format: LogFormatOption = LogFormat.TEXT,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for the recording and the picture.  [default: runs/SCENARIO-SEED]"),
@@ -86,6 +89,8 @@ def demo(
         PageOptions(page, page_access, open_page, page_map),
         tuple(faults or ()),
     )
-    with exit_on_error():
-        code = run_demo(options, console_for(stderr=as_json))
+    is_json = log_format is LogFormat.JSON
+    console = console_for(stderr=as_json, as_json=is_json)
+    with exit_on_error(console if is_json else None):
+        code = run_demo(options, console)
     raise typer.Exit(code)

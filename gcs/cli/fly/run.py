@@ -14,6 +14,8 @@ from gcs.cli.arguments import (
     ConsoleMapOption,
     ConsoleOption,
     HeadlessOption,
+    LogFormat,
+    LogFormatOption,
     MapSeedOption,
     OpenOption,
     command_app,
@@ -37,6 +39,7 @@ def run(
     config: ConfigArgument,
     seed: MapSeedOption = 1,
     headless: HeadlessOption = False,
+    log_format: LogFormatOption = LogFormat.TEXT,
     out: Annotated[Path | None, typer.Option(help="Folder for the recording.  [default: runs/NAME]")] = None,
     resume: Annotated[
         bool | None,
@@ -79,16 +82,17 @@ def run(
     if clock is not None:  # A simulation faster than real time.
         epoch_ns, _, speed = clock.partition(",")
         run_clock = RunClock(int(epoch_ns), int(epoch_ns), float(speed))
-    with exit_on_error():
+    output = console_for(as_json=log_format is LogFormat.JSON)
+    with exit_on_error(output if log_format is LogFormat.JSON else None):
         if role is Role.BRIDGE:
             from gcs.cli.fly.live_bridge import serve_bridge
 
-            serve_bridge(config, bridge, console_for())
+            serve_bridge(config, bridge, output)
             return
         serve(
             config,
             seed,
-            console_for(),
+            output,
             headless=headless,
             out=out,
             resume=resume,

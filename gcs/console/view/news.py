@@ -30,6 +30,12 @@ class NewsRequest(msgspec.Struct, frozen=True):
     is_urgent: bool = False
     """True if the state is wanted as it is now."""
 
+    def after(self, news: News) -> NewsRequest:
+        """Return the request for what comes after news that answer this one."""
+        captured = news.capture.number if news.capture is not None else 0
+        known = 0 if news.begins_anew else self.capture
+        return msgspec.structs.replace(self, run=news.run, cursor=news.cursor, capture=captured or known)
+
 
 @dataclass(frozen=True, slots=True)
 class News:

@@ -120,10 +120,20 @@ class Board:
         return None if self.world.is_lost else self.world.capture
 
 
-def make_app(boards: Sequence[Board], access: Access, listener: Listener) -> ASGIApp:
-    """Return the application behind its guard. With two boards its first page compares them."""
-    static = StaticFiles()
+def make_app(
+    boards: Sequence[Board], access: Access, listener: Listener, *, is_metrics_only: bool = False
+) -> ASGIApp:
+    """Return the application behind its guard. With two boards its first page compares them.
+
+    Parameters
+    ----------
+    is_metrics_only : bool
+        True: it has metrics only, no page and no orders.
+    """
     attempts = Attempts(access)
+    if is_metrics_only:
+        return Guard(Starlette(routes=[_metrics_route(boards[0])]), access, listener, attempts)
+    static = StaticFiles()
     others = [
         Mount("/b", routes=[Route("/", _Page(board, static).serve), *_data_routes(board)])
         for board in boards[1:]
@@ -163,8 +173,12 @@ def _data_routes(board: Board) -> list[BaseRoute]:
         Route("/api/charts", api.charts),
         Route("/api/openapi.json", api.openapi),
         Route("/tiles/{zoom}/{column}/{row}", api.tile),
-        Route("/metrics", api.metrics),
+        _metrics_route(board),
     ]
+
+
+def _metrics_route(board: Board) -> Route:
+    return Route("/metrics", _Api(board).metrics)
 
 
 class _Page:

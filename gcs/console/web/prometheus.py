@@ -30,6 +30,7 @@ def metrics_text(capture: Capture | None, pages: int) -> str:
 
 
 def _lines(capture: Capture | None, pages: int) -> Iterator[str]:
+    yield from _gauge("service_up", "1 if the service answers.", [("", float(capture is not None))])
     yield from _gauge("pages", "Open pages of the console.", [("", float(pages))])
     if capture is None:
         return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gcs.core.stages import Stages
+from gcs.mavlink.fleet.fleet import TRAFFIC
 from gcs.mavlink.frames.codec import FrameTable, scan
 from gcs.model import Datagram, Effect
 
@@ -27,7 +28,7 @@ def receive_from_vehicles(stages: Stages, event: Datagram, frames: FrameTable | 
     t_ns = event.t_ns
     effects: list[Effect] = []
     for vehicle, message in stages.fleet.receive(event, frames):
-        if message.get_type() == "ADSB_VEHICLE":
+        if message.get_msgId() in TRAFFIC:
             stages.air_traffic.receive(message, t_ns)
             continue
         stages.return_heights.receive(vehicle, message)

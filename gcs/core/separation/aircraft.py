@@ -1,47 +1,42 @@
-"""Aircraft that are not ours: ADS-B traffic that our vehicles receive (ADSB_VEHICLE).
+"""Aircraft that are not ours: traffic that our vehicles, or receivers on the ground, pass on.
 
-Source: https://mavlink.io/en/messages/common.html#ADSB_VEHICLE. Several vehicles may receive one aircraft:
-the newest report of its ICAO address counts. An aircraft is predicted to fly straight on. Its height is a
-band: by ADS-B it is mostly a pressure altitude. A report that agrees with one of our vehicles is of its own
-transponder.
+ADS-B (ADSB_VEHICLE) and Remote ID (OPEN_DRONE_ID_*), see `gcs.core.separation.traffic_reports`. Several
+vehicles may receive one aircraft: its newest report counts. An aircraft is predicted to fly straight on. Its
+height is a band. A report that agrees with one of our vehicles is of its own transponder.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
-
-from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.core.separation.forward_flight import Flight, Goal, GoalKind
 from gcs.core.separation.records import Aircraft, SeparationState
+from gcs.core.separation.traffic_reports import (
+    FIRST_ADSB,
+    remote_id_number,
+    traffic_name,
+    traffic_report,
+    uas_id,
+)
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message
-from gcs.mavlink.services.adsb import UNASSIGNED_ICAO_BLOCK
 from gcs.mavlink.services.retry import ns
 from gcs.model import NS_PER_S, vehicle_name
-from gcs.safe_text import printable
 
-_FIRST: Final = 1 << 24
-"""Number of the aircraft with ICAO address 0; those of our vehicles are lower."""
 _MAX_AIRCRAFT: Final = 64
 _MAX_AGE_NS: Final = ns(15.0)
-_MAX_DISTANCE_M: Final = 50_000.0
-_MAX_SPEED_M_S: Final = 400.0
-_PRESSURE_ERROR_M: Final = 100.0
-_GEOMETRIC_ERROR_M: Final = 30.0
 _OWN_DISTANCE_M: Final = 60.0
 _OWN_HEIGHT_M: Final = 120.0
 _OWN_SPEED_M_S: Final = 6.0
 """Differences of a report from one of our vehicles within which it is of that vehicle."""
-_NEEDED: Final[int] = dialect.ADSB_FLAGS_VALID_COORDS | dialect.ADSB_FLAGS_VALID_ALTITUDE
-_MOTION: Final[int] = dialect.ADSB_FLAGS_VALID_HEADING | dialect.ADSB_FLAGS_VALID_VELOCITY
 
 
 def is_aircraft(number: int) -> bool:
     """Return True if a number is of an aircraft, and not of one of our vehicles."""
-    return number >= _FIRST
+    return number >= FIRST_ADSB
 
 
 class AirTraffic:
@@ -53,15 +48,19 @@ class AirTraffic:
         self._aircraft = state.aircraft
 
     def receive(self, message: Message, t_ns: int) -> None:
-        """Process an ADSB_VEHICLE; one without a position or a height is ignored."""
-        report = self._report(message, t_ns)
-        number = _FIRST + message.ICAO_address
+        """Process a message about an aircraft; one without a position or a height is ignored."""
+        if message.get_type() == "OPEN_DRONE_ID_BASIC_ID":
+            self._name(message)
+            return
+        number, report = traffic_report(message, self._frame, t_ns)
         before = self._aircraft.get(number)
         if report is None or (before is not None and before.t_ns > report.t_ns):
             return
         self._aircraft.pop(number, None)
         if self._is_own(report):
             return
+        if before is not None and not report.callsign:
+            report = replace(report, callsign=before.callsign)
         if len(self._aircraft) >= _MAX_AIRCRAFT:
             del self._aircraft[min(self._aircraft, key=lambda one: self._aircraft[one].t_ns)]
         self._aircraft[number] = report
@@ -93,32 +92,13 @@ class AirTraffic:
         if not is_aircraft(number):
             return f"agent {vehicle_name(number)}"
         callsign = self._aircraft[number].callsign if number in self._aircraft else ""
-        return f"aircraft {number - _FIRST:06X}" + (f" ({callsign})" if callsign else "")
+        return traffic_name(number) + (f" ({callsign})" if callsign else "")
 
-    def _report(self, message: Message, t_ns: int) -> Aircraft | None:
-        lat_deg = message.lat * 1e-7
-        lon_deg = message.lon * 1e-7
-        is_valid = message.flags & _NEEDED == _NEEDED and abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0
-        if not is_valid or not 0 <= message.ICAO_address < UNASSIGNED_ICAO_BLOCK:
-            return None  # the block is used for target tracks that we send
-        east_m, north_m = self._frame.to_local(lat_deg, lon_deg)
-        speed_m_s = message.hor_velocity * 0.01
-        if math.hypot(east_m, north_m) > _MAX_DISTANCE_M or speed_m_s > _MAX_SPEED_M_S:
-            return None
-        is_moving = message.flags & _MOTION == _MOTION
-        is_climbing = bool(message.flags & dialect.ADSB_FLAGS_VERTICAL_VELOCITY_VALID)
-        is_geometric = message.altitude_type == dialect.ADSB_ALTITUDE_TYPE_GEOMETRIC
-        return Aircraft(
-            t_ns=t_ns - message.tslc * NS_PER_S,
-            east_m=east_m,
-            north_m=north_m,
-            alt_msl_m=message.altitude * 1e-3,
-            speed_m_s=speed_m_s if is_moving else 0.0,
-            course_rad=math.radians(message.heading * 0.01) if is_moving else 0.0,
-            climb_m_s=message.ver_velocity * 0.01 if is_climbing else 0.0,
-            height_error_m=_GEOMETRIC_ERROR_M if is_geometric else _PRESSURE_ERROR_M,
-            callsign=printable(message.callsign.strip()),
-        )
+    def _name(self, message: Message) -> None:
+        """Keep the serial number or registration of a drone whose position is known."""
+        number = remote_id_number(message)
+        if number in self._aircraft:
+            self._aircraft[number] = replace(self._aircraft[number], callsign=uas_id(message))
 
     def _is_own(self, report: Aircraft) -> bool:
         """Return True if one of our vehicles flies where and as a report says."""

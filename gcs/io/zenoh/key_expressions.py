@@ -1,34 +1,14 @@
-"""Key expressions on zenoh; those of a mission begin with ``swarm/<mission>``.
+"""Key expressions on zenoh. `KEYS` is the table of all; those of a mission begin with ``swarm/<mission>``.
 
-=============================================  ==================================================
-``swarm/<mission>/sensor/<name>/scan``         a sensor's scan (``docs/sensors.md``), for the service
-``swarm/<mission>/picture/agents``, ``targets``  `Picture`, after each scan
-``swarm/<mission>/plan``                       `Plan`
-``swarm/<mission>/upload``                     `UploadReport`
-``swarm/<mission>/agent_status``               `AgentStatus`
-``swarm/<mission>/notice``                     `Notice`, with its level and text
-``swarm/<mission>/ended``                      `MissionEnded`
-``swarm/<mission>/order``                      an operator's order (``docs/orders.md``), for the service
-``swarm/<mission>/answer``                     `OrderAnswer`
-``swarm/<mission>/status_request``             the order ``status``, from viewers too
-``swarm/<mission>/status``                     `SwarmStatus`, the answer to the order ``status``
-``swarm/<mission>/proposal``                   `Proposal`, a plan that waits for confirmation
-``swarm/<mission>/truth``                      `Truth`, from a simulated world only
-``swarm/<mission>/console/feed``               query of a console: what is new (`gcs.console.remote`)
-``swarm/<mission>/console/vehicle/<vehicle>``  query of a console: details of a vehicle
-``swarm/<mission>/events``, ``snapshot``       from command to a standby (`gcs.io.cluster.event_log`)
-``swarm/<mission>/bridge/<name>/up``, ...      between command and a bridge (`gcs.io.cluster.bridge_messages`)
-=============================================  ==================================================
-
-Payloads are the JSON of `gcs.io.records`; scans and orders have own forms (`gcs.io.zenoh.scans`,
-`gcs.io.zenoh.order_messages`), consoles theirs (`gcs.console.remote.messages`). Who may use which key:
-`gcs.io.zenoh.access_control`.
+`gcs.io.zenoh.key_page` makes the page in the documentation from it. Payloads are the JSON of
+`gcs.io.records`; scans and orders have own forms (`gcs.io.zenoh.scans`, `gcs.io.zenoh.order_messages`),
+consoles theirs (`gcs.console.remote.messages`). Who may use which key: `gcs.io.zenoh.access_control`.
 """
 
 from __future__ import annotations
 
 import re
-from typing import Final
+from typing import Final, NamedTuple
 
 from gcs.model import (
     AgentStatus,
@@ -40,19 +20,55 @@ from gcs.model import (
     Plan,
     Proposal,
     SwarmStatus,
+    Truth,
     UploadReport,
 )
 
 SENSOR_NAME: Final = r"^[A-Za-z0-9_-]{1,64}$"
+
+
+class Key(NamedTuple):
+    """A key of a mission."""
+
+    name: str
+    """What follows ``swarm/<mission>/``; angle brackets stand for one part."""
+    content: str
+    """What is published there, or asked, with its form; empty for the JSON of `record`."""
+    when: str
+    """When it is published, or what it is for."""
+    record: type | None = None
+    """Record of `gcs.model` whose JSON is published."""
+    is_query: bool = False
+    """True if it is asked, False if it is published."""
+
+
+_INTERNAL: Final = "MessagePack; may change with each version"
+KEYS: Final = (
+    Key("sensor/<name>/scan", "JSON: a [scan](sensors.md#payload)", "each scan of a sensor"),
+    Key("order", "JSON: an [order](orders.md#on-the-wire)", "an operator's order"),
+    Key("answer", "", "acceptance and result of an order", OrderAnswer),
+    Key("status_request", "JSON: the order `status`", "a request, from viewers too"),
+    Key("status", "", "the answer to the order `status`", SwarmStatus),
+    Key("picture/agents", "", "tracks of agents after each scan", Picture),
+    Key("picture/targets", "", "tracks of targets after each scan", Picture),
+    Key("plan", "", "each plan; `changed` names the vehicles that get a new mission", Plan),
+    Key("proposal", "", "a plan that waits for confirmation; without routes: none waits", Proposal),
+    Key("upload", "", "end of a mission upload", UploadReport),
+    Key("agent_status", "", "change of an agent's status", AgentStatus),
+    Key("notice", "", "each notice; `level` and `text` are added to the record", Notice),
+    Key("ended", "", "end of the mission", MissionEnded),
+    Key("truth", "", "true states, from a simulated world only", Truth),
+    Key("console/feed", _INTERNAL, "what is new, for a console", is_query=True),
+    Key("console/vehicle/<vehicle>", _INTERNAL, "details of a vehicle, for a console", is_query=True),
+    Key("events", _INTERNAL, "events of command, for a standby"),
+    Key("snapshot", _INTERNAL, "state of command, for a standby", is_query=True),
+    Key("bridge/<name>/up", _INTERNAL, "frames from vehicles"),
+    Key("bridge/<name>/down", _INTERNAL, "frames to vehicles"),
+    Key("bridge/<name>/status", _INTERNAL, "state of the bridge's links"),
+    Key("bridge/<name>/lease", _INTERNAL, "permit to send, for command", is_query=True),
+)
 _EFFECT_KEYS: Final[dict[type, str]] = {
-    Plan: "plan",
-    UploadReport: "upload",
-    AgentStatus: "agent_status",
-    Notice: "notice",
-    MissionEnded: "ended",
-    OrderAnswer: "answer",
-    SwarmStatus: "status",
-    Proposal: "proposal",
+    key.record: key.name for key in KEYS if key.record not in (None, Picture, Truth)
 }
 
 

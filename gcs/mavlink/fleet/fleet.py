@@ -116,8 +116,12 @@ _NEEDED: Final = frozenset(
         dialect.MAVLINK_MSG_ID_WIND_COV,
     }
 )
-_OF_ANY_COMPONENT: Final = frozenset({dialect.MAVLINK_MSG_ID_ADSB_VEHICLE})
-"""Messages that any component on a vehicle may send: a receiver for ADS-B is one."""
+_REMOTE_ID: Final = frozenset(
+    {dialect.MAVLINK_MSG_ID_OPEN_DRONE_ID_BASIC_ID, dialect.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION}
+)
+"""Messages about drones, from receivers: an autopilot describes its own vehicle by them."""
+TRAFFIC: Final = frozenset({dialect.MAVLINK_MSG_ID_ADSB_VEHICLE}) | _REMOTE_ID
+"""Messages about aircraft. Any component on a vehicle may send them: a receiver is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,10 +192,14 @@ class Fleet:
         self._peers = self._state.peers
         self._notices = self._state.notices
         extra = frozenset(extra_ids)
+        self._of_receivers = extra & TRAFFIC
+        extra -= _REMOTE_ID
         self._needed = _NEEDED | extra
         links = tuple(links)
         self._networks = {link.name: link.network for link in links}
         self._redundant = frozenset(link.name for link in links if link.redundant)
+        self._receivers = frozenset(link.name for link in links if link.traffic)
+        """Links on which receivers with system ids of their own report aircraft."""
         self._own = own
         self._encoder = Encoder(*own)
         self._outgoing = [(link.name, link.endpoint.remote) for link in links if link.endpoint.remote]
@@ -233,6 +241,8 @@ class Fleet:
     def receive(self, datagram: Datagram, frames: FrameTable | None = None) -> list[tuple[int, Message]]:
         """Process a datagram, and its frames if they are known; return (vehicle, message) of our vehicles.
 
+        Messages about aircraft (`TRAFFIC`) may be of a receiver on a link with `Link.traffic` as well.
+
         Routine telemetry (`gcs.mavlink.fleet.fast_telemetry`) is not returned: it is in the states. To
         receive an unchanged heartbeat, call `forward_next_heartbeat`. A HIGH_LATENCY2 is returned as the
         heartbeat that it stands for, if it was applied. After a change of link no heartbeat is returned that
@@ -273,8 +283,12 @@ class Fleet:
                     break
             if frames.is_checked(at):
                 frame = frames.frame(at)
-                vehicle = self._vehicles.get(vehicle_id(network, frame.system_id))
-                if vehicle is None:
+                number = vehicle_id(network, frame.system_id)
+                vehicle = self._vehicles.get(number)
+                if vehicle is None and datagram.link in self._receivers and self._is_about_aircraft(frame):
+                    if (message := frame.message()) is not None:
+                        accepted.append((number, message))
+                elif vehicle is None:
                     link.unknown_systems += 1
                     self._count_unknown(frame, address, t_ns)
                 elif (message := self._accept_frame(vehicle, frame, address, t_ns)) is not None:
@@ -282,10 +296,13 @@ class Fleet:
             at += 1
         return accepted
 
+    def _is_about_aircraft(self, frame: Frame) -> bool:
+        is_own = frame.message_id in _REMOTE_ID and frame.component_id == AUTOPILOT_COMPONENT_ID
+        return frame.message_id in self._of_receivers and not is_own
+
     def _accept_frame(self, vehicle: Vehicle, frame: Frame, address: Address, t_ns: int) -> Message | None:
         """Check a frame's sender and apply it; return its message if it is needed."""
-        is_known = vehicle.link.address == address
-        if is_known and frame.message_id in _OF_ANY_COMPONENT and frame.message_id in self._needed:
+        if vehicle.link.address == address and self._is_about_aircraft(frame):
             return frame.message()
         if frame.component_id != AUTOPILOT_COMPONENT_ID:
             self.links[address[0]].ignored += 1

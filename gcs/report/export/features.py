@@ -12,7 +12,8 @@ from typing import Any
 import msgspec
 
 from gcs.model import target_name, vehicle_name
-from gcs.report.export.run_map import Place, RunMap, TargetEstimate, utc_text
+from gcs.report.export.mission_frame import Place, TargetEstimate
+from gcs.report.export.run_map import RunMap, utc_text
 
 
 def geojson_text(run: RunMap) -> str:

@@ -12,18 +12,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.config import Config
-from gcs.fence import Area, areas_of
 from gcs.geo import LocalFrame
 from gcs.mavlink.fleet.checks.position_checks import position_problem
 from gcs.mavlink.frames.codec import Frame
-from gcs.model import Label, Notice, Picture, Plan, Route, target_name, vehicle_name
+from gcs.model import AgentRecord, Label, Notice, Picture, Plan, Route, target_name, vehicle_name
 from gcs.report.export.features import feature, line, target_features
 from gcs.report.export.foxglove_records import (
     MAP_FRAME,
@@ -43,7 +41,7 @@ from gcs.report.export.foxglove_records import (
     Time,
     Vector3,
 )
-from gcs.report.export.run_map import Ground, Place, PlannedRoute, TargetEstimate, planned_route
+from gcs.report.export.mission_frame import MissionFrame, Place, PlannedRoute, TargetEstimate
 
 SCHEMAS: Final = (LocationFix, FrameTransform, GeoJSON, SceneUpdate, Log)
 _LEVELS: Final = {"info": 2, "warning": 3, "alarm": 4}
@@ -59,6 +57,19 @@ _FLAT_M: Final = 2.0
 """Height of a target's ellipsoid."""
 
 
+class Outline(NamedTuple):
+    """Area of the fence, or no-fly zone."""
+
+    stay_in: bool
+    corners_m: Sequence[tuple[float, float]]
+    """East and north, in order."""
+
+    @property
+    def name(self) -> str:
+        """Name for a display."""
+        return "inclusion area" if self.stay_in else "exclusion area or no-fly zone"
+
+
 class Message(NamedTuple):
     """Message of a topic."""
 
@@ -72,52 +83,52 @@ class FoxgloveMessages:
 
     Parameters
     ----------
-    config : Config, optional
-        Mission of the run; without one there are positions only, in a frame at the first of them.
+    mission : MissionFrame, optional
+        Frame of the mission; without one there are positions only, in a frame at the first of them.
     """
 
-    def __init__(self, config: Config | None = None) -> None:
-        self._config = config
-        self._frame: LocalFrame | None = None if config is None else config.local_frame
-        self._ground = None if config is None else Ground(config)
+    def __init__(self, mission: MissionFrame | None = None) -> None:
+        self._mission = mission
+        self._origin: LocalFrame | None = None if mission is None else mission.local
         self._routes: dict[int, PlannedRoute] = {}
         self._shown: set[Label] = set()
+        self._areas = 0
+        """Number of areas that are shown."""
 
-    def areas(self, t_ns: int) -> Iterator[Message]:
-        """Yield the fence and the no-fly zones.
-
-        Raises
-        ------
-        ConfigError
-            When an area of the mission file is invalid.
-        """
-        config = self._config
-        areas = [] if config is None else areas_of(config)
-        if config is None or not areas:
+    def areas(self, t_ns: int, areas: Sequence[Outline]) -> Iterator[Message]:
+        """Yield all areas: fence and no-fly zones."""
+        mission = self._mission
+        gone = range(len(areas), self._areas)
+        self._areas = len(areas)
+        if mission is None or not (areas or gone):
             return
-        outlines = [area.outline_m(config.local_frame) for area in areas]
-        rings = [[Place(*config.local_frame.to_geodetic(*point), 0.0) for point in ring] for ring in outlines]
-        names = [_area_name(area) for area in areas]
+        rings = [
+            [Place(*mission.local.to_geodetic(*point), 0.0) for point in area.corners_m] for area in areas
+        ]
         yield _features(
             "/map/areas",
             t_ns,
-            (feature("area", name, line([*ring, ring[0]])) for name, ring in zip(names, rings, strict=True)),
+            (
+                feature("area", area.name, line([*ring, ring[0]]))
+                for area, ring in zip(areas, rings, strict=True)
+            ),
         )
         entities = [
             SceneEntity(
                 Time.of(t_ns),
-                f"area {number}",
+                _area_id(number),
                 lines=(
                     LinePrimitive(
                         _LINE_LOOP,
-                        tuple(Vector3(east_m, north_m, 0.0) for east_m, north_m in ring),
+                        tuple(Vector3(east_m, north_m, 0.0) for east_m, north_m in area.corners_m),
                         _AREA[area.stay_in],
                     ),
                 ),
             )
-            for number, (area, ring) in enumerate(zip(areas, outlines, strict=True))
+            for number, area in enumerate(areas)
         ]
-        yield Message("/scene/areas", t_ns, SceneUpdate((), tuple(entities)))
+        deletions = [SceneEntityDeletion(Time.of(t_ns), _area_id(number)) for number in gone]
+        yield Message("/scene/areas", t_ns, SceneUpdate(tuple(deletions), tuple(entities)))
 
     def frame(self, t_ns: int, frame: Frame) -> Iterator[Message]:
         """Yield the position of a GLOBAL_POSITION_INT; nothing for other frames and impossible positions."""
@@ -129,24 +140,28 @@ class FoxgloveMessages:
         lat_deg = report.lat * 1e-7
         lon_deg = report.lon * 1e-7
         alt_msl_m = report.alt * 1e-3
-        origin = self._frame or LocalFrame(lat_deg, lon_deg, alt_msl_m)
+        origin = self._origin or LocalFrame(lat_deg, lon_deg, alt_msl_m)
         if position_problem(lat_deg, lon_deg, alt_msl_m, origin, _MAX_DISTANCE_M):
             return
-        self._frame = origin
-        time = Time.of(t_ns)
-        name = vehicle_name(frame.system_id)
-        frame_id = f"vehicle-{name}"
-        place = Vector3(*origin.to_local(lat_deg, lon_deg), alt_msl_m - origin.alt_msl_m)
+        self._origin = origin
         course_deg = 90.0 if report.hdg == _UNKNOWN_COURSE else report.hdg * 0.01
-        rotation = Quaternion.about_up(math.radians(90.0 - course_deg))
-        yield Message(f"/vehicle/{name}/fix", t_ns, LocationFix(time, frame_id, lat_deg, lon_deg, alt_msl_m))
-        yield Message("/tf", t_ns, FrameTransform(time, MAP_FRAME, frame_id, place, rotation))
+        place = Place(lat_deg, lon_deg, alt_msl_m)
+        yield from _position(t_ns, frame.system_id, place, origin, math.radians(course_deg))
+
+    def agent(self, t_ns: int, agent: AgentRecord) -> Iterator[Message]:
+        """Yield the reported position of an agent; nothing before its first one."""
+        mission = self._mission
+        if mission is None or agent.position_m is None or agent.alt_msl_m is None:
+            return
+        place = Place(*mission.local.to_geodetic(*agent.position_m), agent.alt_msl_m)
+        course_rad = 0.5 * math.pi if agent.course_rad is None else agent.course_rad
+        yield from _position(t_ns, agent.vehicle, place, mission.local, course_rad)
 
     def effect(self, t_ns: int, value: object) -> Iterator[Message]:
         """Yield the messages of an effect of the engine; nothing for those without one."""
         match value:
             case Plan():
-                yield from self._plan(t_ns, value)
+                yield from self.routes(t_ns, value.routes, value.changed)
             case Picture(kind="targets"):
                 yield from self._targets(t_ns, value)
             case Notice():
@@ -154,21 +169,28 @@ class FoxgloveMessages:
                 name = "swarm" if value.vehicle is None else f"vehicle {vehicle_name(value.vehicle)}"
                 yield Message("/notices", t_ns, Log(Time.of(t_ns), level, value.line, name))
 
-    def _plan(self, t_ns: int, plan: Plan) -> Iterator[Message]:
-        config = self._config
-        if config is None:
+    def routes(self, t_ns: int, routes: Iterable[Route], changed: Collection[int]) -> Iterator[Message]:
+        """Yield the present routes, if one is gone or changed.
+
+        Parameters
+        ----------
+        changed : collection of int
+            Vehicles with another route than before.
+        """
+        mission = self._mission
+        if mission is None:
             return
-        present = {route.vehicle: route for route in plan.routes}
+        present = {route.vehicle: route for route in routes}
         gone = self._routes.keys() - present.keys()
-        changed = [present[vehicle] for vehicle in plan.changed if vehicle in present]
-        if not gone and not changed:
+        new = [present[vehicle] for vehicle in changed if vehicle in present]
+        if not gone and not new:
             return
         self._routes = {vehicle: one for vehicle, one in self._routes.items() if vehicle in present}
-        self._routes |= {route.vehicle: planned_route(config, route, t_ns) for route in changed}
-        routes = self._routes.values()
-        yield _features("/map/routes", t_ns, (feature("route", r.name, line(r.places)) for r in routes))
+        self._routes |= {route.vehicle: mission.route(route, t_ns) for route in new}
+        shown = self._routes.values()
+        yield _features("/map/routes", t_ns, (feature("route", r.name, line(r.places)) for r in shown))
         deletions = [SceneEntityDeletion(Time.of(t_ns), _route_id(vehicle)) for vehicle in sorted(gone)]
-        entities = [self._route_entity(t_ns, route, config.local_frame) for route in changed]
+        entities = [self._route_entity(t_ns, route, mission.local) for route in new]
         yield Message("/scene/routes", t_ns, SceneUpdate(tuple(deletions), tuple(entities)))
 
     def _route_entity(self, t_ns: int, route: Route, frame: LocalFrame) -> SceneEntity:
@@ -185,18 +207,31 @@ class FoxgloveMessages:
         )
 
     def _targets(self, t_ns: int, picture: Picture) -> Iterator[Message]:
-        ground = self._ground
-        if ground is None:
+        mission = self._mission
+        if mission is None:
             return
-        found = [ground.target(picture.scan_t_ns, track) for track in picture.tracks if track.estimated]
+        found = [mission.target(picture.scan_t_ns, track) for track in picture.tracks if track.estimated]
         features = (one for target in found for one in target_features(target))
         yield _features("/map/targets", t_ns, features)
         labels = {target.label for target in found}
         gone = sorted(self._shown - labels)
         self._shown = labels
         deletions = [SceneEntityDeletion(Time.of(t_ns), target_name(label)) for label in gone]
-        entities = [_target_entity(t_ns, target, ground.to_local) for target in found]
+        entities = [_target_entity(t_ns, target, mission.to_local) for target in found]
         yield Message("/scene/targets", t_ns, SceneUpdate(tuple(deletions), tuple(entities)))
+
+
+def _position(
+    t_ns: int, vehicle: int, place: Place, origin: LocalFrame, course_rad: float
+) -> Iterator[Message]:
+    time = Time.of(t_ns)
+    name = vehicle_name(vehicle)
+    frame_id = f"vehicle-{name}"
+    lat_deg, lon_deg, alt_msl_m = place
+    moved = Vector3(*origin.to_local(lat_deg, lon_deg), alt_msl_m - origin.alt_msl_m)
+    rotation = Quaternion.about_up(0.5 * math.pi - course_rad)
+    yield Message(f"/vehicle/{name}/fix", t_ns, LocationFix(time, frame_id, lat_deg, lon_deg, alt_msl_m))
+    yield Message("/tf", t_ns, FrameTransform(time, MAP_FRAME, frame_id, moved, rotation))
 
 
 def _target_entity(
@@ -219,9 +254,9 @@ def _features(topic: str, t_ns: int, features: Iterable[dict[str, Any]]) -> Mess
     return Message(topic, t_ns, GeoJSON(msgspec.json.encode(collection).decode()))
 
 
+def _area_id(number: int) -> str:
+    return f"area {number}"
+
+
 def _route_id(vehicle: int) -> str:
     return f"route {vehicle_name(vehicle)}"
-
-
-def _area_name(area: Area) -> str:
-    return "inclusion area" if area.stay_in else "exclusion area or no-fly zone"

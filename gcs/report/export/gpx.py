@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import Final
 from xml.etree import ElementTree as ET
 
-from gcs.report.export.run_map import Place, RunMap, utc_text
+from gcs.report.export.mission_frame import Place
+from gcs.report.export.run_map import RunMap, utc_text
 
 _NAMESPACE: Final = "http://www.topografix.com/GPX/1/1"
 

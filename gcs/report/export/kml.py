@@ -10,7 +10,8 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 from xml.etree import ElementTree as ET
 
-from gcs.report.export.run_map import Place, RunMap, utc_text
+from gcs.report.export.mission_frame import Place
+from gcs.report.export.run_map import RunMap, utc_text
 
 _NAMESPACE: Final = "http://www.opengis.net/kml/2.2"
 _COLOURS: Final = {"flown": "ffb27200", "route": "ff73009e", "target": "ff005ed5", "loss": "ff1c19d7"}

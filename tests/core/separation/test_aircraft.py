@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from helpers.played_vehicle import ARDUPLANE, Stage
+from helpers.played_vehicle import AIR, ARDUPLANE, PEER, Stage
 from helpers.sky import Sky, fly_on
 from helpers.staging import S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.model import NoticeCode, Tick
+from gcs.mavlink.frames.codec import Encoder
+from gcs.model import Datagram, NoticeCode, Tick
 from sim_vehicles.autopilots.base import Mode
 
 GLIDER = 0x4CA2B1
@@ -127,3 +128,91 @@ def test_no_more_than_64_aircraft_are_kept(stage):
     for number in range(100):
         heard(stage, report(frame, 3000.0 + 10.0 * number, 0.0, 200.0, icao=GLIDER + number))
     assert len(aircraft(stage)) == 64
+
+
+MAC = [0x0A, 0x1B, 0x2C, 0x3D, 0x4E, 0x5F] + [0] * 14
+AIRBORNE, ON_GROUND = dialect.MAV_ODID_STATUS_AIRBORNE, dialect.MAV_ODID_STATUS_GROUND
+
+
+def drone(frame, east_m, north_m, *, mac=MAC, status=AIRBORNE, baro_m=-1000.0, hae_m=200.0, speed_cm_s=1200):
+    lat_deg, lon_deg = frame.to_geodetic(east_m, north_m)
+    return dialect.MAVLink_open_drone_id_location_message(
+        0, 0, mac, status, 9000, speed_cm_s, -50, round(lat_deg * 1e7), round(lon_deg * 1e7), baro_m, hae_m,
+        0, -1000.0, 0, 0, 0, 0, 0.0, 0,
+    )  # fmt: skip
+
+
+def received(stage, message):
+    """Hear a message of the receiver on vehicle 1, and not of its autopilot."""
+    encode = Encoder(1, dialect.MAV_COMP_ID_ODID_TXRX_1)
+    stage.step(Datagram(stage.t_ns, AIR, PEER, encode(message)))
+    return aircraft(stage)
+
+
+def named(serial, mac=MAC):
+    text = list(serial.ljust(20, b"\0"))
+    return dialect.MAVLink_open_drone_id_basic_id_message(0, 0, mac, 1, 2, text)
+
+
+def test_a_drone_received_by_remote_id_is_traffic_with_its_serial_number(stage):
+    frame = stage.engine.config.local_frame
+    (one,) = received(stage, drone(frame, 3000.0, 50.0)).values()
+    assert (one.east_m, one.north_m) == pytest.approx((3000.0, 50.0), abs=0.1)
+    assert (one.alt_msl_m, one.height_error_m) == (200.0, 110.0)
+    assert (one.speed_m_s, one.climb_m_s) == (12.0, -0.5)
+    assert one.course_rad == pytest.approx(np.pi / 2)
+    received(stage, named(b"1581F\x1b[2J"))
+    ((number, one),) = received(stage, drone(frame, 3012.0, 50.0, baro_m=180.0)).items()
+    assert one.callsign == "1581F\N{REPLACEMENT CHARACTER}[2J"
+    assert (one.alt_msl_m, one.height_error_m) == (180.0, 100.0)
+    name = stage.engine.stages.air_traffic.name(number)
+    assert name.startswith("drone ")
+    assert name.endswith("(1581F\N{REPLACEMENT CHARACTER}[2J)")
+    assert len(aircraft(stage)) == 1
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"mac": [0] * 20},  # a vehicle describes itself to its transmitter
+        {"status": ON_GROUND},
+        {"hae_m": -1000.0},
+        {"hae_m": float("nan")},
+        {"east_m": 90_000.0},
+    ],
+)
+def test_what_a_vehicle_says_of_itself_and_what_has_no_height_is_no_traffic(stage, fields):
+    given = {"east_m": 3000.0, "north_m": 0.0} | fields
+    assert not received(stage, drone(stage.engine.config.local_frame, **given))
+
+
+def test_what_an_autopilot_says_is_of_its_own_vehicle(stage):
+    assert not heard(stage, drone(stage.engine.config.local_frame, 3000.0, 0.0))
+
+
+def test_unknown_speeds_of_a_drone_are_none(stage):
+    (one,) = received(stage, drone(stage.engine.config.local_frame, 3000.0, 0.0, speed_cm_s=25_500)).values()
+    assert one.speed_m_s == 0.0
+
+
+def test_drones_are_bounded_with_the_other_aircraft(stage):
+    frame = stage.engine.config.local_frame
+    for number in range(100):
+        received(stage, drone(frame, 3000.0 + 10.0 * number, 0.0, mac=[number + 1] * 20))
+    assert len(aircraft(stage)) == 64
+
+
+def test_a_drone_on_a_collision_course_is_told_and_the_vehicle_holds():
+    """As an aircraft: both would be at one place in 40 s."""
+    sky = fly_on(Sky((300.0, 300.0, 60.0), courses_deg=[45.0]), 10.0)
+    plane, frame = sky.planes[1], sky.run_.scenario.config.local_frame
+    for k in range(30):
+        ahead_m = 18.0 * (30.0 - k)
+        east_m = plane.east_m + ahead_m * np.sin(plane.airframe.heading_rad)
+        north_m = plane.north_m + ahead_m * np.cos(plane.airframe.heading_rad)
+        message = drone(frame, east_m, north_m, hae_m=130.0, speed_cm_s=0)
+        sky.run_.engine.stages.air_traffic.receive(message, sky.run_.t_ns)
+        fly_on(sky, 1.0)
+    near = sky.told(NoticeCode.AIRCRAFT_NEAR)
+    assert near
+    assert near[0][1].parameters["aircraft"].startswith("drone ")

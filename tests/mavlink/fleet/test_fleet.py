@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.endpoints import Link, parse_endpoint
 from gcs.geo import LocalFrame
-from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
+from gcs.mavlink.fleet.fleet import TRAFFIC, Fleet, FleetSettings
 from gcs.mavlink.fleet.notice_queue import RepeatLimit
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder, decode
 from gcs.mavlink.mission.items import Home
@@ -500,3 +501,47 @@ def test_a_wind_that_is_no_number_leaves_a_state_that_a_restart_can_read():
         assert link.wind_m_s is None
     air.hear(1.5, dialect.MAVLink_wind_cov_message(0, math.nan, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     assert link.wind_m_s is None
+
+
+# ---------------------------------------------------------------- receivers of aircraft
+
+GROUND = Link(parse_endpoint("udpin:0.0.0.0:14570"), traffic=True)
+ADSB = dialect.MAVLink_adsb_vehicle_message(1, 0, 0, 0, 0, 0, 0, 0, b"X", 0, 0, 0, 0)
+DRONE = dialect.MAVLink_open_drone_id_location_message(
+    0, 0, [1] * 20, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0
+)  # fmt: skip
+
+
+def told_by(system_id, component_id, link, *, heard_first=True):
+    """Message ids that a fleet returns of a sender, who may be vehicle 1 at its address."""
+    fleet = Fleet((1,), FRAME, links=[RADIO, GROUND], extra_ids=TRAFFIC)
+    if heard_first:
+        beats = b"".join(Encoder(1, 1)(message) for message in (beat(), position(1)))
+        fleet.receive(Datagram(S, RADIO.name, HERE, beats))
+    data = b"".join(Encoder(system_id, component_id)(message) for message in (ADSB, DRONE))
+    return [message.get_type() for _, message in fleet.receive(Datagram(2 * S, link.name, HERE, data))]
+
+
+RADIO = Link(parse_endpoint("udpin:0.0.0.0:14550"))
+BOTH = ["ADSB_VEHICLE", "OPEN_DRONE_ID_LOCATION"]
+RECEIVER = dialect.MAV_COMP_ID_ODID_TXRX_1
+
+
+@pytest.mark.parametrize(
+    ("system_id", "component_id", "link", "expected"),
+    [
+        (1, RECEIVER, RADIO, BOTH),  # on a vehicle
+        (1, 1, RADIO, ["ADSB_VEHICLE"]),  # an autopilot: Remote ID of its own vehicle
+        (51, RECEIVER, GROUND, BOTH),
+        (51, RECEIVER, RADIO, []),  # a receiver that nobody has allowed
+    ],
+)
+def test_aircraft_are_heard_from_receivers_on_vehicles_and_where_a_link_allows_them(
+    system_id, component_id, link, expected
+):
+    assert told_by(system_id, component_id, link) == expected
+
+
+def test_nobody_poses_as_the_receiver_on_a_vehicle_from_elsewhere():
+    assert told_by(1, RECEIVER, RADIO, heard_first=False) == []
+    assert told_by(1, RECEIVER, GROUND) == []  # the vehicle is heard on the other link

@@ -1,0 +1,94 @@
+"""Foxglove would show another picture of a flight than of its recording: a real WebSocket, a real process."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import jsonschema
+import pytest
+from websockets.sync.client import ClientConnection, connect
+
+from gcs.config import load
+
+pytest.importorskip("foxglove", reason="foxglove-sdk is not installed: pip install '.[foxglove]'")
+
+GCS = [sys.executable, "-P", "-m", "gcs", "foxglove"]
+WAIT_S = 30.0
+MESSAGE_DATA = 1
+"""Operation code: then come the subscription (u32) and the time (u64), little-endian."""
+FIX = "/vehicle/1/fix"
+
+
+@contextmanager
+def foxglove(endpoint: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    command = [*GCS, "--connect", endpoint, "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            found = re.search(r"ws://\S+\d", line)
+            assert found is not None, line + process.stdout.read()
+            yield process, found[0].replace("localhost", "127.0.0.1")
+        finally:
+            process.kill()
+
+
+def display(url: str) -> ClientConnection:
+    return connect(url, subprotocols=["foxglove.sdk.v1"], proxy=None, max_size=None)
+
+
+def received(client: ClientConnection, *topics: str) -> dict[str, tuple[dict[str, Any], list[Any]]]:
+    """Subscribe to topics as they are advertised; return each channel, and messages of it."""
+    found: dict[str, tuple[dict[str, Any], list[Any]]] = {}
+    until_s = time.monotonic() + WAIT_S
+    while not (set(topics) <= found.keys() and all(found[topic][1] for topic in topics)):
+        message = client.recv(until_s - time.monotonic())
+        if isinstance(message, str):
+            for channel in json.loads(message).get("channels", []):
+                found[channel["topic"]] = channel, []
+                wanted = [{"id": channel["id"], "channelId": channel["id"]}]
+                client.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+        elif message[0] == MESSAGE_DATA:
+            subscription, _ = struct.unpack_from("<IQ", message, 1)
+            (topic,) = [topic for topic, (channel, _) in found.items() if channel["id"] == subscription]
+            found[topic][1].append(json.loads(message[13:]))
+    return found
+
+
+def test_a_display_gets_positions_areas_and_notices_with_their_schemas(fly, launch):
+    config = load("prescribed")
+    with fly(config=config) as flight:
+        launch(flight)
+        circle = {"name": "fire", "circle": [700.0, 500.0, 60.0]}
+        zone = {"action": "no-fly-zone", "vehicles": "all", "no_fly_zone": circle}
+        assert flight.request("/api/orders?wait_s=10", zone)[0] == 200
+        with foxglove(flight.endpoint) as (process, url):
+            with display(url) as client:
+                found = received(client, FIX, "/tf", "/map/areas", "/notices")
+            for channel, messages in found.values():
+                assert channel["encoding"] == "json"
+                assert channel["schemaEncoding"] == "jsonschema"
+                for message in messages:
+                    jsonschema.validate(message, json.loads(channel["schema"]))
+            channel, (fix, *_) = found[FIX]
+            assert channel["schemaName"] == "foxglove.LocationFix"
+            place = config.local_frame.to_local(fix["latitude"], fix["longitude"])
+            assert place[1] == pytest.approx(300.0, abs=50.0)  # as launched
+            with display(url) as late:  # areas are sent once, and again to who comes later
+                assert received(late, "/map/areas", "/scene/areas")
+            taken = url.rpartition(":")[2]
+            second = [*GCS, "--connect", flight.endpoint, "--port", taken]
+            done = subprocess.run(second, capture_output=True, text=True, timeout=WAIT_S, check=False)
+            assert done.returncode == 2
+            assert f"port {taken} cannot be opened" in done.stderr
+            process.send_signal(signal.SIGINT)
+            assert process.wait(10.0) == 0
