@@ -44,7 +44,7 @@ from gcs.model import (
 )
 
 SENSOR_NAME: Final = r"^[A-Za-z0-9_-]{1,64}$"
-_EFFECT_KEYS: Final[dict[type, str]] = {
+EFFECT_KEYS: Final[dict[type, str]] = {
     Plan: "plan",
     UploadReport: "upload",
     AgentStatus: "agent_status",
@@ -138,7 +138,7 @@ def effect_key(mission: str, effect: Effect) -> str:
     """
     if isinstance(effect, Picture):
         return f"swarm/{mission}/picture/{effect.kind}"
-    name = _EFFECT_KEYS.get(type(effect))
+    name = EFFECT_KEYS.get(type(effect))
     if name is None:
         raise TypeError(f"{type(effect).__name__} is not published")
     return f"swarm/{mission}/{name}"
