@@ -34,6 +34,10 @@ AT_ROOT: Final = {
 PACKAGES: Final = ("gcs.tracking", "gcs.planning", "gcs.mavlink", "gcs.io.vehicles")
 """Packages whose public names (`__all__`) are documented."""
 
+MERMAID: Final = ROOT / "node_modules" / "@mermaid-js" / "tiny" / "dist" / "mermaid.tiny.js"
+"""The library that draws diagrams, of `npm ci`."""
+_MERMAID_URI: Final = "assets/mermaid.js"
+
 _LINK: Final = re.compile(r"(?<=\]\()([^)\s#]+)(?=[#)])")
 _TABLE: Final = re.compile(r"(?:# )?\[\[?(\w+)")
 
@@ -48,6 +52,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     }
     for uri, text in pages.items():
         files.append(File.generated(config, uri, content=text))
+    if MERMAID.is_file():
+        files.append(File.generated(config, _MERMAID_URI, abs_src_path=str(MERMAID)))
     sources = [*(ROOT / name for name in AT_ROOT), *sorted(DOCS.rglob("*.md"))]
     for path in sorted({path for source in sources for path in linked(source)}):
         uri = uri_of(path)
@@ -70,6 +76,19 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
 
     # Python-Markdown shows the backslash of a `|` that is code in a table; GitHub needs it.
     return _LINK.sub(link, re.sub(r"`[^`\n]+`", lambda code: code[0].replace(r"\|", "|"), markdown))
+
+
+def on_page_content(html: str, page: Page, files: Files, **_: Any) -> str:
+    """Load mermaid from the site on pages with diagrams; without it show their text.
+
+    The theme would load it from another host.
+    """
+    if 'class="mermaid"' not in html:
+        return html
+    library = files.get_file_from_path(_MERMAID_URI)
+    if library is None:
+        return html.replace('<pre class="mermaid">', "<pre>")
+    return f'<script src="{library.url_relative_to(page.file)}"></script>\n{html}'
 
 
 def target(source: Path, link: str) -> Path | None:

@@ -43,3 +43,20 @@ def test_the_site_is_built_without_a_warning_and_is_complete(tmp_path: Path) -> 
     copies = set(re.findall(r'href="\.\./(files/[^"]+)"', guide))
     assert len(copies) == 3
     assert all((tmp_path / copy).is_file() for copy in copies)
+    assert 'id="swarmstatus"' in page("messages")
+    check_that_nothing_is_loaded_from_elsewhere(tmp_path)
+
+
+def check_that_nothing_is_loaded_from_elsewhere(site: Path) -> None:
+    """Of scripts, styles, fonts and pictures; the theme would get mermaid from another host."""
+    loads = re.compile(
+        r'<(?:script|img|iframe|source)\b[^>]*\bsrc="?(https?:)?//|<link\b[^>]*\bhref="?(https?:)?//'
+    )
+    pages = {path: path.read_text(encoding="utf-8") for path in site.rglob("*.html")}
+    assert [path for path, text in pages.items() if loads.search(text)] == []
+    styles = [path for path in site.rglob("*.css") if re.search(r"url\([\"']?(https?:)?//", path.read_text())]
+    assert styles == []
+    drawn = [text for text in pages.values() if 'class="mermaid"' in text]
+    assert all('assets/mermaid.js"></script>' in text for text in drawn)
+    assert bool(drawn) is (site / "assets" / "mermaid.js").is_file()
+    assert "stateDiagram-v2" in pages[site / "missions" / "index.html"]

@@ -1,6 +1,6 @@
 """Key expressions on zenoh. `KEYS` is the table of all; those of a mission begin with ``swarm/<mission>``.
 
-`gcs.io.zenoh.key_page` makes the page in the documentation from it. Payloads are the JSON of
+`tests/helpers/key_page.py` makes the page in the documentation from it. Payloads are the JSON of
 `gcs.io.records`; scans and orders have own forms (`gcs.io.zenoh.scans`, `gcs.io.zenoh.order_messages`),
 consoles theirs (`gcs.console.remote.messages`). Who may use which key: `gcs.io.zenoh.access_control`.
 """
@@ -154,7 +154,7 @@ def effect_key(mission: str, effect: Effect) -> str:
     """
     if isinstance(effect, Picture):
         return f"swarm/{mission}/picture/{effect.kind}"
-    name = _EFFECT_KEYS.get(type(effect))
+    name = EFFECT_KEYS.get(type(effect))
     if name is None:
         raise TypeError(f"{type(effect).__name__} is not published")
     return f"swarm/{mission}/{name}"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from helpers.key_page import key_page
 
 from gcs.geo import LocalFrame
 from gcs.io.zenoh.access_control import RIGHTS
@@ -28,7 +29,6 @@ from gcs.io.zenoh.key_expressions import (
     status_request_key,
     truth_key,
 )
-from gcs.io.zenoh.key_page import key_page
 from gcs.io.zenoh.scans import decode_scan
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 
@@ -39,7 +39,7 @@ NEWS_S = 20.0
 
 def test_the_page_is_made_from_the_table() -> None:
     page = (ROOT / "docs" / "zenoh.md").read_text(encoding="utf-8")
-    assert page == key_page(), "run: python -m gcs.io.zenoh.key_page > docs/zenoh.md"
+    assert page == key_page(), "run: python tests/helpers/key_page.py > docs/zenoh.md"
 
 
 def test_every_key_that_is_used_is_in_the_table() -> None:
