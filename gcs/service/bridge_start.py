@@ -133,6 +133,11 @@ class BridgeProcess:
         self.settings = running.settings
         self.started = running.started
 
+    def is_of_other_node(self) -> bool:
+        """Return True if the bridge runs, and the node that looks after it, too."""
+        running = self._noted()
+        return running is not None and _is_bridge(running.pid) and is_running(running.command_pid)
+
     def _noted(self) -> Running | None:
         """Return the bridge that was noted last on this machine."""
         with contextlib.suppress(OSError, msgspec.DecodeError):
@@ -290,6 +295,14 @@ def bridges_of(
                 goes_on = found.go_on
     finally:
         process.end(goes_on=goes_on)
+
+
+def is_bridge_of_other_node(config: Config, source: str, links: Sequence[Link]) -> bool:
+    """Return True if the bridge of this machine belongs to the other node of a mission with a standby."""
+    if config.links.bridges or not config.links.standby:
+        return False
+    settings = bridge_settings(config, source, links)
+    return BridgeProcess(settings, _file_of(settings)).is_of_other_node()
 
 
 @contextlib.contextmanager

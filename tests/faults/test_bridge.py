@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from helpers.heartbeat_tap import HeartbeatTap
 from helpers.noticed import noticed
-from helpers.processes import Run, bridges, free_port
+from helpers.processes import Run, bridges, free_port, node_of
 
 from gcs.io.zenoh.session import free_endpoint
 from gcs.model import AgentStatus, Notice, NoticeCode, Resumed, Scan, Tick, UploadReport
@@ -151,16 +151,16 @@ def test_a_standby_takes_over_and_nothing_is_uploaded_again(flight: Flight, stop
     standby = standby_of(flight, "second")
     time.sleep(2.0)
     begin_s = time.monotonic()
-    first.send_signal(stop)
+    node = node_of(first)
+    node.send_signal(stop)
     flight.run.until("second", lambda said: "takes over" in said, 10.0)
     took_s = time.monotonic() - begin_s
     flight.run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
     assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < MAX_GAP_S
     assert took_s < 5.0
     if stop == signal.SIGSTOP:  # it must not command any more
-        first.send_signal(signal.SIGCONT)
-        assert first.wait(20.0) != 0
-        assert "commands the vehicles" in flight.run.printed("first")
+        node.send_signal(signal.SIGCONT)
+        flight.run.until("first", lambda said: "commands the vehicles" in said, 20.0)
         (resumed,) = flight.run.all("second", Resumed)
         assert flight.run.all("first", Tick)[-1].t_ns < resumed.t_ns  # nor answer orders
     flight.run.until("second", lambda _: bool(flight.run.all("second", Scan)), 10.0)
@@ -177,11 +177,12 @@ def test_a_command_that_was_replaced_leaves_the_bridge_to_the_standby(flight: Fl
     standby_of(flight, "second")
     (bridge,) = bridges(tmp_path)
     begin_s = time.monotonic()
-    first.send_signal(signal.SIGSTOP)
+    node = node_of(first)
+    node.send_signal(signal.SIGSTOP)
     flight.run.until("second", lambda said: "takes over" in said, 10.0)
-    first.send_signal(signal.SIGCONT)
-    assert first.wait(20.0) != 0
-    time.sleep(2.0)
+    node.send_signal(signal.SIGCONT)
+    flight.run.until("first", lambda said: "commands the vehicles" in said, 20.0)
+    flight.run.until("first", lambda said: "follows it" in said)
     assert bridges(tmp_path) == [bridge]
     assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < MAX_GAP_S
 
@@ -210,6 +211,30 @@ def test_a_standby_starts_the_bridge_again_that_ended_with_command(flight: Fligh
     flight.run.until("second", lambda said: "takes over" in said, 20.0)
     flight.run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
     assert not flight.run.all("second", UploadReport)
+
+
+def test_a_node_that_was_killed_becomes_the_standby_of_the_one_that_took_over(
+    flight: Flight, tmp_path: Path
+) -> None:
+    with_standby(flight)
+    first = flight.serve("first")
+    second = standby_of(flight, "second")
+    begin_s = time.monotonic()
+    node_of(first).kill()
+    flight.run.until("second", lambda said: "takes over" in said, 10.0)
+    flight.run.until("first", lambda said: "follows it" in said)
+    node_of(second).kill()
+    flight.run.until("first", lambda said: "takes over" in said, 10.0)
+    flight.run.until("second", lambda said: said.count("follows it") == 2)
+    flight.run.until_told("first-2", NoticeCode.ONBOARD_VERIFIED, 4)
+    assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < MAX_GAP_S
+    first.send_signal(signal.SIGINT)
+    assert first.wait(20.0) == 0
+    assert second.wait(20.0) == 0  # with command
+    for name in ("second", "first-2"):
+        assert not flight.run.all(name, UploadReport)
+        assert not lost(flight, name)
+    assert not bridges(tmp_path)
 
 
 def test_a_standby_ends_with_a_command_that_ends_in_order(flight: Flight) -> None:

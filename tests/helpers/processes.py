@@ -136,6 +136,19 @@ class Run:
         self.world.wait(20.0)
 
 
+def node_of(process: subprocess.Popen[bytes]) -> psutil.Process:
+    """Return the node of a supervisor, as soon as it runs (`gcs.service.node_supervisor`)."""
+    deadline = time.monotonic() + 30.0
+    supervisor = psutil.Process(process.pid)
+    while time.monotonic() < deadline:
+        with suppress(psutil.NoSuchProcess):
+            for child in supervisor.children():
+                if child.cmdline() == supervisor.cmdline() and child.status() != psutil.STATUS_ZOMBIE:
+                    return child
+        time.sleep(0.02)
+    raise AssertionError("no node")
+
+
 def bridges(folder: Path) -> list[psutil.Process]:
     """Return the bridges that services of a test have started: their runtime folder is its own."""
     found = []
