@@ -13,8 +13,9 @@ from helpers.heartbeat_tap import HeartbeatTap
 from helpers.noticed import noticed
 from helpers.processes import Run, bridges, free_port, node_of
 
+from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.io.zenoh.session import free_endpoint
-from gcs.model import AgentStatus, Notice, NoticeCode, Resumed, Scan, Tick, UploadReport
+from gcs.model import NS_PER_S, AgentStatus, Notice, NoticeCode, Resumed, Scan, Tick, UploadReport
 
 STOPPED_S = 5.0
 MAX_GAP_S = 1.5
@@ -65,6 +66,13 @@ def standby_of(flight: Flight, name: str) -> subprocess.Popen[bytes]:
     return standby
 
 
+def frames_of(folder: Path) -> Iterator[LogFrame]:
+    """Yield the frames that a bridge has kept."""
+    for part in sorted(folder.glob("*.tlog")):
+        with part.open("rb") as file:
+            yield from (entry for entry in read_log(file) if isinstance(entry, LogFrame))
+
+
 def lost(flight: Flight, name: str) -> list[AgentStatus]:
     return [one for one in flight.run.all(name, AgentStatus) if one.status == "lost"]
 
@@ -112,9 +120,14 @@ def test_without_a_command_the_heartbeats_end_after_the_time_of_a_failover(
     (bridge,) = bridges(tmp_path)
     service.kill()
     killed_s = time.monotonic()
+    killed_unix_s = time.time()
     bridge.wait(FAILOVER_S + 10.0)
     last_s = [max(times) for times in flight.tap.heard_s.values()]
     assert all(FAILOVER_S - MAX_GAP_S < one - killed_s < FAILOVER_S + MAX_GAP_S for one in last_s)
+    kept = list(frames_of(tmp_path / "deterministic-bridge-main"))
+    for vehicle in range(1, 5):  # in no recording of command
+        times_ns = [one.t_ns for one in kept if one.frame.system_id == vehicle]
+        assert max(times_ns) / NS_PER_S > killed_unix_s + FAILOVER_S - MAX_GAP_S
 
 
 @pytest.mark.parametrize(

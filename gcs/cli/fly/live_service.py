@@ -84,11 +84,11 @@ def serve(
     warm_up(console, *flying(config))
     follows = is_standby or is_bridge_of_other_node(config, source, config.mavlink_links)
     connected = bridges_for_standby if follows else bridges_of
+    journal = Journal(journal_path or default_path(config.name), config.name, fingerprint(text, seed))
     name = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}"
-    belongs_to = fingerprint(text, seed)
     with (
         off_loop(console) as view,
-        connected(config, source, config.mavlink_links, Scanner()) as links,
+        connected(config, source, config.mavlink_links, Scanner(), journal.path.parent) as links,
     ):
         flight = _Flight(
             config=config,
@@ -99,8 +99,8 @@ def serve(
             view=view,
             links=links,
             record=partial(open_recorder, out, name, text, Run(config.name, seed), config.recording),
-            journal=Journal(journal_path or default_path(config.name), config.name, belongs_to),
-            fingerprint=belongs_to,
+            journal=journal,
+            fingerprint=journal.belongs_to,
             clock=clock,
             page=page,
             resume=resume,
