@@ -22,7 +22,7 @@ from helpers.slow_network import SlowNetwork
 
 PROGRAM: Final = (sys.executable, "-P", "-c", "from helpers.rewired import main; main()")
 """`gcs` with the paths and the clock of a node."""
-_HELPERS: Final = str(Path(__file__).parents[1])
+_HELPERS: Final = str(Path(__file__).resolve().parents[1])
 _DELAY_S: Final = 2.0
 _LOSS: Final = 0.3
 _DISK_LEFT: Final = 30_000
