@@ -79,6 +79,8 @@ class Flight:
     pictures: list[tuple[str, bytes]] = field(default_factory=list)
     """Pictures of all nodes, with their keys."""
     truths: list[bytes] = field(default_factory=list)
+    begun_unix_s: list[float] = field(default_factory=list)
+    """Beginning of each fault."""
     healed: list[tuple[str, float]] = field(default_factory=list)
     """Faults, and the Unix times of their ends."""
     scans_to_picture: list[int] = field(default_factory=list)
@@ -235,6 +237,7 @@ class ChaosRun:
             self._around.harm_radio(fault)
             return
         self._wait_for_standby()
+        self.flight.begun_unix_s.append(time.time())
         if fault.part == "bridge":
             self._harm_bridge(fault)
         elif fault.part == "standby":

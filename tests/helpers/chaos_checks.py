@@ -6,6 +6,7 @@ from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from itertools import groupby, pairwise
+from math import inf
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -125,6 +126,10 @@ def _unix_s(flight: Flight, t_ns: int) -> float:
     return (flight.epoch_ns + (t_ns - flight.epoch_ns) / flight.speed) / NS_PER_S
 
 
+def _t_ns(flight: Flight, unix_s: float) -> int:
+    return flight.epoch_ns + int((unix_s * NS_PER_S - flight.epoch_ns) * flight.speed)
+
+
 def _two_nodes(flight: Flight, kept: list[_Kept], sent: list[Sent]) -> Iterator[str]:
     """Datagrams of two nodes must not alternate at one vehicle: each node has one period of time."""
     times = defaultdict[tuple[str, bytes], dict[str, list[float]]](dict)
@@ -229,14 +234,16 @@ def _wrong_pictures(flight: Flight) -> Iterator[str]:
     for key, payload in flight.pictures:
         picture = decode_record(key, payload, Picture)
         pictures[picture.scan_t_ns].append(picture)
-    for fault, healed_unix_s in flight.healed:
-        healed_t_ns = flight.epoch_ns + int((healed_unix_s * NS_PER_S - flight.epoch_ns) * flight.speed)
-        later = sorted(t_ns for t_ns in truths if t_ns > healed_t_ns)
+    begun_t_ns = [_t_ns(flight, begun) for begun in flight.begun_unix_s]
+    for number, (fault, healed_unix_s) in enumerate(flight.healed, 1):
+        next_t_ns = begun_t_ns[number] if number < len(begun_t_ns) else inf
+        later = sorted(t_ns for t_ns in truths if _t_ns(flight, healed_unix_s) < t_ns < next_t_ns)
         right = (n for n, t_ns in enumerate(later, 1) if _is_right(truths[t_ns], pictures[t_ns]))
-        scans = next(right, len(later))
-        flight.scans_to_picture.append(scans)
-        if scans > _PICTURE_SCANS:
-            yield f"after {fault} the picture was right after {scans} scans"
+        scans = next(right, None)
+        if scans is not None:
+            flight.scans_to_picture.append(scans)
+        if (len(later) if scans is None else scans) > _PICTURE_SCANS:
+            yield f"after {fault} the picture was right after {scans or len(later)} scans"
 
 
 def _is_right(truth: Truth, pictures: list[Picture]) -> bool:
