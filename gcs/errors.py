@@ -73,6 +73,10 @@ class NoAnswerError(LinkError):
     """A running service does not answer."""
 
 
+class ReplacedError(LinkError):
+    """Another node of the mission commands the vehicles."""
+
+
 class WireError(GcsError):
     """A payload from outside is malformed; ``key`` is its source."""
 

@@ -9,15 +9,15 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from gcs.errors import GcsError, InterruptedRunError, NoAnswerError
+from gcs.errors import GcsError, InterruptedRunError, NoAnswerError, ReplacedError
 from gcs.io.console import console_for
 
 
 def print_error(error: GcsError, console: Console | None = None) -> int:
     """Print an error as one line on a console, by default on stderr; return the exit code.
 
-    The code is 130 after Ctrl-C, 1 when no service answers, else 2. The text is not read as markup: file
-    names may have brackets.
+    The code is 130 after Ctrl-C, 1 when no service answers or another one commands, else 2. The text is not
+    read as markup: file names may have brackets.
     """
     if isinstance(error, InterruptedRunError):
         line = Text.assemble(("interrupted: ", "yellow"), str(error))
@@ -27,7 +27,7 @@ def print_error(error: GcsError, console: Console | None = None) -> int:
     console.print(line, highlight=False, soft_wrap=True)
     if isinstance(error, InterruptedRunError):
         return 130
-    return 1 if isinstance(error, NoAnswerError) else 2
+    return 1 if isinstance(error, NoAnswerError | ReplacedError) else 2
 
 
 @contextmanager

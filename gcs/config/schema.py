@@ -245,6 +245,8 @@ class RecordingTable(Table, frozen=True, kw_only=True):
     """Maximum size of a run; then the recording ends and the flight goes on."""
     min_free_mb: Annotated[float, Meta(ge=0.0, le=1e7)] = 200.0
     """Free disk space that a recording leaves."""
+    bridge_mb: Annotated[float, Meta(ge=0.0, le=1e6)] = 200.0
+    """Frames that each bridge keeps by itself; the oldest ones are deleted. 0: none."""
 
 
 class EndpointTable(Table, frozen=True, kw_only=True):

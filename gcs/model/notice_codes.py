@@ -1406,6 +1406,22 @@ class NoticeCode(TableCode):
         "check those bridges, and the network to them; see failover",
     )
     LEASE_AGAIN = _link("lease-again", _I, "commands the vehicles again", ends="lease-missing")
+    BRIDGE_UNRECORDED = _link(
+        "bridge-unrecorded",
+        _W,
+        "its frames are not recorded: {problem}",
+        "what the bridge hears while command is dead is in no recording",
+        "make space on the disk of the bridge, or make its folder writable",
+    )
+    BRIDGE_RECORDED = _link("bridge-recorded", _I, "its frames are recorded again", ends="bridge-unrecorded")
+    STANDBY_MISSING = _link(
+        "standby-missing",
+        _W,
+        "no standby follows: if this service ends, no other node takes over",
+        "the standby was not started, has ended, or does not reach this node",
+        "start it; see failover",
+    )
+    STANDBY_FOLLOWS = _link("standby-follows", _I, "a standby follows", ends="standby-missing")
     BRIDGE_REFUSED = _link(
         "bridge-refused",
         _W,

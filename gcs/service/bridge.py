@@ -34,6 +34,7 @@ from gcs.io.cluster.bridge_messages import (
 )
 from gcs.io.event_loop import on_loop
 from gcs.io.links.manager import Links
+from gcs.io.recording.frame_log import FrameLog
 from gcs.io.zenoh.key_expressions import bridge_key
 from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.frames.codec import FrameTable
@@ -42,6 +43,7 @@ from gcs.model import NS_PER_S, Notice, NoticeCode, Parameter, network_of
 
 _TICK_S: Final = 0.05
 _STATUS_S: Final = 1.0
+_END_S: Final = 1.0
 _COLLECT_S: Final = 0.005
 """Time in which datagrams are collected for one message: each message costs as much as ten datagrams."""
 _MAX_OFF_NS: Final = NS_PER_S
@@ -69,6 +71,8 @@ class Bridge:
         Session at which command connects.
     failover_s : float
         Time after the last sign of command for which heartbeats go on.
+    frame_log : FrameLog, optional
+        Where its frames are kept.
     is_only : bool
         True if the mission has no other bridge.
     """
@@ -81,6 +85,7 @@ class Bridge:
         name: str,
         bus: ZenohSession,
         failover_s: float,
+        frame_log: FrameLog | None = None,
         *,
         is_only: bool = True,
     ) -> None:
@@ -95,6 +100,11 @@ class Bridge:
         self._busy: frozenset[int] = frozenset()
         self._packets: list[Packet] = []
         self._notices: list[Notice] = []
+        self._frame_log = frame_log
+        self._frames: list[tuple[int, bytes]] = []
+        """Datagrams that wait for the log, both ways."""
+        self._frames_writer = BackgroundWriter("frames", _MAX_UNSENT)
+        self._is_unrecorded = False
         self._number = 0
         self._boot = secrets.randbits(63)
         self._lease = start_lease(self._boot, steady_ns(), is_only_bridge=is_only)
@@ -117,6 +127,7 @@ class Bridge:
         self._bus.answer(self._key("lease"), partial(self._on_ask, loop))
         timers = [loop.create_task(self._repeat(_TICK_S, self._tick))]
         timers.append(loop.create_task(self._repeat(_STATUS_S, self._publish_status)))
+        timers.append(loop.create_task(self._repeat(_STATUS_S, self._keep_frames)))
         try:
             stopped = loop.create_task(stop.wait())
             await asyncio.wait({stopped, *timers}, return_when=asyncio.FIRST_COMPLETED)
@@ -127,6 +138,8 @@ class Bridge:
             for timer in timers:
                 timer.cancel()
             self.links.close()
+            self._keep_frames()
+            self._frames_writer.drain(_END_S)
 
     async def _repeat(self, period_s: float, action: Callable[[], None]) -> None:
         while True:
@@ -140,7 +153,7 @@ class Bridge:
         t_ns = self.now_ns()
         self.links.tick(t_ns)
         for (link, peer), data in self._heartbeats.due(t_ns):
-            self.links.send(link, peer, data)
+            self._send(t_ns, link, peer, data)
         if self._dropped:
             self.on_notice("bridge", NoticeCode.BRIDGE_UNREAD, count=self._dropped)
             self._dropped = 0
@@ -169,6 +182,7 @@ class Bridge:
         """Pass a datagram on to command."""
         self._flush_soon()
         self._packets.append(Packet(link, peer, frames.data))
+        self._note_frames(self.now_ns(), frames.data)
 
     def on_notice(self, subject: str, code: NoticeCode, /, **parameters: Parameter) -> None:
         """Pass a notice on to command."""
@@ -229,6 +243,25 @@ class Bridge:
         )
         self._publish("status", status)
 
+    # ------------------------------------------------------------ frames
+
+    def _note_frames(self, t_ns: int, data: bytes) -> None:
+        if self._frame_log is not None:
+            self._frames.append((t_ns, data))
+
+    def _keep_frames(self) -> None:
+        """Write what was received and sent since the last time, on a thread; tell when that fails."""
+        log = self._frame_log
+        frames = self._frames
+        self._frames = []
+        if log is None or not frames:
+            return
+        self._frames_writer.put(partial(log.write, frames))
+        if bool(log.problem) is not self._is_unrecorded:
+            self._is_unrecorded = bool(log.problem)
+            code = NoticeCode.BRIDGE_UNRECORDED if log.problem else NoticeCode.BRIDGE_RECORDED
+            self.on_notice("bridge", code, **({"problem": log.problem} if log.problem else {}))
+
     # ------------------------------------------------------------ from command
 
     def _on_ask(
@@ -266,10 +299,14 @@ class Bridge:
             self.links.picture(message.targets)
         for packet in message.packets:
             self._heartbeats.note_sent(t_ns, (packet.link, packet.peer), packet.data)
-            self.links.send(packet.link, packet.peer, packet.data)
+            self._send(t_ns, packet.link, packet.peer, packet.data)
         if message.ends:
             self.has_ended = True
             self._heartbeats.end()
+
+    def _send(self, t_ns: int, link: str, peer: str, data: bytes) -> None:
+        self.links.send(link, peer, data)
+        self._note_frames(t_ns, data)
 
     def _is_in_time(self, command: ClockTime) -> bool:
         """Return True if the clock here is about that of command."""

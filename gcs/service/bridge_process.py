@@ -23,6 +23,7 @@ from gcs.endpoints import Link
 from gcs.errors import GcsError
 from gcs.geo import LocalFrame
 from gcs.io.links.manager import Links
+from gcs.io.recording.frame_log import FrameLog
 from gcs.io.signing.link_signing import LinkSigning
 from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.frames.fast_scan import Scanner
@@ -51,6 +52,10 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True):
     """True if the mission has no other bridge."""
     tls: str | None = None
     """Folder of the certificate for zenoh."""
+    frames: str = ""
+    """Folder for the frames; empty: they are not kept."""
+    max_frame_bytes: int = 0
+    min_free_bytes: int = 0
     ports: dict[str, int] = {}
     """Ports of endpoints that listen on any free port: those of the bridge before."""
 
@@ -58,6 +63,12 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True):
     def tls_folder(self) -> Path | None:
         """Folder of the certificate for zenoh; None: no TLS."""
         return None if self.tls is None else Path(self.tls)
+
+    def frame_log(self) -> FrameLog | None:
+        """Return the log of the frames, if they are kept."""
+        if not (self.frames and self.max_frame_bytes):
+            return None
+        return FrameLog(Path(self.frames), self.max_frame_bytes, self.min_free_bytes)
 
 
 class BridgeStarted(msgspec.Struct, frozen=True, kw_only=True):
@@ -106,6 +117,7 @@ def open_bridge(settings: BridgeSettings) -> Iterator[Bridge]:
             settings.name,
             bus,
             settings.failover_s,
+            settings.frame_log(),
             is_only=settings.is_only,
         )
 

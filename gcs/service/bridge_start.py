@@ -133,6 +133,11 @@ class BridgeProcess:
         self.settings = running.settings
         self.started = running.started
 
+    def is_of_other_node(self) -> bool:
+        """Return True if the bridge runs, and the node that looks after it, too."""
+        running = self._noted()
+        return running is not None and _is_bridge(running.pid) and is_running(running.command_pid)
+
     def _noted(self) -> Running | None:
         """Return the bridge that was noted last on this machine."""
         with contextlib.suppress(OSError, msgspec.DecodeError):
@@ -261,12 +266,16 @@ class BridgeProcess:
 
 @contextlib.contextmanager
 def bridges_of(
-    config: Config, source: str, links: Sequence[Link], scan: Callable[[bytes], FrameTable]
+    config: Config,
+    source: str,
+    links: Sequence[Link],
+    scan: Callable[[bytes], FrameTable],
+    folder: Path | None = None,
 ) -> Iterator[AllBridges]:
     """Connect to the bridges of a mission; yield their links.
 
     Without `links.bridges` there is one on this machine: started here, or taken over from a command that was
-    killed.
+    killed. It keeps its frames in a folder in `folder`.
 
     Raises
     ------
@@ -277,7 +286,7 @@ def bridges_of(
         with _connected_to_all(config, source, links, scan) as found:
             yield found
         return
-    settings = bridge_settings(config, source, links)
+    settings = bridge_settings(config, source, links, folder=folder)
     settings = msgspec.structs.replace(settings, zenoh=f"unixsock-stream/{_socket_folder()}/bridge.sock")
     process = BridgeProcess(settings, _file_of(settings))
     process.begin()
@@ -292,9 +301,21 @@ def bridges_of(
         process.end(goes_on=goes_on)
 
 
+def is_bridge_of_other_node(config: Config, source: str, links: Sequence[Link]) -> bool:
+    """Return True if the bridge of this machine belongs to the other node of a mission with a standby."""
+    if config.links.bridges or not config.links.standby:
+        return False
+    settings = bridge_settings(config, source, links)
+    return BridgeProcess(settings, _file_of(settings)).is_of_other_node()
+
+
 @contextlib.contextmanager
 def bridges_for_standby(
-    config: Config, source: str, links: Sequence[Link], scan: Callable[[bytes], FrameTable]
+    config: Config,
+    source: str,
+    links: Sequence[Link],
+    scan: Callable[[bytes], FrameTable],
+    folder: Path | None = None,
 ) -> Iterator[AllBridges]:
     """Connect to the bridges that a command uses, for a standby; yield their links.
 
@@ -308,7 +329,7 @@ def bridges_for_standby(
         with _connected_to_all(config, source, links, scan, delay_ns) as found:
             yield found
         return
-    settings = bridge_settings(config, source, links)
+    settings = bridge_settings(config, source, links, folder=folder)
     process = BridgeProcess(settings, _file_of(settings))
     process.watch()
     with _connected_to_local(config, process, scan, delay_ns) as found:
@@ -364,9 +385,12 @@ def _lease_of(config: Config, bridges: tuple[str, ...], delay_ns: int) -> Comman
     return CommandLease(node, bridges, delay_ns, is_only_node=not config.links.standby)
 
 
-def bridge_settings(config: Config, source: str, links: Sequence[Link], name: str = _NAME) -> BridgeSettings:
-    """Return the settings of a bridge of a mission, whose file is `source`."""
+def bridge_settings(
+    config: Config, source: str, links: Sequence[Link], name: str = _NAME, folder: Path | None = None
+) -> BridgeSettings:
+    """Return the settings of a bridge of a mission, whose file is `source`; it keeps frames in `folder`."""
     frame = config.frame
+    frames = "" if folder is None else str((folder / f"{config.name}-bridge-{name}").absolute())
     keys = config.links.key_file(source)
     named = {one.name: one.zenoh for one in config.links.bridges}
     tls = config.links.tls_folder(source) if named else None
@@ -383,6 +407,9 @@ def bridge_settings(config: Config, source: str, links: Sequence[Link], name: st
         tls=None if tls is None else str(tls.resolve()),
         failover_s=config.links.failover_s,
         is_only=len(named) < 2,
+        frames=frames,
+        max_frame_bytes=int(config.recording.bridge_mb * 1e6),
+        min_free_bytes=int(config.recording.min_free_mb * 1e6),
     )
 
 
@@ -406,7 +433,7 @@ def _socket_folder() -> Path:
 
 def _comparable(settings: BridgeSettings) -> BridgeSettings:
     """Return settings without what differs between two starts."""
-    return msgspec.structs.replace(settings, zenoh="", ports={})
+    return msgspec.structs.replace(settings, zenoh="", ports={}, frames="")
 
 
 def _is_bridge(pid: int) -> bool:

@@ -15,7 +15,7 @@ from gcs.io.cluster.event_log import MAX_EVENTS, EventBatch, StateCheck, StateRe
 from gcs.io.event_loop import on_loop
 from gcs.io.zenoh.key_expressions import events_key, snapshot_key
 from gcs.io.zenoh.session import ZenohSession
-from gcs.model import NS_PER_S, Effect, Event, Tick
+from gcs.model import NS_PER_S, Effect, Event, NoticeCode, NoticeContent, Tick
 from gcs.service.service import Service
 
 _MAX_UNSENT: Final = 200
@@ -24,6 +24,8 @@ _CHECK_NS: Final = NS_PER_S
 _MIN_ANSWER_INTERVAL_S: Final = 0.5
 """The whole state is encoded for an answer."""
 _END_S: Final = 1.0
+_MISSING_S: Final = 20.0
+"""Time without a standby until a warning; after a take-over the other node starts again in less."""
 
 
 class EventPublisher:
@@ -39,7 +41,9 @@ class EventPublisher:
     """
 
     def __init__(self, service: Service, bus: ZenohSession, fingerprint: str) -> None:
-        self.writer = BackgroundWriter("standby", _MAX_UNSENT)
+        self.name = "standby"
+        """Name in notices."""
+        self.writer = BackgroundWriter(self.name, _MAX_UNSENT)
         self._service = service
         self._bus = bus
         self._fingerprint = fingerprint
@@ -49,6 +53,11 @@ class EventPublisher:
         """Of the next event."""
         self._t_ns = 0
         self._is_followed = False
+        self._is_due = bool(service.config.links.standby)
+        """True if the mission has a standby."""
+        self._is_told: bool | None = None
+        """Whether a standby follows, as operators were told; None: not yet."""
+        self._changed_s = monotonic()
         self._first = 0
         self._batch: list[tuple[int, bytes]] = []
         self._check: StateCheck | None = None
@@ -84,7 +93,10 @@ class EventPublisher:
         self._batch = []
         self._check = None
         self._first = self._number
-        self._is_followed = self._bus.is_subscribed(events_key(self._service.config.name))
+        is_followed = self._bus.is_subscribed(events_key(self._service.config.name))
+        if is_followed is not self._is_followed:
+            self._changed_s = monotonic()
+        self._is_followed = is_followed
 
     def _on_ask(self, _key: str, _payload: bytes, reply: Callable[[bytes], None]) -> None:
         """Take a question for the state, on a thread of zenoh."""
@@ -102,6 +114,15 @@ class EventPublisher:
             state=encode_state(self._service.engine.state),
         )
         self.writer.put(partial(reply, encode(answer)))
+
+    def notice(self) -> NoticeContent | None:
+        """Return, once, the warning that no standby follows, and the news that one does."""
+        if not self._is_due or self._is_followed is self._is_told:
+            return None
+        if not self._is_followed and monotonic() - self._changed_s < _MISSING_S:
+            return None
+        self._is_told = self._is_followed
+        return (NoticeCode.STANDBY_FOLLOWS if self._is_followed else NoticeCode.STANDBY_MISSING), {}
 
     def close(self) -> None:
         """Tell a standby that command has ended in order."""

@@ -83,7 +83,8 @@ class Journal:
     def __init__(self, path: Path, mission: str, belongs_to: str) -> None:
         self.path = path
         self._mission = mission
-        self._belongs_to = belongs_to
+        self.belongs_to = belongs_to
+        """Fingerprint of the mission file and the seed."""
 
     def write(self, snapshot: Snapshot) -> None:
         """Replace the journal, and wait for the disk.
@@ -96,7 +97,7 @@ class Journal:
         head = _Head(
             journal=VERSION,
             mission=self._mission,
-            fingerprint=self._belongs_to,
+            fingerprint=self.belongs_to,
             t_ns=snapshot.t_ns,
             checksum=_checksum(snapshot),
         )
@@ -135,7 +136,7 @@ class Journal:
         snapshot = Snapshot(head.t_ns, body)
         if _checksum(snapshot) != head.checksum:
             raise JournalError(str(self.path), "is damaged: its checksum differs")
-        if head.fingerprint != self._belongs_to:
+        if head.fingerprint != self.belongs_to:
             raise JournalError(
                 str(self.path), f"belongs to another mission file or seed ({head.mission}); it is not used"
             )

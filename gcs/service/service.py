@@ -22,7 +22,7 @@ from gcs.config import Config
 from gcs.core.engine import Engine
 from gcs.core.snapshot import PeriodicSnapshots, encode_state
 from gcs.core.state import State
-from gcs.errors import GcsError, LinkError, RecordingError, WireError
+from gcs.errors import GcsError, LinkError, RecordingError, ReplacedError, WireError
 from gcs.io.background_writer import BackgroundWriter, QueuedText
 from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.event_loop import on_loop
@@ -365,13 +365,10 @@ class Service:
                 return
 
     def _check_lease(self) -> None:
-        """Raise `LinkError` when another node commands the vehicles."""
+        """Raise `LinkError` when another node commands the vehicles; `ReplacedError` if it is ours."""
         if other := self.links.commander():
-            raise LinkError(
-                "bridge",
-                f"{other} commands the vehicles; this service sends nothing and ends. To watch over {other}, "
-                "start it with --role standby",
-            )
+            problem = f"{other} commands the vehicles; this service sends nothing and ends"
+            raise (ReplacedError if self.config.links.standby else LinkError)("bridge", problem)
 
     def _check_outputs(self) -> None:
         """Queue notices about failed outputs and about filtered noise."""

@@ -6,6 +6,10 @@ the times between the service's heartbeats at each vehicle. Meanwhile threads of
 route of the console, and to its WebSocket: wrong methods, long and hostile texts, numbers and JSON, broken
 requests and frames, connections that wait, that do not read, that send without end, and pages by the hundred.
 An operator asks for the status once a second, and opens a page, beside them. Prints the result as JSON.
+
+``--each`` runs each of `EACH` alone for that time, and prints a table: clients that send a byte now and
+then, 1,000 connections that send nothing, 200 pages that do nothing, cookies and addresses of a megabyte, a
+console that is stopped (SIGSTOP).
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ import os
 import random
 import re
 import selectors
+import signal
 import socket
 import struct
 import subprocess
@@ -31,6 +36,9 @@ from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
+
+from rich.console import Console
+from rich.table import Table
 
 HEARTBEAT: Final = b"\x00\x00\x00"
 """Number of the message, in a frame of MAVLink 2."""
@@ -62,6 +70,7 @@ PIECES: Final = (
     "%", "%41", "%zz", "%00", "+", "&", "=", "&a=", ";",
     "/", "..", "\\", '"', "'", "<b>", "ü", "\x7f", "0", "9", "-", "e", "nan", "inf", "lost", " for ", " s",
 )  # fmt: skip
+EACH: Final = ("slow_clients", "half_open", "idle_pages", "megabytes", "stop_console")
 ORDERS: Final = ("hold", "resume", "plan", "status", "confirm", "no-fly-zone", "priority", "ignore", "unpin")
 """Those that keep the vehicles in the air."""
 VALUES: Final[tuple[Any, ...]] = (
@@ -80,11 +89,15 @@ class Attacker:
         self.random = random.Random(seed)
         self.sent: Counter[str] = Counter()
         self.waiting: list[socket.socket] = []
+        self.most_waiting = 60
         self.kinds: tuple[Callable[[], None], ...] = (
             self.request, self.request, self.request, self.request, self.garbage, self.frames, self.pages,
             self.wait, self.never_read, self.flood, self.pipeline, self.hurry,
         )  # fmt: skip
         self.kinds = tuple(kind for kind in self.kinds if not kinds or kind.__name__ in kinds)
+        if kinds in EACH:
+            self.kinds = (getattr(self, kinds),)
+            self.most_waiting = 1000
 
     def attack(self) -> None:
         """Send one thing."""
@@ -94,8 +107,8 @@ class Attacker:
             kind()
         except (OSError, ValueError, IndexError):  # refused, closed, cut off: as it should be
             self.sent["refused"] += 1
-        while len(self.waiting) > 60:
-            self.waiting.pop(self.random.randrange(60)).close()
+        while len(self.waiting) > self.most_waiting:
+            self.waiting.pop(self.random.randrange(self.most_waiting)).close()
 
     def text(self, length: int) -> str:
         """Return a hostile text of about a length."""
@@ -237,6 +250,62 @@ class Attacker:
             while time.monotonic() < until_s:
                 link.sendall(_frame(0x89, b"x" * 125, 125) * 100)
 
+    def keep_waiting(self, count: int, opens: Callable[[], socket.socket]) -> None:
+        """Replace connections that the console has closed, up to a number of them."""
+        self.waiting = [link for link in self.waiting if not _is_closed(link)]
+        for _ in range(min(50, count - len(self.waiting))):
+            self.waiting.append(opens())
+            self.sent["opened"] += 1
+        self.sent["open at most"] = max(self.sent["open at most"], len(self.waiting))
+        time.sleep(0.1)
+
+    def begin_connection(self) -> socket.socket:
+        """Connect without waiting: the console may be slow to accept."""
+        link = socket.socket()
+        link.setblocking(False)
+        link.connect_ex(self.address)
+        return link
+
+    def half_open(self) -> None:
+        """Keep a thousand connections that send nothing."""
+        self.keep_waiting(1000, self.begin_connection)
+
+    def idle_pages(self) -> None:
+        """Keep 200 pages that do nothing."""
+        self.keep_waiting(200, self.open_page)
+
+    def slow_clients(self) -> None:
+        """Keep 200 requests that go on by a byte now and then."""
+        self.keep_waiting(200, self.begin_connection)
+        for link in self.waiting:
+            with contextlib.suppress(OSError):
+                link.send(self.random.choice((b"GET / HTTP/1.1\r\nX: ", b"y", b"y", b"\r\nZ: z")))
+
+    def megabytes(self) -> None:
+        """Send a cookie, or an address, of a megabyte."""
+        text = self.text(1_000_000).encode("ascii", "replace").replace(b" ", b"+")
+        head = f"Host: 127.0.0.1:{self.address[1]}".encode()
+        request = b"GET /%s HTTP/1.1\r\n%s\r\n\r\n" % (text, head)
+        if self.random.random() < 0.5:
+            request = b"GET / HTTP/1.1\r\n%s\r\nCookie: %s\r\n\r\n" % (head, text)
+        with self.connect(3.0) as link:
+            link.sendall(request)
+            self.sent[link.recv(4096)[9:12].decode("latin-1") or "closed"] += 1
+
+    def stop_console(self) -> None:
+        """Do nothing: the console is stopped by `fuzz`."""
+        time.sleep(0.5)
+
+
+def _is_closed(link: socket.socket) -> bool:
+    """Return True if the other side has closed; what it sent before is dropped."""
+    try:
+        return not link.recv(65_536, socket.MSG_DONTWAIT)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+
 
 def _frame(head: int, data: bytes, length: int) -> bytes:
     if length < 126:
@@ -354,7 +423,9 @@ def result_of(process: subprocess.Popen[str]) -> Any:
     return json.loads(process.communicate("", 20.0)[0])
 
 
-def fuzz(folder: Path, seconds: float, *options: Any, calm_s: float = 5.0) -> dict[str, Any]:
+def fuzz(
+    folder: Path, seconds: float, *options: Any, calm_s: float = 5.0, stops_console: bool = False
+) -> dict[str, Any]:
     """Attack a flying service for a time, after a calm time; return what was measured.
 
     Options are those of this program for the attack.
@@ -373,10 +444,14 @@ def fuzz(folder: Path, seconds: float, *options: Any, calm_s: float = 5.0) -> di
         attacker = start("--attack", url.rstrip("/").rpartition(":")[2], *options)
         operator, most, console = Operator(url), 0, console_of(service.pid).pid
         waited_before_ns = waited_ns(service) + waited_ns(taps)
+        if stops_console:
+            os.kill(console, signal.SIGSTOP)
         while time.monotonic() - begun_s < seconds and service.poll() is None:
             time.sleep(0.2)
             most = max(most, sum(1 for _ in Path(f"/proc/{console}/fd").iterdir()))
         ended_s, waited_after_ns = time.monotonic(), waited_ns(service) + waited_ns(taps)
+        if stops_console:
+            os.kill(console, signal.SIGCONT)
         operator.end()
         sent, alive = result_of(attacker), service.poll() is None
         memory_mb = {name: _peak_mb(pid) for name, pid in (("service", service.pid), ("console", console))}
@@ -398,6 +473,7 @@ def fuzz(folder: Path, seconds: float, *options: Any, calm_s: float = 5.0) -> di
         "operator_requests": len(operator.waits_s),
         "operator_longest_wait_s": round(max(operator.waits_s, default=0.0), 2),
         "operator_failures": operator.failures[:10],
+        "operator_failed": len(operator.failures),
         "service_alive": alive,
         "descriptors": most,
         "memory_mb": memory_mb,
@@ -416,6 +492,16 @@ def _gaps(times: list[float], begin_s: float, end_s: float) -> list[float]:
     return [later - earlier for earlier, later in pairwise(within)]
 
 
+def table_of(results: dict[str, dict[str, Any]]) -> Table:
+    """Return what vehicles and the operator noticed of each attack."""
+    table = Table("attack", "longest gap, s", "before it, s", "operator waits, s", "failures", "sent")
+    for kind, one in results.items():
+        failed = f"{one['operator_failed']} of {one['operator_requests']}"
+        gaps = (one["longest_gap_s"], one["longest_gap_before_s"], one["operator_longest_wait_s"])
+        table.add_row(kind, *map(str, gaps), failed, json.dumps(one["sent"]))
+    return table
+
+
 def main() -> None:
     """Run as the head of this file says."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -423,6 +509,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--threads", type=int, default=8)
     parser.add_argument("--kinds", default="", help="such as: request,frames; all if empty")
+    parser.add_argument("--each", action="store_true", help="each of `EACH` alone")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--tap", type=int, nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--attack", type=int, help=argparse.SUPPRESS)
@@ -433,12 +520,19 @@ def main() -> None:
     if arguments.attack:
         attack(arguments.attack, arguments.seed, arguments.threads, arguments.kinds)
         return
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["XDG_RUNTIME_DIR"] = folder
-        options = ("--seed", arguments.seed, "--threads", arguments.threads, "--kinds", arguments.kinds)
-        result = fuzz(Path(folder), arguments.minutes * 60.0, *options)
-    text = json.dumps(result, indent=2)
-    print(text)
+    results = {}
+    for kind in EACH if arguments.each else (arguments.kinds,):
+        threads = 1 if arguments.each else arguments.threads
+        with tempfile.TemporaryDirectory() as folder:
+            os.environ["XDG_RUNTIME_DIR"] = folder
+            options = ("--seed", arguments.seed, "--threads", threads, "--kinds", kind)
+            stops = kind == "stop_console"
+            results[kind] = fuzz(Path(folder), arguments.minutes * 60.0, *options, stops_console=stops)
+    text = json.dumps(results if arguments.each else results[arguments.kinds], indent=2)
+    if arguments.each:
+        Console(width=160).print(table_of(results))
+    else:
+        print(text)
     if arguments.out is not None:
         arguments.out.write_text(text + "\n")
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from helpers.chaos import ChaosRun, Fault, Schedule
+from helpers.chaos import ChaosRun
 from helpers.chaos_checks import check
+from helpers.chaos_schedule import Fault, Schedule
 
 MAX_GAP_S = 1.5
 MAX_TAKE_OVER_S = 5.0

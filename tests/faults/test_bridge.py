@@ -11,10 +11,11 @@ from pathlib import Path
 import pytest
 from helpers.heartbeat_tap import HeartbeatTap
 from helpers.noticed import noticed
-from helpers.processes import Run, bridges, free_port
+from helpers.processes import Run, bridges, free_port, node_of
 
+from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.io.zenoh.session import free_endpoint
-from gcs.model import AgentStatus, Notice, NoticeCode, Resumed, Scan, Tick, UploadReport
+from gcs.model import NS_PER_S, AgentStatus, Notice, NoticeCode, Resumed, Scan, Tick, UploadReport
 
 STOPPED_S = 5.0
 MAX_GAP_S = 1.5
@@ -65,6 +66,13 @@ def standby_of(flight: Flight, name: str) -> subprocess.Popen[bytes]:
     return standby
 
 
+def frames_of(folder: Path) -> Iterator[LogFrame]:
+    """Yield the frames that a bridge has kept."""
+    for part in sorted(folder.glob("*.tlog")):
+        with part.open("rb") as file:
+            yield from (entry for entry in read_log(file) if isinstance(entry, LogFrame))
+
+
 def lost(flight: Flight, name: str) -> list[AgentStatus]:
     return [one for one in flight.run.all(name, AgentStatus) if one.status == "lost"]
 
@@ -112,9 +120,14 @@ def test_without_a_command_the_heartbeats_end_after_the_time_of_a_failover(
     (bridge,) = bridges(tmp_path)
     service.kill()
     killed_s = time.monotonic()
+    killed_unix_s = time.time()
     bridge.wait(FAILOVER_S + 10.0)
     last_s = [max(times) for times in flight.tap.heard_s.values()]
     assert all(FAILOVER_S - MAX_GAP_S < one - killed_s < FAILOVER_S + MAX_GAP_S for one in last_s)
+    kept = list(frames_of(tmp_path / "deterministic-bridge-main"))
+    for vehicle in range(1, 5):  # in no recording of command
+        times_ns = [one.t_ns for one in kept if one.frame.system_id == vehicle]
+        assert max(times_ns) / NS_PER_S > killed_unix_s + FAILOVER_S - MAX_GAP_S
 
 
 @pytest.mark.parametrize(
@@ -151,16 +164,16 @@ def test_a_standby_takes_over_and_nothing_is_uploaded_again(flight: Flight, stop
     standby = standby_of(flight, "second")
     time.sleep(2.0)
     begin_s = time.monotonic()
-    first.send_signal(stop)
+    node = node_of(first)
+    node.send_signal(stop)
     flight.run.until("second", lambda said: "takes over" in said, 10.0)
     took_s = time.monotonic() - begin_s
     flight.run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
     assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < MAX_GAP_S
     assert took_s < 5.0
     if stop == signal.SIGSTOP:  # it must not command any more
-        first.send_signal(signal.SIGCONT)
-        assert first.wait(20.0) != 0
-        assert "commands the vehicles" in flight.run.printed("first")
+        node.send_signal(signal.SIGCONT)
+        flight.run.until("first", lambda said: "commands the vehicles" in said, 20.0)
         (resumed,) = flight.run.all("second", Resumed)
         assert flight.run.all("first", Tick)[-1].t_ns < resumed.t_ns  # nor answer orders
     flight.run.until("second", lambda _: bool(flight.run.all("second", Scan)), 10.0)
@@ -177,11 +190,12 @@ def test_a_command_that_was_replaced_leaves_the_bridge_to_the_standby(flight: Fl
     standby_of(flight, "second")
     (bridge,) = bridges(tmp_path)
     begin_s = time.monotonic()
-    first.send_signal(signal.SIGSTOP)
+    node = node_of(first)
+    node.send_signal(signal.SIGSTOP)
     flight.run.until("second", lambda said: "takes over" in said, 10.0)
-    first.send_signal(signal.SIGCONT)
-    assert first.wait(20.0) != 0
-    time.sleep(2.0)
+    node.send_signal(signal.SIGCONT)
+    flight.run.until("first", lambda said: "commands the vehicles" in said, 20.0)
+    flight.run.until("first", lambda said: "follows it" in said)
     assert bridges(tmp_path) == [bridge]
     assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < MAX_GAP_S
 
@@ -210,6 +224,30 @@ def test_a_standby_starts_the_bridge_again_that_ended_with_command(flight: Fligh
     flight.run.until("second", lambda said: "takes over" in said, 20.0)
     flight.run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
     assert not flight.run.all("second", UploadReport)
+
+
+def test_a_node_that_was_killed_becomes_the_standby_of_the_one_that_took_over(
+    flight: Flight, tmp_path: Path
+) -> None:
+    with_standby(flight)
+    first = flight.serve("first")
+    second = standby_of(flight, "second")
+    begin_s = time.monotonic()
+    node_of(first).kill()
+    flight.run.until("second", lambda said: "takes over" in said, 10.0)
+    flight.run.until("first", lambda said: "follows it" in said)
+    node_of(second).kill()
+    flight.run.until("first", lambda said: "takes over" in said, 10.0)
+    flight.run.until("second", lambda said: said.count("follows it") == 2)
+    flight.run.until_told("first-2", NoticeCode.ONBOARD_VERIFIED, 4)
+    assert max(flight.tap.gaps_s(begin_s, time.monotonic())) < MAX_GAP_S
+    first.send_signal(signal.SIGINT)
+    assert first.wait(20.0) == 0
+    assert second.wait(20.0) == 0  # with command
+    for name in ("second", "first-2"):
+        assert not flight.run.all(name, UploadReport)
+        assert not lost(flight, name)
+    assert not bridges(tmp_path)
 
 
 def test_a_standby_ends_with_a_command_that_ends_in_order(flight: Flight) -> None:

@@ -1,7 +1,8 @@
-"""Faults at random moments for command, its bridge and its standby: real processes, simulated vehicles.
+"""Faults at random moments for command, its bridge, its standby and what is between them: real processes.
 
-A schedule is drawn from a seed. Processes that end are started again as a service manager does it; after a
-take-over the old command is not, since its node has been replaced.
+A schedule is drawn from a seed (`helpers.chaos_schedule`). Command and standby are started again by their
+supervisors, and change places with each take-over; a bridge by itself is started again as a service manager
+does it.
 """
 
 from __future__ import annotations
@@ -12,105 +13,54 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Literal, NamedTuple, TypeAlias
+from typing import Final
 
-import numpy as np
+import psutil
 
 from gcs.errors import GcsError
 from gcs.io.zenoh.discovery import ServiceAddress
-from gcs.io.zenoh.key_expressions import events_key
+from gcs.io.zenoh.key_expressions import events_key, truth_key
 from gcs.io.zenoh.order_client import send_order
 from gcs.io.zenoh.order_messages import OrderMessage
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
+from helpers.chaos_schedule import PATHS, Deed, Fault, Schedule, draw_schedule
+from helpers.chaos_surroundings import PROGRAM, Surroundings, full_disk, stopped
 from helpers.heartbeat_tap import HeartbeatTap
-from helpers.processes import Run, bridges, free_port
-
-Part: TypeAlias = Literal["command", "standby", "bridge", "command and bridge"]
-Deed: TypeAlias = Literal["kill", "stop", "restart"]
+from helpers.processes import Run, bridges, free_port, node_of
 
 MISSION_S: Final = 200.0
 """Flight of `deterministic`, with time for what the faults cost."""
 _POLL_S: Final = 0.02
 _AGAIN_S: Final = 1.0
-"""Until a process that has ended is started again."""
+"""Until a bridge by itself that has ended is started again."""
 _START_S: Final = 240.0
 _TAKE_OVER_S: Final = 25.0
 _SETTLE_S: Final = 5.0
 _OUTAGE_S: Final = 60.0
 """For a bridge and a command to start on a busy machine."""
-
-
-class Fault(NamedTuple):
-    """A fault of one part."""
-
-    at_s: float
-    """After the missions were uploaded and the standby had the state."""
-    part: Part
-    deed: Deed
-    duration_s: float = 0.0
-    """Of a stop."""
-
-
-class Schedule(NamedTuple):
-    """Faults of one run."""
-
-    is_bridge_alone: bool
-    """True: the bridge is a process by itself, as on another machine; False: command starts it."""
-    faults: tuple[Fault, ...]
-    orders: tuple[tuple[float, int, float], ...]
-    """Times at which a vehicle is to hold, the vehicles, and times after which they resume."""
-    flies_to_the_end: bool = True
-
-
-def draw_schedule(seed: int) -> Schedule:
-    """Draw the faults of a run: one that ends or stops command, others before and after it."""
-    rng = np.random.default_rng(seed)
-    main_s = float(rng.uniform(3.0, 12.0))
-    faults = [_main_fault(rng, main_s)]
-    for _ in range(int(rng.integers(0, 3))):
-        part: Part = "standby" if rng.random() < 0.5 else "bridge"
-        faults.append(_fault(rng, float(rng.uniform(0.0, main_s)), part))
-    if rng.random() < 0.5:
-        part = "bridge" if rng.random() < 0.5 else "command"
-        faults.append(_fault(rng, main_s + float(rng.uniform(6.0, 12.0)), part))
-    orders = [
-        (float(rng.uniform(0.0, main_s + 6.0)), int(rng.integers(1, 5)), float(rng.uniform(1.0, 4.0)))
-        for _ in range(3)
-    ]
-    return Schedule(bool(rng.random() < 0.4), tuple(sorted(faults)), tuple(sorted(orders)))
-
-
-def _main_fault(rng: np.random.Generator, at_s: float) -> Fault:
-    kind = rng.random()
-    if kind < 0.55:
-        return Fault(at_s, "command", "kill")
-    if kind < 0.65:
-        return Fault(at_s, "command and bridge", "kill")
-    if kind < 0.75:
-        return Fault(at_s, "command", "restart")
-    return Fault(at_s, "command", "stop", float(rng.uniform(1.0, 20.0)))
-
-
-def _fault(rng: np.random.Generator, at_s: float, part: Part) -> Fault:
-    kind = rng.random()
-    if kind < 0.4:
-        return Fault(at_s, part, "kill")
-    if kind < 0.5:
-        return Fault(at_s, part, "restart")
-    return Fault(at_s, part, "stop", float(rng.uniform(1.0, 6.0)))
+_HEAL_S: Final = 10.0
+"""Time after a partition in which a node that missed the lease may still take over."""
 
 
 @dataclass(slots=True)
 class Node:
-    """A process of command, of a standby, or of a bridge by itself."""
+    """A supervised process of command or of a standby, or a bridge by itself."""
 
     name: str
+    role: str
     process: subprocess.Popen[bytes]
-    ended_unix_s: float | None = None
-    """Time of its `kill -9`."""
+    ends_unix_s: list[float] = field(default_factory=list)
+    """Times at which a recording may end before its last second: of each `kill -9` and each full disk."""
+    take_overs: int = 0
+    """Those that are noted."""
+
+    @property
+    def pid(self) -> int:
+        """Process that does the work."""
+        return self.process.pid if self.role == "bridge" else node_of(self.process).pid
 
 
 @dataclass(slots=True)
@@ -126,6 +76,15 @@ class Flight:
     """From the fault until the standby commanded."""
     events: list[bytes] = field(default_factory=list)
     """Batches of command's events, as a standby gets them: a recording lacks the second before a kill."""
+    pictures: list[tuple[str, bytes]] = field(default_factory=list)
+    """Pictures of all nodes, with their keys."""
+    truths: list[bytes] = field(default_factory=list)
+    begun_unix_s: list[float] = field(default_factory=list)
+    """Beginning of each fault."""
+    healed: list[tuple[str, float]] = field(default_factory=list)
+    """Faults, and the Unix times of their ends."""
+    scans_to_picture: list[int] = field(default_factory=list)
+    """Scans from the end of each fault until the picture was right."""
     done: list[str] = field(default_factory=list)
     """Faults, with their times."""
     problems: list[str] = field(default_factory=list)
@@ -134,35 +93,41 @@ class Flight:
     gap_s: float = 0.0
     """Longest time without a heartbeat at a vehicle, while a bridge ran and was not stopped."""
     all_gap_s: float = 0.0
-    """With the time of a bridge that is stopped or starts."""
+    """With the time of a bridge that is stopped or starts, and of a radio that loses datagrams."""
 
 
 class ChaosRun:
     """One run."""
 
-    def __init__(self, folder: Path, schedule: Schedule, speed: float) -> None:
+    def __init__(self, folder: Path, schedule: Schedule, speed: float, seed: int = 1) -> None:
         relay = free_port()
-        self.run = Run(folder, speed, relay)
-        self.tap = HeartbeatTap(relay, self.run.port)
+        observer = free_endpoint()
+        self.run = Run(folder, speed, relay, (observer,))
+        self.tap = HeartbeatTap(relay, self.run.port, seed)
         threading.Thread(target=self._drain_world, daemon=True).start()
         self._schedule = schedule
         self._speed = speed
         epoch_ns = int(self.run.clock[1].partition(",")[0]) if self.run.clock else 0
-        self.flight = Flight(folder, self.tap, speed, epoch_ns)
+        flight = self.flight = Flight(folder, self.tap, speed, epoch_ns)
         self._command: Node | None = None
         self._standby: Node | None = None
         self._bridge: Node | None = None
-        self._runtime = {"XDG_RUNTIME_DIR": str(folder)}
-        self._observer = ZenohSession(connect=self.run.zenoh)
-        self._observer.subscribe(
-            events_key("deterministic"), lambda _, batch: self.flight.events.append(batch)
-        )
+        self._observer = ZenohSession(listen=observer, connect=f"{self.run.zenoh},{self.run.standby}")
+        self._observer.subscribe(events_key("deterministic"), lambda _, batch: flight.events.append(batch))
+        self._observer.subscribe(truth_key("deterministic"), lambda _, truth: flight.truths.append(truth))
+        for kind in ("agents", "targets"):
+            key = f"swarm/deterministic/picture/{kind}"
+            self._observer.subscribe(key, lambda key, picture: flight.pictures.append((key, picture)))
         self._outages: list[tuple[float, float]] = []
         """Monotonic times without a bridge."""
+        text = self.run.file.read_text()
         links = f'[links]\nfailover_s = {30.0 * speed}\nstandby = "{self.run.standby}"'
-        if schedule.is_bridge_alone:
-            links += f'\nbridge = "{free_endpoint()}"'
-        self.run.file.write_text(self.run.file.read_text().replace("[links]", links, 1))
+        text = text.replace("[links]", links, 1)
+        bridge = free_endpoint() if schedule.is_bridge_alone else ""
+        if bridge:
+            text += f'\n[[links.bridges]]\nname = "main"\nzenoh = "{bridge}"\n'
+        self.run.file.write_text(text)
+        self._around = Surroundings(folder, self.run.zenoh, self.run.standby, bridge, self.tap, seed)
 
     def _drain_world(self) -> None:
         assert self.run.world.stdout is not None
@@ -172,9 +137,10 @@ class ChaosRun:
     # ------------------------------------------------------------ processes
 
     def _start(self, role: str) -> Node:
-        name = f"{role}-{1 + len(self.flight.nodes)}"
-        arguments = ("--console", "off", *(() if role == "command" else ("--role", role)))
-        node = Node(name, self.run.serve(name, self._runtime, arguments))
+        name = f"{role}-of-{1 + len(self.flight.nodes)}"
+        arguments = ("--console", "off", *(() if role == "service" else ("--role", role)))
+        environment = {"XDG_RUNTIME_DIR": str(self.flight.folder), **self._around.environment(_place(role))}
+        node = Node(name, role, self.run.serve(name, environment, arguments, program=PROGRAM))
         self.flight.nodes.append(node)
         return node
 
@@ -183,9 +149,10 @@ class ChaosRun:
         if self._schedule.is_bridge_alone:
             self._bridge = self._start("bridge")
             self.run.until(self._bridge.name, lambda said: "command connects to" in said, _START_S)
-        self._command = self._start("command")
+        self._command = self._start("service")
         self.run.until(self._command.name, lambda said: said.count("verified by read-back") >= 4, _START_S)
-        self._start_standby()
+        self._standby = self._start("standby")
+        self._wait_for_standby()
         begin_s = time.monotonic()
         threads = [
             threading.Thread(target=self._order, args=(begin_s, number, *order), daemon=True)
@@ -206,15 +173,20 @@ class ChaosRun:
         self._end()
         return self.flight
 
-    def _start_standby(self) -> None:
-        standby = self._standby = self._start("standby")
+    def _wait_for_standby(self) -> None:
+        """Wait until the standby has the state of command."""
+        standby = self._standby
+        assert standby is not None
         with contextlib.suppress(AssertionError):
-            self.run.until(standby.name, lambda said: "follows it" in said, _START_S)
+            self.run.until(standby.name, _follows, _START_S)
             return
-        self._standby = None
-        self.flight.problems.append(
-            f"{standby.name} does not follow: {self.run.printed(standby.name)[-300:]}"
-        )
+        self._problem(f"{standby.name} does not follow: {self._printed(standby)[-300:]}")
+
+    def _printed(self, node: Node) -> str:
+        return self.run.printed(node.name)
+
+    def _problem(self, text: str) -> None:
+        self.flight.problems.append(text)
 
     def _wait_until(self, until_s: float) -> None:
         while (left_s := until_s - time.monotonic()) > 0.0:
@@ -222,44 +194,72 @@ class ChaosRun:
             self._supervise()
 
     def _supervise(self) -> None:
-        """Note an unexpected take-over; start what has ended again."""
-        standby = self._standby
-        if standby is not None and self._takes_over(standby):
-            self.flight.problems.append(f"{standby.name} took over from a command that was not disturbed")
-            self._command, self._standby = standby, None
-        command = self._command
-        if command is not None and command.process.poll() is not None:
-            self.flight.problems.append(f"{command.name} ended: {self.run.printed(command.name)[-300:]}")
-            self._command = self._start("command")
+        """Note an unexpected take-over, and a node that was given up."""
+        if self._swap():
+            assert self._command is not None
+            self._problem(f"{self._command.name} took over from a command that was not disturbed")
+        for node in (self._command, self._standby):
+            if node is not None and node.process.poll() is not None:
+                self._problem(f"{node.name} ended: {self._printed(node)[-300:]}")
+                self._restart_both()
+                return
 
-    def _takes_over(self, standby: Node) -> bool:
-        return "takes over" in self.run.printed(standby.name)
+    def _restart_both(self) -> None:
+        """Start both nodes again, after an end in order or an unexpected one."""
+        for node in (self._command, self._standby):
+            if node is not None and node.process.poll() is None:
+                node.process.kill()
+                node.process.wait()
+        self._command = self._start("service")
+        with contextlib.suppress(AssertionError):
+            self.run.until(self._command.name, lambda said: "MAVLink on" in said, _START_S)
+        self._standby = self._start("standby")
+        self._wait_for_standby()
+
+    def _swap(self) -> bool:
+        """Let command and standby change places if the standby has taken over; return True if it has."""
+        standby = self._standby
+        if standby is None or self._printed(standby).count("takes over") <= standby.take_overs:
+            return False
+        standby.take_overs += 1
+        self._command, self._standby = standby, self._command
+        return True
 
     # ------------------------------------------------------------ faults
 
     def _inflict(self, fault: Fault) -> None:
         self._supervise()
-        self.flight.done.append(
-            f"{fault.at_s:.1f} s {fault.deed} {fault.part}"
-            + (f" for {fault.duration_s:.1f} s" if fault.duration_s else "")
-        )
+        self.flight.done.append(str(fault))
+        assert self._command is not None
+        if fault.part == "radio":
+            begin_s = time.monotonic()
+            self._outages.append((begin_s, begin_s + fault.duration_s))
+            self._around.harm_radio(fault)
+            return
+        self._wait_for_standby()
+        self.flight.begun_unix_s.append(time.time())
         if fault.part == "bridge":
             self._harm_bridge(fault)
         elif fault.part == "standby":
             self._harm_standby(fault)
-        else:
+        elif fault.part in PATHS:
+            self._harm_paths(fault)
+        elif fault.part in ("command", "command and bridge"):
             self._harm_command(fault)
+        else:
+            self._harm_surroundings(fault)
+        self.flight.healed.append((str(fault), time.time()))
 
     def _bridge_pids(self) -> list[int]:
         if self._bridge is not None:
-            return [self._bridge.process.pid]
+            return [self._bridge.pid]
         return [bridge.pid for bridge in bridges(self.flight.folder)]
 
     def _harm_bridge(self, fault: Fault) -> None:
         begin_s = time.monotonic()
         for pid in self._bridge_pids():
             if fault.deed == "stop":
-                with _stopped(pid, fault.duration_s):
+                with stopped(pid, fault.duration_s):
                     pass
             else:
                 os.kill(pid, signal.SIGKILL if fault.deed == "kill" else signal.SIGTERM)
@@ -279,55 +279,81 @@ class ChaosRun:
                 self._outages[-1] = (begin_s, time.monotonic())
                 return
             time.sleep(0.1)
-        self.flight.problems.append(f"no heartbeats {_OUTAGE_S:g} s after the bridge was disturbed")
+        self._problem(f"no heartbeats {_OUTAGE_S:g} s after the bridge was disturbed")
 
     def _harm_standby(self, fault: Fault) -> None:
         standby = self._standby
-        if standby is None:
-            return
+        assert standby is not None
         if fault.deed == "stop":
-            with _stopped(standby.process.pid, fault.duration_s):
+            with stopped(standby.pid, fault.duration_s):
                 pass
             return
-        self._standby = None
-        _signal(standby, fault.deed)
-        standby.process.wait()
-        time.sleep(_AGAIN_S)
-        self._start_standby()
+        _end_node(standby, fault.deed)
+        if fault.deed == "restart":
+            standby.process.wait()
+            self._standby = self._start(standby.role)  # at the same endpoint
+
+    def _harm_paths(self, fault: Fault) -> None:
+        """Cut or slow paths; command and standby may change places, unless the standby alone was cut off."""
+        assert self._command is not None
+        command = self._command
+        begin_s = time.monotonic()
+        paths = self._around.harm_paths(fault.part, fault.deed, _place(command.role))
+        while time.monotonic() < begin_s + fault.duration_s:
+            self._swap()
+            time.sleep(_POLL_S)
+        for path in paths:
+            path.heal()
+        self._see_take_over(command, time.monotonic(), 2.0, notes=False)
+        if self._command is command:
+            return
+        if fault.part == "standby to all":
+            self._problem(f"{self._command.name} took over although it was cut off")
+        self._wait_until_replaced(command)
+
+    def _harm_surroundings(self, fault: Fault) -> None:
+        assert self._command is not None
+        assert self._standby is not None
+        command = self._command
+        if fault.deed == "step":
+            node = command if fault.part == "clock of command" else self._standby
+            self._around.step_clock(_place(node.role), fault.step_s)
+            return
+        if fault.deed == "fill":
+            command.ends_unix_s.append(time.time())
+            newest = max(recordings_of(self.flight.folder, command), key=os.path.getmtime)
+            harm = full_disk(psutil.Process(command.pid), newest)
+        else:
+            harm = self._around.stalled_reader() if fault.deed == "stall" else self._around.flood()
+        with harm:
+            self._wait_until(time.monotonic() + fault.duration_s)
 
     def _harm_command(self, fault: Fault) -> None:
         command = self._command
-        if command is None:
-            return
-        standby = self._standby
+        assert command is not None
         begin_s = time.monotonic()
         if fault.deed == "restart":
             self._restart_in_order(command)
             return
         if fault.deed == "stop":
-            with _stopped(command.process.pid, fault.duration_s):
+            with stopped(command.pid, fault.duration_s):
                 self._see_take_over(command, begin_s, fault.duration_s)
-            if self._command is command:  # short, or without a standby
-                if standby is not None:
-                    self._see_late_take_over(command, begin_s)
-                return
-            self._wait_end_of_replaced(command)
+            if self._command is command:  # a stop as long as the lease: either goes on
+                self._see_take_over(command, begin_s, time.monotonic() - begin_s + 2.0)
+            if self._command is not command:
+                self._wait_until_replaced(command)
             return
         pids = self._bridge_pids() if fault.part == "command and bridge" else []
-        _signal(command, "kill")
+        _end_node(command, "kill")
+        begin_s = time.monotonic()
         for pid in pids:
             os.kill(pid, signal.SIGKILL)
-        command.process.wait()
         if pids and self._bridge is not None:
             self._bridge.process.wait()
             self._bridge = self._start("bridge")
-        if standby is not None:
-            self._see_take_over(command, begin_s, _TAKE_OVER_S)
+        self._see_take_over(command, begin_s, _TAKE_OVER_S)
         if self._command is command:
-            if standby is not None:
-                self.flight.problems.append(f"{standby.name} did not take over from {command.name}")
-            self._command = self._start("command")
-            self._wait_until_commands(self._command)
+            self._problem(f"no standby took over from {command.name}")
         if pids:
             self._wait_for_heartbeats(begin_s)
 
@@ -336,45 +362,27 @@ class ChaosRun:
         begin_s = time.monotonic()
         command.process.send_signal(signal.SIGINT)
         command.process.wait(_START_S)
-        standby, self._standby = self._standby, None
-        if standby is not None:
-            try:
-                standby.process.wait(10.0)
-            except subprocess.TimeoutExpired:
-                self.flight.problems.append(f"{standby.name} goes on after {command.name} ended in order")
-                standby.process.kill()
-        self._command = self._start("command")
-        self._wait_until_commands(self._command)
-        self._wait_for_heartbeats(begin_s)  # none are due after an end in order
-        self._start_standby()
-
-    def _wait_until_commands(self, node: Node) -> None:
-        with contextlib.suppress(AssertionError):
-            self.run.until(node.name, lambda said: "MAVLink on" in said, _START_S)
-
-    def _see_take_over(self, command: Node, begin_s: float, within_s: float) -> None:
         standby = self._standby
-        while standby is not None and time.monotonic() < begin_s + within_s:
-            if self._takes_over(standby):
+        assert standby is not None
+        try:
+            standby.process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self._problem(f"{standby.name} goes on after {command.name} ended in order")
+        self._restart_both()
+        self._wait_for_heartbeats(begin_s)  # none are due after an end in order
+
+    def _see_take_over(self, command: Node, begin_s: float, within_s: float, *, notes: bool = True) -> None:
+        while self._command is command and time.monotonic() < begin_s + within_s:
+            if self._swap() and notes:
                 self.flight.take_over_s.append(time.monotonic() - begin_s)
-                self._command, self._standby = standby, None
-                return
-            if standby.process.poll() is not None:
-                self.flight.problems.append(f"{standby.name} ended while {command.name} was gone")
-                self._standby = standby = None
             time.sleep(_POLL_S)
 
-    def _see_late_take_over(self, command: Node, begin_s: float) -> None:
-        """A stop as long as the lease: either goes on."""
-        self._see_take_over(command, begin_s, time.monotonic() - begin_s + 2.0)
-        if self._command is not command:
-            self._wait_end_of_replaced(command)
-
-    def _wait_end_of_replaced(self, command: Node) -> None:
-        try:
-            command.process.wait(20.0)
-        except subprocess.TimeoutExpired:
-            self.flight.problems.append(f"{command.name} goes on although it was replaced")
+    def _wait_until_replaced(self, command: Node) -> None:
+        """Wait until a command that another node has replaced starts again."""
+        with contextlib.suppress(AssertionError):
+            self.run.until(command.name, _follows, _START_S)
+            return
+        self._problem(f"{command.name} does not follow the node that replaced it")
 
     # ------------------------------------------------------------ orders, end, heartbeats
 
@@ -395,11 +403,11 @@ class ChaosRun:
     def _wait_for_end(self) -> None:
         deadline = time.monotonic() + MISSION_S / self._speed
         while time.monotonic() < deadline:
-            if any("mission ended" in self.run.printed(node.name) for node in self.flight.nodes):
+            if any("mission ended" in self._printed(node) for node in self.flight.nodes):
                 return
             time.sleep(0.2)
             self._supervise()
-        self.flight.problems.append("the mission did not end")
+        self._problem("the mission did not end")
 
     def _measure_gaps(self, begin_s: float, end_s: float) -> None:
         flight = self.flight
@@ -415,10 +423,10 @@ class ChaosRun:
 
     def _end(self) -> None:
         """End all in order, command last, which shows that it can."""
-        if self._standby is not None:
-            self._standby.process.send_signal(signal.SIGINT)
+        for node in (self._standby, self._command):
+            if node is not None:
+                node.process.send_signal(signal.SIGINT)
         if self._command is not None:
-            self._command.process.send_signal(signal.SIGINT)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._command.process.wait(40.0)
 
@@ -427,35 +435,39 @@ class ChaosRun:
         self._observer.close()
         self.run.end()
         self.tap.end()
+        self._around.close()
         for bridge in bridges(self.flight.folder):
             bridge.kill()
 
 
-def _signal(node: Node, deed: Deed) -> None:
+def recordings_of(folder: Path, node: Node) -> list[Path]:
+    """Return the folders of a node's recordings, one for each start."""
+    return [*folder.glob(node.name), *folder.glob(f"{node.name}-[0-9]*")]
+
+
+def _place(role: str) -> str:
+    """Return the place of a node among the paths: it stays when command and standby change their duties."""
+    return {"service": "one", "standby": "two"}.get(role, "bridge")
+
+
+def _follows(said: str) -> bool:
+    """Return True if a node said at last that it follows command."""
+    others = ("this node ended", "asks for the state", "takes over")
+    return said.rfind("follows it") > max(map(said.rfind, others))
+
+
+def _end_node(node: Node, deed: Deed) -> None:
     if deed == "restart":
         node.process.send_signal(signal.SIGINT)
         return
-    if node.process.poll() is None:
-        node.ended_unix_s = time.time()
-        node.process.kill()
-
-
-@contextlib.contextmanager
-def _stopped(pid: int, duration_s: float) -> Iterator[None]:
-    """Stop a process for some time."""
-    begin_s = time.monotonic()
-    os.kill(pid, signal.SIGSTOP)
-    try:
-        yield
-        time.sleep(max(0.0, begin_s + duration_s - time.monotonic()))
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGCONT)
+    process = psutil.Process(node.pid)
+    node.ends_unix_s.append(time.time())
+    process.kill()
 
 
 def fly_under(folder: Path, seed: int, speed: float, check: Callable[[Flight], None]) -> Flight:
     """Fly a run of a seed, and check it."""
-    chaos = ChaosRun(folder, draw_schedule(seed), speed)
+    chaos = ChaosRun(folder, draw_schedule(seed), speed, seed)
     try:
         flight = chaos.fly()
     finally:

@@ -6,9 +6,11 @@ from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from itertools import groupby, pairwise
+from math import inf
 from pathlib import Path
 from typing import Final, NamedTuple
 
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import parse
@@ -18,9 +20,21 @@ from gcs.core.state import flown_routes
 from gcs.errors import RecordingError
 from gcs.io.cluster.event_log import decode_batch, digest, unpacked
 from gcs.io.recording.reader import Damage, Record, read, read_info
+from gcs.io.records import decode as decode_record
 from gcs.mavlink.frames.codec import decode
-from gcs.model import NS_PER_S, AgentStatus, Event, OrderAnswer, Resumed, Send, Snapshot, Truth
-from helpers.chaos import Flight, Node
+from gcs.model import (
+    NS_PER_S,
+    AgentStatus,
+    Event,
+    OrderAnswer,
+    Picture,
+    Resumed,
+    Send,
+    Snapshot,
+    Truth,
+    TruthObject,
+)
+from helpers.chaos import Flight, Node, recordings_of
 from helpers.heartbeat_tap import Sent
 
 _SAME_S: Final = 3.0
@@ -29,10 +43,20 @@ _UNREADABLE_S: Final = 1.5
 """What a recording may lack before a `kill -9`."""
 
 
+_PICTURE_SCANS: Final = 5
+"""Until the picture is right after the end of a fault."""
+_OFF_M: Final = 20.0
+"""Of a track from its object."""
+
+
 class _Kept(NamedTuple):
     node: Node
     folder: Path
     records: list[Record]
+
+    @property
+    def name(self) -> str:
+        return self.folder.name
 
 
 def operational_picture(engine: Engine) -> dict[str, object]:
@@ -48,13 +72,15 @@ def operational_picture(engine: Engine) -> dict[str, object]:
 
 def check(flight: Flight) -> None:
     """Add to `flight.problems` what does not hold."""
-    kept = list(_recordings(flight))
+    kept = _recordings(flight)
     sent = sorted(flight.tap.sent)
     flight.problems += _two_nodes(flight, kept, sent)
     flight.problems += _repeated_missions(sent)
+    flight.problems += _unverified_missions(sent)
     flight.problems += _repeated_orders(list(_while_they_command(kept)))
     flight.problems += _other_states(flight, kept)
     flight.problems += _lost(kept)
+    flight.problems += _wrong_pictures(flight)
     for node in flight.nodes:
         said = (flight.folder / f"{node.name}.log").read_text()
         flight.problems += [
@@ -64,26 +90,27 @@ def check(flight: Flight) -> None:
         ]
 
 
-def _recordings(flight: Flight) -> Iterator[_Kept]:
-    """Read all recordings; note those that are not readable to the last second."""
+def _recordings(flight: Flight) -> list[_Kept]:
+    """Read all recordings, in order; note those that are not readable to the last second."""
+    found = []
     for node in flight.nodes:
-        folder = flight.folder / node.name
-        if not folder.exists():  # a standby that never commanded, a bridge
-            continue
-        try:
-            records = list(read(folder))
-        except RecordingError as error:
-            flight.problems.append(f"recording of {node.name}: {error}")
-            continue
-        damage = [record.value for record in records if isinstance(record.value, Damage)]
-        records = [record for record in records if not isinstance(record.value, Damage)]
-        if node.ended_unix_s is None:
-            flight.problems += [f"recording of {node.name}: {one.problem}" for one in damage]
-        elif records:
-            missing_s = node.ended_unix_s - _unix_s(flight, records[-1].t_ns)
-            if missing_s > _UNREADABLE_S:
-                flight.problems.append(f"recording of {node.name} ends {missing_s:.1f} s before its end")
-        yield _Kept(node, folder, records)
+        for folder in recordings_of(flight.folder, node):
+            try:
+                records = list(read(folder))
+            except RecordingError as error:
+                flight.problems.append(f"recording {folder.name}: {error}")
+                continue
+            damage = [record.value for record in records if isinstance(record.value, Damage)]
+            records = [record for record in records if not isinstance(record.value, Damage)]
+            if records:
+                begin_s, end_s = (_unix_s(flight, records[n].t_ns) for n in (0, -1))
+                ends_s = min((one for one in node.ends_unix_s if one > begin_s), default=None)
+                if ends_s is None:
+                    flight.problems += [f"recording {folder.name}: {one.problem}" for one in damage]
+                elif ends_s - end_s > _UNREADABLE_S:
+                    flight.problems.append(f"recording {folder.name} lacks its last {ends_s - end_s:.1f} s")
+                found.append(_Kept(node, folder, records))
+    return sorted(found, key=lambda one: one.records[0].t_ns)
 
 
 def _while_they_command(kept: list[_Kept]) -> Iterator[_Kept]:
@@ -99,6 +126,10 @@ def _unix_s(flight: Flight, t_ns: int) -> float:
     return (flight.epoch_ns + (t_ns - flight.epoch_ns) / flight.speed) / NS_PER_S
 
 
+def _t_ns(flight: Flight, unix_s: float) -> int:
+    return flight.epoch_ns + int((unix_s * NS_PER_S - flight.epoch_ns) * flight.speed)
+
+
 def _two_nodes(flight: Flight, kept: list[_Kept], sent: list[Sent]) -> Iterator[str]:
     """Datagrams of two nodes must not alternate at one vehicle: each node has one period of time."""
     times = defaultdict[tuple[str, bytes], dict[str, list[float]]](dict)
@@ -106,7 +137,7 @@ def _two_nodes(flight: Flight, kept: list[_Kept], sent: list[Sent]) -> Iterator[
         for record in one.records:
             if isinstance(record.value, Send):
                 place = times[record.value.peer, record.value.data]
-                place.setdefault(one.node.name, []).append(_unix_s(flight, record.t_ns))
+                place.setdefault(one.name, []).append(_unix_s(flight, record.t_ns))
     owners = defaultdict[str, list[tuple[str, float]]](list)
     for datagram in sent:
         if datagram.is_up:
@@ -154,6 +185,30 @@ def _repeated_missions(sent: list[Sent]) -> Iterator[str]:
                 taken[peer] = items
 
 
+def _unverified_missions(sent: list[Sent]) -> Iterator[str]:
+    """No vehicle is told to fly a mission that was not read back whole since its last upload."""
+    is_changed: dict[str, bool] = {}
+    size: dict[str, int] = {}
+    read_back = defaultdict[str, set[int]](set)
+    for datagram in sent:
+        peer = datagram.peer
+        for message in decode(datagram.data)[0]:
+            if getattr(message, "mission_type", 0):
+                continue
+            kind = message.get_type()
+            if kind == "MISSION_COUNT" and datagram.is_up:
+                size[peer] = message.count
+                read_back[peer] = set()
+            elif kind == "MISSION_ITEM_INT" and datagram.is_up:
+                read_back[peer].add(message.seq)
+                if len(read_back[peer]) == size.get(peer):
+                    is_changed[peer] = False
+            elif kind == "MISSION_COUNT" and not datagram.is_up:
+                is_changed[peer] = True
+            elif kind == "MISSION_SET_CURRENT" and not datagram.is_up and is_changed.get(peer):
+                yield f"vehicle at {peer} was told to fly a mission that was not read back"
+
+
 def _place(item: dialect.MAVLink_mission_item_int_message) -> tuple[object, ...]:
     parameters = (item.param1, item.param2, item.param3, item.param4)
     return (item.frame, item.command, *map(str, parameters), item.x, item.y, item.z)
@@ -172,27 +227,62 @@ def _repeated_orders(kept: list[_Kept]) -> Iterator[str]:
             yield f"order {order} was carried out {count} times by vehicle {vehicle}"
 
 
+def _wrong_pictures(flight: Flight) -> Iterator[str]:
+    """The picture is right within some scans after the end of each fault."""
+    truths = {truth.t_ns: truth for truth in (decode_record("truth", one, Truth) for one in flight.truths)}
+    pictures = defaultdict[int, list[Picture]](list)
+    for key, payload in flight.pictures:
+        picture = decode_record(key, payload, Picture)
+        pictures[picture.scan_t_ns].append(picture)
+    begun_t_ns = [_t_ns(flight, begun) for begun in flight.begun_unix_s]
+    for number, (fault, healed_unix_s) in enumerate(flight.healed, 1):
+        next_t_ns = begun_t_ns[number] if number < len(begun_t_ns) else inf
+        later = sorted(t_ns for t_ns in truths if _t_ns(flight, healed_unix_s) < t_ns < next_t_ns)
+        right = (n for n, t_ns in enumerate(later, 1) if _is_right(truths[t_ns], pictures[t_ns]))
+        scans = next(right, None)
+        if scans is not None:
+            flight.scans_to_picture.append(scans)
+        if (len(later) if scans is None else scans) > _PICTURE_SCANS:
+            yield f"after {fault} the picture was right after {scans or len(later)} scans"
+
+
+def _is_right(truth: Truth, pictures: list[Picture]) -> bool:
+    """Return True if both kinds have one track at each object and no other."""
+    for kind in ("agents", "targets"):
+        objects = [one for one in truth.objects if one.kind == kind and one.alive]
+        if not any(_shows(one, objects) for one in pictures if one.kind == kind):
+            return False
+    return True
+
+
+def _shows(picture: Picture, objects: list[TruthObject]) -> bool:
+    tracks = [track.mean[:2] for track in picture.tracks if track.estimated]
+    places = [np.array([one.east_m, one.north_m]) for one in objects]
+    is_near = (any(np.hypot(*(place - track)) < _OFF_M for track in tracks) for place in places)
+    return len(tracks) == len(places) and all(is_near)
+
+
 def _lost(kept: list[_Kept]) -> Iterator[str]:
     """`deterministic` loses no agent."""
     for one in kept:
         for record in one.records:
             if isinstance(record.value, AgentStatus) and record.value.status in ("lost", "down"):
-                yield f"{one.node.name}: vehicle {record.value.vehicle} {record.value.status}"
+                yield f"{one.name}: vehicle {record.value.vehicle} {record.value.status}"
 
 
 def _other_states(flight: Flight, kept: list[_Kept]) -> Iterator[str]:
     """The state with which a standby takes over is that of the command before it."""
     for before, after in pairwise(kept):
         first = [record.value for record in after.records[:2]]
-        if not after.node.name.startswith("standby") or len(first) < 2:
-            continue
+        if len(first) < 2 or "takes over" not in (flight.folder / f"{after.node.name}.log").read_text():
+            continue  # it began with the journal, or clean
         snapshot, resumed = first
         if not isinstance(snapshot, Snapshot) or not isinstance(resumed, Resumed):
-            yield f"{after.node.name} does not begin with a state"
+            yield f"{after.name} does not begin with a state"
             continue
         expected, last_t_ns = _engine_at(before, flight.events, snapshot.t_ns)
         found = _engine(before.folder)
-        found.state = decode_state(after.node.name, snapshot.data)
+        found.state = decode_state(after.name, snapshot.data)
         if last_t_ns != snapshot.t_ns:  # neither recorded nor seen by the observer
             flight.uncompared += 1
             continue
@@ -201,8 +291,8 @@ def _other_states(flight: Flight, kept: list[_Kept]) -> Iterator[str]:
         parts = operational_picture(found)
         for part, value in operational_picture(expected).items():
             if parts[part] != value:
-                yield f"{after.node.name}: {part} {parts[part]}; of {before.node.name} {value}"
-        yield f"{after.node.name}: its state differs from that of {before.node.name} at the same event"
+                yield f"{after.name}: {part} {parts[part]}; of {before.name} {value}"
+        yield f"{after.name}: its state differs from that of {before.name} at the same event"
 
 
 def _engine(folder: Path) -> Engine:
@@ -224,7 +314,7 @@ def _engine_at(kept: _Kept, batches: list[bytes], t_ns: int) -> tuple[Engine, in
         begin = snapshots[-1]
         snapshot = values[begin]
         assert isinstance(snapshot, Snapshot)
-        engine.state = decode_state(kept.node.name, snapshot.data)
+        engine.state = decode_state(kept.name, snapshot.data)
     last_t_ns = 0
     for value in values[begin:]:
         if isinstance(value, Event) and not isinstance(value, Truth):

@@ -48,7 +48,9 @@ def console_of(service: int) -> psutil.Process:
 class Run:
     """The simulated side, and central command as often as it is started."""
 
-    def __init__(self, folder: Path, speed: float = 1.0, relay: int | None = None) -> None:
+    def __init__(
+        self, folder: Path, speed: float = 1.0, relay: int | None = None, observers: Sequence[str] = ()
+    ) -> None:
         text, source = read_text("deterministic")
         text = override_keys(
             text, ["planning.shape=pulled"], source
@@ -69,7 +71,7 @@ class Run:
             "--gcs",
             f"127.0.0.1:{relay or port}",
             "--zenoh",
-            f"{self.zenoh},{self.standby}",
+            ",".join((self.zenoh, self.standby, *observers)),
             "--json",
             "--until-stdin-closes",
             "--pack",
@@ -89,9 +91,10 @@ class Run:
         environment: Mapping[str, str] | None = None,
         arguments: Sequence[str] = (),
         file: Path | None = None,
+        program: Sequence[str] = GCS,
     ) -> subprocess.Popen[bytes]:
-        """Start a service; `file` is another mission file."""
-        command = [*GCS, "run", str(file or self.file), "--headless", "--out", str(self.folder / name)]
+        """Start a service; `file` is another mission file, `program` one that stands for `gcs`."""
+        command = [*program, "run", str(file or self.file), "--headless", "--out", str(self.folder / name)]
         command += ["--journal", str(self.folder / "journal"), *self.clock, *arguments]
         with (self.folder / f"{name}.log").open("wb") as log:
             whole = {**os.environ, **(environment or {})}
@@ -134,6 +137,19 @@ class Run:
         assert self.world.stdin is not None
         self.world.stdin.close()
         self.world.wait(20.0)
+
+
+def node_of(process: subprocess.Popen[bytes]) -> psutil.Process:
+    """Return the node of a supervisor, as soon as it runs (`gcs.service.node_supervisor`)."""
+    deadline = time.monotonic() + 30.0
+    supervisor = psutil.Process(process.pid)
+    while time.monotonic() < deadline:
+        with suppress(psutil.NoSuchProcess):
+            for child in supervisor.children():
+                if child.cmdline() == supervisor.cmdline() and child.status() != psutil.STATUS_ZOMBIE:
+                    return child
+        time.sleep(0.02)
+    raise AssertionError("no node")
 
 
 def bridges(folder: Path) -> list[psutil.Process]:

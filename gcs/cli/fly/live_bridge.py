@@ -12,6 +12,7 @@ from gcs.io.service_manager import watched
 from gcs.service.bridge import Bridge
 from gcs.service.bridge_process import open_bridge
 from gcs.service.bridge_start import bridge_settings
+from gcs.service.resume import default_path
 from gcs.service.service import wait_for_interrupt
 
 
@@ -31,7 +32,8 @@ def serve_bridge(scenario: str, bridge: str | None, console: Console) -> None:
     text, source = read_text(scenario)
     config = parse(text, source)
     name = _name(config, source, bridge)
-    settings = bridge_settings(config, source, config.mavlink_links, name)
+    folder = default_path(config.name).parent
+    settings = bridge_settings(config, source, config.mavlink_links, name, folder)
     with open_bridge(settings) as opened:
         names = ", ".join(link.name for link in settings.links)
         console.print(

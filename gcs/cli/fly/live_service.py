@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
+from time import monotonic
+from typing import Final
 
 from rich.console import Console
 
@@ -29,12 +31,17 @@ from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.session import ZenohSession, from_this_machine, service_bus
 from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.report.run.summary import recording_facts
-from gcs.service.bridge_start import bridges_for_standby, bridges_of
+from gcs.service.bridge_start import bridges_for_standby, bridges_of, is_bridge_of_other_node
 from gcs.service.event_publisher import EventPublisher
 from gcs.service.journal import Journal, JournalSink, fingerprint
+from gcs.service.node_supervisor import is_supervised_by_system, supervise_node
 from gcs.service.resume import default_path, resume_from_journal
 from gcs.service.service import Service, fly_on_after_hangup, wait_for_interrupt
 from gcs.service.standby import IgnoredLinks, Standby, TakeOver
+
+_LEARN_S: Final = 5.0
+"""Time in which a service of a mission with a standby learns who commands; a lease is decided in less."""
+_LEARN_POLL_S: Final = 0.05
 
 
 def serve(
@@ -52,7 +59,8 @@ def serve(
 ) -> None:
     """Serve until interrupted; write a recording, and a journal to resume from.
 
-    A standby first follows the service that commands, until that is gone.
+    A standby first follows the service that commands, until that is gone. So does a service of a mission with
+    a standby that commands by now.
 
     Raises
     ------
@@ -69,13 +77,18 @@ def serve(
             "expected the endpoint of the standby, such as "
             "tcp/127.0.0.1:7448; the same mission file is for all",
         )
+    if config.links.standby and not is_supervised_by_system():
+        start = supervise_node(partial(_say_on, console))
+        if out is not None and start > 1:
+            out = out.with_name(f"{out.name}-{start}")
     warm_up(console, *flying(config))
-    connected = bridges_for_standby if is_standby else bridges_of
+    follows = is_standby or is_bridge_of_other_node(config, source, config.mavlink_links)
+    connected = bridges_for_standby if follows else bridges_of
+    journal = Journal(journal_path or default_path(config.name), config.name, fingerprint(text, seed))
     name = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}"
-    belongs_to = fingerprint(text, seed)
     with (
         off_loop(console) as view,
-        connected(config, source, config.mavlink_links, Scanner()) as links,
+        connected(config, source, config.mavlink_links, Scanner(), journal.path.parent) as links,
     ):
         flight = _Flight(
             config=config,
@@ -86,8 +99,8 @@ def serve(
             view=view,
             links=links,
             record=partial(open_recorder, out, name, text, Run(config.name, seed), config.recording),
-            journal=Journal(journal_path or default_path(config.name), config.name, belongs_to),
-            fingerprint=belongs_to,
+            journal=journal,
+            fingerprint=journal.belongs_to,
             clock=clock,
             page=page,
             resume=resume,
@@ -129,8 +142,9 @@ class _Flight:
                 for warning in zenoh_warnings(self.config.links, bus.node):
                     self.console.print(warning, style="yellow", highlight=False, markup=False, soft_wrap=True)
                 async with watched():
-                    taken = await self._follow(bus, stop) if self.is_standby else None
-                    if taken is not None or not self.is_standby:
+                    follows = self.is_standby or await self._is_commanded(stop)
+                    taken = await self._follow(bus, stop) if follows else None
+                    if taken is not None or not follows:
                         with announced(self.config.name, endpoint, self.tls):
                             await self._command(bus, endpoint, taken, stop, at_once)
         finally:
@@ -148,11 +162,25 @@ class _Flight:
         with ZenohSession(listen=table.standby, connect=table.zenoh, tls=self.tls) as bus:
             yield bus, from_this_machine(table.standby)
 
+    async def _is_commanded(self, stop: asyncio.Event) -> bool:
+        """Return True if the mission has a standby, and that commands: it has taken over before."""
+        if not self.config.links.standby:
+            return False
+        self.links.start(asyncio.get_running_loop(), IgnoredLinks())
+        until_s = monotonic() + _LEARN_S
+        while monotonic() < until_s and not stop.is_set() and not self.links.may_command():
+            if self.links.commander():
+                return True
+            self.links.ask_for_lease()
+            await asyncio.sleep(_LEARN_POLL_S)
+        return False
+
     async def _follow(self, bus: ZenohSession, stop: asyncio.Event) -> TakeOver | None:
         """Follow the service that commands; return where to go on, or None if it ended in order."""
         standby = Standby(self.config, self.seed, bus, self.fingerprint, self._say)
         self.links.start(asyncio.get_running_loop(), IgnoredLinks())
-        self._say(f"standby of {self.config.links.zenoh}; Ctrl-C ends it")
+        other = self.config.links.zenoh if self.is_standby else self.config.links.standby
+        self._say(f"standby of {other}; Ctrl-C ends it")
         taken = await standby.follow(self.links, stop)
         if taken is None:
             self._say("command has ended")
@@ -186,12 +214,13 @@ class _Flight:
                 recorder.writer,
                 keeper.writer,
                 publisher.writer,
+                publisher,
                 self.links,
                 *self.links.bridges,
             ]
             service.sinks += [keeper, publisher]
             names = ", ".join(link.name for link in self.links.links)
-            self._say(f"MAVLink on {names}; zenoh on {self.config.links.zenoh}; Ctrl-C ends it")
+            self._say(f"MAVLink on {names}; zenoh on {endpoint}; Ctrl-C ends it")
             speed = clock.speed
             async with (
                 service_page(service, bus, endpoint, self.page, self.console, speed, self.source) as url,
@@ -216,4 +245,8 @@ class _Flight:
         return True
 
     def _say(self, text: str) -> None:
-        self.console.print(text, highlight=False, markup=False, soft_wrap=True)
+        _say_on(self.console, text)
+
+
+def _say_on(console: Console, text: str) -> None:
+    console.print(text, highlight=False, markup=False, soft_wrap=True)
