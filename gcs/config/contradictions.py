@@ -158,10 +158,6 @@ def _zones(config: Config, source: str) -> Iterator[ConfigError]:
 
 def _terrain(config: Config, terrain: TerrainTable, source: str) -> Iterator[ConfigError]:
     """Check the flight band, and that the elevation model is there and covers the map."""
-    ends = {"mission.end": config.mission.end}
-    ends |= {f"airframes.{name}.end": one.end or "loiter" for name, one in config.airframes.items()}
-    for key in (key for key, end in ends.items() if end == "land"):
-        yield ConfigError(source, key, 'expected "loiter": over terrain no way to a landing is planned')
     if terrain.max_agl_m - terrain.min_agl_m < _MIN_BAND_M:
         yield ConfigError(
             source,

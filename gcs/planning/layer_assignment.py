@@ -7,7 +7,7 @@ route a vehicle is assumed to stay there.
 
 Over terrain routes have heights, and a layer is a share of the flight band. Where the ground bends more than
 a vehicle can climb, the heights of two layers come together. So two flights with heights are separated by
-these, whatever their layers are.
+these, whatever their layers are, and kept apart from the circles at the ends of others, too.
 """
 
 from __future__ import annotations
@@ -41,6 +41,8 @@ class PlannedFlight:
     """Radius of its circle, if it stays where it is."""
     heights_msl_m: FloatArray | None = None
     """(k,), heights of the points; None: that of its layer."""
+    end_radius_m: float = 0.0
+    """Radius of the circle round its last point that it flies from there on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +80,7 @@ def assign_layers(
     order = sorted(flights, key=lambda flight: (not flight.keeps_layer, flight.vehicle))
     if not order:
         return {}, ()
-    within_m = min_distance_m + 2.0 * max(f.radius_m for f in order)
-    distance_m, after_s = _nearest(_positions(order), within_m, min_height_m)
-    radii_m = np.array([flight.radius_m for flight in order])
-    distance_m -= radii_m[:, None] + radii_m
+    distance_m, after_s = _nearest(_positions(order), min_distance_m, min_height_m)
     has_heights = np.array([flight.heights_msl_m is not None for flight in order])
     found: list[int] = []
     conflicts: list[Conflict] = []
@@ -107,7 +106,9 @@ def min_separation_m(flights: Sequence[PlannedFlight], min_height_m: float = 0.0
     """Return the least distance of each vehicle to others at its height; inf for a vehicle without others."""
     if not flights:
         return {}
-    distance_m, _ = _nearest(_positions(flights), 0.0, min_height_m)
+    positions = _positions(flights)
+    positions[:, :, 3] = 0.0
+    distance_m, _ = _nearest(positions, 0.0, min_height_m)
     layers = np.array([flight.layer for flight in flights])
     has_heights = np.array([flight.heights_msl_m is not None for flight in flights])
     meets = (layers[:, None] == layers) | (has_heights[:, None] & has_heights)
@@ -116,21 +117,23 @@ def min_separation_m(flights: Sequence[PlannedFlight], min_height_m: float = 0.0
 
 
 def _positions(flights: Sequence[PlannedFlight]) -> FloatArray:
-    """Return predicted positions at each step, (n, steps, 3), until the last flight ends.
+    """Return predicted positions at each step, (n, steps, 4), until the last flight ends.
 
-    The third is the height; NaN where a flight has none.
+    The third is the height, NaN where a flight has none; the last is the radius of a circle round the place.
     """
     along_m = [np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(f.points_m, axis=0).T)))) for f in flights]
     longest_s = max(
         distances_m[-1] / flight.speed_m_s for distances_m, flight in zip(along_m, flights, strict=True)
     )
     t_s = np.arange(0.0, min(longest_s, _MAX_HORIZON_S) + _STEP_S, _STEP_S)
-    places = np.full((len(flights), len(t_s), 3), np.nan)
+    places = np.full((len(flights), len(t_s), 4), np.nan)
     for i, (distances_m, flight) in enumerate(zip(along_m, flights, strict=True)):
         for axis in (0, 1):
             places[i, :, axis] = np.interp(flight.speed_m_s * t_s, distances_m, flight.points_m[:, axis])
         if flight.heights_msl_m is not None:
             places[i, :, 2] = np.interp(flight.speed_m_s * t_s, distances_m, flight.heights_msl_m)
+        has_ended = flight.speed_m_s * t_s >= distances_m[-1]
+        places[i, :, 3] = np.where(has_ended, max(flight.radius_m, flight.end_radius_m), flight.radius_m)
     return places
 
 
@@ -145,20 +148,20 @@ def _nearest(places: FloatArray, min_distance_m: float, min_height_m: float) -> 
     after_s = np.full((n, n), np.inf)
     for i in range(n):
         for j in range(i):
-            nearest2 = np.inf
+            nearest = np.inf
             for k in range(places.shape[1]):
                 if abs(places[i, k, 2] - places[j, k, 2]) >= min_height_m:
                     continue  # not with NaN
                 x = places[i, k, 0] - places[j, k, 0]
                 y = places[i, k, 1] - places[j, k, 1]
-                gap2 = x * x + y * y
-                if nearest2 >= min_distance_m * min_distance_m > gap2:
+                gap = math.sqrt(x * x + y * y) - places[i, k, 3] - places[j, k, 3]
+                if nearest >= min_distance_m > gap:
                     after_s[i, j] = k * _STEP_S
-                nearest2 = min(nearest2, gap2)
-            distance_m[i, j] = math.sqrt(nearest2)
+                nearest = min(nearest, gap)
+            distance_m[i, j] = nearest
     return distance_m, after_s
 
 
 def warm_up_calls() -> list[Call]:
     """Return one call of the kernel with the types of a plan."""
-    return [(_nearest, np.zeros((2, 1, 3)), 1.0, 1.0)]
+    return [(_nearest, np.zeros((2, 1, 4)), 1.0, 1.0)]

@@ -234,10 +234,19 @@ def _flight(route: Route, inputs: MissionInputs) -> PlannedFlight:
     begin_m = inputs.begins_m.get(route.vehicle, [(agent.east_m, agent.north_m)])
     path_m = np.vstack((*begin_m, route.flown_m))
     heights_m = route.heights_msl_m
+    circle_m = 0.0
     if heights_m is not None:
         heights_m = np.concatenate((np.full(len(begin_m), agent.height_msl_m), heights_m))
-    layer = inputs.preferred_layers[route.vehicle]
-    return PlannedFlight(route.vehicle, path_m, agent.speed_m_s, layer, heights_msl_m=heights_m)
+        loiter = (agent.options or inputs.options).loiter
+        circle_m = 0.0 if loiter is None else loiter.radius_m
+    return PlannedFlight(
+        route.vehicle,
+        path_m,
+        agent.speed_m_s,
+        inputs.preferred_layers[route.vehicle],
+        heights_msl_m=heights_m,
+        end_radius_m=circle_m,
+    )
 
 
 def plan_routes(

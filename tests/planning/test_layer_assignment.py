@@ -124,3 +124,13 @@ def test_a_route_does_not_share_the_layer_of_a_circle_that_it_touches():
         layers, conflicts = assign_layers([route, held], 4, 60.0)
         assert layers == {1: expected, 2: 2}
         assert conflicts == ()
+
+
+def test_a_route_over_terrain_keeps_apart_from_the_circle_at_the_end_of_another():
+    """It passed 60 m beside the target of another, on whose circle of 60 m that was then."""
+    there = PlannedFlight(
+        1, np.array([(0.0, 0.0), (0.0, 100.0)]), 15.0, 0, True, 0.0, np.array([1600.0, 1600.0]), 60.0
+    )
+    passing = over_terrain(2, (-1000, 190, 1600), (1000, 190, 1600), layer=1)
+    _, (conflict,) = assign_layers([there, passing], 3, 60.0, 15.0)
+    assert conflict.distance_m == pytest.approx(30.0, abs=1.0)

@@ -24,7 +24,7 @@ from gcs.cli.warm_up_progress import PLANNING, TERRAIN, load_kernels
 from gcs.config import Config, load
 from gcs.core.airspace.obstacle_map import mission_map
 from gcs.core.replanning.mission_inputs import mission_inputs
-from gcs.core.replanning.return_routes import landing_of
+from gcs.core.replanning.return_routes import NO_APPROACH, landing_of, return_over_terrain
 from gcs.errors import ConfigError, RecordingError
 from gcs.mavlink.autopilots import ARDUPLANE, AutopilotProfile
 from gcs.model import NoticeCode, target_name, vehicle_name
@@ -70,6 +70,8 @@ def run_plan(task: Task, outputs: Outputs, console: Console, *, as_json: bool) -
     result, timings_ms = _plan(task)
     return_routes = _return_routes(task, result)
     problems = {vehicle: one.problem for vehicle, one in return_routes.items() if one.problem}
+    landing = (route.vehicle for route in result.routes if route.vehicle in task.landings)
+    problems |= {vehicle: NO_APPROACH for vehicle in landing if vehicle not in return_routes}
     notes = [PlanNote(NoticeCode.RETURN_ROUTE_PROBLEM, v, {"problem": text}) for v, text in problems.items()]
     result = replace(result, notes=(*result.notes, *notes))
     paths = [] if outputs.plot is None else [outputs.plot]
@@ -166,20 +168,24 @@ def _plan(task: Task) -> tuple[PlanResult, dict[str, float]]:
 
 
 def _return_routes(task: Task, result: PlanResult) -> dict[int, ReturnRoute]:
-    """Plan the return routes of agents to their starts, for missions that end with a landing."""
-    return {
-        route.vehicle: plan_return_route(
-            task.mission.grid,
-            start,
-            route.points_m,
-            (start.east_m, start.north_m),
-            start.options or task.mission.options,
-            task.landings[route.vehicle],
+    """Plan the return routes of agents to their starts, for missions that end with a landing.
+
+    Over terrain agents without a clear approach have none.
+    """
+    found = {}
+    for route in (one for one in result.routes if one.vehicle in task.landings):
+        start = task.mission.agents[route.vehicle]
+        home_m = (start.east_m, start.north_m)
+        options = start.options or task.mission.options
+        landing = task.landings[route.vehicle]
+        planned = (
+            plan_return_route(task.mission.grid, start, route.points_m, home_m, options, landing)
+            if task.mission.terrain is None
+            else return_over_terrain(task.mission, route, home_m)
         )
-        for route in result.routes
-        for start in (task.mission.agents[route.vehicle],)
-        if route.vehicle in task.landings
-    }
+        if planned is not None:
+            found[route.vehicle] = planned
+    return found
 
 
 def _as_dict(

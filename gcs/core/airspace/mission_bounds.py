@@ -4,7 +4,7 @@ Items are checked one by one, and so is what the vehicle will fly between them: 
 circle and landing approach, forward-simulated from the items (`gcs.planning.forward_simulation`). What is
 flown must keep inside the fence. Where routes are planned with turns and a clearance, it must keep out of
 obstacles and no-fly zones as well. Over terrain it must keep half of the least height above the ground,
-except in take-off and landing.
+except in take-off; in a landing half of its height above home, if that is less.
 
 The check is independent of planning, which also keeps routes inside. The vehicle of a refused mission keeps
 its onboard mission.
@@ -22,15 +22,16 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.config.airframe import UNKNOWN_LOITER_RADIUS_M
-from gcs.core.airspace.flown_heights import lowest_heights_m
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.fence import Area, held_areas
 from gcs.mavlink.mission.items import Item
 from gcs.model import BoolArray, FloatArray, IntArray, LimitReference, VehicleState
+from gcs.planning.flown_heights import lowest_heights_m
 from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission, simulate
 from gcs.planning.map.grid import Grid, Point, free_grid_like
 from gcs.planning.map.limited_area import blocked_by
 from gcs.planning.mission_flight import NOWHERE, simulate_mission
+from gcs.planning.terrain.ground import keeps_above_landing
 
 _ROUNDING_M: Final = 1.0
 _PLACE_ROUNDING_M: Final = 0.02
@@ -122,7 +123,7 @@ class MissionBoundsCheck:
             wrong = np.flatnonzero(blocked)
             what = "hits an obstacle, a no-fly zone or the fence"
         if not len(wrong):
-            wrong = np.flatnonzero(self._is_near_ground(items, flown_m, parts, lowest_msl_m))
+            wrong = np.flatnonzero(self._is_near_ground(items, flown_m, parts, lowest_msl_m, home_msl_m))
             what = f"comes nearer to the ground than {self._least_agl_m:g} m"
         if not len(wrong):
             return ""
@@ -181,15 +182,29 @@ class MissionBoundsCheck:
         return 0.0 if reference == "msl" else self._zones.obstacles.layers.ground_msl_m
 
     def _is_near_ground(
-        self, items: Sequence[Item], flown_m: FloatArray, parts: IntArray, lowest_msl_m: FloatArray
+        self,
+        items: Sequence[Item],
+        flown_m: FloatArray,
+        parts: IntArray,
+        lowest_msl_m: FloatArray,
+        home_msl_m: float,
     ) -> BoolArray:
-        """Return a mask of the places too near to the ground; take-off and landing do not count."""
+        """Return a mask of the places too near to the ground; a take-off does not count.
+
+        A landing, from the descent to its approach on, is above home, on the ground there.
+        """
         if self._elevation is None:
             return np.zeros(len(flown_m), dtype=np.bool_)
-        last = len(items) - 2 if items[-1].command == dialect.MAV_CMD_NAV_LAND else len(items)
         first = int(items[0].command == dialect.MAV_CMD_NAV_TAKEOFF)
-        is_low = lowest_msl_m < self._elevation.heights_at(flown_m) + self._least_agl_m
-        return is_low & (parts >= first) & (parts < last)
+        ground_msl_m = self._elevation.heights_at(flown_m)
+        is_low = lowest_msl_m < ground_msl_m + self._least_agl_m
+        if items[-1].command == dialect.MAV_CMD_NAV_LAND:
+            landing_msl_m = self._elevation.height_msl_m(*self._places_m(items[-1:])[0])
+            above_m = lowest_msl_m - home_msl_m
+            is_landing = parts >= len(items) - 2
+            is_clear = keeps_above_landing(above_m, ground_msl_m - landing_msl_m, self._least_agl_m)
+            is_low = np.where(is_landing, ~is_clear, is_low)
+        return is_low & (parts >= first)
 
     def _is_outside(self, flown_m: FloatArray) -> BoolArray:
         """Return a mask of the places outside the fence."""

@@ -290,6 +290,11 @@ class CheckCode(TableCode):
         "{min_distance_m:g} m apart",
         "they land one after another: clear the strip in between, or let them start farther apart",
     )  # fmt: skip
+    LANDING_INTO_GROUND = _refused(
+        "landing-into-ground", "landing", "{vehicles:agents} cannot land over this terrain",
+        "an approach that keeps above the ground",
+        'let missions end with a circle (mission.end = "loiter"), or start where the ground is lower',
+    )  # fmt: skip
     NO_ROUTE = _refused("no-route", "routes", "no route for {vehicles:agents}", "a route for all", "{notes}")
     NO_ROUTES = _refused("no-routes", "routes", "no route for any vehicle", "a route for all", "{notes}")
     ROUTES_WITH_NOTES = _warning("routes-with-notes", "routes", _ROUTES, "", "{notes}")

@@ -15,6 +15,7 @@ from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.result import Check
 from gcs.core.replanning.mission_inputs import mission_inputs
+from gcs.core.replanning.return_routes import return_over_terrain
 from gcs.core.takeoff.climbs import Climbs
 from gcs.fence import fence_of
 from gcs.mavlink.fleet.fleet import Fleet
@@ -104,6 +105,7 @@ def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:
         *(_takeoff(vehicle, rehearsal) for vehicle in sorted(rehearsal.climbs)),
         *_standing(config, rehearsal),
         *_landing(config, rehearsal),
+        *_landing_over_terrain(config, rehearsal),
         _routes(rehearsal.plan),
         _separation(config, rehearsal),
         *_fence(config, rehearsal),
@@ -172,6 +174,21 @@ def _landing(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
         "min_distance_m": MIN_LANDING_M,
     }
     yield Check(None, CheckCode.LANDINGS_NEAR, parameters)
+
+
+def _landing_over_terrain(config: Config, rehearsal: Rehearsal) -> Iterator[Check]:
+    """Refuse landings that no approach above the ground leads to."""
+    mission = rehearsal.mission
+    lands = [v for v, airframe in config.airframes_of_agents.items() if airframe.end == "land"]
+    stuck = tuple(
+        route.vehicle
+        for route in rehearsal.plan.routes
+        if mission.terrain is not None
+        and route.vehicle in lands
+        and return_over_terrain(mission, route, mission.begins_m[route.vehicle][0]) is None
+    )
+    if stuck:
+        yield Check(None, CheckCode.LANDING_INTO_GROUND, {"vehicles": stuck})
 
 
 def _routes(plan: PlanResult) -> Check:

@@ -36,7 +36,7 @@ def plan_options(config: Config, airframe: AgentAirframe | None = None) -> PlanO
         turn_radius_m=airframe.planned_radius_m,
         horizon_s=planning.horizon_s if planning.aim == "intercept" else 0.0,
         cost=planning.cost,
-        loiter=_loiter(airframe, planning.capture_radius_m),
+        loiter=_loiter(airframe, planning.capture_radius_m, over_terrain=config.terrain is not None),
         turns=corners_of(airframe),
         turn_lag_s=airframe.turn_lag_s,
         climb_gradient=airframe.climb_gradient,
@@ -51,13 +51,14 @@ def vehicle_options(config: Config) -> dict[int, PlanOptions]:
     return {vehicle: options[airframe] for vehicle, airframe in airframes.items()}
 
 
-def _loiter(airframe: AgentAirframe, capture_radius_m: float) -> LoiterSpec | None:
+def _loiter(airframe: AgentAirframe, capture_radius_m: float, *, over_terrain: bool) -> LoiterSpec | None:
     """Return the loiter circle at the ends of routes.
 
-    Missions that end with a landing have none. In wind their routes end where there is room for one.
+    Missions that end with a landing have none. In wind their routes end where there is room for one. Over
+    terrain all routes end on a circle.
     """
     corners = corners_of(airframe)
-    if airframe.end == "loiter":
+    if airframe.end == "loiter" or over_terrain:
         return LoiterSpec(airframe.circle_radius_m, capture_radius_m, airframe.turn_lag_s, corners)
     if airframe.wind_m_s > 0.0:
         return LoiterSpec(

@@ -162,7 +162,8 @@ class AltitudeLayers:
     ) -> PlannedFlight:
         """Return a flight that keeps its layer."""
         speed_m_s = self._mission.agents[one.vehicle].speed_m_s
-        return PlannedFlight(one.vehicle, points_m, speed_m_s, layer, True, radius_m, heights_m)
+        circle_m = 0.0 if heights_m is None else self._radii_m[one.vehicle]
+        return PlannedFlight(one.vehicle, points_m, speed_m_s, layer, True, radius_m, heights_m, circle_m)
 
     def _heights_msl_m(self, route: Route, begins: int, passed: int = 0) -> FloatArray | None:
         """Return the heights of the rest of a route over terrain, and its vehicle's height before it."""

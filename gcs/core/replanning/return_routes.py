@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from gcs.config import Config
 from gcs.config.airframe import AgentAirframe
 from gcs.core.airspace.no_fly_zones import MapChange, NoFlyZones
 from gcs.core.airspace.obstacle_map import LowFlight
+from gcs.core.replanning.mission_inputs import terrain_of
 from gcs.core.replanning.plan_targets import vehicle_options
 from gcs.core.replanning.replanner import is_crossed
 from gcs.core.separation.landing_order import LandingOrder
@@ -24,12 +26,26 @@ from gcs.mavlink.mission.item_builder import APPROACH_ALT_M, DESCENT_SLOPE
 from gcs.model import APPROACH_M, Effect, Notice, NoticeCode, Parameter, Route
 from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
 from gcs.planning.map.grid import Point
-from gcs.planning.planner_inputs import AgentState
+from gcs.planning.planner_inputs import AgentState, MissionInputs
+from gcs.planning.terrain.landing import LandingSite, plan_return_over_terrain
+
+NO_APPROACH: Final = (
+    "no approach to its home keeps above the ground; its mission ends with a circle at its target"
+)
 
 
 def landing_of(airframe: AgentAirframe) -> LandingSpec | None:
     """Return how vehicles return and land; None if their missions end with a loiter circle."""
     return LandingSpec(corners_of(airframe), airframe.turn_lag_s) if airframe.end == "land" else None
+
+
+def return_over_terrain(mission: MissionInputs, route: Route, home_m: Point) -> ReturnRoute | None:
+    """Return the return route of a plan that is not flown; None where no approach is clear."""
+    assert mission.terrain is not None
+    agent = mission.agents[route.vehicle]
+    options = agent.options or mission.options
+    site = LandingSite(home_m, APPROACH_ALT_M, mission.grid)
+    return plan_return_over_terrain(mission.terrain, mission.grid, route, site, agent.speed_m_s, options)
 
 
 class ReturnRoutes:
@@ -53,8 +69,8 @@ class ReturnRoutes:
     def plan(self, route: Route, t_ns: int) -> tuple[ReturnRoute | None, list[Effect]]:
         """Return the return route that follows a route, and a warning if it has a new problem.
 
-        None if the mission does not land. A vehicle that was not heard begins at the first point of its
-        route, and lands at the origin of the local frame.
+        None if the mission does not land; over terrain also if no approach is clear. A vehicle that was not
+        heard begins at the first point of its route, and lands at the origin of the local frame.
         """
         vehicle = route.vehicle
         points_m = route.points_m
@@ -70,19 +86,52 @@ class ReturnRoutes:
         start = AgentState(east_m, north_m, None if state is None else state.course_rad, airframe.speed_m_s)
         options = self._options[vehicle]
         grid = self._zones.obstacles.below_layers([_landing_at(home_m)])
+        if route.heights_msl_m is not None:
+            return self._over_terrain(route, LandingSite(home_m, APPROACH_ALT_M, grid), t_ns)
         planned = plan_return_route(grid, start, points_m, home_m, options, landing)
         routes.return_m = np.vstack((points_m[-1:], planned.points_m))
         wait, too_soon = self._landing_order.wait(route, routes.return_m, self._zones.grid, t_ns)
+        return self._noted(replace(planned, wait=wait), vehicle, planned.problem or too_soon, t_ns)
+
+    def _over_terrain(
+        self, route: Route, site: LandingSite, t_ns: int
+    ) -> tuple[ReturnRoute | None, list[Effect]]:
+        """Return the return route over terrain; None where no approach is clear: it does not land."""
+        vehicle = route.vehicle
+        routes = self._agents[vehicle].routes
+        routes.return_m = None
+        terrain = terrain_of(self._config, self._zones.obstacles)
+        assert terrain is not None
+        planned = plan_return_over_terrain(
+            terrain,
+            self._zones.grid,
+            route,
+            site,
+            self._config.airframe_of(vehicle).speed_m_s,
+            self._options[vehicle],
+        )
+        if planned is None:
+            return self._noted(None, vehicle, NO_APPROACH, t_ns)
+        routes.return_m = np.vstack((route.points_m[-1:], planned.points_m))
+        wait, too_soon = self._landing_order.wait(route, routes.return_m, self._zones.grid, t_ns)
+        if wait is not None:
+            planned = planned.without_arc()
+            routes.return_m = np.vstack((route.points_m[-1:], planned.points_m))
+        return self._noted(replace(planned, wait=wait), vehicle, too_soon, t_ns)
+
+    def _noted(
+        self, planned: ReturnRoute | None, vehicle: int, problem: str, t_ns: int
+    ) -> tuple[ReturnRoute | None, list[Effect]]:
+        """Return a return route with a warning if it has a new problem, or the all-clear."""
+        routes = self._agents[vehicle].routes
         before = routes.return_problem
-        routes.return_problem = planned.problem or too_soon
-        is_news = routes.return_problem not in ("", before)
-        if before and not routes.return_problem:
-            return replace(planned, wait=wait), [Notice(t_ns, NoticeCode.RETURN_ROUTE_CLEAR, vehicle)]
-        if not is_news:
-            return replace(planned, wait=wait), []
-        about: dict[str, Parameter] = {"problem": routes.return_problem}
-        notice = Notice(t_ns, NoticeCode.RETURN_ROUTE_PROBLEM, vehicle, about)
-        return replace(planned, wait=wait), [notice]
+        routes.return_problem = problem
+        if before and not problem:
+            return planned, [Notice(t_ns, NoticeCode.RETURN_ROUTE_CLEAR, vehicle)]
+        if problem in ("", before):
+            return planned, []
+        about: dict[str, Parameter] = {"problem": problem}
+        return planned, [Notice(t_ns, NoticeCode.RETURN_ROUTE_PROBLEM, vehicle, about)]
 
     def crossed(self, closed: MapChange, returning: Mapping[int, Point]) -> set[int]:
         """Return the vehicles whose return routes lead through newly closed cells.

@@ -194,7 +194,7 @@ class Avoidances:
     def _check(self, vehicle: int, avoidance: Avoidance, t_ns: int) -> list[Effect]:
         """Let a vehicle in LOITER fly on, if that leads near no other vehicle."""
         held_ns = t_ns - avoidance.since_t_ns
-        is_clear = not self._order_check.problem(vehicle, {vehicle: AUTO}, t_ns, with_aircraft=True)
+        is_clear = not self._order_check.release_problem(vehicle, t_ns)
         if held_ns >= _MIN_HOLD_NS and is_clear and self._landing_order.claim(vehicle, t_ns):
             avoidance.is_ending = True
             return self._command(vehicle, avoidance, AUTO, t_ns)

@@ -94,6 +94,9 @@ class LandingOrder:
         if wait_s <= 0.0:
             return None, ""
         above_m = self._descents_above(route, [v for v, taken_ns in others.items() if taken_ns < lands_ns])
+        if route.heights_msl_m is not None and route.wait_m is not None:
+            separation.landing_wait_m = route.wait_m  # the circle there is clear of the ground
+            return LandingWait(-1, round(max(wait_s, _MIN_WAIT_S))), ""
         corner = self._corner(vehicle, return_m, grid, above_m)
         if corner is None:
             separation.landing_t_ns = earliest_ns

@@ -64,9 +64,7 @@ class OrderCheck:
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
         self._ground = GroundAhead(config)
 
-    def problem(
-        self, vehicle: int, modes: Mapping[int, str], t_ns: int, *, with_aircraft: bool = False
-    ) -> str:
+    def problem(self, vehicle: int, modes: Mapping[int, str], t_ns: int) -> str:
         """Return which vehicle, or ground, an order would bring a vehicle near to; else empty.
 
         Empty also if it is no nearer to a vehicle than now.
@@ -77,8 +75,6 @@ class OrderCheck:
             Vehicle of the order.
         modes : mapping of int to str
             Modes that are ordered now, by vehicle; that of the vehicle is among them.
-        with_aircraft : bool
-            True if aircraft that are not ours count, too. ADS-B can be forged: no order waits for it.
         """
         states = {state.system_id: state for state in self._intents.flying(t_ns)}
         if vehicle not in states:
@@ -86,12 +82,30 @@ class OrderCheck:
         others = [
             self._intents.flight(state, t_ns, modes.get(v)) for v, state in states.items() if v != vehicle
         ]
-        others += self._air_traffic.flights(t_ns) if with_aircraft else []
         ordered = self._intents.flight(states[vehicle], t_ns, modes[vehicle])
         present = self._intents.flight(states[vehicle], t_ns)
         is_return = modes[vehicle] == RTL, states[vehicle].mode == RTL
         near_ground = "" if modes[vehicle] == AUTO else self._ground_problem(ordered)
         return near_ground or self._worse(ordered, present, others, is_return)
+
+    def release_problem(self, vehicle: int, t_ns: int) -> str:
+        """Return which vehicle or aircraft one that holds for another would come near to if it flew on.
+
+        Empty also if that is better than to hold on.
+        """
+        states = {state.system_id: state for state in self._intents.flying(t_ns)}
+        state = states.pop(vehicle, None)
+        if state is None:
+            return ""
+        others = self._flights(states.values(), t_ns)
+        led = self._intents.flight(state, t_ns, AUTO)
+        conflicts = [*self._met(led, others, is_return=False)]
+        if (
+            not conflicts
+            or _nearest(conflicts) - self._nearness(self._intents.flight(state, t_ns), others) > _WORSE
+        ):
+            return ""
+        return f"would {min(conflicts).words}"
 
     def _ground_problem(self, flight: Flight) -> str:
         """Return where a flight to a circle, and round it, comes near the ground; empty if it does not."""

@@ -61,8 +61,8 @@ class Approach:
     """Least horizontal distance in a loss of separation; None before that."""
     nearest_height_m: float = 0.0
     """Difference in height there."""
-    has_avoided: bool = False
-    """True after a hold of one of them."""
+    avoided_t_ns: int | None = None
+    """Begin of the last hold of one of them."""
     name: str = ""
     """Aircraft of the pair, in words; empty for two of our vehicles."""
 

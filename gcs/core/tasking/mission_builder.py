@@ -46,7 +46,8 @@ class MissionBuilder:
         airframe = self._airframes.get(route.vehicle, self._default)
         altitude_rel_m = table.altitude_rel_m + route.layer * table.layer_step_m
         radii_m = _acceptance_m(airframe, route, state, climb).tolist()
-        reference: HeightReference = "home" if route.heights_msl_m is None else "msl"
+        is_over_terrain = route.heights_msl_m is not None
+        reference: HeightReference = "msl" if is_over_terrain else "home"
         heights_m = (
             [altitude_rel_m] * len(route.flown_m)
             if route.heights_msl_m is None
@@ -69,16 +70,20 @@ class MissionBuilder:
         if climb is not None:
             end_deg = self._frame.to_geodetic(*climb.latest_end_m)
             takeoff = Waypoint(*end_deg, climb.altitude_rel_m, airframe.accept_radius_m)
+        landing_wait = None if return_route is None else return_route.wait
+        loiter_radius_m = airframe.loiter_radius_m
+        if landing_wait is not None and loiter_radius_m > 0.0:
+            loiter_radius_m = airframe.circle_radius_m  # PX4 counts the time on this circle only
         return Mission(
             mission_id,
             route.vehicle,
             waypoints,
-            airframe.loiter_radius_m,
-            "loiter" if is_hold(route) else airframe.end,
+            loiter_radius_m,
+            "loiter" if is_hold(route) or (is_over_terrain and return_route is None) else airframe.end,
             wait,
             takeoff,
             return_waypoints,
-            None if return_route is None else return_route.wait,
+            landing_wait,
         )
 
     def empty(self, vehicle: int) -> Mission:
@@ -96,9 +101,17 @@ class MissionBuilder:
         points_m = np.concatenate((route.points_m[-1:], return_route.points_m))
         wanted = corners_of(airframe).accept_radii_m(points_m)
         radii_m = np.minimum(np.round(wanted, 0), MAX_RADIUS_M)
+        heights_msl_m = return_route.heights_msl_m
+        reference: HeightReference = "home" if heights_msl_m is None else "msl"
+        heights_m = np.full(len(radii_m), altitude_rel_m) if heights_msl_m is None else heights_msl_m
         return tuple(
-            Waypoint(*self._frame.to_geodetic(float(east), float(north)), altitude_rel_m, float(radius_m))
-            for (east, north), radius_m in zip(return_route.points_m[:-1], radii_m[:-1], strict=True)
+            Waypoint(*self._frame.to_geodetic(east_m, north_m), height_m, radius_m, reference)
+            for (east_m, north_m), height_m, radius_m in zip(
+                return_route.points_m[:-1].tolist(),
+                heights_m[:-1].tolist(),
+                radii_m[:-1].tolist(),
+                strict=True,
+            )
         )
 
 

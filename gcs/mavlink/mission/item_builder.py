@@ -65,7 +65,8 @@ def build_items(
         landing = _landing(flown[-1], [_waypoint(profile, point) for point in mission.return_waypoints], home)
         wait = mission.landing_wait
         if wait is not None:
-            at = (flown[-1], *landing)[wait.corner + 1]
+            end = flown[-1] if mission.wait is None else _waypoint(profile, mission.wait)
+            at = (end, *landing)[wait.corner + 1]
             timed = dialect.MAV_CMD_NAV_LOITER_TIME
             radius_m = float(round(mission.loiter_radius_m))
             circle = at._replace(command=timed, param1=float(wait.seconds), param2=0.0, param3=radius_m)
@@ -103,9 +104,11 @@ def _waypoint(profile: AutopilotProfile, point: Waypoint) -> Item:
 def _landing(last: Item, return_items: list[Item], home: Home) -> list[Item]:
     """Return the return route, approach and landing; a straight line if there is no return route."""
     *corners, approach = return_items or [_straight_approach(last, home)]
-    height_m = min(_height_rel_m(last, home), APPROACH_ALT_M)
+    is_descent_planned = bool(corners) and approach.z_m < corners[-1].z_m  # over terrain
+    height_m = APPROACH_ALT_M if is_descent_planned else min(_height_rel_m(last, home), APPROACH_ALT_M)
     approach = approach._replace(frame=_FRAMES["home"], z_m=height_m)
-    corners += _top_of_descent(corners[-1] if corners else last, approach, home)
+    if not is_descent_planned:
+        corners += _top_of_descent(corners[-1] if corners else last, approach, home)
     touch_down = approach._replace(
         command=dialect.MAV_CMD_NAV_LAND, x=_e7(home.lat_deg), y=_e7(home.lon_deg), z_m=0.0, param2=0.0
     )

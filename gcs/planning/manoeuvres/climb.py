@@ -23,6 +23,7 @@ from gcs.planning.manoeuvres.takeoff_obstruction import Obstruction, Obstruction
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight, path_clearance, to_cells
 from gcs.planning.path.initial_turn import START_CLEARANCE_SHARE, is_turn_safe, start_clearance
+from gcs.planning.terrain.ground import needed_low_agl_m
 from gcs.terrain.elevation import Elevation
 
 _CLIMB_LENGTH_UNCERTAINTY = 0.1
@@ -125,30 +126,30 @@ def climb_obstruction(grid: Grid, climb: Climb, clearance_m: float) -> Obstructi
 def ground_obstruction(climb: Climb, elevation: Elevation, least_agl_m: float) -> Obstruction | None:
     """Return where a climb comes too near to the ground; None if it does not.
 
-    The airborne part keeps half of its height above the start, or the least height above ground if that is
-    less.
+    The airborne part keeps half of its height above the place where it begins, or the least height above
+    ground if that is less, also when it is drifted by the wind.
     """
-    share = np.linspace(0.0, 1.0, _GROUND_SAMPLES)
-    east = math.sin(climb.heading_rad)
-    north = math.cos(climb.heading_rad)
     run_m = min(climb.ground_run_m, climb.latest_length_m)
-    along_m = run_m + share * (climb.latest_length_m - run_m)
-    places_m = np.array(climb.start_m) + along_m[:, None] * (east, north)
-    start_msl_m = elevation.height_msl_m(*climb.start_m)
-    height_m = share * climb.altitude_rel_m
-    agl_m = start_msl_m + height_m - elevation.heights_at(places_m)
-    near = np.flatnonzero(agl_m < np.minimum(0.5 * height_m, least_agl_m))
-    if not len(near):
-        return None
-    first = int(near[0])
-    east_m, north_m = places_m[first].tolist()
-    parameters: dict[str, Parameter] = {
-        "agl_m": float(agl_m[first]),
-        "distance_m": float(along_m[first]),
-        "east_m": east_m,
-        "north_m": north_m,
-    }
-    return Obstruction(ObstructionCode.NEAR_GROUND, parameters)
+    lift_off_m = climb.at(run_m)
+    lift_off_msl_m = elevation.height_msl_m(*lift_off_m)
+    end_msl_m = elevation.height_msl_m(*climb.start_m) + climb.altitude_rel_m
+    share = np.linspace(0.0, 1.0, _GROUND_SAMPLES)
+    height_m = share * (end_msl_m - lift_off_msl_m)
+    for end_m in climb.possible_ends_m():
+        places_m = np.array(lift_off_m) + share[:, None] * np.subtract(end_m, lift_off_m)
+        agl_m = lift_off_msl_m + height_m - elevation.heights_at(places_m)
+        near = np.flatnonzero(agl_m < needed_low_agl_m(height_m, least_agl_m))
+        if len(near):
+            first = int(near[0])
+            east_m, north_m = places_m[first].tolist()
+            parameters: dict[str, Parameter] = {
+                "agl_m": float(agl_m[first]),
+                "distance_m": math.dist(climb.start_m, (east_m, north_m)),
+                "east_m": east_m,
+                "north_m": north_m,
+            }
+            return Obstruction(ObstructionCode.NEAR_GROUND, parameters)
+    return None
 
 
 def turn_obstruction(

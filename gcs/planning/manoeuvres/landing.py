@@ -84,12 +84,25 @@ class ReturnRoute:
         Warning for the operator; empty if the route is clear.
     wait : LandingWait or None
         Wait until other vehicles have landed.
+    heights_msl_m : ndarray, shape (k,), or None
+        Heights of the points; None: those of the vehicle's layer, and of every landing.
+    arc_points : int
+        Number of first corners on the loiter circle at the end of the route; a vehicle that waits there
+        leaves it without them.
     """
 
     points_m: FloatArray
     is_straight: bool
     problem: str = ""
     wait: LandingWait | None = None
+    heights_msl_m: FloatArray | None = None
+    arc_points: int = 0
+
+    def without_arc(self) -> ReturnRoute:
+        """Return the same route for a vehicle that waits on the loiter circle."""
+        arc = self.arc_points
+        heights_m = None if self.heights_msl_m is None else self.heights_msl_m[arc:]
+        return replace(self, points_m=self.points_m[arc:], heights_msl_m=heights_m, arc_points=0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,12 +29,12 @@ from gcs.planning.terrain.terrain_map import BandPose, Goal, TerrainMap, make_te
 
 _MARGINS_M: Final = (15.0, 40.0)
 """Tracking margins to plan with, the least one first."""
-_ALLOWED_M: Final = 3.0
+ALLOWED_M: Final = 3.0
 """Distance by which a simulated flight may leave the band."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Level:
+class Level:
     """Terrain and loiter circles with one tracking margin."""
 
     terrain: TerrainMap
@@ -67,7 +67,7 @@ class TerrainSearch:
         self.costs: FloatArray = np.full((len(agents), len(targets)), math.inf)
         for own in dict.fromkeys(map(self._options_of, agents)):
             same = [i for i, agent in enumerate(agents) if self._options_of(agent) == own]
-            level = _levels(terrain, grid, own)[0]
+            level = levels_of(terrain, grid, own)[0]
             goals = [_goal(level, target, own) for target in targets]
             self.costs[same] = cost_matrix(level.terrain, [_start(agents[i]) for i in same], goals)
 
@@ -80,10 +80,10 @@ class TerrainSearch:
         options = self._options_of(agent)
         assert options.turns is not None
         model = FlightModel(agent.speed_m_s, options.turn_lag_s, options.turns)
-        band = _band(self._terrain, self._grid, options.clearance_m, 0.0)
-        levels = _levels(self._terrain, self._grid, options)
+        band = band_of(self._terrain, self._grid, options.clearance_m, 0.0)
+        levels = levels_of(self._terrain, self._grid, options)
         tries = ((level.terrain, _goal(level, self._targets[j], options)) for level in levels)
-        found = plan_flown_route(band, tries, _start(agent), model, self._terrain.share(layer), _ALLOWED_M)
+        found = plan_flown_route(band, tries, _start(agent), model, self._terrain.share(layer), ALLOWED_M)
         if found is None:
             return None
         route, goal = found
@@ -97,7 +97,7 @@ def _start(agent: AgentState) -> BandPose:
     return BandPose(agent.east_m, agent.north_m, agent.course_rad, agent.height_msl_m, agent.height_msl_m)
 
 
-def _levels(terrain: Terrain, grid: Grid, options: PlanOptions) -> list[_Level]:
+def levels_of(terrain: Terrain, grid: Grid, options: PlanOptions) -> list[Level]:
     """Return the maps of an airframe, with the least margin first."""
     loiter = options.loiter
     assert loiter is not None
@@ -109,7 +109,8 @@ def _levels(terrain: Terrain, grid: Grid, options: PlanOptions) -> list[_Level]:
 
 
 @lru_cache(maxsize=8)
-def _band(terrain: Terrain, grid: Grid, clearance_m: float, margin_m: float) -> FlightBand:
+def band_of(terrain: Terrain, grid: Grid, clearance_m: float, margin_m: float) -> FlightBand:
+    """Return the band with a tracking margin."""
     heights_m = terrain.min_agl_m, terrain.max_agl_m
     band = make_band(terrain.elevation, *heights_m, grid, clearance_m, margin_m)
     if not terrain.areas:
@@ -130,17 +131,17 @@ def _level(
     margin_m: float,
     radii_m: tuple[float, float],
     vertical: Vertical,
-) -> _Level:
+) -> Level:
     """Return the maps for one margin; `radii_m`: of turns and of loiter circles."""
-    band = _band(terrain, grid, clearance_m, margin_m)
-    return _Level(make_terrain_map(band, vertical, radii_m[0]), make_circle_map(band, radii_m[1]))
+    band = band_of(terrain, grid, clearance_m, margin_m)
+    return Level(make_terrain_map(band, vertical, radii_m[0]), make_circle_map(band, radii_m[1]))
 
 
-def _goal(level: _Level, target_m: Point, options: PlanOptions) -> Goal | None:
+def _goal(level: Level, target_m: Point, options: PlanOptions) -> Goal | None:
     assert options.loiter is not None
     return _goal_at(level, target_m, options.loiter.reach_radius_m)
 
 
 @lru_cache(maxsize=64)  # 1.3 MB each for 25 square kilometres
-def _goal_at(level: _Level, target_m: Point, reach_radius_m: float) -> Goal | None:
+def _goal_at(level: Level, target_m: Point, reach_radius_m: float) -> Goal | None:
     return goal_at_target(level.terrain, level.circles, target_m, reach_radius_m)

@@ -125,3 +125,18 @@ def test_a_climb_towards_rising_ground_keeps_half_of_its_height():
     assert found.code is ObstructionCode.NEAR_GROUND
     assert found.parameters["agl_m"] < 25.0
     assert "of the ground" in found.problem
+
+
+def test_a_runway_may_rise():
+    """Ground that rose from the stand on was above the height of a vehicle that had just left it."""
+    assert ground_obstruction(climb(120.0), rising(0.05, 0.0), 25.0) is None
+
+
+def test_a_climb_that_the_wind_drifts_towards_a_slope_is_obstructed():
+    at = np.arange(-1500.0, 3500.0, 20.0)
+    east, north = np.meshgrid(at, at)
+    aside = (east - STAND_M[0]) * math.cos(HEADING_RAD) - (north - STAND_M[1]) * math.sin(HEADING_RAD)
+    slope = Elevation((-1500.0, -1500.0), 20.0, 70.0 + 1.5 * np.maximum(aside - 30.0, 0.0))
+    assert ground_obstruction(climb(120.0), slope, 25.0) is None
+    drifted = climb(120.0, 8.0)
+    assert ground_obstruction(drifted, slope, 25.0).code is ObstructionCode.NEAR_GROUND

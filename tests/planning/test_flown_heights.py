@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gcs.core.airspace.flown_heights import lowest_heights_m
+from gcs.planning.flown_heights import lowest_heights_m
 
 POINTS_M = np.array([(0.0, 0.0), (1000.0, 0.0), (1000.0, 500.0)])
 
