@@ -40,7 +40,7 @@ class Relay(threading.Thread):
     def run(self) -> None:
         while True:
             for key, _ in self._selector.select():
-                with contextlib.suppress(ConnectionError):  # central command is not there
+                with contextlib.suppress(ConnectionError, BlockingIOError):  # central command is not there
                     self._pass_on(key.fileobj, key.data)
 
     def _pass_on(self, receiver: socket.socket, address: tuple | None) -> None:
@@ -49,6 +49,7 @@ class Relay(threading.Thread):
         if address not in self._towards:
             self._towards[address] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             self._towards[address].connect(self._service)
+            self._towards[address].setblocking(False)  # an error may be gone when it is read
             self._selector.register(self._towards[address], selectors.EVENT_READ, address)
         for frame in scan(data).frames if receiver is self._vehicles else ():
             self._vehicle.setdefault(address, frame.system_id)
