@@ -12,16 +12,17 @@ alarms with warnings. With --keep the recordings stay. What was told is printed 
 
 import argparse
 import random
+import re
 import secrets
 import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench_override import with_second_link
-from flown_links import MODES, Relay, Station
+from flown_links import Relay, Station
+from returns_trials import KINDS, Trial
 from returns_watch import Reader, near_pairs
 
 from gcs.errors import GcsError
@@ -32,37 +33,12 @@ from gcs.io.zenoh.order_client import send_order
 from gcs.io.zenoh.order_messages import OrderMessage
 from gcs.io.zenoh.session import ZenohSession
 from gcs.model import NS_PER_S, Truth
-from sim_vehicles.vehicle.faults import FaultKind
 
 VEHICLES = (1, 2, 3, 4)
 NAME = "returns"
-KINDS = {
-    "home": ("nothing; they fly until they circle at home, or land", 150.0),
-    "rtl": ("a second station commands RTL to one of them during the uploads", 30.0),
-    "loiter": ("the same with LOITER", 30.0),
-    "fbwa": ("the same with FBWA (PX4: stabilized)", 14.0),
-    "manual": ("the same with MANUAL", 8.0),
-    "battery": ("the battery of one is low, 10 s after the order", 40.0),
-    "engine": ("the engine of one stops for 10 s, 10 s after the order", 35.0),
-    "resume": ("all are resumed 12 s after the order", 25.0),
-    "hold": ("all are ordered to hold 12 s after the order", 45.0),
-    "loss": ("30 % of the datagrams of one of them are lost from 2 s before the order on", 30.0),
-    "silent": ("the link of one breaks during the uploads, for 12 s", 40.0),
-    "kill": ("gcs run is killed (-9) during the uploads, and started again 4 s later", 40.0),
-    "crash": ("one crashes 10 s after the order; it is gone then", 40.0),
-}
-"""Kind of a trial: what happens, and for how long it is watched, in seconds."""
-FAULTS = {"battery": FaultKind.BATTERY, "engine": FaultKind.ENGINE, "crash": FaultKind.CRASH}
-ENGINE_S = 10.0
-FAULT_AFTER_S = 10.0
-ORDER_AFTER_S = 12.0
-OUTAGE_S = 4.0
-SILENCE_S = 12.0
-LOSS = 0.3
+RETURNS = [kind for kind, one in KINDS.items() if "no return" not in one.words and one.layers > 1]
 ALT_MSL_M = 70.0
 OUTWARD_S = 25.0
-UPLOAD_S = 0.8
-"""Time from the order to the end of the uploads, without loss."""
 FIELD = """
 name = "{name}"
 [frame]
@@ -80,7 +56,7 @@ zenoh = "tcp/127.0.0.1:{zenoh}"
 [mission]
 altitude_rel_m = 80.0
 layer_step_m = 30.0
-layers = 5
+layers = {layers}
 end = "{end}"
 [airframe]
 speed_m_s = {speed}
@@ -100,7 +76,15 @@ def mission_file(options: argparse.Namespace, firmware: str, folder: Path) -> Pa
         more = "parameters = { BATT_LOW_VOLT = 10.5, BATT_FS_LOW_ACT = 1 }"
     speed = {"arduplane": 18.0, "px4": 12.0}[firmware]
     ports = {"mavlink": options.port + 3, "zenoh": options.port + 1}
-    text = FIELD.format(name=NAME, ground=ALT_MSL_M, end=options.end, speed=speed, more=more, **ports)
+    text = FIELD.format(
+        name=NAME,
+        ground=ALT_MSL_M,
+        layers=KINDS[options.kinds[0]].layers,
+        end=options.end,
+        speed=speed,
+        more=more,
+        **ports,
+    )
     for vehicle in VEHICLES:
         place = f"east_m = 400.0\nnorth_m = {1400.0 + 40.0 * vehicle}\n"
         text += f"[[agents]]\nsystem_id = {vehicle}\n{place}course_deg = 90.0\n"
@@ -111,22 +95,11 @@ def mission_file(options: argparse.Namespace, firmware: str, folder: Path) -> Pa
     return path
 
 
-@dataclass
-class Trial:
-    """One return of all."""
-
-    kind: str
-    vehicle: int
-    began_ns: int
-    after_s: float
-    said: list[str] = field(default_factory=list)
-
-
 class Flight:
     """The vehicles, and central command as often as it is started."""
 
     def __init__(self, options: argparse.Namespace, folder: Path) -> None:
-        self.folder = folder
+        self.folder, self.loss = folder, options.loss
         firmware, _, path = options.sitl.partition("=")
         binary = Path(path).resolve()
         self.station = Station(firmware, VEHICLES, options.port + 10)
@@ -140,7 +113,7 @@ class Flight:
         self.relay.start()
         self.truths: list[Truth] = []
         self.runs: list[Path] = []
-        self.service = self.serve()
+        self.serve()
         command = [sys.executable, "-P", "-m", "sim_vehicles", "run", str(self.file)]
         command += ["--gcs", f"127.0.0.1:{options.port}"]
         command += ["--sitl", f"{firmware}={binary}", "--sitl-folder", str(folder / "firmware")]
@@ -149,13 +122,13 @@ class Flight:
         with (folder / "vehicles.log").open("w") as log:
             self.world = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=log, stderr=log)
 
-    def serve(self) -> subprocess.Popen:
+    def serve(self) -> None:
         """Start central command; it resumes from its journal."""
         self.runs.append(self.folder / f"run{len(self.runs)}")
         command = [sys.executable, "-P", "-c", "from gcs.cli import main; main()", "run", str(self.file)]
         command += ["--headless", "--out", str(self.runs[-1]), "--journal", str(self.folder / "journal")]
         with (self.folder / f"{self.runs[-1].name}.log").open("w") as log:
-            return subprocess.Popen(command, stdout=log, stderr=log)
+            self.service = subprocess.Popen(command, stdout=log, stderr=log)
 
     def order(self, action: str, *, until_done: bool = False) -> str:
         """Give an order to all; return the first answer, or with `until_done` all answers."""
@@ -171,47 +144,14 @@ class Flight:
         return "; ".join(said)
 
     def fly(self, trial: Trial) -> None:
-        """Order all to return, let something happen, and resume all."""
-        kind, vehicle = trial.kind, trial.vehicle
-        before = dict(self.relay.lost)
-        if kind == "loss":
-            self.relay.lost[vehicle] = LOSS
-            time.sleep(2.0)
-        trial.said.append(f"return: {self.order('return')}")
-        if kind in MODES[self.station.firmware]:
-            time.sleep(trial.after_s)
-            self.station.command_mode(vehicle, kind)
-        elif kind == "kill":
-            time.sleep(trial.after_s)
-            self.service.kill()
-            self.service.wait()
-            time.sleep(OUTAGE_S)
-            self.service = self.serve()
-        elif kind == "silent":
-            time.sleep(trial.after_s)
-            self.relay.lost[vehicle] = 1.0
-            time.sleep(SILENCE_S)
-            self.relay.lost = before
-        elif kind in FAULTS:
-            time.sleep(FAULT_AFTER_S)
-            self.station.inject(vehicle, FAULTS[kind], begins=True)
-        elif kind in ("hold", "resume"):
-            time.sleep(ORDER_AFTER_S)
-            trial.said.append(f"{kind}: {self.order(kind)}")
-        time.sleep(ENGINE_S if kind == "engine" else KINDS[kind][1])
-        if kind in ("engine", "battery"):
-            self.station.inject(vehicle, FAULTS[kind], begins=False)
-        time.sleep(KINDS[kind][1] - ENGINE_S if kind == "engine" else 0.0)
-        self.relay.lost = before
-        if kind in ("manual", "fbwa"):
-            self.station.command_mode(vehicle, "loiter")  # the pilot gives it back
-            time.sleep(2.0)
-
-    def resume(self) -> None:
-        """Resume all; those that would come near others when they are apart."""
+        """Fly one trial, and resume all; those that would come near others when they are apart."""
+        trial.began_ns = time.time_ns()
+        KINDS[trial.kind].happen(self, trial)
+        time.sleep(KINDS[trial.kind].watch_s)
+        self.relay.lost = dict.fromkeys(VEHICLES, self.loss)
         for _ in range(6):
             said = self.order("resume", until_done=True)
-            print(f"  resume: {said}", file=sys.stderr, flush=True)
+            trial.said.append(f"resume: {said}")
             time.sleep(5.0)
             if "accepted" not in said:
                 break
@@ -222,6 +162,22 @@ class Flight:
             if self.world.poll() is not None or self.service.poll() is not None:
                 raise SystemExit(f"a process has ended: see the logs in {self.folder}")
             time.sleep(0.2)
+
+    def wait_for_service(self) -> None:
+        """Wait until central command has started."""
+        self.wait(f"{self.runs[-1].name}.log", "MAVLink on")
+
+    def wait_for(self, words: re.Pattern[str], for_s: float) -> int:
+        """Return the vehicle that central command names from now on; 0 if it names none in time."""
+        log = self.folder / f"{self.runs[-1].name}.log"
+        before = len(log.read_text())
+        until_s = time.monotonic() + for_s
+        while time.monotonic() < until_s:
+            found = words.search(log.read_text()[before:])
+            if found is not None:
+                return int(found[1])
+            time.sleep(0.1)
+        return 0
 
     def end(self) -> None:
         """End all processes."""
@@ -247,17 +203,12 @@ def fly(options: argparse.Namespace, folder: Path) -> tuple[list[Trial], list[Pa
             flight.wait("run0.log", "first plan")
             for number, kind in enumerate(options.kinds):
                 time.sleep(OUTWARD_S)
-                trial = Trial(
-                    kind,
-                    VEHICLES[(number + 1) % len(VEHICLES)],
-                    time.time_ns(),
-                    rng.uniform(0.0, UPLOAD_S + 4.0 * options.loss),
-                )
+                trial = Trial(kind, VEHICLES[(number + 1) % len(VEHICLES)], rng)
                 trials.append(trial)
                 flight.fly(trial)
-                words = f"{number} {kind} {trial.vehicle} after {trial.after_s:.2f} s"
-                print(f"{words}: {'; '.join(trial.said)}", file=sys.stderr, flush=True)
-                flight.resume()
+                print(
+                    f"{number} {kind} {trial.vehicle}: {'; '.join(trial.said)}", file=sys.stderr, flush=True
+                )
         finally:
             flight.end()
     return trials, flight.runs, flight.truths
@@ -287,18 +238,27 @@ def print_rows(trials: list[Trial], reader: Reader, truths: list[Truth]) -> None
 
 
 def main() -> None:
-    kinds = "\n".join(f"  {kind}: {words[0]}" for kind, words in KINDS.items())
+    kinds = "\n".join(f"  {kind}: {one.words}" for kind, one in KINDS.items())
     parser = argparse.ArgumentParser(
         description=__doc__, epilog=f"kinds:\n{kinds}", formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--sitl", required=True, help="arduplane=PATH or px4=PATH")
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), metavar="KIND")
+    parser.add_argument(
+        "--kinds",
+        nargs="+",
+        choices=KINDS,
+        default=RETURNS,
+        metavar="KIND",
+        help="of trials, in turn; default all returns",
+    )
     parser.add_argument("--end", choices=("loiter", "land"), default="loiter", help="of missions")
     parser.add_argument("--loss", type=float, default=0.0, help="on our links, such as 0.3; default 0")
     parser.add_argument("--seed", type=int, default=1, help="of the moments during uploads")
     parser.add_argument("--port", type=int, default=24700, help="the first of 14 ports")
     parser.add_argument("--keep", type=Path, help="folder for the recordings; they are not kept without it")
     options = parser.parse_args()
+    if len({KINDS[kind].layers for kind in options.kinds}) > 1:
+        parser.error("trials in one layer are flown by themselves")
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)

@@ -15,8 +15,8 @@ from sim_vehicles.vehicle.faults import FaultKind
 
 PX4_PORT = 18570
 MODES = {
-    "arduplane": {"rtl": (11, 0), "loiter": (12, 0), "manual": (0, 0), "fbwa": (5, 0)},
-    "px4": {"rtl": (4, 5), "loiter": (4, 3), "manual": (1, 0), "fbwa": (7, 0)},
+    "arduplane": {"rtl": (11, 0), "auto": (10, 0), "loiter": (12, 0), "manual": (0, 0), "fbwa": (5, 0)},
+    "px4": {"rtl": (4, 5), "auto": (4, 4), "loiter": (4, 3), "manual": (1, 0), "fbwa": (7, 0)},
 }
 """Mode and submode of DO_SET_MODE."""
 
@@ -36,6 +36,12 @@ class Relay(threading.Thread):
         self._selector.register(self._vehicles, selectors.EVENT_READ)
         self._towards = dict[tuple, socket.socket]()
         self._vehicle = dict[tuple, int]()
+
+    def inject(self, vehicle: int, message: mavlink.MAVLink_message) -> None:
+        """Pass on a message of an ADS-B receiver of a vehicle."""
+        encoder = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=mavlink.MAV_COMP_ID_ADSB)
+        address = next(address for address, one in self._vehicle.items() if one == vehicle)
+        self._towards[address].send(message.pack(encoder))
 
     def run(self) -> None:
         while True:
