@@ -386,7 +386,7 @@ class Orders:
         ended = self._refusal(order, vehicle, (), is_heard=True)
         if is_on_ground(state, self._fleet.home(vehicle)):
             ended = "it has landed meanwhile"
-        elif state.mode not in (waiting.mode, AUTO, LOITER):
+        elif state.mode not in (waiting.mode, AUTO, LOITER) or self._is_taken(vehicle, order.t_ns):
             ended = f"its mode was changed to {state.mode} meanwhile"
         if ended:
             return self._end_waiting(vehicle, t_ns, ended)
@@ -412,6 +412,12 @@ class Orders:
             Notice(t_ns, NoticeCode.ORDER_BEGINS, vehicle, {"action": order.action}),
             *self._begin(waiting.order, order, vehicle, health.autopilot, ()),
         ]
+
+    def _is_taken(self, vehicle: int, since_t_ns: int) -> bool:
+        """Return True if somebody else chose, or commanded, a mode of a vehicle after a time."""
+        claims = self._agents[vehicle].claims
+        chosen_t_ns = (claims.since_t_ns(one) for one in (Authority.OVERRIDDEN, Authority.COMMANDED))
+        return any(t_ns is not None and t_ns > since_t_ns for t_ns in chosen_t_ns)
 
     def _end_waiting(self, vehicle: int, t_ns: int, reason: str) -> list[Effect]:
         """End an order that waits."""

@@ -84,15 +84,20 @@ def test_a_vehicle_that_returns_by_a_mission_is_resumed_like_any_other():
     assert sky.planes[2].autopilot.mode is Mode.LOITER
 
 
-def test_a_pilot_who_takes_over_in_the_upload_of_a_return_keeps_the_vehicle():
+@pytest.mark.parametrize("mode", [Mode.FBWA, Mode.LOITER])
+def test_a_pilot_who_takes_over_in_the_upload_of_a_return_keeps_the_vehicle(mode):
+    """Before, a vehicle that somebody had set to LOITER was sent to RTL as soon as it was clear of others."""
     sky = with_one_home(Sky(*PLACES[:2]))
     give(sky, "return")
     fly_on(sky, 0.3)
     assert sky.run_.engine.state.tasking.is_uploading(2)
-    sky.planes[2].autopilot.set_mode(Mode.FBWA)
-    fly_on(sky, 30.0)
-    assert sky.planes[2].autopilot.mode is Mode.FBWA
+    sky.planes[2].autopilot.set_mode(mode)
+    fly_on(sky, 5.0)
     assert [one.state for one in sky.answers if one.vehicle == 2] == ["failed"]
+    assert not sky.told(NoticeCode.ORDER_WAITS)
+    place(sky.planes[2], 2900.0, 100.0, 200.0)  # clear of the other
+    fly_on(sky, 10.0)
+    assert sky.planes[2].autopilot.mode is mode
 
 
 def test_a_return_whose_upload_is_not_answered_waits_with_an_alarm_until_it_is_ordered_again():
