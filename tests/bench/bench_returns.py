@@ -32,7 +32,7 @@ from gcs.io.zenoh.key_expressions import truth_key
 from gcs.io.zenoh.order_client import send_order
 from gcs.io.zenoh.order_messages import OrderMessage
 from gcs.io.zenoh.session import ZenohSession
-from gcs.model import NS_PER_S, Truth
+from gcs.model import NS_PER_S, Truth, TruthObject
 
 VEHICLES = (1, 2, 3, 4)
 NAME = "returns"
@@ -75,21 +75,16 @@ def mission_file(options: argparse.Namespace, firmware: str, folder: Path) -> Pa
     if firmware == "arduplane":
         more = "parameters = { BATT_LOW_VOLT = 10.5, BATT_FS_LOW_ACT = 1 }"
     speed = {"arduplane": 18.0, "px4": 12.0}[firmware]
+    layers = KINDS[options.kinds[0]].layers
     ports = {"mavlink": options.port + 3, "zenoh": options.port + 1}
-    text = FIELD.format(
-        name=NAME,
-        ground=ALT_MSL_M,
-        layers=KINDS[options.kinds[0]].layers,
-        end=options.end,
-        speed=speed,
-        more=more,
-        **ports,
-    )
+    shared = {"ground": ALT_MSL_M, "end": options.end, "layers": layers}
+    text = FIELD.format(name=NAME, speed=speed, more=more, **ports, **shared)
+    apart_m = 500.0 if layers > 1 else 120.0
     for vehicle in VEHICLES:
         place = f"east_m = 400.0\nnorth_m = {1400.0 + 40.0 * vehicle}\n"
         text += f"[[agents]]\nsystem_id = {vehicle}\n{place}course_deg = 90.0\n"
         for table in ("births", "simulation.targets"):
-            text += f"[[{table}]]\neast_m = 8700.0\nnorth_m = {500.0 * vehicle}\n"
+            text += f"[[{table}]]\neast_m = 8700.0\nnorth_m = {1500.0 + apart_m * (vehicle - 2.5)}\n"
     path = folder / "returns.toml"
     path.write_text(text, encoding="utf-8")
     return path
@@ -155,6 +150,10 @@ class Flight:
             time.sleep(5.0)
             if "accepted" not in said:
                 break
+
+    def vehicles(self) -> list[TruthObject]:
+        """Return the true places of the vehicles that fly."""
+        return [one for one in self.truths[-1].objects if one.kind == "agents" and one.alive]
 
     def wait(self, log: str, words: str) -> None:
         """Wait until a log has these words."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 import re
@@ -17,6 +18,8 @@ from sim_vehicles.vehicle.faults import FaultKind
 
 if TYPE_CHECKING:
     from bench_returns import Flight
+
+    from gcs.model import TruthObject
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 UPLOAD_S = 0.8
@@ -128,6 +131,16 @@ def stack(flight: Flight, trial: Trial) -> None:
     trial.said.append(f"hold: {flight.order('hold')}")
 
 
+def leader_of(places: dict[int, TruthObject]) -> int:
+    """Return the vehicle that another one follows most closely on its line to the east."""
+    behind_m = {
+        (one.east_m - other.east_m if abs(one.north_m - other.north_m) < 60.0 else math.inf): one.id
+        for one, other in itertools.permutations(places.values(), 2)
+        if one.east_m - other.east_m > 100.0
+    }
+    return behind_m[min(behind_m)] if behind_m else min(places)
+
+
 def meet(then: str = "") -> Callable[[Flight, Trial], None]:
     """Return a trial in which the leader of those that fly in one layer is set to LOITER by a second station.
 
@@ -135,10 +148,7 @@ def meet(then: str = "") -> Callable[[Flight, Trial], None]:
     """
 
     def happen(flight: Flight, trial: Trial) -> None:
-        places = {
-            one.id: one.east_m for one in flight.truths[-1].objects if one.kind == "agents" and one.alive
-        }
-        leader = max(places, key=places.__getitem__)
+        leader = leader_of({one.id: one for one in flight.vehicles()})
         flight.station.command_mode(leader, "loiter")
         held = flight.wait_for(HELD, 30.0)
         trial.said.append(f"leader {leader}, held {held}")
