@@ -9,6 +9,7 @@ from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
 
 from gcs.model import NoFlyZone, NoticeCode, Order, VerticalLimits
 from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.vehicle.faults import FaultKind
 
 PLACES = [(600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), (700.0, 2200.0, 100.0), (2200.0, 700.0, 120.0)]
 FOUR = FIELD.replace("ARMING_DELAY_S = 1.0", "ARMING_DELAY_S = 1.0, RTL_RETURN_ALT = 130.0") + "".join(
@@ -110,6 +111,37 @@ def test_a_return_whose_upload_is_not_answered_waits_with_an_alarm_until_it_is_o
     give(sky, "return", 2)
     fly_on(sky, 3.0)
     assert sky.planes[2].autopilot.mode is Mode.RTL
+
+
+@pytest.mark.parametrize("silence_s", [20.0, 60.0])
+def test_a_vehicle_whose_link_breaks_in_the_upload_of_its_return_flies_home_when_it_is_heard_again(silence_s):
+    """Before, it flew on to its target, or waited where it was without a mission, until somebody acted."""
+    sky = with_one_home(Sky(*PLACES[:2]))
+    give(sky, "return")
+    fly_on(sky, 0.3)
+    assert sky.run_.engine.state.tasking.is_uploading(2)
+    faults = sky.planes[2].autopilot.faults
+    faults.begin(FaultKind.RADIO, sky.run_.t_ns)
+    fly_on(sky, silence_s)
+    faults.end(FaultKind.RADIO)
+    fly_on(sky, 6.0)
+    answers = [one.detail for one in sky.answers if one.vehicle == 2]
+    assert len(answers) == 1
+    assert answers[0].startswith("AUTO, armed: flies home in its altitude layer")
+    assert not sky.told(NoticeCode.ORDER_WAITS)
+
+
+def test_a_vehicle_that_waits_to_return_does_not_fly_on_with_half_a_mission():
+    """The upload stops after the items were announced. Before, it flew on in AUTO over what was left."""
+    sky = with_one_home(Sky(*PLACES[:2]))
+    plane = sky.planes[2]
+    give(sky, "return")
+    fly_on(sky, 0.3)
+    assert sky.run_.engine.state.tasking.is_uploading(2)
+    plane._link._missions.handle = lambda *_: None
+    fly_on(sky, 25.0)
+    assert [notice.vehicle for _, notice in sky.told(NoticeCode.ORDER_WAITS)] == [2]
+    assert plane.autopilot.mode is Mode.LOITER
 
 
 def test_a_return_over_terrain_waits_where_a_zone_with_a_ceiling_was_closed_round_home_in_flight():
