@@ -79,15 +79,21 @@ def mission_file(options: argparse.Namespace, firmware: str, folder: Path) -> Pa
     ports = {"mavlink": options.port + 3, "zenoh": options.port + 1}
     shared = {"ground": ALT_MSL_M, "end": options.end, "layers": layers}
     text = FIELD.format(name=NAME, speed=speed, more=more, **ports, **shared)
-    apart_m = 500.0 if layers > 1 else 120.0
     for vehicle in VEHICLES:
-        place = f"east_m = 400.0\nnorth_m = {1400.0 + 40.0 * vehicle}\n"
-        text += f"[[agents]]\nsystem_id = {vehicle}\n{place}course_deg = 90.0\n"
+        home_m, target_m = (400.0, 1400.0 + 40.0 * vehicle), (8700.0, 500.0 * vehicle)
+        if layers == 1:  # one behind the other, on one line
+            home_m, target_m = (400.0 + 160.0 * vehicle, 1500.0), (7500.0 + 200.0 * vehicle, 1500.0)
+        text += f"[[agents]]\nsystem_id = {vehicle}\ncourse_deg = 90.0\n{place(home_m)}"
         for table in ("births", "simulation.targets"):
-            text += f"[[{table}]]\neast_m = 8700.0\nnorth_m = {1500.0 + apart_m * (vehicle - 2.5)}\n"
+            text += f"[[{table}]]\n{place(target_m)}"
     path = folder / "returns.toml"
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def place(place_m: tuple[float, float]) -> str:
+    """Return a place as lines of a mission file."""
+    return "east_m = {}\nnorth_m = {}\n".format(*place_m)
 
 
 class Flight:

@@ -52,6 +52,9 @@ class Reader:
         self.notices: list[tuple[int, str]] = []
 
     def read(self, recording: Path) -> None:
+        """Read one recording; what was sent right before a kill is not in it."""
+        for shown in self.shown.values():
+            shown.sent = {}
         for record in read(recording, only=(Datagram, Order, Notice, Send, UploadReport)):
             value, t_ns = record.value, record.t_ns
             if isinstance(value, Datagram):
@@ -70,7 +73,8 @@ class Reader:
                 words = f"{value.vehicle}: {value.items} items, {value.detail}"
                 self.uploads.append((t_ns, f"{'verified' if value.ok else 'failed'} {words}"))
                 shown = self.shown[value.vehicle]
-                if value.ok and (not shown.sent or shown.sent != shown.stored):
+                is_whole = len(shown.stored) == value.items - self.first
+                if value.ok and not (is_whole and shown.sent.items() <= shown.stored.items()):
                     self.unequal.append((t_ns, f"{words}: sent {shown.sent}, read back {shown.stored}"))
 
     def _see(self, shown: Shown | None, message: object, t_ns: int) -> None:
@@ -92,6 +96,8 @@ class Reader:
         number, command = message.get_msgId(), getattr(message, "command", None)
         if number == mavlink.MAVLINK_MSG_ID_MISSION_COUNT:
             shown.sent, shown.stored = {}, {}
+        elif number == mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST:
+            shown.stored = {}
         elif number == mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT and message.seq >= self.first:
             shown.sent[message.seq] = item_of(message)
         command = command if number in (75, 76) else None
