@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import random
 import re
@@ -18,8 +17,6 @@ from sim_vehicles.vehicle.faults import FaultKind
 
 if TYPE_CHECKING:
     from bench_returns import Flight
-
-    from gcs.model import TruthObject
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)
 UPLOAD_S = 0.8
@@ -131,25 +128,15 @@ def stack(flight: Flight, trial: Trial) -> None:
     trial.said.append(f"hold: {flight.order('hold')}")
 
 
-def leader_of(places: dict[int, TruthObject]) -> int:
-    """Return the vehicle that another one follows most closely on its line to the east."""
-    behind_m = {
-        (one.east_m - other.east_m if abs(one.north_m - other.north_m) < 60.0 else math.inf): one.id
-        for one, other in itertools.permutations(places.values(), 2)
-        if one.east_m - other.east_m > 100.0
-    }
-    return behind_m[min(behind_m)] if behind_m else min(places)
-
-
 def meet(then: str = "") -> Callable[[Flight, Trial], None]:
-    """Return a trial in which the leader of those that fly in one layer is set to LOITER by a second station.
+    """Return a trial in which the leader of those that fly in one layer comes back by RTL of another station.
 
     Of the first one that holds for it then its link breaks ("silent"), or a mode is commanded.
     """
 
     def happen(flight: Flight, trial: Trial) -> None:
-        leader = leader_of({one.id: one for one in flight.vehicles()})
-        flight.station.command_mode(leader, "loiter")
+        leader = max(flight.vehicles(), key=lambda one: one.east_m).id
+        flight.station.command_mode(leader, "rtl")
         held = flight.wait_for(HELD, 30.0)
         trial.said.append(f"leader {leader}, held {held}")
         if held and then == "silent":
@@ -202,7 +189,12 @@ KINDS = {
     "crash": Kind("one crashes 10 s after the order; it is gone then", 30.0, fail(FaultKind.CRASH, None)),
     "stack": Kind("two circle at one height by RTL; all are ordered to hold; no return", 60.0, stack),
     "adsb": Kind("an aircraft comes towards one; no return", 20.0, meet_aircraft),
-    "meet": Kind("the leader of all in one layer is set to LOITER by a second station", 25.0, meet(), 1),
+    "meet": Kind(
+        "the leader of all in one layer is set to RTL, towards the others, by a second station",
+        25.0,
+        meet(),
+        1,
+    ),
     "meet-rtl": Kind("the same, then the one that holds for it to RTL", 25.0, meet("rtl"), 1),
     "meet-fbwa": Kind("the same with FBWA", 5.0, meet("fbwa"), 1),
     "meet-silent": Kind(

@@ -45,6 +45,8 @@ _MIN_HOLD_NS: Final = ns(4.0)
 _MAX_HOLD_NS: Final = ns(60.0)
 _PERIOD_NS: Final = ns(1.0)
 _CONTROLS: Final = frozenset({Authority.OURS, Authority.RETURNING})
+_TAKEN: Final = (Authority.COMMANDED, Authority.OVERRIDDEN, Authority.OTHER_STATION)
+"""Claims of others, which an order to hold or return hides."""
 _PHASES: Final = frozenset({FlightPhase.EN_ROUTE, FlightPhase.RETURNING})
 _HOLDING: Final = frozenset({FlightPhase.EN_ROUTE, FlightPhase.AT_TARGET})
 
@@ -171,7 +173,8 @@ class Avoidances:
         state = self._fleet.state(vehicle)
         if state is None or state.mode != LOITER or agent.link.liveness != "alive":
             return False
-        is_waiting = agent.control.authority in (Authority.OURS, Authority.HELD) and _wanted(agent) is None
+        is_held = agent.control.authority in (Authority.OURS, Authority.HELD) and not _is_taken(agent)
+        is_waiting = is_held and _wanted(agent) is None
         is_free = agent.orders.command is None and agent.orders.waiting is None
         is_settled = vehicle not in self._tasking.state.stages and not agent.tasking.is_inconsistent
         return is_waiting and is_free and is_settled and agent.flight.phase in _HOLDING
@@ -179,7 +182,8 @@ class Avoidances:
     def _is_ours(self, vehicle: int) -> bool:
         """Return True if a vehicle is on a mission of this service, to a target or home."""
         agent = self._agents[vehicle]
-        return agent.control.authority in _CONTROLS and _wanted(agent) is not None
+        is_ours = agent.control.authority in _CONTROLS and not _is_taken(agent)
+        return is_ours and _wanted(agent) is not None
 
     def _left_m(self, vehicle: int) -> float:
         """Return the distance that a vehicle has left to fly on its route."""
@@ -224,6 +228,11 @@ class Avoidances:
         separation.avoidance = None
         other = "" if avoidance is None else avoidance.other
         return [Notice(t_ns, NoticeCode.AVOIDS_NO_LONGER, vehicle, {"other": other, "reason": reason})]
+
+
+def _is_taken(agent: Agent) -> bool:
+    """Return True if a pilot or another station has chosen, or commanded, what a vehicle does."""
+    return any(claim in agent.control.claims for claim in _TAKEN)
 
 
 def _wanted(agent: Agent) -> Route | None:

@@ -191,6 +191,22 @@ def test_of_two_that_hold_on_circles_that_overlap_one_gets_another_layer(field):
     assert all(one.control.is_ours for one in sky.run_.engine.state.agents.values())
 
 
+def test_of_two_that_circle_at_one_height_one_that_somebody_else_set_to_loiter_is_not_moved():
+    """It was held by order before. Before, that hid who had chosen its LOITER since."""
+    sky = Sky((600.0, 600.0, 60.0), (1700.0, 1700.0, 60.0)).fly(20.0)
+    give(sky, "hold", 1)
+    fly_on(sky, 3.0)
+    one, other = sky.planes[1], sky.planes[2]
+    for mode in (Mode.FBWA, Mode.LOITER):  # by its pilot
+        one.autopilot.set_mode(mode)
+        fly_on(sky, 2.0)
+    place(other, one.airframe.east_m + 80.0, one.airframe.north_m, one.airframe.alt_rel_m)
+    give(sky, "hold", 2)
+    fly_on(sky, 15.0)
+    assert [notice.vehicle for _, notice in sky.told(NoticeCode.CHANGES_LAYER)] == [2]
+    assert one.autopilot.mode is Mode.LOITER
+
+
 def test_with_warnings_only_no_vehicle_that_holds_is_moved():
     sky = fly_on(held_together(FIELD.replace("[planning]", '[planning]\navoidance = "warn"')), 15.0)
     assert not sky.told(NoticeCode.CHANGES_LAYER)
