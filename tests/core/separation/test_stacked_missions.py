@@ -191,6 +191,23 @@ def test_of_two_that_hold_on_circles_that_overlap_one_gets_another_layer(field):
     assert all(one.control.is_ours for one in sky.run_.engine.state.agents.values())
 
 
+@pytest.mark.parametrize("above_m", [4.0, -4.0])
+def test_of_two_on_one_circle_one_goes_up_or_down_and_not_through_the_other(above_m):
+    """They stay as near as they are. Before, no layer was clear for either: they were near now."""
+    sky = Sky((600.0, 600.0, 80.0), (1700.0, 1700.0, 80.0)).fly(20.0)
+    give(sky, "hold")
+    fly_on(sky, 20.0)
+    one, other = sky.planes[1], sky.planes[2]
+    behind = np.array((one.airframe.east_m, one.airframe.north_m))
+    fly_on(sky, 1.2)
+    place(other, *behind, one.alt_rel_m + above_m, np.rad2deg(one.airframe.heading_rad) - 20.0)
+    other.autopilot.set_mode(Mode.LOITER)
+    other.autopilot.goal = one.autopilot.goal
+    fly_on(sky, 25.0)
+    assert len(sky.told(NoticeCode.CHANGES_LAYER)) == 1
+    assert (other.alt_rel_m - one.alt_rel_m) * above_m > 15.0 * abs(above_m)
+
+
 def test_of_two_that_circle_at_one_height_one_that_somebody_else_set_to_loiter_is_not_moved():
     """It was held by order before. Before, that hid who had chosen its LOITER since."""
     sky = Sky((600.0, 600.0, 60.0), (1700.0, 1700.0, 60.0)).fly(20.0)
