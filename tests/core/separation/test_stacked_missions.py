@@ -201,8 +201,7 @@ def test_of_two_on_one_circle_one_goes_up_or_down_and_not_through_the_other(abov
     behind = np.array((one.airframe.east_m, one.airframe.north_m))
     fly_on(sky, 1.2)
     place(other, *behind, one.alt_rel_m + above_m, np.rad2deg(one.airframe.heading_rad) - 20.0)
-    other.autopilot.set_mode(Mode.LOITER)
-    other.autopilot.goal = one.autopilot.goal
+    other.autopilot._fly(one.autopilot.goal, one.alt_rel_m + above_m)
     fly_on(sky, 25.0)
     assert len(sky.told(NoticeCode.CHANGES_LAYER)) == 1
     assert (other.alt_rel_m - one.alt_rel_m) * above_m > 15.0 * abs(above_m)
