@@ -161,6 +161,10 @@ class Flight:
         """Return the true places of the vehicles that fly."""
         return [one for one in self.truths[-1].objects if one.kind == "agents" and one.alive]
 
+    def place(self, vehicle: int) -> TruthObject:
+        """Return the true place of a vehicle."""
+        return next(one for one in self.vehicles() if one.id == vehicle)
+
     def wait(self, log: str, words: str) -> None:
         """Wait until a log has these words."""
         while words not in (self.folder / log).read_text():
@@ -170,19 +174,19 @@ class Flight:
 
     def wait_for_service(self) -> None:
         """Wait until central command has started."""
-        self.wait(f"{self.runs[-1].name}.log", "MAVLink on")
+        self.wait(self._log().name, "MAVLink on")
 
-    def wait_for(self, words: re.Pattern[str], for_s: float) -> int:
-        """Return the vehicle that central command names from now on; 0 if it names none in time."""
-        log = self.folder / f"{self.runs[-1].name}.log"
-        before = len(log.read_text())
-        until_s = time.monotonic() + for_s
-        while time.monotonic() < until_s:
-            found = words.search(log.read_text()[before:])
-            if found is not None:
-                return int(found[1])
-            time.sleep(0.1)
-        return 0
+    def mark(self) -> int:
+        """Return how much central command has told until now."""
+        return len(self._log().read_text())
+
+    def named(self, words: re.Pattern[str], begins: int) -> int:
+        """Return the first vehicle that central command names in some words since a mark; 0 if it named none."""
+        found = words.search(self._log().read_text()[begins:])
+        return 0 if found is None else int(found[1])
+
+    def _log(self) -> Path:
+        return self.folder / f"{self.runs[-1].name}.log"
 
     def end(self) -> None:
         """End all processes."""

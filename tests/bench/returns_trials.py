@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import random
 import re
 import time
@@ -128,47 +127,48 @@ def stack(flight: Flight, trial: Trial) -> None:
     trial.said.append(f"hold: {flight.order('hold')}")
 
 
-def meet(then: str = "") -> Callable[[Flight, Trial], None]:
-    """Return a trial in which the leader of those that fly in one layer comes back by RTL of another station.
+def meet(flight: Flight, trial: Trial) -> None:
+    """Let the leader of those that fly in one layer come back by RTL of a second station."""
+    leader = max(flight.vehicles(), key=lambda one: one.east_m).id
+    begins = flight.mark()
+    flight.station.command_mode(leader, "rtl")
+    time.sleep(40.0)
+    flight.station.command_mode(leader, "auto")
+    trial.said.append(f"leader {leader}, held {flight.named(HELD, begins)}")
 
-    Of the first one that holds for it then its link breaks ("silent"), or a mode is commanded.
+
+def meet_aircraft(then: str = "") -> Callable[[Flight, Trial], None]:
+    """Return a trial in which a vehicle receives an aircraft that comes head on at its height.
+
+    When it holds for it a second station commands a mode, or its link breaks ("silent").
     """
 
     def happen(flight: Flight, trial: Trial) -> None:
-        leader = max(flight.vehicles(), key=lambda one: one.east_m).id
-        flight.station.command_mode(leader, "rtl")
-        held = flight.wait_for(HELD, 30.0)
-        trial.said.append(f"leader {leader}, held {held}")
-        if held and then == "silent":
-            flight.relay.lost[held] = 1.0
-            time.sleep(12.0)
-            flight.relay.lost[held] = flight.loss
-        elif held and then:
-            flight.station.command_mode(held, then)
-            time.sleep(10.0)
-        time.sleep(15.0)
-        flight.station.command_mode(leader, "auto")
+        vehicle, begins, is_held = trial.vehicle, flight.mark(), False
+        start = flight.place(vehicle)
+        for second in range(AIRCRAFT_S):
+            east_m = start.east_m + (AIRCRAFT_S - second) * AIRCRAFT_M_S
+            flight.relay.inject(vehicle, aircraft(east_m, start.north_m, start.alt_msl_m))
+            time.sleep(1.0)
+            if not is_held and flight.named(HELD, begins) == vehicle:
+                is_held = True
+                if then == "silent":
+                    flight.relay.lost[vehicle] = 1.0
+                elif then:
+                    flight.station.command_mode(vehicle, then)
+        flight.relay.lost[vehicle] = flight.loss
+        trial.said.append(f"held {is_held}")
 
     return happen
 
 
-def meet_aircraft(flight: Flight, trial: Trial) -> None:
-    """Let a vehicle receive an aircraft that comes head on at its height."""
-    for second in range(AIRCRAFT_S):
-        place = next(
-            one for one in flight.truths[-1].objects if (one.kind, one.id) == ("agents", trial.vehicle)
-        )
-        if not second:
-            east_m, north_m, alt_m = place.east_m + AIRCRAFT_S * AIRCRAFT_M_S, place.north_m, place.alt_msl_m
-        lat_deg, lon_deg = FRAME.to_geodetic(east_m - second * AIRCRAFT_M_S, north_m)
-        message = mavlink.MAVLink_adsb_vehicle_message(
-            0xABC123, round(lat_deg * 1e7), round(lon_deg * 1e7), mavlink.ADSB_ALTITUDE_TYPE_GEOMETRIC,
-            round(alt_m * 1e3), 27_000, round(AIRCRAFT_M_S * 100.0), 0, b"TEST", 1, 0, 0x1F, 0,
-        )  # fmt: skip
-        flight.relay.inject(trial.vehicle, message)
-        time.sleep(1.0)
-    away_m = math.dist((place.east_m, place.north_m), (east_m - AIRCRAFT_S * AIRCRAFT_M_S, north_m))
-    trial.said.append(f"{away_m:.0f} m behind it at the end")
+def aircraft(east_m: float, north_m: float, alt_msl_m: float) -> mavlink.MAVLink_message:
+    """Return the report of an aircraft that flies west."""
+    lat_deg, lon_deg = FRAME.to_geodetic(east_m, north_m)
+    return mavlink.MAVLink_adsb_vehicle_message(
+        0xABC123, round(lat_deg * 1e7), round(lon_deg * 1e7), mavlink.ADSB_ALTITUDE_TYPE_GEOMETRIC,
+        round(alt_msl_m * 1e3), 27_000, round(AIRCRAFT_M_S * 100.0), 0, b"TEST", 1, 0, 0x1F, 0,
+    )  # fmt: skip
 
 
 KINDS = {
@@ -188,16 +188,9 @@ KINDS = {
     "kill": Kind("gcs run is killed (-9) during the uploads, and started again", 40.0, kill),
     "crash": Kind("one crashes 10 s after the order; it is gone then", 30.0, fail(FaultKind.CRASH, None)),
     "stack": Kind("two circle at one height by RTL; all are ordered to hold; no return", 60.0, stack),
-    "adsb": Kind("an aircraft comes towards one; no return", 20.0, meet_aircraft),
-    "meet": Kind(
-        "the leader of all in one layer is set to RTL, towards the others, by a second station",
-        25.0,
-        meet(),
-        1,
-    ),
-    "meet-rtl": Kind("the same, then the one that holds for it to RTL", 25.0, meet("rtl"), 1),
-    "meet-fbwa": Kind("the same with FBWA", 5.0, meet("fbwa"), 1),
-    "meet-silent": Kind(
-        "the same, and the link of the one that holds breaks for 12 s", 25.0, meet("silent"), 1
-    ),
+    "adsb": Kind("an aircraft comes towards one, which holds; no return", 20.0, meet_aircraft()),
+    "adsb-rtl": Kind("the same, and a second station commands RTL then", 25.0, meet_aircraft("rtl")),
+    "adsb-fbwa": Kind("the same with FBWA", 2.0, meet_aircraft("fbwa")),
+    "adsb-silent": Kind("the same, and its link breaks then", 25.0, meet_aircraft("silent")),
+    "meet": Kind("in one layer a second station sets the leader to RTL, towards the others", 25.0, meet, 1),
 }
