@@ -181,7 +181,7 @@ class Flight:
         return len(self._log().read_text())
 
     def named(self, words: re.Pattern[str], begins: int) -> int:
-        """Return the first vehicle that central command names in some words since a mark; 0 if it named none."""
+        """Return the first vehicle that central command named in some words since a mark; 0 for none."""
         found = words.search(self._log().read_text()[begins:])
         return 0 if found is None else int(found[1])
 
