@@ -1,4 +1,6 @@
-"""The page of zenoh keys in the documentation, made from `KEYS` of `gcs.io.zenoh.key_expressions` and from the rights of the roles.
+"""The page of zenoh keys in the documentation.
+
+It is made from `KEYS` of `gcs.io.zenoh.key_expressions` and from the rights of the roles.
 
 ``python tests/helpers/key_page.py > docs/zenoh.md`` writes it. A test compares both.
 """
@@ -20,7 +22,7 @@ library. Sensors publish, displays subscribe, operators' programs give orders.
 |---|---|
 | endpoint | `links.zenoh` of the mission file, default `tcp/127.0.0.1:7447`; elsewhere [TLS](security.md) |
 | mode | peer or client; multicast scouting off |
-| encoding | JSON (RFC 8259, UTF-8), one object a message, unless the table says otherwise: [messages](messages.md) |
+| encoding | JSON (RFC 8259, UTF-8), one object a [message](messages.md), unless the table says otherwise |
 | positions | east and north in metres from the mission's origin |
 | times | `t_ns`: nanoseconds since 1970, of the service's clock |
 | names | a unit ends the name of each quantity: `speed_m_s` |

@@ -33,7 +33,7 @@ WARNING_TIMES_S: Final = (LOOK_AHEAD_S, 10.0)
 _PERIOD_NS: Final = ns(1.0)
 _APART_NS: Final = ns(5.0)
 _AGAIN_NS: Final = ns(10.0)
-"""Time from one avoidance of a pair to the next, if they still come near each other."""
+"""Time from a hold of one of a pair to the next hold, if they still come near each other."""
 _HYSTERESIS: Final = 1.5
 """Multiple of the minimum distance at which a pair that was told counts as apart."""
 _MIN_TURN_NS = ns(0.75)
@@ -160,10 +160,10 @@ class SeparationMonitor:
     def _avoid(self, encounter: Encounter, approach: Approach, stage: int, t_ns: int) -> list[Effect]:
         """Keep one of a pair apart from the other; for an aircraft once, since ADS-B can be forged."""
         before_t_ns = approach.avoided_t_ns
-        if before_t_ns is not None and (is_aircraft(encounter.vehicles[1]) or t_ns - before_t_ns < _AGAIN_NS):
+        if before_t_ns is not None and is_aircraft(encounter.vehicles[1]):
             return []
         effects = self._avoidances.stack(encounter, t_ns)
-        if not effects and stage > 1:
+        if not effects and stage > 1 and (before_t_ns is None or t_ns - before_t_ns >= _AGAIN_NS):
             effects = self._avoidances.hold(encounter, t_ns)
         if effects:
             approach.avoided_t_ns = t_ns

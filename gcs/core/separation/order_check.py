@@ -41,6 +41,8 @@ _CLEAR: Final = 1.5
 """Nearness without a conflict: the minimum distance grows with the time ahead."""
 _WORSE: Final = 0.1
 """Share of the minimum distances by which an order must bring a vehicle nearer."""
+_RELEASE_MARGIN: Final = 1.5
+"""Multiple of the minimum distance at which a vehicle that held may fly on: in wind predictions are off."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -50,6 +52,8 @@ class _Conflict:
     nearness: float
     """Distance by its minimum, or height by its minimum, whichever is greater; less than about 1."""
     words: str
+    other: int
+    """That vehicle."""
 
 
 class OrderCheck:
@@ -99,11 +103,9 @@ class OrderCheck:
             return ""
         others = self._flights(states.values(), t_ns)
         led = self._intents.flight(state, t_ns, AUTO)
-        conflicts = [*self._met(led, others, is_return=False)]
-        if (
-            not conflicts
-            or _nearest(conflicts) - self._nearness(self._intents.flight(state, t_ns), others) > _WORSE
-        ):
+        conflicts = [*self._met(led, others, is_return=False, margin=_RELEASE_MARGIN)]
+        held = self._nearness(self._intents.flight(state, t_ns), others)
+        if not conflicts or _nearest(conflicts) - held > _WORSE:
             return ""
         return f"would {min(conflicts).words}"
 
@@ -179,18 +181,27 @@ class OrderCheck:
             Modes that are ordered now, by vehicle.
         circles_only : bool
             True if the circle at its end alone is checked.
+
+        Its way there is no problem with a vehicle that it is as near to now: it leads away.
         """
         states = {state.system_id: state for state in self._intents.flying(t_ns)}
-        own = self._stacked(states.pop(route.vehicle), route, t_ns)
+        state = states.pop(route.vehicle)
+        own = self._stacked(state, route, t_ns)
         others = [
-            self._stacked(state, planned[vehicle], t_ns)
+            self._stacked(other, planned[vehicle], t_ns)
             if vehicle in planned
-            else self._intents.flight(state, t_ns, modes.get(vehicle))
-            for vehicle, state in states.items()
+            else self._intents.flight(other, t_ns, modes.get(vehicle))
+            for vehicle, other in states.items()
         ]
         conflicts = [*self._overlapping(own, others, last=True)]
         if not conflicts and not circles_only:
-            conflicts = [*self._met(own, others, is_return=True)]
+            present = self._intents.flight(state, t_ns)
+            now = {one.other: one.nearness for one in self._met(present, others, is_return=True)}
+            conflicts = [
+                one
+                for one in self._met(own, others, is_return=True)
+                if one.nearness < now.get(one.other, _CLEAR) - _WORSE
+            ]
         return f"would {min(conflicts).words}" if conflicts else ""
 
     def _stacked(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
@@ -209,7 +220,11 @@ class OrderCheck:
         ]
 
     def _worse(
-        self, changed: Flight, present: Flight, others: list[Flight], is_return: tuple[bool, bool]
+        self,
+        changed: Flight,
+        present: Flight,
+        others: list[Flight],
+        is_return: tuple[bool, bool],
     ) -> str:
         """Return which vehicle a changed flight comes near to; empty if none, or no nearer than the present.
 
@@ -229,7 +244,9 @@ class OrderCheck:
             return f"would {min(led[0]).words}"
         return f"would {min(led[1]).words}" if overlaps < -_WORSE and meets < _WORSE else ""
 
-    def _met(self, own: Flight, others: list[Flight], is_return: bool) -> Iterator[_Conflict]:
+    def _met(
+        self, own: Flight, others: list[Flight], is_return: bool, margin: float = 1.0
+    ) -> Iterator[_Conflict]:
         """Yield the vehicles that a flight comes near to."""
         for_s = _AHEAD_S
         if is_return:  # up to its place, and once round
@@ -238,13 +255,14 @@ class OrderCheck:
             for_s += min((away_m + 2.0 * math.pi * abs(last.radius_m)) / own.speed_m_s, _MAX_AHEAD_S - for_s)
         step_s = min(max(for_s / _STEPS, 0.5), _MAX_STEP_S)
         paths = simulate_flights([own, *others], for_s, step_s)
-        for one in encounters(paths, self._min_m, self._min_height_m, _GROWTH_M / for_s, step_s):
+        for one in encounters(paths, margin * self._min_m, self._min_height_m, _GROWTH_M / for_s, step_s):
             if own.vehicle in one.vehicles:
                 other = next(vehicle for vehicle in one.vehicles if vehicle != own.vehicle)
                 yield _Conflict(
                     max(one.distance_m / self._min_m, one.height_m / self._min_height_m),
                     f"come within {one.distance_m:.0f} m and {one.height_m:.0f} m in height of "
                     f"{self._air_traffic.name(other)} in {one.after_s:.0f} s",
+                    other,
                 )
 
     def _overlapping(self, own: Flight, others: list[Flight], *, last: bool = False) -> Iterator[_Conflict]:
@@ -267,6 +285,7 @@ class OrderCheck:
                     max(apart_m / self._min_m, height_m / self._min_height_m),
                     f"circle within {apart_m:.0f} m and {height_m:.0f} m in height of the circle of agent "
                     f"{vehicle_name(other.vehicle)}",
+                    other.vehicle,
                 )
 
 

@@ -154,7 +154,7 @@ def effect_key(mission: str, effect: Effect) -> str:
     """
     if isinstance(effect, Picture):
         return f"swarm/{mission}/picture/{effect.kind}"
-    name = EFFECT_KEYS.get(type(effect))
+    name = _EFFECT_KEYS.get(type(effect))
     if name is None:
         raise TypeError(f"{type(effect).__name__} is not published")
     return f"swarm/{mission}/{name}"
