@@ -40,6 +40,8 @@ TRUE_STATE: Final = {
     "px4": mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
 }
 """Message with the true position, by autopilot."""
+_HEARTBEATS_IN_MANUAL: Final = 3
+"""Seconds of PX4's time. After one without altitude control it begins anew at the present height."""
 _HOST_IS_RECEIVER: Final = {"MAV_USEHILGPS": 1.0, "SENS_EN_GPSSIM": 2.0}
 """SIH has no receiver unless its parameter is 1; the start script's default goes before a 0."""
 _STREAMS_HZ: Final = {
@@ -177,6 +179,10 @@ class Launch:
     """Brings one vehicle from the ground into LOITER (PX4's Hold) above its start. Sans-I/O.
 
     Commands are repeated each second until the vehicle's heartbeat shows their effect.
+
+    PX4 is set to MANUAL before its take-off. It controls its altitude from its start on, with a reference
+    that begins at sea level and rises by FW_T_CLMB_R_SP, in a mode other than MANUAL and the like
+    (`TECS::initialize`): a PX4 that started 1,500 m above sea level would descend for its first six minutes.
     """
 
     def __init__(self, spec: VehicleSpec, frame: LocalFrame) -> None:
@@ -188,6 +194,7 @@ class Launch:
         self._traits = TRAITS[spec.autopilot]
         self._is_ready = self._armed = False
         self._mode: Mode | None = None
+        self._heartbeats_in_manual = 0
         self._again_ns = 0
 
     def receive(self, message: Any) -> None:
@@ -196,6 +203,7 @@ class Launch:
             case "HEARTBEAT" if message.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1:
                 self._armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
                 self._mode = self._traits.mode_of_custom(message.custom_mode)
+                self._heartbeats_in_manual += self._mode is Mode.MANUAL
                 if self.stage is Stage.LOITERING and self._mode is Mode.LOITER:
                     self.stage = Stage.DONE
             case "SYS_STATUS":
@@ -228,7 +236,10 @@ class Launch:
                 commands = [self._interval(number, rate_hz) for number, rate_hz in streams.items()]
                 if self._spec.autopilot == "px4":
                     commands.append(self._accept_missions_without_landing())
-                if self._is_ready:
+                if self._spec.autopilot == "px4" and self._heartbeats_in_manual < _HEARTBEATS_IN_MANUAL:
+                    if self._is_ready:
+                        commands.append(self._set_mode(Mode.MANUAL))
+                elif self._is_ready or self._heartbeats_in_manual:
                     commands.append(self._set_mode(Mode.TAKEOFF))
                 if self._mode is Mode.TAKEOFF:
                     commands.append(self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0))

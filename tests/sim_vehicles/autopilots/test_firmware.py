@@ -10,6 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import SimulationError
 from gcs.geo import LocalFrame
@@ -89,6 +90,20 @@ def test_only_the_true_state_that_a_firmware_has_is_asked_for(autopilot: str, as
     launch = Launch(replace(SPEC, autopilot=autopilot), FRAME)
     numbers = {int(command.param1) for command in launch.poll(0) if command.get_type() == "COMMAND_LONG"}
     assert numbers & {115, 164} == {asked}
+
+
+def test_px4_is_in_manual_before_its_take_off_so_that_it_climbs_above_high_ground() -> None:
+    launch = Launch(replace(SPEC, autopilot="px4"), FRAME)
+    launch.receive(mavlink.MAVLink_sys_status_message(0, 0, mavlink.MAV_SYS_STATUS_PREARM_CHECK, *[0] * 10))
+    modes = []
+    for k in range(6):
+        asked = [one for one in launch.poll(k * NS_PER_S) if getattr(one, "command", 0) == 176]
+        modes += [(int(one.param2), int(one.param3)) for one in asked]
+        main, sub = modes[-1]
+        heartbeat = mavlink.MAVLink_heartbeat_message(1, 12, 1, main << 16 | sub << 24, 3, 3)
+        heartbeat._header = mavlink.MAVLink_header(0, srcSystem=3, srcComponent=1)
+        launch.receive(heartbeat)
+    assert modes == [(1, 0)] * 3 + [(4, 2)] * 3
 
 
 FIRMWARE = """#!%s
