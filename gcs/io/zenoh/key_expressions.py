@@ -3,6 +3,7 @@
 =============================================  ==================================================
 ``swarm/<mission>/sensor/<name>/scan``         a sensor's scan (``docs/sensors.md``), for the service
 ``swarm/<mission>/picture/agents``, ``targets``  `Picture`, after each scan
+``swarm/<mission>/picture/<kind>_lagged``      `LaggedPicture`, with ``tracking.lag_scans`` above 0
 ``swarm/<mission>/plan``                       `Plan`
 ``swarm/<mission>/upload``                     `UploadReport`
 ``swarm/<mission>/agent_status``               `AgentStatus`
@@ -33,6 +34,7 @@ from typing import Final
 from gcs.model import (
     AgentStatus,
     Effect,
+    LaggedPicture,
     MissionEnded,
     Notice,
     OrderAnswer,
@@ -138,6 +140,8 @@ def effect_key(mission: str, effect: Effect) -> str:
     """
     if isinstance(effect, Picture):
         return f"swarm/{mission}/picture/{effect.kind}"
+    if isinstance(effect, LaggedPicture):
+        return f"swarm/{mission}/picture/{effect.kind}_lagged"
     name = _EFFECT_KEYS.get(type(effect))
     if name is None:
         raise TypeError(f"{type(effect).__name__} is not published")
