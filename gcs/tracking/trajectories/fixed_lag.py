@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gcs.model import FloatArray, IntArray, Sensor
+from gcs.tracking.glmb.hypotheses import Clusters
 from gcs.tracking.glmb.kalman import Interval
 from gcs.tracking.glmb.marginals import map_tracks
 from gcs.tracking.glmb.recursion import UpdateResult
@@ -85,6 +86,7 @@ class FixedLag:
         self._lag = lag
         self._turns = turns
         self._kept: deque[_Kept] = deque()
+        map_tracks(Clusters.example())  # compiled, or loaded, now and not at the first estimate
 
     def add_scan(
         self, t_ns: int, sensor: Sensor, model: SensorModel, interval: Interval, result: UpdateResult
