@@ -13,15 +13,17 @@ if TYPE_CHECKING:
 TRACKING: Final = "gcs.tracking.glmb.filter"
 HISTORIES: Final = "gcs.tracking.trajectories.recovery"
 """Recovered and smoothed trajectories, for `gcs track` only."""
+STATE_SPACE: Final = "gcs.tracking.state_space.filter"
+"""Trackers with manoeuvres or models of the user, for `gcs track` and the library only."""
 PLANNING: Final = "gcs.planning.planner"
 LINKS: Final = "gcs.mavlink.fleet.fast_telemetry"
 TERRAIN: Final = "gcs.planning.terrain.warm_up"
 """Routes over terrain, for missions with `[terrain]` only."""
 FLYING: Final = (TRACKING, PLANNING, LINKS)
-ALL: Final = (*FLYING, HISTORIES, TERRAIN)
+ALL: Final = (*FLYING, HISTORIES, STATE_SPACE, TERRAIN)
 _NAMES: Final = {
     TRACKING: "trackers", HISTORIES: "trajectories", PLANNING: "planner", LINKS: "links",
-    TERRAIN: "routes over terrain",
+    TERRAIN: "routes over terrain", STATE_SPACE: "trackers with other models",
 }  # fmt: skip
 
 

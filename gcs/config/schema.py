@@ -153,6 +153,7 @@ class TrackingTable(Table, frozen=True, kw_only=True):
     lost_std_m: Positive = 500.0
     reorder_window_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
     correct_sensors: bool = False
+    lag_scans: Annotated[int, Meta(ge=0, le=50)] = 0
 
 
 class TelemetryTable(Table, frozen=True, kw_only=True):

@@ -65,7 +65,7 @@ from gcs.model.names import (
 from gcs.model.notice_codes import NoticeCode
 from gcs.model.notices import Notice, NoticeContent, Notify, Subject
 from gcs.model.orders import Action, AnswerState, NoFlyZone, Order, OrderAnswer, Proposal, RouteFigures
-from gcs.model.picture import Picture, Track, VehicleState
+from gcs.model.picture import LaggedPicture, Picture, Track, VehicleState
 from gcs.model.plans import (
     APPROACH_M,
     Cause,
@@ -117,6 +117,7 @@ __all__ = [
     "KeyArray",
     "Kind",
     "Label",
+    "LaggedPicture",
     "LandingWait",
     "LayerHeights",
     "Level",

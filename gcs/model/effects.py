@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 from gcs.model.basics import Label
 from gcs.model.notices import Notice
 from gcs.model.orders import OrderAnswer, Proposal
-from gcs.model.picture import Picture
+from gcs.model.picture import LaggedPicture, Picture
 from gcs.model.plans import Plan
 from gcs.model.status import SwarmStatus
 from gcs.safe_text import printable
@@ -72,6 +72,7 @@ class MissionEnded:
 Effect: TypeAlias = (
     Send
     | Picture
+    | LaggedPicture
     | Plan
     | UploadReport
     | Notice

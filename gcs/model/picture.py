@@ -37,6 +37,19 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
+class LaggedPicture:
+    """The objects of one kind some scans ago, as known from the scans since (`tracking.lag_scans`)."""
+
+    t_ns: int
+    """Time of arrival of the last scan."""
+    scan_t_ns: int
+    """Time of measurement of the scan that it is of."""
+    kind: Kind
+    tracks: tuple[Track, ...]
+    """Ordered by label; existence is that of now."""
+
+
+@dataclass(frozen=True, slots=True)
 class VehicleState:
     """Last state that a vehicle reported over MAVLink."""
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 from gcs.errors import RecordingError
 from gcs.io.detections.readers import Detections, load
@@ -22,7 +22,7 @@ from gcs.io.recording.reader import Record
 from gcs.io.recording.timestamps import LogClock
 from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.mavlink.frames.codec import Frame
-from gcs.model import NS_PER_S, Datagram, Event, Scan, Tick
+from gcs.model import NS_PER_S, Datagram, Event, Scan, Sensor, Tick
 from gcs.service.service import TICK_NS
 
 LINK: Final = "tlog"
@@ -44,7 +44,10 @@ class DetectionFile:
         """Return the scans in the order of time, for a log that starts at `start_t_ns`."""
         shift_ns = round(self.offset_s * NS_PER_S) + (0 if self.detections.is_unix_time else start_t_ns)
         scans = sorted(self.detections.scans, key=lambda scan: scan.t_ns)
-        return [Scan(scan.t_ns + shift_ns, scan.t_ns + shift_ns, scan.sensor, scan.z_m) for scan in scans]
+        return [
+            Scan(scan.t_ns + shift_ns, scan.t_ns + shift_ns, cast(Sensor, scan.sensor), scan.z_m)
+            for scan in scans
+        ]
 
 
 def load_detections(path: Path, model: Path | None, offset_s: float) -> DetectionFile:

@@ -22,7 +22,7 @@ from gcs.errors import RecordingError, WireError
 from gcs.io.recording.reader import Damage, Record
 from gcs.io.recording.topics import topic_of
 from gcs.io.records import encode
-from gcs.model import NS_PER_S, Effect, Event, Notice, NoticeCode, Snapshot, Truth
+from gcs.model import NS_PER_S, Effect, Event, LaggedPicture, Notice, NoticeCode, Snapshot, Truth
 from gcs.report.run.verification import Output, Verification
 from gcs.service.service import Sink
 
@@ -262,19 +262,24 @@ class Replay:
 
 
 class Verifier:
-    """Compares every effect byte for byte, in its recorded form."""
+    """Compares effects byte for byte, in their recorded form.
+
+    Lagged pictures are not compared: the scans before a snapshot, which they need, are not in it.
+    """
 
     def __init__(self) -> None:
         self.result = Verification()
 
     def event(self, number: int, t_ns: int, effects: list[Effect], *, in_window: bool) -> None:
         """Add the effects of an event."""
-        outputs = [Output(topic_of(effect), encode(effect)) for effect in effects] if in_window else None
+        compared = [effect for effect in effects if not isinstance(effect, LaggedPicture)]
+        outputs = [Output(topic_of(effect), encode(effect)) for effect in compared] if in_window else None
         self.result.event(number, t_ns, outputs)
 
     def recorded(self, record: Record, effect: Effect) -> None:
         """Add a recorded effect."""
-        self.result.recorded(record.sequence, record.t_ns, Output(topic_of(effect), record.payload))
+        if not isinstance(effect, LaggedPicture):
+            self.result.recorded(record.sequence, record.t_ns, Output(topic_of(effect), record.payload))
 
     def end(self, number: int, t_ns: int, *, broken_off: bool) -> None:
         """End the comparison."""

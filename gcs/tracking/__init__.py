@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from gcs.tracking.glmb.params import Birth, GlmbParams
     from gcs.tracking.metrics import cardinality_error, gospa, identity_switches, ospa, ospa2
     from gcs.tracking.models.sensor_geometry import map_coordinates, polar_sensor, sector
+    from gcs.tracking.state_space.filter import StateSpaceGlmb
     from gcs.tracking.state_space.models import (
         MeasurementModel,
         MotionModel,
@@ -54,6 +55,7 @@ __all__ = [
     "Polar",
     "Sensor",
     "SensorScan",
+    "StateSpaceGlmb",
     "SwitchingMotion",
     "TrackSet",
     "TrackingModel",
@@ -83,6 +85,7 @@ _PARTS: Final = {
     "gcs.tracking.glmb.params": ("Birth", "GlmbParams"),
     "gcs.tracking.metrics": ("cardinality_error", "gospa", "identity_switches", "ospa", "ospa2"),
     "gcs.tracking.models.sensor_geometry": ("map_coordinates", "polar_sensor", "sector"),
+    "gcs.tracking.state_space.filter": ("StateSpaceGlmb",),
     "gcs.tracking.state_space.models": (
         "MeasurementModel", "MotionModel", "SwitchingMotion", "constant_velocity", "linear_measurement",
         "linear_motion",

@@ -32,7 +32,6 @@ from gcs.tracking.state_space.models import (
     MeasurementModel,
     MotionModel,
     SwitchingMotion,
-    switching,
 )
 from gcs.tracking.trajectories.recovery import Path
 
@@ -327,9 +326,8 @@ class BatchTracker:
             )
             self._unknown = AdaptiveBirth(*births, model.params.process_noise)
         else:
-            motion = switching(model.motion)
-            self.glmb = StateSpaceGlmb(motion, model.params, _SEED, keep_histories=keep_histories)
-            self._unknown = StateSpaceBirth(motion, *births)
+            self.glmb = StateSpaceGlmb(model.motion, model.params, _SEED, keep_histories=keep_histories)
+            self._unknown = StateSpaceBirth(self.glmb.motion, *births)
         self._places = model.births
         self._t_ns: int | None = None
 

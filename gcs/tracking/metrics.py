@@ -104,7 +104,7 @@ def ospa2(
     x_m: Sequence[Tracks[LabelT]], y_m: Sequence[Tracks[IdT]], c_m: float = 100.0, p: float = 1.0
 ) -> Ospa:
     """Return OSPA(2) of two sets of tracks over a window; element k is what exists at time k."""
-    size = next((len(point) for scan in (*x_m, *y_m) for point in scan.values()), 2)
+    size = max((len(point) for scans in (x_m, y_m) for scan in scans for point in scan.values()), default=2)
     x = _stack_tracks(x_m, size)
     y = _stack_tracks(y_m, size)
     gap = np.sqrt(((x[:, None] - y[None, :]) ** 2).sum(axis=-1))

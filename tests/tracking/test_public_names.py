@@ -10,8 +10,9 @@ import gcs.tracking
 from gcs.tracking import Birth, Glmb, GlmbParams, Sensor, TrackingModel, gospa, ospa, track
 
 PUBLIC = """Birth Estimates Estimator Glmb GlmbParams MeasurementModel MotionModel Polar Sensor SensorScan
-SwitchingMotion TrackSet TrackingModel Trajectory cardinality_error constant_velocity gospa identity_switches
-linear_measurement linear_motion map_coordinates ospa ospa2 polar_sensor sector track track_scans"""
+StateSpaceGlmb SwitchingMotion TrackSet TrackingModel Trajectory cardinality_error constant_velocity gospa
+identity_switches linear_measurement linear_motion map_coordinates ospa ospa2 polar_sensor sector track
+track_scans"""
 RADAR = Sensor("radar", 0.95, 10 / 2000**2, 5.0**2 * np.eye(2), (-1000.0, -1000.0, 1000.0, 1000.0))
 MODEL = TrackingModel(GlmbParams(accel_psd_m2_s3=1.0), births_per_s=0.2, birth_speed_std_m_s=20.0)
 STARTS = np.array([[-800.0, 0.0], [0.0, 800.0]])

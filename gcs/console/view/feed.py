@@ -22,6 +22,7 @@ from gcs.model import (
     Effect,
     Event,
     Kind,
+    LaggedPicture,
     Order,
     Picture,
     Plan,
@@ -149,7 +150,7 @@ class Feed:
         """Keep an effect that a page shows."""
         if not self._took_s:  # the first effect of the step
             self._took_s = time.perf_counter() - self._step_s
-        if isinstance(effect, Send):
+        if isinstance(effect, Send | LaggedPicture):
             return
         if isinstance(effect, Picture):
             self._pictures[effect.kind] = (self._next(), effect)

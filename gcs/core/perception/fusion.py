@@ -47,11 +47,13 @@ from gcs.model import (
     NS_PER_S,
     FloatArray,
     Kind,
+    LaggedPicture,
     Notice,
     NoticeCode,
     Picture,
     Scan,
     Sensor,
+    Track,
     VehicleState,
     read_only,
 )
@@ -103,7 +105,8 @@ class ClassTracker:
             raise ValueError("tracker state: is_born is not valid")
         self._process_noise = params.process_noise
         self._turn_rate_std_rad_s = math.radians(table.turn_rate_std_deg_s)
-        self._filter = Glmb(kind, params, 0, summarise_detections=True, state=state.filter)
+        lag = tracking.lag_scans
+        self._filter = Glmb(kind, params, 0, summarise_detections=True, lag=lag, state=state.filter)
         scan_t_ns = state.filter.t_ns
         self.picture = None if scan_t_ns is None else self._filter.picture(scan_t_ns)
         tracks = () if self.picture is None else self.picture.tracks
@@ -200,6 +203,18 @@ class ClassTracker:
                 self._state.is_born[index] = True
         return self.picture
 
+    def lagged(self, t_ns: int) -> list[LaggedPicture]:
+        """Return the picture of some scans ago, after `extract`; none before there are enough scans."""
+        found = self._filter.lag_estimates()
+        if found is None or self.picture is None:
+            return []
+        existence = {track.label: track.existence for track in self.picture.tracks}
+        tracks = tuple(
+            Track((born, index), read_only(mean), read_only(cov), existence[born, index], estimated=True)
+            for (born, index), mean, cov in zip(found.label.tolist(), found.mean, found.cov, strict=True)
+        )
+        return [LaggedPicture(t_ns, found.t_ns, self.kind, tracks)]
+
 
 class MultiSensorTracker:
     """Filters of agents and targets.
@@ -270,6 +285,10 @@ class MultiSensorTracker:
         in_view = ours.in_view + theirs.in_view
         estimation.add_scan(float((1.0 - explained).sum()), detected, in_view)
         return agents, self.targets.extract(scan.t_ns, at_targets.sensor)
+
+    def lagged_pictures(self, t_ns: int) -> list[LaggedPicture]:
+        """Return the pictures of some scans ago, after `scan`."""
+        return [*self.agents.lagged(t_ns), *self.targets.lagged(t_ns)]
 
     def is_report_epoch_due(self, t_ns: int) -> bool:
         """Return True if an epoch of position reports alone may follow at `t_ns`."""

@@ -78,7 +78,8 @@ def begin_epoch(stages: Stages, scan: Scan) -> tuple[Epoch | None, list[Effect]]
 def update_trackers(stages: Stages, epoch: Epoch) -> list[Effect]:
     """Update both trackers; return their pictures, and the all-clear of the sensor."""
     effects: list[Effect] = [*stages.sensor_watchdog.processed(epoch.scan.sensor.name, epoch.t_ns)]
-    return [*effects, *stages.trackers.scan(epoch.scan, epoch.states)]
+    effects += stages.trackers.scan(epoch.scan, epoch.states)
+    return [*effects, *stages.trackers.lagged_pictures(epoch.t_ns)]
 
 
 def associate_vehicles(stages: Stages, epoch: Epoch) -> list[Effect]:
@@ -170,4 +171,5 @@ def track_by_reports(stages: Stages, event: Tick) -> list[Effect]:
     if pictures:
         stages.association.update(stages.trackers.agents.confirmation, measured_t_ns, states)
         stages.kinematics.update(newest)
-    return [*pictures]
+        return [*pictures, *stages.trackers.agents.lagged(event.t_ns)]
+    return []

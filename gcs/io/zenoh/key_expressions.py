@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 from gcs.model import (
     AgentStatus,
     Effect,
+    LaggedPicture,
     MissionEnded,
     Notice,
     OrderAnswer,
@@ -51,6 +52,18 @@ KEYS: Final = (
     Key("status", "", "the answer to the order `status`", SwarmStatus),
     Key("picture/agents", "", "tracks of agents after each scan", Picture),
     Key("picture/targets", "", "tracks of targets after each scan", Picture),
+    Key(
+        "picture/agents_lagged",
+        "",
+        "estimates of agents some scans late, with `tracking.lag_scans`",
+        LaggedPicture,
+    ),
+    Key(
+        "picture/targets_lagged",
+        "",
+        "estimates of targets some scans late, with `tracking.lag_scans`",
+        LaggedPicture,
+    ),
     Key("plan", "", "each plan; `changed` names the vehicles that get a new mission", Plan),
     Key("proposal", "", "a plan that waits for confirmation; without routes: none waits", Proposal),
     Key("upload", "", "end of a mission upload", UploadReport),
@@ -68,7 +81,7 @@ KEYS: Final = (
     Key("bridge/<name>/lease", _INTERNAL, "permit to send, for command", is_query=True),
 )
 _EFFECT_KEYS: Final[dict[type, str]] = {
-    key.record: key.name for key in KEYS if key.record not in (None, Picture, Truth)
+    key.record: key.name for key in KEYS if key.record not in (None, Picture, LaggedPicture, Truth)
 }
 
 
@@ -154,6 +167,8 @@ def effect_key(mission: str, effect: Effect) -> str:
     """
     if isinstance(effect, Picture):
         return f"swarm/{mission}/picture/{effect.kind}"
+    if isinstance(effect, LaggedPicture):
+        return f"swarm/{mission}/picture/{effect.kind}_lagged"
     name = _EFFECT_KEYS.get(type(effect))
     if name is None:
         raise TypeError(f"{type(effect).__name__} is not published")

@@ -30,6 +30,7 @@ from gcs.tracking.glmb.recursion import DetectionSummary
 from gcs.tracking.glmb.scan_detections import scan_measurements
 from gcs.tracking.models import clutter, coordinated_turn, measurement_model
 from gcs.tracking.models.survival import survival_probability, survival_terms
+from gcs.tracking.trajectories.fixed_lag import FixedLag, LagEstimates
 from gcs.tracking.trajectories.recovery import Histories
 
 __all__ = [
@@ -59,6 +60,8 @@ class Glmb:
         True to keep association histories, for whole trajectories (see `trajectories.recovery`).
     summarise_detections : bool
         True to fill `detection_summary` at each update.
+    lag : int
+        Epochs by which `lag_estimates` are late; 0: there are none.
     state : GlmbState, optional
         State to continue from, of a filter with the same parameters. It is updated in place.
 
@@ -85,6 +88,7 @@ class Glmb:
         *,
         keep_histories: bool = False,
         summarise_detections: bool = False,
+        lag: int = 0,
         state: GlmbState | None = None,
     ) -> None:
         if state is not None:
@@ -95,6 +99,7 @@ class Glmb:
         self._turns = coordinated_turn.TurnModel(float(params.turn_rate_std_rad_s), float(params.turn_time_s))
         turns = self._turns if params.turn_rate_std_rad_s > 0.0 else None
         self.histories = Histories(turns) if keep_histories else None
+        self._fixed_lag = FixedLag(lag, turns) if lag > 0 else None
         self.detection_summary: DetectionSummary | None = None
         self._summarise_detections = summarise_detections
         self._limits = params.limits()
@@ -167,7 +172,16 @@ class Glmb:
             self.histories.add_scan(
                 measured_t_ns, sensor, self._births, self._survival_probability(dt_s), interval, result
             )
+        if self._fixed_lag is not None:
+            self._fixed_lag.add_scan(measured_t_ns, sensor, self._sensor_model, interval, result)
         state.scans += 1
+
+    def lag_estimates(self) -> LagEstimates | None:
+        """Return the estimates `lag` epochs before the last scan, from the scans up to the last one.
+
+        They are None before there are enough scans since this object was made.
+        """
+        return None if self._fixed_lag is None else self._fixed_lag.estimates()
 
     def picture(self, t_ns: int) -> Picture:
         """Return all labels with an existence of at least `min_reported_existence`, as of the last scan.

@@ -11,15 +11,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gcs.jit import Call
 from gcs.model import NS_PER_S, FloatArray, Sensor
 from gcs.tracking.glmb.extraction import Estimates
+from gcs.tracking.glmb.hypotheses import Clusters
 from gcs.tracking.glmb.kalman import Interval
 from gcs.tracking.glmb.params import Birth, BirthComponents, GlmbParams
 from gcs.tracking.glmb.recursion import Posterior
 from gcs.tracking.models.survival import survival_probability, survival_terms
-from gcs.tracking.state_space.estimates import extract_estimates
+from gcs.tracking.state_space.estimates import extract_estimates, label_marginals
 from gcs.tracking.state_space.histories import StateSpaceHistories
-from gcs.tracking.state_space.models import MeasurementModel, SwitchingMotion
+from gcs.tracking.state_space.merging import find_similar_tracks
+from gcs.tracking.state_space.models import MeasurementModel, MotionModel, SwitchingMotion, switching
 from gcs.tracking.state_space.recursion import Births, update_step
 from gcs.tracking.state_space.sensors import scan_model
 
@@ -29,7 +32,7 @@ class StateSpaceGlmb:
 
     Parameters
     ----------
-    motion : SwitchingMotion
+    motion : MotionModel or SwitchingMotion
     params : GlmbParams
         Survival and limits.
     seed : int
@@ -50,9 +53,14 @@ class StateSpaceGlmb:
     """
 
     def __init__(
-        self, motion: SwitchingMotion, params: GlmbParams, seed: int, *, keep_histories: bool = False
+        self,
+        motion: MotionModel | SwitchingMotion,
+        params: GlmbParams,
+        seed: int,
+        *,
+        keep_histories: bool = False,
     ) -> None:
-        self.motion = motion
+        self.motion = motion = switching(motion)
         self.params = params
         self.histories = StateSpaceHistories(motion) if keep_histories else None
         self.explained: FloatArray = np.empty(0)
@@ -72,7 +80,26 @@ class StateSpaceGlmb:
         births: Sequence[Birth] = (),
         log_ratio: FloatArray | None = None,
     ) -> None:
-        """Process a scan (see `sensors.scan_model`); an older one is only counted."""
+        """Process a scan; one that is older than the last is only counted.
+
+        Parameters
+        ----------
+        t_ns : int
+            Time of measurement. It may equal that of the last scan (another sensor).
+        z : (m, k) array
+            Detections in the coordinates of the sensor's model; of a `Sensor` (m, 2), east and north in
+            metres.
+        sensor : Sensor or MeasurementModel
+        births : sequence of Birth
+            Birth components of this scan, of d states. Birth i gets the label (scan number, i).
+        log_ratio : (m,) array, optional
+            Log-likelihood ratio of what else was measured of each detection, object against clutter.
+
+        Raises
+        ------
+        ValueError
+            If `z` has another shape, or a function of a model returns another one.
+        """
         if self._t_ns is not None and t_ns < self._t_ns:
             self.late_scans += 1
             return
@@ -104,6 +131,17 @@ class StateSpaceGlmb:
     def estimates(self) -> Estimates:
         """Return the estimates as of the last scan; means are (n, d), covariances (n, d, d)."""
         return extract_estimates(self.posterior, float(self.params.min_reported_existence))
+
+
+def warm_up_calls() -> list[Call]:
+    """Return one call of every kernel that only this filter uses, with the types of a tracker."""
+    clusters = Clusters.example()
+    zeros = np.zeros(1, np.int64)
+    mean = np.zeros((1, 4))
+    return [
+        (label_marginals, clusters, zeros, 1),
+        (find_similar_tracks, clusters, mean, np.eye(4).reshape(1, 4, 4), zeros, 1.0),
+    ]
 
 
 def _empty(d: int, modes: int) -> Posterior:

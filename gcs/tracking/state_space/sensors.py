@@ -76,7 +76,10 @@ _Parts: TypeAlias = tuple[
 
 
 def _own(sensor: MeasurementModel, z: FloatArray) -> _Parts:
-    z = np.array(z, np.float64).reshape(-1, sensor.size)
+    z = np.array(z, np.float64)
+    if z.size and (z.ndim != 2 or z.shape[1] != sensor.size):
+        raise ValueError(f"expected detections (m, {sensor.size}) of sensor {sensor.name}, got {z.shape}")
+    z = z.reshape(-1, sensor.size)
     density = sensor.clutter_density
     clutter = np.broadcast_to(density(z) if callable(density) else density, (len(z),))
 

@@ -454,3 +454,35 @@ def test_an_agent_out_of_view_lives_on_by_a_report_every_five_seconds():
         sky.trackers.scan(scan(t_s, first, sensor=near_start), states)
     assert len(sky.agents) == 2
     assert near(sky.agents, second, 120.0)
+
+
+# ---------------------------------------------------------------- the picture of some scans ago
+
+
+def test_a_late_picture_is_of_the_scan_some_scans_ago_and_more_accurate():
+    config = mission([START], [GOAL], "[tracking]\nlag_scans = 3\n")
+    sky = Sky(config)
+    errors = {"late": [], "now": []}
+    for t_s in range(14):
+        place = (START[0] + 15.0 * t_s, START[1])
+        agents, _ = sky.scan(t_s, place, GOAL, reports=[])
+        late = sky.trackers.lagged_pictures(agents.t_ns)
+        if t_s < 3:
+            assert late == []
+            continue
+        assert [(one.kind, one.scan_t_ns) for one in late] == [
+            ("agents", at(t_s - 3)),
+            ("targets", at(t_s - 3)),
+        ]
+        ((track,), (target,)) = (one.tracks for one in late)
+        assert (track.label, target.label) == ((0, 0), (0, 0))
+        errors["late"].append(math.dist(track.mean[:2], (START[0] + 15.0 * (t_s - 3), START[1])))
+        errors["now"].append(math.dist(next(iter(sky.agents.values())).mean[:2], place))
+    assert np.mean(errors["late"]) < 0.8 * np.mean(errors["now"])
+
+
+def test_without_a_lag_there_is_no_late_picture():
+    sky = Sky(mission(agents=[START], births=[GOAL]))
+    for t_s in range(4):
+        sky.scan(t_s, START, GOAL)
+        assert sky.trackers.lagged_pictures(at(t_s)) == []

@@ -17,6 +17,7 @@ from gcs.io.zenoh.scans import MAX_DETECTIONS, decode_scan, encode_scan
 from gcs.model import (
     AgentStatus,
     Datagram,
+    LaggedPicture,
     MissionEnded,
     Picture,
     Plan,
@@ -226,6 +227,9 @@ def test_truth_with_unknown_kinds_is_refused() -> None:
 def test_every_published_effect_has_a_key_of_its_own_and_bytes_for_vehicles_none() -> None:
     picture = Picture(1, 1, "targets", (), read_only([1.0]))
     assert effect_key("m", picture) == "swarm/m/picture/targets"
+    late = LaggedPicture(2, 1, "targets", ())
+    assert effect_key("m", late) == "swarm/m/picture/targets_lagged"
+    assert topic_of(late) == "/effect/lagged_picture"
     assert effect_key("m", MissionEnded(1, (), ())) == "swarm/m/ended"
     with pytest.raises(TypeError):
         effect_key("m", Send("a", "b", b""))
