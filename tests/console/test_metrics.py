@@ -9,6 +9,8 @@ from contextlib import contextmanager
 
 import pytest
 
+from gcs.console.web.prometheus import metrics_text
+
 
 @contextmanager
 def metrics_of(endpoint: str) -> Iterator[str]:
@@ -36,6 +38,10 @@ def test_a_service_without_a_console_has_the_metrics_of_one(fly):
             for path in ("", "api/status", "api/orders", "feed"):
                 with pytest.raises(urllib.error.HTTPError, match="404"):
                     text_of(url.removesuffix("metrics") + path)
+
+
+def test_a_service_that_does_not_answer_is_told() -> None:
+    assert "swarm_gcs_service_up 0" in metrics_text(None, 0).splitlines()
 
 
 def text_of(url: str) -> list[str]:

@@ -77,6 +77,6 @@ def test_each_vehicle_has_a_topic_of_fixes_in_cdr(fly, launch):
         assert fix.header.stamp.sec == pytest.approx(time.time(), abs=60.0)
         assert (fix.status.status, fix.status.service) == (0, 1)
         _, north_m = frame.to_local(fix.latitude, fix.longitude)
-        assert north_m == pytest.approx(300.0 * vehicle, abs=50.0)  # as launched
-        assert fix.altitude == pytest.approx(frame.alt_msl_m + 100.0, abs=20.0)
+        assert north_m == pytest.approx(300.0 * vehicle, abs=250.0)  # it circles near where it was launched
+        assert fix.altitude == pytest.approx(frame.alt_msl_m + 100.0, abs=50.0)
         assert fix.position_covariance_type == 0

@@ -20,7 +20,7 @@ from gcs.report.export.foxglove_live import LiveMessages
 
 _PERIOD_S: Final = 0.2
 _HOST: Final = "127.0.0.1"
-_KEPT: Final = ("/map/areas", "/scene/areas", "/map/routes", "/scene/routes")
+_KEPT: Final = ("/map/areas", "/scene/areas", "/map/routes", "/scene/routes", "/notices")
 """Topics whose last message a new subscriber gets."""
 
 
