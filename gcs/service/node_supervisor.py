@@ -2,7 +2,7 @@
 
 `supervise_node` forks: the parent waits, the child is the node. A node that is killed, fails or was replaced
 is started again after a pause, in which the other node takes over, and then follows that one. A node that
-ends in order, or by a mistake of the user, ends its supervisor with its exit code.
+ends in order, or whose first start fails by a mistake of the user, ends its supervisor with its exit code.
 
 The node is a process group of its own: the supervisor passes signals of the terminal on, each once. It ends
 when its supervisor ends, however that happens, as if it were killed. systemd starts services again.
@@ -21,10 +21,13 @@ from typing import Final
 
 from gcs.service.child_process import MAX_STARTS, STEADY_S, how_ended
 
-FIRST_PAUSE_S: Final = 2.0
-"""Longer than a lease: the other node, which has the newest state, takes over. Doubled with each end."""
-_FINAL_CODES: Final = (0, 2, 130)
-"""Exit codes of a node that is not started again: it ended in order, by a mistake, or was interrupted."""
+FIRST_PAUSE_S: Final = 4.0
+"""In which the other node, which has the newest state, takes over: a lease, or the 3 s after which it starts
+a bridge again that has ended as well. Doubled with each end."""
+_FINAL_CODES: Final = (0, 130)
+"""Exit codes of a node that is not started again: it ended in order, or was interrupted."""
+_MISTAKE: Final = 2
+"""Later, an endpoint that is in use is no mistake of the user: the other node may just have opened it."""
 _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _POLL_S: Final = 0.05
 
@@ -55,7 +58,8 @@ def supervise_node(tell: Callable[[str], None]) -> int:
         code = supervisor.wait()
         if time.monotonic() - began_s >= STEADY_S:
             row = 1
-        if supervisor.ends or code in _FINAL_CODES or row >= MAX_STARTS:
+        is_final = code in _FINAL_CODES or (code == _MISTAKE and start == 1)
+        if supervisor.ends or is_final or row >= MAX_STARTS:
             raise SystemExit(code if code >= 0 else 128 - code)
         pause_s = FIRST_PAUSE_S * 2.0 ** (row - 1)
         tell(f"this node ended ({how_ended(code)}) and starts again in {pause_s:g} s, as a standby")

@@ -283,7 +283,7 @@ class Attacker:
 
     def megabytes(self) -> None:
         """Send a cookie, or an address, of a megabyte."""
-        text = self.text(1_000_000).encode("ascii", "replace").replace(b" ", b"+")
+        text = (self.text(1_000).encode("ascii", "replace") * 1_000).replace(b" ", b"+")
         head = f"Host: 127.0.0.1:{self.address[1]}".encode()
         request = b"GET /%s HTTP/1.1\r\n%s\r\n\r\n" % (text, head)
         if self.random.random() < 0.5:

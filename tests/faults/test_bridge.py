@@ -215,17 +215,21 @@ def test_a_standby_takes_over_the_bridge_that_was_started_again(flight: Flight, 
     assert not noticed(flight.run.all("second", Notice), NoticeCode.BRIDGE_ENDED)
 
 
+@pytest.mark.timeout(400)  # nodes start several times
 def test_a_standby_starts_the_bridge_again_that_ended_with_command(flight: Flight, tmp_path: Path) -> None:
     with_standby(flight)
     first = flight.serve("first")
     standby_of(flight, "second")
-    first.kill()
+    node_of(first).kill()
     bridges(tmp_path)[0].kill()
     flight.run.until("second", lambda said: "takes over" in said, 20.0)
     flight.run.until_told("second", NoticeCode.ONBOARD_VERIFIED, 4)
+    flight.run.until("first", lambda said: "follows it" in said)
+    assert len(bridges(tmp_path)) == 1
     assert not flight.run.all("second", UploadReport)
 
 
+@pytest.mark.timeout(400)
 def test_a_node_that_was_killed_becomes_the_standby_of_the_one_that_took_over(
     flight: Flight, tmp_path: Path
 ) -> None:

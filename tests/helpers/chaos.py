@@ -210,9 +210,11 @@ class ChaosRun:
             if node is not None and node.process.poll() is None:
                 node.process.kill()
                 node.process.wait()
-        self._command = self._start("service")
-        with contextlib.suppress(AssertionError):
-            self.run.until(self._command.name, lambda said: "MAVLink on" in said, _START_S)
+        command = self._command = self._start("service")
+        until_s = time.monotonic() + _START_S
+        while "MAVLink on" not in self._printed(command) and time.monotonic() < until_s:
+            assert command.process.poll() is None, self._printed(command)[-300:]
+            time.sleep(_POLL_S)
         self._standby = self._start("standby")
         self._wait_for_standby()
 

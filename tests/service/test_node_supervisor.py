@@ -77,6 +77,12 @@ def test_a_node_that_ends_in_order_or_by_a_mistake_is_not_started_again(tmp_path
     assert one.printed() == ["start 1"]
 
 
+def test_a_node_that_finds_an_endpoint_in_use_when_it_starts_again_tries_once_more(tmp_path: Path) -> None:
+    one = Supervised("sys.exit((1, 2, 0)[start - 1])", tmp_path)
+    assert one.process.wait(60.0) == 0
+    assert one.printed()[-1] == "start 3"
+
+
 def test_a_node_that_always_fails_is_given_up(tmp_path: Path) -> None:
     one = Supervised("sys.exit(1)", tmp_path)
     assert one.process.wait(60.0) == 1

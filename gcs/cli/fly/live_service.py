@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,10 +25,12 @@ from gcs.errors import ConfigError
 from gcs.io.background_writer import QueuedText, off_loop
 from gcs.io.clock import RunClock
 from gcs.io.cluster.all_bridges import AllBridges
+from gcs.io.event_loop import on_loop
 from gcs.io.recording.folder import Run
 from gcs.io.recording.writer_thread import RecorderThread
 from gcs.io.service_manager import watched
 from gcs.io.zenoh.discovery import announced
+from gcs.io.zenoh.key_expressions import events_key
 from gcs.io.zenoh.session import ZenohSession, from_this_machine, service_bus
 from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.report.run.summary import recording_facts
@@ -42,6 +45,10 @@ from gcs.service.standby import IgnoredLinks, Standby, TakeOver
 _LEARN_S: Final = 5.0
 """Time in which a service of a mission with a standby learns who commands; a lease is decided in less."""
 _LEARN_POLL_S: Final = 0.05
+_CONNECT_S: Final = 1.5
+"""Time in which the other node connects, which tries once a second."""
+_GIVE_WAY_S: Final = 10.0
+"""Time in which a standby starts a bridge again and takes over."""
 
 
 def serve(
@@ -77,6 +84,7 @@ def serve(
             "expected the endpoint of the standby, such as "
             "tcp/127.0.0.1:7448; the same mission file is for all",
         )
+    start = 1
     if config.links.standby and not is_supervised_by_system():
         start = supervise_node(partial(_say_on, console))
         if out is not None and start > 1:
@@ -106,6 +114,7 @@ def serve(
             resume=resume,
             headless=headless,
             is_standby=is_standby,
+            is_started_again=start > 1,
         )
         asyncio.run(flight.run())
 
@@ -130,6 +139,8 @@ class _Flight:
     resume: bool | None
     headless: bool
     is_standby: bool
+    is_started_again: bool
+    """True if this node ended by a fault before."""
 
     async def run(self) -> None:
         """Command until interrupted; as a standby, only when the service that commands is gone."""
@@ -142,7 +153,7 @@ class _Flight:
                 for warning in zenoh_warnings(self.config.links, bus.node):
                     self.console.print(warning, style="yellow", highlight=False, markup=False, soft_wrap=True)
                 async with watched():
-                    follows = self.is_standby or await self._is_commanded(stop)
+                    follows = self.is_standby or await self._is_commanded(bus, stop)
                     taken = await self._follow(bus, stop) if follows else None
                     if taken is not None or not follows:
                         with announced(self.config.name, endpoint, self.tls):
@@ -162,10 +173,12 @@ class _Flight:
         with ZenohSession(listen=table.standby, connect=table.zenoh, tls=self.tls) as bus:
             yield bus, from_this_machine(table.standby)
 
-    async def _is_commanded(self, stop: asyncio.Event) -> bool:
+    async def _is_commanded(self, bus: ZenohSession, stop: asyncio.Event) -> bool:
         """Return True if the mission has a standby, and that commands: it has taken over before."""
         if not self.config.links.standby:
             return False
+        if self.is_started_again and await self._gives_way(bus):
+            return True
         self.links.start(asyncio.get_running_loop(), IgnoredLinks())
         until_s = monotonic() + _LEARN_S
         while monotonic() < until_s and not stop.is_set() and not self.links.may_command():
@@ -174,6 +187,22 @@ class _Flight:
             self.links.ask_for_lease()
             await asyncio.sleep(_LEARN_POLL_S)
         return False
+
+    async def _gives_way(self, bus: ZenohSession) -> bool:
+        """Give a standby that is there time to take over: its state is newer than the journal.
+
+        Return True if it commands.
+        """
+        loop = asyncio.get_running_loop()
+        key = events_key(self.config.name)
+        await asyncio.sleep(_CONNECT_S)
+        if not bus.is_subscribed(key):
+            return False
+        heard = asyncio.Event()
+        bus.subscribe(key, lambda *_: on_loop(loop, heard.set))
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(heard.wait(), _GIVE_WAY_S)
+        return heard.is_set()
 
     async def _follow(self, bus: ZenohSession, stop: asyncio.Event) -> TakeOver | None:
         """Follow the service that commands; return where to go on, or None if it ended in order."""
