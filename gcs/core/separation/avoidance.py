@@ -4,7 +4,7 @@ The monitor finds the pair (`gcs.core.separation.monitor`). A vehicle may hold w
 this service: not in a take-off or a landing, and never against a pilot, a failsafe, an order or another
 station. Both choices are simulated, and compared with flying on. The hold that keeps its vehicle farthest
 from all others begins, if it is an improvement; of two that are equal, that of the vehicle with more to fly.
-Over terrain a hold whose circle keeps the least height above ground comes first.
+Over terrain a hold inside the flight band comes first, and another one is put off until shortly before.
 
 Two that wait near each other in LOITER, and whose circles overlap, are kept apart by height: one gets a
 mission with a circle in a free altitude layer (`gcs.core.replanning.stacked_missions`).
@@ -15,11 +15,8 @@ near no other vehicle, and gets a new mission if that takes too long, or if its 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Final
-
-import numpy as np
 
 from gcs.config import Config
 from gcs.core.replanning.stacked_missions import StackedMissions
@@ -43,6 +40,8 @@ _MIN_GAIN: Final = 0.2
 """Share of the minimum distances by which a hold must keep its vehicle farther from others."""
 _LEVEL_M: Final = 3.0
 """Difference in height below which neither of two vehicles is the higher one."""
+_LATEST_S: Final = 6.0
+"""Time before a loss of separation from which a hold may leave the flight band."""
 _MIN_HOLD_NS: Final = ns(4.0)
 _MAX_HOLD_NS: Final = ns(60.0)
 _PERIOD_NS: Final = ns(1.0)
@@ -69,9 +68,6 @@ class Avoidances:
     ) -> None:
         self._mission = config.mission
         self._base_msl_m = config.frame.alt_msl_m
-        self._elevation = config.elevation
-        self._least_agl_m = 0.0 if config.terrain is None else config.terrain.min_agl_m
-        self._radii_m = {v: one.circle_radius_m for v, one in config.airframes_of_agents.items()}
         self._stacked = stacked_missions
         self._air_traffic = air_traffic
         self._is_enabled = config.planning.avoidance == "act"
@@ -124,9 +120,12 @@ class Avoidances:
             return []
         gains = {v: self._order_check.hold_gain(v, t_ns) for v in pair if self._may_hold(v)}
         gains = {v: round(gain, 1) for v, gain in gains.items() if gain >= _MIN_GAIN}
-        if not gains:
+        inside = [v for v in gains if self._order_check.circles_in_band(v, t_ns)]
+        if not inside and encounter.after_s <= _LATEST_S:
+            inside = list(gains)
+        if not inside:
             return []
-        vehicle = max(gains, key=lambda v: (self._circles_in_band(v), gains[v], self._left_m(v), v))
+        vehicle = max(inside, key=lambda v: (gains[v], self._left_m(v), v))
         (number,) = (v for v in encounter.vehicles if v != vehicle)
         other = self._air_traffic.name(number)
         avoidance = self._agents[vehicle].separation.avoidance = Avoidance(other, t_ns)
@@ -175,17 +174,6 @@ class Avoidances:
         is_settled = is_free and vehicle not in self._tasking.state.stages
         is_in_cruise = agent.flight.phase in _PHASES and self._tasking.onboard_missions.points_ahead(vehicle)
         return is_obeyed and is_flown and is_settled and bool(is_in_cruise) and self._is_ours(vehicle)
-
-    def _circles_in_band(self, vehicle: int) -> bool:
-        """Return True if a circle round a vehicle, at its height, keeps the least height above ground."""
-        state = self._fleet.state(vehicle)
-        if self._elevation is None or state is None:
-            return True
-        angles = np.arange(0.0, 2.0 * math.pi, math.pi / 8.0)
-        ring = np.stack((np.sin(angles), np.cos(angles)), axis=1)
-        places = np.array((state.east_m, state.north_m)) + self._radii_m[vehicle] * ring
-        lowest_m = state.alt_msl_m - self._elevation.heights_at(places)
-        return bool((lowest_m >= self._least_agl_m).all())
 
     def _may_stack(self, vehicle: int, t_ns: int) -> bool:
         """Return True if a vehicle waits in LOITER, by order or for a mission, and may be moved."""

@@ -1,13 +1,16 @@
-"""Ground ahead: where a predicted flight comes too near to the ground."""
+"""Ground ahead: where a predicted flight comes too near to the ground, and how far it leaves the band."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from gcs.config import Config
 from gcs.core.separation.forward_flight import STEP_S, Flight, simulate_flights
+from gcs.model import FloatArray
+from gcs.terrain.elevation import Elevation
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +29,7 @@ class GroundAhead:
 
     def __init__(self, config: Config) -> None:
         self._elevation = config.elevation
+        self._terrain = config.terrain
         self.least_m = 0.0 if config.terrain is None else 0.5 * config.terrain.min_agl_m
 
     @property
@@ -37,14 +41,25 @@ class GroundAhead:
         """Return where a flight is first too near to the ground; None if it is not, or no ground is known."""
         if self._elevation is None:
             return None
-        paths = simulate_flights([flight], ahead_s)
-        places_m = np.column_stack((paths.east_m[:, 0], paths.north_m[:, 0]))
-        heights_m = paths.low_m[:, 0]
-        heights_m[0] = flight.height_m
-        agl_m = heights_m - self._elevation.heights_at(places_m)
+        places_m, agl_m = self._flown(flight, ahead_s, self._elevation)
         near = np.flatnonzero(agl_m < self.least_m)
         if not len(near):
             return None
         at = int(near[0])
         east_m, north_m = places_m[at].tolist()
         return GroundEncounter(at * STEP_S, float(agl_m[at]), east_m, north_m)
+
+    def departure_m(self, flight: Flight, ahead_s: float) -> float:
+        """Return how far a flight leaves the flight band at most; negative inside, or without a band."""
+        if self._elevation is None or self._terrain is None:
+            return -math.inf
+        _, agl_m = self._flown(flight, ahead_s, self._elevation)
+        return float(np.maximum(self._terrain.min_agl_m - agl_m, agl_m - self._terrain.max_agl_m).max())
+
+    def _flown(self, flight: Flight, ahead_s: float, elevation: Elevation) -> tuple[FloatArray, FloatArray]:
+        """Return places (k, 2) of a flight, and its least heights above ground (k,)."""
+        paths = simulate_flights([flight], ahead_s)
+        places_m = np.column_stack((paths.east_m[:, 0], paths.north_m[:, 0]))
+        heights_m = paths.low_m[:, 0]
+        heights_m[0] = flight.height_m
+        return places_m, heights_m - elevation.heights_at(places_m)

@@ -39,6 +39,8 @@ _GROWTH_M: Final = 20.0
 """Growth of the minimum distance up to the end of a simulation."""
 _CLEAR: Final = 1.5
 """Nearness without a conflict: the minimum distance grows with the time ahead."""
+_OFF_BAND_M: Final = 5.0
+"""Distance by which a hold may leave the flight band."""
 _WORSE: Final = 0.1
 """Share of the minimum distances by which an order must bring a vehicle nearer."""
 _RELEASE_MARGIN: Final = 1.5
@@ -109,12 +111,17 @@ class OrderCheck:
             return ""
         return f"would {min(conflicts).words}"
 
+    def circles_in_band(self, vehicle: int, t_ns: int) -> bool:
+        """Return True if a vehicle that holds now stays inside the flight band."""
+        state = next((one for one in self._intents.flying(t_ns) if one.system_id == vehicle), None)
+        if state is None:
+            return True
+        held = self._intents.flight(state, t_ns, LOITER)
+        return self._ground.departure_m(held, _round_s(held)) <= _OFF_BAND_M
+
     def _ground_problem(self, flight: Flight) -> str:
         """Return where a flight to a circle, and round it, comes near the ground; empty if it does not."""
-        last = flight.goals[-1]
-        away_m = math.dist((flight.east_m, flight.north_m), (last.east_m, last.north_m))
-        ahead_s = (away_m + 2.0 * math.pi * abs(last.radius_m)) / flight.speed_m_s
-        found = self._ground.first(flight, min(ahead_s, _MAX_AHEAD_S))
+        found = self._ground.first(flight, _round_s(flight))
         if found is None:
             return ""
         return f"would come within {found.agl_m:.0f} m of the ground in {found.after_s:.0f} s"
@@ -287,6 +294,13 @@ class OrderCheck:
                     f"{vehicle_name(other.vehicle)}",
                     other.vehicle,
                 )
+
+
+def _round_s(flight: Flight) -> float:
+    """Return the time to the circle at the end of a flight, and once round it."""
+    last = flight.goals[-1]
+    away_m = math.dist((flight.east_m, flight.north_m), (last.east_m, last.north_m))
+    return min((away_m + 2.0 * math.pi * abs(last.radius_m)) / flight.speed_m_s, _MAX_AHEAD_S)
 
 
 def _nearest(conflicts: Sequence[_Conflict]) -> float:

@@ -6,6 +6,7 @@ from helpers.hills import elevation_of, hill
 from helpers.sky import FIELD, Sky, fly_on, give
 from helpers.staging import S
 
+from gcs.config.schema import TerrainTable
 from gcs.core.separation.look_ahead import Encounter
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.model import FlightPhase, NoticeCode, Order, Resumed
@@ -51,12 +52,12 @@ def test_of_two_the_one_holds_whose_circle_keeps_above_the_ground():
     chosen = notice.vehicle
     sky = crossing()
     plane = sky.planes[chosen]
-    avoidances = sky.run_.engine.stages.avoidances
-    avoidances._least_agl_m = 50.0
+    ground = sky.run_.engine.stages.avoidances._order_check._ground
     towards = {1: (1500.0, 1500.0), 2: (1500.0, 1500.0)}[chosen]
     away = np.array((plane.east_m, plane.north_m)) - towards
     middle = towards + away / np.hypot(*away) * 200.0
-    avoidances._elevation = elevation_of(hill(*middle, 40.0, 80.0, 70.0), 3000.0)
+    ground._elevation = elevation_of(hill(*middle, 40.0, 80.0, 70.0), 3000.0)
+    ground._terrain = TerrainTable(file="ground.tif", min_agl_m=50.0, max_agl_m=150.0)
     least_m(sky, 60.0)
     assert [one.vehicle for _, one in sky.told(NoticeCode.AVOIDS)] == [3 - chosen]
 
