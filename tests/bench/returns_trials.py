@@ -157,6 +157,8 @@ def meet_aircraft(then: str = "") -> Callable[[Flight, Trial], None]:
                 elif then:
                     flight.station.command_mode(vehicle, then)
         flight.relay.lost[vehicle] = flight.loss
+        if then == "fbwa":
+            flight.station.command_mode(vehicle, "loiter")  # the pilot gives it back
         trial.said.append(f"held {is_held}")
 
     return happen

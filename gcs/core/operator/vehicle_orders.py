@@ -559,6 +559,8 @@ class Orders:
 
     def _outlook(self, vehicle: int) -> str:
         """Return what a released vehicle in LOITER can expect, in words."""
+        if Authority.LANDED in self._agents[vehicle].claims:
+            return Authority.LANDED.reason
         match self._state.agents[vehicle].perception.status.status:
             case "arrived":
                 return "has reached its target and gets no other"
