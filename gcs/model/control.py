@@ -130,7 +130,7 @@ TRANSITIONS: Final[dict[Authority, tuple[ControlEvent, tuple[ControlEvent, ...]]
     _A.SECOND_COMMANDER: (_E.COMMANDED_ELSEWHERE, (_E.RESUME,)),
     _A.RETURNING: (_E.RETURN, (_E.HOLD, _E.RESUME, _E.AUDIT_DIFFERENT)),
     _A.HELD: (_E.HOLD, (_E.RETURN, _E.RESUME, _E.AUDIT_DIFFERENT)),
-    _A.LANDED: (_E.TOUCHED_DOWN, (_E.READY, _E.RESUME, _E.AIRBORNE_AGAIN)),
+    _A.LANDED: (_E.TOUCHED_DOWN, (_E.READY, _E.AIRBORNE_AGAIN)),
     _A.DOWN: (_E.CAME_DOWN, (_E.READY, _E.AIRBORNE_AGAIN)),
 }
 """The event that begins each recorded claim, and those that end it; `docs/orders.md` shows them."""

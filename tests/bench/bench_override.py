@@ -95,13 +95,13 @@ class Station:
             self.sockets[vehicle].sendto(message.pack(self.encoder), self.addresses[vehicle])
 
 
-def with_second_link(binary: Path, folder: Path) -> Path:
+def with_second_link(binary: Path, folder: Path, first_port: int = FIRST_PORT) -> Path:
     """Return a program that starts ArduPlane with a link for the second station on serial 2."""
     script = folder / "arduplane"
     script.write_text(
         "#!/bin/sh\n"
         'while [ $# -gt 0 ]; do case "$1" in --sysid) id="$2";; esac; set_="$set_ $1"; shift; done\n'
-        f'set -- $set_; exec {binary} "$@" --serial2 "udpclient:127.0.0.1:$(({FIRST_PORT} + id - 1))"\n'
+        f'set -- $set_; exec {binary} "$@" --serial2 "udpclient:127.0.0.1:$(({first_port} + id - 1))"\n'
     )
     script.chmod(script.stat().st_mode | stat.S_IXUSR)
     return script

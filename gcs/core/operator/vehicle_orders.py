@@ -339,14 +339,31 @@ class Orders:
         modes = self._ordered_modes() | {v: RTL for v in clear if v not in landing}
         return self._stacked.plan_returns([*landing, *unclear], modes, order.t_ns)
 
-    def _return_by_mission(self, number: int, order: Order, route: Route) -> list[Effect]:
-        """Begin a return by a mission; an older command to the vehicle ends."""
+    def _return_by_mission(
+        self, number: int, order: Order, route: Route, since_t_ns: int | None = None
+    ) -> list[Effect]:
+        """Begin a return by a mission, or try it again; an older command to the vehicle ends."""
         vehicle = route.vehicle
         effects = self._end_command(vehicle, order.t_ns, _REPLACED.format(order.action))
         self._agents[vehicle].claims.apply(ControlEvent.RETURN, order.t_ns)
         self._agents[vehicle].routes.suspend(is_uploaded=vehicle not in self._state.tasking.stages)
-        self._defer(number, order, vehicle, uploads_since_t_ns=order.t_ns)
+        self._defer(number, order, vehicle, uploads_since_t_ns=since_t_ns or order.t_ns)
         return effects + self._stacked.send(route, order.t_ns)
+
+    def _return_again(
+        self, number: int, order: Order, vehicle: int, problem: str, since_t_ns: int
+    ) -> list[Effect]:
+        """Try a return by a mission again whose upload has failed; let the order wait if that takes too long.
+
+        A vehicle that waits flies on: an inconsistent mission is removed before, as for a hold.
+        """
+        if order.t_ns - since_t_ns <= _MAX_UPLOAD_NS:
+            route = self._stacked.plan_returns([vehicle], self._ordered_modes(), order.t_ns).get(vehicle)
+            if route is not None:
+                return self._return_by_mission(number, order, route, since_t_ns)
+        self._agents[vehicle].routes.unstack()
+        effects = self._tasking.abandon(vehicle, "given up: it takes too long", order.t_ns, LOITER)
+        return effects + self._wait(number, order, vehicle, problem)
 
     def _flies_stacked(self, vehicle: int, state: VehicleState) -> bool:
         """Return True if a vehicle flies the mission that returns it, or holds it in a layer."""
@@ -381,12 +398,14 @@ class Orders:
         waiting.next_check_t_ns = t_ns + _WAIT_PERIOD_NS
         order = self._operator.orders[waiting.order].order
         health = next(one for one in self._fleet.health() if one.system_id == vehicle)
-        if state is None or health.liveness != "alive":
-            return []  # nobody knows whether it is clear
+        if state is None or health.liveness != "alive":  # nobody knows whether it is clear
+            if waiting.uploads_since_t_ns is not None:
+                waiting.uploads_since_t_ns = t_ns  # an upload goes on when it is heard again
+            return []
         ended = self._refusal(order, vehicle, (), is_heard=True)
         if is_on_ground(state, self._fleet.home(vehicle)):
             ended = "it has landed meanwhile"
-        elif state.mode not in (waiting.mode, AUTO, LOITER):
+        elif state.mode not in (waiting.mode, AUTO, LOITER) or self._is_taken(vehicle, order.t_ns):
             ended = f"its mode was changed to {state.mode} meanwhile"
         if ended:
             return self._end_waiting(vehicle, t_ns, ended)
@@ -405,13 +424,18 @@ class Orders:
         if problem and waiting.uploads_since_t_ns is None:
             return []
         self._agents[vehicle].orders.waiting = None
-        if problem:  # its return by a mission has failed
-            effects = self._suspend(vehicle, order.action, t_ns)
-            return effects + self._wait(waiting.order, order, vehicle, problem)
+        if problem and waiting.uploads_since_t_ns is not None:
+            return self._return_again(waiting.order, order, vehicle, problem, waiting.uploads_since_t_ns)
         return [
             Notice(t_ns, NoticeCode.ORDER_BEGINS, vehicle, {"action": order.action}),
             *self._begin(waiting.order, order, vehicle, health.autopilot, ()),
         ]
+
+    def _is_taken(self, vehicle: int, since_t_ns: int) -> bool:
+        """Return True if somebody else chose, or commanded, a mode of a vehicle after a time."""
+        claims = self._agents[vehicle].claims
+        chosen_t_ns = (claims.since_t_ns(one) for one in (Authority.OVERRIDDEN, Authority.COMMANDED))
+        return any(t_ns is not None and t_ns > since_t_ns for t_ns in chosen_t_ns)
 
     def _end_waiting(self, vehicle: int, t_ns: int, reason: str) -> list[Effect]:
         """End an order that waits."""
@@ -537,6 +561,8 @@ class Orders:
 
     def _outlook(self, vehicle: int) -> str:
         """Return what a released vehicle in LOITER can expect, in words."""
+        if Authority.LANDED in self._agents[vehicle].claims:
+            return Authority.LANDED.reason
         match self._state.agents[vehicle].perception.status.status:
             case "arrived":
                 return "has reached its target and gets no other"

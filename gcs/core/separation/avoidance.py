@@ -29,7 +29,7 @@ from gcs.core.separation.look_ahead import Encounter
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.separation.records import Avoidance
 from gcs.core.state import Agent
-from gcs.core.tasking.mission_builder import flown_points, route_heights_msl_m
+from gcs.core.tasking.mission_builder import flown_points, is_hold, route_heights_msl_m
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
@@ -41,10 +41,16 @@ from gcs.planning.route_progress import remaining_length_m
 
 _MIN_GAIN: Final = 0.2
 """Share of the minimum distances by which a hold must keep its vehicle farther from others."""
+_LEVEL_M: Final = 3.0
+"""Difference in height below which neither of two vehicles is the higher one."""
+_CLEAR_MARGIN: Final = 1.5
+"""Multiple of the minimum distance at which a vehicle that holds is clear: in wind predictions are off."""
 _MIN_HOLD_NS: Final = ns(4.0)
 _MAX_HOLD_NS: Final = ns(60.0)
 _PERIOD_NS: Final = ns(1.0)
 _CONTROLS: Final = frozenset({Authority.OURS, Authority.RETURNING})
+_TAKEN: Final = (Authority.COMMANDED, Authority.OVERRIDDEN, Authority.OTHER_STATION)
+"""Claims of others, which an order to hold or return hides."""
 _PHASES: Final = frozenset({FlightPhase.EN_ROUTE, FlightPhase.RETURNING})
 _HOLDING: Final = frozenset({FlightPhase.EN_ROUTE, FlightPhase.AT_TARGET})
 
@@ -78,15 +84,23 @@ class Avoidances:
         self._landing_order = landing_order
 
     def stack(self, encounter: Encounter, t_ns: int) -> list[Effect]:
-        """Send one of two vehicles that hold near each other to a circle in a free altitude layer."""
+        """Send one of two vehicles that hold near each other to a circle in a free altitude layer.
+
+        None climbs or descends through the other: the higher one goes up, or the lower one down.
+        """
         ours = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
-        for vehicle in ours if self._is_enabled else ():
-            route = self._stacked.plan_hold(vehicle, t_ns) if self._may_stack(vehicle) else None
+        stacked = [route for v in ours if (route := self._agents[v].routes.stacked) is not None]
+        if not self._is_enabled or any(map(is_hold, stacked)):
+            return []
+        for vehicle in sorted(ours, key=self._height_m, reverse=True):
+            route = self._stacked.plan_hold(vehicle, t_ns) if self._may_stack(vehicle, t_ns) else None
             if route is None:
                 continue
             (number,) = (v for v in encounter.vehicles if v != vehicle)
             heights_msl_m = route_heights_msl_m(route, self._base_msl_m, self._mission)
             height_m = float(heights_msl_m[-1]) - self._base_msl_m
+            if number in self._agents and self._crosses(vehicle, number, float(heights_msl_m[-1])):
+                continue
             parameters: dict[str, Parameter] = {
                 "other": self._air_traffic.name(number),
                 "height_m": height_m,
@@ -94,6 +108,16 @@ class Avoidances:
             notice = Notice(t_ns, NoticeCode.CHANGES_LAYER, vehicle, parameters)
             return [notice, *self._stacked.send(route, t_ns)]
         return []
+
+    def _height_m(self, vehicle: int) -> float:
+        """Return the height of a vehicle above sea level."""
+        state = self._fleet.state(vehicle)
+        return -math.inf if state is None else state.alt_msl_m
+
+    def _crosses(self, vehicle: int, other: int, to_msl_m: float) -> bool:
+        """Return True if a vehicle would climb or descend through the height of another one."""
+        above_m = self._height_m(vehicle) - self._height_m(other)
+        return abs(above_m) > _LEVEL_M and above_m * (to_msl_m - self._height_m(other)) < 0.0
 
     def hold(self, encounter: Encounter, t_ns: int) -> list[Effect]:
         """Let one vehicle of an encounter hold, if that helps; nothing while one of them holds already."""
@@ -165,21 +189,24 @@ class Avoidances:
         lowest_m = state.alt_msl_m - self._elevation.heights_at(places)
         return bool((lowest_m >= self._least_agl_m).all())
 
-    def _may_stack(self, vehicle: int) -> bool:
+    def _may_stack(self, vehicle: int, t_ns: int) -> bool:
         """Return True if a vehicle waits in LOITER, by order or for a mission, and may be moved."""
         agent = self._agents[vehicle]
         state = self._fleet.state(vehicle)
         if state is None or state.mode != LOITER or agent.link.liveness != "alive":
             return False
-        is_waiting = agent.control.authority in (Authority.OURS, Authority.HELD) and _wanted(agent) is None
+        is_held = agent.control.authority in (Authority.OURS, Authority.HELD) and not _is_taken(agent)
+        is_waiting = is_held and _wanted(agent) is None
         is_free = agent.orders.command is None and agent.orders.waiting is None
         is_settled = vehicle not in self._tasking.state.stages and not agent.tasking.is_inconsistent
-        return is_waiting and is_free and is_settled and agent.flight.phase in _HOLDING
+        is_due = is_free and t_ns >= agent.tasking.retry.paused_until_t_ns
+        return is_waiting and is_due and is_settled and agent.flight.phase in _HOLDING
 
     def _is_ours(self, vehicle: int) -> bool:
         """Return True if a vehicle is on a mission of this service, to a target or home."""
         agent = self._agents[vehicle]
-        return agent.control.authority in _CONTROLS and _wanted(agent) is not None
+        is_ours = agent.control.authority in _CONTROLS and not _is_taken(agent)
+        return is_ours and _wanted(agent) is not None
 
     def _left_m(self, vehicle: int) -> float:
         """Return the distance that a vehicle has left to fly on its route."""
@@ -194,7 +221,9 @@ class Avoidances:
     def _check(self, vehicle: int, avoidance: Avoidance, t_ns: int) -> list[Effect]:
         """Let a vehicle in LOITER fly on, if that leads near no other vehicle."""
         held_ns = t_ns - avoidance.since_t_ns
-        is_clear = not self._order_check.problem(vehicle, {vehicle: AUTO}, t_ns, with_aircraft=True)
+        is_clear = not self._order_check.problem(
+            vehicle, {vehicle: AUTO}, t_ns, with_aircraft=True, margin=_CLEAR_MARGIN
+        )
         may_end = held_ns >= _MIN_HOLD_NS and is_clear and not self._needs_new_route(vehicle)
         if may_end and self._landing_order.claim(vehicle, t_ns):
             avoidance.is_ending = True
@@ -232,6 +261,11 @@ class Avoidances:
         separation.avoidance = None
         other = "" if avoidance is None else avoidance.other
         return [Notice(t_ns, NoticeCode.AVOIDS_NO_LONGER, vehicle, {"other": other, "reason": reason})]
+
+
+def _is_taken(agent: Agent) -> bool:
+    """Return True if a pilot or another station has chosen, or commanded, what a vehicle does."""
+    return any(claim in agent.control.claims for claim in _TAKEN)
 
 
 def _wanted(agent: Agent) -> Route | None:

@@ -156,13 +156,11 @@ class SeparationMonitor:
         return [Notice(t_ns, NoticeCode.AIRCRAFT_NEAR, vehicle, parameters), *avoided]
 
     def _avoid(self, encounter: Encounter, approach: Approach, stage: int, t_ns: int) -> list[Effect]:
-        """Keep one of a pair apart from the other, once."""
-        if approach.has_avoided:
-            return []
+        """Keep one of a pair apart from the other: by a hold once, by a layer also after a failed upload."""
         effects = self._avoidances.stack(encounter, t_ns)
-        if not effects and stage > 1:
+        if not effects and stage > 1 and not approach.has_avoided:
             effects = self._avoidances.hold(encounter, t_ns)
-        approach.has_avoided = bool(effects)
+        approach.has_avoided = approach.has_avoided or bool(effects)
         return effects
 
     def _figures(self, encounter: Encounter) -> dict[str, Parameter]:

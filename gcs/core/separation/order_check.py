@@ -50,6 +50,8 @@ class _Conflict:
     nearness: float
     """Distance by its minimum, or height by its minimum, whichever is greater; less than about 1."""
     words: str
+    other: int
+    """That vehicle."""
 
 
 class OrderCheck:
@@ -65,7 +67,13 @@ class OrderCheck:
         self._ground = GroundAhead(config)
 
     def problem(
-        self, vehicle: int, modes: Mapping[int, str], t_ns: int, *, with_aircraft: bool = False
+        self,
+        vehicle: int,
+        modes: Mapping[int, str],
+        t_ns: int,
+        *,
+        with_aircraft: bool = False,
+        margin: float = 1.0,
     ) -> str:
         """Return which vehicle, or ground, an order would bring a vehicle near to; else empty.
 
@@ -79,6 +87,8 @@ class OrderCheck:
             Modes that are ordered now, by vehicle; that of the vehicle is among them.
         with_aircraft : bool
             True if aircraft that are not ours count, too. ADS-B can be forged: no order waits for it.
+        margin : float
+            Multiple of the minimum distance that counts as near.
         """
         states = {state.system_id: state for state in self._intents.flying(t_ns)}
         if vehicle not in states:
@@ -91,7 +101,7 @@ class OrderCheck:
         present = self._intents.flight(states[vehicle], t_ns)
         is_return = modes[vehicle] == RTL, states[vehicle].mode == RTL
         near_ground = "" if modes[vehicle] == AUTO else self._ground_problem(ordered)
-        return near_ground or self._worse(ordered, present, others, is_return)
+        return near_ground or self._worse(ordered, present, others, is_return, margin)
 
     def _ground_problem(self, flight: Flight) -> str:
         """Return where a flight to a circle, and round it, comes near the ground; empty if it does not."""
@@ -165,18 +175,27 @@ class OrderCheck:
             Modes that are ordered now, by vehicle.
         circles_only : bool
             True if the circle at its end alone is checked.
+
+        Its way there is no problem with a vehicle that it is as near to now: it leads away.
         """
         states = {state.system_id: state for state in self._intents.flying(t_ns)}
-        own = self._stacked(states.pop(route.vehicle), route, t_ns)
+        state = states.pop(route.vehicle)
+        own = self._stacked(state, route, t_ns)
         others = [
-            self._stacked(state, planned[vehicle], t_ns)
+            self._stacked(other, planned[vehicle], t_ns)
             if vehicle in planned
-            else self._intents.flight(state, t_ns, modes.get(vehicle))
-            for vehicle, state in states.items()
+            else self._intents.flight(other, t_ns, modes.get(vehicle))
+            for vehicle, other in states.items()
         ]
         conflicts = [*self._overlapping(own, others, last=True)]
         if not conflicts and not circles_only:
-            conflicts = [*self._met(own, others, is_return=True)]
+            present = self._intents.flight(state, t_ns)
+            now = {one.other: one.nearness for one in self._met(present, others, is_return=True)}
+            conflicts = [
+                one
+                for one in self._met(own, others, is_return=True)
+                if one.nearness < now.get(one.other, _CLEAR) - _WORSE
+            ]
         return f"would {min(conflicts).words}" if conflicts else ""
 
     def _stacked(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
@@ -195,7 +214,12 @@ class OrderCheck:
         ]
 
     def _worse(
-        self, changed: Flight, present: Flight, others: list[Flight], is_return: tuple[bool, bool]
+        self,
+        changed: Flight,
+        present: Flight,
+        others: list[Flight],
+        is_return: tuple[bool, bool],
+        margin: float = 1.0,
     ) -> str:
         """Return which vehicle a changed flight comes near to; empty if none, or no nearer than the present.
 
@@ -203,19 +227,23 @@ class OrderCheck:
         ----------
         is_return : tuple of bool
             True for a return, of the changed and of the present flight.
+        margin : float
+            Multiple of the minimum distance that counts as near.
         """
         if not others:
             return ""
-        led = [*self._met(changed, others, is_return[0])], [*self._overlapping(changed, others)]
+        led = [*self._met(changed, others, is_return[0], margin)], [*self._overlapping(changed, others)]
         if not any(led):
             return ""
-        now = [*self._met(present, others, is_return[1])], [*self._overlapping(present, others)]
+        now = [*self._met(present, others, is_return[1], margin)], [*self._overlapping(present, others)]
         meets, overlaps = (_nearest(one) - _nearest(other) for one, other in zip(led, now, strict=True))
         if meets < -_WORSE:
             return f"would {min(led[0]).words}"
         return f"would {min(led[1]).words}" if overlaps < -_WORSE and meets < _WORSE else ""
 
-    def _met(self, own: Flight, others: list[Flight], is_return: bool) -> Iterator[_Conflict]:
+    def _met(
+        self, own: Flight, others: list[Flight], is_return: bool, margin: float = 1.0
+    ) -> Iterator[_Conflict]:
         """Yield the vehicles that a flight comes near to."""
         for_s = _AHEAD_S
         if is_return:  # up to its place, and once round
@@ -224,13 +252,14 @@ class OrderCheck:
             for_s += min((away_m + 2.0 * math.pi * abs(last.radius_m)) / own.speed_m_s, _MAX_AHEAD_S - for_s)
         step_s = min(max(for_s / _STEPS, 0.5), _MAX_STEP_S)
         paths = simulate_flights([own, *others], for_s, step_s)
-        for one in encounters(paths, self._min_m, self._min_height_m, _GROWTH_M / for_s, step_s):
+        for one in encounters(paths, margin * self._min_m, self._min_height_m, _GROWTH_M / for_s, step_s):
             if own.vehicle in one.vehicles:
                 other = next(vehicle for vehicle in one.vehicles if vehicle != own.vehicle)
                 yield _Conflict(
                     max(one.distance_m / self._min_m, one.height_m / self._min_height_m),
                     f"come within {one.distance_m:.0f} m and {one.height_m:.0f} m in height of "
                     f"{self._air_traffic.name(other)} in {one.after_s:.0f} s",
+                    other,
                 )
 
     def _overlapping(self, own: Flight, others: list[Flight], *, last: bool = False) -> Iterator[_Conflict]:
@@ -253,6 +282,7 @@ class OrderCheck:
                     max(apart_m / self._min_m, height_m / self._min_height_m),
                     f"circle within {apart_m:.0f} m and {height_m:.0f} m in height of the circle of agent "
                     f"{vehicle_name(other.vehicle)}",
+                    other.vehicle,
                 )
 
 

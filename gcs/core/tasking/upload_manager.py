@@ -294,7 +294,8 @@ class UploadManager:
         agent = self._agents[vehicle]
         if Authority.SECOND_COMMANDER in agent.claims and agent.link.mode != AUTO:
             return False
-        is_taken = bool(self.overrides.of(vehicle).taken_by) or agent.control.suspension == "return"
+        is_returning = agent.control.suspension == "return" and agent.orders.waiting is None
+        is_taken = bool(self.overrides.of(vehicle).taken_by) or is_returning
         return not is_taken and agent.orders.command is None and agent.tasking.clearing.is_due(t_ns)
 
     def _rebooted(self, vehicle: int, t_ns: int) -> list[Effect]:

@@ -9,6 +9,7 @@ from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
 
 from gcs.model import NoFlyZone, NoticeCode, Order, VerticalLimits
 from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.vehicle.faults import FaultKind
 
 PLACES = [(600.0, 600.0, 60.0), (2300.0, 2300.0, 80.0), (700.0, 2200.0, 100.0), (2200.0, 700.0, 120.0)]
 FOUR = FIELD.replace("ARMING_DELAY_S = 1.0", "ARMING_DELAY_S = 1.0, RTL_RETURN_ALT = 130.0") + "".join(
@@ -84,15 +85,20 @@ def test_a_vehicle_that_returns_by_a_mission_is_resumed_like_any_other():
     assert sky.planes[2].autopilot.mode is Mode.LOITER
 
 
-def test_a_pilot_who_takes_over_in_the_upload_of_a_return_keeps_the_vehicle():
+@pytest.mark.parametrize("mode", [Mode.FBWA, Mode.LOITER])
+def test_a_pilot_who_takes_over_in_the_upload_of_a_return_keeps_the_vehicle(mode):
+    """Before, a vehicle that somebody had set to LOITER was sent to RTL as soon as it was clear of others."""
     sky = with_one_home(Sky(*PLACES[:2]))
     give(sky, "return")
     fly_on(sky, 0.3)
     assert sky.run_.engine.state.tasking.is_uploading(2)
-    sky.planes[2].autopilot.set_mode(Mode.FBWA)
-    fly_on(sky, 30.0)
-    assert sky.planes[2].autopilot.mode is Mode.FBWA
+    sky.planes[2].autopilot.set_mode(mode)
+    fly_on(sky, 5.0)
     assert [one.state for one in sky.answers if one.vehicle == 2] == ["failed"]
+    assert not sky.told(NoticeCode.ORDER_WAITS)
+    place(sky.planes[2], 2900.0, 100.0, 200.0)  # clear of the other
+    fly_on(sky, 10.0)
+    assert sky.planes[2].autopilot.mode is mode
 
 
 def test_a_return_whose_upload_is_not_answered_waits_with_an_alarm_until_it_is_ordered_again():
@@ -105,6 +111,37 @@ def test_a_return_whose_upload_is_not_answered_waits_with_an_alarm_until_it_is_o
     give(sky, "return", 2)
     fly_on(sky, 3.0)
     assert sky.planes[2].autopilot.mode is Mode.RTL
+
+
+@pytest.mark.parametrize("silence_s", [20.0, 60.0])
+def test_a_vehicle_whose_link_breaks_in_the_upload_of_its_return_flies_home_when_it_is_heard_again(silence_s):
+    """Before, it flew on to its target, or waited where it was without a mission, until somebody acted."""
+    sky = with_one_home(Sky(*PLACES[:2]))
+    give(sky, "return")
+    fly_on(sky, 0.3)
+    assert sky.run_.engine.state.tasking.is_uploading(2)
+    faults = sky.planes[2].autopilot.faults
+    faults.begin(FaultKind.RADIO, sky.run_.t_ns)
+    fly_on(sky, silence_s)
+    faults.end(FaultKind.RADIO)
+    fly_on(sky, 6.0)
+    answers = [one.detail for one in sky.answers if one.vehicle == 2]
+    assert len(answers) == 1
+    assert answers[0].startswith("AUTO, armed: flies home in its altitude layer")
+    assert not sky.told(NoticeCode.ORDER_WAITS)
+
+
+def test_a_vehicle_that_waits_to_return_does_not_fly_on_with_half_a_mission():
+    """The upload stops after the items were announced. Before, it flew on in AUTO over what was left."""
+    sky = with_one_home(Sky(*PLACES[:2]))
+    plane = sky.planes[2]
+    give(sky, "return")
+    fly_on(sky, 0.3)
+    assert sky.run_.engine.state.tasking.is_uploading(2)
+    plane._link._missions.handle = lambda *_: None
+    fly_on(sky, 25.0)
+    assert [notice.vehicle for _, notice in sky.told(NoticeCode.ORDER_WAITS)] == [2]
+    assert plane.autopilot.mode is Mode.LOITER
 
 
 def test_a_return_over_terrain_waits_where_a_zone_with_a_ceiling_was_closed_round_home_in_flight():
@@ -152,6 +189,38 @@ def test_of_two_that_hold_on_circles_that_overlap_one_gets_another_layer(field):
     give(sky, "resume")
     fly_on(sky, 20.0)
     assert all(one.control.is_ours for one in sky.run_.engine.state.agents.values())
+
+
+@pytest.mark.parametrize("above_m", [4.0, -4.0])
+def test_of_two_on_one_circle_one_goes_up_or_down_and_not_through_the_other(above_m):
+    """They stay as near as they are. Before, no layer was clear for either: they were near now."""
+    sky = Sky((600.0, 600.0, 80.0), (1700.0, 1700.0, 80.0)).fly(20.0)
+    give(sky, "hold")
+    fly_on(sky, 20.0)
+    one, other = sky.planes[1], sky.planes[2]
+    behind = np.array((one.airframe.east_m, one.airframe.north_m))
+    fly_on(sky, 1.2)
+    place(other, *behind, one.alt_rel_m + above_m, np.rad2deg(one.airframe.heading_rad) - 20.0)
+    other.autopilot._fly(one.autopilot.goal, one.alt_rel_m + above_m)
+    fly_on(sky, 25.0)
+    assert len(sky.told(NoticeCode.CHANGES_LAYER)) == 1
+    assert (other.alt_rel_m - one.alt_rel_m) * above_m > 15.0 * abs(above_m)
+
+
+def test_of_two_that_circle_at_one_height_one_that_somebody_else_set_to_loiter_is_not_moved():
+    """It was held by order before. Before, that hid who had chosen its LOITER since."""
+    sky = Sky((600.0, 600.0, 60.0), (1700.0, 1700.0, 60.0)).fly(20.0)
+    give(sky, "hold", 1)
+    fly_on(sky, 3.0)
+    one, other = sky.planes[1], sky.planes[2]
+    for mode in (Mode.FBWA, Mode.LOITER):  # by its pilot
+        one.autopilot.set_mode(mode)
+        fly_on(sky, 2.0)
+    place(other, one.airframe.east_m + 80.0, one.airframe.north_m, one.airframe.alt_rel_m)
+    give(sky, "hold", 2)
+    fly_on(sky, 15.0)
+    assert [notice.vehicle for _, notice in sky.told(NoticeCode.CHANGES_LAYER)] == [2]
+    assert one.autopilot.mode is Mode.LOITER
 
 
 def test_with_warnings_only_no_vehicle_that_holds_is_moved():

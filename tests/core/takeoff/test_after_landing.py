@@ -72,3 +72,23 @@ def test_the_target_of_a_wreck_goes_to_the_spare_in_the_air_and_stays_there(px4)
     assert wreck.autopilot.mode is not Mode.AUTO
     assert agents[1].routes.flown is None
     assert (agents[3].routes.flown.target, sky.planes[3].autopilot.mode) == (flown[1], Mode.AUTO)
+
+
+def test_a_vehicle_that_has_landed_is_resumed_and_gets_no_mission_until_it_is_ready():
+    """Before, it got a mission with a take-off, was set to LOITER and lost it, again and again."""
+    sky = Sky((1000.0, 500.0, 60.0), (2500.0, 500.0, 80.0)).fly(20.0)
+    give(sky, "return", 1)
+    fly_on(sky, 3.0)
+    plane = sky.planes[1]
+    plane.airframe.alt_rel_m = 0.0
+    plane.airframe.rest()
+    plane.autopilot.flying = plane.autopilot.armed = False
+    fly_on(sky, 6.0)
+    assert sky.told(NoticeCode.LANDED)
+    give(sky, "resume", 1)
+    fly_on(sky, 15.0)
+    assert not begins_with_a_take_off(plane)
+    assert not sky.told(NoticeCode.LOITER_ON_GROUND)
+    give(sky, "ready", 1)
+    fly_on(sky, 8.0)
+    assert begins_with_a_take_off(plane)
