@@ -31,6 +31,8 @@ class AgentState:
     """Options of its own airframe: turns and terminal loiter; None: those of the plan."""
     height_msl_m: float = math.nan
     """Height there above mean sea level; used over terrain only."""
+    climbs_first: bool = False
+    """True if it would climb in a circle to the first point of a mission; used over terrain only."""
     is_grounded: bool = False
     """True on the ground: agents in the air get targets first."""
     is_doubtful: bool = False

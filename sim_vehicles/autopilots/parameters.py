@@ -126,6 +126,10 @@ _PX4_TABLE: tuple[tuple[str, Kind, float], ...] = (
     ("FW_LND_ANG", Kind.REAL32, 5),
     ("FW_R_LIM", Kind.REAL32, 50),
     ("FW_AIRSPD_TRIM", Kind.REAL32, 15),
+    ("FW_T_CLMB_R_SP", Kind.REAL32, 3),
+    ("FW_T_SINK_R_SP", Kind.REAL32, 2),
+    ("FW_T_HRATE_FF", Kind.REAL32, 0.3),
+    ("FW_T_ALT_TC", Kind.REAL32, 5),
     ("NAV_ACC_RAD", Kind.REAL32, 10),
     ("NAV_LOITER_RAD", Kind.REAL32, 80),
 )

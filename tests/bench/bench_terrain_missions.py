@@ -4,13 +4,12 @@
 
 The elevation model is that of an argument or of the environment variable DAVOS_TIF. Each row is one mission
 in one wind over all seeds. With --each it lists what was outside the band, and the near pairs. With --write
-it writes the mission files instead, for ``gcs demo --sitl``; --recordings looks at what that has flown.
+it writes the mission files instead, for other programs.
 """
 
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import shutil
 import time
@@ -18,7 +17,7 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
-from terrain_missions import DAVOS, Flight, FlownMission, NearPair, mission_text, read_flight, read_site
+from terrain_missions import DAVOS, Flight, FlownMission, NearPair, mission_text, read_site
 
 
 def fly(path: Path, vehicles: int, wind_m_s: float, seed: int) -> Flight:
@@ -82,15 +81,6 @@ def write(path: Path, folder: Path, vehicles: int, wind_m_s: float, seed: int) -
     (folder / f"davos{vehicles}-wind{wind_m_s:g}-{seed}.toml").write_text(text, encoding="utf-8")
 
 
-def look_at(recordings: list[Path], *, notices: bool) -> None:
-    """Print a row, and what went wrong, of each recording."""
-    for recording in recordings:
-        flight = read_flight(recording)
-        print(recording)
-        show(flight.arrived + flight.lost, math.nan, [flight])
-        show_each(0, flight, notices=notices)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("tile", type=Path, nargs="?", default=os.environ.get("DAVOS_TIF"))
@@ -101,12 +91,8 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--each", action="store_true", help="list what went wrong")
     parser.add_argument("--notices", action="store_true", help="with --each: list warnings and alarms too")
-    parser.add_argument("--recordings", type=Path, nargs="+", metavar="RUN", help="look at these instead")
     parser.add_argument("--write", type=Path, metavar="DIR", help="write the mission files")
     options = parser.parse_args()
-    if options.recordings:
-        look_at(options.recordings, notices=options.notices)
-        return
     if options.tile is None:
         parser.error("name the elevation model, or set DAVOS_TIF")
     seeds = range(options.first, options.first + options.seeds)

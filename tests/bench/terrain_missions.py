@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,24 +18,8 @@ import numpy as np
 from helpers.hills import terrain_table
 from scipy import ndimage
 
-from gcs.config import parse
 from gcs.geo import LocalFrame
-from gcs.io.recording.reader import read, read_info
-from gcs.mavlink.autopilots import mode_name
-from gcs.mavlink.autopilots.modes import AUTO, LOITER
-from gcs.mavlink.frames.codec import scan
-from gcs.model import (
-    AgentStatus,
-    Datagram,
-    Effect,
-    Event,
-    FloatArray,
-    Notice,
-    Tick,
-    Truth,
-    TruthObject,
-    UploadReport,
-)
+from gcs.model import AgentStatus, Effect, Event, FloatArray, Notice, Tick, UploadReport
 from gcs.terrain.elevation import Elevation
 from gcs.terrain.elevation_file import read_elevation_model
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
@@ -250,8 +233,8 @@ class FlownMission:
 
     def look(self) -> None:
         """Note samples outside the band and near pairs among the positions flown."""
-        vehicles = [one.system_id for one in self.run.vehicles.values()]
-        look(self.flight, self._elevation, vehicles, self.times_s, self.places)
+        self._look_at_heights()
+        self._look_at_pairs()
 
     def _on_event(self, event: Event) -> None:
         if not isinstance(event, Tick):
@@ -280,95 +263,38 @@ class FlownMission:
             t_s = (t_ns - START_T_NS) / 1e9
             flight.notices.append((t_s, effect.code.value, effect.vehicle, effect.text))
 
-
-def look(
-    flight: Flight,
-    elevation: Elevation,
-    vehicles: Sequence[int],
-    times_s: Sequence[float],
-    places: Sequence[Sequence[tuple[float, float, float]]],
-    band: Sequence[Sequence[bool]] | None = None,
-) -> None:
-    """Note samples outside the band and near pairs: `places` are east, north and height above mean sea level
-    of each vehicle at each time, NaN once it is down or lost.
-
-    With `band` only samples whose flag is True are compared with the flight band.
-    """
-    at = np.array(places)
-    for k, vehicle in enumerate(vehicles):
-        agl_m: FloatArray = at[:, k, 2] - elevation.heights_at(at[:, k, :2])
-        if band is not None:
-            agl_m = np.where(np.array(band)[:, k], agl_m, np.nan)
-        if np.isnan(agl_m).all():
-            continue
-        flight.least_agl_m = min(flight.least_agl_m, float(np.nanmin(agl_m)))
-        flight.greatest_agl_m = max(flight.greatest_agl_m, float(np.nanmax(agl_m)))
-        is_outside = (agl_m < MIN_AGL_M - ALLOWED_M) | (agl_m > MAX_AGL_M + ALLOWED_M)
-        for i in np.flatnonzero(is_outside).tolist():
-            east_m, north_m, _ = at[i, k].tolist()
-            flight.outside.append(Sample(times_s[i], vehicle, east_m, north_m, float(agl_m[i])))
-    for j, k in itertools.combinations(range(len(vehicles)), 2):
-        apart_m = np.hypot(*(at[:, j, :2] - at[:, k, :2]).T)
-        height_m = np.abs(at[:, j, 2] - at[:, k, 2])
-        is_near = (apart_m < SEPARATION_M) & (height_m < 0.5 * LAYER_STEP_M)
-        marks = np.flatnonzero(np.diff(np.concatenate(([0], is_near.astype(np.int8), [0])))).tolist()
-        for begin, end in zip(marks[::2], marks[1::2], strict=True):
-            i = begin + int(np.argmin(apart_m[begin:end]))
-            east_m, north_m, _ = at[i, j].tolist()
-            flight.near.append(
-                NearPair(
-                    (vehicles[j], vehicles[k]),
-                    times_s[begin],
-                    times_s[end - 1],
-                    float(apart_m[i]),
-                    float(height_m[i]),
-                    (east_m, north_m),
+    def _look_at_heights(self) -> None:
+        flight = self.flight
+        at = np.array(self.places)
+        for k, vehicle in enumerate(self.run.vehicles.values()):
+            agl_m: FloatArray = at[:, k, 2] - self._elevation.heights_at(at[:, k, :2])
+            flight.least_agl_m = min(flight.least_agl_m, float(np.nanmin(agl_m)))
+            flight.greatest_agl_m = max(flight.greatest_agl_m, float(np.nanmax(agl_m)))
+            is_outside = (agl_m < MIN_AGL_M - ALLOWED_M) | (agl_m > MAX_AGL_M + ALLOWED_M)
+            for i in np.flatnonzero(is_outside).tolist():
+                east_m, north_m, _ = at[i, k].tolist()
+                flight.outside.append(
+                    Sample(self.times_s[i], vehicle.system_id, east_m, north_m, float(agl_m[i]))
                 )
-            )
 
-
-def read_flight(recording: Path) -> Flight:
-    """Return what a recording of ``gcs demo`` over terrain shows.
-
-    Only samples in AUTO and LOITER are compared with the band: RTL has heights of its own.
-    """
-    config = parse(read_info(recording).config_text, str(recording))
-    assert config.elevation is not None
-    vehicles = [agent.system_id for agent in config.agents]
-    flight = Flight()
-    modes = dict.fromkeys(vehicles, "")
-    times_s: list[float] = []
-    places: list[list[tuple[float, float, float]]] = []
-    band: list[list[bool]] = []
-    begin_t_ns = None
-    for record in read(recording, only={Datagram, Truth, AgentStatus, UploadReport, Notice}):
-        value = record.value
-        begin_t_ns = record.t_ns if begin_t_ns is None else begin_t_ns
-        t_s = (record.t_ns - begin_t_ns) / 1e9
-        match value:
-            case Datagram():
-                for frame in scan(value.data).frames:
-                    if frame.message_id == 0 and frame.component_id == 1 and frame.system_id in modes:
-                        modes[frame.system_id] = mode_name(frame.message())
-            case Truth():
-                known = {one.id: one for one in value.objects if one.kind == "agents" and one.alive}
-                times_s.append(t_s)
-                places.append([_place(known.get(vehicle)) for vehicle in vehicles])
-                band.append([modes[vehicle] in (AUTO, LOITER) for vehicle in vehicles])
-            case UploadReport():
-                flight.uploads += 1
-                flight.failed_uploads += not value.ok
-            case AgentStatus():
-                flight.arrived += value.status == "arrived"
-                flight.lost += value.status == "lost"
-            case Notice() if value.level != "info":
-                flight.notices.append((t_s, value.code.value, value.vehicle, value.text))
-    flight.duration_s = times_s[-1] if times_s else 0.0
-    look(flight, config.elevation, vehicles, times_s, places, band)
-    return flight
-
-
-def _place(one: TruthObject | None) -> tuple[float, float, float]:
-    if one is None or one.down or one.alt_msl_m is None:
-        return (math.nan, math.nan, math.nan)
-    return (one.east_m, one.north_m, one.alt_msl_m)
+    def _look_at_pairs(self) -> None:
+        at = np.array(self.places)
+        vehicles = [one.system_id for one in self.run.vehicles.values()]
+        for j, k in itertools.combinations(range(len(vehicles)), 2):
+            apart_m = np.hypot(*(at[:, j, :2] - at[:, k, :2]).T)
+            height_m = np.abs(at[:, j, 2] - at[:, k, 2])
+            is_near = (apart_m < SEPARATION_M) & (height_m < 0.5 * LAYER_STEP_M)
+            marks = np.flatnonzero(np.diff(np.concatenate(([0], is_near.astype(np.int8), [0])))).tolist()
+            for begin, end in zip(marks[::2], marks[1::2], strict=True):
+                i = begin + int(np.argmin(apart_m[begin:end]))
+                east_m, north_m, _ = at[i, j].tolist()
+                self.flight.near.append(
+                    NearPair(
+                        (vehicles[j], vehicles[k]),
+                        self.times_s[begin],
+                        self.times_s[end - 1],
+                        float(apart_m[i]),
+                        float(height_m[i]),
+                        (east_m, north_m),
+                    )
+                )

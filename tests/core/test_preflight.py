@@ -274,6 +274,41 @@ def test_an_arduplane_that_flies_small_changes_of_height_at_once_is_refused_over
     assert "ALT_SLOPE_MIN" not in inspected(mission())
 
 
+@pytest.mark.parametrize(
+    ("autopilot", "good", "bad", "level"),
+    [
+        ("ardupilot", {"TECS_CLMB_MAX": 2.5}, {"TECS_CLMB_MAX": 2.0}, "refused"),
+        ("ardupilot", {"TECS_SINK_MAX": 2.0}, {"TECS_SINK_MAX": 1.5}, "warning"),
+        ("px4", {"FW_T_CLMB_R_SP": 2.5}, {"FW_T_CLMB_R_SP": 2.0}, "refused"),
+        ("px4", {"FW_T_SINK_R_SP": 2.0}, {"FW_T_SINK_R_SP": 1.5}, "warning"),
+        ("px4", {"FW_T_HRATE_FF": 1.0}, {"FW_T_HRATE_FF": 0.3}, "warning"),
+    ],
+)
+def test_a_vehicle_that_climbs_slower_or_later_than_routes_over_terrain_is_found(autopilot, good, bad, level):
+    config = over_a_hill()
+    (name,) = good
+    levels = [
+        inspected(config, autopilot=autopilot, parameters=GOOD | value)[name].level for value in (good, bad)
+    ]
+    assert levels == ["ok", level]
+    assert name not in inspected(mission(), autopilot=autopilot, parameters=GOOD | bad)
+
+
+def test_a_px4_that_started_a_short_time_ago_on_high_ground_is_refused():
+    high = mission("frame.alt_msl_m=1500")
+    code = "altitude control"
+    on_ground = {"autopilot": "px4", "airborne": False, "until_s": 15.0, "mode": Mode.LOITER}
+    early = inspected(high, **on_ground)[code]
+    assert (early.code, early.level) == (CheckCode.ALTITUDE_CONTROL_LOW, "refused")
+    assert early.parameters["needed_s"] == 500
+    assert early.parameters["wait_s"] == pytest.approx(500 - early.parameters["runs_s"], abs=1.0)
+    faster = GOOD | {"FW_T_CLMB_R_SP": 150.0}
+    assert inspected(high, parameters=faster, **on_ground)[code].level == "ok"
+    assert inspected(high, **(on_ground | {"mode": Mode.MANUAL}))[code].level == "ok"
+    assert code not in inspected(high, autopilot="px4"), "in the air"
+    assert code not in inspected(high, airborne=False, until_s=15.0), "an ArduPlane"
+
+
 def test_areas_that_vehicles_cannot_hold_are_said():
     area = '{kind="exclusion", circle=[33.21, -87.58, 50.0], height_m=40.0}'
     config = mission(f"fence.areas=[{area}]")

@@ -522,6 +522,8 @@ class Orders:
             flown = flown_routes(self._agents).values()
             if route is None or route.target not in targets or route.target in {r.target for r in flown}:
                 return LOITER
+            if route.heights_msl_m is not None:
+                return LOITER  # the next plan begins where it is, and at its height
             positions = {state.system_id: (state.east_m, state.north_m) for state in self._fleet.states()}
             if not self._layers.is_clear(route, list(flown), positions):
                 return LOITER  # the next plan has a layer for it

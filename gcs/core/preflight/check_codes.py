@@ -154,6 +154,14 @@ class CheckCode(TableCode):
         "it gets no mission in {mode}: gcs run, then gcs order hold -v {vehicle:agent}, or LOITER by hand",
     )  # fmt: skip
     MODE = _ok("mode", "mode", "{mode}")
+    ALTITUDE_CONTROL_LOW = _refused(
+        "altitude-control-low", "altitude control",
+        "started {runs_s:.0f} s ago, {alt_msl_m:.0f} m above sea level", "{needed_s} s after its start",
+        "the altitude that PX4 controls rises from sea level after a start (FW_T_CLMB_R_SP): after its "
+        "take-off it would descend. Wait {wait_s} s, or set MANUAL by the transmitter for some seconds, and "
+        "check it there",
+    )  # fmt: skip
+    ALTITUDE_CONTROL = _ok("altitude-control", "altitude control", "started {runs_s:.0f} s ago")
     ARMED = _warning(
         "armed", "armed", "armed", "disarmed", "propellers may turn: keep away, or it flies already"
     )

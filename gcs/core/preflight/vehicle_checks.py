@@ -74,7 +74,15 @@ def envelope_of(config: Config, vehicle: int) -> Envelope:
     name = config.airframe_name(vehicle)
     table = f"airframes.{name}" if name else "airframe"
     lands = airframe.end == "land"
-    return Envelope(airframe.speed_m_s, airframe.bank_deg, lands, table, config.terrain is not None)
+    return Envelope(
+        airframe.speed_m_s,
+        airframe.bank_deg,
+        lands,
+        table,
+        config.terrain is not None,
+        airframe.climb_m_s,
+        airframe.sink_m_s,
+    )
 
 
 class VehicleChecks:
@@ -116,7 +124,8 @@ class VehicleChecks:
         rows += [self._armed(), self._sensors(), *self._texts(), self._battery(), self._clock()]
         rows.append(self._signing())
         if self._query.profile is not None:
-            rows += [*self._parameters(), *self._fence(), *self._rally(), *self._return_height()]
+            rows += [*self._altitude_control(), *self._parameters(), *self._fence(), *self._rally()]
+            rows += self._return_height()
         return rows
 
     def _found(self, code: CheckCode, **parameters: Parameter) -> Check:
@@ -222,6 +231,27 @@ class VehicleChecks:
         elif mode not in _TASKABLE:
             code = CheckCode.MODE_NOT_TASKED
         return self._found(code, mode=mode)
+
+    def _altitude_control(self) -> Iterator[Check]:
+        """Refuse a vehicle whose altitude control has not reached its altitude since its start."""
+        profile = self._query.profile
+        assert profile is not None
+        rate_m_s = self._query.values.get(profile.altitude_reference_parameter, 0.0)
+        is_unknown = self._state is None or "SYSTEM_TIME" not in self._messages
+        if is_unknown or rate_m_s <= 0.0 or self._is_armed:
+            return
+        assert self._state is not None
+        came_t_ns, message = self._query.messages["SYSTEM_TIME"]
+        runs_s = message.time_boot_ms * 1e-3 + (self._t_ns - came_t_ns) / NS_PER_S
+        needed_s = self._state.alt_msl_m / rate_m_s
+        is_low = runs_s < needed_s and self._state.mode not in profile.modes_without_altitude
+        yield self._found(
+            CheckCode.ALTITUDE_CONTROL_LOW if is_low else CheckCode.ALTITUDE_CONTROL,
+            runs_s=runs_s,
+            alt_msl_m=self._state.alt_msl_m,
+            needed_s=math.ceil(needed_s),
+            wait_s=math.ceil(max(needed_s - runs_s, 0.0)),
+        )
 
     @property
     def _is_armed(self) -> bool:

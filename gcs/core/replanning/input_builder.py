@@ -66,6 +66,7 @@ class PlanningInputBuilder:
             late_s={vehicle: late_s(self.agents[vehicle].tasking) for vehicle in agents},
             left_s=self._left_s(agents, t_ns),
             heights_msl_m=self._heights_msl_m(agents),
+            climbing_first=frozenset(filter(self._climbs_first, agents)),
             climbs=self.climbs(agents),
             other_vehicles=self._other_vehicles(agents, lost),
             passed=frozenset(filter(self.tasking.onboard_missions.has_missed, agents)),
@@ -111,6 +112,12 @@ class PlanningInputBuilder:
             elif state is not None:
                 found[vehicle] = state.alt_msl_m
         return found
+
+    def _climbs_first(self, vehicle: int) -> bool:
+        """Return True if a vehicle would climb in a circle to the first point of a mission."""
+        profile = self.fleet.profile(vehicle)
+        state = self.fleet.state(vehicle)
+        return profile is not None and profile.climbs_first and state is not None and state.mode != AUTO
 
     def is_on_ground(self, vehicle: int) -> bool:
         """Return True if a vehicle is on the ground."""

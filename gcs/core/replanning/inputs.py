@@ -49,6 +49,8 @@ class PlanningInputs:
     """Motion of agents; without an entry that of the track."""
     heights_msl_m: Mapping[int, float] = field(default_factory=dict)
     """Height above mean sea level of each agent, or at the end of its climb; over terrain only."""
+    climbing_first: frozenset[int] = frozenset()
+    """Agents that would climb in a circle to the first point of a mission."""
     late_s: Mapping[int, float] = field(default_factory=dict)
     """Upload time beyond that of a good link (`gcs.core.tasking.upload_latency`)."""
     left_s: Mapping[int, float] = field(default_factory=dict)

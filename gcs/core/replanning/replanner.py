@@ -415,6 +415,7 @@ class Replanner:
             start_delay_s=late_s,
             motion=takes_up,
             height_msl_m=inputs.heights_msl_m.get(vehicle, self._mission.agents[vehicle].height_msl_m),
+            climbs_first=vehicle in inputs.climbing_first and vehicle not in inputs.climbs,
             is_grounded=vehicle in inputs.grounded,
             is_unfit=vehicle in inputs.unfit,
             is_doubtful=vehicle in inputs.doubtful,

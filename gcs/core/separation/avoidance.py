@@ -15,6 +15,7 @@ near no other vehicle, and gets a new mission if that takes too long, or if its 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final
 
@@ -208,7 +209,8 @@ class Avoidances:
         """Let a vehicle in LOITER fly on, if that leads near no other vehicle."""
         held_ns = t_ns - avoidance.since_t_ns
         is_clear = not self._order_check.release_problem(vehicle, t_ns)
-        if held_ns >= _MIN_HOLD_NS and is_clear and self._landing_order.claim(vehicle, t_ns):
+        may_end = held_ns >= _MIN_HOLD_NS and is_clear and not self._needs_new_route(vehicle)
+        if may_end and self._landing_order.claim(vehicle, t_ns):
             avoidance.is_ending = True
             return self._command(vehicle, avoidance, AUTO, t_ns)
         routes = self._agents[vehicle].routes
@@ -218,6 +220,13 @@ class Avoidances:
             return []
         routes.drop_flown()
         return self._end(vehicle, "it waits for a new mission", t_ns)
+
+    def _needs_new_route(self, vehicle: int) -> bool:
+        """Return True if a vehicle over terrain would climb in a circle to the next point of its route."""
+        profile = self._fleet.profile(vehicle)
+        route = self._agents[vehicle].routes.flown
+        has_heights = route is not None and route.heights_msl_m is not None
+        return has_heights and profile is not None and profile.climbs_first
 
     def _command(self, vehicle: int, avoidance: Avoidance, mode: str, t_ns: int) -> list[Effect]:
         health = next(one for one in self._fleet.health() if one.system_id == vehicle)

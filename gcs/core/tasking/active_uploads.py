@@ -20,7 +20,7 @@ from gcs.core.tasking.records import ActiveUpload, OnboardMission, TaskingState
 from gcs.core.tasking.rejections import Rejections
 from gcs.core.tasking.upload_pauses import ClearingRetry, RejectionRetry, UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
-from gcs.mavlink.autopilots.modes import LOITER
+from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
@@ -95,9 +95,12 @@ class ActiveUploads(UploadPolicy):
         if upload.onboard is None or profile is None:
             return 0
         state = self._fleet.state(vehicle)
+        route = upload.onboard.route
+        is_circling = profile.climbs_first and state is not None and state.mode != AUTO
+        begins_low = is_circling and route.heights_msl_m is not None  # the first point is the lowest one
         return first_flown_item(
             profile,
-            points_passed(upload.onboard.route, upload.planned_t_ns, state),
+            0 if begins_low else points_passed(route, upload.planned_t_ns, state),
             from_ground=upload.onboard.first_point > profile.home_items,
             still_on_ground=is_on_ground(state, self._fleet.home(vehicle)),
         )

@@ -73,6 +73,9 @@ class Envelope:
     """Table of the mission file with these keys."""
     follows_terrain: bool = False
     """True if heights of missions change from point to point."""
+    climb_m_s: float = 0.0
+    """Sustained rates of climb and descent, by which routes over terrain are planned."""
+    sink_m_s: float = 0.0
 
 
 ARDUPLANE_PARAMETERS: Final = (
@@ -163,7 +166,22 @@ def arduplane_parameters_for(envelope: Envelope) -> tuple[WantedParameter, ...]:
             must=False,
             older=WantedParameter(("TRIM_ARSPD_CM",), 100 * slow, 100 * fast, speed, must=False),
         ),
-        *([_LINEAR_LEGS] if envelope.follows_terrain else []),
+        *(_arduplane_over_terrain(envelope) if envelope.follows_terrain else ()),
+    )
+
+
+def _arduplane_over_terrain(envelope: Envelope) -> tuple[WantedParameter, ...]:
+    return (_LINEAR_LEGS, *_rates(envelope, "TECS_CLMB_MAX", "TECS_SINK_MAX"))
+
+
+def _rates(envelope: Envelope, climb: str, sink: str) -> tuple[WantedParameter, WantedParameter]:
+    """Return the least rates of climb and descent of an autopilot over terrain."""
+    table = envelope.table
+    low = f"it climbs slower than routes over terrain are planned for ({table}.climb_m_s): it flies too low"
+    high = f"it sinks slower than routes over terrain are planned for ({table}.sink_m_s): it flies too high"
+    return (
+        WantedParameter((climb,), envelope.climb_m_s, _NO_BOUND, low),
+        WantedParameter((sink,), envelope.sink_m_s, _NO_BOUND, high, must=False),
     )
 
 
@@ -208,4 +226,19 @@ def px4_parameters_for(envelope: Envelope) -> tuple[WantedParameter, ...]:
         _px4_mission_requirement(envelope),
         WantedParameter(("FW_R_LIM",), envelope.bank_deg, 90, wide),
         WantedParameter(("FW_AIRSPD_TRIM",), slow, fast, speed, must=False),
+        *(_px4_over_terrain(envelope) if envelope.follows_terrain else ()),
+    )
+
+
+def _px4_over_terrain(envelope: Envelope) -> tuple[WantedParameter, ...]:
+    """Return the requirements on the altitude control of PX4 (`TECSControl::_calcAltitudeControlOutput`).
+
+    In a steady climb it is too low by (1 - FW_T_HRATE_FF) * FW_T_ALT_TC times the rate, in a descent too
+    high: with the defaults of 0.3 and 5 s by 3.5 m for each m/s.
+    """
+    late = "in a climb it is too low by (1 - FW_T_HRATE_FF) x FW_T_ALT_TC x the rate, in a descent too high"
+    return (
+        *_rates(envelope, "FW_T_CLMB_R_SP", "FW_T_SINK_R_SP"),
+        WantedParameter(("FW_T_HRATE_FF",), 0.8, 1, late, must=False),
+        WantedParameter(("FW_T_ALT_TC",), 2, 5, late, must=False),
     )

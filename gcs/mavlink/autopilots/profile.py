@@ -86,6 +86,8 @@ class AutopilotProfile:
     """True if a download must request items in order, and an upload's last item must have been requested."""
     tracks_old_leg: bool
     """True if a leg may start at the waypoint before, not at the vehicle."""
+    climbs_first: bool
+    """True if it climbs in a circle to a mission's first point when it goes from LOITER to AUTO."""
     marks_current: bool
     """True if `current` on an uploaded item makes the mission begin there."""
     ends_in: str
@@ -110,6 +112,11 @@ class AutopilotProfile:
     parameters: tuple[WantedParameter, ...]
     fits: Callable[[Envelope], tuple[WantedParameter, ...]]
     """Returns the parameters that must fit the mission."""
+    altitude_reference_parameter: str
+    """Parameter of the rate, in m/s, at which the controlled altitude rises from sea level after a start;
+    empty if it begins at the vehicle's altitude."""
+    modes_without_altitude: frozenset[str]
+    """Modes in which no altitude is controlled: after them the control begins at the vehicle's altitude."""
     fence_parameters: tuple[str, ...]
     """Parameters that `fence_limits` reads."""
     fence_limits: Callable[[Mapping[str, float]], FenceLimits]

@@ -14,7 +14,12 @@ bits 24-31), https://docs.px4.io/main/en/advanced_config/parameter_reference, an
 * NAV_TAKEOFF keeps its yaw only (`parse_mavlink_mission_item`): a pitch reads back as 0.
 * There is no DO_SET_MISSION_CURRENT. MISSION_SET_CURRENT has no answer but MISSION_CURRENT.
 * Unused parameters are NaN: yaw 0 would be a course to keep. All are kept as floats.
+* From Hold to AUTO it climbs first, in a circle where it is, if the current item is higher by NAV_FW_ALT_RAD.
 * After the last item it circles in Hold, the same mode as an operator's.
+* Altitude control runs from the start on in all modes but MANUAL, STABILIZED and ACRO. Its reference begins
+  at 0 m above sea level, before there is a position, and rises by FW_T_CLMB_R_SP (`TECS::initialize`;
+  https://github.com/PX4/PX4-Autopilot/pull/27670). Until it is at the vehicle's altitude the vehicle descends
+  after its take-off: at 1,546 m with 4 m/s for the first 390 s.
 * HEARTBEAT shows MAV_STATE_CRITICAL as long as a failsafe has chosen the mode (`vehicle_status.failsafe`).
   Cause and action come as STATUSTEXT (`HealthAndArmingChecks`, `FailsafeBase::notifyUser`).
 """
@@ -95,6 +100,7 @@ PX4: Final = AutopilotProfile(
     window=6,
     in_order=True,
     tracks_old_leg=False,
+    climbs_first=True,
     marks_current=True,
     ends_in=LOITER,
     unused=math.nan,
@@ -111,6 +117,8 @@ PX4: Final = AutopilotProfile(
     stored=_stored,
     parameters=PX4_PARAMETERS,
     fits=px4_parameters_for,
+    altitude_reference_parameter="FW_T_CLMB_R_SP",
+    modes_without_altitude=frozenset({"MANUAL", "STABILIZED", "ACRO"}),
     fence_parameters=("GF_ACTION", "GF_MAX_VER_DIST", "GF_MAX_HOR_DIST"),
     fence_limits=_fence_limits,
     ceiling_parameter="GF_MAX_VER_DIST",

@@ -177,10 +177,11 @@ class PreflightQuery:
 
     def _names(self) -> Iterator[tuple[str, ...]]:
         assert self.profile is not None
-        for wish in (*self.profile.parameters, *self.profile.fits(self._envelope)):
-            yield wish.all_names
-        known = {n for w in self.profile.parameters for n in w.all_names}
-        yield from ((name,) for name in self.profile.fence_parameters if name not in known)
+        wishes = [*self.profile.parameters, *self.profile.fits(self._envelope)]
+        yield from (wish.all_names for wish in wishes)
+        known = {name for wish in wishes for name in wish.all_names}
+        more = (*self.profile.fence_parameters, self.profile.altitude_reference_parameter)
+        yield from ((name,) for name in more if name and name not in known)
 
     def _is_bytewise(self) -> bool:
         assert self.profile is not None

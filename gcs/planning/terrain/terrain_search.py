@@ -19,6 +19,7 @@ from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.limited_area import blocked_by
 from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.terrain.band import FlightBand, Vertical, make_band
+from gcs.planning.terrain.first_rise import with_low_first_point
 from gcs.planning.terrain.flown_route import FlightModel, plan_flown_route
 from gcs.planning.terrain.goal import cost_matrix
 from gcs.planning.terrain.ground import Terrain
@@ -87,6 +88,8 @@ class TerrainSearch:
         if found is None:
             return None
         route, goal = found
+        if agent.climbs_first:
+            route = with_low_first_point(route, agent.height_msl_m)
         return route, goal.place_m or self._targets[j]
 
     def _options_of(self, agent: AgentState) -> PlanOptions:

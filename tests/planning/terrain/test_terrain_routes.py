@@ -24,10 +24,11 @@ from gcs.planning.map.grid import free_grid
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.terrain.band import make_band
+from gcs.planning.terrain.first_rise import with_low_first_point
 from gcs.planning.terrain.flown_route import FlightModel, plan_flown_route, worst_departure_m
 from gcs.planning.terrain.goal import cost_matrix, goal_at
 from gcs.planning.terrain.loiter_circles import circle_at, goal_at_target, make_circle_map, nearest_circles
-from gcs.planning.terrain.route import plan_route
+from gcs.planning.terrain.route import TerrainRoute, plan_route
 from gcs.planning.terrain.terrain_map import BandCircle, BandPose, make_terrain_map
 from gcs.terrain.elevation import Elevation
 
@@ -235,3 +236,16 @@ def test_a_wider_margin_is_used_where_the_flight_would_leave_the_band():
     assert None not in found
     departures_m = [worst_departure_m(band, route, model) for route, _ in found]
     assert departures_m[1] <= departures_m[0]
+
+
+@pytest.mark.parametrize(("height_msl_m", "first_msl_m"), [(160.0, 165.0), (177.0, 180.0), (120.0, 180.0)])
+def test_a_vehicle_that_climbs_in_a_circle_gets_a_first_waypoint_little_above_it(height_msl_m, first_msl_m):
+    circle = BandCircle(500.0, 0.0, 40.0, 200.0, 200.0, is_clockwise=True)
+    route = TerrainRoute(
+        np.array([[0.0, 0.0], [100.0, 0.0], [460.0, 0.0]]), np.array([160.0, 180.0, 200.0]), circle, 460.0
+    )
+    low = with_low_first_point(route, height_msl_m)
+    assert low.heights_msl_m[1] == first_msl_m
+    east_m = np.interp(low.points_m[:, 0], route.points_m[:, 0], route.heights_msl_m)
+    assert low.heights_msl_m.tolist() == pytest.approx(east_m.tolist()), "on the line of the route"
+    assert low.points_m[-2:].tolist() == route.points_m[-2:].tolist()
