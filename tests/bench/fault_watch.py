@@ -202,7 +202,8 @@ class FaultWatch:
             commanded_ns = seen.commanded_ns.get(message.custom_mode, -_OBEYED_NS)
             seen.is_ours = message.custom_mode == seen.auto or t_ns - commanded_ns < _OBEYED_NS
         seen.mode = message.custom_mode
-        if vehicle == self.vehicle and self.fault_ns is not None and not seen.is_ours:
+        has_left = seen.has_flown_auto and not seen.is_ours
+        if vehicle == self.vehicle and self.fault_ns is not None and has_left:
             self.left_ns = self.left_ns or t_ns
         seen.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         if seen.mode == seen.auto and seen.armed:

@@ -22,7 +22,7 @@ def _load(name):
 
 FaultWatch = _load("fault_watch").FaultWatch
 bench = _load("bench_faults")
-AUTO, RTL = 10, 11
+AUTO, RTL, LOITER = 10, 11, 12
 PEN = mavlink.MAVLink
 
 
@@ -83,6 +83,18 @@ def test_a_fault_is_told_by_a_notice_of_its_own_cause_after_it_was_shown():
     heard.watch.effect(0, Notice(shown_ns + 2 * NS_PER_S, NoticeCode.GPS_PROBLEM, 2))
     heard.watch.effect(0, Notice(shown_ns + 2 * NS_PER_S, NoticeCode.GPS_PROBLEM, 1))
     assert (heard.watch.told_ns - shown_ns) / NS_PER_S == 2.0
+
+
+def test_a_vehicle_that_has_not_begun_its_first_mission_has_not_left_it():
+    """In LOITER before the upload it counted as lost; in seed 547 no vehicle was free once it was unfit."""
+    heard = Heard("glitch")
+    heard.beat(LOITER)
+    heard.watch.begin(heard.t_ns)
+    heard.beat(LOITER)
+    heard.beat(AUTO)
+    assert heard.watch.left_ns is None
+    heard.beat(RTL)
+    assert heard.watch.left_ns == heard.t_ns
 
 
 def test_a_target_needs_another_vehicle_from_when_its_own_leaves_the_mission_not_from_a_warning():

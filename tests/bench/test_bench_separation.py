@@ -8,9 +8,13 @@ from flown_separation import FlownMission, draw, fly
 MIN_LEAD_S = 5.0
 
 
-@pytest.mark.parametrize("seed", [1, 521])
+@pytest.mark.parametrize("seed", [1, 38, 521])
 def test_each_pair_that_comes_near_in_a_random_mission_was_told_before(seed):
-    """A failsafe sends all home, at one height."""
+    """A failsafe sends all home, at one height.
+
+    In seed 38 one of two that held gets another layer. It turned round first, and did not descend until it
+    had passed 15 m below the other.
+    """
     flown = fly(seed)
     assert flown.in_air_s > 300.0
     assert flown.pairs

@@ -5,7 +5,8 @@ straight, or follows a vector field round a circle. At distance d from the centr
 desired course is the tangent, turned inwards by ``atan((d - R) / (v tau))`` (`CONVERGENCE_S`). A vehicle
 without a goal keeps its turn rate.
 
-A height is a band. Autopilots change heights at once or evenly along a leg, and the band has both.
+A height is a band. Autopilots change heights at once or evenly along a leg, and the band has both. Along a
+leg a height changes as far as the vehicle comes nearer to its end: while it turns round it stays.
 
 Shapes: n vehicles, m goals of each, k time steps.
 """
@@ -32,7 +33,9 @@ _LOW_SPEED_M_S: Final = 1.0
 _CLIMB_SPREAD: Final = 0.4
 """Relative uncertainty of the vertical speed after a take-off."""
 _BEHIND_RAD: Final = 1.8
-"""A near waypoint at this angle from the course has been passed."""
+"""A near waypoint at this angle from the course has been passed, if it was ahead before."""
+_ON_CIRCLE: Final = 1.3
+"""Distance from the centre of a circle, in radii, within which a vehicle flies on it."""
 _LEVEL_S: Final = 2.0
 """Time in which a vehicle with another height to keep stops its climb."""
 
@@ -157,6 +160,8 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
     rising = np.maximum(climb, gradient * speed)
     dt = step_s + age  # the first step makes up for the age of the state
     paths[:, 0] = east + speed * age * np.sin(course), north + speed * age * np.cos(course), low, high
+    closest = np.full(len(last), np.inf)  # to the goal, since it is the goal
+    was_ahead = np.zeros(len(last), dtype=bool)
     is_new = True
     is_any_done = False
     for k in range(1, paths.shape[1]):
@@ -173,6 +178,7 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
         ahead_east = to_east - east
         ahead_north = to_north - north
         away = np.hypot(ahead_east, ahead_north)
+        closest = np.minimum(closest, away)
         bearing = np.arctan2(ahead_east, ahead_north)
         # Round a circle: the tangent, half a step ahead.
         inwards = np.arctan((away - circle) / (speed * CONVERGENCE_S))
@@ -189,7 +195,10 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
         # Heights change at once, or evenly up to the goal.
         change = CLIMB_M_S * dt
         most = _MAX_CLIMB_M_S * dt
-        share = np.minimum(moved / np.maximum(away, 1e-3), 1.0)
+        on_circle = is_circle & (away <= _ON_CIRCLE * circle)
+        left = np.hypot(to_east - east, to_north - north)
+        share = np.maximum(1.0 - left / np.maximum(closest, 1e-3), 0.0)
+        share = np.where(on_circle, np.minimum(moved / np.maximum(away, 1e-3), 1.0), share)
         up = to_height - low
         up_high = to_height - high
         at_once = np.minimum(np.maximum(up, -change), change)
@@ -204,14 +213,18 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
         high += is_climb * (1.0 + _CLIMB_SPREAD) * rising * dt
         high = np.where(is_climb, np.minimum(high, np.maximum(to_height, height)), high)
         is_done = is_climb & (0.5 * (low + high) >= to_height)
-        is_behind = (np.abs(error) > _BEHIND_RAD) & (away < 2.0 * speed / max_rate)
-        is_done |= is_leg & ((away <= accept + moved) | is_behind)
-        circled_s = (circled_s + dt) * (is_circle & (away <= 1.3 * circle))
+        is_behind = np.abs(error) > _BEHIND_RAD
+        is_passed = is_behind & was_ahead & (away < 2.0 * speed / max_rate)
+        was_ahead |= ~is_behind
+        is_done |= is_leg & ((away <= accept + moved) | is_passed)
+        circled_s = (circled_s + dt) * on_circle
         is_done |= is_circle & (circled_s >= for_s)
         is_any_done = bool(is_done.any())
         if is_any_done:
             in_air &= ~(is_done & (kind == _LAND))
             circled_s[is_done] = 0.0
+            closest[is_done] = np.inf
+            was_ahead[is_done] = False
             goal = np.where(is_done, np.minimum(goal + 1, last), goal)
         paths[0, k] = east
         paths[1, k] = north

@@ -213,10 +213,11 @@ class OrderCheck:
 
     def _stacked(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
         """Return the flight of a vehicle that returns or holds by a mission."""
-        *legs, end = self._legs(route, route.flown_m)
+        legs = self._legs(route, route.flown_m)
         radius_m = self._airframes[route.vehicle].circle_radius_m
-        circle = replace(end, kind=GoalKind.CIRCLE, radius_m=radius_m)
-        return replace(self._intents.flight(state, t_ns), goals=(*legs, circle))
+        circle = replace(legs[-1], kind=GoalKind.CIRCLE, radius_m=radius_m)
+        waypoints = legs[: len(route.points_m)]
+        return replace(self._intents.flight(state, t_ns), goals=(*waypoints, circle))
 
     def _legs(self, route: Route, points_m: FloatArray) -> list[Goal]:
         mission = self._mission

@@ -59,6 +59,25 @@ def test_a_change_of_height_is_a_band_of_both_ways_to_fly_it():
     assert paths.high_m[10, 0] == pytest.approx(150.0, abs=1.0)  # at once, 5 m/s
 
 
+def test_a_vehicle_that_turns_round_to_a_waypoint_may_keep_its_height_until_it_is_nearer():
+    """The waypoint counted as passed, and the descent to it as flown, while the vehicle flew away from it."""
+    goals = [waypoint(10.0, -30.0, 60.0), Goal(GoalKind.CIRCLE, 10.0, -30.0, 60.0, 60.0)]
+    paths = simulate_flights([flight(goals=goals)], 20.0)
+    assert paths.high_m[7, 0] > 95.0
+    assert paths.low_m[7, 0] < 70.0
+    assert paths.high_m[20, 0] < 75.0
+
+
+def test_a_vehicle_whose_descent_begins_after_a_turn_is_found_near_one_on_a_circle():
+    """Vehicle 1 was sent from its circle to the layer 40 m below, and met the circle of vehicle 2 in the turn."""
+    goals = [waypoint(873.0, 666.0, 130.0), Goal(GoalKind.CIRCLE, 873.0, 666.0, 60.0, 130.0)]
+    sent = flight(1, (860.0, 703.0), 170.0, -10.0, goals=goals)
+    circle = Goal(GoalKind.CIRCLE, 912.0, 677.0, 60.0, 170.0)
+    holding = flight(2, (947.0, 722.0), 170.0, 60.0, goals=[circle])
+    (found,) = encounters(simulate_flights([sent, holding], 25.0), 60.0, 15.0)
+    assert 5.0 < found.after_s < 20.0
+
+
 @pytest.mark.parametrize("goal", [Goal(GoalKind.CIRCLE, 60.0, 0.0, 60.0, 180.0), waypoint(0.0, 40.0, 180.0)])
 def test_a_change_of_height_near_its_end_is_no_faster_than_an_aeroplane_climbs(goal):
     """A vehicle that returned 80 m below another was told to come near it in 3 s."""
