@@ -47,7 +47,10 @@ _COMMANDS: Final[dict[str, dict[str, tuple[str, str]]]] = {
             "Serve metrics of a running service for Prometheus, until Ctrl-C.",
         ),
         "foxglove": ("gcs.cli.fly.foxglove", "Show a running service in Foxglove, until Ctrl-C."),
-        "tak": ("gcs.cli.fly.tak", "Show a running service on TAK: vehicles, targets, routes, alarms."),
+        "tak": (
+            "gcs.cli.fly.tak",
+            "Show a running service on TAK (ATAK, WinTAK, a TAK server), until Ctrl-C.",
+        ),
         "status": ("gcs.cli.fly.status", "Print the agents, targets and sensors of a running service."),
         "order": ("gcs.cli.fly.order", "Give orders to a running service (`gcs run` or `gcs demo`)."),
     },
