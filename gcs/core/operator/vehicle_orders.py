@@ -280,22 +280,25 @@ class Orders:
     def _leads_near(self, vehicle: int, resumed: Collection[int], t_ns: int) -> str:
         """Return which vehicle a resumed one would come near to; empty if none."""
         state = self._fleet.state(vehicle)
-        mode = self._resumed_mode(vehicle)
+        mode = self._resumed_mode(vehicle, t_ns)
         is_in_air = state is not None and not is_on_ground(state, self._fleet.home(vehicle))
         if state is None or not is_in_air or state.mode == mode:
             return ""
-        modes = {other: self._resumed_mode(other) for other in (*resumed, vehicle)}
+        modes = {other: self._resumed_mode(other, t_ns) for other in (*resumed, vehicle)}
         problem = self._order_check.problem(vehicle, self._ordered_modes() | modes, t_ns)
         return f"{problem}: resume it when they are apart" if problem else ""
 
-    def _resumed_mode(self, vehicle: int) -> str:
-        """Return AUTO for a vehicle that can fly on with its mission, else LOITER, where it waits for one."""
+    def _resumed_mode(self, vehicle: int, t_ns: int) -> str:
+        """Return AUTO for a vehicle that can fly on with its mission, else LOITER, where it waits for one.
+
+        A mission keeps above the ground along its route, which the vehicle may have left.
+        """
         agent = self._agents[vehicle]
         onboard = agent.tasking.onboard
         is_stored = onboard is not None and onboard.route.is_same(
             agent.routes.suspended or agent.routes.flown
         )
-        return AUTO if is_stored else LOITER
+        return AUTO if is_stored and not self._order_check.leads_near_ground(vehicle, AUTO, t_ns) else LOITER
 
     # ------------------------------------------------------------ orders that wait
 
@@ -526,7 +529,8 @@ class Orders:
             if not self._layers.is_clear(route, list(flown), positions):
                 return LOITER  # the next plan has a layer for it
             routes.adopt(route)
-        if self.may_fly(vehicle) and self._landing_order.claim(vehicle, t_ns):
+        is_clear = not self._order_check.leads_near_ground(vehicle, AUTO, t_ns)
+        if self.may_fly(vehicle) and is_clear and self._landing_order.claim(vehicle, t_ns):
             return AUTO
         if vehicle not in self._state.tasking.stages:
             routes.drop_flown()  # the next plan has another
