@@ -38,7 +38,7 @@ VEHICLES = (1, 2, 3, 4)
 NAME = "returns"
 RETURNS = [kind for kind, one in KINDS.items() if "no return" not in one.words and one.layers > 1]
 ALT_MSL_M = 70.0
-OUTWARD_S = 25.0
+OUTWARD_S = {"loiter": 25.0, "land": 60.0}
 FIELD = """
 name = "{name}"
 [frame]
@@ -211,7 +211,7 @@ def fly(options: argparse.Namespace, folder: Path) -> tuple[list[Trial], list[Pa
             flight.wait("vehicles.log", "flying at speed")
             flight.wait("run0.log", "first plan")
             for number, kind in enumerate(options.kinds):
-                time.sleep(OUTWARD_S)
+                time.sleep(OUTWARD_S[options.end])
                 trial = Trial(kind, VEHICLES[(number + 1) % len(VEHICLES)], rng)
                 trials.append(trial)
                 flight.fly(trial)

@@ -35,6 +35,7 @@ from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.state import State, flown_routes
 from gcs.core.takeoff.sequence import SELF_LAUNCHING, TakeoffSequence
+from gcs.core.tasking.mission_builder import is_hold
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.mavlink.fleet.fleet import Fleet
@@ -69,7 +70,7 @@ PILOTED: Final = frozenset(
 _WAIT_PERIOD_NS: Final = NS_PER_S
 """Time between two checks of an order that waits."""
 _MAX_UPLOAD_NS: Final = 15 * NS_PER_S
-"""Time after which a return by a mission that is still being uploaded has failed."""
+"""Time for which a return by a mission is tried again, and after which one that is still uploaded is told."""
 _MAX_GROUND_SPEED_M_S = 2.0
 _MAX_GROUND_HEIGHT_M = 5.0
 _MAX_TAKEOFF_SHIFT_M: Final = 30.0
@@ -280,22 +281,25 @@ class Orders:
     def _leads_near(self, vehicle: int, resumed: Collection[int], t_ns: int) -> str:
         """Return which vehicle a resumed one would come near to; empty if none."""
         state = self._fleet.state(vehicle)
-        mode = self._resumed_mode(vehicle)
+        mode = self._resumed_mode(vehicle, t_ns)
         is_in_air = state is not None and not is_on_ground(state, self._fleet.home(vehicle))
         if state is None or not is_in_air or state.mode == mode:
             return ""
-        modes = {other: self._resumed_mode(other) for other in (*resumed, vehicle)}
+        modes = {other: self._resumed_mode(other, t_ns) for other in (*resumed, vehicle)}
         problem = self._order_check.problem(vehicle, self._ordered_modes() | modes, t_ns)
         return f"{problem}: resume it when they are apart" if problem else ""
 
-    def _resumed_mode(self, vehicle: int) -> str:
-        """Return AUTO for a vehicle that can fly on with its mission, else LOITER, where it waits for one."""
+    def _resumed_mode(self, vehicle: int, t_ns: int) -> str:
+        """Return AUTO for a vehicle that can fly on with its mission, else LOITER, where it waits for one.
+
+        A mission keeps above the ground along its route, which the vehicle may have left.
+        """
         agent = self._agents[vehicle]
         onboard = agent.tasking.onboard
         is_stored = onboard is not None and onboard.route.is_same(
             agent.routes.suspended or agent.routes.flown
         )
-        return AUTO if is_stored else LOITER
+        return AUTO if is_stored and not self._order_check.leads_near_ground(vehicle, AUTO, t_ns) else LOITER
 
     # ------------------------------------------------------------ orders that wait
 
@@ -353,17 +357,14 @@ class Orders:
     def _return_again(
         self, number: int, order: Order, vehicle: int, problem: str, since_t_ns: int
     ) -> list[Effect]:
-        """Try a return by a mission again whose upload has failed; let the order wait if that takes too long.
-
-        A vehicle that waits flies on: an inconsistent mission is removed before, as for a hold.
-        """
-        if order.t_ns - since_t_ns <= _MAX_UPLOAD_NS:
-            route = self._stacked.plan_returns([vehicle], self._ordered_modes(), order.t_ns).get(vehicle)
-            if route is not None:
-                return self._return_by_mission(number, order, route, since_t_ns)
-        self._agents[vehicle].routes.unstack()
-        effects = self._tasking.abandon(vehicle, "given up: it takes too long", order.t_ns, LOITER)
-        return effects + self._wait(number, order, vehicle, problem)
+        """Try a return by a mission again whose upload has failed; tell of an upload that takes long."""
+        if not self._state.tasking.has_pending(vehicle):
+            if order.t_ns - since_t_ns <= _MAX_UPLOAD_NS:
+                route = self._stacked.plan_returns([vehicle], self._ordered_modes(), order.t_ns).get(vehicle)
+                if route is not None:
+                    return self._return_by_mission(number, order, route, since_t_ns)
+            self._agents[vehicle].routes.unstack()
+        return self._wait(number, order, vehicle, problem)
 
     def _flies_stacked(self, vehicle: int, state: VehicleState) -> bool:
         """Return True if a vehicle flies the mission that returns it, or holds it in a layer."""
@@ -410,12 +411,14 @@ class Orders:
         if ended:
             return self._end_waiting(vehicle, t_ns, ended)
         order = replace(order, t_ns=t_ns)
+        stacked = self._agents[vehicle].routes.stacked
+        is_sent_home = stacked is not None and not is_hold(stacked)
+        if order.action == "return" and is_sent_home and self._flies_stacked(vehicle, state):
+            self._agents[vehicle].orders.waiting = None
+            height_m = self._fleet.height_m(state)
+            done = f"AUTO, armed: flies home in its altitude layer, now at {height_m:.0f} m"
+            return [self._operator.finish(waiting.order, t_ns, "done", done, vehicle)]
         if waiting.uploads_since_t_ns is not None:
-            if self._flies_stacked(vehicle, state):
-                self._agents[vehicle].orders.waiting = None
-                height_m = self._fleet.height_m(state)
-                done = f"AUTO, armed: flies home in its altitude layer, now at {height_m:.0f} m"
-                return [self._operator.finish(waiting.order, t_ns, "done", done, vehicle)]
             is_late = t_ns - waiting.uploads_since_t_ns > _MAX_UPLOAD_NS
             if self._state.tasking.has_pending(vehicle) and not is_late:
                 return []
@@ -528,7 +531,8 @@ class Orders:
             if not self._layers.is_clear(route, list(flown), positions):
                 return LOITER  # the next plan has a layer for it
             routes.adopt(route)
-        if self.may_fly(vehicle) and self._landing_order.claim(vehicle, t_ns):
+        is_clear = not self._order_check.leads_near_ground(vehicle, AUTO, t_ns)
+        if self.may_fly(vehicle) and is_clear and self._landing_order.claim(vehicle, t_ns):
             return AUTO
         if vehicle not in self._state.tasking.stages:
             routes.drop_flown()  # the next plan has another

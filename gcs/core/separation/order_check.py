@@ -120,11 +120,18 @@ class OrderCheck:
         return self._ground.departure_m(held, _round_s(held)) <= _OFF_BAND_M
 
     def _ground_problem(self, flight: Flight) -> str:
-        """Return where a flight to a circle, and round it, comes near the ground; empty if it does not."""
+        """Return where a flight to its last goal, and round it, comes near the ground; empty if nowhere."""
         found = self._ground.first(flight, _round_s(flight))
         if found is None:
             return ""
         return f"would come within {found.agl_m:.0f} m of the ground in {found.after_s:.0f} s"
+
+    def leads_near_ground(self, vehicle: int, mode: str, t_ns: int) -> bool:
+        """Return True if a mode would lead a vehicle in the air near the ground from where it is now."""
+        states = {state.system_id: state for state in self._intents.in_air(t_ns)}
+        if vehicle not in states:
+            return False
+        return bool(self._ground_problem(self._intents.flight(states[vehicle], t_ns, mode)))
 
     def return_warning(self, vehicles: Collection[int]) -> str:
         """Return which vehicles would return by RTL at one height, in words; empty if none would."""

@@ -71,3 +71,19 @@ def test_an_order_to_hold_beside_a_hill_waits_until_the_circle_is_clear():
     place(plane, 1225.0, 300.0, 100.0, 90.0)
     fly_on(sky, 8.0)
     assert plane.autopilot.mode is Mode.LOITER
+
+
+def test_a_vehicle_that_left_its_route_is_not_resumed_into_a_hill():
+    """An ArduPlane flew 11 m above ground: it was resumed at home, where its mission led on from afar."""
+    sky = Sky((400.0, 400.0, 100.0), field=HILLS).fly(6.0)
+    plane = sky.planes[1]
+    give(sky, "hold", 1)
+    fly_on(sky, 2.0)
+    for _ in range(12):  # a jump is believed after some reports
+        place(plane, 2000.0, 1700.0, 100.0)  # the hill is between it and its target
+        fly_on(sky, 0.4)
+    give(sky, "resume", 1)
+    fly_on(sky, 3.0)
+    assert sky.answers[-1].detail == "LOITER, armed: waits for its next mission"
+    fly_on(sky, 10.0)
+    assert plane.autopilot.mode is Mode.AUTO

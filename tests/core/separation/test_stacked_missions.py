@@ -139,9 +139,26 @@ def test_a_vehicle_that_waits_to_return_does_not_fly_on_with_half_a_mission():
     fly_on(sky, 0.3)
     assert sky.run_.engine.state.tasking.is_uploading(2)
     plane._link._missions.handle = lambda *_: None
-    fly_on(sky, 25.0)
+    fly_on(sky, 20.0)
     assert [notice.vehicle for _, notice in sky.told(NoticeCode.ORDER_WAITS)] == [2]
+    fly_on(sky, 60.0)
     assert plane.autopilot.mode is Mode.LOITER
+
+
+def test_a_return_whose_upload_takes_long_is_told_and_goes_on():
+    """Before, the upload was given up after 15 s, in the middle of the mission."""
+    sky = with_one_home(Sky(*PLACES[:2]))
+    missions = sky.planes[2]._link._missions
+    handle = missions.handle
+    give(sky, "return")
+    fly_on(sky, 0.3)
+    missions.handle = lambda *_: None
+    fly_on(sky, 18.0)
+    assert [notice.vehicle for _, notice in sky.told(NoticeCode.ORDER_WAITS)] == [2]
+    missions.handle = handle
+    fly_on(sky, 6.0)
+    assert [one.state for one in sky.answers if one.vehicle == 2] == ["done"]
+    assert sky.planes[2].autopilot.mode is Mode.AUTO
 
 
 def test_a_return_over_terrain_waits_where_a_zone_with_a_ceiling_was_closed_round_home_in_flight():
