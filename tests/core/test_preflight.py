@@ -274,6 +274,17 @@ def test_an_arduplane_that_flies_small_changes_of_height_at_once_is_refused_over
     assert "ALT_SLOPE_MIN" not in inspected(mission())
 
 
+def test_a_px4_whose_return_ends_in_a_circle_into_a_hill_beside_home_is_refused():
+    ground = terrain_table(elevation_of(hill(220.0, 200.0, 60.0, 40.0, 70.0), 2000.0))
+    config = parse(read_text("prescribed")[0] + ground, "hill.toml")
+    name = "return circle"
+    found = inspected(config, autopilot="px4", parameters=GOOD | {"RTL_RETURN_ALT": 150.0})[name]
+    assert (found.level, found.parameters["parameter"]) == ("refused", "RTL_DESCEND_ALT")
+    high = GOOD | {"RTL_RETURN_ALT": 150.0, "RTL_DESCEND_ALT": found.parameters["min_height_m"]}
+    assert name not in inspected(config, autopilot="px4", parameters=high)
+    assert name not in inspected(config, parameters=GOOD)
+
+
 @pytest.mark.parametrize(
     ("autopilot", "good", "bad", "level"),
     [

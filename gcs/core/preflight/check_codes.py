@@ -266,6 +266,12 @@ class CheckCode(TableCode):
         "return-into-ground", "return height", _RETURN, "at least {min_height_m:g} m",
         "RTL flies straight home, and the ground on the way is higher: raise it, or choose a rally point",
     )  # fmt: skip
+    RETURN_CIRCLE_INTO_GROUND = _refused(
+        "return-circle-into-ground", "return circle",
+        "{height_m:g} m ({parameter}), {radius_m:g} m round home",
+        "at least {min_height_m:g} m",
+        "a return ends in a circle at this height, and the ground there is higher: raise it",
+    )  # fmt: skip
     RETURN_HEIGHT = _ok("return-height", "return height", _RETURN)
     RETURNS_NEAR = _warning(
         "returns-near", "return heights", _RETURNS, _RETURNS_WANTED, _MEETING + ", or {commands}"

@@ -36,9 +36,15 @@ from gcs.mavlink.mission.geofence_rally import (
 )
 from gcs.mavlink.services.preflight_query import PreflightQuery
 from gcs.model import NS_PER_S, FloatArray, Parameter
+from gcs.terrain.elevation import Elevation
 
 _RETURN_SAMPLES: Final = 200
 """Places on the straight line to home at which the ground is read."""
+_ANGLES: Final = np.arange(0.0, 2.0 * math.pi, math.pi / 16.0)
+_DISC: Final = np.concatenate(
+    [part * np.stack((np.sin(_ANGLES), np.cos(_ANGLES)), axis=1) for part in (0.4, 0.8, 1.2)]
+)
+"""Places in a circle of radius 1, and a little beside it."""
 _TASKABLE: Final = (AUTO, LOITER)
 _MIN_BATTERY: Final = (25, 50)
 """Battery in percent: refused below the first, warning below the second."""
@@ -401,6 +407,7 @@ class VehicleChecks:
         home_m = np.array(self._config.local_frame.to_local(home.lat_deg, home.lon_deg))
         points_m = np.concatenate([np.empty((0, 2)), *self._routes_m])
         share = np.linspace(0.0, 1.0, _RETURN_SAMPLES)[:, None, None]
+        yield from self._return_circle(elevation, home_m, home.alt_msl_m)
         ground_m = elevation.heights_at((home_m + share * (points_m - home_m)).reshape(-1, 2))
         if not len(points_m) or not np.isfinite(ground_m).any():
             return
@@ -410,6 +417,28 @@ class VehicleChecks:
                 CheckCode.RETURN_INTO_GROUND,
                 height_m=returns.height_m,
                 source=returns.source,
+                min_height_m=math.ceil(needed_m),
+            )
+
+    def _return_circle(self, elevation: Elevation, home_m: FloatArray, home_msl_m: float) -> Iterator[Check]:
+        """Check that the circle in which a return ends keeps above the ground."""
+        assert self._query.profile is not None
+        assert self._config.terrain is not None
+        names = self._query.profile.return_circle_parameters
+        values = [self._query.values[name] for name in names if name in self._query.values]
+        if len(values) < 2:
+            return
+        height_m, radius_m = values[0], abs(values[1])
+        ground_m = elevation.heights_at(home_m + radius_m * _DISC)
+        if not np.isfinite(ground_m).any():
+            return
+        needed_m = float(np.nanmax(ground_m)) - home_msl_m + 0.5 * self._config.terrain.min_agl_m
+        if height_m < needed_m:
+            yield self._found(
+                CheckCode.RETURN_CIRCLE_INTO_GROUND,
+                height_m=height_m,
+                parameter=names[0],
+                radius_m=radius_m,
                 min_height_m=math.ceil(needed_m),
             )
 

@@ -163,6 +163,7 @@ ARDUPLANE: Final = AutopilotProfile(
     fence_limits=_fence_limits,
     ceiling_parameter="FENCE_ALT_MAX",
     return_parameters=("RTL_ALTITUDE", "ALT_HOLD_RTL"),
+    return_circle_parameters=(),
     return_heights=_return_heights,
 )
 """Profile of ArduPlane, tested with 4.7."""

@@ -241,4 +241,11 @@ def _px4_over_terrain(envelope: Envelope) -> tuple[WantedParameter, ...]:
         *_rates(envelope, "FW_T_CLMB_R_SP", "FW_T_SINK_R_SP"),
         WantedParameter(("FW_T_HRATE_FF",), 0.8, 1, late, must=False),
         WantedParameter(("FW_T_ALT_TC",), 2, 5, late, must=False),
+        WantedParameter(
+            ("NAV_LOITER_RAD",),
+            10,
+            60,
+            "it ends each climb and descent this far before the waypoint: it flies too high or too low there",
+            must=False,
+        ),
     )

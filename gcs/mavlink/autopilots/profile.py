@@ -124,6 +124,8 @@ class AutopilotProfile:
     """Parameter of a fence's greatest height, in metres above home."""
     return_parameters: tuple[str, ...]
     """Parameters that `return_heights` reads, the newest name first."""
+    return_circle_parameters: tuple[str, ...]
+    """Height above home, and radius, of the circle in which a return ends; empty if it keeps its height."""
     return_heights: Callable[[Mapping[str, float], Sequence[float]], Sequence[PossibleReturn]]
     """Returns the possible return heights, from parameters and the heights of rally points. The height at a
     rally point is the first."""

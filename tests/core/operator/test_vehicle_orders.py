@@ -5,18 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from helpers.hills import elevation_of, terrain_table
 from helpers.noticed import noticed
 from helpers.ordered_flight import SEED, Flight, fly, order
 from helpers.staging import S, suspensions
 from msgspec.structs import replace as changed
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.config import read_text
+from gcs.config.key_overrides import override_keys
 from gcs.io.records import decode, encode
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import Effect, Event, MissionEnded, Notice, NoticeCode, Order, OrderAnswer, Plan
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
-from sim_vehicles.world.scenario import load
+from sim_vehicles.world.scenario import load, parse_scenario
 
 MISSION = {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL"}
 
@@ -38,6 +41,29 @@ def test_a_short_hold_ends_with_the_mission_that_the_vehicle_has_and_no_upload()
     assert flight.answers("resume-23.7") == [("accepted", None), ("done", 4)]
     assert not {m.get_type() for m in flight.messages_to(4, 23.0, 36.0)} & MISSION
     assert flight.mode(4) is Mode.AUTO
+
+
+@pytest.mark.parametrize("px4", [(), (1,)])
+def test_over_terrain_a_resumed_vehicle_gets_a_mission_from_where_it_is(px4: tuple[int, ...]) -> None:
+    slope = elevation_of(lambda east, north: 70.0 + 0.05 * east + 0.0 * north, 2000.0)
+    text = read_text("deterministic")[0] + terrain_table(slope)
+    text = override_keys(text, [f"simulation.px4={list(px4)}", "map.obstacles=[]"], "slope")
+    events: list[Event] = []
+    effects: list[tuple[int, Effect]] = []
+    run = VirtualRun(
+        parse_scenario(text, "slope"), SEED, events.append, lambda t, e: effects.append((t, e)),
+        orders=[order(20.0, "return", 1), order(35.0, "resume", 1)],
+    )  # fmt: skip
+    run.run(60.0)
+    flight = Flight(run, events, effects)
+    assert flight.answers("resume-35.0") == [("accepted", None), ("done", 1)]
+    sent = [m for m in flight.messages_to(1, 35.0, 60.0) if m.get_type() == "MISSION_ITEM_INT"]
+    assert sent, "its old mission begins where it was before it returned"
+    assert flight.mode(1) is Mode.AUTO
+    if px4:
+        height_m = run.vehicles["vehicle:1"].alt_msl_m
+        first = next(m for m in sent if m.seq == 0)
+        assert first.z < height_m + 15.0
 
 
 def test_return_brings_all_home_over_a_lossy_link_and_no_agent_is_tasked_again() -> None:

@@ -65,6 +65,13 @@ def test_px4_takes_place_and_parameters_from_its_environment() -> None:
     assert environment["PX4_SIM_SPEED_FACTOR"] == "3"
 
 
+def test_a_px4_over_terrain_can_climb_as_steep_as_its_routes() -> None:
+    _, flat = px4_command(Path("/build/bin/px4"), SPEC, FRAME, 0, 1.0)
+    _, hilly = px4_command(Path("/build/bin/px4"), replace(SPEC, climb_m_s=4.0), FRAME, 0, 1.0)
+    assert hilly["PX4_PARAM_FW_T_CLMB_R_SP"] == "4"
+    assert {"PX4_PARAM_FW_T_HRATE_FF", "PX4_PARAM_SIH_T_MAX"} <= hilly.keys() - flat.keys()
+
+
 def test_a_launch_ends_in_loiter_above_the_start() -> None:
     spec = replace(SPEC, parameters={"TKOFF_ALT": 100.0})
     vehicle, launch = SimVehicle(spec, FRAME, 0), Launch(spec, FRAME)
