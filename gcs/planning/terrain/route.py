@@ -83,7 +83,7 @@ def plan_route(
     share : float
         Wanted share of the band, from 0 at its floor to 1 at its ceiling.
     with_all_corners : bool
-        True if corners that the heights do not need stay.
+        True if corners that the heights do not need stay, and heights need no room beside a line.
     """
     paths: list[CornerPath] = []
     for effort in _EFFORTS if goal.place_m is None else _PASSING_EFFORTS:
@@ -110,8 +110,11 @@ def _with_heights(
     """Return a path with a height at each waypoint; None if it leaves the band."""
     points = _with_corners_inside(terrain.profile_band, path.points, terrain.turn_radius_m)
     fewer = points if with_all_corners else _without_slight_corners(terrain, path, goal, points)
-    route = _along(terrain, path, fewer, share)
-    return route if route is not None or len(fewer) == len(points) else _along(terrain, path, points, share)
+    spare_m = 0.0 if with_all_corners else _SPARE_M
+    route = _along(terrain, path, fewer, share, spare_m)
+    if route is not None or len(fewer) == len(points):
+        return route
+    return _along(terrain, path, points, share, spare_m)
 
 
 def _without_slight_corners(
@@ -182,13 +185,15 @@ def _turns(legs: FloatArray) -> FloatArray:
     return turns
 
 
-def _along(terrain: TerrainMap, path: CornerPath, points: FloatArray, share: float) -> TerrainRoute | None:
+def _along(
+    terrain: TerrainMap, path: CornerPath, points: FloatArray, share: float, spare_m: float
+) -> TerrainRoute | None:
     """Return the route along points, with more of them where the band needs it; None without heights."""
     band = terrain.profile_band
     for _ in range(_MAX_SPLITS):
         places, corners, middles = sample_path(points, terrain.turn_radius_m, _PROFILE_STEP_M)
         heights, limits = plan_heights(
-            band.surfaces_msl_m, band.spacing_m, terrain.rates, places, path.ends, share, _SPARE_M
+            band.surfaces_msl_m, band.spacing_m, terrain.rates, places, path.ends, share, spare_m
         )
         if not heights.size:
             return None
