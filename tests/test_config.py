@@ -348,3 +348,11 @@ def test_the_check_warns_of_an_unprotected_endpoint(tmp_path: Path) -> None:
     done = CliRunner(env={"COLUMNS": "200"}).invoke(app, ["check", str(path)])
     assert done.exit_code == 0
     assert "every program that reaches tcp/0.0.0.0:7447 may command the vehicles" in done.output
+
+
+def test_the_altitude_of_a_mission_may_be_above_mean_sea_level() -> None:
+    given = parse(GOOD + "[mission]\naltitude_msl_m = 150.0\n", "here.toml")
+    assert given.mission.altitude_rel_m == 80.0
+    for wrong in ("altitude_msl_m = 70.0", "altitude_msl_m = 150.0\naltitude_rel_m = 80.0"):
+        with pytest.raises(ConfigError, match="altitude"):
+            parse(f"{GOOD}[mission]\n{wrong}\n", "here.toml")

@@ -16,6 +16,7 @@ from __future__ import annotations
 from typing import Any
 
 from gcs.config import contradictions
+from gcs.config.heights import with_altitude_above_home
 from gcs.config.mission_file import Config
 from gcs.config.places import local_places, with_local_places
 from gcs.config.text import decode_toml, read_text, scenario_names
@@ -51,6 +52,8 @@ def parse(text: str, source: str) -> Config:
     except RecursionError:
         raise ConfigError(source, "", "is nested too deeply") from None
     local, mistakes = with_local_places(raw, source)
+    local, more_mistakes = with_altitude_above_home(local, source)
+    mistakes += more_mistakes
     try:
         config = convert(local, Config, source)
     except ConfigError as error:

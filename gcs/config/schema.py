@@ -188,6 +188,7 @@ class MissionTable(Table, frozen=True, kw_only=True):
     """Content of missions."""
 
     altitude_rel_m: Positive = 100.0
+    altitude_msl_m: AltitudeMsl | None = None
     layer_step_m: Annotated[float, Meta(ge=0.0, le=200.0)] = 20.0
     layers: Annotated[int, Meta(ge=1, le=50)] = 5
     accept_radius_m: AcceptRadius = 10.0

@@ -491,9 +491,8 @@ def vehicle_checks(
 
 def _uses_heights(config: Config) -> bool:
     """Return True if heights of the mission file count from the height of the frame's origin."""
-    is_converted = config.fence.max_alt_msl_m is not None or any(
-        point.alt_rel_m is None for point in config.rally
-    )
+    is_converted = config.fence.max_alt_msl_m is not None or config.mission.altitude_msl_m is not None
+    is_converted |= any(point.alt_rel_m is None for point in config.rally)
     return is_converted or bool(config.area_limits)
 
 

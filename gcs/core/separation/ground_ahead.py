@@ -1,16 +1,19 @@
-"""Ground ahead: where a predicted flight comes too near to the ground, and how far it leaves the band."""
+"""Ground ahead: where a predicted flight comes too near to the ground, and how far circles leave the band."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from gcs.config import Config
-from gcs.core.separation.forward_flight import STEP_S, Flight, simulate_flights
-from gcs.model import FloatArray
-from gcs.terrain.elevation import Elevation
+from gcs.core.separation.forward_flight import STEP_S, Flight, Goal, simulate_flights
+
+_RING: Final = 24
+_RING_RADII: Final = (0.5, 1.0, 1.4)
+"""Radii of rings that are looked at, by that of the circle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +44,11 @@ class GroundAhead:
         """Return where a flight is first too near to the ground; None if it is not, or no ground is known."""
         if self._elevation is None:
             return None
-        places_m, agl_m = self._flown(flight, ahead_s, self._elevation)
+        paths = simulate_flights([flight], ahead_s)
+        places_m = np.column_stack((paths.east_m[:, 0], paths.north_m[:, 0]))
+        heights_m = paths.low_m[:, 0]
+        heights_m[0] = flight.height_m
+        agl_m = heights_m - self._elevation.heights_at(places_m)
         near = np.flatnonzero(agl_m < self.least_m)
         if not len(near):
             return None
@@ -49,17 +56,17 @@ class GroundAhead:
         east_m, north_m = places_m[at].tolist()
         return GroundEncounter(at * STEP_S, float(agl_m[at]), east_m, north_m)
 
-    def departure_m(self, flight: Flight, ahead_s: float) -> float:
-        """Return how far a flight leaves the flight band at most; negative inside, or without a band."""
+    def departure_m(self, circle: Goal) -> float:
+        """Return how far flights round a circle leave the flight band; negative inside, or without one.
+
+        A vehicle overshoots its circle in wind, and flies through it when it begins.
+        """
         if self._elevation is None or self._terrain is None:
             return -math.inf
-        _, agl_m = self._flown(flight, ahead_s, self._elevation)
+        angle = np.linspace(0.0, 2.0 * math.pi, _RING, endpoint=False)
+        ring = np.stack((np.sin(angle), np.cos(angle)), axis=1)
+        radii_m = abs(circle.radius_m) * np.array(_RING_RADII)
+        centre_m = np.array((circle.east_m, circle.north_m))
+        places_m = centre_m + (radii_m[:, None, None] * ring).reshape(-1, 2)
+        agl_m = circle.height_m - self._elevation.heights_at(places_m)
         return float(np.maximum(self._terrain.min_agl_m - agl_m, agl_m - self._terrain.max_agl_m).max())
-
-    def _flown(self, flight: Flight, ahead_s: float, elevation: Elevation) -> tuple[FloatArray, FloatArray]:
-        """Return places (k, 2) of a flight, and its least heights above ground (k,)."""
-        paths = simulate_flights([flight], ahead_s)
-        places_m = np.column_stack((paths.east_m[:, 0], paths.north_m[:, 0]))
-        heights_m = paths.low_m[:, 0]
-        heights_m[0] = flight.height_m
-        return places_m, heights_m - elevation.heights_at(places_m)

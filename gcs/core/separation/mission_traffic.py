@@ -2,7 +2,8 @@
 
 A new mission leads a vehicle from its present place and height to another layer, or away from its circle.
 Layers separate vehicles only once they are in them. The upload waits while the mission would lead the vehicle
-near another one at once, and its present flight would not.
+near another one at once, and its present flight would not. Missions that others are getting at the time
+count, too.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ class MissionTraffic:
             return f"holds for {seen.avoidance.other}"
         if not seen.traffic or t_ns - seen.traffic_t_ns >= _PERIOD_NS:
             seen.traffic_t_ns = t_ns
-            seen.traffic = self._order_check.mission_problem(route, t_ns)
+            uploads = self._tasking.uploads.items()
+            uploading = {v: one.onboard.route for v, one in uploads if one.onboard is not None}
+            seen.traffic = self._order_check.mission_problem(route, uploading, t_ns)
         if not seen.traffic:
             return ""
         since_ns = t_ns if seen.waits_since_t_ns is None else seen.waits_since_t_ns

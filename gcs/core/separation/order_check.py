@@ -116,8 +116,8 @@ class OrderCheck:
         state = next((one for one in self._intents.flying(t_ns) if one.system_id == vehicle), None)
         if state is None:
             return True
-        held = self._intents.flight(state, t_ns, LOITER)
-        return self._ground.departure_m(held, _round_s(held)) <= _OFF_BAND_M
+        circle = self._intents.flight(state, t_ns, LOITER).goals[-1]
+        return self._ground.departure_m(circle) <= _OFF_BAND_M
 
     def _ground_problem(self, flight: Flight) -> str:
         """Return where a flight to its last goal, and round it, comes near the ground; empty if nowhere."""
@@ -137,19 +137,29 @@ class OrderCheck:
         """Return which vehicles would return by RTL at one height, in words; empty if none would."""
         return self._intents.return_warning(vehicles)
 
-    def mission_problem(self, route: Route, t_ns: int) -> str:
-        """Return which vehicle a new mission would at once lead one in the air near to; empty if none."""
+    def mission_problem(self, route: Route, uploading: Mapping[int, Route], t_ns: int) -> str:
+        """Return which vehicle a new mission would at once lead one in the air near to; empty if none.
+
+        Parameters
+        ----------
+        uploading : mapping of int to Route
+            Routes of missions that others are getting now; these count beside their present flights.
+        """
         states = {state.system_id: state for state in self._intents.flying(t_ns)}
         state = states.pop(route.vehicle, None)
         if state is None or self._intents.is_climbing_out(state):
             return ""
         present = self._intents.flight(state, t_ns)
         others = self._flights(states.values(), t_ns)
+        others += [self._led(states[v], one, t_ns) for v, one in uploading.items() if v in states]
+        return self._worse(self._led(state, route, t_ns), present, others, (False, state.mode == RTL))
+
+    def _led(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
+        """Return the begin of the flight on a route that a vehicle gets now."""
         reach_m = state.ground_speed_m_s * _AHEAD_S
         count = points_within(route.flown_m, (state.east_m, state.north_m), reach_m)
         legs = self._legs(route, route.flown_m[: max(count, _MIN_POINTS)])
-        led = replace(present, goals=(*legs, Goal(GoalKind.KEEP)))
-        return self._worse(led, present, others, (False, state.mode == RTL))
+        return replace(self._intents.flight(state, t_ns), goals=(*legs, Goal(GoalKind.KEEP)))
 
     def hold_gain(self, vehicle: int, t_ns: int) -> float:
         """Return how much farther from all others a vehicle stays if it holds now, as a share of the minimum.

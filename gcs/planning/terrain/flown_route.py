@@ -101,13 +101,15 @@ def plan_flown_route(
     best: tuple[TerrainRoute, Goal] | None = None
     best_m = math.inf
     for terrain, goal in tries:
-        route = None if goal is None else plan_route(terrain, start, goal, share)
-        if route is None or goal is None:
-            continue
-        departure_m = worst_departure_m(band, route, model)
-        if departure_m < best_m:
-            best = route, goal
-            best_m = departure_m
-        if departure_m <= allowed_m:
-            break
+        for with_all_corners in () if goal is None else (False, True):
+            assert goal is not None
+            route = plan_route(terrain, start, goal, share, with_all_corners=with_all_corners)
+            if route is None:
+                continue
+            departure_m = worst_departure_m(band, route, model)
+            if departure_m < best_m:
+                best = route, goal
+                best_m = departure_m
+            if departure_m <= allowed_m:
+                return best
     return best

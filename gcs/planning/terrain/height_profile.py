@@ -7,7 +7,8 @@ waypoint of their own.
 1. Intervals from the start and from the end give the heights that belong to a whole profile inside the band.
 2. A profile follows the wanted share of the band as closely as those heights and the gradients allow.
 3. A taut string within `_TUBE_M` of it smooths it. Of all profiles in a tube with given ends the taut string
-   has the least of every convex measure of its slopes, so it keeps the gradients, too.
+   has the least of every convex measure of its slopes, so it keeps the gradients, too. It keeps away from
+   floor and ceiling where the profile does, so that a line between two of its places has room.
 4. Knots are added where a line between two knots would leave the band.
 """
 
@@ -182,11 +183,12 @@ def _fill_limits(
 @kernel
 def plan_heights(
     surfaces: Float32Array, band_spacing_m: float, rates: FloatArray, places: FloatArray, ends: FloatArray,
-    share: float,
+    share: float, spare_m: float,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return a profile (n,) and its floor and ceiling (n, 2); empty if there is none.
 
     `rates`: climb and sink gradient, entry depth. `places` as of `sample_path`, `ends` as of `shorten_path`.
+    `spare_m`: distance from floor and ceiling that the string keeps where the profile does.
     """
     size = places.shape[0]
     limits = np.empty((size, 2))
@@ -212,8 +214,8 @@ def plan_heights(
         heights[i] = min(max(wanted, low), high)
     tube = np.empty((size, 2))
     for i in range(size):
-        tube[i, 0] = max(limits[i, 0], heights[i] - _TUBE_M)
-        tube[i, 1] = min(limits[i, 1], heights[i] + _TUBE_M)
+        tube[i, 0] = min(max(limits[i, 0] + spare_m, heights[i] - _TUBE_M), heights[i])
+        tube[i, 1] = max(min(limits[i, 1] - spare_m, heights[i] + _TUBE_M), heights[i])
     _pull_string(places[inside:, 2], tube[inside:, 0], tube[inside:, 1], heights[inside:])
     return heights, limits
 

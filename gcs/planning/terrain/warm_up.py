@@ -42,7 +42,7 @@ def warm_up_calls() -> list[jit.Call]:
         (sample_path, points, 10.0, 5.0),
         (move_limits, surfaces, 10.0, 10.0, two, 0.1, 0.1),
         (fill_field, limits, 10.0, 0.1, 0.1, np.zeros((1, 5)), math.inf),
-        (plan_heights, surfaces, 10.0, rates, places, ends, 0.5),
+        (plan_heights, surfaces, 10.0, rates, places, ends, 0.5, 1.0),
         (search_poses, surfaces, frame, rates, *fields, *primitives, starts, 0.0, via, goals, two, 1.0, 0.1),
     ]  # fmt: skip
 

@@ -66,6 +66,24 @@ def test_a_new_mission_does_not_wait_for_a_vehicle_far_away(sky):
     assert not engine.stages.mission_traffic.holds_back(route, sky.run_.t_ns)
 
 
+def test_a_new_mission_waits_for_one_that_another_vehicle_is_getting(sky):
+    """Two whose uploads ended at one time flew side by side: each had been checked against a circle."""
+    here = sky.planes[1].airframe
+    ahead = np.array((np.sin(here.heading_rad), np.cos(here.heading_rad)))
+    aside = np.array((ahead[1], -ahead[0]))
+    beside = np.array((here.east_m, here.north_m)) + 500.0 * ahead + 250.0 * aside
+    place(sky.planes[2], *beside, here.alt_rel_m + 20.0)
+    sky.planes[2].autopilot.set_mode(Mode.FBWA)
+    sky.planes[2].autopilot.set_mode(Mode.LOITER)
+    fly_on(sky, 5.0)
+    route = higher(sky)
+    begin_m, end_m = route.points_m
+    towards = replace(route, vehicle=2, points_m=read_only([begin_m + 0.7 * (end_m - begin_m), begin_m]))
+    check = sky.run_.engine.stages.mission_traffic._order_check
+    assert not check.mission_problem(route, {}, sky.run_.t_ns)
+    assert "agent 2" in check.mission_problem(route, {2: towards}, sky.run_.t_ns)
+
+
 def test_a_mission_that_is_needed_at_once_does_not_wait(sky):
     """For example to get out of a no-fly zone that was closed."""
     engine, route = sky.run_.engine, higher(sky)

@@ -50,7 +50,7 @@ def test_a_profile_is_found_where_the_plain_recursion_finds_heights(seed, above_
     floor = band.limits_at(places[:1, :2])[0, 0]
     height = float(floor + above_m)
     ends = np.array([[*points[0], 0.0, 1.0, height, height, 0.0], [*points[-1], 0.0, 1.0, -1e9, 1e9, 0.0]])
-    heights, _ = plan_heights(band.surfaces_msl_m, SPACING_M, RATES, places, ends, share)
+    heights, _ = plan_heights(band.surfaces_msl_m, SPACING_M, RATES, places, ends, share, 0.0)
     expected = plain_intervals(band, places, height, height)
     if expected is None or expected[-1, 2] != 0.0:
         assert not heights.size
