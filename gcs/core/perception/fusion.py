@@ -265,6 +265,7 @@ class MultiSensorTracker:
         sensor = _with_noise(scan.sensor)
         if self._config.tracking.correct_sensors:
             sensor = estimation.corrected(sensor)
+        sensor = estimation.bounded(sensor, t_ns)
         scan = replace(scan, sensor=sensor)
         # Terrain hides agents and targets in different places, and moves slant ranges differently.
         at_agents = self._sight.scan_of(scan, "agents")

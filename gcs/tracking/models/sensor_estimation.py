@@ -12,6 +12,12 @@ Means fade with a memory of 60 scans. A contradiction is reported if it is signi
 deviations) and large. It ends when the difference is small; the hysteresis avoids repeated reports.
 
 `corrected` returns the sensor with the estimates, in which the announced values count as some first scans.
+
+A filter takes the misses of successive scans as independent. Those of one sensor are not, the less the
+shorter the time between scans: what hides an object, or is wrong with the sensor, lasts. `bounded` limits what
+they count: within a time dt <= 1 s an object in view is missed with a probability of at least
+``MIN_MISSED_PER_S ** dt``. So no rate of scans, and no announced detection probability, ends a track that
+other sensors or reports see (`docs/decisions/0057-misses-of-one-sensor-are-bounded.md`).
 """
 
 from __future__ import annotations
@@ -22,7 +28,7 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from gcs.model import Sensor
+from gcs.model import NS_PER_S, Sensor
 from gcs.tracking.models.sensor_geometry import expected_clutter
 
 _MEMORY_SCANS = 60.0
@@ -39,6 +45,8 @@ _PRIOR_OBJECTS = 20.0
 """Detected objects that an announced detection probability counts for in a correction."""
 _MAX_CLUTTER_CORRECTION = 50.0
 """Largest factor of a correction of the clutter rate."""
+MIN_MISSED_PER_S = 0.005
+"""Least probability that one sensor misses an object in view in all its scans of a second."""
 _MIN_DETECTION = 0.05
 _MAX_DETECTION = 0.999
 
@@ -95,6 +103,17 @@ class SensorEstimation:
     """Share of the objects in view that are detected."""
     contradicts: dict[str, bool] = field(default_factory=dict)
     """True for each value, "clutter" or "detection", with a reported contradiction."""
+    scan_t_ns: int | None = None
+    """Measurement time of the last scan."""
+
+    def bounded(self, sensor: Sensor, t_ns: int) -> Sensor:
+        """Return the sensor of the next scan, measured at `t_ns`, with a bounded detection probability."""
+        passed_s = 1.0 if self.scan_t_ns is None else (t_ns - self.scan_t_ns) / NS_PER_S
+        self.scan_t_ns = t_ns
+        most = 1.0 - MIN_MISSED_PER_S ** min(max(passed_s, 0.0), 1.0)
+        if sensor.detection_probability <= most:
+            return sensor
+        return replace(sensor, detection_probability=most)
 
     def add_scan(self, unexplained: float, detected: float, in_view: float) -> None:
         """Add a scan: unexplained detections, and detected objects of those in view."""

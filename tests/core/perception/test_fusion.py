@@ -129,6 +129,23 @@ def test_an_agent_that_falls_silent_and_unseen_is_lost_within_three_scans():
     assert sky.trackers.agents.confirmation.is_lost((0, 0))
 
 
+@pytest.mark.parametrize("p_d", [0.99, 1.0])
+def test_a_fast_sensor_that_leaves_an_agent_out_cannot_end_its_track_against_reports_and_radar(p_d):
+    """Ten misses a second, each taken for 100 to 1 against the agent, ended its track after 0.7 s."""
+    sky = Sky(mission(agents=[START], births=[GOAL]))
+    rogue = replace(RADAR, name="rogue", detection_probability=p_d)
+    for tenth in range(200):
+        t_s = 0.1 * tenth
+        place = (START[0] + 15.0 * t_s, START[1])
+        report = state(1, place, t_s, speed_m_s=15.0, course_rad=math.pi / 2)
+        if tenth % 10 == 0:
+            sky.scan(t_s, place, GOAL, reports=[report])
+        elif t_s > 5.0:
+            sky.trackers.scan(replace(scan(t_s, GOAL), sensor=rogue), [report])
+            assert not sky.trackers.agents.confirmation.is_lost((0, 0))
+    assert near(sky.agents, place, 15.0)
+
+
 def test_a_vehicle_that_reports_where_nothing_is_known_comes_back_into_the_picture():
     sky, lost = Sky(mission(agents=[START], births=[GOAL])), (900.0, 900.0)
     for t_s in range(6):

@@ -1,11 +1,13 @@
 """A wrongly announced sensor misleads every decision: the operator must be warned, once."""
 
+import math
+
 import numpy as np
 import pytest
 
 from gcs.model import NS_PER_S, Polar, Sensor
 from gcs.tracking.glmb.filter import Birth, Glmb, GlmbParams
-from gcs.tracking.models.sensor_estimation import SensorEstimation
+from gcs.tracking.models.sensor_estimation import MIN_MISSED_PER_S, SensorEstimation
 from gcs.tracking.models.sensor_geometry import polar_sensor
 
 SIDE_M = 1000.0
@@ -92,3 +94,23 @@ def test_a_detection_summary_estimates_the_true_sensor(p_d, clutter):
     corrected = calibration.corrected(detector)
     assert corrected.detection_probability == pytest.approx(p_d, abs=0.13)  # the announced value still counts
     assert corrected.clutter_density_per_m2 * SIDE_M**2 == pytest.approx(clutter, rel=0.15)
+
+
+def test_misses_of_one_sensor_count_no_more_the_more_often_it_scans():
+    """Ten scans a second with a detection probability of 0.99 told of an end 1e20 to 1."""
+    for period_s in (1.0, 0.5, 0.1, 0.01):
+        estimation = SensorEstimation()
+        missed = 1.0
+        for scan in range(round(10.0 / period_s)):
+            t_ns = round(scan * period_s * NS_PER_S)
+            missed *= 1.0 - estimation.bounded(sensor(p_d=1.0), t_ns).detection_probability
+        assert math.log(missed) >= (10.0 + 1.0) * math.log(MIN_MISSED_PER_S)
+
+
+def test_a_sensor_with_usual_misses_is_taken_as_it_announces_itself():
+    for announced, period_s in ((0.98, 1.0), (0.9, 0.5)):
+        estimation = SensorEstimation()
+        for scan in range(5):
+            t_ns = round(scan * period_s * NS_PER_S)
+            bounded = estimation.bounded(sensor(p_d=announced), t_ns)
+            assert bounded.detection_probability == announced
