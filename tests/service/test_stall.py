@@ -32,15 +32,15 @@ async def events_with_stall(stall_s: float) -> list[Event]:
     quiet = Quiet()
     service = Service(load("deterministic"), 1, cast(VehicleLinks, quiet), cast(ZenohSession, quiet))
     step = service.engine.step
-    events: list[Event] = []
+    events: list[Any] = []
 
-    def stalls(event: Event, *rest: Any) -> Any:
+    def stalls(event: Any, *rest: Any) -> Any:
         events.append(event)
         if len(events) == 10:
             time.sleep(stall_s)
         return step(event, *rest)
 
-    service.engine.step = stalls  # type: ignore[method-assign]
+    service.engine.step = stalls  # type: ignore[method-assign, assignment]
     stop = asyncio.Event()
     asyncio.get_running_loop().call_later(stall_s + 1.5, stop.set)
     await service.run(RunClock(), stop)
