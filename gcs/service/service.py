@@ -75,6 +75,8 @@ _FINISH_S = 30.0
 """Wait for uploads in progress at the end: the time of one upload at 30 % loss."""
 _STALL_S = 1.0
 """The lease of a service that stood still for longer may have ended."""
+OUTAGE_S = 5.0
+"""A service that stood still for longer continues as after a restart: vehicles were heard, but not by it."""
 _LEARN_S = 1.0
 _LEARN_POLL_S = 0.02
 _TIMES_KEPT = 10_000
@@ -170,6 +172,8 @@ class Service:
         self._resumed_from: Snapshot | None = None
         self._is_resumed = False
         """True while the state is that of a journal, with what followed."""
+        self._consumed_t_ns: int | None = None
+        """Time of the last event."""
         self._tick_waits = False
         self._lag_warned = False
         self._keyless: set[int] = set()
@@ -359,10 +363,18 @@ class Service:
                 self._check_keys()
                 self._check_outputs()
             self._watch_lag(self.clock.now_ns() - event.t_ns)
+            self._bridge_outage(event.t_ns)
             ended = self._process(event, frames)
             if ended and end_with_mission:
                 stop.set()
                 return
+
+    def _bridge_outage(self, t_ns: int) -> None:
+        """Continue as after a restart if the service stood still: ticks come all the time."""
+        last_t_ns = self._consumed_t_ns
+        self._consumed_t_ns = t_ns
+        if last_t_ns is not None and t_ns - last_t_ns > OUTAGE_S * self.clock.speed * NS_PER_S:
+            self._process(Resumed(t_ns, last_t_ns))
 
     def _check_lease(self) -> None:
         """Raise `LinkError` when another node commands the vehicles; `ReplacedError` if it is ours."""

@@ -292,13 +292,14 @@ class Orders:
     def _resumed_mode(self, vehicle: int, t_ns: int) -> str:
         """Return AUTO for a vehicle that can fly on with its mission, else LOITER, where it waits for one.
 
-        A mission keeps above the ground along its route, which the vehicle may have left.
+        A mission over terrain keeps above the ground along its route, which the vehicle may have left.
         """
         agent = self._agents[vehicle]
         onboard = agent.tasking.onboard
-        is_stored = onboard is not None and onboard.route.is_same(
-            agent.routes.suspended or agent.routes.flown
-        )
+        suspended = agent.routes.suspended
+        if suspended is not None and suspended.heights_msl_m is not None:
+            return LOITER
+        is_stored = onboard is not None and onboard.route.is_same(suspended or agent.routes.flown)
         return AUTO if is_stored and not self._order_check.leads_near_ground(vehicle, AUTO, t_ns) else LOITER
 
     # ------------------------------------------------------------ orders that wait
