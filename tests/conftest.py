@@ -5,6 +5,7 @@ tests always run with other words.
 """
 
 import fcntl
+import gc
 import os
 import sys
 from collections.abc import Generator
@@ -74,6 +75,15 @@ def _other_words(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
     if not IS_REWORDED and request.path in [TESTS / one for one in REWORDED]:
         for code in NoticeCode:
             monkeypatch.setattr(code, "text", reworded(code.text))
+
+
+@pytest.fixture(autouse=True)
+def _garbage_is_collected() -> Generator[None, None, None]:
+    """Undo what a command does to the garbage collector of its process: a worker runs many commands."""
+    thresholds = gc.get_threshold()
+    yield
+    gc.set_threshold(*thresholds)
+    gc.unfreeze()
 
 
 @pytest.fixture(autouse=True)

@@ -231,18 +231,21 @@ class SigningGate:
         self._counters_of(address[0]).verified += verified.frames
         for key in verified.keys:
             self._note_key(address, key)
-        for stream, timestamp in verified.times.items():
-            self._advance(stream, timestamp, timestamp_of(t_ns))
+        self._advance(verified.times, timestamp_of(t_ns))
 
-    def _advance(self, stream: Stream, timestamp: int, now: int) -> None:
-        """Advance a stream's time, and ours with it."""
-        self.streams[stream] = timestamp
-        self.timestamp = max(self.timestamp, timestamp)
-        lead = timestamp - now
-        self._leads[stream] = max(lead, self._leads.get(stream, lead))
+    def _advance(self, times: Mapping[Stream, int], now: int) -> None:
+        """Advance the times of streams, and ours with them."""
+        self.streams.update(times)
+        leads = self._leads
         then, saved = self._saved
-        if stream not in saved or timestamp > saved[stream] + now - then + _MAX_AHEAD_TICKS:
-            self.runs_ahead = True
+        max_ahead = now - then + _MAX_AHEAD_TICKS
+        for stream, timestamp in times.items():
+            lead = timestamp - now
+            if stream not in leads or lead > leads[stream]:
+                leads[stream] = lead
+            if stream not in saved or timestamp > saved[stream] + max_ahead:
+                self.runs_ahead = True
+        self.timestamp = max(self.timestamp, *times.values())
 
     def times_to_save(self, t_ns: int) -> dict[Stream, int]:
         """Return a time for each stream, later than every frame that it may send until `t_ns`.
@@ -297,7 +300,7 @@ class SigningGate:
             return "signed more than a minute ago"
         if before is None and len(self.streams) >= _MAX_STREAMS:
             return "too many senders"
-        self._advance(stream, timestamp, timestamp_of(t_ns))
+        self._advance({stream: timestamp}, timestamp_of(t_ns))
         return ""
 
     def _note_stale_sender(self, address: Address) -> None:

@@ -12,13 +12,15 @@ advance starts a piece without a test.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from gcs.model import FloatArray, read_only
 from gcs.tracking.models import constant_velocity
+
+if TYPE_CHECKING:
+    from filterpy.kalman import KalmanFilter
 
 _POSITION_STD_M: Final = 2.0
 """GLOBAL_POSITION_INT is a filtered position; GPS errors of a second are mostly common to it."""
@@ -85,6 +87,8 @@ def smooth_path(boot_s: FloatArray, points_m: FloatArray) -> SmoothedPath:
 
 def _filter(point_m: FloatArray, velocity_m_s: FloatArray, velocity_cov: FloatArray) -> KalmanFilter:
     """Return a filter at the first report of a piece."""
+    from filterpy.kalman import KalmanFilter  # with all of scipy.stats: not at the start of a flight
+
     kalman = KalmanFilter(4, 2)
     kalman.H = np.eye(2, 4)
     kalman.R = np.eye(2) * _POSITION_STD_M**2
