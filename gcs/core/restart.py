@@ -8,6 +8,7 @@ checked.
 * Commands to arm and disarm end, and after a long gap all commands: they are ordered again or not.
 * Each onboard mission is read back before any upload (`gcs.core.authority.onboard_audit`).
 * Tracks are predicted over the gap. After a long one the agents' tracks start again at their reports.
+  Labels go on: they count the scans of the filter's state.
 
 No plan is made before agents are heard and tracked and their missions read back, for a bounded time.
 The restart itself is no reason for a new plan.

@@ -23,8 +23,8 @@ from gcs.geo import LocalFrame
 from gcs.model import FloatArray
 from gcs.terrain.datum import VerticalDatum, ellipsoid_to_msl, frame_to_degrees, geoid_heights_m
 from gcs.terrain.elevation import Elevation
-from gcs.terrain.elevation_model import MAX_NODES, ElevationModel
-from gcs.terrain.nodes import Nodes, cut_margin
+from gcs.terrain.elevation_model import ElevationModel
+from gcs.terrain.nodes import MAX_NODES, Nodes, cut_margin
 from gcs.terrain.problem import TerrainFileError
 from gcs.terrain.raster import Raster, open_raster
 

@@ -20,9 +20,9 @@ from msgspec import Meta
 
 from gcs.model import FloatArray
 from gcs.terrain.elevation import Elevation
+from gcs.terrain.nodes import MAX_NODES
 from gcs.terrain.problem import TerrainFileError
 
-MAX_NODES: Final = 4_000_000
 _UNITS_PER_M: Final = 10.0
 _MIN_UNITS: Final = -5_000 - 1
 _MAX_UNITS: Final = 90_000 + 1

@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 from gcs.model import FloatArray
 
+MAX_NODES: Final = 4_000_000
+"""Greatest number of nodes: finer files give fewer, mission files with more are refused."""
 _TILE: Final = 256
 
 

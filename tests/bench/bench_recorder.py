@@ -17,7 +17,7 @@ from rich.console import Console
 
 from gcs.cli.fly.demo_flight import DemoOptions, run_demo
 from gcs.io.recording.part import RecordingPart
-from gcs.io.recording.writer_thread import RecorderThread
+from gcs.io.recording.recorder_thread import RecorderThread
 from gcs.service.service import Service
 
 spent_ns = Counter[str]()

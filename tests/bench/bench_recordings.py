@@ -26,7 +26,7 @@ from gcs.config import Config, parse
 from gcs.core.engine import Engine
 from gcs.io.recording.folder import Run, versions
 from gcs.io.recording.reader import read, read_info
-from gcs.io.recording.writer import Recorder
+from gcs.io.recording.recorder import Recorder
 from gcs.model import NS_PER_S, Effect, Event
 from gcs.service.replay import Replay, Verifier, Window
 from sim_vehicles.campaign.virtual_run import VirtualRun

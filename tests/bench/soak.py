@@ -30,7 +30,7 @@ from gcs.config.key_overrides import override_keys
 from gcs.core.engine import Engine
 from gcs.core.perception import arrival_and_loss
 from gcs.io.recording.folder import Run, versions
-from gcs.io.recording.writer import DiskBudget, Recorder
+from gcs.io.recording.recorder import DiskBudget, Recorder
 from gcs.model import NS_PER_S, AgentStatus, NoFlyZone, Order, Plan, UploadReport
 from gcs.planning.planner import warm_up as warm_up_planning
 from gcs.service.journal import Journal, fingerprint

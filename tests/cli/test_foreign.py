@@ -21,8 +21,8 @@ from gcs.config import load
 from gcs.io.detections import table_files
 from gcs.io.detections.readers import load as load_detections
 from gcs.io.recording.reader import read, read_info
+from gcs.io.recording.recorder import Recorder
 from gcs.io.recording.tlog import LogFrame, read_log
-from gcs.io.recording.writer import Recorder
 from gcs.model import NS_PER_S, Event, Picture, Scan, Truth
 from gcs.report.run.page import Material
 from gcs.service.foreign_logs import DetectionFile, telemetry_records

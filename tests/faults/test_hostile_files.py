@@ -36,7 +36,7 @@ region_m = [-100.0, -100.0, 2100.0, 2100.0]
 SERVER = """
 import json, os, resource, sys
 import gcs.cli, gcs.cli.analyse.info, gcs.cli.analyse.track_run, gcs.cli.analyse.playback
-import gcs.cli.analyse.report_material, gcs.cli.prepare.single_plan, gcs.cli.analyse.info_scans
+import gcs.cli.analyse.report_material, gcs.cli.prepare.single_plan, gcs.cli.analyse.info_detections
 import gcs.io.recording.reader
 for line in sys.stdin:
     arguments, out = json.loads(line)

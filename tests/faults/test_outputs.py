@@ -23,11 +23,10 @@ from gcs.errors import RecordingError
 from gcs.io.background_writer import BackgroundWriter, QueuedText, off_loop
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
-from gcs.io.recording import writer, writer_thread
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Record, read
-from gcs.io.recording.writer import Recorder
-from gcs.io.recording.writer_thread import RecorderThread
+from gcs.io.recording.recorder import _FLUSH_PERIOD_S, Recorder
+from gcs.io.recording.recorder_thread import _HAND_OVER_PERIOD_S, RecorderThread
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Event, MissionEnded, Notice, NoticeCode, Send, Tick
@@ -285,7 +284,7 @@ def test_a_disk_that_blocks_for_long_ends_the_recording_and_not_the_flight(
 ) -> None:
     blocked = Blocked()
     monkeypatch.setattr("gcs.io.recording.part.RecordingPart.flush", blocked)
-    monkeypatch.setattr("gcs.io.recording.writer_thread._MAX_WAITING_RECORDS", 20)
+    monkeypatch.setattr("gcs.io.recording.recorder_thread._MAX_WAITING_RECORDS", 20)
     service.recorder = recorder = RecorderThread(Recorder(tmp_path / "run", "", {}))
     service.outputs.append(recorder.writer)
     ticks = serve(service, lambda seen: any(one.level == "alarm" for one in seen.notices), blocked)
@@ -308,8 +307,8 @@ def test_after_a_crash_at_most_a_second_is_missing(tmp_path: Path) -> None:
     code = """
 import sys, time
 from pathlib import Path
-from gcs.io.recording.writer import Recorder
-from gcs.io.recording.writer_thread import RecorderThread
+from gcs.io.recording.recorder import _FLUSH_PERIOD_S, Recorder
+from gcs.io.recording.recorder_thread import _HAND_OVER_PERIOD_S, RecorderThread
 from gcs.model import Tick
 recorder = RecorderThread(Recorder(Path(sys.argv[1]), "", {}))
 for number in range(1_000_000):
@@ -331,7 +330,7 @@ for number in range(1_000_000):
         process.wait()
         process.stdout.close()
     assert last_tick(tmp_path / "run") >= recorded
-    assert writer._FLUSH_PERIOD_S + writer_thread._HAND_OVER_PERIOD_S < 1.0
+    assert _FLUSH_PERIOD_S + _HAND_OVER_PERIOD_S < 1.0
 
 
 def last_tick(run: Path) -> int:

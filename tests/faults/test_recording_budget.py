@@ -22,7 +22,7 @@ from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.manager import Links
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import Damage, read
-from gcs.io.recording.writer import DiskBudget, Recorder
+from gcs.io.recording.recorder import DiskBudget, Recorder
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.model import NS_PER_S, Datagram, Notice, NoticeCode, Parameter, Snapshot, Tick

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from helpers.recorded import CONFIG, VERSIONS, a_run, record
 
+from gcs.io.recording.recorder import Recorder
 from gcs.io.recording.topics import Recordable
-from gcs.io.recording.writer import Recorder
 
 
 @pytest.fixture(scope="session")

@@ -10,8 +10,8 @@ from helpers.recorded import CONFIG, VERSIONS, frames, texts, whole
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import Run
 from gcs.io.recording.reader import read, read_info
+from gcs.io.recording.recorder import Recorder
 from gcs.io.recording.topics import TOPICS, Recordable
-from gcs.io.recording.writer import Recorder
 from gcs.model import Datagram, Notice, NoticeCode, Scan, Tick
 
 

@@ -18,7 +18,7 @@ from gcs.model import (
 CHILD = """
 import sys, time
 from pathlib import Path
-from gcs.io.recording.writer import Recorder, DiskBudget
+from gcs.io.recording.recorder import Recorder, DiskBudget
 from gcs.model import Datagram, Tick
 recorder = Recorder(Path(sys.argv[1]), "name = 'x'", {}, None, DiskBudget(int(sys.argv[2])))
 for number in range(100_000):
@@ -56,7 +56,7 @@ def test_after_sigkill_everything_flushed_is_there(tmp_path: Path, rotate_bytes:
 FULL = """
 import resource, sys
 from pathlib import Path
-from gcs.io.recording.writer import Recorder, DiskBudget
+from gcs.io.recording.recorder import Recorder, DiskBudget
 from gcs.errors import RecordingError
 from gcs.model import Notice, NoticeCode
 resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
@@ -95,7 +95,7 @@ def test_on_a_full_disk_the_run_is_warned_and_flushed_records_stay(tmp_path: Pat
 SMALL_DISK = """
 import sys
 from pathlib import Path
-from gcs.io.recording.writer import Recorder, DiskBudget
+from gcs.io.recording.recorder import Recorder, DiskBudget
 from gcs.errors import RecordingError
 from gcs.model import Tick
 try:

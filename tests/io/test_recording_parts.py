@@ -9,8 +9,8 @@ from mcap.reader import make_reader
 from gcs.errors import RecordingError
 from gcs.io.recording.mcap_file import mcap_paths, recording_bytes
 from gcs.io.recording.reader import Damage, read, read_info
+from gcs.io.recording.recorder import Recorder
 from gcs.io.recording.tlog import LogFrame, read_log
-from gcs.io.recording.writer import Recorder
 
 
 def test_a_long_run_is_split_and_read_as_one(tmp_path: Path) -> None:

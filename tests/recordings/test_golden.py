@@ -9,7 +9,7 @@ import pytest
 from golden import GOLDEN, HERE, Golden, compare, differences
 
 from gcs.io.recording.reader import Damage, read, read_info
-from gcs.io.recording.writer import Recorder
+from gcs.io.recording.recorder import Recorder
 from gcs.model import AgentStatus, Event, OrderAnswer, Picture, Plan, Truth, UploadReport, read_only
 
 RENEW = "when this was meant to change: python tests/recordings/renew.py"

@@ -16,7 +16,7 @@ from gcs.errors import LinkError, RecordingError
 from gcs.io.clock import RunClock
 from gcs.io.links.manager import Links
 from gcs.io.recording.reader import read
-from gcs.io.recording.writer import Recorder
+from gcs.io.recording.recorder import Recorder
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, Notice, NoticeCode, Snapshot, Tick, Truth
 from gcs.service.journal import Journal, JournalSink

@@ -2,6 +2,6 @@
 
 - `replay`, `whatif`: a recording played again, with a comparison of results under other settings.
 - `report`: a page about a run.
-- `info`, `info_contents`, `info_scans`: the contents of a file.
+- `info`, `info_recording`, `info_detections`: the contents of a file.
 - `track`: a tracker on recorded detections.
 """

@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
-from gcs.cli.analyse.info_contents import print_contents
+from gcs.cli.analyse.info_recording import print_contents
 from gcs.cli.arguments import JsonOption, command_app
 from gcs.cli.errors import exit_on_error
 from gcs.errors import RecordingError
@@ -69,7 +69,7 @@ def print_info(path: Path, console: Console, *, as_json: bool) -> None:
     """
     if path.suffix.lower() in ENDINGS and not path.is_dir():
         # Not at the top: it loads the sensors' kernels, one second and 60 MB.
-        from gcs.cli.analyse.info_scans import detections_contents, print_detections
+        from gcs.cli.analyse.info_detections import detections_contents, print_detections
 
         contents = detections_contents(path)
         print_detections(contents, console)

@@ -35,7 +35,7 @@ from gcs.io.event_loop import on_loop
 from gcs.io.private_files import new_folder
 from gcs.io.recording.folder import FIRMWARE_NAME, Run
 from gcs.io.recording.reader import read
-from gcs.io.recording.writer_thread import RecorderThread
+from gcs.io.recording.recorder_thread import RecorderThread
 from gcs.io.records import decode
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.key_expressions import truth_key

@@ -1,7 +1,8 @@
 """Command node's side of the lease: when it asks, which bridges it holds, whether it commands.
 
 A node counts a bridge as held until a lease after it *sent* the ask, less a margin. The bridge's answer is
-later than the ask, so the permit ends later, whatever the two clocks show.
+later than the ask, so the permit ends later, whatever the two clocks show. Each node waits another short
+time before it asks for a free bridge (`delay_ns`, chosen at random in `gcs.service.bridge_start`).
 
 A node commands while it holds most of the mission's bridges; of half of them, those with the first. Two
 nodes with most of them have one in common, which granted them one after the other. For a lease, a bridge

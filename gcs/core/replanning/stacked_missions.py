@@ -25,7 +25,7 @@ from gcs.core.replanning.mission_inputs import mission_inputs, terrain_of
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.separation.intents import Intents
-from gcs.core.separation.minima import MIN_DISTANCE_M
+from gcs.core.separation.minima import min_distance_m
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.state import Agent
 from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
@@ -74,7 +74,7 @@ class StackedMissions:
         self._frame = config.local_frame
         self._mission = mission_inputs(config, zones.obstacles)
         self._options = self._mission.options
-        self._beside_m = max(config.planning.separation_m, MIN_DISTANCE_M) + _MARGIN_M
+        self._beside_m = min_distance_m(config) + _MARGIN_M
 
     def plan_returns(
         self, vehicles: Collection[int], modes: Mapping[int, str], t_ns: int

@@ -18,7 +18,7 @@ from gcs.config import Config
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.separation.forward_flight import Flight, FlightPaths, Goal, GoalKind, simulate_flights
 from gcs.core.separation.intents import Intents
-from gcs.core.separation.minima import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
+from gcs.core.separation.minima import PREDICTED_SHARE, layer_step_m, min_distance_m
 from gcs.core.state import Agent
 from gcs.core.takeoff.climbs import Climbs
 from gcs.model import FloatArray
@@ -50,7 +50,7 @@ class ClimbTraffic:
         self._climbs = climbs
         self._layers = layers
         self._agents = agents
-        self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
+        self._min_m = min_distance_m(config)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
 
     def crossing(self, vehicle: int, t_ns: int) -> tuple[int, float, float] | None:

@@ -6,7 +6,7 @@ from typing import Final
 
 from gcs.config import Config
 
-MIN_DISTANCE_M: Final = 30.0
+_LEAST_DISTANCE_M: Final = 30.0
 """Least horizontal distance, whatever `planning.separation_m` says."""
 _ONE_LAYER_M: Final = 20.0
 """Height between layers that counts where there is one layer."""
@@ -18,3 +18,8 @@ LOST_SHARE: Final = 0.5
 def layer_step_m(config: Config) -> float:
     """Return the height between layers, or what counts where there is one layer."""
     return config.mission.layer_step_m or _ONE_LAYER_M
+
+
+def min_distance_m(config: Config) -> float:
+    """Return the least horizontal distance of two vehicles that are not apart in height."""
+    return max(config.planning.separation_m, _LEAST_DISTANCE_M)

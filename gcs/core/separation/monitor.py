@@ -19,7 +19,7 @@ from gcs.core.separation.avoidance import Avoidances
 from gcs.core.separation.forward_flight import FlightPaths, simulate_flights
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import GROWTH_M_S, Encounter, encounters
-from gcs.core.separation.minima import LOST_SHARE, MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
+from gcs.core.separation.minima import LOST_SHARE, PREDICTED_SHARE, layer_step_m, min_distance_m
 from gcs.core.separation.records import Approach
 from gcs.core.state import State
 from gcs.geo import wrap_pi
@@ -67,7 +67,7 @@ class SeparationMonitor:
         self._agents = state.agents
         self._state = state.separation
         self._base_msl_m = config.frame.alt_msl_m
-        self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
+        self._min_m = min_distance_m(config)
         self._step_m = layer_step_m(config)
         self._lost = len(WARNING_TIMES_S) + 1
 

@@ -22,7 +22,7 @@ from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_
 from gcs.core.separation.ground_ahead import GroundAhead
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
-from gcs.core.separation.minima import MIN_DISTANCE_M, PREDICTED_SHARE, layer_step_m
+from gcs.core.separation.minima import PREDICTED_SHARE, layer_step_m, min_distance_m
 from gcs.core.tasking.mission_builder import route_heights_msl_m
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.model import FloatArray, Route, VehicleState, vehicle_name
@@ -66,7 +66,7 @@ class OrderCheck:
         self._air_traffic = air_traffic
         self._mission = config.mission
         self._airframes = config.airframes_of_agents
-        self._min_m = max(config.planning.separation_m, MIN_DISTANCE_M)
+        self._min_m = min_distance_m(config)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
         self._ground = GroundAhead(config)
 

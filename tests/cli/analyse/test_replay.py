@@ -25,8 +25,8 @@ from gcs.core.snapshot import encode_state
 from gcs.io.recording.folder import Run
 from gcs.io.recording.index import snapshot_places
 from gcs.io.recording.reader import Damage, Record, read, read_info
+from gcs.io.recording.recorder import Recorder
 from gcs.io.recording.topics import Recordable
-from gcs.io.recording.writer import Recorder
 from gcs.io.records import encode
 from gcs.model import (
     NS_PER_S,

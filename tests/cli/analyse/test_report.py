@@ -20,8 +20,8 @@ from gcs.cli.analyse.report_material import _Reading
 from gcs.cli.analyse.run_file import RunFile
 from gcs.config import load
 from gcs.io.recording.reader import Damage, read, read_info
+from gcs.io.recording.recorder import DiskBudget, Recorder
 from gcs.io.recording.tlog import tlog_entries
-from gcs.io.recording.writer import DiskBudget, Recorder
 from gcs.model import NS_PER_S, Effect, Event, Picture, Scan, Truth
 from gcs.report.run.evaluation import Evaluator
 

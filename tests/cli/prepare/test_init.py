@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from gcs.cli import app
 from gcs.config import load
 from gcs.io.recording.folder import Run
-from gcs.io.recording.writer import Recorder
+from gcs.io.recording.recorder import Recorder
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import Tick
 

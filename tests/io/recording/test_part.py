@@ -14,8 +14,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.io.recording.folder import Run
 from gcs.io.recording.part import RecordingPart
 from gcs.io.recording.reader import read
+from gcs.io.recording.recorder import Recorder
 from gcs.io.recording.tlog import tlog_entries
-from gcs.io.recording.writer import Recorder
 from gcs.io.records import encode
 from gcs.model import Datagram, Event, Notice, NoticeCode, Send, Tick
 

@@ -11,7 +11,7 @@ from helpers.recorded import CONFIG, T0_NS, VERSIONS, a_run, record
 from gcs.io.recording.folder import MCAP_NAME, Run
 from gcs.io.recording.index import snapshot_places
 from gcs.io.recording.reader import Damage, read
-from gcs.io.recording.writer import DiskBudget, Recorder
+from gcs.io.recording.recorder import DiskBudget, Recorder
 from gcs.model import NS_PER_S, Event, Snapshot, Tick
 
 SECONDS = 30

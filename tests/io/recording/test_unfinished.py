@@ -13,13 +13,13 @@ from gcs.config.schema import RecordingTable
 from gcs.errors import RecordingError
 from gcs.io.recording.folder import Run, remove_empty
 from gcs.io.recording.reader import read
-from gcs.io.recording.writer import Recorder
+from gcs.io.recording.recorder import Recorder
 from gcs.model import Tick
 
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from gcs.io.recording.writer import Recorder
+from gcs.io.recording.recorder import Recorder
 recorder = Recorder(Path(sys.argv[1]), "name = 'x'", {})
 os.kill(os.getpid(), signal.SIGKILL)
 """

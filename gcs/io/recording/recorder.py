@@ -6,7 +6,7 @@ may be equal or run back. ``log_time`` is the time of the run.
 Messages wait in a compressed chunk of at most 1 MB, which a flush ends. The recorder flushes once a second:
 after SIGKILL or on a full disk everything older than that is readable. A flush does not wait for the disk (no
 fsync), so a power cut may cost more. A write may block: a service records on a thread
-(`gcs.io.recording.writer_thread`).
+(`gcs.io.recording.recorder_thread`).
 
 A new part begins with an event when a file has grown past `DiskBudget.rotate_bytes`. This bounds memory too,
 since the index of an MCAP is kept until its file is finished.

@@ -12,7 +12,7 @@ from typing import Any, Final, Self
 from gcs.errors import RecordingError
 from gcs.io.background_writer import BackgroundWriter
 from gcs.io.recording.disk_space import DiskSpace
-from gcs.io.recording.writer import Recorder
+from gcs.io.recording.recorder import Recorder
 from gcs.model import Effect, Event, NoticeCode, Snapshot, Truth
 
 _HAND_OVER_PERIOD_S: Final = 0.1
