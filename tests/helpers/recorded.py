@@ -17,6 +17,7 @@ from gcs.model import (
     BadInput,
     ClockStep,
     Datagram,
+    LaggedPicture,
     LinkNews,
     MissionEnded,
     NoFlyZone,
@@ -78,6 +79,7 @@ def a_run(seconds: int) -> Iterator[tuple[int, Recordable]]:
         for kind in ("agents", "targets"):
             track = Track((0, second), read_only(rng.normal(size=4)), read_only(rng.normal(size=(4, 4))), 0.9)
             yield t_ns, Picture(t_ns, t_ns, kind, (track,), read_only(rng.dirichlet([1, 1])))
+        yield t_ns, LaggedPicture(t_ns, t_ns - NS_PER_S, "targets", ())
         yield (
             t_ns,
             Plan(t_ns, t_ns, (Route(1, (0, 1), read_only([[1.0, 2.0]]), 3.0),), (2,), ((0, 3),), "why", (1,)),

@@ -32,6 +32,7 @@ from gcs.model import (
     NS_PER_S,
     BadInput,
     Datagram,
+    LaggedPicture,
     Notice,
     NoticeCode,
     Picture,
@@ -45,6 +46,9 @@ from gcs.model import (
 )
 from gcs.service.foreign_logs import telemetry_records
 from gcs.service.replay import Replay, Window
+from sim_vehicles.campaign.simulate import fly
+from sim_vehicles.world.scenario import load as load_scenario
+from sim_vehicles.world.scenario import parse_scenario
 
 EVENTS = (Datagram, Scan, Tick, BadInput)
 Rows = list[tuple[int, Recordable]]
@@ -97,6 +101,19 @@ def test_a_flight_replays_byte_for_byte(flight: Path) -> None:
         for topic in ("/effect/picture/agents", "/effect/picture/targets", "/effect/plan", "/effect/send")
     ) == len(recorded)
     assert 24.0 < found["seconds"] < 26.0
+
+
+def test_late_pictures_are_recorded_and_a_flight_with_them_replays(tmp_path: Path) -> None:
+    text = load_scenario("prescribed").text
+    text = text.replace("[tracking.agents]", "[tracking]\nlag_scans = 2\n[tracking.agents]", 1)
+    fly(parse_scenario(text, "late.toml"), 3, tmp_path / "late", duration_s=10.0)
+    late = [record.value for record in read(tmp_path / "late", only=(LaggedPicture,))]
+    assert {one.kind for one in late} == {"agents", "targets"}
+    assert all(0 < one.t_ns - one.scan_t_ns < 4 * NS_PER_S for one in late)
+    assert any(one.tracks for one in late)
+    for window in ([], ["--from", "6"]):
+        code, _, found = replay(tmp_path / "late", "--verify", *window)
+        assert (code, found["verified"], found["different"]) == (0, True, 0)
 
 
 def test_a_replay_from_the_middle_begins_at_a_snapshot_and_has_the_same_effects(flight: Path) -> None:
