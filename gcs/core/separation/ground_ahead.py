@@ -56,17 +56,17 @@ class GroundAhead:
         east_m, north_m = places_m[at].tolist()
         return GroundEncounter(at * STEP_S, float(agl_m[at]), east_m, north_m)
 
-    def departure_m(self, circle: Goal) -> float:
-        """Return how far flights round a circle leave the flight band; negative inside, or without one.
+    def departures_m(self, circle: Goal) -> tuple[float, float]:
+        """Return how far flights round a circle go below and above the flight band; negative inside.
 
         A vehicle overshoots its circle in wind, and flies through it when it begins.
         """
         if self._elevation is None or self._terrain is None:
-            return -math.inf
+            return -math.inf, -math.inf
         angle = np.linspace(0.0, 2.0 * math.pi, _RING, endpoint=False)
         ring = np.stack((np.sin(angle), np.cos(angle)), axis=1)
         radii_m = abs(circle.radius_m) * np.array(_RING_RADII)
         centre_m = np.array((circle.east_m, circle.north_m))
         places_m = centre_m + (radii_m[:, None, None] * ring).reshape(-1, 2)
         agl_m = circle.height_m - self._elevation.heights_at(places_m)
-        return float(np.maximum(self._terrain.min_agl_m - agl_m, agl_m - self._terrain.max_agl_m).max())
+        return float(self._terrain.min_agl_m - agl_m.min()), float(agl_m.max() - self._terrain.max_agl_m)

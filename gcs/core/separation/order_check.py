@@ -111,13 +111,13 @@ class OrderCheck:
             return ""
         return f"would {min(conflicts).words}"
 
-    def circles_in_band(self, vehicle: int, t_ns: int) -> bool:
-        """Return True if a vehicle that holds now stays inside the flight band."""
+    def circles_in_band(self, vehicle: int, t_ns: int, *, may_be_high: bool = False) -> bool:
+        """Return True if a vehicle that holds now stays inside the flight band, or only above its floor."""
         state = next((one for one in self._intents.flying(t_ns) if one.system_id == vehicle), None)
         if state is None:
             return True
-        circle = self._intents.flight(state, t_ns, LOITER).goals[-1]
-        return self._ground.departure_m(circle) <= _OFF_BAND_M
+        below_m, above_m = self._ground.departures_m(self._intents.flight(state, t_ns, LOITER).goals[-1])
+        return below_m <= _OFF_BAND_M and (may_be_high or above_m <= _OFF_BAND_M)
 
     def _ground_problem(self, flight: Flight) -> str:
         """Return where a flight to its last goal, and round it, comes near the ground; empty if nowhere."""
