@@ -14,10 +14,10 @@ deviations) and large. It ends when the difference is small; the hysteresis avoi
 `corrected` returns the sensor with the estimates, in which the announced values count as some first scans.
 
 A filter takes the misses of successive scans as independent. Those of one sensor are not, the less the
-shorter the time between scans: what hides an object, or is wrong with the sensor, lasts. `bounded` limits what
-they count: within a time dt <= 1 s an object in view is missed with a probability of at least
-``MIN_MISSED_PER_S ** dt``. So no rate of scans, and no announced detection probability, ends a track that
-other sensors or reports see (`docs/decisions/0057-misses-of-one-sensor-are-bounded.md`).
+shorter the time between scans: what hides an object, or is wrong with the sensor, lasts. `bounded` limits
+what they count: within a time dt <= 1 s an object in view is missed with a probability of at least
+``MIN_MISSED_PER_S ** dt``. So no rate of scans, and no announced detection probability, tells more against
+a track in a second (`docs/decisions/0057-misses-of-one-sensor-are-bounded.md`).
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ def test_a_vehicle_that_turns_round_to_a_waypoint_may_keep_its_height_until_it_i
 
 
 def test_a_vehicle_whose_descent_begins_after_a_turn_is_found_near_one_on_a_circle():
-    """Vehicle 1 was sent from its circle to the layer 40 m below, and met the circle of vehicle 2 in the turn."""
+    """Vehicle 1 was sent to the layer 40 m below, and met the circle of vehicle 2 in the turn."""
     goals = [waypoint(873.0, 666.0, 130.0), Goal(GoalKind.CIRCLE, 873.0, 666.0, 60.0, 130.0)]
     sent = flight(1, (860.0, 703.0), 170.0, -10.0, goals=goals)
     circle = Goal(GoalKind.CIRCLE, 912.0, 677.0, 60.0, 170.0)
