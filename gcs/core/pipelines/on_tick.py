@@ -73,7 +73,7 @@ def upload_missions(stages: Stages, event: Tick) -> list[Effect]:
     """Begin uploads, and go on with those in progress."""
     effects = stages.dispatch.withdraw(event.t_ns)
     effects += renew_outdated(stages, event.t_ns)
-    return effects + stages.dispatch.settle(stages.tasking.poll(event.t_ns))
+    return effects + stages.dispatch.settle(stages.tasking.poll(event.t_ns, renewed=False))
 
 
 def watch_other_stations(stages: Stages, event: Tick) -> list[Effect]:

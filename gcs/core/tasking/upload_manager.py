@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Mapping
 from dataclasses import replace
+from itertools import islice
 from typing import Final
 
 from gcs.config import Config
@@ -212,13 +213,13 @@ class UploadManager:
         effects += self._first_legs.receive(vehicle, message, t_ns)
         return effects + self._active.receive(vehicle, message, t_ns)
 
-    def poll(self, t_ns: int) -> list[Effect]:
-        """Run the timers. Routes that are `outdated` are to be planned again before."""
+    def poll(self, t_ns: int, *, renewed: bool = True) -> list[Effect]:
+        """Run the timers. Without `renewed`, routes that are `outdated` wait until they are planned again."""
         for vehicle, agent in self._agents.items():
             if Authority.COMMANDED in agent.claims:
                 self._fleet.forward_next_heartbeat(vehicle)  # it shows whether it obeyed
         self._rejections.poll(t_ns)
-        return self._active.poll(t_ns) + self._first_legs.poll(t_ns) + self._start_due(t_ns, renewed=True)
+        return self._active.poll(t_ns) + self._first_legs.poll(t_ns) + self._start_due(t_ns, renewed=renewed)
 
     def resume(self, t_ns: int) -> list[Effect]:
         """Continue the uploads in progress after an outage of the service: read back first."""
@@ -346,13 +347,14 @@ class UploadManager:
                 effects += self._start(queued.route, queued.planned_t_ns, queued.return_route, t_ns)
         return effects
 
-    def outdated(self, t_ns: int) -> list[int]:
-        """Return the vehicles whose queued routes may start now, and were planned for an earlier begin."""
-        return [
+    def outdated(self, t_ns: int, count: int) -> list[int]:
+        """Return the first vehicles whose queued routes may start now, planned for an earlier begin."""
+        found = (
             vehicle
             for vehicle, queued in self.state.queue.items()
             if _is_outdated(queued, t_ns) and self._may_start(vehicle, t_ns)
-        ]
+        )
+        return list(islice(found, count))
 
     def renew_queued(self, vehicle: int, route: Route, return_route: ReturnRoute | None, t_ns: int) -> None:
         """Replace an outdated route by one from where its vehicle is now, or by itself without another."""
