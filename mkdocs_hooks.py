@@ -28,6 +28,7 @@ AT_ROOT: Final = {
     "README.md": "index.md",
     "CHANGELOG.md": "changelog.md",
     "CONTRIBUTING.md": "contributing.md",
+    "SECURITY.md": "security-policy.md",
 }
 """Markdown files at the root: their pages."""
 
