@@ -428,7 +428,8 @@ class VehicleChecks:
         values = [self._query.values[name] for name in names if name in self._query.values]
         if len(values) < 2:
             return
-        height_m, radius_m = values[0], abs(values[1])
+        height_m = values[0]
+        radius_m = abs(values[1])
         ground_m = elevation.heights_at(home_m + radius_m * _DISC)
         if not np.isfinite(ground_m).any():
             return
