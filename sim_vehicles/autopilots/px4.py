@@ -10,9 +10,10 @@ Observed on PX4 1.17-dev (SIH airplane), and read in its navigator:
 - A take-off flies towards its place while it climbs.
 - Altitude is linear along a leg that begins at an item (first-order hold), up to NAV_LOITER_RAD before its
   end. Elsewhere the command is the item's altitude at once.
-- It returns at RTL_RETURN_ALT above its rally point or home, and no lower than it is. With RTL_TYPE 1 and
-  a landing in its mission it climbs to that height where it is, and flies the mission from its landing
-  on. A mission that is stored meanwhile, or an item that is selected, is flown at once, in RTL.
+- It returns at RTL_RETURN_ALT above its rally point or home, and no lower than it is, and descends there in a
+  circle to RTL_DESCEND_ALT. With RTL_TYPE 1 and a landing in its mission it climbs to RTL_RETURN_ALT where it
+  is, and flies the mission from its landing on. A mission that is stored meanwhile, or an item that is
+  selected, is flown at once, in RTL.
 - In LAND it circles down where it is. It detects the landing 2.5 s after it came to rest, disarms 2 s
   after that, and shows the mode again that it had before the failsafe. Without thrust it comes down in
   its mode and stays armed.
@@ -30,7 +31,7 @@ from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.autopilots.failsafe import Px4Failsafe
 from sim_vehicles.autopilots.mission_protocol import Item
 from sim_vehicles.autopilots.records import ItemReached, MissionState
-from sim_vehicles.vehicle.guidance import Goal, ToPoint
+from sim_vehicles.vehicle.guidance import Circle, Goal, ToPoint
 
 _LAND_SINK_M_S = 0.9
 _LAND_SPEED = 0.82
@@ -39,6 +40,8 @@ _DETECTED_NS = 2_500_000_000
 _DISARMED_NS = 2 * NS_PER_S
 _MISSION_LANDING = 1
 _ALT_REACHED_M = 1.0
+_ON_CIRCLE = 1.3
+"""Distance from the centre of a circle, in radii, within which a vehicle has reached it."""
 _TAKE_OFF = 1
 _LANDING = 2
 _BOTH = 3
@@ -55,6 +58,8 @@ class Px4Autopilot(Autopilot):
     _disarmed_text = "Disarmed by external command"
     _fence_severity = mavlink.MAV_SEVERITY_CRITICAL
     _is_landing_detected = False
+    _descent_m = 0.0
+    """Height above home of the circle in which its return ends."""
 
     @property
     def mission_problem(self) -> str:
@@ -115,6 +120,8 @@ class Px4Autopilot(Autopilot):
     def step(self, t_ns: int) -> None:
         """Guide and move the airframe by one step of 10 ms."""
         super().step(t_ns)
+        if self.mode is Mode.RTL and not self._mission_running:
+            self._descend()
         touched_ns = self._touched_ns
         if touched_ns is None or self.flying or self._is_landing_detected:
             return
@@ -213,8 +220,18 @@ class Px4Autopilot(Autopilot):
             return
         rally = self.fence.return_point((self.airframe.east_m, self.airframe.north_m))
         east_m, north_m, height_m = rally or (self.home.east_m, self.home.north_m, 0.0)
-        alt_m = self.home.alt_m + height_m + self.parameters["RTL_RETURN_ALT"]
+        ground_m = self.home.alt_m + height_m
+        self._descent_m = ground_m + self.parameters["RTL_DESCEND_ALT"]
+        alt_m = ground_m + self.parameters["RTL_RETURN_ALT"]
         self._fly(self._circle(east_m, north_m), max(self.airframe.alt_rel_m, alt_m))
+
+    def _descend(self) -> None:
+        """Descend in the circle at the end of a return, once it is reached."""
+        goal = self.goal
+        if not isinstance(goal, Circle) or not self._is_alt_reached():
+            return
+        if goal.distance_m(self.airframe) <= _ON_CIRCLE * abs(goal.radius_m):
+            self.alt_command_m = min(self.alt_command_m, self._descent_m)
 
     def _return_to_landing(self, seq: int) -> None:
         """Climb where it is, then fly the mission from its landing on."""

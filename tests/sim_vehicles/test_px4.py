@@ -178,8 +178,20 @@ def test_it_returns_at_its_return_altitude_above_the_rally_point(px4, item):
     px4.send(mavlink.MAVLink_mission_count_message(7, 1, 1, 2))
     px4.send(rally)
     px4.command(SET_MODE, 1, 4, 5)
-    px4.fly(60.0)
+    px4.fly(25.0)
     assert px4.vehicle.alt_rel_m == pytest.approx(190.0, abs=1.0)
+
+
+def test_a_return_ends_in_a_circle_at_its_descend_altitude(px4, item):
+    px4.vehicle.autopilot.parameters.store("RTL_DESCEND_ALT", 45.0)
+    put(px4, item(0, 900.0, 0.0))
+    px4.command(SET_MODE, 1, 4, 4)
+    px4.fly(20.0)
+    px4.command(SET_MODE, 1, 4, 5)
+    px4.fly(10.0)
+    assert px4.vehicle.alt_rel_m > 59.0
+    px4.fly(90.0)
+    assert px4.vehicle.alt_rel_m == pytest.approx(45.0, abs=1.0)
 
 
 def test_a_return_through_the_fence_s_ceiling_ends_in_hold(px4):

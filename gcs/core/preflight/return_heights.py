@@ -37,6 +37,10 @@ _UNITS_PER_M: Final = {"RTL_ALTITUDE": 1.0, "ALT_HOLD_RTL": 100.0, "RTL_RETURN_A
 _TYPE: Final = "RTL_TYPE"
 _MISSION_LANDING: Final = 1.0
 """RTL_TYPE of a PX4 that lands by its mission if that has a landing."""
+_DESCENT: Final = "RTL_DESCEND_ALT"
+"""Height of the circle in which the return of a PX4 ends."""
+_DESCENT_M: Final = 30.0
+"""Its default."""
 _MAX_VALUE: Final = 1e6
 """Greater values are not those of a return height."""
 _TOLERANCE_M: Final = 0.5
@@ -113,7 +117,7 @@ class ReturnHeightMonitor:
 
     def receive(self, vehicle: int, message: Message) -> None:
         """Process a message of a vehicle: keep the parameters that set its return height."""
-        if message.get_type() == "PARAM_VALUE" and message.param_id in {*_UNITS_PER_M, _TYPE}:
+        if message.get_type() == "PARAM_VALUE" and message.param_id in {*_UNITS_PER_M, _TYPE, _DESCENT}:
             agent = self._agents[vehicle]
             value = decode_value(message, agent.link.is_atomic)
             if abs(value) <= _MAX_VALUE:  # a number
@@ -145,8 +149,9 @@ class ReturnHeightMonitor:
         returns = agent.returns
         if profile is None or not agent.link.has_telemetry or t_ns < returns.next_request_t_ns:
             return []
+        names = (*profile.return_parameters, *profile.return_circle_parameters[:1])
         is_known = not returns.parameters.keys().isdisjoint(_UNITS_PER_M)
-        if is_known and (_TYPE in returns.parameters or _TYPE not in profile.return_parameters):
+        if is_known and returns.parameters.keys() >= {_TYPE, _DESCENT} & set(names):
             return []
         wait_s = _REQUEST_S if returns.requests < _QUICK_REQUESTS else _SLOW_REQUEST_S
         returns.requests = returns.requests + 1
@@ -155,7 +160,7 @@ class ReturnHeightMonitor:
             dialect.MAVLink_param_request_read_message(
                 system_of(vehicle), AUTOPILOT_COMPONENT_ID, name.encode(), -1
             )
-            for name in profile.return_parameters
+            for name in names
         ]
         return [*self._fleet.address_frames(vehicle, map(self._fleet.encoder(vehicle), messages))]
 
@@ -177,6 +182,13 @@ class ReturnHeightMonitor:
         if profile is None:
             return None
         return return_of(vehicle, profile, self._agents[vehicle].returns.parameters, self._rally_m)
+
+    def circle_height_m(self, vehicle: int) -> float | None:
+        """Return the height above home of the circle in which a return ends; None: it does not descend."""
+        profile = self._fleet.profile(vehicle)
+        if profile is None or _DESCENT not in profile.return_circle_parameters:
+            return None
+        return self._agents[vehicle].returns.parameters.get(_DESCENT, _DESCENT_M)
 
     def lands_by_mission(self, vehicle: int) -> bool:
         """Return True if a vehicle that returns flies to the landing of its mission, if that has one."""

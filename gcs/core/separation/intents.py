@@ -2,7 +2,8 @@
 
 * AUTO with a verified mission: its items, from the current one on.
 * RTL: straight to the nearest rally point, or home, at its return height, and round a circle there. A PX4
-  with a landing in its mission, and RTL_TYPE 1, climbs to that height where it is and lands by its mission.
+  descends in that circle to RTL_DESCEND_ALT. With a landing in its mission, and RTL_TYPE 1, it climbs to its
+  return height where it is and lands by its mission.
 * LOITER: a circle round the place where it began.
 * Circles have the radius, and the side, of the vehicle's last one; before that 60 m, to the right.
 * Other modes, or an unknown mission: turn rate and vertical speed are kept.
@@ -18,7 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
-from gcs.core.separation.forward_flight import CLIMB_M_S, Flight, Goal, GoalKind
+from gcs.core.separation.forward_flight import CLIMB_M_S, STEP_S, Flight, Goal, GoalKind
 from gcs.core.state import Agent
 from gcs.fence import rally_of
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
@@ -44,6 +45,8 @@ _TANGENT: Final = 0.95
 """Sine of the angle between course and radius on a circle."""
 _MAX_RADIUS_M: Final = 150.0
 """A circle as large as this is part of another turn."""
+_ARRIVED: Final = 1.3
+"""Distance from the centre of a circle, in radii, within which a vehicle has reached it."""
 _LEVEL_M_S: Final = 0.7
 _KINDS: Final = {
     dialect.MAV_CMD_NAV_WAYPOINT: GoalKind.WAYPOINT,
@@ -120,7 +123,7 @@ class Intents:
 
     def _goals(self, state: VehicleState, mode: str) -> tuple[Goal, ...]:
         if mode == RTL:
-            return tuple(self._landing(state)) or (self._return(state),)
+            return tuple(self._landing(state)) or tuple(self._return(state))
         if mode == LOITER:
             return (self._hold(state),)
         return (tuple(self._mission(state)) if mode == AUTO else ()) or (Goal(GoalKind.DRIFT),)
@@ -194,7 +197,8 @@ class Intents:
         for item in landings[:1]:
             yield self._goal(item, ground_m)
 
-    def _return(self, state: VehicleState) -> Goal:
+    def _return(self, state: VehicleState) -> Iterator[Goal]:
+        """Yield the circle at the return height, and on a PX4 the lower one in which the return ends."""
         east_m, north_m, ground_m = self._home(state.system_id)
         known = self._return_heights.height(state.system_id)
         profile = self._fleet.profile(state.system_id)
@@ -210,7 +214,15 @@ class Intents:
         if profile is not None and profile.atomic:  # PX4 returns no lower than it is
             height_m = max(height_m, state.alt_msl_m)
         radius_m = self._agents[state.system_id].separation.radius_m or _CIRCLE_RADIUS_M
-        return Goal(GoalKind.CIRCLE, east_m, north_m, radius_m, height_m)
+        end_m = self._return_heights.circle_height_m(state.system_id)
+        away_m = math.dist((state.east_m, state.north_m), (east_m, north_m))
+        if end_m is None:
+            yield Goal(GoalKind.CIRCLE, east_m, north_m, radius_m, height_m)
+            return
+        is_there = state.mode == RTL and away_m <= _ARRIVED * abs(radius_m)
+        if not is_there or state.climb_m_s > _LEVEL_M_S:
+            yield Goal(GoalKind.CIRCLE, east_m, north_m, radius_m, height_m, STEP_S)
+        yield Goal(GoalKind.CIRCLE, east_m, north_m, radius_m, ground_m + end_m)
 
     def _mission(self, state: VehicleState) -> Iterator[Goal]:
         tasking = self._agents[state.system_id].tasking

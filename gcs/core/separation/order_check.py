@@ -297,7 +297,8 @@ class OrderCheck:
         """
         circle = _circle(own.goals[-1])
         for other in others if circle is not None else ():
-            theirs = _circle(other.goals[-1 if last else 0])
+            is_circling = all(goal.kind is GoalKind.CIRCLE for goal in other.goals)  # a PX4 descends in it
+            theirs = _circle(other.goals[-1 if last or is_circling else 0])
             if circle is None or theirs is None:
                 continue
             height_m = abs(circle.height_m - theirs.height_m)

@@ -7,10 +7,10 @@ from helpers.sky import FIELD, Sky, fly_on, give
 from helpers.staging import S
 
 from gcs.config.schema import TerrainTable
-from gcs.core.separation.aircraft import _FIRST as AIRCRAFT
 from gcs.core.separation.look_ahead import Encounter
 from gcs.core.separation.order_check import _Conflict
 from gcs.core.separation.records import Approach
+from gcs.core.separation.traffic_reports import FIRST_ADSB as AIRCRAFT
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.model import FlightPhase, NoticeCode, Order, Resumed
 from sim_vehicles.autopilots.base import Mode
@@ -148,7 +148,9 @@ class Holds:
 
 
 @pytest.mark.parametrize(("other", "held_s"), [(2, [0, 10, 20]), (AIRCRAFT, [0])])
-def test_a_pair_that_still_comes_near_is_kept_apart_again_but_an_aircraft_holds_nobody_twice(other, held_s):
+def test_a_pair_that_still_comes_near_is_kept_apart_again_but_an_aircraft_holds_no_vehicle_twice(
+    other, held_s
+):
     """Two met 20 s after a hold: they had not been well apart in between."""
     monitor = Sky((500.0, 1500.0, 60.0)).run_.engine.stages.separation
     monitor._avoidances = Holds()
@@ -158,15 +160,15 @@ def test_a_pair_that_still_comes_near_is_kept_apart_again_but_an_aircraft_holds_
     assert told == held_s
 
 
-def test_a_vehicle_that_holds_flies_on_when_its_mission_leads_near_nobody():
+def test_a_vehicle_that_holds_flies_on_when_its_mission_leads_near_no_other():
     """It flew on into another one, since its circle was as near to that at the time."""
     sky = Sky((500.0, 1500.0, 60.0)).fly(8.0)
     check = sky.run_.engine.stages.avoidances._order_check
-    conflict = _Conflict(0.5, "come near agent 2")
-    check._met = lambda own, others, is_return: iter([conflict])
+    conflict = _Conflict(0.5, "come near agent 2", 2)
+    check._met = lambda own, others, is_return, margin: iter([conflict])
     check._nearness = lambda own, others: 0.5
     assert check.release_problem(1, sky.run_.t_ns) == "would come near agent 2"
     check._nearness = lambda own, others: 0.2  # to hold on is worse
     assert check.release_problem(1, sky.run_.t_ns) == ""
-    check._met = lambda own, others, is_return: iter([])
+    check._met = lambda own, others, is_return, margin: iter([])
     assert check.release_problem(1, sky.run_.t_ns) == ""

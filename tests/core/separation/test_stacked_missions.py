@@ -40,6 +40,19 @@ def test_all_that_return_at_once_begin_at_once_and_circle_in_layers(px4):
     assert sorted(mode.name for mode in modes) == ["AUTO", "AUTO", "AUTO", "RTL"]
 
 
+def test_px4_whose_return_heights_are_apart_do_not_descend_to_one_circle():
+    """In RTL both descend at home to RTL_DESCEND_ALT."""
+    sky = with_one_home(Sky(*PLACES[:2], px4=(1, 2), field=FOUR))
+    for vehicle, height_m in ((1, 100.0), (2, 160.0)):
+        sky.planes[vehicle].autopilot.parameters.store("RTL_RETURN_ALT", height_m)
+        sky.run_.engine.state.agents[vehicle].returns.parameters["RTL_RETURN_ALT"] = height_m
+    give(sky, "return")
+    fly_on(sky, 150.0)
+    assert sorted(plane.autopilot.mode.name for plane in sky.planes.values()) == ["AUTO", "RTL"]
+    assert min(plane.alt_rel_m for plane in sky.planes.values()) == pytest.approx(30.0, abs=2.0)
+    assert not sky.near_s
+
+
 def test_where_all_layers_at_home_are_taken_others_circle_beside_it():
     sky = with_one_home(Sky(*PLACES, field=FOUR.replace("layers = 8", "layers = 2")))
     give(sky, "return")
