@@ -84,12 +84,16 @@ def test_the_short_form_of_help_and_the_package_itself_are_understood() -> None:
 
 def test_warm_up_compiles_everything_and_a_flight_only_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[str, ...]] = []
-    monkeypatch.setattr("gcs.jit.warm_up", lambda *rooms, **_: asked.append(rooms))
+    monkeypatch.setattr("gcs.jit.warm_up", lambda *modules, **_: asked.append(modules))
     shown = CliRunner().invoke(app, ["warm-up"])
     assert (shown.exit_code, shown.stdout.strip()) == (0, "all kernels are ready")
     warm_up_progress.load_kernels(Console(quiet=True))
     everything, flight = map(set, asked)
-    more = {"gcs.tracking.trajectories.recovery", "gcs.planning.terrain.warm_up"}
+    more = {
+        "gcs.tracking.trajectories.recovery",
+        "gcs.tracking.state_space.filter",
+        "gcs.planning.terrain.warm_up",
+    }
     assert everything - flight == more, "for gcs track, and for missions over terrain"
     assert flight < everything
 

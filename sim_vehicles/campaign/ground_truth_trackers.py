@@ -12,7 +12,19 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.core.perception.terrain_sight import TerrainSight
-from gcs.model import NS_PER_S, Kind, Label, Notice, Picture, Scan, Track, Truth, VehicleState, read_only
+from gcs.model import (
+    NS_PER_S,
+    Kind,
+    Label,
+    LaggedPicture,
+    Notice,
+    Picture,
+    Scan,
+    Track,
+    Truth,
+    VehicleState,
+    read_only,
+)
 
 _COV = read_only(np.diag([0.01, 0.01, 0.01, 0.01]))
 
@@ -89,6 +101,10 @@ class GroundTruthTrackers:
 
     def notices(self, _scan: Scan) -> list[Notice]:
         """Return no sanity warnings."""
+        return []
+
+    def lagged_pictures(self, _t_ns: int) -> list[LaggedPicture]:
+        """Return none: the truth is not late."""
         return []
 
     def scan(self, scan: Scan, _states: Sequence[VehicleState]) -> tuple[Picture, Picture]:

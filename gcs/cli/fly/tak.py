@@ -49,7 +49,7 @@ def tak(
     """Show a running service on TAK (ATAK, WinTAK, a TAK server), until Ctrl-C.
 
     Vehicles, targets with their uncertainty, routes and alarms go out once a second as Cursor on Target. What
-    comes in is not read: nobody commands vehicles over TAK. It is a process of its own: when TAK is slow or
+    comes in is not read: no vehicle is commanded over TAK. It is a process of its own: when TAK is slow or
     gone, nothing of the flight waits.
 
     It needs pytak: `pip install 'swarm-gcs[tak]'`. For tls:// the environment has PYTAK_TLS_CLIENT_CERT,

@@ -203,7 +203,8 @@ def _keeps_above(
 def _from_circle(route: Route, landed: _Landed, circle: BandCircle) -> ReturnRoute:
     """Return the return route from the end of a route: round its circle, clockwise, to the path."""
     centre_m = circle.east_m, circle.north_m
-    entry_m, exit_m = route.points_m[-1], landed.points_m[0]
+    entry_m = route.points_m[-1]
+    exit_m = landed.points_m[0]
     entry_rad = bearing_rad(*centre_m, float(entry_m[0]), float(entry_m[1]))
     turn_rad = (bearing_rad(*centre_m, float(exit_m[0]), float(exit_m[1])) - entry_rad) % (2.0 * math.pi)
     count = math.ceil(turn_rad / _ARC_RAD - 1e-6)

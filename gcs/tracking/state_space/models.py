@@ -202,7 +202,7 @@ def linear_measurement(
 ) -> MeasurementModel:
     """Return the measurement z = H x + e of a matrix (k, d) and a covariance (k, k).
 
-    `birth_cov` (d, d) is the covariance of a newborn object before it is measured, about 0. It is wide along
+    `birth_cov` (d, d) is the covariance of a new object before it is measured, about 0. It is wide along
     what z measures. With it, objects may be born anywhere.
     """
     H = np.array(H, np.float64)

@@ -533,7 +533,7 @@ RECEIVER = dialect.MAV_COMP_ID_ODID_TXRX_1
         (1, RECEIVER, RADIO, BOTH),  # on a vehicle
         (1, 1, RADIO, ["ADSB_VEHICLE"]),  # an autopilot: Remote ID of its own vehicle
         (51, RECEIVER, GROUND, BOTH),
-        (51, RECEIVER, RADIO, []),  # a receiver that nobody has allowed
+        (51, RECEIVER, RADIO, []),  # a receiver that is not allowed
     ],
 )
 def test_aircraft_are_heard_from_receivers_on_vehicles_and_where_a_link_allows_them(
