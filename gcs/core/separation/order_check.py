@@ -267,6 +267,10 @@ class OrderCheck:
         meets, overlaps = (_nearest(one) - _nearest(other) for one, other in zip(led, now, strict=True))
         if meets < -_WORSE:
             return f"would {min(led[0]).words}"
+        if is_return[0]:  # it stays there: to leave another vehicle is no reason to circle with a third
+            before = {one.other: one.nearness for one in now[1]}
+            stays = [one for one in led[1] if one.nearness < before.get(one.other, _CLEAR) - _WORSE]
+            return f"would {min(stays).words}" if stays else ""
         return f"would {min(led[1]).words}" if overlaps < -_WORSE and meets < _WORSE else ""
 
     def _met(
