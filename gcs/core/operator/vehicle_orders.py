@@ -78,6 +78,9 @@ _MAX_TAKEOFF_SHIFT_M: Final = 30.0
 MIN_RESUME_HEIGHT_M: Final = 40.0
 """Minimum height above home at which a vehicle that returns or lands is turned back; landing approaches begin
 at 30 m."""
+_LEVEL_HEIGHT_M: Final = 20.0
+"""The same for one in RTL that does not descend: that of a PX4 ends in a circle at RTL_DESCEND_ALT, 30 m."""
+_LEVEL_M_S: Final = 0.5
 
 
 class Orders:
@@ -255,7 +258,9 @@ class Orders:
         if state.mode in PILOTED:
             return f"is in {state.mode}: its pilot has to give it back"
         height_m = self._fleet.height_m(state)
-        low = height_m < min(MIN_RESUME_HEIGHT_M, 0.5 * self._tasking.altitude_rel_m)
+        is_level = state.mode == RTL and state.climb_m_s > -_LEVEL_M_S
+        least_m = _LEVEL_HEIGHT_M if is_level else MIN_RESUME_HEIGHT_M
+        low = height_m < min(least_m, 0.5 * self._tasking.altitude_rel_m)
         if state.mode == LOITER or _stands(state) or not low:
             return ""
         return (
@@ -400,7 +405,7 @@ class Orders:
         waiting.next_check_t_ns = t_ns + _WAIT_PERIOD_NS
         order = self._operator.orders[waiting.order].order
         health = next(one for one in self._fleet.health() if one.system_id == vehicle)
-        if state is None or health.liveness != "alive":  # nobody knows whether it is clear
+        if state is None or health.liveness != "alive":  # whether it is clear is not known
             if waiting.uploads_since_t_ns is not None:
                 waiting.uploads_since_t_ns = t_ns  # an upload goes on when it is heard again
             return []
