@@ -79,7 +79,7 @@ MIN_RESUME_HEIGHT_M: Final = 40.0
 """Minimum height above home at which a vehicle that returns or lands is turned back; landing approaches begin
 at 30 m."""
 _LEVEL_HEIGHT_M: Final = 20.0
-"""The same for one in RTL that does not descend: that of a PX4 ends in a circle at RTL_DESCEND_ALT, 30 m."""
+"""The same for a PX4 in RTL that does not descend: its return ends in a circle at RTL_DESCEND_ALT, 30 m."""
 _LEVEL_M_S: Final = 0.5
 
 
@@ -258,8 +258,10 @@ class Orders:
         if state.mode in PILOTED:
             return f"is in {state.mode}: its pilot has to give it back"
         height_m = self._fleet.height_m(state)
-        is_level = state.mode == RTL and state.climb_m_s > -_LEVEL_M_S
-        least_m = _LEVEL_HEIGHT_M if is_level else MIN_RESUME_HEIGHT_M
+        profile = self._fleet.profile(state.system_id)
+        circles = profile is not None and profile.return_circle_parameters and state.mode == RTL
+        is_level = state.climb_m_s > -_LEVEL_M_S and not self._stacked.lands(state.system_id)
+        least_m = _LEVEL_HEIGHT_M if circles and is_level else MIN_RESUME_HEIGHT_M
         low = height_m < min(least_m, 0.5 * self._tasking.altitude_rel_m)
         if state.mode == LOITER or _stands(state) or not low:
             return ""
