@@ -1,4 +1,4 @@
-"""A mission would have no standby after a take-over, or a node would fly on that nobody can end."""
+"""A mission would have no standby after a take-over, or a node would go on that cannot be ended."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ north_m = 2300.0
 
 
 def ridge(east, north):
-    """Return a ridge of 300 m across the way home, with a saddle in the east, and level ground at home."""
+    """Return a ridge of 300 m across the return route, a saddle in the east, and level ground at home."""
     saddle = np.exp(-(((east - 2400.0) / 400.0) ** 2))
     return 900.0 + 300.0 * np.exp(-0.5 * ((north - 1700.0) / 250.0) ** 2) * (1.0 - saddle)
 
