@@ -156,7 +156,7 @@ class OrderCheck:
 
     def _led(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
         """Return the begin of the flight on a route that a vehicle gets now."""
-        reach_m = state.ground_speed_m_s * _AHEAD_S
+        reach_m = self._intents.reach_m(state, _AHEAD_S)
         count = points_within(route.flown_m, (state.east_m, state.north_m), reach_m)
         legs = self._legs(route, route.flown_m[: max(count, _MIN_POINTS)])
         return replace(self._intents.flight(state, t_ns), goals=(*legs, Goal(GoalKind.KEEP)))
@@ -279,9 +279,7 @@ class OrderCheck:
         """Yield the vehicles that a flight comes near to."""
         for_s = _AHEAD_S
         if is_return:  # up to its place, and once round
-            last = own.goals[-1]
-            away_m = math.dist((own.east_m, own.north_m), (last.east_m, last.north_m))
-            for_s += min((away_m + 2.0 * math.pi * abs(last.radius_m)) / own.speed_m_s, _MAX_AHEAD_S - for_s)
+            for_s = min(for_s + _round_s(own), _MAX_AHEAD_S)
         step_s = min(max(for_s / _STEPS, 0.5), _MAX_STEP_S)
         paths = simulate_flights([own, *others], for_s, step_s)
         for one in encounters(paths, margin * self._min_m, self._min_height_m, _GROWTH_M / for_s, step_s):
@@ -322,8 +320,8 @@ class OrderCheck:
 def _round_s(flight: Flight) -> float:
     """Return the time to the circle at the end of a flight, and once round it."""
     last = flight.goals[-1]
-    away_m = math.dist((flight.east_m, flight.north_m), (last.east_m, last.north_m))
-    return min((away_m + 2.0 * math.pi * abs(last.radius_m)) / flight.speed_m_s, _MAX_AHEAD_S)
+    leg_m = (last.east_m - flight.east_m, last.north_m - flight.north_m)
+    return min(flight.time_s(leg_m, 2.0 * math.pi * abs(last.radius_m)), _MAX_AHEAD_S)
 
 
 def _nearest(conflicts: Sequence[_Conflict]) -> float:
