@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
+from gcs.config.airframe import density_ratio
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
 from gcs.core.separation.forward_flight import (
     CLIMB_M_S,
@@ -191,7 +193,14 @@ class Intents:
         centre_m = (state.east_m, state.north_m)
         if state.mode == LOITER and seen.hold_m is not None:
             centre_m = seen.hold_m
-        return Goal(GoalKind.CIRCLE, *centre_m, seen.radius_m or _CIRCLE_RADIUS_M, state.alt_msl_m)
+        radius_m = seen.radius_m or self._wide_m(state.system_id, _CIRCLE_RADIUS_M, state.alt_msl_m)
+        return Goal(GoalKind.CIRCLE, *centre_m, radius_m, state.alt_msl_m)
+
+    def _wide_m(self, vehicle: int, radius_m: float, height_msl_m: float) -> float:
+        """Return the radius over ground of a circle whose radius was commanded (AP_L1_Control)."""
+        profile = self._fleet.profile(vehicle)
+        is_wider = profile is not None and profile.widens_circles
+        return radius_m / density_ratio(height_msl_m) if is_wider else radius_m
 
     def note_circle(self, state: VehicleState) -> None:
         """Note the radius of the circle that a vehicle flies in LOITER or RTL."""
@@ -242,7 +251,8 @@ class Intents:
             height_m = max(height_m, ground_m + rally_m) if known is None else height_m
         if profile is not None and profile.atomic:  # PX4 returns no lower than it is
             height_m = max(height_m, state.alt_msl_m)
-        radius_m = self._agents[state.system_id].separation.radius_m or _CIRCLE_RADIUS_M
+        radius_m = self._agents[state.system_id].separation.radius_m
+        radius_m = radius_m or self._wide_m(state.system_id, _CIRCLE_RADIUS_M, height_m)
         end_m = self._return_heights.circle_height_m(state.system_id)
         away_m = math.dist((state.east_m, state.north_m), (east_m, north_m))
         if end_m is None:
@@ -267,6 +277,8 @@ class Intents:
                 return
             if item.command in _KINDS:
                 goal = self._goal(item, ground_m)
+                if goal.kind is GoalKind.CIRCLE:
+                    goal = replace(goal, radius_m=self._wide_m(state.system_id, goal.radius_m, goal.height_m))
                 yield goal
                 left_m -= math.dist(place_m, (goal.east_m, goal.north_m))
                 place_m = (goal.east_m, goal.north_m)

@@ -95,7 +95,7 @@ class OrderCheck:
         return near_ground or self._worse(ordered, present, others, is_return)
 
     def release_problem(self, vehicle: int, t_ns: int) -> str:
-        """Return which vehicle or aircraft one that holds for another would come near to if it flew on.
+        """Return what one that holds for another would come near to if it flew on: a vehicle, or the ground.
 
         Empty also if that is better than to hold on.
         """
@@ -106,17 +106,28 @@ class OrderCheck:
         others = self._flights(states.values(), t_ns)
         led = self._intents.flight(state, t_ns, AUTO)
         conflicts = [*self._met(led, others, is_return=False, margin=_RELEASE_MARGIN)]
-        held = self._nearness(self._intents.flight(state, t_ns), others)
+        present = self._intents.flight(state, t_ns)
+        below_m = self._below_band_m(led)
+        if below_m > max(_OFF_BAND_M, self._below_band_m(present)):
+            return f"would fly {below_m:.0f} m below the flight band"
+        held = self._nearness(present, others)
         if not conflicts or _nearest(conflicts) - held > _WORSE:
             return ""
         return f"would {min(conflicts).words}"
+
+    def _below_band_m(self, flight: Flight) -> float:
+        """Return how far a flight goes below the flight band at once; a landing does so by intent."""
+        if any(goal.kind is GoalKind.LAND for goal in flight.goals):
+            return -math.inf
+        return self._ground.below_band_m(flight, _AHEAD_S)
 
     def circles_in_band(self, vehicle: int, t_ns: int, *, may_be_high: bool = False) -> bool:
         """Return True if a vehicle that holds now stays inside the flight band, or only above its floor."""
         state = next((one for one in self._intents.flying(t_ns) if one.system_id == vehicle), None)
         if state is None:
             return True
-        below_m, above_m = self._ground.departures_m(self._intents.flight(state, t_ns, LOITER).goals[-1])
+        hold = self._intents.flight(state, t_ns, LOITER)
+        below_m, above_m = self._ground.departures_m(hold, _round_s(hold))
         return below_m <= _OFF_BAND_M and (may_be_high or above_m <= _OFF_BAND_M)
 
     def _ground_problem(self, flight: Flight) -> str:
