@@ -107,6 +107,8 @@ class Telemetry:
             mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: self.mission_current,
             mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: self.nav_controller_output,
             mavlink.MAVLINK_MSG_ID_VFR_HUD: self.vfr_hud,
+            mavlink.MAVLINK_MSG_ID_WIND: self.wind,
+            mavlink.MAVLINK_MSG_ID_WIND_COV: self.wind_cov,
             mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self.battery_status,
             mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self.ekf_status_report,
             mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self.estimator_status,
@@ -298,6 +300,24 @@ class Telemetry:
             self._geodesy.frame.alt_msl_m + a.alt_rel_m, a.climb_m_s,
         )  # fmt: skip
 
+    def wind(self, _t_ns: int) -> Any | None:
+        """Return where ArduPlane's wind comes from, and its speed; None in calm air."""
+        a = self._airframe
+        speed_m_s = math.hypot(a.wind_east_m_s, a.wind_north_m_s)
+        if speed_m_s == 0.0:
+            return None
+        from_deg = math.degrees(math.atan2(-a.wind_east_m_s, -a.wind_north_m_s))
+        return mavlink.MAVLink_wind_message(from_deg, speed_m_s, 0.0)
+
+    def wind_cov(self, t_ns: int) -> Any | None:
+        """Return the velocity of PX4's wind; None in calm air."""
+        a = self._airframe
+        if a.wind_east_m_s == 0.0 and a.wind_north_m_s == 0.0:
+            return None
+        return mavlink.MAVLink_wind_cov_message(
+            t_ns // 1000, a.wind_north_m_s, a.wind_east_m_s, 0.0, 0.1, 0.1, a.alt_rel_m, 0.5, 0.5
+        )
+
     def battery_status(self, t_ns: int) -> Any:
         """Return the battery."""
         percent = self._battery_percent(t_ns)
@@ -406,6 +426,7 @@ _GROUPS: dict[int, tuple[int, ...]] = {
         mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
         mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
         mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+        mavlink.MAVLINK_MSG_ID_WIND,
     ),
 }
 _GROUPS[mavlink.MAV_DATA_STREAM_ALL] = tuple(message_id for group in _GROUPS.values() for message_id in group)
@@ -416,9 +437,14 @@ _DEFAULT_PERIOD_NS = dict.fromkeys(
 _PX4_PERIOD_NS = {
     number: period_ns
     for number, period_ns in _DEFAULT_PERIOD_NS.items()
-    if number != mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT
+    if number not in (mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, mavlink.MAVLINK_MSG_ID_WIND)
 } | dict.fromkeys(
-    (mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE), NS_PER_S
+    (
+        mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+        mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+        mavlink.MAVLINK_MSG_ID_WIND_COV,
+    ),
+    NS_PER_S,
 )
 
 

@@ -174,9 +174,9 @@ class HealthMonitor:
             yield HealthItem.PROPULSION, "it sinks at full throttle: engine or propeller has failed"
         if problem := self._battery_problem(state, agent, now, t_ns):
             yield HealthItem.BATTERY, problem
-        wind_m_s = agent.link.wind_m_s
+        wind_m_s = math.hypot(*(agent.link.wind_m_s or (0.0, 0.0)))
         max_m_s = self._max_wind_m_s[state.system_id]
-        if wind_m_s is not None and wind_m_s > max_m_s:
+        if wind_m_s > max_m_s:
             allowed = f"{max_m_s:.0f} m/s that the plan allows (airframe.wind_m_s)"
             yield HealthItem.WIND, f"{wind_m_s:.0f} m/s, above the {allowed}"
 

@@ -5,6 +5,10 @@ straight, or follows a vector field round a circle. At distance d from the centr
 desired course is the tangent, turned inwards by ``atan((d - R) / (v tau))`` (`CONVERGENCE_S`). A vehicle
 without a goal keeps its turn rate.
 
+Autopilots follow legs and circles over ground and keep their airspeed V. So in a wind w the speed over ground
+on a course with the unit vector c is ``w . c + sqrt(V^2 - (w x c)^2)``. L1 guidance banks more the faster a
+vehicle is over ground: the greatest turn rate stays. A vehicle without a goal keeps its bank instead.
+
 A height is a band. Autopilots change heights at once or evenly along a leg, and the band has both. Along a
 leg a height changes as far as the vehicle comes nearer to its end: while it turns round it stays.
 
@@ -13,6 +17,7 @@ Shapes: n vehicles, m goals of each, k time steps.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -83,6 +88,7 @@ class Flight:
     height_m: float
     """Above mean sea level."""
     speed_m_s: float
+    """Over ground."""
     course_rad: float
     climb_m_s: float
     turn_rate_rad_s: float
@@ -96,6 +102,21 @@ class Flight:
     """Vertical speed in a take-off climb, by ground speed."""
     height_error_m: float = 0.0
     """Half the width of the band of heights at the begin."""
+    wind_m_s: tuple[float, float] = (0.0, 0.0)
+    """Velocity of the air, east and north."""
+
+    @property
+    def airspeed_m_s(self) -> float:
+        """Airspeed in the plane."""
+        return airspeed_m_s(self.speed_m_s, self.course_rad, self.wind_m_s)
+
+    def time_s(self, leg_m: tuple[float, float], circle_m: float) -> float:
+        """Return the time of a straight leg, east and north, and of a way round circles."""
+        wind_m_s = math.hypot(*self.wind_m_s)
+        airspeed = self.airspeed_m_s
+        along, _ = _over_ground(math.atan2(*leg_m), airspeed, *self.wind_m_s)
+        around = max(airspeed - wind_m_s * wind_m_s / airspeed, _LOW_SPEED_M_S)
+        return math.hypot(*leg_m) / float(along) + circle_m / around
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +132,14 @@ class FlightPaths:
     """(k, n), lower bound of the height; NaN after a landing."""
     high_m: FloatArray
     """(k, n), upper bound."""
+
+
+def airspeed_m_s(speed_m_s: float, course_rad: float, wind_m_s: tuple[float, float]) -> float:
+    """Return the airspeed of a vehicle with a speed and a course over ground."""
+    east, north = wind_m_s
+    along = east * math.sin(course_rad) + north * math.cos(course_rad)
+    squared = speed_m_s * (speed_m_s - 2.0 * along) + east * east + north * north
+    return max(math.sqrt(max(squared, 0.0)), _LOW_SPEED_M_S)
 
 
 def simulate_flights(flights: Sequence[Flight], for_s: float, step_s: float = STEP_S) -> FlightPaths:
@@ -138,11 +167,13 @@ def simulate_flights(flights: Sequence[Flight], for_s: float, step_s: float = ST
                 flight.age_s,
                 flight.climb_gradient,
                 flight.height_error_m,
+                *flight.wind_m_s,
+                flight.airspeed_m_s,
             )
             for flight in flights
         ],
         dtype=np.float64,
-    ).reshape(n, 11)
+    ).reshape(n, 14)
     paths = np.empty((4, steps, n))
     _fly(table, last, state, paths, step_s)
     return FlightPaths(tuple(flight.vehicle for flight in flights), *paths)
@@ -152,7 +183,12 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
     """Fill (4, k, n) with east, north, lower and upper height."""
     rows = np.arange(len(last))
     goal = np.zeros_like(last)
-    east, north, height, speed, course, climb, turn_rate, max_rate, age, gradient, error_m = state.T.copy()
+    columns = state.T.copy()
+    east, north, height, speed, course, climb, turn_rate, max_rate, age, gradient, error_m = columns[:11]
+    wind_east, wind_north, airspeed = columns[11:]
+    is_windy = bool(wind_east.any() or wind_north.any())
+    ahead = np.maximum(speed - wind_east * np.sin(course) - wind_north * np.cos(course), _LOW_SPEED_M_S)
+    lateral = turn_rate * speed / ahead  # by airspeed
     low = height - error_m
     high = height + error_m
     in_air = np.ones(len(last), dtype=bool)
@@ -188,6 +224,9 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
         turned = np.minimum(np.maximum(error, -max_rate * dt), max_rate * dt)
         turned = np.where(keeps, turn_rate * dt, turned * ~is_climb)
         course += 0.5 * turned
+        if is_windy:
+            speed, ahead = _over_ground(course, airspeed, wind_east, wind_north)
+            turn_rate = lateral * ahead / speed
         moved = speed * dt * in_air
         east += moved * np.sin(course)
         north += moved * np.cos(course)
@@ -232,3 +271,18 @@ def _fly(table: FloatArray, last: IntArray, state: FloatArray, paths: FloatArray
         paths[3, k] = high
         paths[2:, k, ~in_air] = np.nan
         dt = step_s
+
+
+def _over_ground(
+    course: FloatArray | float,
+    airspeed: FloatArray | float,
+    wind_east: FloatArray | float,
+    wind_north: FloatArray | float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the speed over ground on a course, and the part of the airspeed along it."""
+    sine = np.sin(course)
+    cosine = np.cos(course)
+    across = wind_east * cosine - wind_north * sine
+    ahead: FloatArray = np.sqrt(np.maximum(airspeed * airspeed - across * across, 0.0))
+    along = wind_east * sine + wind_north * cosine
+    return np.maximum(along + ahead, _LOW_SPEED_M_S), ahead

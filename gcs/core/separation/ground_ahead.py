@@ -9,7 +9,9 @@ from typing import Final
 import numpy as np
 
 from gcs.config import Config
-from gcs.core.separation.forward_flight import STEP_S, Flight, Goal, simulate_flights
+from gcs.core.separation.forward_flight import STEP_S, Flight, simulate_flights
+from gcs.model import FloatArray
+from gcs.terrain.elevation import Elevation
 
 _RING: Final = 24
 _RING_RADII: Final = (0.5, 1.0, 1.4)
@@ -44,11 +46,7 @@ class GroundAhead:
         """Return where a flight is first too near to the ground; None if it is not, or no ground is known."""
         if self._elevation is None:
             return None
-        paths = simulate_flights([flight], ahead_s)
-        places_m = np.column_stack((paths.east_m[:, 0], paths.north_m[:, 0]))
-        heights_m = paths.low_m[:, 0]
-        heights_m[0] = flight.height_m
-        agl_m = heights_m - self._elevation.heights_at(places_m)
+        places_m, agl_m = _flown(flight, ahead_s, self._elevation)
         near = np.flatnonzero(agl_m < self.least_m)
         if not len(near):
             return None
@@ -56,17 +54,35 @@ class GroundAhead:
         east_m, north_m = places_m[at].tolist()
         return GroundEncounter(at * STEP_S, float(agl_m[at]), east_m, north_m)
 
-    def departures_m(self, circle: Goal) -> tuple[float, float]:
-        """Return how far flights round a circle go below and above the flight band; negative inside.
+    def below_band_m(self, flight: Flight, ahead_s: float) -> float:
+        """Return how far a flight goes below the flight band; negative inside, infinitely without a band."""
+        if self._elevation is None or self._terrain is None:
+            return -math.inf
+        _, agl_m = _flown(flight, ahead_s, self._elevation)
+        return self._terrain.min_agl_m - float(np.nanmin(agl_m))
+
+    def departures_m(self, hold: Flight, ahead_s: float) -> tuple[float, float]:
+        """Return how far a hold leads a vehicle below and above the flight band; negative inside.
 
         A vehicle overshoots its circle in wind, and flies through it when it begins.
         """
         if self._elevation is None or self._terrain is None:
             return -math.inf, -math.inf
+        circle = hold.goals[-1]
         angle = np.linspace(0.0, 2.0 * math.pi, _RING, endpoint=False)
         ring = np.stack((np.sin(angle), np.cos(angle)), axis=1)
         radii_m = abs(circle.radius_m) * np.array(_RING_RADII)
         centre_m = np.array((circle.east_m, circle.north_m))
         places_m = centre_m + (radii_m[:, None, None] * ring).reshape(-1, 2)
         agl_m = circle.height_m - self._elevation.heights_at(places_m)
-        return float(self._terrain.min_agl_m - agl_m.min()), float(agl_m.max() - self._terrain.max_agl_m)
+        below_m = max(float(self._terrain.min_agl_m - agl_m.min()), self.below_band_m(hold, ahead_s))
+        return below_m, float(agl_m.max() - self._terrain.max_agl_m)
+
+
+def _flown(flight: Flight, ahead_s: float, elevation: Elevation) -> tuple[FloatArray, FloatArray]:
+    """Return the places of a flight, (k, 2), and its least heights above ground there, (k,)."""
+    paths = simulate_flights([flight], ahead_s)
+    places_m = np.column_stack((paths.east_m[:, 0], paths.north_m[:, 0]))
+    heights_m = paths.low_m[:, 0]
+    heights_m[0] = flight.height_m
+    return places_m, heights_m - elevation.heights_at(places_m)

@@ -7,19 +7,30 @@
 * LOITER: a circle round the place where it began.
 * Circles have the radius, and the side, of the vehicle's last one; before that 60 m, to the right.
 * Other modes, or an unknown mission: turn rate and vertical speed are kept.
+
+The wind is the vehicle's own estimate (WIND, WIND_COV); without one it counts as none.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
+from gcs.config.airframe import density_ratio
 from gcs.core.preflight.return_heights import ReturnHeightMonitor
-from gcs.core.separation.forward_flight import CLIMB_M_S, STEP_S, Flight, Goal, GoalKind
+from gcs.core.separation.forward_flight import (
+    CLIMB_M_S,
+    STEP_S,
+    Flight,
+    Goal,
+    GoalKind,
+    airspeed_m_s,
+)
 from gcs.core.state import Agent
 from gcs.fence import rally_of
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
@@ -38,6 +49,9 @@ _CIRCLE_RADIUS_M: Final = 60.0
 """Default WP_LOITER_RAD of ArduPlane."""
 _RETURN_HEIGHT_M: Final = 100.0
 """Default RTL_ALTITUDE of ArduPlane, for a vehicle that did not tell its own."""
+_LEAST_AIRSPEED: Final = 0.5
+_GREATEST_AIRSPEED: Final = 2.0
+"""Airspeeds, by the cruising speed, between which an estimate of the wind is plausible."""
 _STRAIGHT_RAD_S: Final = 0.03
 _SETTLED: Final = 0.3
 """Relative difference of the distance from the centre and the radius of a turn on a circle."""
@@ -103,8 +117,11 @@ class Intents:
     def flight(self, state: VehicleState, t_ns: int, mode: str | None = None) -> Flight:
         """Return what a vehicle flies, or would fly in another mode."""
         speed_m_s = max(state.ground_speed_m_s, 1.0)
+        wind_m_s = self._wind_m_s(state)
         if is_on_ground(state, self._fleet.home(state.system_id)):
             speed_m_s = self._airframes[state.system_id].speed_m_s
+            wind_m_s = (0.0, 0.0)
+        through_air_m_s = airspeed_m_s(speed_m_s, state.course_rad, wind_m_s)
         rate = self._agents[state.system_id].separation.rate_rad_s
         return Flight(
             vehicle=state.system_id,
@@ -115,11 +132,25 @@ class Intents:
             course_rad=state.course_rad,
             climb_m_s=state.climb_m_s,
             turn_rate_rad_s=rate,
-            max_turn_rate_rad_s=max(self.turn_rate_rad_s(state.system_id, speed_m_s), abs(rate)),
+            max_turn_rate_rad_s=max(self.turn_rate_rad_s(state.system_id, through_air_m_s), abs(rate)),
             goals=self._goals(state, mode or state.mode),
             age_s=max(t_ns - state.t_ns, 0) / NS_PER_S,
             climb_gradient=self.climb_gradient(state.system_id),
+            wind_m_s=wind_m_s,
         )
+
+    def _wind_m_s(self, state: VehicleState) -> tuple[float, float]:
+        """Return the wind that a vehicle estimates; none where its airspeed would be no such aeroplane's."""
+        wind_m_s = self._agents[state.system_id].link.wind_m_s or (0.0, 0.0)
+        share = airspeed_m_s(state.ground_speed_m_s, state.course_rad, wind_m_s)
+        share /= self._airframes[state.system_id].speed_m_s
+        return wind_m_s if _LEAST_AIRSPEED < share < _GREATEST_AIRSPEED else (0.0, 0.0)
+
+    def reach_m(self, state: VehicleState, for_s: float) -> float:
+        """Return the greatest distance that a vehicle flies over ground in some time: downwind."""
+        wind_m_s = self._wind_m_s(state)
+        through_air_m_s = airspeed_m_s(state.ground_speed_m_s, state.course_rad, wind_m_s)
+        return for_s * (through_air_m_s + math.hypot(*wind_m_s))
 
     def _goals(self, state: VehicleState, mode: str) -> tuple[Goal, ...]:
         if mode == RTL:
@@ -162,7 +193,14 @@ class Intents:
         centre_m = (state.east_m, state.north_m)
         if state.mode == LOITER and seen.hold_m is not None:
             centre_m = seen.hold_m
-        return Goal(GoalKind.CIRCLE, *centre_m, seen.radius_m or _CIRCLE_RADIUS_M, state.alt_msl_m)
+        radius_m = seen.radius_m or self._wide_m(state.system_id, _CIRCLE_RADIUS_M, state.alt_msl_m)
+        return Goal(GoalKind.CIRCLE, *centre_m, radius_m, state.alt_msl_m)
+
+    def _wide_m(self, vehicle: int, radius_m: float, height_msl_m: float) -> float:
+        """Return the radius over ground of a circle whose radius was commanded (AP_L1_Control)."""
+        profile = self._fleet.profile(vehicle)
+        is_wider = profile is not None and profile.widens_circles
+        return radius_m / density_ratio(height_msl_m) if is_wider else radius_m
 
     def note_circle(self, state: VehicleState) -> None:
         """Note the radius of the circle that a vehicle flies in LOITER or RTL."""
@@ -213,7 +251,8 @@ class Intents:
             height_m = max(height_m, ground_m + rally_m) if known is None else height_m
         if profile is not None and profile.atomic:  # PX4 returns no lower than it is
             height_m = max(height_m, state.alt_msl_m)
-        radius_m = self._agents[state.system_id].separation.radius_m or _CIRCLE_RADIUS_M
+        radius_m = self._agents[state.system_id].separation.radius_m
+        radius_m = radius_m or self._wide_m(state.system_id, _CIRCLE_RADIUS_M, height_m)
         end_m = self._return_heights.circle_height_m(state.system_id)
         away_m = math.dist((state.east_m, state.north_m), (east_m, north_m))
         if end_m is None:
@@ -231,13 +270,15 @@ class Intents:
             return
         first = max(state.mission_seq, profile.home_items)
         ground_m = self.ground_m(state.system_id)
-        left_m = _AHEAD_S * state.ground_speed_m_s
+        left_m = self.reach_m(state, _AHEAD_S)
         place_m = (state.east_m, state.north_m)
         for number, item in enumerate(tasking.onboard.items[first:]):
             if number >= _MIN_ITEMS and left_m < 0.0:
                 return
             if item.command in _KINDS:
                 goal = self._goal(item, ground_m)
+                if goal.kind is GoalKind.CIRCLE:
+                    goal = replace(goal, radius_m=self._wide_m(state.system_id, goal.radius_m, goal.height_m))
                 yield goal
                 left_m -= math.dist(place_m, (goal.east_m, goal.north_m))
                 place_m = (goal.east_m, goal.north_m)

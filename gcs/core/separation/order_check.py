@@ -95,7 +95,7 @@ class OrderCheck:
         return near_ground or self._worse(ordered, present, others, is_return)
 
     def release_problem(self, vehicle: int, t_ns: int) -> str:
-        """Return which vehicle or aircraft one that holds for another would come near to if it flew on.
+        """Return what one that holds for another would come near to if it flew on: a vehicle, or the ground.
 
         Empty also if that is better than to hold on.
         """
@@ -106,17 +106,28 @@ class OrderCheck:
         others = self._flights(states.values(), t_ns)
         led = self._intents.flight(state, t_ns, AUTO)
         conflicts = [*self._met(led, others, is_return=False, margin=_RELEASE_MARGIN)]
-        held = self._nearness(self._intents.flight(state, t_ns), others)
+        present = self._intents.flight(state, t_ns)
+        below_m = self._below_band_m(led)
+        if below_m > max(_OFF_BAND_M, self._below_band_m(present)):
+            return f"would fly {below_m:.0f} m below the flight band"
+        held = self._nearness(present, others)
         if not conflicts or _nearest(conflicts) - held > _WORSE:
             return ""
         return f"would {min(conflicts).words}"
+
+    def _below_band_m(self, flight: Flight) -> float:
+        """Return how far a flight goes below the flight band at once; a landing does so by intent."""
+        if any(goal.kind is GoalKind.LAND for goal in flight.goals):
+            return -math.inf
+        return self._ground.below_band_m(flight, _AHEAD_S)
 
     def circles_in_band(self, vehicle: int, t_ns: int, *, may_be_high: bool = False) -> bool:
         """Return True if a vehicle that holds now stays inside the flight band, or only above its floor."""
         state = next((one for one in self._intents.flying(t_ns) if one.system_id == vehicle), None)
         if state is None:
             return True
-        below_m, above_m = self._ground.departures_m(self._intents.flight(state, t_ns, LOITER).goals[-1])
+        hold = self._intents.flight(state, t_ns, LOITER)
+        below_m, above_m = self._ground.departures_m(hold, _round_s(hold))
         return below_m <= _OFF_BAND_M and (may_be_high or above_m <= _OFF_BAND_M)
 
     def _ground_problem(self, flight: Flight) -> str:
@@ -156,7 +167,7 @@ class OrderCheck:
 
     def _led(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
         """Return the begin of the flight on a route that a vehicle gets now."""
-        reach_m = state.ground_speed_m_s * _AHEAD_S
+        reach_m = self._intents.reach_m(state, _AHEAD_S)
         count = points_within(route.flown_m, (state.east_m, state.north_m), reach_m)
         legs = self._legs(route, route.flown_m[: max(count, _MIN_POINTS)])
         return replace(self._intents.flight(state, t_ns), goals=(*legs, Goal(GoalKind.KEEP)))
@@ -279,9 +290,7 @@ class OrderCheck:
         """Yield the vehicles that a flight comes near to."""
         for_s = _AHEAD_S
         if is_return:  # up to its place, and once round
-            last = own.goals[-1]
-            away_m = math.dist((own.east_m, own.north_m), (last.east_m, last.north_m))
-            for_s += min((away_m + 2.0 * math.pi * abs(last.radius_m)) / own.speed_m_s, _MAX_AHEAD_S - for_s)
+            for_s = min(for_s + _round_s(own), _MAX_AHEAD_S)
         step_s = min(max(for_s / _STEPS, 0.5), _MAX_STEP_S)
         paths = simulate_flights([own, *others], for_s, step_s)
         for one in encounters(paths, margin * self._min_m, self._min_height_m, _GROWTH_M / for_s, step_s):
@@ -322,8 +331,8 @@ class OrderCheck:
 def _round_s(flight: Flight) -> float:
     """Return the time to the circle at the end of a flight, and once round it."""
     last = flight.goals[-1]
-    away_m = math.dist((flight.east_m, flight.north_m), (last.east_m, last.north_m))
-    return min((away_m + 2.0 * math.pi * abs(last.radius_m)) / flight.speed_m_s, _MAX_AHEAD_S)
+    leg_m = (last.east_m - flight.east_m, last.north_m - flight.north_m)
+    return min(flight.time_s(leg_m, 2.0 * math.pi * abs(last.radius_m)), _MAX_AHEAD_S)
 
 
 def _nearest(conflicts: Sequence[_Conflict]) -> float:

@@ -144,6 +144,7 @@ ARDUPLANE: Final = AutopilotProfile(
     in_order=False,
     tracks_old_leg=True,
     climbs_first=False,
+    widens_circles=True,
     marks_current=False,
     ends_in=RTL,
     unused=0.0,

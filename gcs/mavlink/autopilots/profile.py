@@ -88,6 +88,8 @@ class AutopilotProfile:
     """True if a leg may start at the waypoint before, not at the vehicle."""
     climbs_first: bool
     """True if it climbs in a circle to a mission's first point when it goes from LOITER to AUTO."""
+    widens_circles: bool
+    """True if radii of circles are those at sea level: in thin air it flies wider ones, by the density."""
     marks_current: bool
     """True if `current` on an uploaded item makes the mission begin there."""
     ends_in: str

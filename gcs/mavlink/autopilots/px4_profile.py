@@ -101,6 +101,7 @@ PX4: Final = AutopilotProfile(
     in_order=True,
     tracks_old_leg=False,
     climbs_first=True,
+    widens_circles=False,
     marks_current=True,
     ends_in=LOITER,
     unused=math.nan,

@@ -90,8 +90,8 @@ class VehicleLink:
     armed: bool = False
     system_status: int = dialect.MAV_STATE_UNINIT
     """MAV_STATE of its last heartbeat."""
-    wind_m_s: float | None = None
-    """Wind speed that it estimates; None before it reports one."""
+    wind_m_s: tuple[float, float] | None = None
+    """Velocity of the air that it estimates, east and north; None before it reports one."""
     mission_seq: int = -1
     """Current mission item; -1 if unknown."""
     home: Home | None = None

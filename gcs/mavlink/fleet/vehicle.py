@@ -562,9 +562,15 @@ class Vehicle:
         self.record[LANDED_STATE] = message.landed_state
 
     def _on_wind(self, message: Message, _t_ns: int, _notify: Notify) -> None:
-        is_vector = message.get_type() == "WIND_COV"  # PX4; ArduPilot gives the speed
-        speed_m_s = math.hypot(message.wind_x, message.wind_y) if is_vector else message.speed
-        self.link.wind_m_s = speed_m_s if abs(speed_m_s) <= _MAX_WIND_M_S else None  # it may be no number
+        if message.get_type() == "WIND_COV":
+            wind_m_s = (message.wind_y, message.wind_x)
+        elif math.isfinite(message.direction):
+            from_rad = math.radians(message.direction)
+            wind_m_s = (-message.speed * math.sin(from_rad), -message.speed * math.cos(from_rad))
+        else:
+            wind_m_s = (math.nan, math.nan)
+        is_known = math.hypot(*wind_m_s) <= _MAX_WIND_M_S  # it may be no number
+        self.link.wind_m_s = wind_m_s if is_known else None
 
     def _on_command_ack(self, message: Message, t_ns: int, notify: Notify) -> None:
         refused = self.stream_requests.acknowledged(message, t_ns)

@@ -65,6 +65,30 @@ def test_of_two_the_one_holds_whose_circle_keeps_above_the_ground():
     assert [one.vehicle for _, one in sky.told(NoticeCode.AVOIDS)] == [3 - chosen]
 
 
+def test_a_vehicle_that_holds_does_not_fly_on_into_higher_ground_beside_its_route():
+    """It had left its route on its circle, flew straight to the next point, and was 28 m too low."""
+    sky = crossing()
+    while not sky.told(NoticeCode.AVOIDS):
+        fly_on(sky, 0.4)
+    ((_, notice),) = sky.told(NoticeCode.AVOIDS)
+    vehicle = notice.vehicle
+    order_check = sky.run_.engine.stages.avoidances._order_check
+    while order_check.release_problem(vehicle, sky.run_.t_ns):
+        fly_on(sky, 0.4)
+    t_ns = sky.run_.t_ns
+    state = sky.run_.engine.stages.fleet.state(vehicle)
+    goal = order_check._intents.flight(state, t_ns, "AUTO").goals[0]
+    place_m = np.array((state.east_m, state.north_m))
+    place_m += (
+        200.0
+        / np.hypot(goal.east_m - place_m[0], goal.north_m - place_m[1])
+        * (np.array((goal.east_m, goal.north_m)) - place_m)
+    )
+    order_check._ground._elevation = elevation_of(hill(*place_m, 60.0, 60.0, 70.0), 3000.0)
+    order_check._ground._terrain = TerrainTable(file="ground.tif", min_agl_m=50.0, max_agl_m=150.0)
+    assert order_check.release_problem(vehicle, t_ns).endswith("m below the flight band")
+
+
 @pytest.mark.parametrize("px4", [(), (1, 2)])
 def test_one_of_two_that_would_meet_holds_and_flies_on_when_they_are_apart(px4):
     sky = crossing(px4=px4)

@@ -495,10 +495,12 @@ def test_a_wind_that_is_no_number_leaves_a_state_that_a_restart_can_read():
     air.hear(0.0, beat(), position(1.0))
     link = air.fleet._vehicles[1].link
     air.hear(0.5, dialect.MAVLink_wind_message(270.0, 6.0, 0.0))
-    assert link.wind_m_s == pytest.approx(6.0)
-    for speed in (math.nan, math.inf):
-        air.hear(1.0, dialect.MAVLink_wind_message(270.0, speed, 0.0))
+    assert link.wind_m_s == pytest.approx((6.0, 0.0))
+    for direction, speed in ((270.0, math.nan), (270.0, math.inf), (math.inf, 6.0), (math.nan, 6.0)):
+        air.hear(1.0, dialect.MAVLink_wind_message(direction, speed, 0.0))
         assert link.wind_m_s is None
+    air.hear(1.2, dialect.MAVLink_wind_cov_message(0, 2.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert link.wind_m_s == pytest.approx((5.0, 2.0))
     air.hear(1.5, dialect.MAVLink_wind_cov_message(0, math.nan, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     assert link.wind_m_s is None
 
