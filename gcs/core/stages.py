@@ -212,9 +212,7 @@ class Stages:
             agents, self.state.operator, self.trackers.targets.confirmation, self.replanner
         )
         self.ready_orders = ReadyOrders(agents, self.fleet, self.flight_phases)
-        self.disarmed_in_auto = DisarmedInAuto(
-            agents, self.state.authority, self.fleet, self.tasking, self.orders
-        )
+        self.disarmed_in_auto = DisarmedInAuto(agents, self.state.authority, self.fleet, self.tasking)
         self.onboard_audit = OnboardAudit(agents, self.fleet, self.tasking)
         authority = self.state.authority
         self.second_commander = SecondCommander(agents, self.fleet, self.tasking, authority)

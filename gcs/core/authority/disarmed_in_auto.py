@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from gcs.core.authority.records import AuthorityState
-from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.state import Agent
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
@@ -35,13 +34,11 @@ class DisarmedInAuto:
         state: AuthorityState,
         fleet: Fleet,
         tasking: UploadManager,
-        orders: Orders,
     ) -> None:
         self._agents = agents
         self._state = state
         self._fleet = fleet
         self._tasking = tasking
-        self._orders = orders
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""
@@ -77,7 +74,7 @@ class DisarmedInAuto:
         on_ground = is_on_ground(state, self._fleet.home(vehicle))
         stands = not state.armed and state.mode == AUTO and on_ground
         is_busy = vehicle in self._tasking.state.stages or self._agents[vehicle].orders.command is not None
-        return stands and not is_busy and not self._orders.may_take_off(vehicle)
+        return stands and not is_busy and not self._tasking.may_take_off(vehicle)
 
     def _begin(self, vehicle: int, t_ns: int) -> list[Effect]:
         profile = self._fleet.profile(vehicle)

@@ -12,9 +12,9 @@ from typing import Final
 from gcs.core.authority.overrides import Overrides
 from gcs.core.authority.records import AuthorityState
 from gcs.core.flight.failsafes import Failsafes
-from gcs.core.operator.vehicle_orders import PILOTED, Orders
+from gcs.core.operator.vehicle_orders import Orders
 from gcs.core.state import Agent
-from gcs.mavlink.autopilots.modes import LOITER, RTL
+from gcs.mavlink.autopilots.modes import LOITER, PILOTED, RTL
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.services.retry import ns
 from gcs.model import Authority, Effect, Label, Notice, NoticeCode, targets_text, vehicle_name

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 from gcs.mavlink.services.command_sender import CommandSender
-from gcs.model import Action, AnswerState, Label, Order, OrderAnswer, Plan, Proposal, RouteFigures
+from gcs.model import NS_PER_S, Action, AnswerState, Label, Order, OrderAnswer, Plan, Proposal, RouteFigures
+
+WAIT_PERIOD_NS: Final = NS_PER_S
+"""Time between two checks of an order that waits."""
 
 
 @dataclass(slots=True)
@@ -62,6 +66,10 @@ class AgentOrders:
     """Target that the vehicle is to fly to, by order."""
     confirmation: int | None = None
     """Order that confirmed the mission on its way to the vehicle (`OperatorState.orders`)."""
+
+    def wait(self, number: int, mode: str, t_ns: int, uploads_since_t_ns: int | None = None) -> None:
+        """Let an order wait that was given in a mode."""
+        self.waiting = WaitingOrder(number, mode, t_ns + WAIT_PERIOD_NS, uploads_since_t_ns)
 
 
 @dataclass(slots=True)

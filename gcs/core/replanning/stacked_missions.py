@@ -30,6 +30,7 @@ from gcs.core.separation.order_check import OrderCheck
 from gcs.core.state import Agent
 from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
 from gcs.core.tasking.upload_manager import UploadManager
+from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import APPROACH_M, Effect, Label, Route, VehicleState
 from gcs.model.names import hold_label, home_label
@@ -112,6 +113,15 @@ class StackedMissions:
     def lands(self, vehicle: int) -> bool:
         """Return True if a vehicle's missions end with a landing."""
         return self._airframes[vehicle].end == "land"
+
+    def is_flown(self, vehicle: int) -> bool:
+        """Return True if a vehicle flies the mission that returns it, or holds it in a layer."""
+        agent = self._agents[vehicle]
+        state = self._fleet.state(vehicle)
+        onboard = agent.tasking.onboard
+        is_stored = onboard is not None and onboard.route.is_same(agent.routes.stacked)
+        is_settled = is_stored and not self._tasking.state.has_pending(vehicle)
+        return is_settled and state is not None and state.mode == AUTO
 
     def send(self, route: Route, t_ns: int) -> list[Effect]:
         """Send a mission, at once."""

@@ -60,6 +60,8 @@ from gcs.planning.manoeuvres.landing import ReturnRoute
 _MAX_ITEM_WAIT_NS: Final = 5 * NS_PER_S
 _MAX_DELAY_NS: Final = NS_PER_S
 """Delay of an upload after which its route is planned again."""
+_MAX_TAKEOFF_SHIFT_M: Final = 30.0
+"""Distance from the place of a verified take-off within which it still holds."""
 _MAX_HOME_SHIFT_M: Final = 20.0
 """Drift of a reported home that does not matter to its return route."""
 
@@ -130,6 +132,22 @@ class UploadManager:
         agent = self._agents[vehicle]
         is_unsure = vehicle in self.state.uploads or agent.tasking.is_inconsistent
         return is_unsure and not agent.link.is_atomic
+
+    def may_fly(self, vehicle: int) -> bool:
+        """Return True if the verified onboard mission is the one to fly now."""
+        agent = self._agents[vehicle]
+        onboard = agent.tasking.onboard
+        is_stored = onboard is not None and onboard.route.is_same(agent.routes.flown)
+        is_suspended = agent.control.suspension is not None
+        return is_stored and not is_suspended and vehicle not in self.state.stages
+
+    def may_take_off(self, vehicle: int) -> bool:
+        """Return True if that mission was also verified for a take-off from where the vehicle stands."""
+        state = self._fleet.state(vehicle)
+        onboard = self._agents[vehicle].tasking.onboard
+        if state is None or onboard is None or onboard.takeoff_m is None or not self.may_fly(vehicle):
+            return False
+        return math.dist(onboard.takeoff_m, (state.east_m, state.north_m)) <= _MAX_TAKEOFF_SHIFT_M
 
     def forward_simulation(self, vehicle: int, t_ns: int) -> RemainingMission:
         """Return what a vehicle flies until it gets another mission, and when that upload may begin."""

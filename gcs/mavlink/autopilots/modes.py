@@ -13,3 +13,8 @@ LOITER: Final = "LOITER"
 """Circles at its position (PX4: Hold)."""
 RTL: Final = "RTL"
 """Returns to launch."""
+PILOTED: Final = frozenset(
+    {"MANUAL", "STABILIZE", "STABILIZED", "TRAINING", "ACRO", "FBWA", "FBWB", "CRUISE", "AUTOTUNE"}
+    | {"ALTCTL", "POSCTL", "RATTITUDE", "QSTABILIZE", "QHOVER", "QACRO"}
+)
+"""Modes of manual flight: the pilot keeps control."""
