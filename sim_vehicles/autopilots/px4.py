@@ -7,7 +7,9 @@ Observed on PX4 1.17-dev (SIH airplane), and read in its navigator:
   ``mission_state`` NO_MISSION. AUTO is TEMPORARILY_REJECTED then, and arming in AUTO is refused.
 - Armed on the ground in AUTO, it takes off with its stored mission from item 0, even after a landing.
 - A mission that is stored in AUTO is flown at once, from the present position.
-- A take-off flies towards its place while it climbs.
+- A take-off flies towards its place while it climbs. When a mission is begun in the air, and its first point
+  is more than NAV_FW_ALT_RAD higher, it climbs in a circle where it is, to within NAV_FW_ALT_RAD.
+- Set to Hold on a circle it keeps that circle, and its height.
 - Altitude is linear along a leg that begins at an item (first-order hold), up to NAV_LOITER_RAD before its
   end. Elsewhere the command is the item's altitude at once.
 - It returns at RTL_RETURN_ALT above its rally point or home, and no lower than it is, and descends there in a
@@ -40,6 +42,8 @@ _DETECTED_NS = 2_500_000_000
 _DISARMED_NS = 2 * NS_PER_S
 _MISSION_LANDING = 1
 _ALT_REACHED_M = 1.0
+_ALT_RADIUS_M = 10.0
+"""NAV_FW_ALT_RAD."""
 _ON_CIRCLE = 1.3
 """Distance from the centre of a circle, in radii, within which a vehicle has reached it."""
 _TAKE_OFF = 1
@@ -95,9 +99,18 @@ class Px4Autopilot(Autopilot):
     def set_mode(self, mode: Mode) -> None:
         """Change the mode, if it is another one."""
         was = self.mode
+        goal = self.goal
+        alt_m = self.alt_command_m
         super().set_mode(mode)
+        if mode is Mode.LOITER and mode is not was and self._is_on(goal):
+            self._fly(goal, alt_m)
         if mode is Mode.AUTO and was is not Mode.AUTO and self.flying:
             self.notify(mavlink.MAV_SEVERITY_INFO, "Executing Mission")
+
+    def _is_on(self, goal: Goal) -> bool:
+        """Return True if the goal is a circle that it flies on now."""
+        radius_m = self.parameters["NAV_ACC_RAD"]
+        return isinstance(goal, Circle) and goal.distance_m(self.airframe) <= abs(goal.radius_m) + radius_m
 
     def is_active(self, t_ns: int) -> bool:
         """Return True if HEARTBEAT shows MAV_STATE_ACTIVE: while it is armed."""
@@ -249,7 +262,22 @@ class Px4Autopilot(Autopilot):
         self._circle_here()
         self.alt_command_m = alt_m
 
+    def _resume_mission(self) -> None:
+        super()._resume_mission()
+        item = self._item
+        if not self.flying or not self._mission_running or item is None:
+            return
+        alt_m = self._alt_m(item)
+        if item.command == mavlink.MAV_CMD_NAV_TAKEOFF or alt_m <= self.airframe.alt_rel_m + _ALT_RADIUS_M:
+            return
+        self.notify(mavlink.MAV_SEVERITY_INFO, f"Climb to {alt_m - self.home.alt_m:.1f} meters above home")
+        self.legs.leave()
+        self._item = None
+        self._circle_here()
+        self.alt_command_m = alt_m
+
     def _watch_item(self) -> None:
-        if self._item is None and self._is_alt_reached():  # The climb of a return.
+        within_m = _ALT_RADIUS_M if self.mode is Mode.AUTO else _ALT_REACHED_M
+        if self._item is None and self.airframe.alt_rel_m >= self.alt_command_m - within_m:
             self._start_item(self.seq)
         super()._watch_item()

@@ -108,7 +108,12 @@ class StackedMissions:
         place_m = self._agents[vehicle].separation.hold_m
         if state is None or place_m is None:
             return None
-        return self._route(state, [place_m], hold_label(vehicle), {}, {}, t_ns)
+        return self._route(state, [place_m], hold_label(vehicle), self._not_flown_yet(vehicle), {}, t_ns)
+
+    def _not_flown_yet(self, vehicle: int) -> dict[int, Route]:
+        """Return the routes of others that are sent home, or to a layer, and still fly something else."""
+        routes = {v: agent.routes.stacked for v, agent in self._agents.items() if v != vehicle}
+        return {v: route for v, route in routes.items() if route is not None and not self.is_flown(v)}
 
     def lands(self, vehicle: int) -> bool:
         """Return True if a vehicle's missions end with a landing."""

@@ -4,6 +4,8 @@
 * RTL: straight to the nearest rally point, or home, at its return height, and round a circle there. A PX4
   descends in that circle to RTL_DESCEND_ALT, if that is lower. With a landing in its mission, and RTL_TYPE
   1, it climbs to its return height where it is and lands by its mission.
+* A PX4 that begins a mission in the air climbs in a circle where it is, if the first point is higher by more
+  than `FIRST_CLIMB_M`. The climb goes on if it is set to LOITER then.
 * LOITER: a circle round the place where it began.
 * Circles have the radius, and the side, of the vehicle's last one; before that 60 m, to the right.
 * Other modes, or an unknown mission: turn rate and vertical speed are kept.
@@ -31,6 +33,7 @@ from gcs.core.separation.forward_flight import (
     GoalKind,
     airspeed_m_s,
 )
+from gcs.core.separation.records import FirstClimb
 from gcs.core.state import Agent
 from gcs.fence import rally_of
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
@@ -62,6 +65,10 @@ _MAX_RADIUS_M: Final = 150.0
 _ARRIVED: Final = 1.3
 """Distance from the centre of a circle, in radii, within which a vehicle has reached it."""
 _LEVEL_M_S: Final = 0.7
+FIRST_CLIMB_M: Final = 10.0
+"""Default NAV_FW_ALT_RAD of PX4."""
+_FIRST_CLIMB_M_S: Final = 3.0
+"""Default FW_T_CLMB_R_SP of PX4."""
 _KINDS: Final = {
     dialect.MAV_CMD_NAV_WAYPOINT: GoalKind.WAYPOINT,
     dialect.MAV_CMD_NAV_TAKEOFF: GoalKind.CLIMB,
@@ -191,10 +198,48 @@ class Intents:
     def _hold(self, state: VehicleState) -> Goal:
         seen = self._agents[state.system_id].separation
         centre_m = (state.east_m, state.north_m)
+        if seen.first_climb is not None:
+            return self._circle_up(state, seen.first_climb)
         if state.mode == LOITER and seen.hold_m is not None:
             centre_m = seen.hold_m
         radius_m = seen.radius_m or self._wide_m(state.system_id, _CIRCLE_RADIUS_M, state.alt_msl_m)
         return Goal(GoalKind.CIRCLE, *centre_m, radius_m, state.alt_msl_m)
+
+    def first_climb(self, state: VehicleState, height_msl_m: float) -> Iterator[Goal]:
+        """Yield the climb of a vehicle that begins a mission now, with its first point at a height."""
+        if self._climbs_first(state, height_msl_m) and state.mode != AUTO:
+            yield self._circle_up(state, FirstClimb(state.east_m, state.north_m, height_msl_m))
+
+    def _climbs_first(self, state: VehicleState, height_msl_m: float) -> bool:
+        profile = self._fleet.profile(state.system_id)
+        is_below = height_msl_m - state.alt_msl_m > FIRST_CLIMB_M
+        on_ground = is_on_ground(state, self._fleet.home(state.system_id))
+        return profile is not None and profile.climbs_first and is_below and not on_ground
+
+    def _circle_up(self, state: VehicleState, climb: FirstClimb) -> Goal:
+        seen = self._agents[state.system_id].separation
+        rate_m_s = state.climb_m_s if state.climb_m_s > _LEVEL_M_S else _FIRST_CLIMB_M_S
+        for_s = max(climb.height_msl_m - state.alt_msl_m, 0.0) / rate_m_s + STEP_S
+        radius_m = seen.radius_m or _CIRCLE_RADIUS_M
+        return Goal(GoalKind.CIRCLE, climb.east_m, climb.north_m, radius_m, climb.height_msl_m, for_s)
+
+    def note_first_climb(self, state: VehicleState) -> None:
+        """Note the begin, and the end, of a climb to the first point of a mission."""
+        seen = self._agents[state.system_id].separation
+        goal = next(self._items(state), None) if state.mode == AUTO else None
+        if goal is not None and goal.kind is not GoalKind.CLIMB and seen.mode not in ("", AUTO):
+            seen.first_climb = FirstClimb(state.east_m, state.north_m, goal.height_m)
+        elif (
+            goal is not None
+            and seen.first_climb is not None
+            and goal.height_m != seen.first_climb.height_msl_m
+        ):
+            seen.first_climb = None  # another mission, or another point of it
+        climb = seen.first_climb
+        is_over = climb is not None and not self._climbs_first(state, climb.height_msl_m)
+        if is_over or state.mode not in (AUTO, LOITER):
+            seen.first_climb = None
+        seen.mode = state.mode
 
     def _wide_m(self, vehicle: int, radius_m: float, height_msl_m: float) -> float:
         """Return the radius over ground of a circle whose radius was commanded (AP_L1_Control)."""
@@ -264,6 +309,16 @@ class Intents:
         yield Goal(GoalKind.CIRCLE, east_m, north_m, radius_m, min(height_m, ground_m + end_m))
 
     def _mission(self, state: VehicleState) -> Iterator[Goal]:
+        climb = self._agents[state.system_id].separation.first_climb
+        for number, goal in enumerate(self._items(state)):
+            if number == 0 and state.mode == AUTO and climb is not None:
+                yield self._circle_up(state, climb)
+            elif number == 0 and goal.kind is not GoalKind.CLIMB:
+                yield from self.first_climb(state, goal.height_m)
+            yield goal
+
+    def _items(self, state: VehicleState) -> Iterator[Goal]:
+        """Yield the items of the onboard mission, from the current one on, that are flown soon."""
         tasking = self._agents[state.system_id].tasking
         profile = self._fleet.profile(state.system_id)
         if tasking.onboard is None or not tasking.is_selected or profile is None or state.mission_seq < 0:

@@ -103,6 +103,7 @@ class SeparationMonitor:
             seen.hold_m = None
         elif seen.hold_m is None or math.dist(seen.hold_m, place_m) > _MAX_HOLD_M:
             seen.hold_m = place_m
+        self._intents.note_first_climb(state)
         passed_ns = state.t_ns - seen.t_ns
         if passed_ns < _MIN_TURN_NS:
             return

@@ -170,7 +170,8 @@ class OrderCheck:
         reach_m = self._intents.reach_m(state, _AHEAD_S)
         count = points_within(route.flown_m, (state.east_m, state.north_m), reach_m)
         legs = self._legs(route, route.flown_m[: max(count, _MIN_POINTS)])
-        return replace(self._intents.flight(state, t_ns), goals=(*legs, Goal(GoalKind.KEEP)))
+        climb = self._intents.first_climb(state, legs[0].height_m)
+        return replace(self._intents.flight(state, t_ns), goals=(*climb, *legs, Goal(GoalKind.KEEP)))
 
     def hold_gain(self, vehicle: int, t_ns: int) -> float:
         """Return how much farther from all others a vehicle stays if it holds now, as a share of the minimum.
@@ -245,7 +246,8 @@ class OrderCheck:
         radius_m = self._airframes[route.vehicle].circle_radius_m
         circle = replace(legs[-1], kind=GoalKind.CIRCLE, radius_m=radius_m)
         waypoints = legs[: len(route.points_m)]
-        return replace(self._intents.flight(state, t_ns), goals=(*waypoints, circle))
+        climb = self._intents.first_climb(state, legs[0].height_m)
+        return replace(self._intents.flight(state, t_ns), goals=(*climb, *waypoints, circle))
 
     def _legs(self, route: Route, points_m: FloatArray) -> list[Goal]:
         mission = self._mission

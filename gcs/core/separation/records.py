@@ -21,6 +21,16 @@ class Avoidance:
     """True from the command to fly on."""
 
 
+@dataclass(frozen=True, slots=True)
+class FirstClimb:
+    """Climb in a circle, from where the mission was begun in the air, to the height of its first point."""
+
+    east_m: float
+    north_m: float
+    """Centre of the circle."""
+    height_msl_m: float
+
+
 @dataclass(slots=True)
 class AgentSeparation:
     """Turn and climb of one vehicle, from its reports."""
@@ -34,6 +44,10 @@ class AgentSeparation:
     """Vertical speed by ground speed in its last take-off; 0 before that."""
     hold_m: tuple[float, float] | None = None
     """Place where LOITER was seen first: the centre of its circle; None in other modes."""
+    mode: str = ""
+    """Mode at the last check."""
+    first_climb: FirstClimb | None = None
+    """Climb of a PX4 to the first point of its mission; it goes on if it is set to LOITER. None: no such."""
     radius_m: float = 0.0
     """Radius of the last circle that it flew in LOITER or RTL, negative to the left; 0 if unknown."""
     landing_t_ns: int = 0
