@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import parse, read_text
 from gcs.config.key_overrides import override_keys
+from gcs.core.airspace.obstacle_map import mission_map
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.mission_checks import mission_checks, rehearse, sensor_checks
 from gcs.core.preflight.result import Check, CheckRow
@@ -72,8 +73,9 @@ def inspected(
         frames = [send.data for send in fleet.poll(now_ns) if isinstance(send, Send)]
         to_plane += frames + talk.poll(now_ns)
         t_ns += S // 20
-    ways = [rehearse(config, 1, {}).plan.paths_m[1]]
-    checks = VehicleChecks(talk, fleet, config, ways, now_ns).checks()
+    rehearsal = rehearse(config, 1, {})
+    ways = [rehearsal.plan.paths_m[1]]
+    checks = VehicleChecks(talk, fleet, config, ways, rehearsal.obstacles, now_ns).checks()
     for check in checks:
         assert_is_complete(check)
     return {check.name: check for check in checks}
@@ -212,7 +214,7 @@ def test_a_missing_vehicle_is_refused_with_one_row():
     fleet = Fleet([a.vehicle for a in config.agents], config.local_frame)
     talk = PreflightQuery(1, envelope_of(config, 1), Encoder())
     assert talk.poll(START_NS) == []
-    (row,) = VehicleChecks(talk, fleet, config, (), START_NS).checks()
+    (row,) = VehicleChecks(talk, fleet, config, (), mission_map(config, 1), START_NS).checks()
     assert (row.level, row.code) == ("refused", CheckCode.NOT_HEARD)
 
 
@@ -284,6 +286,51 @@ def test_a_px4_whose_return_ends_in_a_circle_into_a_hill_beside_home_is_refused(
     high = GOOD | {"RTL_RETURN_ALT": 150.0, "RTL_DESCEND_ALT": found.parameters["min_height_m"]}
     assert name not in inspected(config, autopilot="px4", parameters=high)
     assert name not in inspected(config, parameters=GOOD)
+
+
+def rally_at(config, *places_m, alt_rel_m=60):
+    """Return settings of rally points at places, east and north."""
+    points = [config.local_frame.to_geodetic(*place_m) for place_m in places_m]
+    rows = ", ".join(f"{{lat_deg={lat}, lon_deg={lon}, alt_rel_m={alt_rel_m}}}" for lat, lon in points)
+    return f"rally=[{rows}]"
+
+
+@pytest.mark.parametrize(("autopilot", "lowest_m"), [("ardupilot", 60.0), ("px4", 90.0)])
+def test_a_rally_point_whose_circle_leads_into_a_hill_is_refused(autopilot, lowest_m):
+    """The way home was checked, and the circle at its end was not."""
+    text = read_text("prescribed")[0]
+    text += terrain_table(elevation_of(hill(220.0, 200.0, 90.0, 40.0, 70.0), 2000.0))
+    flat = parse(text, "hill.toml")
+    rally = rally_at(flat, (300.0, 1300.0), (180.0, 260.0))
+    config = parse(override_keys(text, [rally], "hill.toml"), "hill.toml")
+    parameters = GOOD | {"RTL_RETURN_ALT": 150.0, "RTL_DESCEND_ALT": 30.0}
+    rows = inspected(config, autopilot=autopilot, parameters=parameters)
+    assert rows["rally point 1"].code is CheckCode.RALLY_CIRCLE
+    found = rows["rally point 2"]
+    assert (found.code, found.level) == (CheckCode.RALLY_INTO_GROUND, "refused")
+    assert found.parameters["height_m"] == lowest_m
+    assert found.parameters["above_m"] == pytest.approx(lowest_m - 90.0, abs=10.0)
+    raised = rally_at(flat, (300.0, 1300.0), (180.0, 260.0), alt_rel_m=found.parameters["min_alt_rel_m"])
+    config = parse(override_keys(text, [raised], "hill.toml"), "hill.toml")
+    assert inspected(config, autopilot=autopilot, parameters=parameters)["rally point 2"].level == "ok"
+
+
+def test_a_rally_point_whose_circle_crosses_the_fence_is_refused():
+    area = "fence.areas=[{kind='exclusion', circle=[33.21, -87.58, 50.0]}]"
+    config = mission(area)
+    middle_m = np.array(config.local_frame.to_local(33.21, -87.58))
+    for east_m, code in ((120.0, CheckCode.RALLY_BEYOND_FENCE), (260.0, CheckCode.RALLY_CIRCLE)):
+        row = inspected(mission(area, rally_at(config, middle_m + np.array((east_m, 0.0)))))["rally point 1"]
+        assert row.code is code
+
+
+@pytest.mark.parametrize(("alt_rel_m", "code"), [(70, "rally-near-obstacle"), (110, "rally-circle")])
+def test_a_rally_point_whose_circle_meets_an_obstacle_at_its_height_is_refused(alt_rel_m, code):
+    rally = rally_at(mission(), (830.0, 1850.0), alt_rel_m=alt_rel_m)
+    row = inspected(mission(TOWER, rally), until_s=1.0)["rally point 1"]
+    assert row.code.value == code
+    if code == "rally-near-obstacle":
+        assert row.parameters["away_m"] == pytest.approx(50.0, abs=25.0)
 
 
 @pytest.mark.parametrize(

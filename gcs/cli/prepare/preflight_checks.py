@@ -153,6 +153,7 @@ async def _run_checks(
         session.fleet,
         config,
         lambda vehicle: [path_m for v, path_m in rehearsal.plan.paths_m.items() if v == vehicle],
+        rehearsal.obstacles,
         session.now_ns(),
         session.has_key,
     )

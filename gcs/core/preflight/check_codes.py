@@ -47,6 +47,10 @@ _SET_PARAMETER: Final = "set it[ (gcs param set CONFIG {parameter} {only:.6g})]:
 _OF_MISSION_FILE: Final = "that of the mission file"
 _UPLOAD: Final = "gcs fence upload"
 _BREACHES: Final = "it would breach its fence on the way: change the mission or the fence"
+_RALLY: Final = "rally point {number}"
+_RALLY_CIRCLE: Final = (
+    "({lat_deg:.5f}, {lon_deg:.5f}), circle of {radius_m:.0f} m at {height_m:g} m above home"
+)
 _RETURN: Final = "{height_m:g} m ({source})"
 _RETURNS: Final = "agents {heights}"
 _RETURNS_WANTED: Final = "{step_m:g} m between them"
@@ -253,6 +257,24 @@ class CheckCode(TableCode):
     )
     RALLY_NOT_WANTED = _warning("rally-not-wanted", "rally", "{count} points", "none", _UPLOAD)
     RALLY = _ok("rally", "rally", "{count} points", "{required} points")
+    RALLY_INTO_GROUND = _refused(
+        "rally-into-ground", _RALLY, _RALLY_CIRCLE + ", {above_m:.0f} m above the ground",
+        "at least {min_above_m:g} m above the ground",
+        "a return ends in this circle: raise the rally point to {min_alt_rel_m:g} m above home, or move it, "
+        "then " + _UPLOAD,
+    )  # fmt: skip
+    RALLY_BEYOND_FENCE = _refused(
+        "rally-beyond-fence", _RALLY, _RALLY_CIRCLE + ", {beyond_m:.0f} m of it beyond the fence",
+        "{min_away_m:.0f} m inside the fence",
+        "a return ends in this circle, and breaches the fence: move the rally point, then " + _UPLOAD,
+    )  # fmt: skip
+    RALLY_NEAR_OBSTACLE = _refused(
+        "rally-near-obstacle", _RALLY,
+        _RALLY_CIRCLE + ", an obstacle or no-fly zone {away_m:.0f} m from the point",
+        "none within {min_away_m:.0f} m",
+        "a return ends in this circle: move the rally point, or raise it above the obstacle, then " + _UPLOAD,
+    )  # fmt: skip
+    RALLY_CIRCLE = _ok("rally-circle", _RALLY, _RALLY_CIRCLE)
     RETURN_NEAR_CEILING = _refused(
         "return-near-ceiling", "return height", _RETURN,
         "at most {max_height_m:g} m, {margin_m:g} m below the ceiling",

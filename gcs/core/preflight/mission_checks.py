@@ -10,7 +10,7 @@ from operator import attrgetter
 
 from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.airspace.obstacle_map import mission_map
+from gcs.core.airspace.obstacle_map import ObstacleMap, mission_map
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.result import Check
@@ -41,6 +41,7 @@ class Rehearsal:
     """Climbs of vehicles on the ground."""
     obstructions: Mapping[int, Obstruction]
     """Of take-offs that are not clear."""
+    obstacles: ObstacleMap
 
 
 def rehearse(
@@ -90,7 +91,7 @@ def rehearse(
     points = {route.vehicle: route.points_m for route in plan.routes}
     found = {v: takeoffs.obstruction(v, one, points.get(v)) for v, one in climbs.items() if takeoffs}
     obstructions = {vehicle: obstruction for vehicle, obstruction in found.items() if obstruction is not None}
-    return Rehearsal(mission, plan, climbs, obstructions)
+    return Rehearsal(mission, plan, climbs, obstructions, obstacles)
 
 
 def mission_checks(config: Config, rehearsal: Rehearsal) -> list[Check]:

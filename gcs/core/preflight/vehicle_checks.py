@@ -10,7 +10,9 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
+from gcs.core.airspace.obstacle_map import ObstacleMap
 from gcs.core.preflight.check_codes import CheckCode
+from gcs.core.preflight.rally_circles import DISC, RallyCircles
 from gcs.core.preflight.result import Check
 from gcs.core.preflight.return_heights import (
     MARGIN_M,
@@ -40,11 +42,6 @@ from gcs.terrain.elevation import Elevation
 
 _RETURN_SAMPLES: Final = 200
 """Places on the straight line to home at which the ground is read."""
-_ANGLES: Final = np.arange(0.0, 2.0 * math.pi, math.pi / 16.0)
-_DISC: Final = np.concatenate(
-    [part * np.stack((np.sin(_ANGLES), np.cos(_ANGLES)), axis=1) for part in (0.4, 0.8, 1.2)]
-)
-"""Places in a circle of radius 1, and a little beside it."""
 _TASKABLE: Final = (AUTO, LOITER)
 _MIN_BATTERY: Final = (25, 50)
 """Battery in percent: refused below the first, warning below the second."""
@@ -98,6 +95,8 @@ class VehicleChecks:
     ----------
     routes_m : sequence of FloatArray
         Routes that the mission may have, (n, 2) east/north each, from the vehicle's position.
+    obstacles : ObstacleMap
+        Obstacles of the mission file.
     has_key : bool
         True if there is a signing key for the vehicle here.
     """
@@ -108,6 +107,7 @@ class VehicleChecks:
         fleet: Fleet,
         config: Config,
         routes_m: Sequence[FloatArray],
+        obstacles: ObstacleMap,
         t_ns: int,
         *,
         has_key: bool = False,
@@ -116,6 +116,7 @@ class VehicleChecks:
         self._query = query
         self._config = config
         self._routes_m = routes_m
+        self._obstacles = obstacles
         self._t_ns = t_ns
         self._vehicle = query.vehicle
         self._state = fleet.state(self._vehicle)
@@ -131,7 +132,7 @@ class VehicleChecks:
         rows.append(self._signing())
         if self._query.profile is not None:
             rows += [*self._altitude_control(), *self._parameters(), *self._fence(), *self._rally()]
-            rows += self._return_height()
+            rows += [*self._rally_circles(), *self._return_height()]
         return rows
 
     def _found(self, code: CheckCode, **parameters: Parameter) -> Check:
@@ -381,6 +382,20 @@ class VehicleChecks:
             code = CheckCode.RALLY
         yield self._found(code, count=len(onboard), required=len(items))
 
+    def _rally_circles(self) -> Iterator[Check]:
+        assert self._query.profile is not None
+        home = self._health.home
+        if home is None:
+            return
+        yield from RallyCircles(
+            self._vehicle,
+            self._config,
+            self._obstacles,
+            self._query.profile,
+            self._query.values,
+            home.alt_msl_m,
+        ).checks()
+
     def _return_height(self) -> Iterator[Check]:
         assert self._query.profile is not None
         profile = self._query.profile
@@ -430,7 +445,7 @@ class VehicleChecks:
             return
         height_m = values[0]
         radius_m = abs(values[1])
-        ground_m = elevation.heights_at(home_m + radius_m * _DISC)
+        ground_m = elevation.heights_at(home_m + radius_m * DISC)
         if not np.isfinite(ground_m).any():
             return
         needed_m = float(np.nanmax(ground_m)) - home_msl_m + 0.5 * self._config.terrain.min_agl_m
@@ -475,6 +490,7 @@ def vehicle_checks(
     fleet: Fleet,
     config: Config,
     routes_m: Callable[[int], Sequence[FloatArray]],
+    obstacles: ObstacleMap,
     t_ns: int,
     has_key: Callable[[int], bool],
 ) -> list[Check]:
@@ -483,7 +499,7 @@ def vehicle_checks(
         check
         for one in queries
         for check in VehicleChecks(
-            one, fleet, config, routes_m(one.vehicle), t_ns, has_key=has_key(one.vehicle)
+            one, fleet, config, routes_m(one.vehicle), obstacles, t_ns, has_key=has_key(one.vehicle)
         ).checks()
     ]
     returns = [found for one in queries if (found := _return_of(one, config)) is not None]
