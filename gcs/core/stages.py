@@ -206,6 +206,7 @@ class Stages:
             self.replanner,
             self.return_routes,
             self.incursions,
+            stacked_missions,
             self.needs_approval,
         )
         self.target_orders = TargetOrders(

@@ -23,11 +23,13 @@ from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning.mission_inputs import mission_inputs, terrain_of
 from gcs.core.replanning.planned_flights import AltitudeLayers
+from gcs.core.replanning.replanner import is_crossed
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.minima import min_distance_m
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.state import Agent
+from gcs.core.tasking.mission_builder import flown_points, is_hold
 from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO
@@ -35,7 +37,7 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import APPROACH_M, Effect, Label, Route, VehicleState
 from gcs.model.names import hold_label, home_label
 from gcs.planning.forward_simulation import predict_motion
-from gcs.planning.map.grid import Point
+from gcs.planning.map.grid import Grid, Point
 from gcs.planning.planner import choose_new, plan_routes
 from gcs.planning.planner_inputs import AgentState
 
@@ -128,6 +130,29 @@ class StackedMissions:
         self._agents[route.vehicle].routes.stack(route)
         return_route, warnings = self._return_routes.plan(route, t_ns)
         return [*warnings, *self._tasking.enqueue_upload(route, t_ns, return_route, at_once=True)]
+
+    def avoid(self, closed: Grid, places: Mapping[int, Point], t_ns: int) -> dict[int, list[Effect]]:
+        """Lead vehicles round newly closed cells that their missions lead through.
+
+        Returns
+        -------
+        dict of int to list
+            Effects by vehicle; none of a vehicle for which there is no other route.
+        """
+        effects: dict[int, list[Effect]] = {}
+        for vehicle, agent in self._agents.items():
+            route = agent.routes.stacked
+            if route is None or self._tasking.overrides.of(vehicle).taken_by:
+                continue
+            passed = flown_points(agent, route, agent.perception.motion.state)
+            if not is_crossed(closed, route.flown_m, places.get(vehicle), passed):
+                continue
+            if is_hold(route):
+                other = self.plan_hold(vehicle, t_ns)
+            else:
+                other = self.plan_returns([vehicle], {}, t_ns).get(vehicle)
+            effects[vehicle] = [] if other is None else self.send(other, t_ns)
+        return effects
 
     def _nearest_layers(self, vehicle: int) -> list[int]:
         """Return all layers, that of a vehicle first."""
