@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -25,7 +24,6 @@ from gcs.core.replanning.mission_inputs import mission_inputs, terrain_of
 from gcs.core.replanning.planned_flights import AltitudeLayers
 from gcs.core.replanning.replanner import is_crossed
 from gcs.core.replanning.return_routes import ReturnRoutes
-from gcs.core.separation.intents import Intents
 from gcs.core.separation.minima import min_distance_m
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.state import Agent
@@ -38,7 +36,7 @@ from gcs.model import APPROACH_M, Effect, Label, Route, VehicleState
 from gcs.model.names import hold_label, home_label
 from gcs.planning.forward_simulation import predict_motion
 from gcs.planning.map.grid import Grid, Point
-from gcs.planning.planner import choose_new, plan_routes
+from gcs.planning.planner import PlanResult, choose_new, plan_routes
 from gcs.planning.planner_inputs import AgentState
 
 _SIDES_DEG: Final = (0.0, 60.0, -60.0, 120.0, -120.0, 180.0)
@@ -62,7 +60,6 @@ class StackedMissions:
         layers: AltitudeLayers,
         return_routes: ReturnRoutes,
         order_check: OrderCheck,
-        intents: Intents,
     ) -> None:
         self._config = config
         self._zones = zones
@@ -72,7 +69,7 @@ class StackedMissions:
         self._layers = layers
         self._return_routes = return_routes
         self._order_check = order_check
-        self._intents = intents
+        self._intents = order_check.intents
         self._airframes = config.airframes_of_agents
         self._frame = config.local_frame
         self._mission = mission_inputs(config, zones.obstacles)
@@ -201,12 +198,16 @@ class StackedMissions:
         self, state: VehicleState, end_m: Point, label: Label, layers: Sequence[int], t_ns: int
     ) -> Iterator[Route]:
         """Yield routes to a place in each of some layers; over terrain each at heights of its own."""
-        starts = {state.system_id: self._start(state, t_ns)}
-        plan = partial(plan_routes, self._zones.grid, starts, {label: end_m}, {}, self._options)
+        start = self._start(state, t_ns)
+
+        def plan(layer: int = 0) -> PlanResult:
+            starts = {state.system_id: replace(start, layer=layer)}
+            return plan_routes(self._zones.grid, starts, {label: end_m}, {}, self._options, terrain=terrain)
+
         terrain = terrain_of(self._config, self._zones.obstacles)
         if terrain is not None:
             for layer in layers:
-                for route in plan(terrain=terrain, layer=layer).routes:
+                for route in plan(layer).routes:
                     yield replace(route, layer=layer)
             return
         made = plan()
