@@ -38,6 +38,27 @@ def _unpacked_displays(path: Path) -> list[str]:
     return found
 
 
+MAX_PARAMETERS = 8
+
+
+def _many_parameters(path: Path) -> list[str]:
+    """Return the functions with too many parameters, other than kernels and commands: those are decorated."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) or node.decorator_list:
+            continue
+        names = [one.arg for one in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+        count = len(names) - (names[:1] == ["self"])
+        if count > MAX_PARAMETERS:
+            found.append(f"{path.relative_to(ROOT)}:{node.lineno}: {node.name} has {count} parameters")
+    return found
+
+
+def test_no_function_has_too_many_parameters() -> None:
+    paths = [path for folder in ("gcs", "sim_vehicles") for path in sorted((ROOT / folder).rglob("*.py"))]
+    assert not [place for path in paths for place in _many_parameters(path)]
+
+
 def test_there_is_one_assignment_a_line() -> None:
     paths = [path for folder in ("gcs", "sim_vehicles") for path in sorted((ROOT / folder).rglob("*.py"))]
     assert not [place for path in paths for place in _unpacked_displays(path)]

@@ -102,13 +102,9 @@ class Stages:
                 position_rate_hz=telemetry.rate_hz,
                 max_speed_m_s=max(one.max_ground_speed_m_s for one in config.airframes_of_agents.values()),
                 checks_signatures=bool(config.links.keys),
+                extra_ids=(MAVLINK_MSG_ID_PARAM_VALUE, MAVLINK_MSG_ID_TERRAIN_REQUEST, *TRAFFIC),
             ),
             links=[link for link in links if link.role == "vehicles"],
-            extra_ids=[
-                MAVLINK_MSG_ID_PARAM_VALUE,
-                MAVLINK_MSG_ID_TERRAIN_REQUEST,
-                *TRAFFIC,
-            ],
             state=self.state.fleet,
             vehicle_links={vehicle: agent.link for vehicle, agent in agents.items()},
         )
@@ -162,7 +158,6 @@ class Stages:
             self.replanner.layers,
             self.return_routes,
             order_check,
-            self.intents,
         )
         self.avoidances = Avoidances(
             config,
@@ -206,6 +201,7 @@ class Stages:
             self.replanner,
             self.return_routes,
             self.incursions,
+            stacked_missions,
             self.needs_approval,
         )
         self.target_orders = TargetOrders(

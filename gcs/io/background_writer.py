@@ -127,11 +127,10 @@ class BackgroundWriter:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._jobs)
-                job = self._jobs[0]
                 self._began_s = monotonic()
             error: Exception | None = None
             try:
-                job()
+                self._jobs[0]()  # not kept: what it refers to may be large
             except Exception as raised:  # The flight continues; the operator gets a notice.
                 error = raised
             with self._changed:

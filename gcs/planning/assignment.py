@@ -19,7 +19,7 @@ so keeping targets never costs more than the fraction f of the optimum.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -92,15 +92,12 @@ def fit_costs(
 
 def pinned_costs(
     costs: FloatArray,
-    vehicles: Sequence[int],
+    agents: Sequence[AgentState],
     labels: Sequence[Label],
     needs: Sequence[TargetDemand],
-    pinned: Mapping[int, Label],
 ) -> FloatArray:
-    """Return the costs without the other targets of pinned vehicles, and without their competitors."""
-    pairs = [
-        (i, labels.index(pinned[v])) for i, v in enumerate(vehicles) if v in pinned and pinned[v] in labels
-    ]
+    """Return the costs without the other targets of pinned agents, and without their competitors."""
+    pairs = [(i, labels.index(agent.pinned)) for i, agent in enumerate(agents) if agent.pinned in labels]
     pairs = [(i, j) for i, j in pairs if np.isfinite(costs[i, j])]
     if not pairs:
         return costs

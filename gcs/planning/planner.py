@@ -160,7 +160,6 @@ def plan_mission(
         inputs.options,
         on_stage,
         inputs.demands,
-        inputs.pinned,
         inputs.terrain,
     )
     choice = choose(result)
@@ -257,9 +256,7 @@ def plan_routes(
     options: PlanOptions,
     on_stage: Callable[[Stage], None] = _ignore_stage,
     demands: Mapping[Label, TargetDemand] = MappingProxyType({}),
-    pinned: Mapping[int, Label] = MappingProxyType({}),
     terrain: Terrain | None = None,
-    layer: int = 0,
 ) -> PlanResult:
     """Assign targets to agents and plan a route for each assigned agent.
 
@@ -271,12 +268,8 @@ def plan_routes(
         Called with the name of each stage when it ends, for time measurements.
     demands : mapping of label to TargetDemand
         Targets that need more than one agent, have a rank, or move.
-    pinned : mapping of int to label
-        Vehicles that must get a certain target, if it is there and a path leads to it.
     terrain : Terrain or None
         Ground that routes keep above; None: the ground is flat. Over terrain targets do not move in a plan.
-    layer : int
-        Altitude layer whose heights routes over terrain prefer.
     """
     notes: list[PlanNote] = []
     vehicles = [v for v in sorted(agents) if _on_earth(agents[v].east_m, agents[v].north_m)]
@@ -309,7 +302,7 @@ def plan_routes(
         flown_to = [labels.index(current[v]) if current.get(v) in labels else -1 for v in vehicles]
         costs = with_change_costs(search.costs, flown_to, options.switch_gain_m)
         costs = fit_costs(costs, [agents[v] for v in vehicles], [targets[one] for one in labels], flown_to)
-        costs = pinned_costs(costs, vehicles, labels, needs, pinned)
+        costs = pinned_costs(costs, starts, labels, needs)
         pairs = assign_agents(costs, needs)
         on_stage("assignment")
         for _ in range(_MAX_ASSIGNMENTS):
@@ -317,7 +310,7 @@ def plan_routes(
                 if (i, j) in found:
                     continue
                 if isinstance(search, TerrainSearch):
-                    found[i, j] = _shape_over_terrain(search, (i, j), vehicles[i], labels[j], layer)
+                    found[i, j] = _shape_over_terrain(search, (i, j), vehicles[i], labels[j], starts[i].layer)
                 else:
                     shape = partial(_shape_route, grid, vehicle=vehicles[i], label=labels[j])
                     planned = shape(search, (i, j), options=options)

@@ -37,6 +37,10 @@ class AgentState:
     """True on the ground: agents in the air get targets first."""
     is_doubtful: bool = False
     """True if it rejected its last mission: all other agents get targets first."""
+    pinned: Label | None = None
+    """Target that it must get, if that is there and a path leads to it."""
+    layer: int = 0
+    """Altitude layer whose heights its route prefers; used over terrain only."""
     is_unfit: bool = False
     """True if it may keep its target where no other agent can take it, and gets no other."""
     home_m: Point = (0.0, 0.0)
@@ -136,8 +140,6 @@ class MissionInputs:
         Assignment that is being flown. Vehicles and targets that are gone are ignored.
     demands : mapping of label to TargetDemand
         Targets that need more than one agent, have a rank, or move.
-    pinned : mapping of int to label
-        Vehicles that must get a certain target, if it is there and a path leads to it.
     terrain : Terrain or None
         Ground that routes keep above, at heights of their own; None: the ground is flat.
     min_height_m : float
@@ -154,6 +156,5 @@ class MissionInputs:
     begins_m: Mapping[int, Sequence[Point]] = field(default_factory=dict)
     flown_to: Mapping[int, Label] = field(default_factory=dict)
     demands: Mapping[Label, TargetDemand] = field(default_factory=dict)
-    pinned: Mapping[int, Label] = field(default_factory=dict)
     terrain: Terrain | None = None
     min_height_m: float = 0.0

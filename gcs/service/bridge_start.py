@@ -28,12 +28,13 @@ from gcs.endpoints import Link
 from gcs.errors import LinkError
 from gcs.io.cluster.all_bridges import AllBridges
 from gcs.io.cluster.bridge_links import BridgeLinks
+from gcs.io.cluster.bridge_settings import BridgeSettings
 from gcs.io.cluster.command_lease import CommandLease
 from gcs.io.zenoh.discovery import is_running, private_folder
 from gcs.io.zenoh.session import ZenohSession
 from gcs.mavlink.frames.codec import FrameTable
 from gcs.model import NoticeCode, NoticeContent
-from gcs.service.bridge_process import BridgeSettings, BridgeStarted, remove_socket
+from gcs.service.bridge_process import BridgeStarted, remove_socket
 from gcs.service.child_process import how_ended
 
 _NAME: Final = "main"
@@ -344,17 +345,7 @@ def _connected_to_local(
     settings = process.settings
     lease = _lease_of(config, (settings.name,), delay_ns)
     with ZenohSession(connect=settings.zenoh) as bus:
-        one = BridgeLinks(
-            settings.links,
-            settings.vehicles,
-            settings.mission,
-            settings.name,
-            bus,
-            lease,
-            process.poll,
-            process.started.ports,
-            scan,
-        )
+        one = BridgeLinks(settings, bus, lease, process.poll, process.started.ports, scan)
         yield AllBridges([one], lease)
 
 
@@ -374,9 +365,7 @@ def _connected_to_all(
         for name in names:
             settings = bridge_settings(config, source, links, name)
             bus = stack.enter_context(ZenohSession(connect=settings.zenoh, tls=settings.tls_folder))
-            found.append(
-                BridgeLinks(settings.links, settings.vehicles, settings.mission, name, bus, lease, scan=scan)
-            )
+            found.append(BridgeLinks(settings, bus, lease, scan=scan))
         yield AllBridges(found, lease)
 
 

@@ -23,7 +23,7 @@ from gcs.core.preflight.vehicle_checks import VehicleChecks, envelope_of
 from gcs.core.replanning.inputs import PlanningInputs
 from gcs.geo import LocalFrame
 from gcs.mavlink.autopilots import ARDUPLANE, PX4
-from gcs.mavlink.fleet.fleet import Fleet
+from gcs.mavlink.fleet.fleet import Fleet, FleetSettings
 from gcs.mavlink.frames.codec import Encoder, scan
 from gcs.mavlink.frames.signing import signed, timestamp_of
 from gcs.mavlink.services.preflight_query import PREFLIGHT_MESSAGE_IDS, PreflightQuery
@@ -55,7 +55,7 @@ def inspected(
     plane = SimVehicle(VehicleSpec(**(defaults | spec)), frame or config.local_frame, START_NS)
     if mode is not None:
         plane.autopilot.mode = Mode(mode)
-    fleet = Fleet([1], config.local_frame, extra_ids=PREFLIGHT_MESSAGE_IDS)
+    fleet = Fleet([1], config.local_frame, FleetSettings(extra_ids=PREFLIGHT_MESSAGE_IDS))
     talk = PreflightQuery(1, envelope_of(config, 1), fleet.encoder(1))
     t_ns, to_plane = START_NS, deque()
     while (not talk.is_done or t_ns < START_NS + until_s * S) and t_ns < START_NS + end_s * S:
@@ -435,7 +435,7 @@ def test_an_inspection_changes_nothing_on_the_vehicle():
     class Ear(PreflightQuery):
         pass
 
-    fleet = Fleet([1], config.local_frame, extra_ids=PREFLIGHT_MESSAGE_IDS)
+    fleet = Fleet([1], config.local_frame, FleetSettings(extra_ids=PREFLIGHT_MESSAGE_IDS))
     plane = SimVehicle(
         VehicleSpec(1, 120.0, 200.0, 0.0, 100.0, 15.0, parameters=GOOD), config.local_frame, START_NS
     )

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from gcs.config import load
 from gcs.core.airspace.obstacle_map import mission_grid
-from gcs.model import NoticeCode
+from gcs.model import Label, NoticeCode
 from gcs.planning.forward_simulation import Motion
 from gcs.planning.map.grid import Grid, free_grid, random_obstacles
 from gcs.planning.map.line_of_sight import line_of_sight
@@ -343,16 +343,20 @@ def test_a_captured_route_is_the_shorter_one_that_a_plan_without_a_course_has(ho
     assert found >= 3
 
 
+def with_pins(agents: dict[int, AgentState], pins: dict[int, Label]) -> dict[int, AgentState]:
+    return {vehicle: replace(agent, pinned=pins.get(vehicle)) for vehicle, agent in agents.items()}
+
+
 def test_a_pinned_agent_gets_its_target_and_others_make_room() -> None:
     grid = free_grid((50, 50), 10.0)
     agents = {1: AgentState(0.0, 0.0), 2: AgentState(0.0, 100.0), 3: AgentState(0.0, 200.0)}
     targets = {(0, k): (300.0, 100.0 * k) for k in range(3)}
     free = plan_routes(grid, agents, targets, {}, PlanOptions())
     assert [route.target[1] for route in free.routes] == [0, 1, 2]
-    held = plan_routes(grid, agents, targets, {}, PlanOptions(), pinned={1: (0, 2)})
+    held = plan_routes(grid, with_pins(agents, {1: (0, 2)}), targets, {}, PlanOptions())
     assert {route.vehicle: route.target[1] for route in held.routes}[1] == 2
     assert sorted(route.target[1] for route in held.routes) == [0, 1, 2]
-    both = plan_routes(grid, agents, targets, {}, PlanOptions(), pinned={1: (0, 2), 2: (0, 2), 3: (9, 9)})
+    both = plan_routes(grid, with_pins(agents, {1: (0, 2), 2: (0, 2), 3: (9, 9)}), targets, {}, PlanOptions())
     assert len({route.target for route in both.routes}) == len(both.routes) == 2
 
 
@@ -361,7 +365,7 @@ def test_a_pin_without_a_path_changes_nothing() -> None:
     agents = {1: AgentState(0.0, 0.0), 2: AgentState(0.0, 100.0)}
     targets = {(0, 0): (300.0, 0.0), (0, 1): (300.0, 100.0)}
     free = plan_routes(grid, agents, targets, {}, PlanOptions())
-    assert plan_routes(grid, agents, targets, {}, PlanOptions(), pinned={1: (5, 5)}).routes[0].target == (
+    assert plan_routes(grid, with_pins(agents, {1: (5, 5)}), targets, {}, PlanOptions()).routes[0].target == (
         free.routes[0].target
     )
 

@@ -17,9 +17,11 @@ from gcs.io.cluster.bridge_links import BridgeLinks
 from gcs.io.cluster.bridge_messages import Down, decode, encode
 from gcs.io.cluster.command_lease import CommandLease
 from gcs.io.zenoh.session import ZenohSession
+from gcs.service.bridge_start import bridge_settings
 from gcs.service.service import Service
 
 CONFIG = load("deterministic")
+SETTINGS = bridge_settings(CONFIG, "deterministic", CONFIG.mavlink_links, "main")
 
 
 class Bus:
@@ -46,7 +48,7 @@ async def fly(bus: Bus, fails_at: int | None) -> AllBridges:
     """Run a service for a second, or until a program error at an event."""
     session = cast(ZenohSession, bus)
     lease = CommandLease("command", ("main",), 0, is_only_node=False)
-    bridge = BridgeLinks(CONFIG.mavlink_links, (1,), CONFIG.name, "main", session, lease)
+    bridge = BridgeLinks(SETTINGS, session, lease)
     links = AllBridges([bridge], lease)
     service = Service(CONFIG, 1, links, session)
     step = service.engine.step

@@ -51,15 +51,24 @@ _GIVE_WAY_S: Final = 10.0
 """Time in which a standby starts a bridge again and takes over."""
 
 
+@dataclass(frozen=True)
+class RunFiles:
+    """Files of a run."""
+
+    recording: Path | None
+    journal: Path | None
+    """None: that of the mission's name, in the folder of the recordings."""
+    resume: bool | None
+    """True: resume from the journal. False: do not. None: if it is recent."""
+
+
 def serve(
     scenario: str,
     seed: int,
     console: Console,
     *,
     headless: bool,
-    out: Path | None,
-    resume: bool | None,
-    journal_path: Path | None,
+    files: RunFiles,
     clock: RunClock,
     page: PageOptions = DEFAULT_PAGE,
     is_standby: bool = False,
@@ -85,6 +94,7 @@ def serve(
             "tcp/127.0.0.1:7448; the same mission file is for all",
         )
     start = 1
+    out = files.recording
     if config.links.standby and not is_supervised_by_system():
         start = supervise_node(partial(_say_on, console))
         if out is not None and start > 1:
@@ -92,7 +102,7 @@ def serve(
     warm_up(console, *flying(config))
     follows = is_standby or is_bridge_of_other_node(config, source, config.mavlink_links)
     connected = bridges_for_standby if follows else bridges_of
-    journal = Journal(journal_path or default_path(config.name), config.name, fingerprint(text, seed))
+    journal = Journal(files.journal or default_path(config.name), config.name, fingerprint(text, seed))
     name = f"{config.name}-{datetime.now(tz=UTC):%Y%m%d-%H%M%S}"
     with (
         off_loop(console) as view,
@@ -111,7 +121,7 @@ def serve(
             fingerprint=journal.belongs_to,
             clock=clock,
             page=page,
-            resume=resume,
+            resume=files.resume,
             headless=headless,
             is_standby=is_standby,
             is_started_again=start > 1,

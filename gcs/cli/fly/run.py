@@ -75,7 +75,7 @@ def run(
     After Ctrl-C the vehicles fly their missions to the end. Started again, the service resumes.
     """
     from gcs.cli.console_page import PageOptions
-    from gcs.cli.fly.live_service import serve
+    from gcs.cli.fly.live_service import RunFiles, serve
     from gcs.io.clock import RunClock
 
     run_clock = RunClock()
@@ -94,9 +94,7 @@ def run(
             seed,
             output,
             headless=headless,
-            out=out,
-            resume=resume,
-            journal_path=journal,
+            files=RunFiles(out, journal, resume),
             clock=run_clock,
             page=PageOptions(page, page_access, open_page, page_map),
             is_standby=role is Role.STANDBY,

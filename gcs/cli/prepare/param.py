@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Annotated
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,6 +23,9 @@ from gcs.cli.arguments import (
     command_app,
 )
 from gcs.cli.prepare.vehicle_tasks import exit_with_results, run_tasks
+
+if TYPE_CHECKING:
+    from gcs.io.vehicles.parameters import ParameterTask
 
 app = command_app("""Read and set parameters of vehicles.
 
@@ -65,7 +69,20 @@ def get(
     as_json: JsonOption = False,
 ) -> None:
     """Show parameters of the vehicles."""
-    _run(config, vehicle, names, None, wait, link, as_json)
+    from gcs.io.vehicles.parameters import access_parameters
+
+    tasks = run_tasks(
+        config,
+        vehicle,
+        link,
+        lambda mission, selected: access_parameters(
+            mission, config, selected, names, None, wait_s=wait, link=link
+        ),
+        writes=False,
+        question="",
+        as_json=as_json,
+    )
+    _show("get", tasks, as_json=as_json)
 
 
 @app.command(context_settings={"ignore_unknown_options": True})  # A value may be negative.
@@ -85,41 +102,31 @@ def set(  # noqa: A001  the command's name
     as_json: JsonOption = False,
 ) -> None:
     """Set a parameter of the vehicles, and read it back."""
-    _run(config, vehicle, [name], value, wait, link, as_json, armed=armed, is_confirmed=yes)
-
-
-def _run(
-    source: str,
-    vehicles: list[int] | None,
-    names: list[str],
-    value: float | None,
-    wait_s: float,
-    link: str | None,
-    as_json: bool,
-    *,
-    armed: bool = False,
-    is_confirmed: bool = True,
-) -> None:
     from gcs.io.vehicles.parameters import access_parameters
 
     tasks = run_tasks(
-        source,
-        vehicles,
+        config,
+        vehicle,
         link,
-        lambda config, selected: access_parameters(
-            config, source, selected, names, value, wait_s=wait_s, link=link, armed_too=armed
+        lambda mission, selected: access_parameters(
+            mission, config, selected, [name], value, wait_s=wait, link=link, armed_too=armed
         ),
-        writes=value is not None,
-        question="" if is_confirmed else f"set {names[0]} = {value:g} on",
+        writes=True,
+        question="" if yes else f"set {name} = {value:g} on",
         as_json=as_json,
     )
+    _show("set", tasks, as_json=as_json)
+
+
+def _show(action: str, tasks: Sequence[ParameterTask], *, as_json: bool) -> None:
+    """Print the results, and exit with the code of them all."""
     rows = [
         {"vehicle": task.vehicle, "name": name, "ok": ok, "value": read_value, "detail": detail}
         for task in tasks
         for name, ok, read_value, detail in task.rows()
     ]
     exit_with_results(
-        "get" if value is None else "set",
+        action,
         tasks,
         ["parameter", "value"],
         lambda task: (

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Final
 
@@ -58,32 +59,23 @@ _ASKED_S: Final = 2.0
 """Time for which a request of a program keeps captures going."""
 
 
+@dataclass
 class Board:
     """What requests share: data, pages and orders."""
 
-    def __init__(
-        self,
-        world: World,
-        clients: Clients,
-        desk: OrderDesk,
-        playback: PlaybackDesk,
-        history: History,
-        preflight: PreflightDesk,
-        tiles: Tiles | None,
-        watch: Callable[[], None],
-        detail: Callable[[int], Awaitable[VehicleDetail | None]],
-    ) -> None:
-        self.world = world
-        self.clients = clients
-        self.desk = desk
-        self.playback = playback
-        self.history = history
-        self.preflight = preflight
-        self.tiles = tiles
-        self._watch = watch
-        self.detail = detail
-        self._asked_s = -_ASKED_S
-        self._changed = asyncio.Event()
+    world: World
+    clients: Clients
+    desk: OrderDesk
+    playback: PlaybackDesk
+    history: History
+    preflight: PreflightDesk
+    tiles: Tiles | None
+    watch: Callable[[], None]
+    """Asks for captures."""
+    detail: Callable[[int], Awaitable[VehicleDetail | None]]
+    """Returns the detail of a vehicle."""
+    _asked_s: float = -_ASKED_S
+    _changed: asyncio.Event = field(default_factory=asyncio.Event)
 
     @property
     def is_watched(self) -> bool:
@@ -93,11 +85,11 @@ class Board:
     def ask(self) -> None:
         """Ask for a capture now: a page or a program will read it."""
         self._asked_s = time.monotonic()
-        self._watch()
+        self.watch()
 
     def join(self, address: str, *, may_operate: bool) -> Client | None:
         """Add a page; return None if there is no place for it."""
-        self._watch()
+        self.watch()
         return self.clients.join(address, may_operate=may_operate)
 
     def wake(self) -> None:

@@ -13,6 +13,7 @@ from gcs.core.operator.arrived_agents import leave_zones
 from gcs.core.operator.records import OrderInProgress
 from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
+from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.state import State, with_status
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Effect, NoFlyZone, Notice, NoticeCode, Order, Parameter, limits_text, named
@@ -30,6 +31,7 @@ class NoFlyZoneOrders:
     replanner: Replanner
     return_routes: ReturnRoutes
     incursions: IncursionWarnings
+    stacked_missions: StackedMissions
     needs_approval: bool
 
     def carry_out(self, order: Order, replan: Callable[[Collection[int]], list[Effect]]) -> list[Effect]:
@@ -65,10 +67,14 @@ class NoFlyZoneOrders:
         )
         arrived = without_return.intersection(with_status(agents, "arrived"))
         effects = [*left, *replan(affected)]
+        stacked = self.stacked_missions.avoid(closed.layers, positions, order.t_ns)
+        led_around = {vehicle for vehicle, sent in stacked.items() if sent}
+        effects += [effect for sent in stacked.values() for effect in sent]
         routes = {vehicle: agent.routes for vehicle, agent in agents.items()}
         remaining = {v for v in affected if routes[v].flown is None}
         remaining |= {v for v, route in routes.items() if route.is_blocked}
-        rerouted = set(affected) - remaining
+        remaining |= stacked.keys() - led_around
+        rerouted = (set(affected) - remaining) | led_around
         text = f"{zone.name} {verb}" + (f"; {named(rerouted)} led around it" if rerouted else "")
         text += "; the mission continues" if had_ended and not self.state.has_ended else ""
         remaining_states = [state for state in self.fleet.states() if state.system_id in remaining]

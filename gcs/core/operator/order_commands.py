@@ -78,6 +78,7 @@ class OrderCommands:
             sender = CommandSender.begin(command, order.t_ns, armed=arm)
             return effects + self._send(number, vehicle, sender, order.t_ns)
         if order.action == "resume":
+            effects += self._give_up_stacked(vehicle, order.t_ns)
             mode = self._resume(vehicle, targets, order.t_ns)
         else:
             mode = MODES[order.action]
@@ -103,6 +104,13 @@ class OrderCommands:
     def _suspend(self, vehicle: int, action: str, t_ns: int) -> list[Effect]:
         self._agents[vehicle].routes.suspend(is_uploaded=vehicle not in self._state.tasking.stages)
         return self._tasking.abandon(vehicle, f"given up for an order to {action}", t_ns, MODES[action])
+
+    def _give_up_stacked(self, vehicle: int, t_ns: int) -> list[Effect]:
+        """End the upload of a mission that returns or holds a vehicle."""
+        is_suspended = self._agents[vehicle].control.suspension is not None
+        if not is_suspended or not self._state.tasking.has_pending(vehicle):
+            return []
+        return self._tasking.abandon(vehicle, "given up for an order to resume", t_ns, LOITER)
 
     def _resume(self, vehicle: int, targets: Container[Label], t_ns: int) -> str:
         """End a suspension; return the mode to command."""

@@ -53,6 +53,8 @@ class WaitingOrder:
     next_check_t_ns: int
     uploads_since_t_ns: int | None = None
     """Time since which a mission that returns it is uploaded; None: it waits."""
+    is_told: bool = False
+    """True if an alarm has told that it waits."""
 
 
 @dataclass(slots=True)
@@ -68,8 +70,10 @@ class AgentOrders:
     """Order that confirmed the mission on its way to the vehicle (`OperatorState.orders`)."""
 
     def wait(self, number: int, mode: str, t_ns: int, uploads_since_t_ns: int | None = None) -> None:
-        """Let an order wait that was given in a mode."""
-        self.waiting = WaitingOrder(number, mode, t_ns + WAIT_PERIOD_NS, uploads_since_t_ns)
+        """Let an order wait, or go on waiting, that was given in a mode."""
+        before = self.waiting
+        is_told = before is not None and before.order == number and before.is_told
+        self.waiting = WaitingOrder(number, mode, t_ns + WAIT_PERIOD_NS, uploads_since_t_ns, is_told)
 
 
 @dataclass(slots=True)

@@ -56,13 +56,9 @@ class ReturnMissions:
         return effects + self._stacked.send(route, order.t_ns)
 
     def begin_again(self, number: int, order: Order, vehicle: int, since_t_ns: int) -> list[Effect] | None:
-        """Try a return by a mission again whose upload failed; None if it takes too long or has no route."""
-        if self._tasking.has_pending(vehicle):
+        """Plan a return by a mission again, and begin it; None if it takes too long, or has no route."""
+        if self._tasking.has_pending(vehicle) or order.t_ns - since_t_ns > MAX_UPLOAD_NS:
             return None
-        if order.t_ns - since_t_ns <= MAX_UPLOAD_NS:
-            modes = ordered_modes(self._agents)
-            route = self._stacked.plan_returns([vehicle], modes, order.t_ns).get(vehicle)
-            if route is not None:
-                return self.begin(number, order, route, since_t_ns)
-        self._agents[vehicle].routes.unstack()
-        return None
+        modes = ordered_modes(self._agents)
+        route = self._stacked.plan_returns([vehicle], modes, order.t_ns).get(vehicle)
+        return None if route is None else self.begin(number, order, route, since_t_ns)

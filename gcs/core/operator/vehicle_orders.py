@@ -83,8 +83,6 @@ class Orders:
         unchanged: dict[int, str] = {}
         insisted = {v for v in vehicles if v in self._agents and self._waiting.action(v) == order.action}
         for vehicle in vehicles:
-            if order.action in ("hold", "return", "resume") and vehicle in self._agents:
-                effects += self._waiting.end(vehicle, order.t_ns, REPLACED.format(order.action))
             is_heard = vehicle in known and known[vehicle].liveness == "alive"
             if vehicle not in known:
                 refusal = f"no vehicle of this mission; it has {', '.join(map(vehicle_name, known))}"
@@ -92,12 +90,15 @@ class Orders:
                 refusal = "never heard"
             elif unchanged_state := self._refusals.unchanged(order, vehicle, is_heard=is_heard):
                 unchanged[vehicle] = f"{unchanged_state}: nothing was changed"
+                if vehicle not in insisted:
+                    effects += self._end_waiting(order, vehicle)
                 continue
             else:
                 refusal = self._refusals.refusal(order, vehicle, begun, is_heard=is_heard)
             if refusal:
                 effects.append(ongoing.answer(order.t_ns, "refused", refusal, vehicle))
             else:
+                effects += self._end_waiting(order, vehicle)
                 begun.append(vehicle)
         state: AnswerState = "done" if begun and order.vehicles is None else "refused"
         for vehicle, text in unchanged.items():
@@ -130,6 +131,12 @@ class Orders:
             if warning:
                 effects.append(Notice(order.t_ns, NoticeCode.RETURN_ORDER_NEAR, None, {"warning": warning}))
         return [ongoing.answer(order.t_ns, "accepted", detail), *effects]
+
+    def _end_waiting(self, order: Order, vehicle: int) -> list[Effect]:
+        """End an order that waits for a newer one that is not refused."""
+        if order.action not in ("hold", "return", "resume"):
+            return []
+        return self._waiting.end(vehicle, order.t_ns, REPLACED.format(order.action))
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""

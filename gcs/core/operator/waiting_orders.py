@@ -1,13 +1,15 @@
 """Orders to hold or return that wait: at once they would lead their vehicle near another one.
 
-Each begins when its vehicle is clear. An alarm tells of it at once; given again, the order is carried out at
-once. It ends if somebody else takes over. Returns by missions wait here for their uploads.
+Each begins when its vehicle is clear. A return begins also when a mission home is found. An alarm tells of it
+at once; given again, the order is carried out at once. It ends if somebody else takes over. Returns by
+missions wait here for their uploads.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 from gcs.core.operator.order_commands import MODES, OrderCommands, ordered_modes
 from gcs.core.operator.order_refusals import OrderRefusals
@@ -21,6 +23,9 @@ from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.model import Authority, Effect, Notice, NoticeCode, Order, Parameter
+
+_MIN_TURNS: Final = 5
+"""Least number of checks between two plans of one vehicle's return."""
 
 
 class WaitingOrders:
@@ -73,9 +78,13 @@ class WaitingOrders:
         return "" if waiting is None else self._operator.orders[waiting.order].order.action
 
     def wait(self, number: int, order: Order, vehicle: int, problem: str) -> list[Effect]:
-        """Let an order wait, with an alarm; an older command to the vehicle goes on."""
+        """Let an order wait, with one alarm; an older command to the vehicle goes on."""
         state = self._fleet.state(vehicle)
-        self._agents[vehicle].orders.wait(number, "" if state is None else state.mode, order.t_ns)
+        orders = self._agents[vehicle].orders
+        orders.wait(number, "" if state is None else state.mode, order.t_ns)
+        if orders.waiting is None or orders.waiting.is_told:
+            return []
+        orders.waiting.is_told = True
         parameters: dict[str, Parameter] = {"action": order.action, "reason": problem}
         return [Notice(order.t_ns, NoticeCode.ORDER_WAITS, vehicle, parameters)]
 
@@ -114,16 +123,27 @@ class WaitingOrders:
         modes = ordered_modes(self._agents) | {vehicle: MODES[order.action]}
         problem = self._order_check.problem(vehicle, modes, t_ns)
         if problem and waiting.uploads_since_t_ns is None:
-            return []
-        self._agents[vehicle].orders.waiting = None
+            is_due = order.action == "return" and self._is_due(vehicle, t_ns)
+            return self._returns.begin_again(waiting.order, order, vehicle, t_ns) or [] if is_due else []
         if problem and waiting.uploads_since_t_ns is not None:
             since_t_ns = waiting.uploads_since_t_ns
             begun = self._returns.begin_again(waiting.order, order, vehicle, since_t_ns)
+            if begun is None and not self._tasking.has_pending(vehicle):
+                self._agents[vehicle].routes.unstack()
             return self.wait(waiting.order, order, vehicle, problem) if begun is None else begun
+        self._agents[vehicle].orders.waiting = None
         return [
             Notice(t_ns, NoticeCode.ORDER_BEGINS, vehicle, {"action": order.action}),
             *self._commands.begin(waiting.order, order, vehicle, health.autopilot, ()),
         ]
+
+    def _is_due(self, vehicle: int, t_ns: int) -> bool:
+        """Return True if the return of a vehicle is planned again now: of one vehicle in each second."""
+        if t_ns < self._agents[vehicle].tasking.retry.paused_until_t_ns:
+            return False
+        waiting = [one for one in self._agents if self.action(one) == "return"]
+        turns = max(len(waiting), _MIN_TURNS)
+        return t_ns // WAIT_PERIOD_NS % turns == waiting.index(vehicle)
 
     def _is_taken(self, vehicle: int, since_t_ns: int) -> bool:
         """Return True if somebody else chose, or commanded, a mode of a vehicle after a time."""

@@ -370,6 +370,7 @@ class Replanner:
             for label, track in targets.items()
         }
         pinned = flown if fixed else {vehicle: self._agents[vehicle].orders.pinned for vehicle in agents}
+        agents = {vehicle: replace(agent, pinned=pinned.get(vehicle)) for vehicle, agent in agents.items()}
         if fixed:
             demands = {label: replace(one, agents=counts[label]) for label, one in demands.items()}
         ahead_s = (inputs.t_ns - inputs.picture_t_ns) / NS_PER_S + self._ahead_s  # begin of the routes
@@ -382,7 +383,6 @@ class Replanner:
             begins_m={vehicle: begin_m(vehicle, inputs) for vehicle in agents},
             flown_to=flown,
             demands=demands,
-            pinned={v: label for v, label in pinned.items() if label is not None},
             terrain=terrain_of(self._config, self._zones.obstacles),
         )
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -23,11 +22,12 @@ from gcs.config import Config
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.replanning.mission_inputs import mission_inputs, terrain_of
 from gcs.core.replanning.planned_flights import AltitudeLayers
+from gcs.core.replanning.replanner import is_crossed
 from gcs.core.replanning.return_routes import ReturnRoutes
-from gcs.core.separation.intents import Intents
 from gcs.core.separation.minima import min_distance_m
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.state import Agent
+from gcs.core.tasking.mission_builder import flown_points, is_hold
 from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO
@@ -35,8 +35,8 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import APPROACH_M, Effect, Label, Route, VehicleState
 from gcs.model.names import hold_label, home_label
 from gcs.planning.forward_simulation import predict_motion
-from gcs.planning.map.grid import Point
-from gcs.planning.planner import choose_new, plan_routes
+from gcs.planning.map.grid import Grid, Point
+from gcs.planning.planner import PlanResult, choose_new, plan_routes
 from gcs.planning.planner_inputs import AgentState
 
 _SIDES_DEG: Final = (0.0, 60.0, -60.0, 120.0, -120.0, 180.0)
@@ -60,7 +60,6 @@ class StackedMissions:
         layers: AltitudeLayers,
         return_routes: ReturnRoutes,
         order_check: OrderCheck,
-        intents: Intents,
     ) -> None:
         self._config = config
         self._zones = zones
@@ -70,7 +69,7 @@ class StackedMissions:
         self._layers = layers
         self._return_routes = return_routes
         self._order_check = order_check
-        self._intents = intents
+        self._intents = order_check.intents
         self._airframes = config.airframes_of_agents
         self._frame = config.local_frame
         self._mission = mission_inputs(config, zones.obstacles)
@@ -134,6 +133,29 @@ class StackedMissions:
         return_route, warnings = self._return_routes.plan(route, t_ns)
         return [*warnings, *self._tasking.enqueue_upload(route, t_ns, return_route, at_once=True)]
 
+    def avoid(self, closed: Grid, places: Mapping[int, Point], t_ns: int) -> dict[int, list[Effect]]:
+        """Lead vehicles round newly closed cells that their missions lead through.
+
+        Returns
+        -------
+        dict of int to list
+            Effects by vehicle; none of a vehicle for which there is no other route.
+        """
+        effects: dict[int, list[Effect]] = {}
+        for vehicle, agent in self._agents.items():
+            route = agent.routes.stacked
+            if route is None or self._tasking.overrides.of(vehicle).taken_by:
+                continue
+            passed = flown_points(agent, route, agent.perception.motion.state)
+            if not is_crossed(closed, route.flown_m, places.get(vehicle), passed):
+                continue
+            if is_hold(route):
+                other = self.plan_hold(vehicle, t_ns)
+            else:
+                other = self.plan_returns([vehicle], {}, t_ns).get(vehicle)
+            effects[vehicle] = [] if other is None else self.send(other, t_ns)
+        return effects
+
     def _nearest_layers(self, vehicle: int) -> list[int]:
         """Return all layers, that of a vehicle first."""
         own = self._layers.of(vehicle)
@@ -181,12 +203,16 @@ class StackedMissions:
         self, state: VehicleState, end_m: Point, label: Label, layers: Sequence[int], t_ns: int
     ) -> Iterator[Route]:
         """Yield routes to a place in each of some layers; over terrain each at heights of its own."""
-        starts = {state.system_id: self._start(state, t_ns)}
-        plan = partial(plan_routes, self._zones.grid, starts, {label: end_m}, {}, self._options)
+        start = self._start(state, t_ns)
+
+        def plan(layer: int = 0) -> PlanResult:
+            starts = {state.system_id: replace(start, layer=layer)}
+            return plan_routes(self._zones.grid, starts, {label: end_m}, {}, self._options, terrain=terrain)
+
         terrain = terrain_of(self._config, self._zones.obstacles)
         if terrain is not None:
             for layer in layers:
-                for route in plan(terrain=terrain, layer=layer).routes:
+                for route in plan(layer).routes:
                     yield replace(route, layer=layer)
             return
         made = plan()

@@ -62,7 +62,8 @@ class OrderCheck:
     """Predicts what orders to vehicles in the air lead to."""
 
     def __init__(self, config: Config, intents: Intents, air_traffic: AirTraffic) -> None:
-        self._intents = intents
+        self.intents = intents
+        """What all vehicles fly."""
         self._air_traffic = air_traffic
         self._mission = config.mission
         self._airframes = config.airframes_of_agents
@@ -82,14 +83,14 @@ class OrderCheck:
         modes : mapping of int to str
             Modes that are ordered now, by vehicle; that of the vehicle is among them.
         """
-        states = {state.system_id: state for state in self._intents.flying(t_ns)}
+        states = {state.system_id: state for state in self.intents.flying(t_ns)}
         if vehicle not in states:
             return ""
         others = [
-            self._intents.flight(state, t_ns, modes.get(v)) for v, state in states.items() if v != vehicle
+            self.intents.flight(state, t_ns, modes.get(v)) for v, state in states.items() if v != vehicle
         ]
-        ordered = self._intents.flight(states[vehicle], t_ns, modes[vehicle])
-        present = self._intents.flight(states[vehicle], t_ns)
+        ordered = self.intents.flight(states[vehicle], t_ns, modes[vehicle])
+        present = self.intents.flight(states[vehicle], t_ns)
         is_return = modes[vehicle] == RTL, states[vehicle].mode == RTL
         near_ground = "" if modes[vehicle] == AUTO else self._ground_problem(ordered)
         return near_ground or self._worse(ordered, present, others, is_return)
@@ -99,14 +100,14 @@ class OrderCheck:
 
         Empty also if that is better than to hold on.
         """
-        states = {state.system_id: state for state in self._intents.flying(t_ns)}
+        states = {state.system_id: state for state in self.intents.flying(t_ns)}
         state = states.pop(vehicle, None)
         if state is None:
             return ""
         others = self._flights(states.values(), t_ns)
-        led = self._intents.flight(state, t_ns, AUTO)
+        led = self.intents.flight(state, t_ns, AUTO)
         conflicts = [*self._met(led, others, is_return=False, margin=_RELEASE_MARGIN)]
-        present = self._intents.flight(state, t_ns)
+        present = self.intents.flight(state, t_ns)
         below_m = self._below_band_m(led)
         if below_m > max(_OFF_BAND_M, self._below_band_m(present)):
             return f"would fly {below_m:.0f} m below the flight band"
@@ -123,10 +124,10 @@ class OrderCheck:
 
     def circles_in_band(self, vehicle: int, t_ns: int, *, may_be_high: bool = False) -> bool:
         """Return True if a vehicle that holds now stays inside the flight band, or only above its floor."""
-        state = next((one for one in self._intents.flying(t_ns) if one.system_id == vehicle), None)
+        state = next((one for one in self.intents.flying(t_ns) if one.system_id == vehicle), None)
         if state is None:
             return True
-        hold = self._intents.flight(state, t_ns, LOITER)
+        hold = self.intents.flight(state, t_ns, LOITER)
         below_m, above_m = self._ground.departures_m(hold, _round_s(hold))
         return below_m <= _OFF_BAND_M and (may_be_high or above_m <= _OFF_BAND_M)
 
@@ -139,14 +140,14 @@ class OrderCheck:
 
     def leads_near_ground(self, vehicle: int, mode: str, t_ns: int) -> bool:
         """Return True if a mode would lead a vehicle in the air near the ground from where it is now."""
-        states = {state.system_id: state for state in self._intents.in_air(t_ns)}
+        states = {state.system_id: state for state in self.intents.in_air(t_ns)}
         if vehicle not in states:
             return False
-        return bool(self._ground_problem(self._intents.flight(states[vehicle], t_ns, mode)))
+        return bool(self._ground_problem(self.intents.flight(states[vehicle], t_ns, mode)))
 
     def return_warning(self, vehicles: Collection[int]) -> str:
         """Return which vehicles would return by RTL at one height, in words; empty if none would."""
-        return self._intents.return_warning(vehicles)
+        return self.intents.return_warning(vehicles)
 
     def mission_problem(self, route: Route, uploading: Mapping[int, Route], t_ns: int) -> str:
         """Return which vehicle a new mission would at once lead one in the air near to; empty if none.
@@ -156,42 +157,42 @@ class OrderCheck:
         uploading : mapping of int to Route
             Routes of missions that others are getting now; these count beside their present flights.
         """
-        states = {state.system_id: state for state in self._intents.flying(t_ns)}
+        states = {state.system_id: state for state in self.intents.flying(t_ns)}
         state = states.pop(route.vehicle, None)
-        if state is None or self._intents.is_climbing_out(state):
+        if state is None or self.intents.is_climbing_out(state):
             return ""
-        present = self._intents.flight(state, t_ns)
+        present = self.intents.flight(state, t_ns)
         others = self._flights(states.values(), t_ns)
         others += [self._led(states[v], one, t_ns) for v, one in uploading.items() if v in states]
         return self._worse(self._led(state, route, t_ns), present, others, (False, state.mode == RTL))
 
     def _led(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
         """Return the begin of the flight on a route that a vehicle gets now."""
-        reach_m = self._intents.reach_m(state, _AHEAD_S)
+        reach_m = self.intents.reach_m(state, _AHEAD_S)
         count = points_within(route.flown_m, (state.east_m, state.north_m), reach_m)
         legs = self._legs(route, route.flown_m[: max(count, _MIN_POINTS)])
-        climb = self._intents.first_climb(state, legs[0].height_m)
-        return replace(self._intents.flight(state, t_ns), goals=(*climb, *legs, Goal(GoalKind.KEEP)))
+        climb = self.intents.first_climb(state, legs[0].height_m)
+        return replace(self.intents.flight(state, t_ns), goals=(*climb, *legs, Goal(GoalKind.KEEP)))
 
     def hold_gain(self, vehicle: int, t_ns: int) -> float:
         """Return how much farther from all others a vehicle stays if it holds now, as a share of the minimum.
 
         Negative if a hold leads it nearer.
         """
-        states = {state.system_id: state for state in self._intents.flying(t_ns)}
+        states = {state.system_id: state for state in self.intents.flying(t_ns)}
         state = states.pop(vehicle, None)
         if state is None:
             return 0.0
         others = self._flights(states.values(), t_ns)
-        held = self._intents.flight(state, t_ns, LOITER)
+        held = self.intents.flight(state, t_ns, LOITER)
         if self._ground_problem(held):
             return -math.inf
-        present = self._intents.flight(state, t_ns)
+        present = self.intents.flight(state, t_ns)
         return self._nearness(held, others) - self._nearness(present, others)
 
     def _flights(self, states: Iterable[VehicleState], t_ns: int) -> list[Flight]:
         """Return what other vehicles fly now, and aircraft."""
-        return [self._intents.flight(one, t_ns) for one in states] + self._air_traffic.flights(t_ns)
+        return [self.intents.flight(one, t_ns) for one in states] + self._air_traffic.flights(t_ns)
 
     def _nearness(self, own: Flight, others: list[Flight]) -> float:
         return _nearest([*self._met(own, others, is_return=False), *self._overlapping(own, others)])
@@ -220,18 +221,18 @@ class OrderCheck:
 
         Its way there is no problem with a vehicle that it is as near to now: it leads away.
         """
-        states = {state.system_id: state for state in self._intents.flying(t_ns)}
+        states = {state.system_id: state for state in self.intents.flying(t_ns)}
         state = states.pop(route.vehicle)
         own = self._stacked(state, route, t_ns)
         others = [
             self._stacked(other, planned[vehicle], t_ns)
             if vehicle in planned
-            else self._intents.flight(other, t_ns, modes.get(vehicle))
+            else self.intents.flight(other, t_ns, modes.get(vehicle))
             for vehicle, other in states.items()
         ]
         conflicts = [*self._overlapping(own, others, last=True)]
         if not conflicts and not circles_only:
-            present = self._intents.flight(state, t_ns)
+            present = self.intents.flight(state, t_ns)
             now = {one.other: one.nearness for one in self._met(present, others, is_return=True)}
             conflicts = [
                 one
@@ -246,12 +247,12 @@ class OrderCheck:
         radius_m = self._airframes[route.vehicle].circle_radius_m
         circle = replace(legs[-1], kind=GoalKind.CIRCLE, radius_m=radius_m)
         waypoints = legs[: len(route.points_m)]
-        climb = self._intents.first_climb(state, legs[0].height_m)
-        return replace(self._intents.flight(state, t_ns), goals=(*climb, *waypoints, circle))
+        climb = self.intents.first_climb(state, legs[0].height_m)
+        return replace(self.intents.flight(state, t_ns), goals=(*climb, *waypoints, circle))
 
     def _legs(self, route: Route, points_m: FloatArray) -> list[Goal]:
         mission = self._mission
-        heights_m = route_heights_msl_m(route, self._intents.ground_m(route.vehicle), mission)
+        heights_m = route_heights_msl_m(route, self.intents.ground_m(route.vehicle), mission)
         return [
             Goal(GoalKind.WAYPOINT, east_m, north_m, mission.accept_radius_m, height_m)
             for (east_m, north_m), height_m in zip(points_m.tolist(), heights_m.tolist(), strict=False)

@@ -9,12 +9,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final
 
 from gcs.core.lease.records import TIMES, Answer, Ask
-from gcs.endpoints import Link
 from gcs.errors import LinkError, WireError
 from gcs.io.background_writer import BackgroundWriter
 from gcs.io.clock import RunClock, steady_ns
@@ -28,6 +27,7 @@ from gcs.io.cluster.bridge_messages import (
     decode,
     encode,
 )
+from gcs.io.cluster.bridge_settings import BridgeSettings
 from gcs.io.cluster.command_lease import CommandLease
 from gcs.io.cluster.lateness import MAX_LATE_NS, Lateness
 from gcs.io.event_loop import on_loop
@@ -56,12 +56,8 @@ class BridgeLinks:
 
     Parameters
     ----------
-    links : sequence of Link
-        Those that the bridge has opened.
-    vehicles : iterable of int
-        Our vehicles.
-    mission, bridge : str
-        Names of the mission and of the bridge.
+    settings : BridgeSettings
+        Settings of the bridge, which has opened their links.
     bus : ZenohSession
         Session that reaches the bridge.
     lease : CommandLease
@@ -76,23 +72,20 @@ class BridgeLinks:
 
     def __init__(
         self,
-        links: Sequence[Link],
-        vehicles: Iterable[int],
-        mission: str,
-        bridge: str,
+        settings: BridgeSettings,
         bus: ZenohSession,
         lease: CommandLease,
         supervise: Callable[[], NoticeContent | None] = lambda: None,
         ports: Mapping[str, int] | None = None,
         scan: Callable[[bytes], FrameTable] = scan,
     ) -> None:
-        self.links = tuple(links)
-        self.bridge = bridge
-        self.name = f"bridge {bridge}"
+        self.links = settings.links
+        self.bridge = settings.name
+        self.name = f"bridge {settings.name}"
         """Name in notices."""
-        self._vehicles = tuple(vehicles)
+        self._vehicles = settings.vehicles
         self._bus = bus
-        self._key = partial(bridge_key, mission, bridge)
+        self._key = partial(bridge_key, settings.mission, settings.name)
         self._lease = lease
         self._scan = scan
         self._supervise = supervise

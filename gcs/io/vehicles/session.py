@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -77,13 +78,15 @@ class VehicleSession:
         links = access.links
         self.access = access
         self.clock = RunClock()
+        settings = FleetSettings(extra_ids=tuple(extra_ids))
+        if position_rate_hz is not None:
+            settings = replace(settings, position_rate_hz=position_rate_hz)
         self.fleet = Fleet(
             vehicles,
             frame,
-            FleetSettings() if position_rate_hz is None else FleetSettings(position_rate_hz),
+            settings,
             links=links,
             own=access.own,
-            extra_ids=extra_ids,
             kernel=False,  # a session is shorter than the loading of kernels
         )
         signing = LinkSigning(links, keys)

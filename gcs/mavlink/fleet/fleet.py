@@ -15,7 +15,7 @@ Vehicles are numbered by `gcs.model.vehicle_id`; on network 0 that is the system
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -126,7 +126,7 @@ TRAFFIC: Final = frozenset({dialect.MAVLINK_MSG_ID_ADSB_VEHICLE}) | _REMOTE_ID
 
 @dataclass(frozen=True, slots=True)
 class FleetSettings:
-    """Telemetry rate and bounds."""
+    """Telemetry rate, messages and bounds."""
 
     position_rate_hz: float = 4.0
     max_speed_m_s: float = 150.0
@@ -137,6 +137,8 @@ class FleetSettings:
     """True if signatures are checked before frames come here."""
     max_unknown_systems: int = 64
     """Unknown systems that are listed; more are only counted."""
+    extra_ids: Collection[int] = ()
+    """Message ids that `Fleet.receive` returns besides those that the service needs."""
 
 
 class Fleet:
@@ -152,8 +154,6 @@ class Fleet:
         Networks of the links, and addresses of outgoing endpoints. A link that is not listed is of network 0.
     own : (int, int)
         Our system and component id.
-    extra_ids : iterable of int
-        Message ids that `receive` returns besides those that the service needs.
     kernel : bool
         True to apply routine telemetry by a compiled kernel (`gcs.mavlink.fleet.fast_telemetry`, warmed up
         before). The result is the same without it.
@@ -176,7 +176,6 @@ class Fleet:
         *,
         links: Iterable[Link] = (),
         own: tuple[int, int] = (GCS_SYSTEM_ID, GCS_COMPONENT_ID),
-        extra_ids: Iterable[int] = (),
         kernel: bool = True,
         state: FleetState | None = None,
         vehicle_links: Mapping[int, VehicleLink] | None = None,
@@ -191,7 +190,8 @@ class Fleet:
         """Counters by link, in order of the first datagram."""
         self._peers = self._state.peers
         self._notices = self._state.notices
-        extra = frozenset(extra_ids)
+        self._settings = settings or FleetSettings()
+        extra = frozenset(self._settings.extra_ids)
         self._of_receivers = extra & TRAFFIC
         extra -= _REMOTE_ID
         self._needed = _NEEDED | extra
@@ -204,7 +204,6 @@ class Fleet:
         self._encoder = Encoder(*own)
         self._outgoing = [(link.name, link.endpoint.remote) for link in links if link.endpoint.remote]
         self._frame = frame
-        self._settings = settings or FleetSettings()
         self._scan: Callable[[bytes], FrameTable] = scan
         self._fast_path: VehicleTable | None = None
         if kernel:

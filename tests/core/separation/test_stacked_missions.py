@@ -7,6 +7,7 @@ import pytest
 from helpers.hills import elevation_of, hill, terrain_table
 from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
 
+from gcs.core.operator.order_refusals import OrderRefusals
 from gcs.model import NoFlyZone, NoticeCode, Order, VerticalLimits
 from sim_vehicles.autopilots.base import Mode
 from sim_vehicles.vehicle.faults import FaultKind
@@ -115,7 +116,7 @@ def test_a_pilot_who_takes_over_in_the_upload_of_a_return_keeps_the_vehicle(mode
     assert sky.planes[2].autopilot.mode is mode
 
 
-def test_a_return_whose_upload_is_not_answered_waits_with_an_alarm_until_it_is_ordered_again():
+def test_a_return_whose_upload_is_not_answered_waits_with_an_alarm_and_is_carried_out_when_ordered_again():
     sky = with_one_home(Sky(*PLACES[:2]))
     sky.planes[2]._link._missions.handle = lambda *_: None
     give(sky, "return")
@@ -173,6 +174,102 @@ def test_a_return_whose_upload_takes_long_is_told_and_goes_on():
     fly_on(sky, 6.0)
     assert [one.state for one in sky.answers if one.vehicle == 2] == ["done"]
     assert sky.planes[2].autopilot.mode is Mode.AUTO
+
+
+def test_a_return_whose_uploads_failed_is_flown_when_the_vehicle_answers_again_and_is_told_once():
+    """Before, the order waited until the vehicle was clear of all others, or it was given again."""
+    sky = with_one_home(Sky(*PLACES[:2]))
+    missions = sky.planes[2]._link._missions
+    handle = missions.handle
+    missions.handle = lambda *_: None
+    give(sky, "return")
+    fly_on(sky, 50.0)
+    assert [notice.vehicle for _, notice in sky.told(NoticeCode.ORDER_WAITS)] == [2]
+    missions.handle = handle
+    fly_on(sky, 20.0)
+    assert [one.state for one in sky.answers if one.vehicle == 2] == ["done"]
+    assert sky.planes[2].autopilot.mode is Mode.AUTO
+    assert len(sky.told(NoticeCode.ORDER_WAITS)) == 1
+
+
+def close_zone(sky, *disc_m):
+    """Close a zone; open it without a disc."""
+    number = len([one for one in sky.answers if one.action == "no-fly-zone"])
+    zone = NoFlyZone("fire", *disc_m)
+    sky.run_.order(Order(sky.run_.t_ns, f"zone-{number}", "no-fly-zone", None, no_fly_zone=zone))
+    return fly_on(sky, 1.0)
+
+
+def test_a_return_that_had_no_route_is_flown_when_the_zone_round_home_is_opened():
+    """Before, no mission was planned again: the vehicle flew on to its target, and circled there."""
+    sky = close_zone(with_one_home(Sky(*PLACES[:2])), (1500.0, 1500.0, 400.0))
+    give(sky, "return")
+    fly_on(sky, 12.0)
+    assert [notice.vehicle for _, notice in sky.told(NoticeCode.ORDER_WAITS)] == [2]
+    assert not [one for one in sky.answers if one.vehicle == 2]
+    close_zone(sky)
+    fly_on(sky, 10.0)
+    ((state, detail),) = [(one.state, one.detail) for one in sky.answers if one.vehicle == 2]
+    assert state == "done"
+    assert detail.startswith("AUTO, armed: flies home in its altitude layer")
+    assert len(sky.told(NoticeCode.ORDER_WAITS)) == 1
+    fly_on(sky, 90.0)
+    assert np.hypot(sky.planes[2].east_m - 1500.0, sky.planes[2].north_m - 1500.0) < 200.0
+    assert not sky.near_s
+
+
+def test_a_vehicle_that_is_resumed_in_the_upload_of_its_return_flies_to_its_target():
+    """Before, the upload went on: the vehicle flew home, and was shown on the way to its target."""
+    sky = with_one_home(Sky(*PLACES[:2]))
+    give(sky, "return")
+    fly_on(sky, 0.3)
+    assert sky.run_.engine.state.tasking.is_uploading(2)
+    give(sky, "resume", 2)
+    fly_on(sky, 15.0)
+    agent = sky.run_.engine.state.agents[2]
+    assert agent.control.is_ours
+    assert agent.routes.flown is not None
+    assert agent.tasking.onboard.route.is_same(agent.routes.flown)
+    assert sky.planes[2].autopilot.mode is Mode.AUTO
+
+
+def test_a_return_that_waits_goes_on_after_an_order_to_resume_that_is_refused(monkeypatch):
+    """Before, the refused order ended the return."""
+    sky = close_zone(with_one_home(Sky(*PLACES[:2])), (1500.0, 1500.0, 400.0))
+    give(sky, "return")
+    fly_on(sky, 3.0)
+    assert [notice.vehicle for _, notice in sky.told(NoticeCode.ORDER_WAITS)] == [2]
+    monkeypatch.setattr(OrderRefusals, "unchanged", lambda *_, **__: "")
+    monkeypatch.setattr(OrderRefusals, "_leads_near", lambda *_: "would come near agent 1")
+    give(sky, "resume", 2)
+    fly_on(sky, 0.3)
+    close_zone(sky)
+    fly_on(sky, 10.0)
+    answers = [(answer.action, answer.state) for answer in sky.answers if answer.vehicle == 2]
+    assert answers == [("resume", "refused"), ("return", "done")]
+
+
+def test_a_vehicle_on_a_return_by_a_mission_is_led_round_a_zone_that_is_closed_on_its_way():
+    """Before, it flew through the zone: the answer did not name it, and a repeated order changed nothing."""
+    sky = with_one_home(Sky(*PLACES[:2]))
+    give(sky, "return")
+    fly_on(sky, 6.0)
+    plane = sky.planes[2]
+    close_zone(sky, (0.5 * (plane.east_m + 1500.0), 0.5 * (plane.north_m + 1500.0), 60.0))
+    assert sky.answers[-1].detail == "fire closed; agent 2 led around it"
+    fly_on(sky, 90.0)
+    assert not sky.told(NoticeCode.ZONE_ENTERED)
+    assert np.hypot(plane.east_m - 1500.0, plane.north_m - 1500.0) < 200.0
+    assert sky.run_.engine.state.agents[2].control.authority.word == "returning"
+
+
+def test_a_zone_round_home_that_a_return_by_a_mission_cannot_avoid_is_told_at_once():
+    sky = with_one_home(Sky(*PLACES[:2]))
+    give(sky, "return")
+    fly_on(sky, 6.0)
+    close_zone(sky, (1500.0, 1500.0, 500.0))
+    codes = {notice.code for _, notice in sky.notices if notice.vehicle == 2}
+    assert codes & {NoticeCode.ZONE_AHEAD, NoticeCode.ZONE_UNAVOIDABLE}
 
 
 def test_a_return_over_terrain_waits_where_a_zone_with_a_ceiling_was_closed_round_home_in_flight():

@@ -516,7 +516,7 @@ DRONE = dialect.MAVLink_open_drone_id_location_message(
 
 def told_by(system_id, component_id, link, *, heard_first=True):
     """Message ids that a fleet returns of a sender, who may be vehicle 1 at its address."""
-    fleet = Fleet((1,), FRAME, links=[RADIO, GROUND], extra_ids=TRAFFIC)
+    fleet = Fleet((1,), FRAME, FleetSettings(extra_ids=TRAFFIC), links=[RADIO, GROUND])
     if heard_first:
         beats = b"".join(Encoder(1, 1)(message) for message in (beat(), position(1)))
         fleet.receive(Datagram(S, RADIO.name, HERE, beats))
