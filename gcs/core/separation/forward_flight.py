@@ -30,6 +30,8 @@ CLIMB_M_S: Final = 5.0
 _MAX_CLIMB_M_S: Final = 7.5
 """Greatest vertical speed of a change of height."""
 _LOW_SPEED_M_S: Final = 1.0
+_ROUNDING_M: Final = 1e-3
+"""More than rounding adds to a simulated way."""
 _CLIMB_SPREAD: Final = 0.4
 """Relative uncertainty of the vertical speed after a take-off."""
 _BEHIND_RAD: Final = 1.8
@@ -96,6 +98,10 @@ class Flight:
     """Vertical speed in a take-off climb, by ground speed."""
     height_error_m: float = 0.0
     """Half the width of the band of heights at the begin."""
+
+    def reach_m(self, for_s: float) -> float:
+        """Return an upper bound of the distance from its place after some time."""
+        return max(self.speed_m_s, _LOW_SPEED_M_S) * (for_s + self.age_s) + _ROUNDING_M
 
 
 @dataclass(frozen=True, slots=True)
