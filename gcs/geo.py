@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -33,7 +34,7 @@ class LocalFrame:
         What `pymap3d.geodetic2enu` does, to the last bit, on Python's floats: reports come through here.
         """
         x, y, z = _to_ecef(lat_deg, lon_deg, self.alt_msl_m)
-        x0, y0, z0 = _to_ecef(self.lat_deg, self.lon_deg, self.alt_msl_m)
+        x0, y0, z0 = _origin(self.lat_deg, self.lon_deg, self.alt_msl_m)
         u = x - x0
         v = y - y0
         w = z - z0
@@ -53,7 +54,7 @@ class LocalFrame:
         lon0 = math.radians(self.lon_deg)
         sin_lon0 = math.sin(lon0)
         cos_lon0 = math.cos(lon0)
-        x0, y0, z0 = _to_ecef(self.lat_deg, self.lon_deg, self.alt_msl_m)
+        x0, y0, z0 = _origin(self.lat_deg, self.lon_deg, self.alt_msl_m)
         inward = math.sin(lat0) * north_m
         x = x0 - sin_lon0 * east_m - cos_lon0 * inward
         y = y0 + cos_lon0 * east_m - sin_lon0 * inward
@@ -70,6 +71,10 @@ def _to_ecef(lat_deg: float, lon_deg: float, alt_m: float) -> tuple[float, float
     ring_m = (prime_m + alt_m) * cos_lat
     z_m = (prime_m * (_SEMI_MINOR_M / _SEMI_MAJOR_M) ** 2 + alt_m) * sin_lat
     return ring_m * math.cos(lon), ring_m * math.sin(lon), z_m
+
+
+_origin = lru_cache(_to_ecef)
+"""The same of an origin, which is one of few."""
 
 
 def _from_ecef(x: float, y: float, z: float) -> tuple[float, float]:

@@ -18,11 +18,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.jit import Call, kernel
-from gcs.model import FloatArray
+from gcs.jit import Call, int64, kernel
+from gcs.model import BoolArray, FloatArray, IntArray
 
 _STEP_S = 1.0
 _MAX_HORIZON_S = 900.0
+_ANY = -1
+"""Layer of a vehicle that may get any."""
+_ROUNDING_M = 1e-6
+"""More than rounding changes in a distance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,20 +84,24 @@ def assign_layers(
     order = sorted(flights, key=lambda flight: (not flight.keeps_layer, flight.vehicle))
     if not order:
         return {}, ()
-    distance_m, after_s = _nearest(_positions(order), min_distance_m, min_height_m)
-    has_heights = np.array([flight.heights_msl_m is not None for flight in order])
+    kept = np.array([flight.layer % layers if flight.keeps_layer else _ANY for flight in order])
+    has_heights = _has_heights(order)
+    may_meet = _may_meet(kept, has_heights)
+    places = _positions(order)
+    distance_m, after_s = _nearest(places, may_meet, min_distance_m, min_height_m, min_distance_m)
     found: list[int] = []
     conflicts: list[Conflict] = []
     for i, flight in enumerate(order):
         nearest = distance_m[i, :i]
         assigned = np.array(found, dtype=np.int64)
         by_height = has_heights[:i] & has_heights[i]
-        separations = [
-            float(nearest[(assigned == layer) | by_height].min(initial=np.inf)) for layer in range(layers)
-        ]
         layer = flight.layer % layers
-        if not flight.keeps_layer and separations[layer] < min_distance_m:
-            layer = int(np.argmax([min(one, min_distance_m) for one in separations]))
+        if not flight.keeps_layer:
+            separations = [
+                float(nearest[(assigned == other) | by_height].min(initial=np.inf)) for other in range(layers)
+            ]
+            if separations[layer] < min_distance_m:
+                layer = int(np.argmax([min(one, min_distance_m) for one in separations]))
         meets = ((assigned == layer) | by_height) & (nearest < min_distance_m)
         for j in np.flatnonzero(meets).tolist():
             pair = sorted((order[j].vehicle, flight.vehicle))
@@ -108,12 +116,21 @@ def min_separation_m(flights: Sequence[PlannedFlight], min_height_m: float = 0.0
         return {}
     positions = _positions(flights)
     positions[:, :, 3] = 0.0
-    distance_m, _ = _nearest(positions, 0.0, min_height_m)
-    layers = np.array([flight.layer for flight in flights])
-    has_heights = np.array([flight.heights_msl_m is not None for flight in flights])
-    meets = (layers[:, None] == layers) | (has_heights[:, None] & has_heights)
-    distance_m = np.where(meets, np.minimum(distance_m, distance_m.T), np.inf)
+    may_meet = _may_meet(np.array([flight.layer for flight in flights]), _has_heights(flights))
+    distance_m, _ = _nearest(positions, may_meet, 0.0, min_height_m, np.inf)
+    distance_m = np.minimum(distance_m, distance_m.T)
     return {flight.vehicle: float(distance_m[i].min()) for i, flight in enumerate(flights)}
+
+
+def _has_heights(flights: Sequence[PlannedFlight]) -> BoolArray:
+    return np.array([flight.heights_msl_m is not None for flight in flights])
+
+
+def _may_meet(layers: IntArray, has_heights: BoolArray) -> BoolArray:
+    """Return the pairs that only their distance separates, (n, n); a layer may be `_ANY`."""
+    is_free = layers == _ANY
+    in_one = (layers[:, None] == layers) | is_free[:, None] | is_free
+    return in_one | (has_heights[:, None] & has_heights)
 
 
 def _positions(flights: Sequence[PlannedFlight]) -> FloatArray:
@@ -128,40 +145,64 @@ def _positions(flights: Sequence[PlannedFlight]) -> FloatArray:
     t_s = np.arange(0.0, min(longest_s, _MAX_HORIZON_S) + _STEP_S, _STEP_S)
     places = np.full((len(flights), len(t_s), 4), np.nan)
     for i, (distances_m, flight) in enumerate(zip(along_m, flights, strict=True)):
+        flown_m = flight.speed_m_s * t_s
         for axis in (0, 1):
-            places[i, :, axis] = np.interp(flight.speed_m_s * t_s, distances_m, flight.points_m[:, axis])
+            places[i, :, axis] = np.interp(flown_m, distances_m, flight.points_m[:, axis])
         if flight.heights_msl_m is not None:
-            places[i, :, 2] = np.interp(flight.speed_m_s * t_s, distances_m, flight.heights_msl_m)
-        has_ended = flight.speed_m_s * t_s >= distances_m[-1]
+            places[i, :, 2] = np.interp(flown_m, distances_m, flight.heights_msl_m)
+        has_ended = flown_m >= distances_m[-1]
         places[i, :, 3] = np.where(has_ended, max(flight.radius_m, flight.end_radius_m), flight.radius_m)
     return places
 
 
 @kernel
-def _nearest(places: FloatArray, min_distance_m: float, min_height_m: float) -> tuple[FloatArray, FloatArray]:
+def _nearest(
+    places: FloatArray, may_meet: BoolArray, min_distance_m: float, min_height_m: float, enough_m: float
+) -> tuple[FloatArray, FloatArray]:
     """Return the least distance of each pair and when it falls below a minimum, (n, n) below the diagonal.
 
-    Times at which a pair is apart in height do not count.
+    Both are infinite for pairs that may not meet. Times at which a pair is apart in height do not count.
+    Steps at which a pair cannot be nearer than the least so far, and than `enough_m`, are left out: distances
+    of `enough_m` or more are upper bounds.
     """
     n = places.shape[0]
+    steps = places.shape[1]
     distance_m = np.full((n, n), np.inf)
     after_s = np.full((n, n), np.inf)
+    moves_m = np.zeros(n)
+    radii_m = np.zeros(n)
+    for i in range(n):
+        for k in range(steps):
+            radii_m[i] = max(radii_m[i], places[i, k, 3])
+            if k > 0:
+                x = places[i, k, 0] - places[i, k - 1, 0]
+                y = places[i, k, 1] - places[i, k - 1, 1]
+                moves_m[i] = max(moves_m[i], math.sqrt(x * x + y * y))
     for i in range(n):
         for j in range(i):
+            if not may_meet[i, j]:
+                continue
             nearest = np.inf
-            for k in range(places.shape[1]):
-                if abs(places[i, k, 2] - places[j, k, 2]) >= min_height_m:
-                    continue  # not with NaN
+            closing_m = moves_m[i] + moves_m[j] + _ROUNDING_M
+            largest_m = radii_m[i] + radii_m[j] + _ROUNDING_M
+            k = 0
+            while k < steps:
                 x = places[i, k, 0] - places[j, k, 0]
                 y = places[i, k, 1] - places[j, k, 1]
-                gap = math.sqrt(x * x + y * y) - places[i, k, 3] - places[j, k, 3]
-                if nearest >= min_distance_m > gap:
-                    after_s[i, j] = k * _STEP_S
-                nearest = min(nearest, gap)
+                apart_m = math.sqrt(x * x + y * y)
+                if not abs(places[i, k, 2] - places[j, k, 2]) >= min_height_m:  # with NaN as well
+                    gap = apart_m - places[i, k, 3] - places[j, k, 3]
+                    if nearest >= min_distance_m > gap:
+                        after_s[i, j] = k * _STEP_S
+                    nearest = min(nearest, gap)
+                spare_m = apart_m - largest_m - min(nearest, enough_m)
+                k += 1
+                if spare_m > closing_m:
+                    k += int64(min(spare_m / closing_m, float(steps)))
             distance_m[i, j] = nearest
     return distance_m, after_s
 
 
 def warm_up_calls() -> list[Call]:
     """Return one call of the kernel with the types of a plan."""
-    return [(_nearest, np.zeros((2, 1, 4)), 1.0, 1.0)]
+    return [(_nearest, np.zeros((2, 1, 4)), np.ones((2, 2), np.bool_), 1.0, 1.0, 1.0)]

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.planning.layer_assignment import PlannedFlight, assign_layers
+from gcs.planning import layer_assignment
+from gcs.planning.layer_assignment import PlannedFlight, assign_layers, min_separation_m
 
 
 def flight(vehicle, *points, speed=15.0, layer=0, fixed=False):
@@ -134,3 +137,48 @@ def test_a_route_over_terrain_keeps_apart_from_the_circle_at_the_end_of_another(
     passing = over_terrain(2, (-1000, 190, 1600), (1000, 190, 1600), layer=1)
     _, (conflict,) = assign_layers([there, passing], 3, 60.0, 15.0)
     assert conflict.distance_m == pytest.approx(30.0, abs=1.0)
+
+
+def distances(order, min_distance_m, min_height_m):
+    """Return the least distance of each pair, and when it is below the minimum: every step of every pair."""
+    places = layer_assignment._positions(order)
+    n = len(order)
+    distance_m = np.full((n, n), np.inf)
+    after_s = np.full((n, n), np.inf)
+    for i in range(n):
+        for j in range(i):
+            gaps = np.hypot(*(places[i] - places[j])[:, :2].T) - places[i, :, 3] - places[j, :, 3]
+            gaps[np.abs(places[i, :, 2] - places[j, :, 2]) >= min_height_m] = np.inf
+            distance_m[i, j] = gaps.min()
+            near = np.flatnonzero(gaps < min_distance_m)
+            after_s[i, j] = near[0] if len(near) else np.inf
+    return distance_m, after_s
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 10**6), st.booleans())
+def test_distances_with_steps_left_out_are_those_of_all_steps(seed, has_heights):
+    rng = np.random.default_rng(seed)
+    flights = []
+    for vehicle in range(8):
+        points = rng.uniform(0.0, 2500.0, (rng.integers(1, 5), 2))
+        heights = rng.uniform(0.0, 60.0, len(points)) if has_heights and vehicle % 2 else None
+        radii = rng.uniform(0.0, 80.0, 2) * (rng.random() < 0.4)
+        layer = int(rng.integers(0, 2))
+        speed_m_s = rng.uniform(5.0, 30.0)
+        flights.append(PlannedFlight(vehicle, points, speed_m_s, layer, True, radii[0], heights, radii[1]))
+    want_m, want_s = distances(flights, 150.0, 20.0)
+    by_height = np.array([one.heights_msl_m is not None for one in flights])
+    layers = np.array([one.layer for one in flights])
+    meets = (layers[:, None] == layers) | (by_height[:, None] & by_height)
+    _, conflicts = assign_layers(flights, 2, 150.0, 20.0)
+    assert {one.vehicles: (one.distance_m, one.after_s) for one in conflicts} == {
+        (j, i): (pytest.approx(want_m[i, j]), want_s[i, j])
+        for i in range(8)
+        for j in range(i)
+        if meets[i, j] and want_m[i, j] < 150.0
+    }
+    still = [replace(one, radius_m=0.0, end_radius_m=0.0) for one in flights]  # circles do not count there
+    want_m, _ = distances(still, 150.0, 20.0)
+    want_m = np.where(meets, np.minimum(want_m, want_m.T), np.inf)
+    assert list(min_separation_m(flights, 20.0).values()) == pytest.approx(want_m.min(axis=1).tolist())

@@ -35,6 +35,8 @@ CLIMB_M_S: Final = 5.0
 _MAX_CLIMB_M_S: Final = 7.5
 """Greatest vertical speed of a change of height."""
 _LOW_SPEED_M_S: Final = 1.0
+_ROUNDING_M: Final = 1e-3
+"""More than rounding adds to a simulated way."""
 _CLIMB_SPREAD: Final = 0.4
 """Relative uncertainty of the vertical speed after a take-off."""
 _BEHIND_RAD: Final = 1.8
@@ -117,6 +119,13 @@ class Flight:
         along, _ = _over_ground(math.atan2(*leg_m), airspeed, *self.wind_m_s)
         around = max(airspeed - wind_m_s * wind_m_s / airspeed, _LOW_SPEED_M_S)
         return math.hypot(*leg_m) / float(along) + circle_m / around
+
+    def reach_m(self, for_s: float) -> float:
+        """Return an upper bound of the distance from its place after some time."""
+        speed_m_s = max(self.speed_m_s, _LOW_SPEED_M_S)
+        if self.wind_m_s != (0.0, 0.0):
+            speed_m_s = airspeed_m_s(speed_m_s, self.course_rad, self.wind_m_s) + math.hypot(*self.wind_m_s)
+        return speed_m_s * (for_s + self.age_s) + _ROUNDING_M
 
 
 @dataclass(frozen=True, slots=True)

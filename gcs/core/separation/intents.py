@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -69,6 +70,8 @@ FIRST_CLIMB_M: Final = 10.0
 """Default NAV_FW_ALT_RAD of PX4."""
 _FIRST_CLIMB_M_S: Final = 3.0
 """Default FW_T_CLMB_R_SP of PX4."""
+_PLACES: Final = 16_384
+"""Homes and mission items whose places are kept: those of a thousand vehicles."""
 _KINDS: Final = {
     dialect.MAV_CMD_NAV_WAYPOINT: GoalKind.WAYPOINT,
     dialect.MAV_CMD_NAV_TAKEOFF: GoalKind.CLIMB,
@@ -92,6 +95,7 @@ class Intents:
         self._agents = agents
         self._return_heights = return_heights
         self._frame = config.local_frame
+        self._to_local = lru_cache(_PLACES)(config.local_frame.to_local)
         self._airframes = config.airframes_of_agents
         self._rally = [
             (*config.local_frame.to_local(point.lat_deg, point.lon_deg), float(point.alt_rel_m))
@@ -193,7 +197,7 @@ class Intents:
         home = self._fleet.home(vehicle)
         if home is None:
             return 0.0, 0.0, self._frame.alt_msl_m
-        return (*self._frame.to_local(home.lat_deg, home.lon_deg), home.alt_msl_m)
+        return (*self._to_local(home.lat_deg, home.lon_deg), home.alt_msl_m)
 
     def _hold(self, state: VehicleState) -> Goal:
         seen = self._agents[state.system_id].separation
@@ -347,7 +351,7 @@ class Intents:
         is_timed = item.command == dialect.MAV_CMD_NAV_LOITER_TIME
         return Goal(
             kind,
-            *self._frame.to_local(item.x * 1e-7, item.y * 1e-7),
+            *self._to_local(item.x * 1e-7, item.y * 1e-7),
             radius_m,
             item.z_m + (0.0 if is_global else ground_m),
             item.param1 if is_timed else math.inf,

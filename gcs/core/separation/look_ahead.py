@@ -85,8 +85,8 @@ def encounters(
 
 def _candidates(paths: FlightPaths, min_distance_m: float, min_height_m: float) -> tuple[IntArray, IntArray]:
     """Return the pairs whose bounding boxes come too near, as two arrays of indices."""
-    upper = np.triu_indices(len(paths.vehicles), 1)
-    is_near = np.ones(len(upper[0]), dtype=bool)
+    n = len(paths.vehicles)
+    is_near = np.triu(np.ones((n, n), np.bool_), 1)
     for low, high, margin in (
         (paths.east_m, paths.east_m, min_distance_m),
         (paths.north_m, paths.north_m, min_distance_m),
@@ -94,5 +94,6 @@ def _candidates(paths: FlightPaths, min_distance_m: float, min_height_m: float) 
     ):
         least = np.fmin.reduce(low)
         most = np.fmax.reduce(high)
-        is_near &= (least[upper[0]] - most[upper[1]] < margin) & (least[upper[1]] - most[upper[0]] < margin)
-    return upper[0][is_near], upper[1][is_near]
+        is_near &= (least[:, None] - most < margin) & (least - most[:, None] < margin)
+    one, other = np.nonzero(is_near)
+    return one, other

@@ -25,7 +25,7 @@ from gcs.core.separation.look_ahead import encounters
 from gcs.core.separation.minima import PREDICTED_SHARE, layer_step_m, min_distance_m
 from gcs.core.tasking.mission_builder import route_heights_msl_m
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
-from gcs.model import FloatArray, Route, VehicleState, vehicle_name
+from gcs.model import NS_PER_S, FloatArray, Route, VehicleState, vehicle_name
 from gcs.planning.route_progress import points_within
 
 _AHEAD_S: Final = 25.0
@@ -162,9 +162,18 @@ class OrderCheck:
         if state is None or self.intents.is_climbing_out(state):
             return ""
         present = self.intents.flight(state, t_ns)
-        others = self._flights(states.values(), t_ns)
-        others += [self._led(states[v], one, t_ns) for v, one in uploading.items() if v in states]
-        return self._worse(self._led(state, route, t_ns), present, others, (False, state.mode == RTL))
+        led = self._led(state, route, t_ns)
+        near = {v: one for v, one in states.items() if self._is_in_reach(led, one, t_ns)}
+        others = self._flights(near.values(), t_ns)
+        others += [self._led(near[v], one, t_ns) for v, one in uploading.items() if v in near]
+        return self._worse(led, present, others, (False, state.mode == RTL))
+
+    def _is_in_reach(self, own: Flight, state: VehicleState, t_ns: int) -> bool:
+        """Return True if a vehicle may come near a flight within `_AHEAD_S`."""
+        for_s = _AHEAD_S + max(t_ns - state.t_ns, 0) / NS_PER_S
+        theirs_m = max(self.intents.reach_m(state, for_s), self._airframes[state.system_id].speed_m_s * for_s)
+        reach_m = own.reach_m(_AHEAD_S) + theirs_m + self._min_m + _GROWTH_M
+        return math.dist((own.east_m, own.north_m), (state.east_m, state.north_m)) <= reach_m
 
     def _led(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
         """Return the begin of the flight on a route that a vehicle gets now."""
@@ -295,7 +304,16 @@ class OrderCheck:
         if is_return:  # up to its place, and once round
             for_s = min(for_s + _round_s(own), _MAX_AHEAD_S)
         step_s = min(max(for_s / _STEPS, 0.5), _MAX_STEP_S)
-        paths = simulate_flights([own, *others], for_s, step_s)
+        reach_m = own.reach_m(for_s) + margin * self._min_m + _GROWTH_M
+        place_m = (own.east_m, own.north_m)
+        near = [
+            one
+            for one in others
+            if math.dist(place_m, (one.east_m, one.north_m)) <= reach_m + one.reach_m(for_s)
+        ]
+        if not near:
+            return
+        paths = simulate_flights([own, *near], for_s, step_s)
         for one in encounters(paths, margin * self._min_m, self._min_height_m, _GROWTH_M / for_s, step_s):
             if own.vehicle in one.vehicles:
                 other = next(vehicle for vehicle in one.vehicles if vehicle != own.vehicle)

@@ -142,3 +142,24 @@ def test_each_pair_is_found_wherever_it_is_in_a_swarm():
     }
     assert {one.vehicles for one in encounters(paths, 60.0, 15.0)} == expected
     assert len(expected) > 20
+
+
+def test_no_flight_leaves_its_reach():
+    """Vehicles out of reach are left out of the checks of orders and new missions."""
+    rng = np.random.default_rng(4)
+    flights = []
+    for vehicle in range(60):
+        goals = [
+            Goal(GoalKind(int(kind)), *rng.uniform(-500.0, 500.0, 2), *rng.uniform(-80.0, 80.0, 2))
+            for kind in rng.integers(0, len(GoalKind), 3)
+        ]
+        place_m = rng.uniform(-300.0, 300.0, 3)
+        speed_m_s = rng.uniform(0.0, 30.0)
+        rest = (*rng.uniform(-3.0, 3.0, 3), rng.uniform(0.1, 1.0))
+        flights.append(
+            Flight(vehicle, *place_m, speed_m_s, *rest, tuple(goals), age_s=rng.uniform(0.0, 10.0))
+        )
+    paths = simulate_flights(flights, 25.0, 0.5)
+    begin_m = np.array([(one.east_m, one.north_m) for one in flights]).T
+    away_m = np.hypot(paths.east_m - begin_m[0], paths.north_m - begin_m[1])
+    assert (away_m.max(axis=0) <= [one.reach_m(25.0) for one in flights]).all()
