@@ -15,6 +15,9 @@ export type TrailPoint = [number, number, number];
 /** Places of a vehicle; null where it was not heard between two of them. */
 export type Trail = (TrailPoint | null)[];
 
+/** Late estimates of a track, one a scan; null where it was not estimated between two of them. */
+export type LatePath = (Point | null)[];
+
 /** Values by bin; null for empty bins. */
 export type Series = (number | null)[];
 
@@ -87,6 +90,8 @@ export interface MissionInfo extends RunInfo {
   homes: Point[];
   rally: Point[];
   fence: FenceArea[];
+  /** Number of scans by which `late` is late; 0: there are no late estimates. */
+  lag_scans: number;
 }
 
 /** Figures by which two runs are compared; null: not known, or not read from the recording yet. */
@@ -266,6 +271,8 @@ export interface Sections {
   answers?: OrderAnswer[];
   /** Places of each vehicle; only in a snapshot. */
   trails?: Record<string, Trail>;
+  /** New estimates of each track some scans late; in a snapshot the last ones. */
+  late?: Record<string, LatePath>;
 }
 
 /** One agent. */

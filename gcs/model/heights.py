@@ -109,6 +109,8 @@ def vertical_limits(
         raise ValueError(f"ceiling_m: {ceiling:g} m is not above floor_m, {floor:g} m")
     if reference == "ground" and ceiling <= 0.0:
         raise ValueError(f"ceiling_m: {ceiling:g} m is not above the ground")
+    if reference == "ground" and limits.floor_m is not None and limits.floor_m < 0.0:
+        raise ValueError(f"floor_m: {floor:g} m is below the ground; leave it out to begin on the ground")
     return limits
 
 

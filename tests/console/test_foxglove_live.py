@@ -73,7 +73,7 @@ def test_a_display_gets_positions_areas_and_notices_with_their_schemas(fly, laun
     config = load("prescribed")
     with fly(config=config) as flight:
         launch(flight)
-        circle = {"name": "fire", "circle": [700.0, 500.0, 60.0]}
+        circle = {"name": "fire", "circle": [700.0, 500.0, 60.0], "height_m": 80}
         zone = {"action": "no-fly-zone", "vehicles": "all", "no_fly_zone": circle}
         assert flight.request("/api/orders?wait_s=10", zone)[0] == 200
         with foxglove(flight.endpoint) as (process, url):
@@ -84,6 +84,8 @@ def test_a_display_gets_positions_areas_and_notices_with_their_schemas(fly, laun
                 assert channel["schemaEncoding"] == "jsonschema"
                 for message in messages:
                     jsonschema.validate(message, json.loads(channel["schema"]))
+            (area,) = json.loads(found["/map/areas"][1][0]["geojson"])["features"]
+            assert area["properties"]["name"] == "exclusion area or no-fly zone, up to 80 m above ground"
             channel, (fix, *_) = found[FIX]
             assert channel["schemaName"] == "foxglove.LocationFix"
             place = config.local_frame.to_local(fix["latitude"], fix["longitude"])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import math
 import socket
 import threading
 import time
@@ -316,7 +315,8 @@ def test_a_vehicle_clear_of_all_areas_is_checked_once(monkeypatch):
     """With a hundred areas and hundreds of vehicles the check would else delay each scan."""
     import numpy as np
 
-    from gcs.model import VehicleState
+    from gcs.core.airspace.obstacle_map import ObstacleMap
+    from gcs.model import UNLIMITED, LayerHeights, VehicleState
     from gcs.planning.map.grid import Grid
 
     class OnboardMissions:
@@ -324,11 +324,12 @@ def test_a_vehicle_clear_of_all_areas_is_checked_once(monkeypatch):
             return ((900.0, 5.0), (900.0, 900.0))
 
     blocked = np.zeros((100, 100), dtype=np.bool_)
+    on_map = ObstacleMap(Grid((0.0, 0.0), 10.0, blocked), (), LayerHeights(100.0, 180.0, 70.0, 20.0))
     areas = {}
     for number in range(100):
         one = blocked.copy()
         one[60 + number % 5, 10] = True
-        areas[f"a{number}"] = ClosedZone(Grid((0.0, 0.0), 10.0, one), -math.inf, math.inf, True)
+        areas[f"a{number}"] = ClosedZone(Grid((0.0, 0.0), 10.0, one), UNLIMITED, on_map)
     warnings = IncursionWarnings(AirspaceState(), OnboardMissions())  # type: ignore[arg-type]
     checks = []
     entry = warnings._entry

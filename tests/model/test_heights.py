@@ -28,6 +28,7 @@ def test_a_height_is_above_the_ground_and_other_limits_name_their_reference():
         ({"floor_m": 90, "ceiling_m": 60, "reference": "home"}, "ceiling_m: 60 m is not above floor_m, 90 m"),
         ({"floor_m": 60, "ceiling_m": 60, "reference": "home"}, "ceiling_m: 60 m is not above floor_m"),
         ({"ceiling_m": -5, "reference": "ground"}, "ceiling_m: -5 m is not above the ground"),
+        ({"floor_m": -5, "reference": "ground"}, "floor_m: -5 m is below the ground; leave it out"),
         (
             {"ceiling_m": 60},
             'reference: is missing; floor_m and ceiling_m are above "home", "msl" or "ground"',

@@ -19,7 +19,7 @@ from gcs.io.recording.reader import Damage, is_recording, read, read_info
 from gcs.io.recording.timestamps import LogClock
 from gcs.io.recording.tlog import LogFrame, read_log
 from gcs.mavlink.frames.codec import Frame, scan
-from gcs.model import AgentStatus, Datagram, Notice, Picture, Plan
+from gcs.model import AgentStatus, Datagram, Notice, Picture, Plan, limits_text
 from gcs.report.export.features import geojson_text
 from gcs.report.export.foxglove import FoxgloveMessages, Message, Outline
 from gcs.report.export.gpx import gpx_text
@@ -125,7 +125,10 @@ def _messages(path: Path, config: str | None, console: Console) -> Iterator[Mess
     outlines: list[Outline] = []
     if mission is not None:
         frame = mission.local_frame
-        outlines = [Outline(area.stay_in, area.outline_m(frame)) for area in areas_of(mission)]
+        outlines = [
+            Outline(area.stay_in, area.outline_m(frame), limits_text(area.limits))
+            for area in areas_of(mission)
+        ]
     records = _recorded(path, console) if is_ours else _logged(path, console)
     for number, (t_ns, value) in enumerate(records):
         if number == 0:

@@ -102,4 +102,5 @@ def mission_info(config: Config, run: RunInfo) -> MissionInfo:
         fence=tuple(
             FenceArea(one.stay_in, tuple(one.outline_m(frame))) for one in drawn_areas(config, config.name)
         ),
+        lag_scans=config.tracking.lag_scans,
     )

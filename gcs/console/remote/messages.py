@@ -20,6 +20,7 @@ from gcs.io.message_pack import decode, decoder, encoder
 from gcs.model import (
     Effect,
     IntArray,
+    LaggedPicture,
     NoFlyZone,
     Order,
     Picture,
@@ -68,6 +69,7 @@ class _News(msgspec.Struct, frozen=True, kw_only=True):
     effects: list[tuple[int, str, Raw]]
     scans: list[Scan]
     pictures: list[Picture]
+    lagged: list[LaggedPicture]
     passed: list[tuple[VehicleState, ...]]
     work: list[tuple[int, Work, float]]
     capture: _Captured | None

@@ -3,7 +3,7 @@
 /**
  * @typedef {string | number | boolean | null | undefined} AttributeValue
  * @typedef {"autocomplete" | "autofocus" | "class" | "disabled" | "height" | "hidden" | "href" | "id" | "max" |
- *   "min" | "rel" | "role" | "scope" | "src" | "step" | "tabindex" | "target" | "title" | "type" | "value" |
+ *   "min" | "placeholder" | "rel" | "role" | "scope" | "src" | "step" | "tabindex" | "target" | "title" | "type" | "value" |
  *   "width"} AttributeName
  * @typedef {{
  *   onclick?: (event: MouseEvent) => void,

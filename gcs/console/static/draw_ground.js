@@ -7,7 +7,7 @@
  */
 
 import { beginDisc, beginRing, strokeLine } from "./canvas.js";
-import { limitsText, metres } from "./format.js";
+import { limitsText, metres, shortened } from "./format.js";
 import { centroid, roundLength } from "./geometry.js";
 
 const GRID_PX = 90;
@@ -153,8 +153,7 @@ export function drawZones(ctx, view, zones, colour) {
     ctx.globalAlpha = 1;
     ctx.stroke();
     const [east, north] = zone.disc_m ?? centroid(zone.polygon_m);
-    const name = zone.name.length > MAX_NAME ? `${zone.name.slice(0, MAX_NAME)}…` : zone.name;
-    ctx.fillText(name, view.x(east), view.y(north) + 4);
+    ctx.fillText(shortened(zone.name, MAX_NAME), view.x(east), view.y(north) + 4);
     ctx.fillText(limitsText(zone.limits), view.x(east), view.y(north) + 18);
   }
 }

@@ -83,6 +83,14 @@ export function named(names, max) {
   return names.length > max ? `${names.slice(0, max).join(", ")} +${names.length - max}` : names.join(", ");
 }
 
+/**
+ * Return a name, or as much of it as there is room for.
+ *
+ * @param {string} name
+ * @param {number} max
+ */
+export const shortened = (name, max) => (name.length > max ? `${name.slice(0, max)}…` : name);
+
 const ABOVE = { home: "above home", msl: "MSL", ground: "above ground" };
 
 /**

@@ -91,9 +91,15 @@ export class SwarmMap {
       this.followButton.setAttribute("aria-pressed", String(motion.follows));
       this.redraw();
     });
-    feed.on("mission", (mission) => picture.terrain.set(mission.elevation, theme.colour));
+    feed.on("mission", (mission) => {
+      picture.terrain.set(mission.elevation, theme.colour);
+      this.layers.setLag(mission.lag_scans);
+    });
     feed.on("map", (map) => picture.obstacles.set(map, theme.colour));
     feed.on("vehicles", (vehicles) => picture.trails.add(vehicles));
+    feed.on("late", (late, isFresh) => {
+      if (!isFresh) picture.late.add(late);
+    });
     feed.on("scans", (scans) => picture.detections.add(scans));
     feed.onData((_, isFresh) => {
       if (isFresh) this.begin();
@@ -102,9 +108,10 @@ export class SwarmMap {
   }
 
   begin() {
-    const { mission, trails } = this.feed.data;
+    const { mission, trails, late } = this.feed.data;
     this.picture.detections.clear();
     this.picture.trails.begin(trails);
+    this.picture.late.begin(late ?? {});
     const run = `${mission?.name} ${mission?.begun}`;
     if (run === this.run) return;
     this.run = run;

@@ -1,6 +1,6 @@
 // Layers of the map: which the user wants to see, and the panel that asks.
 
-import { el } from "./dom.js";
+import { el, setText } from "./dom.js";
 
 /** @typedef {keyof typeof TITLES} LayerName */
 
@@ -8,6 +8,7 @@ const TITLES = {
   terrain: "Terrain: hill shading, contours",
   tiles: "Map tiles",
   trails: "Trails",
+  late: "Late estimates", // with the number of scans
   routes: "Routes",
   ellipses: "Tracked ellipses (1σ, 3σ)",
   detections: "Detections",
@@ -26,14 +27,24 @@ export class MapLayers extends EventTarget {
     const defaults = Object.fromEntries(names.map((name) => [name, !HIDDEN.has(name)]));
     /** @type {Record<LayerName, boolean>} */
     this.shown = { ...defaults, ...JSON.parse(localStorage.getItem("layers") ?? "{}") };
-    this.panel = el("div", { class: "layers", hidden: true }, ...names.map((name) => this.choice(name)));
+    const choices = names.map((name) => this.choice(name));
+    this.late = choices[names.indexOf("late")];
+    this.late.hidden = true;
+    this.panel = el("div", { class: "layers", hidden: true }, ...choices);
+  }
+
+  /** @param {number} scans by which late estimates are late; 0: there are none */
+  setLag(scans) {
+    this.late.hidden = !scans;
+    const text = `Estimates ${scans} scan${scans === 1 ? "" : "s"} late (dotted)`;
+    if (this.late.lastChild) setText(/** @type {Element} */ (this.late.lastChild), text);
   }
 
   /** @param {LayerName} name */
   choice(name) {
     const box = el("input", { type: "checkbox", onchange: () => this.set(name, box.checked) });
     box.checked = this.shown[name];
-    return el("label", {}, box, TITLES[name]);
+    return el("label", {}, box, el("span", {}, TITLES[name]));
   }
 
   /**

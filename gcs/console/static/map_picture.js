@@ -18,6 +18,7 @@ import * as swarm from "./draw_swarm.js";
 import { drawAgentTracks, drawTargets } from "./draw_tracks.js";
 import { targetName } from "./format.js";
 import { Labels } from "./labels.js";
+import { LateTracks } from "./late_tracks.js";
 import { TerrainPicture } from "./terrain.js";
 import { Tiles } from "./tiles.js";
 import { Trails } from "./trails.js";
@@ -41,6 +42,7 @@ export class MapPicture {
     this.obstacles = new ground.Obstacles();
     this.terrain = new TerrainPicture();
     this.trails = new Trails();
+    this.late = new LateTracks();
     this.detections = new Detections();
     this.tiles = new Tiles(redraw);
     /** @type {MissionDetail | null} */
@@ -95,6 +97,7 @@ export class MapPicture {
     const labels = new Labels(ctx);
     if (layers.detections && !this.detections.isEmpty) this.detections.draw(ctx, view, colour("detection"));
     if (layers.trails) swarm.drawTrails(ctx, view, this.trails.all(), colour);
+    if (layers.late && mission.lag_scans) this.late.draw(ctx, view, colour);
     if (layers.routes) this.drawRoutes(data, mission);
     if (layers.ellipses && data.agents_tracks) drawAgentTracks(ctx, view, data.agents_tracks, colour);
     if (this.onboard) drawOnboardMission(ctx, view, this.onboard, labels, colour);

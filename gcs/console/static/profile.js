@@ -1,4 +1,4 @@
-// Height profile of the selected vehicle: ground and flight band, what it flew, its route, other vehicles.
+// Height profile of the selected vehicle: ground, flight band, no-fly zones, flown path, route, others.
 
 /**
  * @import { AgentRecord, MissionInfo, Route } from "../page_types.d.ts"
@@ -7,6 +7,7 @@
  * @import { SwarmMap } from "./map.js"
  * @import { Panels } from "./panels.js"
  * @import { Other, Station } from "./profile_path.js"
+ * @import { Crossing } from "./profile_zones.js"
  * @import { Selection } from "./selection.js"
  * @import { Theme } from "./theme.js"
  *
@@ -15,6 +16,7 @@
  * @property {Station[][]} behind runs without a gap
  * @property {Station[]} path behind and ahead
  * @property {{ at: number, height: number }[]} ground
+ * @property {Crossing[]} zones
  * @property {Other[]} others
  * @property {Other[]} crossings
  *
@@ -30,6 +32,7 @@ import { el, setText } from "./dom.js";
 import { metres, vehicleName } from "./format.js";
 import { roundLength } from "./geometry.js";
 import { aheadOf, behindOf, crossingsOf, datumOf, othersNear, stationAt } from "./profile_path.js";
+import { crossedZones, drawCrossings } from "./profile_zones.js";
 
 const ABOUT = "Heights over distance along the path of the vehicle";
 const NONE = "Select one vehicle to see the heights of its route.";
@@ -69,7 +72,7 @@ export class Profile {
     this.content = el("div", { class: "content" }, this.title, this.legend, this.values, this.canvas);
     root.append(this.empty, this.content);
     this.redraw = oncePerFrame(() => this.draw());
-    feed.onAny(["vehicles", "routes", "mission"], () => this.redraw());
+    feed.onAny(["vehicles", "routes", "mission", "zones"], () => this.redraw());
     for (const source of [selection, panels, theme]) source.addEventListener("change", () => this.redraw());
     this.canvas.addEventListener("pointermove", (event) => this.point(event.offsetX));
     this.canvas.addEventListener("pointerleave", () => this.point(null));
@@ -97,6 +100,7 @@ export class Profile {
     const axes = this.axesOf(mission, content);
     this.drawAxes(axes);
     this.drawGround(mission, content, axes);
+    drawCrossings(this.ctx, content.zones, axes, this.theme.colour("warning"));
     this.drawPaths(content, axes);
     this.drawOthers(content, axes);
     this.showValues(mission, content, axes);
@@ -110,7 +114,7 @@ export class Profile {
    * @returns {Content | null}
    */
   contentOf(mission, vehicle) {
-    const { vehicles, routes, proposal } = this.feed.data;
+    const { vehicles, routes, proposal, zones } = this.feed.data;
     /** @type {(id: number) => Route | undefined} */
     const routeOf = (id) => [...routes, ...(proposal?.routes ?? [])].find((one) => one.vehicle === id);
     const ahead = aheadOf(mission, vehicle, routeOf(vehicle.vehicle));
@@ -125,6 +129,12 @@ export class Profile {
       behind,
       path,
       ground: this.groundUnder(path),
+      zones: crossedZones(
+        path,
+        zones,
+        mission,
+        (place) => this.map.picture.terrain.ground?.at(place) ?? null,
+      ),
       others: othersNear(path, others, datum),
       crossings: others.flatMap((one) => {
         const shift = datumOf(mission, one) - datum;
@@ -150,15 +160,18 @@ export class Profile {
    * @param {Content} content
    * @returns {Axes}
    */
-  axesOf({ elevation }, { path, ground, others, crossings }) {
+  axesOf({ elevation }, { path, ground, zones, others, crossings }) {
     const { ctx } = this;
     const width = this.canvas.clientWidth;
     const height = Math.max(MIN_HEIGHT, this.canvas.clientHeight);
     fit(ctx, width, height);
     const shown = [...path, ...others, ...crossings].map((one) => one.height);
     const ceilings = elevation ? ground.map((one) => one.height + elevation.max_agl_m) : [];
-    const lowest = Math.min(elevation ? Infinity : 0, ...shown, ...ground.map((one) => one.height));
-    const highest = Math.max(lowest + MIN_RANGE_M, ...shown, ...ceilings);
+    const least = Math.min(elevation ? Infinity : 0, ...shown, ...ground.map((one) => one.height));
+    const most = Math.max(least + MIN_RANGE_M, ...shown, ...ceilings);
+    const edges = zones.flatMap((zone) => zone.edges.flatMap((one) => [one.floor, one.ceiling]));
+    const near = edges.filter((one) => one > least && one < 2 * most - least);
+    const [lowest, highest] = [least, Math.max(most, ...near)];
     const margin = MARGIN * (highest - lowest);
     const [bottom, top] = [lowest - margin, highest + margin];
     const [from, to] = [path[0].at, Math.max(path[path.length - 1].at, path[0].at + 1)];
@@ -293,13 +306,14 @@ export class Profile {
    * @param {MissionInfo} mission
    * @param {Content} content
    */
-  showLegend({ elevation }, { ahead, others, crossings }) {
+  showLegend({ elevation }, { ahead, zones, others, crossings }) {
     const band = elevation && `flight band, ${elevation.min_agl_m} to ${elevation.max_agl_m} m above ground`;
     const entries = [
       ["vehicle", "━", "flown"],
       ahead.length > 1 && ["route", "╍", "planned route"],
       elevation && ["profile-ground", "■", "ground"],
       band && ["done", "▒", band],
+      zones.length && ["warning", "▒", "no-fly zones"],
       others.length && ["caution", "●", "other vehicles within 300 m, now"],
       crossings.length && ["caution", "✕", "routes that cross"],
     ];

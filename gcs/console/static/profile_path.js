@@ -169,7 +169,7 @@ export function crossingsOf(ahead, vehicle, other) {
  * @param {Point} d
  * @returns {[number, number] | null}
  */
-function intersection(a, b, c, d) {
+export function intersection(a, b, c, d) {
   const [ux, uy] = [b[0] - a[0], b[1] - a[1]];
   const [vx, vy] = [d[0] - c[0], d[1] - c[1]];
   const turn = ux * vy - uy * vx;

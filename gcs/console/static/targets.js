@@ -9,7 +9,7 @@
  */
 
 import { el, Rows, setClass, setText, tableOf } from "./dom.js";
-import { number, seconds, targetName, vehicleName } from "./format.js";
+import { limitsText, number, seconds, targetName, vehicleName } from "./format.js";
 
 const DENSE_ROWS = 12; // from so many targets on, rows are low
 const MAX_ROWS = 100;
@@ -152,9 +152,14 @@ function updateRow({ element, cells }, target) {
 function zoneParts({ data: { zones, mission } }, editor) {
   if (!zones.length) return [];
   const disabled = mission?.kind !== "live";
-  const buttons = zones.flatMap(({ name }) => [
-    el("button", { title: name, disabled, onclick: () => editor.edit(name) }, `Edit ${name}`),
-    el("button", { title: name, disabled, onclick: () => editor.reopen(name) }, `Open ${name}`),
-  ]);
-  return [el("h2", {}, `No-fly zones: ${zones.length}`), el("div", { class: "actions" }, ...buttons)];
+  const rows = zones.map(({ name, limits }) =>
+    el(
+      "div",
+      { class: "actions" },
+      el("button", { title: name, disabled, onclick: () => editor.edit(name) }, `Edit ${name}`),
+      el("button", { title: name, disabled, onclick: () => editor.reopen(name) }, `Open ${name}`),
+      el("span", {}, limitsText(limits) || "at all heights"),
+    ),
+  );
+  return [el("h2", {}, `No-fly zones: ${zones.length}`), ...rows];
 }

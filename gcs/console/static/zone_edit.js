@@ -18,9 +18,10 @@ export class ZoneEdit {
   /**
    * @param {NoFlyZone} zone
    * @param {(shape: Shape) => void} done
+   * @param {(shape: Shape) => void} ask for its numbers and heights
    * @param {() => void} cancel
    */
-  constructor(zone, done, cancel) {
+  constructor(zone, done, ask, cancel) {
     this.hint = `Drag the handles of ${zone.name}.`;
     /** @type {Disc | null} */
     this.disc = zone.disc_m;
@@ -32,6 +33,7 @@ export class ZoneEdit {
     /** @type {[string, () => void][]} */
     this.actions = [
       ["Send", () => done(this.shape())],
+      ["Heights", () => ask(this.shape())],
       ["Cancel", cancel],
     ];
   }

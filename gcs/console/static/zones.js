@@ -1,10 +1,10 @@
 // No-fly zones: the dialog that closes an area, by numbers or drawn on the map; changing and opening one.
 
 /**
- * @import { VerticalLimits } from "../page_types.d.ts"
  * @import { Feed } from "./feed.js"
  * @import { SwarmMap } from "./map.js"
  * @import { Orders } from "./orders.js"
+ * @import { Texts, ZoneOrder } from "./zone_form.js"
  * @import { Shape } from "./zone_tools.js"
  */
 
@@ -12,10 +12,10 @@ import { openDialog } from "./dialogs.js";
 import { el, setText } from "./dom.js";
 import { whole } from "./geometry.js";
 import { ZoneEdit } from "./zone_edit.js";
+import { textsOf, ZoneForm, zoneOf } from "./zone_form.js";
 import { CircleTool, PolygonTool } from "./zone_tools.js";
 
 const RADIUS_M = 100; // suggested
-const NAME = /^[A-Za-z0-9_.-]{1,64}$/;
 
 export class Zones {
   /**
@@ -36,58 +36,66 @@ export class Zones {
     return `zone-${number}`;
   }
 
-  /**
-   * Open the dialog.
-   *
-   * @param {Shape | null} drawn
-   */
-  open(drawn = null) {
+  /** Open the dialog for a new zone. */
+  open() {
     const { view } = this.map;
-    const circle = drawn?.circle ?? [...whole([view.east, view.north]), RADIUS_M];
-    const name = new Field("Name", this.freeName());
-    const numbers = ["Centre east, m", "Centre north, m", "Radius, m"].map(
-      (label, index) => new Field(label, circle[index]),
-    );
-    const shown = drawn?.polygon ? [name] : [name, ...numbers];
+    const [east, north] = whole([view.east, view.north]);
+    this.ask(textsOf(this.freeName(), [east, north, RADIUS_M]));
+  }
+
+  /**
+   * Open the dialog for a zone; of one that was drawn, or is changed, with its shape.
+   *
+   * @param {Texts} texts
+   * @param {Shape} [shape]
+   * @param {boolean} isNew
+   */
+  ask(texts, shape, isNew = true) {
+    const form = new ZoneForm(texts, shape?.polygon, isNew);
     const problem = el("div", { class: "problem", role: "alert" });
-    const text = drawn?.polygon
-      ? `A polygon with ${drawn.polygon.length} corners.`
-      : "Routes around the area are planned at once.";
+    const text = shape?.polygon
+      ? `A polygon with ${shape.polygon.length} corners.`
+      : "Routes that keep clear of it are planned at once.";
     const close = () => {
-      const [east, north, radius] = numbers.map((field) => Number(field.value));
-      /** @type {Shape} */
-      const shape = drawn?.polygon ? drawn : { circle: [east, north, radius] };
-      const mistake = mistakeIn(name.value, shape);
-      if (mistake) {
+      const { zone, mistake } = form.read();
+      if (!zone) {
         setText(problem, mistake);
-      } else {
-        this.send(name.value, shape);
-        dialog.close();
+        return;
       }
+      this.send(zone);
+      dialog.close();
     };
     /** @param {typeof CircleTool | typeof PolygonTool} Tool */
     const draw = (Tool) => {
+      const typed = form.typed();
       dialog.close();
-      this.map.use(new Tool((shape) => this.drawn(shape)));
+      this.map.use(new Tool((drawn) => this.drawn(typed, drawn)));
     };
-    const fields = el("div", { class: "fields" }, ...shown.flatMap((field) => [field.label, field.input]));
+    const tools = [
+      el("button", { onclick: () => draw(CircleTool) }, "Draw a circle"),
+      el("button", { onclick: () => draw(PolygonTool) }, "Draw a polygon"),
+    ];
     const dialog = openDialog(
-      "No-fly zone",
-      [el("p", {}, text), fields, problem],
+      isNew ? "No-fly zone" : `No-fly zone ${texts.name}`,
+      [el("p", {}, text), form.element, problem],
       [
-        el("button", { onclick: () => draw(CircleTool) }, "Draw a circle"),
-        el("button", { onclick: () => draw(PolygonTool) }, "Draw a polygon"),
+        ...(isNew ? tools : []),
         el("button", { onclick: () => dialog.close() }, "Cancel"),
-        el("button", { class: "danger", onclick: close }, "Close this area"),
+        el("button", { class: "danger", onclick: close }, isNew ? "Close this area" : "Change this area"),
       ],
     );
-    name.input.focus();
+    form.element.querySelector("input")?.focus();
   }
 
-  /** @param {Shape} shape */
-  drawn(shape) {
+  /**
+   * Open the dialog with a shape that was drawn, and what was typed before.
+   *
+   * @param {Texts} typed
+   * @param {Shape} shape
+   */
+  drawn(typed, shape) {
     this.map.use(null);
-    this.open(shape);
+    this.ask(withCircle(typed, shape), shape);
   }
 
   /**
@@ -100,61 +108,41 @@ export class Zones {
     if (!zone) return;
     const [east, north] = zone.disc_m ?? zone.polygon_m[0];
     this.map.motion.show([east, north]);
+    const texts = textsOf(name, undefined, zone.limits);
+    const end = () => this.map.use(null);
     /** @param {Shape} shape */
     const send = (shape) => {
-      this.send(name, { ...shape, ...heights(zone.limits) });
-      this.map.use(null);
+      const found = zoneOf(withCircle(texts, shape), shape.polygon);
+      if (found.zone) this.send(found.zone);
+      else this.orders.say(found.mistake, true);
+      end();
     };
-    this.map.use(new ZoneEdit(zone, send, () => this.map.use(null)));
+    /** @param {Shape} shape */
+    const ask = (shape) => {
+      end();
+      this.ask(withCircle(texts, shape), shape, false);
+    };
+    this.map.use(new ZoneEdit(zone, send, ask, end));
   }
 
   /** @param {string} name */
   reopen(name) {
-    this.send(name, {});
+    this.send({ name });
   }
 
-  /**
-   * @param {string} name
-   * @param {(Shape & Partial<VerticalLimits>) | {}} shape without one the zone is opened
-   */
-  send(name, shape) {
-    this.orders.give("no-fly-zone", { no_fly_zone: { name, ...shape } });
-  }
-}
-
-class Field {
-  /**
-   * @param {string} label
-   * @param {string | number} value
-   */
-  constructor(label, value) {
-    this.label = el("label", {}, label);
-    this.input = el("input", { value, "aria-label": label });
-  }
-
-  get value() {
-    return this.input.value;
+  /** @param {ZoneOrder | { name: string }} zone without a shape it is opened */
+  send(zone) {
+    this.orders.give("no-fly-zone", { no_fly_zone: zone });
   }
 }
 
 /**
- * Return what is wrong with a zone; empty for nothing.
- *
- * @param {string} name
+ * @param {Texts} texts
  * @param {Shape} shape
+ * @returns {Texts}
  */
-export function mistakeIn(name, { circle }) {
-  if (!NAME.test(name)) return "Name: letters, digits, _ . - only.";
-  if (circle && !(circle.every(Number.isFinite) && circle[2] > 0))
-    return "Expected numbers, and a radius above 0.";
-  return "";
-}
-
-/**
- * Return the heights of a zone as an order has them.
- *
- * @param {VerticalLimits} limits
- */
-export function heights(limits) {
-  return limits.floor_m === null && limits.ceiling_m === null ? {} : limits;
+function withCircle(texts, { circle }) {
+  if (!circle) return texts;
+  const [east, north, radius] = circle.map(String);
+  return { ...texts, east, north, radius };
 }

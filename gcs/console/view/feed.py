@@ -44,6 +44,7 @@ _MAX_EFFECTS: Final = 5000
 _MAX_SCANS: Final = 100
 _MAX_PASSED: Final = 100
 _MAX_WORK: Final = 2000
+_MAX_LAGGED: Final = 120
 _MAX_EFFECTS_AT_ONCE: Final = 500
 """Effects of one answer; a console that asks late asks again for the rest."""
 _MAX_DETECTIONS_AT_ONCE: Final = 50_000
@@ -119,6 +120,7 @@ class Feed:
         self._passed: _Entries[tuple[VehicleState, ...]] = _Entries(_MAX_PASSED)
         self._work: _Entries[tuple[int, Work, float]] = _Entries(_MAX_WORK)
         self._pictures: dict[Kind, tuple[int, Picture]] = {}
+        self._lagged: _Entries[LaggedPicture] = _Entries(_MAX_LAGGED)
         self._begun_t_ns: int | None = None
         self._passed_t_ns = 0
         self._t_ns = self._start_t_ns or 0
@@ -150,9 +152,11 @@ class Feed:
         """Keep an effect that a page shows."""
         if not self._took_s:  # the first effect of the step
             self._took_s = time.perf_counter() - self._step_s
-        if isinstance(effect, Send | LaggedPicture):
+        if isinstance(effect, Send):
             return
-        if isinstance(effect, Picture):
+        if isinstance(effect, LaggedPicture):
+            self._lagged.add(self._next(), effect)
+        elif isinstance(effect, Picture):
             self._pictures[effect.kind] = (self._next(), effect)
             self._work.add(self._next(), (t_ns, "scan", 1e3 * self._took_s))
         else:
@@ -186,6 +190,7 @@ class Feed:
             effects=[entry for _, entry in effects],
             scans=list(_newest(self._scans.between(after, last)))[::-1],
             pictures=[picture for number, picture in self._pictures.values() if after < number <= last],
+            lagged=self._lagged.between(after, last),
             passed=self._passed.between(after, last),
             work=self._work.between(after, last),
             capture=captured if request.is_watched and captured and captured.number > known else None,

@@ -13,7 +13,7 @@ import msgspec
 
 from gcs.console.view.capture import Capture
 from gcs.console.view.schema import MissionInfo, Work
-from gcs.model import Effect, Order, Picture, Scan, VehicleState
+from gcs.model import Effect, LaggedPicture, Order, Picture, Scan, VehicleState
 
 
 class NewsRequest(msgspec.Struct, frozen=True):
@@ -61,6 +61,7 @@ class News:
     scans: list[Scan]
     pictures: list[Picture]
     """The last one of each kind, if it is new."""
+    lagged: list[LaggedPicture]
     passed: list[tuple[VehicleState, ...]]
     """States now and then, for trails."""
     work: list[tuple[int, Work, float]]

@@ -38,6 +38,8 @@ TrailPoint: TypeAlias = tuple[float, float, float]
 """East, north, and height above mean sea level."""
 Trail: TypeAlias = list[TrailPoint | None]
 """Places of a vehicle; None where it was not heard between two of them."""
+LatePath: TypeAlias = list[Point | None]
+"""Late estimates of a track, one a scan; None where it was not estimated between two of them."""
 Series: TypeAlias = list[float | None]
 """Values by bin; None for empty bins."""
 Role: TypeAlias = Literal["view", "operate"]
@@ -113,6 +115,8 @@ class MissionInfo(RunInfo, frozen=True, kw_only=True):
     homes: tuple[Point, ...]
     rally: tuple[Point, ...]
     fence: tuple[FenceArea, ...]
+    lag_scans: int = 0
+    """Number of scans by which `late` is late; 0: there are no late estimates."""
 
 
 class Figures(Struct, frozen=True):
@@ -259,6 +263,8 @@ class Sections(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
     """New answers to orders; in a snapshot the last ones."""
     trails: dict[int, Trail] | UnsetType = UNSET
     """Places of each vehicle; only in a snapshot."""
+    late: dict[str, LatePath] | UnsetType = UNSET
+    """New estimates of each track some scans late; in a snapshot the last ones."""
 
 
 class SnapshotMessage(Sections, frozen=True, tag="snapshot"):

@@ -15,6 +15,7 @@ import msgspec
 from gcs.console.view import sections
 from gcs.console.view.capture import Capture, same_routes
 from gcs.console.view.history import SEVERE, History
+from gcs.console.view.late_tracks import LateTracks
 from gcs.console.view.news import News
 from gcs.console.view.schema import (
     FieldOfView,
@@ -94,6 +95,7 @@ class World:
         """Places of each vehicle; None where it was not heard between two of them."""
         self._heard_t_ns: dict[int, int] = {}
         """Time of the newest place."""
+        self._late = LateTracks()
         self._log: deque[LogEntry] = deque(maxlen=_MAX_LOG)
         self._logged = 0
         self._proposals = ProposalLog()
@@ -122,6 +124,7 @@ class World:
             "log": list(self._log),
             "answers": list(self.answers),
             "trails": {str(vehicle): list(points) for vehicle, points in self._trails.items()},
+            "late": self._late.paths(),
         }
         return _message("snapshot", self._sections | lists)
 
@@ -154,6 +157,8 @@ class World:
             self._put(f"{picture.kind}_tracks", sections.tracks(picture), news)
             if self._adds_history:
                 self._history.add_picture(self._seconds(picture.t_ns), picture)
+        if late := self._late.add(found.lagged):
+            news["late"] = late
         for t_ns, work, took_ms in found.work:
             self._history.add_work(self._seconds(t_ns), work, took_ms)
         if found.capture is not None:

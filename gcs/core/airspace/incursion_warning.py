@@ -18,7 +18,7 @@ import numpy as np
 from gcs.core.airspace.no_fly_zones import ClosedZone
 from gcs.core.airspace.records import AirspaceState
 from gcs.core.tasking.onboard_missions import OnboardMissions
-from gcs.model import Notice, NoticeCode, Parameter, VehicleState
+from gcs.model import UNLIMITED, Notice, NoticeCode, Parameter, VehicleState
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 
@@ -63,10 +63,10 @@ class IncursionWarnings:
         """Return the first predicted incursion of each vehicle."""
         if not zones:
             return []
-        grids = [zone.grid for zone in zones.values()]
-        blocked = np.logical_or.reduce([grid.blocked for grid in grids])
+        blocked = np.logical_or.reduce([zone.grid.blocked for zone in zones.values()])
         # One check, at all heights, for vehicles clear of all.
-        union = ClosedZone(replace(grids[0], blocked=blocked), -math.inf, math.inf, is_in_layers=True)
+        first = next(iter(zones.values()))
+        union = ClosedZone(replace(first.grid, blocked=blocked), UNLIMITED, first.obstacles)
         found = []
         for state in states:
             if self._entry(state, "", union) is not None:
@@ -93,7 +93,7 @@ class IncursionWarnings:
         position = (state.east_m, state.north_m)
         points = (position, *self._onboard_missions.points_ahead(state.system_id))
         heights_m = [state.alt_msl_m] * len(points)
-        if zone.is_limited:
+        if not zone.limits.are_open:
             heights_m[1:] = self._onboard_missions.heights_ahead_msl_m(state.system_id)
         if zone.is_met(position, position, (state.alt_msl_m, state.alt_msl_m)):
             return Incursion(state.system_id, name, state.mission_seq, 0.0)

@@ -25,7 +25,7 @@ from gcs.config.airframe import UNKNOWN_LOITER_RADIUS_M
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.fence import Area, held_areas
 from gcs.mavlink.mission.items import Item
-from gcs.model import BoolArray, FloatArray, IntArray, LimitReference, VehicleState
+from gcs.model import BoolArray, FloatArray, IntArray, VehicleState
 from gcs.planning.flown_heights import lowest_heights_m
 from gcs.planning.forward_simulation import LoiterCircle, Motion, RemainingMission, simulate
 from gcs.planning.map.grid import Grid, Point, free_grid_like
@@ -168,18 +168,12 @@ class MissionBoundsCheck:
             if obstacles.layers.meet(area.limits):
                 continue  # blocked at all heights
             floor_m, ceiling_m = area.limits.bounds_m
-            heights_m = lowest_msl_m - self._zero_msl_m(area.limits.reference, flown_m)
+            heights_m = lowest_msl_m - obstacles.zero_msl_m(area.limits.reference, flown_m)
             is_level_with_it = (heights_m > floor_m - margin_m) & (heights_m < ceiling_m + margin_m)
             if is_level_with_it.any():
                 alone = blocked_by(free_grid_like(self._zones.grid), [area])
                 blocked |= is_level_with_it & _is_blocked(alone, flown_m)
         return blocked
-
-    def _zero_msl_m(self, reference: LimitReference, places_m: FloatArray) -> FloatArray | float:
-        """Return what limits are above, at places."""
-        if reference == "ground" and self._elevation is not None:
-            return self._elevation.heights_at(places_m)
-        return 0.0 if reference == "msl" else self._zones.obstacles.layers.ground_msl_m
 
     def _is_near_ground(
         self,

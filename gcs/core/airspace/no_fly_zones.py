@@ -8,10 +8,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
 
 from gcs.core.airspace.obstacle_map import LowFlight, ObstacleMap, closed_area
 from gcs.core.airspace.records import AirspaceState
-from gcs.model import NoFlyZone
+from gcs.model import BoolArray, FloatArray, NoFlyZone, VerticalLimits
 from gcs.planning.map.grid import Grid, Point, free_grid_like
 from gcs.planning.map.limited_area import LimitedArea, blocked_by
 from gcs.planning.map.line_of_sight import line_of_sight
@@ -23,25 +26,48 @@ class ClosedZone:
 
     grid: Grid
     """Its cells."""
-    floor_msl_m: float
-    """Minus infinity: it begins on the ground."""
-    ceiling_msl_m: float
-    is_in_layers: bool
-    """True if vehicles meet it in their altitude layers."""
+    limits: VerticalLimits
+    obstacles: ObstacleMap
+    """Map of the mission without zones: its ground, home and layers."""
 
     @property
-    def is_limited(self) -> bool:
-        """True if it has a floor or a ceiling."""
-        return math.isfinite(self.floor_msl_m) or math.isfinite(self.ceiling_msl_m)
+    def is_in_layers(self) -> bool:
+        """True if vehicles meet it in their altitude layers."""
+        return self.limits.are_open or self.obstacles.layers.meet(self.limits)
 
     def contains(self, place: Point) -> bool:
         """Return True if a position is in its area, at any height."""
         return not line_of_sight(self.grid, place, place)
 
-    def is_met(self, start: Point, end: Point, heights_msl_m: tuple[float, float]) -> bool:
-        """Return True if a leg between two heights leads through it."""
-        is_level_with_it = min(heights_msl_m) < self.ceiling_msl_m and max(heights_msl_m) > self.floor_msl_m
-        return is_level_with_it and not line_of_sight(self.grid, start, end)
+    def is_met(
+        self, start: Point, end: Point, heights_msl_m: tuple[float, float], margin_m: float = 0.0
+    ) -> bool:
+        """Return True if a leg between two heights leads through it, or nearer over or under it."""
+        if line_of_sight(self.grid, start, end):
+            return False
+        places_m = self._places_m(start, end)
+        heights_m = np.linspace(*heights_msl_m, len(places_m))
+        return self._is_met_at(places_m, heights_m - margin_m, heights_m + margin_m)
+
+    def is_met_in_band(self, start: Point, end: Point, band_agl_m: tuple[float, float]) -> bool:
+        """Return True if a leg somewhere between two heights above the ground may lead through it."""
+        if line_of_sight(self.grid, start, end):
+            return False
+        places_m = self._places_m(start, end)
+        ground_m = self.obstacles.ground_msl_m(places_m)
+        return self._is_met_at(places_m, ground_m + band_agl_m[0], ground_m + band_agl_m[1])
+
+    def _places_m(self, start: Point, end: Point) -> FloatArray:
+        """Return places on a leg, from its start to its end, no farther apart than the cells."""
+        return np.linspace(start, end, 2 + int(math.dist(start, end) / self.grid.spacing_m))
+
+    def _is_met_at(self, places_m: FloatArray, lowest_msl_m: FloatArray, highest_msl_m: FloatArray) -> bool:
+        """Return True if a flight between heights at places leads through it."""
+        floor_m, ceiling_m = self.limits.bounds_m
+        zero_m = self.obstacles.zero_msl_m(self.limits.reference, places_m)
+        is_level: BoolArray = (lowest_msl_m - zero_m < ceiling_m) & (highest_msl_m - zero_m > floor_m)
+        legs = pairwise(zip(map(tuple, places_m.tolist()), is_level.tolist(), strict=True))
+        return any((a[1] or b[1]) and not line_of_sight(self.grid, a[0], b[0]) for a, b in legs)
 
 
 class NoFlyZones:
@@ -71,24 +97,21 @@ class NoFlyZones:
         self.obstacles = self._open.with_areas(areas.values())
 
     def _closed(self, area: LimitedArea) -> ClosedZone:
-        layers = self._open.layers
         cells = blocked_by(free_grid_like(self._open.full), [area])
-        floor_m, ceiling_m = area.limits.above_level_ground(layers.ground_msl_m)
-        bounds_m = floor_m + layers.ground_msl_m, ceiling_m + layers.ground_msl_m
-        return ClosedZone(cells, *bounds_m, layers.meet(area.limits))
+        return ClosedZone(cells, area.limits, self._open)
 
     def contain(self, place: Point) -> bool:
         """Return True if a position in an altitude layer is in a closed zone."""
         return any(zone.contains(place) for zone in self.closed.values() if zone.is_in_layers)
 
     def change(self, zone: NoFlyZone) -> MapChange:
-        """Close or open a zone; return the cells that are newly blocked."""
+        """Close or open a zone; return what is newly blocked."""
         before = self.obstacles
         self._state.zones.pop(zone.name, None)
         if zone.disc_m is not None or zone.polygon_m:
             self._state.zones[zone.name] = zone
         self._draw()
-        return MapChange(before, self.obstacles)
+        return MapChange(before, self.obstacles, self.closed.get(zone.name))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +120,8 @@ class MapChange:
 
     before: ObstacleMap
     after: ObstacleMap
+    zone: ClosedZone | None
+    """None: it was opened."""
 
     @cached_property
     def layers(self) -> Grid:
@@ -108,6 +133,40 @@ class MapChange:
         if not (self.before.limited or self.after.limited):
             return self.layers
         return _newly_blocked(self.before.below_layers([flight]), self.after.below_layers([flight]))
+
+    def is_crossed(self, path_m: FloatArray) -> bool:
+        """Return True if a path over terrain meets the zone, or comes too near over or under it.
+
+        Parameters
+        ----------
+        path_m : ndarray, shape (k, 3)
+            East, north, and height above mean sea level.
+        """
+        if self.zone is None:
+            return False
+        points = path_m.tolist()
+        if len(points) == 1:
+            points *= 2
+        legs = ((a[:2], b[:2], (a[2], b[2])) for a, b in pairwise(map(tuple, points)))
+        clearance_m = self.after.layers.clearance_m
+        return any(self.zone.is_met(*leg, clearance_m) for leg in legs)
+
+    def may_cross_return(self, path_m: FloatArray, band_agl_m: tuple[float, float]) -> bool:
+        """Return True if a return in a flight band may meet the zone.
+
+        Parameters
+        ----------
+        path_m : ndarray, shape (k, 2)
+            East and north.
+        band_agl_m : (float, float)
+            Least and greatest height above the ground.
+        """
+        if self.zone is None:
+            return False
+        clearance_m = self.after.layers.clearance_m
+        wide_m = band_agl_m[0] - clearance_m, band_agl_m[1] + clearance_m
+        legs = pairwise(map(tuple, path_m.tolist()))
+        return any(self.zone.is_met_in_band(*leg, wide_m) for leg in legs)
 
 
 def _newly_blocked(before: Grid, after: Grid) -> Grid:

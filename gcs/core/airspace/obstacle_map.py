@@ -11,9 +11,18 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.fence import drawn_areas
-from gcs.model import UNLIMITED, IntArray, LayerHeights, NoFlyZone, VerticalLimits
+from gcs.model import (
+    UNLIMITED,
+    FloatArray,
+    IntArray,
+    LayerHeights,
+    LimitReference,
+    NoFlyZone,
+    VerticalLimits,
+)
 from gcs.planning.map.grid import Grid, Point, Polygon, free_grid, free_grid_like, random_obstacles
 from gcs.planning.map.limited_area import LimitedArea, blocked_by
+from gcs.terrain.elevation import Elevation
 
 _PURPOSE = 0x6D6170
 """Separates the map's random numbers from others with the same seed."""
@@ -53,11 +62,14 @@ class ObstacleMap:
     limited : tuple of LimitedArea
         Areas with vertical limits.
     layers : LayerHeights
+    elevation : Elevation or None
+        Ground of a mission over terrain.
     """
 
     full: Grid
     limited: tuple[LimitedArea, ...]
     layers: LayerHeights
+    elevation: Elevation | None = None
 
     @cached_property
     def grid(self) -> Grid:
@@ -84,11 +96,9 @@ class ObstacleMap:
         blocked = grid.blocked.copy()
         for area in low_areas:
             _, ceiling_m = area.limits.above_level_ground(self.layers.ground_msl_m)
-            rows, cols = np.unravel_index(area.cells, grid.shape)
-            east_m = grid.origin_m[0] + grid.spacing_m * cols
-            north_m = grid.origin_m[1] + grid.spacing_m * rows
+            centres_m = area.centres_m(grid)
             for flight in flights:
-                away_m = np.hypot(east_m - flight.place[0], north_m - flight.place[1])
+                away_m = np.hypot(*(centres_m - flight.place).T)
                 reach_m = flight.reach_m(ceiling_m + self.layers.clearance_m)
                 blocked.flat[area.cells[away_m < reach_m + _HALF_DIAGONAL * grid.spacing_m]] = True
         return replace(grid, blocked=blocked)
@@ -98,7 +108,19 @@ class ObstacleMap:
         areas = tuple(areas)
         limited = tuple(one for one in areas if not one.limits.are_open)
         full = blocked_by(self.full, (one for one in areas if one.limits.are_open))
-        return ObstacleMap(full, (*self.limited, *limited), self.layers)
+        return replace(self, full=full, limited=(*self.limited, *limited))
+
+    def ground_msl_m(self, places_m: FloatArray) -> FloatArray:
+        """Return the height of the ground at places, shape (k, 2): level, without an elevation model."""
+        if self.elevation is None:
+            return np.full(len(places_m), self.layers.ground_msl_m)
+        return self.elevation.heights_at(places_m)
+
+    def zero_msl_m(self, reference: LimitReference, places_m: FloatArray) -> FloatArray:
+        """Return the height that limits are above, at places, shape (k, 2)."""
+        if reference == "ground":
+            return self.ground_msl_m(places_m)
+        return np.full(len(places_m), 0.0 if reference == "msl" else self.layers.ground_msl_m)
 
 
 @dataclass(slots=True)
@@ -129,7 +151,7 @@ def mission_map(config: Config, seed: int) -> ObstacleMap:
     kept_clear += [(birth.east_m, birth.north_m) for birth in config.births]
     rng = np.random.default_rng([seed, _PURPOSE])
     full = random_obstacles(full, area.random_threshold, rng, kept_clear, _KEEP_CLEAR_M)
-    return ObstacleMap(full, tuple(limited), config.layer_heights)
+    return ObstacleMap(full, tuple(limited), config.layer_heights, config.elevation)
 
 
 def mission_grid(config: Config, seed: int) -> Grid:

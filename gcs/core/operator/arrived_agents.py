@@ -13,11 +13,13 @@ import math
 from collections.abc import Collection, Iterable
 from typing import Final
 
+import numpy as np
+
+from gcs.core.airspace.no_fly_zones import MapChange
 from gcs.core.operator.records import OrderInProgress
 from gcs.core.replanning.replanner import Replanner, is_crossed
 from gcs.core.state import Agent, State, with_status
 from gcs.model import Effect, Label, Order, VehicleState, named, read_only, targets_text
-from gcs.planning.map.grid import Grid
 
 _CIRCLE_POINTS: Final = 24
 
@@ -55,8 +57,8 @@ def continue_mission(
     return [*effects, ongoing.answer(order.t_ns, "done", detail)]
 
 
-def leave_zones(state: State, closed: Grid, vehicles: Iterable[VehicleState], t_ns: int) -> list[Effect]:
-    """Make arrived agents that circle in closed cells active again; return their statuses."""
+def leave_zones(state: State, closed: MapChange, vehicles: Iterable[VehicleState], t_ns: int) -> list[Effect]:
+    """Make arrived agents that circle in a zone that was closed active again; return their statuses."""
     effects: list[Effect] = []
     for vehicle in vehicles:
         agent = state.agents[vehicle.system_id]
@@ -70,8 +72,8 @@ def leave_zones(state: State, closed: Grid, vehicles: Iterable[VehicleState], t_
     return effects
 
 
-def _circles_in(closed: Grid, agent: Agent, vehicle: VehicleState) -> bool:
-    """Return True if a vehicle, or the loiter circle at the end of its mission, is in closed cells."""
+def _circles_in(closed: MapChange, agent: Agent, vehicle: VehicleState) -> bool:
+    """Return True if a vehicle, or the loiter circle at the end of its mission, is in the zone."""
     mission = agent.tasking.onboard
     circle = None if mission is None else mission.circle
     points = [(vehicle.east_m, vehicle.north_m)]
@@ -80,4 +82,10 @@ def _circles_in(closed: Grid, agent: Agent, vehicle: VehicleState) -> bool:
         radius_m = circle.radius_m
         angles = [2.0 * math.pi * k / _CIRCLE_POINTS for k in range(_CIRCLE_POINTS + 1)]
         points += [(east_m + radius_m * math.sin(a), north_m + radius_m * math.cos(a)) for a in angles]
-    return is_crossed(closed, read_only(points[:1]), None) or is_crossed(closed, read_only(points[1:]), None)
+    latest = agent.routes.latest
+    if latest is not None and latest.heights_msl_m is not None:
+        circled = [(*point, float(latest.heights_msl_m[-1])) for point in points[1:]]
+        parts = [[(*points[0], vehicle.alt_msl_m)], circled]
+        return any(closed.is_crossed(np.array(part)) for part in parts if part)
+    cells = closed.layers
+    return is_crossed(cells, read_only(points[:1]), None) or is_crossed(cells, read_only(points[1:]), None)

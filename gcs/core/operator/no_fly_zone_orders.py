@@ -8,7 +8,7 @@ from typing import Final
 
 from gcs.core.airspace.incursion_warning import IncursionWarnings
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.airspace.obstacle_map import closed_area
+from gcs.core.airspace.obstacle_map import ObstacleMap, closed_area
 from gcs.core.operator.arrived_agents import leave_zones
 from gcs.core.operator.records import OrderInProgress
 from gcs.core.replanning.replanner import Replanner
@@ -17,6 +17,7 @@ from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.state import State, with_status
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Effect, NoFlyZone, Notice, NoticeCode, Order, Parameter, limits_text, named
+from gcs.planning.map.limited_area import LimitedArea
 
 _MAX_ZONES: Final = 100
 
@@ -58,12 +59,12 @@ class NoFlyZoneOrders:
         verb += f" ({limits})" if limits else ""
         states = self.fleet.states()
         had_ended = self.state.has_ended
-        left = leave_zones(self.state, closed.layers, states, order.t_ns)
-        positions = {state.system_id: (state.east_m, state.north_m) for state in states}
-        returning = {v: position for v, position in positions.items() if agents[v].routes.flown is None}
+        left = leave_zones(self.state, closed, states, order.t_ns)
+        heard = {state.system_id: state for state in states}
+        returning = {v: (s.east_m, s.north_m) for v, s in heard.items() if agents[v].routes.flown is None}
         without_return = self.return_routes.crossed(closed, returning)
         affected = self.replanner.change_map(
-            order.t_ns, closed.layers, positions, f"no-fly zone {zone.name} {verb}", without_return
+            order.t_ns, closed, heard, f"no-fly zone {zone.name} {verb}", without_return
         )
         arrived = without_return.intersection(with_status(agents, "arrived"))
         effects = [*left, *replan(affected)]
@@ -101,4 +102,22 @@ class NoFlyZoneOrders:
             return f"no no-fly zone is called {zone.name}; there are: {', '.join(closed) or 'none'}"
         if zone.name not in closed and len(closed) >= _MAX_ZONES:
             return f"there are {_MAX_ZONES} no-fly zones already; open some first"
-        return "" if len(closed_area(self.zones.grid, zone).cells) else "it lies outside the map"
+        area = closed_area(self.zones.grid, zone)
+        if not len(area.cells):
+            return "it lies outside the map"
+        return _height_problem(area, self.zones.obstacles)
+
+
+def _height_problem(area: LimitedArea, obstacles: ObstacleMap) -> str:
+    """Return why an area keeps nothing clear: it ends below the ground; empty if it does not."""
+    ceiling_m = area.limits.ceiling_m
+    if ceiling_m is None:
+        return ""
+    places_m = area.centres_m(obstacles.full)
+    ground_m = obstacles.ground_msl_m(places_m)
+    if (obstacles.zero_msl_m(area.limits.reference, places_m) + ceiling_m > ground_m).any():
+        return ""
+    return (
+        f"it ends below the ground, which is at {ground_m.min():.0f} m MSL there: it is closed "
+        f"{limits_text(area.limits)}; check the reference of its heights"
+    )

@@ -17,8 +17,10 @@ from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
+import numpy as np
+
 from gcs.config import Config
-from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.airspace.no_fly_zones import MapChange, NoFlyZones
 from gcs.core.airspace.obstacle_map import LowFlight
 from gcs.core.replanning import reasons
 from gcs.core.replanning.inputs import PlanningInputs
@@ -32,7 +34,7 @@ from gcs.core.state import Agent, flown_routes
 from gcs.core.tasking.mission_builder import flown_points
 from gcs.core.tasking.upload_latency import DELIVERY_S
 from gcs.mavlink.mission.upload_limits import UploadLimits
-from gcs.model import NS_PER_S, FloatArray, Label, NoticeCode, Plan, Route
+from gcs.model import NS_PER_S, FloatArray, Label, NoticeCode, Plan, Route, VehicleState
 from gcs.planning.forward_simulation import Motion, predict_motion
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
@@ -125,8 +127,8 @@ class Replanner:
     def change_map(
         self,
         t_ns: int,
-        closed: Grid,
-        places: Mapping[int, Point],
+        change: MapChange,
+        states: Mapping[int, VehicleState],
         news: str,
         without_return: Collection[int] = (),
     ) -> list[int]:
@@ -134,33 +136,33 @@ class Replanner:
 
         Parameters
         ----------
-        closed
-            Cells that are newly blocked; routes through them are given up at the next check.
-        places
-            Positions of vehicles, east and north.
+        change
+            What is newly blocked; routes through it are given up at the next check.
+        states
+            States of the vehicles.
         news
             Which no-fly zone was closed or opened.
         without_return
-            Vehicles whose return routes lead through the closed cells.
+            Vehicles whose return routes lead through the zone.
 
         Returns
         -------
         list of int
-            Vehicles that will fly through the closed cells unless they get another route.
+            Vehicles that will fly through the zone unless they get another route.
         """
         for vehicle, agent in self._agents.items():
             routes = agent.routes
             state = agent.perception.motion.state
             flown = routes.flown
             proposed = routes.proposed
-            place = places.get(vehicle)
+            heard = states.get(vehicle)
             if flown is not None:
                 passed = flown_points(agent, flown, state)
-                is_blocked = vehicle in without_return or is_crossed(closed, flown.flown_m, place, passed)
+                is_blocked = vehicle in without_return or _leads_through(change, flown, heard, passed)
                 routes.is_blocked = routes.is_blocked or is_blocked
             if proposed is not None:
                 passed = flown_points(agent, proposed, state)
-                if is_crossed(closed, proposed.flown_m, place, passed):
+                if _leads_through(change, proposed, heard, passed):
                     routes.proposed = None
         self._state.news.append(Reason("map changed", news))
         self.hurry(t_ns)
@@ -501,12 +503,27 @@ def is_crossed(closed: Grid, route_m: FloatArray, place: Point | None, passed: i
     passed : int
         Number of points that the vehicle has passed.
     """
-    points = [(float(east_m), float(north_m)) for east_m, north_m in route_m]
-    if place is not None:
-        points = [place, *points[min(passed, len(points) - 1) :]]
+    points = [(east_m, north_m) for east_m, north_m in rest_of(route_m, place, passed).tolist()]
     if len(points) == 1:
         points *= 2
     return not all(line_of_sight(closed, a, b) for a, b in pairwise(points))
+
+
+def _leads_through(change: MapChange, route: Route, state: VehicleState | None, passed: int) -> bool:
+    """Return True if the rest of a route leads through what is newly blocked."""
+    place = None if state is None else (state.east_m, state.north_m)
+    if is_crossed(change.layers, route.flown_m, place, passed):
+        return True
+    if route.heights_msl_m is None:
+        return False
+    path_m = np.column_stack((route.flown_m, route.heights_msl_m))
+    begin = None if state is None else (state.east_m, state.north_m, state.alt_msl_m)
+    return change.is_crossed(rest_of(path_m, begin, passed))
+
+
+def rest_of(path_m: FloatArray, begin: Sequence[float] | None, passed: int) -> FloatArray:
+    """Return a path from where its vehicle is, without the points that it has passed."""
+    return path_m if begin is None else np.vstack((begin, path_m[min(passed, len(path_m) - 1) :]))
 
 
 def _distance_m(a: FloatArray, b: FloatArray | Point) -> float:

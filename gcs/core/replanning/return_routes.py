@@ -17,13 +17,13 @@ from gcs.core.airspace.no_fly_zones import MapChange, NoFlyZones
 from gcs.core.airspace.obstacle_map import LowFlight
 from gcs.core.replanning.mission_inputs import terrain_of
 from gcs.core.replanning.plan_targets import vehicle_options
-from gcs.core.replanning.replanner import is_crossed
+from gcs.core.replanning.replanner import is_crossed, rest_of
 from gcs.core.separation.landing_order import LandingOrder
 from gcs.core.state import Agent
 from gcs.core.tasking.mission_builder import corners_of, is_hold
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.mission.item_builder import APPROACH_ALT_M, DESCENT_SLOPE
-from gcs.model import APPROACH_M, Effect, Notice, NoticeCode, Parameter, Route
+from gcs.model import APPROACH_M, Effect, FloatArray, Notice, NoticeCode, Parameter, Route
 from gcs.planning.manoeuvres.landing import LandingSpec, ReturnRoute, plan_return_route
 from gcs.planning.map.grid import Point
 from gcs.planning.planner_inputs import AgentState, MissionInputs
@@ -134,22 +134,26 @@ class ReturnRoutes:
         return planned, [Notice(t_ns, NoticeCode.RETURN_ROUTE_PROBLEM, vehicle, about)]
 
     def crossed(self, closed: MapChange, returning: Mapping[int, Point]) -> set[int]:
-        """Return the vehicles whose return routes lead through newly closed cells.
+        """Return the vehicles whose return routes lead through a zone that was closed.
 
         Of a vehicle that is `returning`, only the part ahead of its position counts.
         """
-        routes_m = {vehicle: agent.routes.return_m for vehicle, agent in self._agents.items()}
         return {
             vehicle
-            for vehicle, route_m in routes_m.items()
-            if route_m is not None
-            and is_crossed(
-                closed.below_layers(_landing_at(route_m[-1].tolist())),
-                route_m,
-                returning.get(vehicle),
-                _passed(self._agents[vehicle]),
-            )
+            for vehicle, agent in self._agents.items()
+            if agent.routes.return_m is not None
+            and self._is_crossed(closed, agent.routes.return_m, returning.get(vehicle), _passed(agent))
         }
+
+    def _is_crossed(self, closed: MapChange, route_m: FloatArray, place: Point | None, passed: int) -> bool:
+        descent = _landing_at(route_m[-1].tolist())
+        if is_crossed(closed.below_layers(descent), route_m, place, passed):
+            return True
+        terrain = self._config.terrain
+        if terrain is None:
+            return False
+        band_agl_m = terrain.min_agl_m, terrain.max_agl_m
+        return closed.may_cross_return(rest_of(route_m, place, passed), band_agl_m)
 
 
 def _landing_at(home_m: Point) -> LowFlight:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from gcs.model import IntArray, VerticalLimits
+import numpy as np
+
+from gcs.model import FloatArray, IntArray, VerticalLimits
 from gcs.planning.map.grid import Grid
 
 
@@ -16,6 +18,12 @@ class LimitedArea:
     cells: IntArray
     """Flat indices."""
     limits: VerticalLimits
+
+    def centres_m(self, grid: Grid) -> FloatArray:
+        """Return the centres of the cells on their map, shape (k, 2): east and north."""
+        rows, cols = np.unravel_index(self.cells, grid.shape)
+        centres_m: FloatArray = np.column_stack((cols, rows)) * grid.spacing_m + np.array(grid.origin_m)
+        return centres_m
 
 
 def blocked_by(grid: Grid, areas: Iterable[LimitedArea]) -> Grid:

@@ -63,11 +63,14 @@ class Outline(NamedTuple):
     stay_in: bool
     corners_m: Sequence[tuple[float, float]]
     """East and north, in order."""
+    heights: str = ""
+    """Floor and ceiling in words; empty: from the ground to the sky."""
 
     @property
     def name(self) -> str:
         """Name for a display."""
-        return "inclusion area" if self.stay_in else "exclusion area or no-fly zone"
+        kind = "inclusion area" if self.stay_in else "exclusion area or no-fly zone"
+        return f"{kind}, {self.heights}" if self.heights else kind
 
 
 class Message(NamedTuple):

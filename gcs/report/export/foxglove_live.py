@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from gcs.model import AgentRecord, NoFlyZone, Route, SwarmStatus
+from gcs.model import AgentRecord, NoFlyZone, Route, SwarmStatus, limits_text
 from gcs.report.export.foxglove import FoxgloveMessages, Message, Outline
 
 _CIRCLE_VERTICES = 48
@@ -49,9 +49,10 @@ class LiveMessages:
 
 
 def _outline(zone: NoFlyZone) -> Outline:
+    heights = limits_text(zone.limits)
     if zone.disc_m is None:
-        return Outline(False, zone.polygon_m)
+        return Outline(False, zone.polygon_m, heights)
     east_m, north_m, radius_m = zone.disc_m
     turns = (math.tau * number / _CIRCLE_VERTICES for number in range(_CIRCLE_VERTICES))
     corners_m = [(east_m + radius_m * math.sin(turn), north_m + radius_m * math.cos(turn)) for turn in turns]
-    return Outline(False, corners_m)
+    return Outline(False, corners_m, heights)

@@ -7,6 +7,7 @@ import { test } from "node:test";
 import { drawRoutes } from "../../../gcs/console/static/draw_swarm.js";
 import { latOf, lonOf, tileColumn, tileRow, toLocal } from "../../../gcs/console/static/geodesy.js";
 import { centroid, roundLength } from "../../../gcs/console/static/geometry.js";
+import { LateTracks } from "../../../gcs/console/static/late_tracks.js";
 import { lengthAndBearing } from "../../../gcs/console/static/measure.js";
 import { Trails } from "../../../gcs/console/static/trails.js";
 import { View } from "../../../gcs/console/static/view.js";
@@ -117,4 +118,18 @@ test("round lengths are 1, 2 or 5 times a power of ten", () => {
     ]),
     [2, 1],
   );
+});
+
+test("late estimates continue the path of their track, and the tracks that ended first are forgotten", () => {
+  const late = new LateTracks();
+  late.begin({ "T0.1": [[0, 0]] });
+  late.add({ "T0.1": [null, [1, 0]] });
+  assert.deepEqual(late.paths.get("T0.1"), [[0, 0], null, [1, 0]]);
+  for (let number = 0; number < 250; number++)
+    late.add({ [`T${number}.9`]: [[0, 0]], "A0.0": [[number, 0]] });
+  assert.equal(late.paths.size, 200);
+  assert.equal(late.paths.has("T0.1"), false);
+  assert.equal(late.paths.get("A0.0")?.length, 250);
+  late.begin({});
+  assert.equal(late.paths.size, 0);
 });

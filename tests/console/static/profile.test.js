@@ -1,6 +1,8 @@
 // A profile would show a vehicle clear of the ground, or of another vehicle, where it is not.
 
-/** @import { AgentRecord, ElevationMap, MissionInfo, Point, Route } from "../../../gcs/console/page_types.d.ts" */
+/**
+ * @import { AgentRecord, ElevationMap, MissionInfo, NoFlyZone, Point, Route } from "../../../gcs/console/page_types.d.ts"
+ */
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -11,6 +13,7 @@ import {
   othersNear,
   stationAt,
 } from "../../../gcs/console/static/profile_path.js";
+import { crossedZones, partsInside } from "../../../gcs/console/static/profile_zones.js";
 import { Ground } from "../../../gcs/console/static/terrain.js";
 
 /** @param {Partial<AgentRecord>} more */
@@ -133,4 +136,64 @@ test("other vehicles are shown at their heights where they are near, and where t
     route({ points_m: [[60, 50]], heights_msl_m: [720] }),
   );
   assert.deepEqual(crossingsOf(ahead, 2, crossing), [{ vehicle: 2, at: 60, height: 730 }]);
+});
+
+/** @param {Partial<NoFlyZone>} more */
+const zone = (more) =>
+  /** @type {NoFlyZone} */ ({
+    name: "fire",
+    disc_m: null,
+    polygon_m: [],
+    limits: { floor_m: null, ceiling_m: null, reference: "ground" },
+    ...more,
+  });
+
+/** @type {{ at: number, place: Point, height: number }[]} */
+const straight = [
+  { at: -100, place: [0, 0], height: 100 },
+  { at: 0, place: [100, 0], height: 100 },
+  { at: 300, place: [400, 0], height: 100 },
+];
+
+test("a path is in a zone from one edge to the other, over its own corners, and as often as it enters", () => {
+  assert.deepEqual(partsInside(straight, zone({ disc_m: [150, 0, 100] })), [[-50, 150]]);
+  assert.deepEqual(partsInside(straight, zone({ disc_m: [150, 200, 100] })), []);
+  assert.deepEqual(partsInside(straight, zone({ disc_m: [150, 0, 1000] })), [[-100, 300]]);
+  /** @type {Point[]} */
+  const twoArms = [
+    [120, -50],
+    [360, -50],
+    [360, 50],
+    [300, 50],
+    [300, -20],
+    [180, -20],
+    [180, 50],
+    [120, 50],
+  ];
+  const found = partsInside(straight, zone({ polygon_m: twoArms }));
+  assert.deepEqual(
+    found.map((part) => part.map(Math.round)),
+    [
+      [20, 80],
+      [200, 260],
+    ],
+  );
+});
+
+test("a zone has its heights above sea level over terrain, and above home over flat ground", () => {
+  const home = { origin_alt_m: 70 };
+  /** @type {(limits: NoFlyZone["limits"], mission: MissionInfo) => number[]} */
+  const heights = (limits, mission) => {
+    const groundAt = (/** @type {Point} */ [east]) => 500 + east;
+    const [{ edges }] = crossedZones(straight, [zone({ disc_m: [200, 0, 100], limits })], mission, groundAt);
+    const { floor, ceiling } = edges[0];
+    return [floor, ceiling];
+  };
+  const over = { ...steep, ...home };
+  const level = { ...flat, ...home };
+  assert.deepEqual(heights({ floor_m: 10, ceiling_m: 60, reference: "ground" }, over), [610, 660]);
+  assert.deepEqual(heights({ floor_m: 10, ceiling_m: 60, reference: "msl" }, over), [10, 60]);
+  assert.deepEqual(heights({ floor_m: null, ceiling_m: 60, reference: "home" }, over), [-Infinity, 130]);
+  assert.deepEqual(heights({ floor_m: 10, ceiling_m: null, reference: "ground" }, level), [10, Infinity]);
+  assert.deepEqual(heights({ floor_m: 10, ceiling_m: 100, reference: "msl" }, level), [-60, 30]);
 });
