@@ -68,7 +68,7 @@ class NoFlyZoneOrders:
         )
         arrived = without_return.intersection(with_status(agents, "arrived"))
         effects = [*left, *replan(affected)]
-        stacked = self.stacked_missions.avoid(closed.layers, positions, order.t_ns)
+        stacked = self.stacked_missions.avoid(closed, heard, order.t_ns)
         led_around = {vehicle for vehicle, sent in stacked.items() if sent}
         effects += [effect for sent in stacked.values() for effect in sent]
         routes = {vehicle: agent.routes for vehicle, agent in agents.items()}

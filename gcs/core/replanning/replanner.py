@@ -158,11 +158,11 @@ class Replanner:
             heard = states.get(vehicle)
             if flown is not None:
                 passed = flown_points(agent, flown, state)
-                is_blocked = vehicle in without_return or _leads_through(change, flown, heard, passed)
+                is_blocked = vehicle in without_return or leads_through(change, flown, heard, passed)
                 routes.is_blocked = routes.is_blocked or is_blocked
             if proposed is not None:
                 passed = flown_points(agent, proposed, state)
-                if _leads_through(change, proposed, heard, passed):
+                if leads_through(change, proposed, heard, passed):
                     routes.proposed = None
         self._state.news.append(Reason("map changed", news))
         self.hurry(t_ns)
@@ -509,7 +509,7 @@ def is_crossed(closed: Grid, route_m: FloatArray, place: Point | None, passed: i
     return not all(line_of_sight(closed, a, b) for a, b in pairwise(points))
 
 
-def _leads_through(change: MapChange, route: Route, state: VehicleState | None, passed: int) -> bool:
+def leads_through(change: MapChange, route: Route, state: VehicleState | None, passed: int) -> bool:
     """Return True if the rest of a route leads through what is newly blocked."""
     place = None if state is None else (state.east_m, state.north_m)
     if is_crossed(change.layers, route.flown_m, place, passed):

@@ -19,10 +19,10 @@ from typing import Final
 import numpy as np
 
 from gcs.config import Config
-from gcs.core.airspace.no_fly_zones import NoFlyZones
+from gcs.core.airspace.no_fly_zones import MapChange, NoFlyZones
 from gcs.core.replanning.mission_inputs import mission_inputs, terrain_of
 from gcs.core.replanning.planned_flights import AltitudeLayers
-from gcs.core.replanning.replanner import is_crossed
+from gcs.core.replanning.replanner import leads_through
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.separation.minima import min_distance_m
 from gcs.core.separation.order_check import OrderCheck
@@ -35,7 +35,7 @@ from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import APPROACH_M, Effect, Label, Route, VehicleState
 from gcs.model.names import hold_label, home_label
 from gcs.planning.forward_simulation import predict_motion
-from gcs.planning.map.grid import Grid, Point
+from gcs.planning.map.grid import Point
 from gcs.planning.planner import PlanResult, choose_new, plan_routes
 from gcs.planning.planner_inputs import AgentState
 
@@ -133,8 +133,10 @@ class StackedMissions:
         return_route, warnings = self._return_routes.plan(route, t_ns)
         return [*warnings, *self._tasking.enqueue_upload(route, t_ns, return_route, at_once=True)]
 
-    def avoid(self, closed: Grid, places: Mapping[int, Point], t_ns: int) -> dict[int, list[Effect]]:
-        """Lead vehicles round newly closed cells that their missions lead through.
+    def avoid(
+        self, closed: MapChange, states: Mapping[int, VehicleState], t_ns: int
+    ) -> dict[int, list[Effect]]:
+        """Lead vehicles round a zone that was closed, and that their missions lead through.
 
         Returns
         -------
@@ -147,7 +149,7 @@ class StackedMissions:
             if route is None or self._tasking.overrides.of(vehicle).taken_by:
                 continue
             passed = flown_points(agent, route, agent.perception.motion.state)
-            if not is_crossed(closed, route.flown_m, places.get(vehicle), passed):
+            if not leads_through(closed, route, states.get(vehicle), passed):
                 continue
             if is_hold(route):
                 other = self.plan_hold(vehicle, t_ns)
