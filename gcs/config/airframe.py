@@ -85,6 +85,8 @@ class AgentAirframe:
     end: MissionEnd
     climb_m_s: float = AirframeTable().climb_m_s
     sink_m_s: float = AirframeTable().sink_m_s
+    air_density: float = 1.0
+    """Relative to sea level."""
 
     def at_height(self, height_msl_m: float) -> AgentAirframe:
         """Return the airframe with the true airspeed at a height.
@@ -92,7 +94,8 @@ class AgentAirframe:
         Autopilots hold the indicated airspeed. So at 2,500 m it flies 13 % faster, its turns are 28 % wider,
         and its climbs are less steep.
         """
-        return replace(self, speed_m_s=self.speed_m_s / math.sqrt(density_ratio(height_msl_m)))
+        density = density_ratio(height_msl_m)
+        return replace(self, speed_m_s=self.speed_m_s / math.sqrt(density), air_density=density)
 
     @property
     def turn_radius_m(self) -> float:
@@ -101,8 +104,9 @@ class AgentAirframe:
 
     @property
     def circle_radius_m(self) -> float:
-        """Radius of the flown loiter circle: at least the turn radius."""
-        return max(self.loiter_radius_m or UNKNOWN_LOITER_RADIUS_M, self.turn_radius_m)
+        """Greatest radius of the flown loiter circle: in thin air ArduPlane widens it, PX4 does not."""
+        widest_m = self.loiter_radius_m / self.air_density or UNKNOWN_LOITER_RADIUS_M
+        return max(widest_m, self.turn_radius_m)
 
     @property
     def max_ground_speed_m_s(self) -> float:

@@ -190,3 +190,13 @@ def test_a_simulated_vehicle_climbs_at_its_own_angle():
     while plane.alt_rel_m < 80.0:
         plane.step(0.0, 100.0, spec.forward_speed_m_s)
     assert math.degrees(math.atan2(40.0, plane.north_m - began_m)) == pytest.approx(12.0, abs=0.5)
+
+
+@pytest.mark.parametrize(("bank_deg", "radius_m"), [(45.0, 76.8), (10.0, 166.5)])
+def test_circles_in_thin_air_are_planned_as_wide_as_arduplane_flies_them(bank_deg, radius_m):
+    """A route was planned 60 m beside a circle of 60 m, which was flown with 71 m."""
+    settings = f"[airframe]\nspeed_m_s = 15.0\nbank_deg = {bank_deg}\n[mission]\nloiter_radius_m = 60.0\n"
+    config = parse(MIXED.split("[airframe]")[0].replace('airframe = "fast"\n', "") + settings, "thin.toml")
+    airframe = config.airframe_of(SLOW)
+    assert airframe.circle_radius_m == pytest.approx(max(60.0, airframe.turn_radius_m))
+    assert airframe.at_height(2500.0).circle_radius_m == pytest.approx(radius_m, abs=0.5)

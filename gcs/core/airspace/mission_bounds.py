@@ -144,7 +144,8 @@ class MissionBoundsCheck:
         end = len(items)
         circle = None
         if items[-1].command == dialect.MAV_CMD_NAV_LOITER_UNLIM:
-            radius_m = max(items[-1].param3 or UNKNOWN_LOITER_RADIUS_M, airframe.turn_radius_m)
+            widest_m = items[-1].param3 / airframe.air_density or UNKNOWN_LOITER_RADIUS_M
+            radius_m = max(widest_m, airframe.turn_radius_m)
             end = len(items) - 1
             circle = LoiterCircle(places_m[-1], radius_m)
         radii_m = tuple(item.param2 for item in items[first:end])

@@ -134,6 +134,11 @@ class Avoidances:
         notice = Notice(t_ns, NoticeCode.AVOIDS, vehicle, parameters)
         return [notice, *self._command(vehicle, avoidance, LOITER, t_ns)]
 
+    def is_last_chance(self, encounter: Encounter, t_ns: int) -> bool:
+        """Return True if one of an encounter would soon be too near to the circle of another one to hold."""
+        ours = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
+        return any(self._may_hold(v) and self._order_check.holds_too_late(v, t_ns) for v in ours)
+
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""
         avoidance = self._agents[vehicle].separation.avoidance

@@ -164,7 +164,8 @@ class SeparationMonitor:
         if before_t_ns is not None and is_aircraft(encounter.vehicles[1]):
             return []
         effects = self._avoidances.stack(encounter, t_ns)
-        if not effects and stage > 1 and (before_t_ns is None or t_ns - before_t_ns >= _AGAIN_NS):
+        is_due = stage > 1 or self._avoidances.is_last_chance(encounter, t_ns)
+        if not effects and is_due and (before_t_ns is None or t_ns - before_t_ns >= _AGAIN_NS):
             effects = self._avoidances.hold(encounter, t_ns)
         if effects:
             approach.avoided_t_ns = t_ns

@@ -43,6 +43,8 @@ _OFF_BAND_M: Final = 5.0
 """Distance by which a hold may leave the flight band."""
 _WORSE: Final = 0.1
 """Share of the minimum distances by which an order must bring a vehicle nearer."""
+_SOON_S: Final = 4.0
+"""Time for which a hold may be put off: in it the circle comes nearer, and is flown wider when it begins."""
 _RELEASE_MARGIN: Final = 1.5
 """Multiple of the minimum distance at which a vehicle that held may fly on: in wind predictions are off."""
 
@@ -198,6 +200,19 @@ class OrderCheck:
             return -math.inf
         present = self.intents.flight(state, t_ns)
         return self._nearness(held, others) - self._nearness(present, others)
+
+    def holds_too_late(self, vehicle: int, t_ns: int) -> bool:
+        """Return True if a hold that begins a little later would circle near another vehicle's circle."""
+        states = {state.system_id: state for state in self._intents.flying(t_ns)}
+        state = states.pop(vehicle, None)
+        if state is None:
+            return False
+        ahead = simulate_flights([self._intents.flight(state, t_ns)], _SOON_S)
+        hold = self._intents.flight(state, t_ns, LOITER)
+        place_m = float(ahead.east_m[-1, 0]), float(ahead.north_m[-1, 0])
+        height_m = float(0.5 * (ahead.low_m[-1, 0] + ahead.high_m[-1, 0]))
+        circle = replace(hold.goals[-1], east_m=place_m[0], north_m=place_m[1], height_m=height_m)
+        return any(self._overlapping(replace(hold, goals=(circle,)), self._flights(states.values(), t_ns)))
 
     def _flights(self, states: Iterable[VehicleState], t_ns: int) -> list[Flight]:
         """Return what other vehicles fly now, and aircraft."""

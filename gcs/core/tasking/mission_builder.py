@@ -73,7 +73,8 @@ class MissionBuilder:
         landing_wait = None if return_route is None else return_route.wait
         loiter_radius_m = airframe.loiter_radius_m
         if landing_wait is not None and loiter_radius_m > 0.0:
-            loiter_radius_m = airframe.circle_radius_m  # PX4 counts the time on this circle only
+            # PX4 counts the time on this circle only
+            loiter_radius_m = max(loiter_radius_m, airframe.turn_radius_m)
         return Mission(
             mission_id,
             route.vehicle,

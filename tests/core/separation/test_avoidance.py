@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers.hills import elevation_of, hill
-from helpers.sky import FIELD, Sky, fly_on, give
+from helpers.sky import FIELD, Sky, fly_on, give, place
 from helpers.staging import S
 
 from gcs.config.schema import TerrainTable
@@ -65,6 +65,28 @@ def test_of_two_the_one_holds_whose_circle_keeps_above_the_ground():
     assert [one.vehicle for _, one in sky.told(NoticeCode.AVOIDS)] == [3 - chosen]
 
 
+SLOW = FIELD.replace("18.0", "15.0").replace("[planning]", "[planning]\nseparation_m = 60.0")
+SLOW = SLOW.replace("parameters = { ", "parameters = { WP_LOITER_RAD = 75.0, ")
+
+
+def test_a_vehicle_holds_before_its_circle_would_touch_that_of_another_one():
+    """10 s before they would meet it was too late: on a circle of its own it would have come nearer."""
+    sky = Sky((600.0, 600.0, 60.0), (1700.0, 1700.0, 80.0), field=SLOW).fly(36.0)
+    flown, held = sky.planes[1], sky.planes[2]
+    ahead = np.array((np.sin(flown.course_rad), np.cos(flown.course_rad)))
+    side = np.array((ahead[1], -ahead[0]))
+    here_m = np.array((flown.east_m, flown.north_m))
+    centre_m = here_m + 430.0 * ahead + 100.0 * side
+    place(held, *centre_m, flown.alt_rel_m)
+    held.autopilot.set_mode(Mode.FBWA)
+    held.autopilot.set_mode(Mode.LOITER)
+    fly_on(sky, 6.0)
+    for agent in sky.run_.engine.state.agents.values():
+        agent.separation.radius_m = 75.0
+    sky.run_.engine.state.agents[2].separation.hold_m = tuple(centre_m.tolist())
+    assert least_m(sky, 30.0) > 60.0  # 46 m before
+
+
 def test_a_vehicle_that_holds_does_not_fly_on_into_higher_ground_beside_its_route():
     """It had left its route on its circle, flew straight to the next point, and was 28 m too low."""
     sky = crossing()
@@ -77,7 +99,7 @@ def test_a_vehicle_that_holds_does_not_fly_on_into_higher_ground_beside_its_rout
         fly_on(sky, 0.4)
     t_ns = sky.run_.t_ns
     state = sky.run_.engine.stages.fleet.state(vehicle)
-    goal = order_check._intents.flight(state, t_ns, "AUTO").goals[0]
+    goal = order_check.intents.flight(state, t_ns, "AUTO").goals[0]
     place_m = np.array((state.east_m, state.north_m))
     place_m += (
         200.0

@@ -7,8 +7,14 @@ import pytest
 
 from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
 from gcs.core.separation.look_ahead import encounters
+from gcs.geo import LocalFrame
+from gcs.model import NS_PER_S
+from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.mission_protocol import Item
+from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 SPEED_M_S = 15.0
+FRAME = LocalFrame(33.2, -87.6, 0.0)
 
 
 def flight(vehicle=1, place=(0.0, 0.0), height_m=100.0, course_deg=0.0, goals=(), **more):
@@ -163,3 +169,34 @@ def test_no_flight_leaves_its_reach():
     begin_m = np.array([(one.east_m, one.north_m) for one in flights]).T
     away_m = np.hypot(paths.east_m - begin_m[0], paths.north_m - begin_m[1])
     assert (away_m.max(axis=0) <= [one.reach_m(25.0) for one in flights]).all()
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+@pytest.mark.parametrize("to_m", [60.0, 160.0])
+def test_either_firmware_changes_its_height_inside_the_predicted_band(autopilot, to_m):
+    """PX4 has the height of a waypoint NAV_LOITER_RAD (80 m) before it, ArduPlane at it; both lag by 3 s."""
+    spec = VehicleSpec(
+        1, 0.0, 0.0, 0.5 * math.pi, 100.0, SPEED_M_S, airframe="banked", autopilot=autopilot,
+        arming_delay_s=0.0, parameters={"MIS_TKO_LAND_REQ": 0.0},
+    )  # fmt: skip
+    plane = SimVehicle(spec, FRAME, 0)
+    places = [(0.0, 100.0), (200.0, 100.0), (500.0, to_m), (900.0, to_m)]
+    points = [(*FRAME.to_geodetic(east_m, 0.0), height_m) for east_m, height_m in places]
+    items = [Item(16, 3, x=round(lat * 1e7), y=round(lon * 1e7), z=z) for lat, lon, z in points]
+    plane.autopilot.mission.replace(items[autopilot == "px4" :])
+    plane.autopilot.arm(0)
+    plane.autopilot.set_mode(Mode.AUTO)
+    tenths = 0
+    while plane.east_m < 200.0:
+        tenths += 1
+        plane.advance(tenths * NS_PER_S // 10)
+    goals = [Goal(GoalKind.WAYPOINT, east_m, 0.0, 10.0, height_m) for east_m, height_m in places[2:]]
+    begun = flight(place=(plane.east_m, plane.north_m), course_deg=90.0, goals=goals)
+    paths = simulate_flights([begun], 25.0)
+    late_m = 3.0 * abs(to_m - 100.0) / (300.0 - 80.0) * SPEED_M_S
+    for after_s in range(26):
+        plane.advance((tenths + 10 * after_s) * NS_PER_S // 10)
+        low_m = paths.low_m[after_s, 0] - (late_m if to_m > 100.0 else 1.0)
+        high_m = paths.high_m[after_s, 0] + (late_m if to_m < 100.0 else 1.0)
+        assert low_m < plane.alt_rel_m < high_m, after_s
+    assert plane.alt_rel_m == pytest.approx(to_m, abs=3.0)
