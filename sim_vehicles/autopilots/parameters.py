@@ -120,7 +120,7 @@ _PX4_TABLE: tuple[tuple[str, Kind, float], ...] = (
     ("COM_RCL_EXCEPT", Kind.INT32, 0),
     ("RTL_TYPE", Kind.INT32, 1),
     ("RTL_RETURN_ALT", Kind.REAL32, 60),
-    ("RTL_DESCEND_ALT", Kind.REAL32, 30),
+    ("RTL_DESCEND_ALT", Kind.REAL32, 100),
     ("RTL_LOITER_RAD", Kind.REAL32, 80),
     ("GF_ACTION", Kind.INT32, 2),
     ("GF_MAX_HOR_DIST", Kind.REAL32, 0),

@@ -71,7 +71,7 @@ clutter_per_scan = 0.0
 
 def mission_file(options: argparse.Namespace, firmware: str, folder: Path) -> Path:
     """Write the mission file; return its path."""
-    more = f"px4 = {list(VEHICLES)}\nparameters = {{ RTL_TYPE = 1, COM_LOW_BAT_ACT = 3 }}"
+    more = f"px4 = {list(VEHICLES)}\nparameters = {{ RTL_TYPE = 1, COM_LOW_BAT_ACT = 3, RTL_DESCEND_ALT = 30.0 }}"
     if firmware == "arduplane":
         more = "parameters = { BATT_LOW_VOLT = 10.5, BATT_FS_LOW_ACT = 1 }"
     speed = {"arduplane": 18.0, "px4": 12.0}[firmware]

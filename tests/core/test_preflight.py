@@ -278,7 +278,8 @@ def test_a_px4_whose_return_ends_in_a_circle_into_a_hill_beside_home_is_refused(
     ground = terrain_table(elevation_of(hill(220.0, 200.0, 60.0, 40.0, 70.0), 2000.0))
     config = parse(read_text("prescribed")[0] + ground, "hill.toml")
     name = "return circle"
-    found = inspected(config, autopilot="px4", parameters=GOOD | {"RTL_RETURN_ALT": 150.0})[name]
+    low = GOOD | {"RTL_RETURN_ALT": 150.0, "RTL_DESCEND_ALT": 30.0}
+    found = inspected(config, autopilot="px4", parameters=low)[name]
     assert (found.level, found.parameters["parameter"]) == ("refused", "RTL_DESCEND_ALT")
     high = GOOD | {"RTL_RETURN_ALT": 150.0, "RTL_DESCEND_ALT": found.parameters["min_height_m"]}
     assert name not in inspected(config, autopilot="px4", parameters=high)

@@ -75,8 +75,8 @@ def check(flight: Flight) -> None:
     kept = _recordings(flight)
     sent = sorted(flight.tap.sent)
     flight.problems += _two_nodes(flight, kept, sent)
-    flight.problems += _repeated_missions(sent)
-    flight.problems += _unverified_missions(sent)
+    flight.problems += repeated_missions(sent)
+    flight.problems += unverified_missions(sent)
     flight.problems += _repeated_orders(list(_while_they_command(kept)))
     flight.problems += _other_states(flight, kept)
     flight.problems += _lost(kept)
@@ -163,7 +163,7 @@ def _is_near(times: list[float], at_s: float) -> bool:
     return index < len(times) and times[index] < at_s + _SAME_S
 
 
-def _repeated_missions(sent: list[Sent]) -> Iterator[str]:
+def repeated_missions(sent: list[Sent]) -> Iterator[str]:
     """No vehicle is sent a mission that it has taken already."""
     taken: dict[str, dict[int, object]] = {}
     coming: dict[str, dict[int, object]] = {}
@@ -185,7 +185,7 @@ def _repeated_missions(sent: list[Sent]) -> Iterator[str]:
                 taken[peer] = items
 
 
-def _unverified_missions(sent: list[Sent]) -> Iterator[str]:
+def unverified_missions(sent: list[Sent]) -> Iterator[str]:
     """No vehicle is told to fly a mission that was not read back whole since its last upload."""
     is_changed: dict[str, bool] = {}
     size: dict[str, int] = {}

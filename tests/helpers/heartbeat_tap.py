@@ -65,7 +65,7 @@ class HeartbeatTap:
         self.heard_s: dict[Any, list[float]] = {}
         """Monotonic times by vehicle's address."""
         self.sent: list[Sent] = []
-        self._service = service
+        self.service = service
         self._down = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._down.bind(("127.0.0.1", port))
         self._ups: dict[Any, socket.socket] = {}
@@ -87,7 +87,8 @@ class HeartbeatTap:
             data, vehicle = self._down.recvfrom(65_536)
             if vehicle not in self._ups:
                 up = self._ups[vehicle] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-                up.connect(("127.0.0.1", self._service))
+                up.connect(("127.0.0.1", self.service))
+                up.setblocking(False)  # what was readable may be an error that a send has reported
                 self._selector.register(up, selectors.EVENT_READ, vehicle)
             self._by_radio(data, (vehicle, True), self._send_up)
             return

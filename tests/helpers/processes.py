@@ -49,14 +49,20 @@ class Run:
     """The simulated side, and central command as often as it is started."""
 
     def __init__(
-        self, folder: Path, speed: float = 1.0, relay: int | None = None, observers: Sequence[str] = ()
+        self,
+        folder: Path,
+        speed: float = 1.0,
+        relay: int | None = None,
+        observers: Sequence[str] = (),
+        sitl: str = "",
+        port: int | None = None,
     ) -> None:
         text, source = read_text("deterministic")
         text = override_keys(
             text, ["planning.shape=pulled"], source
         )  # routes that are not bettered in flight
-        port, self.seat = free_port(), free_port()
-        self.port = port
+        self.port = port = port or free_port()
+        self.seat = free_port()
         """Of the service; vehicles send to `relay`, if given."""
         self.zenoh, self.standby = free_endpoint(), free_endpoint()
         text = text.replace('mavlink = "udpin:0.0.0.0:14550"', f'mavlink = "udpin:127.0.0.1:{port}"', 1)
@@ -74,9 +80,8 @@ class Run:
             ",".join((self.zenoh, self.standby, *observers)),
             "--json",
             "--until-stdin-closes",
-            "--pack",
-            "4",
         ]
+        command += ["--sitl", sitl, "--sitl-folder", str(folder / "firmware")] if sitl else ["--pack", "4"]
         self.world = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
         )

@@ -79,7 +79,7 @@ MIN_RESUME_HEIGHT_M: Final = 40.0
 """Minimum height above home at which a vehicle that returns or lands is turned back; landing approaches begin
 at 30 m."""
 _LEVEL_HEIGHT_M: Final = 20.0
-"""The same for a PX4 in RTL that does not descend: its return ends in a circle at RTL_DESCEND_ALT, 30 m."""
+"""The same for a PX4 in RTL that does not descend: its return may end in a low circle, at RTL_DESCEND_ALT."""
 _LEVEL_M_S: Final = 0.5
 
 

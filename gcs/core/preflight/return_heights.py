@@ -39,8 +39,8 @@ _MISSION_LANDING: Final = 1.0
 """RTL_TYPE of a PX4 that lands by its mission if that has a landing."""
 _DESCENT: Final = "RTL_DESCEND_ALT"
 """Height of the circle in which the return of a PX4 ends."""
-_DESCENT_M: Final = 30.0
-"""Its default."""
+_DESCENT_M: Final = 100.0
+"""Its default on fixed-wing vehicles (PX4, ROMFS/px4fmu_common/init.d/rc.fw_defaults)."""
 _MAX_VALUE: Final = 1e6
 """Greater values are not those of a return height."""
 _TOLERANCE_M: Final = 0.5
@@ -184,7 +184,7 @@ class ReturnHeightMonitor:
         return return_of(vehicle, profile, self._agents[vehicle].returns.parameters, self._rally_m)
 
     def circle_height_m(self, vehicle: int) -> float | None:
-        """Return the height above home of the circle in which a return ends; None: it does not descend."""
+        """Return the height above home to which a return descends at its end; None: it does not descend."""
         profile = self._fleet.profile(vehicle)
         if profile is None or _DESCENT not in profile.return_circle_parameters:
             return None

@@ -2,7 +2,7 @@
 
 * AUTO with a verified mission: its items, from the current one on.
 * RTL: straight to the nearest rally point, or home, at its return height, and round a circle there. A PX4
-  descends in that circle to RTL_DESCEND_ALT. With a landing in its mission, and RTL_TYPE 1, it climbs to its
+  descends in that circle to RTL_DESCEND_ALT, if that is lower. With a landing in its mission, and RTL_TYPE 1, it climbs to its
   return height where it is and lands by its mission.
 * LOITER: a circle round the place where it began.
 * Circles have the radius, and the side, of the vehicle's last one; before that 60 m, to the right.
@@ -252,7 +252,7 @@ class Intents:
         is_there = state.mode == RTL and away_m <= _ARRIVED * abs(radius_m)
         if not is_there or state.climb_m_s > _LEVEL_M_S:
             yield Goal(GoalKind.CIRCLE, east_m, north_m, radius_m, height_m, STEP_S)
-        yield Goal(GoalKind.CIRCLE, east_m, north_m, radius_m, ground_m + end_m)
+        yield Goal(GoalKind.CIRCLE, east_m, north_m, radius_m, min(height_m, ground_m + end_m))
 
     def _mission(self, state: VehicleState) -> Iterator[Goal]:
         tasking = self._agents[state.system_id].tasking

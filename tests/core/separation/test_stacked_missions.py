@@ -44,8 +44,9 @@ def test_px4_whose_return_heights_are_apart_do_not_descend_to_one_circle():
     """In RTL both descend at home to RTL_DESCEND_ALT."""
     sky = with_one_home(Sky(*PLACES[:2], px4=(1, 2), field=FOUR))
     for vehicle, height_m in ((1, 100.0), (2, 160.0)):
-        sky.planes[vehicle].autopilot.parameters.store("RTL_RETURN_ALT", height_m)
-        sky.run_.engine.state.agents[vehicle].returns.parameters["RTL_RETURN_ALT"] = height_m
+        for name, value in (("RTL_RETURN_ALT", height_m), ("RTL_DESCEND_ALT", 30.0)):
+            sky.planes[vehicle].autopilot.parameters.store(name, value)
+            sky.run_.engine.state.agents[vehicle].returns.parameters[name] = value
     give(sky, "return")
     fly_on(sky, 150.0)
     assert sorted(plane.autopilot.mode.name for plane in sky.planes.values()) == ["AUTO", "RTL"]
