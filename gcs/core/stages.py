@@ -130,7 +130,7 @@ class Stages:
         self.intents = Intents(config, self.fleet, agents, self.return_heights)
         self.air_traffic = AirTraffic(config, self.fleet, self.state.separation)
         order_check = OrderCheck(config, self.intents, self.air_traffic)
-        self.mission_traffic = MissionTraffic(order_check, agents, self.state.tasking)
+        self.mission_traffic = MissionTraffic(order_check, agents, self.state.tasking, self.state.separation)
         # Planning and tasking
         self.replanner = Replanner(config, self.no_fly_zones, agents, self.state.replanning)
         landing_order = LandingOrder(config, self.fleet, agents)

@@ -140,7 +140,7 @@ def test_a_route_over_terrain_keeps_apart_from_the_circle_at_the_end_of_another(
 
 
 def distances(order, min_distance_m, min_height_m):
-    """Return the least distance of each pair, and when it is below the minimum: every step of every pair."""
+    """Return the least distance of each pair, and when it falls below the minimum, from every step."""
     places = layer_assignment._positions(order)
     n = len(order)
     distance_m = np.full((n, n), np.inf)

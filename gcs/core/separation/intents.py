@@ -16,7 +16,7 @@ The wind is the vehicle's own estimate (WIND, WIND_COV); without one it counts a
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Final
@@ -104,26 +104,52 @@ class Intents:
 
     def in_air(self, t_ns: int) -> list[VehicleState]:
         """Return the vehicles in the air whose positions are fresh enough."""
-        return [
+        return self._in_air(self._fleet.states(), t_ns)
+
+    def flying(self, t_ns: int) -> list[VehicleState]:
+        """Return the vehicles in the air, and those that are about to take off."""
+        return self._flying(self._fleet.states(), t_ns)
+
+    def flying_near(self, vehicle: int, for_s: float, distance_m: float, t_ns: int) -> list[VehicleState]:
+        """Return those of `flying` that may come within a distance of a vehicle; itself, if it is one."""
+        own = self._fleet.state(vehicle)
+        if own is None:
+            return []
+        reach_m = self._reach_m(own, for_s, t_ns) + distance_m
+        place_m = (own.east_m, own.north_m)
+        near = [
             state
             for state in self._fleet.states()
+            if math.dist(place_m, (state.east_m, state.north_m))
+            <= reach_m + self._reach_m(state, for_s, t_ns)
+        ]
+        return self._flying(near, t_ns)
+
+    def _in_air(self, states: Iterable[VehicleState], t_ns: int) -> list[VehicleState]:
+        return [
+            state
+            for state in states
             if _is_fresh(state, t_ns)
             and state.mode
             and not is_on_ground(state, self._fleet.home(state.system_id))
         ]
 
-    def flying(self, t_ns: int) -> list[VehicleState]:
-        """Return the vehicles in the air, and those that are about to take off."""
-        in_air = self.in_air(t_ns)
+    def _flying(self, states: Sequence[VehicleState], t_ns: int) -> list[VehicleState]:
+        in_air = self._in_air(states, t_ns)
         found = {state.system_id for state in in_air}
         return in_air + [
             state
-            for state in self._fleet.states()
+            for state in states
             if state.system_id not in found
             and _is_fresh(state, t_ns)
             and state.armed
             and self.is_climbing_out(state)
         ]
+
+    def _reach_m(self, state: VehicleState, for_s: float, t_ns: int) -> float:
+        """Return an upper bound of the distance of a vehicle from its last position after some time."""
+        for_s += max(t_ns - state.t_ns, 0) / NS_PER_S
+        return max(self.reach_m(state, for_s), self._airframes[state.system_id].speed_m_s * for_s)
 
     def flight(self, state: VehicleState, t_ns: int, mode: str | None = None) -> Flight:
         """Return what a vehicle flies, or would fly in another mode."""

@@ -25,7 +25,7 @@ from gcs.core.separation.look_ahead import encounters
 from gcs.core.separation.minima import PREDICTED_SHARE, layer_step_m, min_distance_m
 from gcs.core.tasking.mission_builder import route_heights_msl_m
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
-from gcs.model import NS_PER_S, FloatArray, Route, VehicleState, vehicle_name
+from gcs.model import FloatArray, Route, VehicleState, vehicle_name
 from gcs.planning.route_progress import points_within
 
 _AHEAD_S: Final = 25.0
@@ -159,23 +159,15 @@ class OrderCheck:
         uploading : mapping of int to Route
             Routes of missions that others are getting now; these count beside their present flights.
         """
-        states = {state.system_id: state for state in self.intents.flying(t_ns)}
-        state = states.pop(route.vehicle, None)
+        flying = self.intents.flying_near(route.vehicle, _AHEAD_S, self._min_m + 2.0 * _GROWTH_M, t_ns)
+        near = {state.system_id: state for state in flying}
+        state = near.pop(route.vehicle, None)
         if state is None or self.intents.is_climbing_out(state):
             return ""
         present = self.intents.flight(state, t_ns)
-        led = self._led(state, route, t_ns)
-        near = {v: one for v, one in states.items() if self._is_in_reach(led, one, t_ns)}
         others = self._flights(near.values(), t_ns)
         others += [self._led(near[v], one, t_ns) for v, one in uploading.items() if v in near]
-        return self._worse(led, present, others, (False, state.mode == RTL))
-
-    def _is_in_reach(self, own: Flight, state: VehicleState, t_ns: int) -> bool:
-        """Return True if a vehicle may come near a flight within `_AHEAD_S`."""
-        for_s = _AHEAD_S + max(t_ns - state.t_ns, 0) / NS_PER_S
-        theirs_m = max(self.intents.reach_m(state, for_s), self._airframes[state.system_id].speed_m_s * for_s)
-        reach_m = own.reach_m(_AHEAD_S) + theirs_m + self._min_m + _GROWTH_M
-        return math.dist((own.east_m, own.north_m), (state.east_m, state.north_m)) <= reach_m
+        return self._worse(self._led(state, route, t_ns), present, others, (False, state.mode == RTL))
 
     def _led(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
         """Return the begin of the flight on a route that a vehicle gets now."""
@@ -203,12 +195,12 @@ class OrderCheck:
 
     def holds_too_late(self, vehicle: int, t_ns: int) -> bool:
         """Return True if a hold that begins a little later would circle near another vehicle's circle."""
-        states = {state.system_id: state for state in self._intents.flying(t_ns)}
+        states = {state.system_id: state for state in self.intents.flying(t_ns)}
         state = states.pop(vehicle, None)
         if state is None:
             return False
-        ahead = simulate_flights([self._intents.flight(state, t_ns)], _SOON_S)
-        hold = self._intents.flight(state, t_ns, LOITER)
+        ahead = simulate_flights([self.intents.flight(state, t_ns)], _SOON_S)
+        hold = self.intents.flight(state, t_ns, LOITER)
         place_m = float(ahead.east_m[-1, 0]), float(ahead.north_m[-1, 0])
         height_m = float(0.5 * (ahead.low_m[-1, 0] + ahead.high_m[-1, 0]))
         circle = replace(hold.goals[-1], east_m=place_m[0], north_m=place_m[1], height_m=height_m)

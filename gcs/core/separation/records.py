@@ -106,3 +106,6 @@ class SeparationState:
     """By pair of vehicles, the lower one first."""
     aircraft: dict[int, Aircraft] = field(default_factory=dict)
     """By number (`gcs.core.separation.aircraft`)."""
+    mission_checks: int = 0
+    """New missions that were checked against traffic at `mission_checks_t_ns`."""
+    mission_checks_t_ns: int = 0

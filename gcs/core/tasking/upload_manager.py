@@ -357,7 +357,7 @@ class UploadManager:
     def _start_due(self, t_ns: int, *, renewed: bool) -> list[Effect]:
         """Start the uploads that need not wait any longer; outdated ones only if they are planned again."""
         effects: list[Effect] = []
-        for vehicle in list(self.state.queue):
+        for vehicle in self._in_turn():
             queued = self.state.queue[vehicle]
             if (renewed or not _is_outdated(queued, t_ns)) and self._may_start(vehicle, t_ns):
                 del self.state.queue[vehicle]
@@ -367,12 +367,14 @@ class UploadManager:
 
     def outdated(self, t_ns: int, count: int) -> list[int]:
         """Return the first vehicles whose queued routes may start now, planned for an earlier begin."""
-        found = (
-            vehicle
-            for vehicle, queued in self.state.queue.items()
-            if _is_outdated(queued, t_ns) and self._may_start(vehicle, t_ns)
-        )
+        queue = self.state.queue
+        found = (v for v in self._in_turn() if _is_outdated(queue[v], t_ns) and self._may_start(v, t_ns))
         return list(islice(found, count))
+
+    def _in_turn(self) -> list[int]:
+        """Return the vehicles with queued routes: those that wait for traffic last, by their last check."""
+        queue = self.state.queue
+        return list(queue) if self._traffic is None else sorted(queue, key=self._traffic.last_checked_t_ns)
 
     def renew_queued(self, vehicle: int, route: Route, return_route: ReturnRoute | None, t_ns: int) -> None:
         """Replace an outdated route by one from where its vehicle is now, or by itself without another."""
@@ -384,11 +386,13 @@ class UploadManager:
 
     def _may_start(self, vehicle: int, t_ns: int) -> bool:
         """Return True if a queued route need not wait any longer."""
+        queued = self.state.queue[vehicle]
+        if not queued.at_once and self._traffic is not None and self._traffic.is_known_to_wait(vehicle, t_ns):
+            return False
         agent = self._agents[vehicle]
         is_heard = agent.link.high_latency is None
         is_free = is_heard and self._active.has_capacity(vehicle) and agent.authority.audit is None
         is_due = is_free and not self._is_climbing(vehicle) and self._is_due(vehicle, t_ns)
-        queued = self.state.queue[vehicle]
         return is_due and self._is_clear(queued.route, t_ns, at_once=queued.at_once)
 
     def _is_clear(self, route: Route, t_ns: int, *, at_once: bool) -> bool:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.sky import Sky, fly_on, place
 
+from gcs.core.separation import mission_traffic
 from gcs.core.tasking.records import QueuedRoute
 from gcs.model import NoticeCode, read_only
 from sim_vehicles.autopilots.base import Mode
@@ -107,3 +108,20 @@ def test_a_new_mission_with_many_near_points_is_judged_by_all_that_are_flown_soo
         heights_msl_m=read_only(heights_m),
     )
     assert "agent 2" in sky.run_.engine.stages.mission_traffic.holds_back(route, sky.run_.t_ns)
+
+
+def test_hundreds_of_missions_are_checked_a_few_at_a_time(monkeypatch):
+    """With 190 new missions one event took 3 s, in which no scan was processed."""
+    sky = Sky((600.0, 600.0, 60.0), (1700.0, 1700.0, 80.0)).fly(20.0)
+    engine = sky.run_.engine
+    traffic = engine.stages.mission_traffic
+    checked = []
+    monkeypatch.setattr(
+        traffic._order_check, "mission_problem", lambda route, *_: checked.append(route.vehicle) or "is near"
+    )
+    monkeypatch.setattr(mission_traffic, "MAX_CHECKS", 1)
+    for vehicle, agent in engine.state.agents.items():
+        engine.state.tasking.queue[vehicle] = QueuedRoute(agent.routes.flown, 0, 0, False, None)
+    for ahead_ns in (0, 0, 50_000_000, 100_000_000, 1_100_000_000, 1_200_000_000):
+        engine.stages.tasking.poll(sky.run_.t_ns + ahead_ns)
+    assert checked == [1, 2, 1, 2]
