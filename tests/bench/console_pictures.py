@@ -21,6 +21,7 @@ from bench_console import FLAGS, free_port
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from gcs.config import read_text
+from gcs.config.key_overrides import override_keys
 
 WAIT_MS = 120_000.0
 SIZE = {"width": 1400, "height": 820}
@@ -70,7 +71,8 @@ def elapsed_s(page: Page) -> float:
 def fly(browser: Browser, folder: Path, out: Path) -> None:
     """Fly a demo whose plans are confirmed on its console; take the pictures of a live run."""
     mission = out / "prescribed.toml"
-    mission.write_text(read_text("prescribed")[0].replace('retask = "auto"', 'retask = "confirm"'))
+    text = read_text("prescribed")[0].replace('retask = "auto"', 'retask = "confirm"')
+    mission.write_text(override_keys(text, ["tracking.lag_scans=3"], "prescribed"))
     command = ("demo", str(mission), "--seed", "1", "--headless", "--out", str(out / "run"))
     taken = set[str]()
     with served(*command) as url, opened(browser, url, "dark") as page:
@@ -92,7 +94,7 @@ def fly(browser: Browser, folder: Path, out: Path) -> None:
 
 
 def replay(browser: Browser, folder: Path, out: Path) -> None:
-    """Take the picture of a replay with its charts."""
+    """Take the picture of a replay with its charts, and that of late estimates."""
     command = ("replay", str(out / "run"), "--headless", "--speed", "1")
     with served(*command) as url, opened(browser, url, "light") as page:
         page.keyboard.press("g")
@@ -105,6 +107,11 @@ def replay(browser: Browser, folder: Path, out: Path) -> None:
         page.wait_for_function("document.querySelector('#replay .at').textContent.startsWith('1:2')")
         time.sleep(4.0)
         page.screenshot(path=folder / "console-replay.png")
+        page.keyboard.press("p")
+        for key in ("1", "z", *4 * "-", "Escape"):
+            page.keyboard.press(key)
+        time.sleep(1.0)
+        page.locator("#map").screenshot(path=folder / "console-late.png")
 
 
 def terrain(browser: Browser, folder: Path, recording: Path) -> None:

@@ -56,8 +56,12 @@ def quality_figure(timeline: Timeline) -> Figure:
             t_s, *parts, colors=[colour + "66", "#cc79a7aa"], labels=["of places", "of the number"], lw=0
         )
         axes.plot(t_s, series.total_m, color=colour, lw=1.2, label="OSPA")
+        late = timeline.late_ospa[kind]
+        if late.t_ns:
+            label = f"OSPA some scans late, mean {late.mean_m:.2f} m"
+            axes.plot(_seconds(timeline, late.t_ns), late.total_m, color=INK, lw=1.0, ls=":", label=label)
         axes.set_ylim(0.0, max(5.0, 1.1 * float(series.total_m.max())))
-        legend(axes, ncol=3, loc="upper right")
+        legend(axes, ncol=4, loc="upper right")
     bottom.set_xlabel("time, s")
     bottom.set_xlim(0.0, max(timeline.duration_s, 1.0))
     return figure

@@ -22,7 +22,7 @@ Times are those of the records. Ground truth is interpolated between scans.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
@@ -38,6 +38,7 @@ from gcs.model import (
     Effect,
     FloatArray,
     Kind,
+    LaggedPicture,
     MissionEnded,
     Picture,
     Plan,
@@ -145,6 +146,12 @@ def evaluator_of(config: Config) -> Evaluator:
     return Evaluator(config.planning.capture_radius_m, agents, config.agents_per_target)
 
 
+def _estimated_m(picture: Picture | LaggedPicture) -> FloatArray:
+    """Return the estimated positions, (n, 2)."""
+    estimated = [track.mean[:2] for track in picture.tracks if track.estimated]
+    return read_only(np.reshape(estimated, (-1, 2)))
+
+
 class Evaluator:
     """Collects a run and evaluates it.
 
@@ -164,6 +171,7 @@ class Evaluator:
         self._agents = tuple(agents)
         self._ground_truth = GroundTruth()
         self._estimates: dict[tuple[Kind, int], FloatArray] = {}
+        self._late_estimates: dict[tuple[Kind, int], FloatArray] = {}
         self._statuses: list[AgentStatus] = []
         self._plans: list[Plan] = []
         self._uploads: list[UploadReport] = []
@@ -179,8 +187,9 @@ class Evaluator:
         """Add an effect of the engine, in order; others than those evaluated are ignored."""
         match effect:
             case Picture():
-                confirmed = [track.mean[:2] for track in effect.tracks if track.estimated]
-                self._estimates[effect.kind, effect.scan_t_ns] = read_only(np.reshape(confirmed, (-1, 2)))
+                self._estimates[effect.kind, effect.scan_t_ns] = _estimated_m(effect)
+            case LaggedPicture():
+                self._late_estimates[effect.kind, effect.scan_t_ns] = _estimated_m(effect)
             case AgentStatus():
                 self._statuses.append(effect)
             case Plan():
@@ -192,12 +201,19 @@ class Evaluator:
 
     def ospa(self, kind: Kind) -> OspaSeries:
         """Return the OSPA at each scan with both a picture and ground truth."""
-        times = [t_ns for t_ns in self._ground_truth.times_ns if (kind, t_ns) in self._estimates]
+        return self._ospa(kind, self._estimates)
+
+    def late_ospa(self, kind: Kind) -> OspaSeries:
+        """Return the OSPA of the estimates some scans late (`tracking.lag_scans`)."""
+        return self._ospa(kind, self._late_estimates)
+
+    def _ospa(self, kind: Kind, found: Mapping[tuple[Kind, int], FloatArray]) -> OspaSeries:
+        times = [t_ns for t_ns in self._ground_truth.times_ns if (kind, t_ns) in found]
         scores = []
         true_counts = []
         estimated_counts = []
         for t_ns in times:
-            estimates = self._estimates[kind, t_ns]
+            estimates = found[kind, t_ns]
             truth = self._ground_truth.positions(t_ns, kind)
             scores.append(ospa(truth, estimates, OSPA_CUTOFF_M, OSPA_ORDER))
             true_counts.append(len(truth))

@@ -121,6 +121,8 @@ class Timeline:
     losses: tuple[SeparationLoss, ...]
     """Losses of separation."""
     ospa: dict[Kind, OspaSeries]
+    late_ospa: dict[Kind, OspaSeries]
+    """Of the estimates some scans late; empty series without them."""
     start_t_ns: int
     duration_s: float
     area_m: tuple[float, float, float, float]
@@ -293,6 +295,7 @@ class TimelineBuilder:
             notices=tuple((t_s, mark) for t_s, mark in since if isinstance(mark, Notice)),
             losses=self._losses.build(),
             ospa={kind: self.evaluator.ospa(kind) for kind in KINDS},
+            late_ospa={kind: self.evaluator.late_ospa(kind) for kind in KINDS},
             start_t_ns=start,
             duration_s=(end - start) / NS_PER_S,
             area_m=self._area(paths, estimates),

@@ -14,6 +14,7 @@ from gcs.model import (
     NS_PER_S,
     AgentStatus,
     Kind,
+    LaggedPicture,
     MissionEnded,
     Picture,
     Plan,
@@ -340,3 +341,16 @@ def test_every_reached_target_is_near_and_reached_once_and_no_arrival_is_denied_
         else:
             free = [targets[n] for n in range(len(targets)) if n not in taken]
             assert all(math.dist(place, other) > RADIUS_M + 25.0 for other in free)
+
+
+def test_estimates_some_scans_late_have_an_ospa_of_their_own() -> None:
+    evaluator = Evaluator(RADIUS_M, [1])
+    for second in range(3):
+        evaluator.add_truth(truth(second, {1: (10.0 * second, 0.0)}))
+        evaluator.add_effect(picture(second, "agents", [(10.0 * second, 6.0)]))
+    assert evaluator.late_ospa("agents").t_ns == ()
+    (now,) = picture(0, "agents", [(0.0, 2.0)]).tracks
+    evaluator.add_effect(LaggedPicture(at(2), at(0), "agents", (now,)))
+    late = evaluator.late_ospa("agents")
+    assert (late.t_ns, late.mean_m) == ((at(0),), pytest.approx(2.0))
+    assert evaluator.ospa("agents").mean_m == pytest.approx(6.0)
