@@ -142,6 +142,13 @@ class FlightPaths:
     high_m: FloatArray
     """(k, n), upper bound."""
 
+    def since(self, step: int) -> FlightPaths:
+        """Return the positions from a time step on."""
+        east_m, north_m, low_m, high_m = (
+            one[step:] for one in (self.east_m, self.north_m, self.low_m, self.high_m)
+        )
+        return FlightPaths(self.vehicles, east_m, north_m, low_m, high_m)
+
 
 def airspeed_m_s(speed_m_s: float, course_rad: float, wind_m_s: tuple[float, float]) -> float:
     """Return the airspeed of a vehicle with a speed and a course over ground."""

@@ -45,6 +45,8 @@ _WORSE: Final = 0.1
 """Share of the minimum distances by which an order must bring a vehicle nearer."""
 _SOON_S: Final = 4.0
 """Time for which a hold may be put off: in it the circle comes nearer, and is flown wider when it begins."""
+_LATER_S: Final = 15.0
+"""Time in which a climb leads a vehicle a layer away."""
 _RELEASE_MARGIN: Final = 1.5
 """Multiple of the minimum distance at which a vehicle that held may fly on: in wind predictions are off."""
 
@@ -165,9 +167,32 @@ class OrderCheck:
         if state is None or self.intents.is_climbing_out(state):
             return ""
         present = self.intents.flight(state, t_ns)
+        led = self._led(state, route, t_ns)
         others = self._flights(near.values(), t_ns)
-        others += [self._led(near[v], one, t_ns) for v, one in uploading.items() if v in near]
-        return self._worse(self._led(state, route, t_ns), present, others, (False, state.mode == RTL))
+        begun = [self._led(near[v], one, t_ns) for v, one in uploading.items() if v in near]
+        problem = self._worse(led, present, [*others, *begun], (False, state.mode == RTL))
+        led_away = [one for one in others if one.vehicle not in uploading]
+        return problem or self._goes_along(led, present, [*led_away, *begun])
+
+    def _goes_along(self, led: Flight, present: Flight, others: list[Flight]) -> str:
+        """Return which vehicle that is near now, and flies away, a mission goes along with; empty if none.
+
+        Two that climb from one place at one time stay as near to each other as they are.
+        """
+        near = [one for one in others if self._is_near(present, one)]
+        if not near:
+            return ""
+        left = {one.other for one in self._met(present, near, is_return=False, from_s=_LATER_S)}
+        along = [
+            one
+            for one in self._met(led, near, is_return=False, from_s=_LATER_S)
+            if one.nearness < 1.0 and one.other not in left
+        ]
+        return f"would {min(along).words}" if along else ""
+
+    def _is_near(self, own: Flight, other: Flight) -> bool:
+        away_m = math.dist((own.east_m, own.north_m), (other.east_m, other.north_m))
+        return away_m < self._min_m and abs(own.height_m - other.height_m) < self._min_height_m
 
     def _led(self, state: VehicleState, route: Route, t_ns: int) -> Flight:
         """Return the begin of the flight on a route that a vehicle gets now."""
@@ -304,9 +329,14 @@ class OrderCheck:
         return f"would {min(led[1]).words}" if overlaps < -_WORSE and meets < _WORSE else ""
 
     def _met(
-        self, own: Flight, others: list[Flight], is_return: bool, margin: float = 1.0
+        self,
+        own: Flight,
+        others: list[Flight],
+        is_return: bool,
+        margin: float = 1.0,
+        from_s: float = 0.0,
     ) -> Iterator[_Conflict]:
-        """Yield the vehicles that a flight comes near to."""
+        """Yield the vehicles that a flight comes near to, from some time on."""
         for_s = _AHEAD_S
         if is_return:  # up to its place, and once round
             for_s = min(for_s + _round_s(own), _MAX_AHEAD_S)
@@ -320,7 +350,7 @@ class OrderCheck:
         ]
         if not near:
             return
-        paths = simulate_flights([own, *near], for_s, step_s)
+        paths = simulate_flights([own, *near], for_s, step_s).since(round(from_s / step_s))
         for one in encounters(paths, margin * self._min_m, self._min_height_m, _GROWTH_M / for_s, step_s):
             if own.vehicle in one.vehicles:
                 other = next(vehicle for vehicle in one.vehicles if vehicle != own.vehicle)

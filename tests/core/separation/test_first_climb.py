@@ -1,8 +1,10 @@
 """A PX4 that begins a mission in the air climbs in a circle first, and Hold does not end that climb."""
 
-from helpers.sky import FIELD, Sky, fly_on, give
+from helpers.sky import FIELD, Sky, fly_on, give, place
 
 from gcs.core.separation.forward_flight import simulate_flights
+from gcs.model import Route, read_only
+from gcs.model.names import home_label
 from sim_vehicles.autopilots.base import Mode
 
 
@@ -47,6 +49,26 @@ def test_a_climb_that_is_over_is_forgotten():
     sky = climbing(55.0)
     fly_on(sky, 4.0)
     assert sky.run_.engine.state.agents[1].separation.first_climb is None
+
+
+def test_of_two_that_are_near_each_other_one_climbs_after_the_other():
+    """Before, both began at once, and climbed beside each other (PX4 SITL: 13 m and 3 m apart)."""
+    sky = Sky((600.0, 1500.0, 60.0), (600.0, 1540.0, 60.0), px4=(1, 2))
+    fly_on(sky, 0.4)
+    order_check = sky.run_.engine.stages.avoidances._order_check
+    label = home_label(1)
+    routes = {
+        vehicle: Route(
+            vehicle, label, read_only([(600.0, 1500.0), (2900.0, 1500.0 + vehicle)]), 0.0, layer=layer
+        )
+        for vehicle, layer in ((1, 4), (2, 6))
+    }
+    t_ns = sky.run_.t_ns
+    assert not order_check.mission_problem(routes[2], {}, t_ns)
+    assert order_check.mission_problem(routes[1], {2: routes[2]}, t_ns)
+    place(sky.planes[2], 600.0, 1540.0, 180.0)
+    fly_on(sky, 2.0)
+    assert not order_check.mission_problem(routes[1], {}, sky.run_.t_ns)
 
 
 def test_vehicles_that_are_near_each_other_at_one_time_get_a_layer_each():
