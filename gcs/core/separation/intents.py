@@ -2,8 +2,8 @@
 
 * AUTO with a verified mission: its items, from the current one on.
 * RTL: straight to the nearest rally point, or home, at its return height, and round a circle there. A PX4
-  descends in that circle to RTL_DESCEND_ALT, if that is lower. With a landing in its mission, and RTL_TYPE 1, it climbs to its
-  return height where it is and lands by its mission.
+  descends in that circle to RTL_DESCEND_ALT, if that is lower. With a landing in its mission, and RTL_TYPE 1,
+  it climbs to its return height where it is and lands by its mission.
 * LOITER: a circle round the place where it began.
 * Circles have the radius, and the side, of the vehicle's last one; before that 60 m, to the right.
 * Other modes, or an unknown mission: turn rate and vertical speed are kept.
