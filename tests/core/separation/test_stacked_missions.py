@@ -74,7 +74,10 @@ def test_all_that_return_at_once_land_one_after_the_other_where_missions_end_so(
     assert [one.state for one in sky.answers if one.action == "return" and one.vehicle] == ["done"] * 3
     sent_home = [v for v, plane in sky.planes.items() if plane.autopilot.mode is Mode.AUTO]
     assert sent_home == [1, 2, 3]
-    fly_on(sky, 600.0)
+    for _ in range(60):
+        fly_on(sky, 10.0)
+        if len(sky.told(NoticeCode.LANDED)) == 3:
+            break
     assert not sky.near_s
     landed_s = [t_s for t_s, notice in sky.told(NoticeCode.LANDED)]
     assert len(landed_s) == 3
