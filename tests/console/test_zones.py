@@ -64,6 +64,7 @@ def test_an_area_is_closed_at_the_heights_that_were_typed(fly, launch, page) -> 
         fill(page, {"Floor, m": "", "Heights above": "msl"})
         page.get_by_role("button", name="Change this area").click()
         expect(result).to_contain_text("fire closed (up to 300.5 m MSL)")
+        expect(page.locator("#targets")).to_contain_text("up to 300.5 m MSL")
         page.get_by_role("button", name="Edit fire").click()
         page.get_by_role("button", name="Send").click()
         time.sleep(0.3)
