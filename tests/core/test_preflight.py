@@ -297,7 +297,7 @@ def rally_at(config, *places_m, alt_rel_m=60):
 
 @pytest.mark.parametrize(("autopilot", "lowest_m"), [("ardupilot", 60.0), ("px4", 90.0)])
 def test_a_rally_point_whose_circle_leads_into_a_hill_is_refused(autopilot, lowest_m):
-    """The way home was checked, and the circle at its end was not."""
+    """The return route was checked, and the circle at its end was not."""
     text = read_text("prescribed")[0]
     text += terrain_table(elevation_of(hill(220.0, 200.0, 90.0, 40.0, 70.0), 2000.0))
     flat = parse(text, "hill.toml")

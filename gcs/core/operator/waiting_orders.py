@@ -123,8 +123,9 @@ class WaitingOrders:
         modes = ordered_modes(self._agents) | {vehicle: MODES[order.action]}
         problem = self._order_check.problem(vehicle, modes, t_ns)
         if problem and waiting.uploads_since_t_ns is None:
-            is_due = order.action == "return" and self._is_due(vehicle, t_ns)
-            return self._returns.begin_again(waiting.order, order, vehicle, t_ns) or [] if is_due else []
+            if order.action != "return" or not self._is_due(vehicle, t_ns):
+                return []
+            return self._returns.begin_again(waiting.order, order, vehicle, t_ns) or []
         if problem and waiting.uploads_since_t_ns is not None:
             since_t_ns = waiting.uploads_since_t_ns
             begun = self._returns.begin_again(waiting.order, order, vehicle, since_t_ns)
