@@ -404,9 +404,10 @@ def _shape_over_terrain(
         planned.length_m,
         wait_m=(circle.east_m, circle.north_m),
         heights_msl_m=read_only(np.append(planned.heights_msl_m[1:], circle.low_msl_m)),
-        target_point=int(np.argmin(np.hypot(*(points_m - target_m).T))),
+        target_point=-1 if target_m is None else int(np.argmin(np.hypot(*(points_m - target_m).T))),
     )
-    return _ShapedRoute(vehicle, label, route, float(search.costs[pair]), [])
+    notes = [_of_route(NoticeCode.LOITERS_SHORT, vehicle, label)] if target_m is None else []
+    return _ShapedRoute(vehicle, label, route, float(search.costs[pair]), notes, target_m is None)
 
 
 def _fit_for_wind(

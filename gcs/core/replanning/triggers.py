@@ -185,9 +185,19 @@ class Triggers:
         return age_ns >= max(self._period_ns, inputs.late_s.get(vehicle, 0.0) * NS_PER_S)
 
     def is_endangered(self, vehicle: int, inputs: PlanningInputs) -> bool:
-        """Return True if an agent will hit an obstacle on its onboard mission, and no other is on its way."""
+        """Return True if an agent will hit an obstacle on its onboard mission, and no other is on its way.
+
+        Over terrain one that is inside an obstacle keeps its way out: another would begin with another turn.
+        """
         options = self._options[vehicle]
         motion = inputs.motion(vehicle)
+        flown = self._agents[vehicle].routes.flown
+        if (
+            flown is not None
+            and flown.heights_msl_m is not None
+            and not self._zones.grid.is_free(motion.place_m)
+        ):
+            return False
         if options.shape != "flyable" or self._has_newer(vehicle, inputs) or not motion.ahead.points_m:
             return False
         horizon_s = turn_around_s(motion, options.turn_radius_m, options.turn_lag_s)

@@ -20,10 +20,16 @@ from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.terrain.band import FlightBand, Vertical, make_band
 from gcs.planning.terrain.first_rise import with_low_first_point
 from gcs.planning.terrain.flown_route import FlightModel, plan_flown_route
-from gcs.planning.terrain.goal import cost_matrix
+from gcs.planning.terrain.goal import cost_matrix, goal_at
 from gcs.planning.terrain.ground import Terrain
+from gcs.planning.terrain.leaving import band_to_leave, is_inside, without_areas_at
 from gcs.planning.terrain.limited_band import block_closed, limit_band
-from gcs.planning.terrain.loiter_circles import CircleMap, goal_at_target, make_circle_map
+from gcs.planning.terrain.loiter_circles import (
+    CircleMap,
+    goal_at_target,
+    make_circle_map,
+    nearest_circles,
+)
 from gcs.planning.terrain.route import TerrainRoute
 from gcs.planning.terrain.terrain_map import BandPose, Goal, TerrainMap, make_terrain_map
 
@@ -64,15 +70,34 @@ class TerrainSearch:
         self._grid = grid
         self._targets = targets
         self._options = options
+        self._ways_out: dict[int, _WayOut] = {}
         self.costs: FloatArray = np.full((len(agents), len(targets)), math.inf)
         for own in dict.fromkeys(map(self._options_of, agents)):
             same = [i for i, agent in enumerate(agents) if self._options_of(agent) == own]
             level = levels_of(terrain, grid, own)[0]
             goals = [_goal(level, target, own) for target in targets]
             self.costs[same] = cost_matrix(level.terrain, [_start(agents[i]) for i in same], goals)
+            for i in same:
+                self._look_for_way_out(i, level.terrain.band, own)
 
-    def route(self, i: int, j: int, layer: int) -> tuple[TerrainRoute, Point] | None:
+    def _look_for_way_out(self, i: int, band: FlightBand, options: PlanOptions) -> None:
+        """Prepare the way out of an area for an agent that is inside one."""
+        start = _start(self.agents[i])
+        if not is_inside(band, start):
+            return
+        near_m = options.clearance_m + max(_MARGINS_M) + 2.0 * self._terrain.elevation.spacing_m
+        place_m = start.east_m, start.north_m
+        free = without_areas_at(self._terrain, self._grid, place_m, near_m)
+        if free is None or is_inside(band_of(*free, options.clearance_m, _MARGINS_M[0]), start):
+            return
+        way_out = self._ways_out[i] = _WayOut((self._terrain, self._grid), free, start, options)
+        goals = [way_out.goal(way_out.levels[0], target) for target in self._targets]
+        self.costs[i] = cost_matrix(way_out.levels[0].terrain, [start], goals)
+
+    def route(self, i: int, j: int, layer: int) -> tuple[TerrainRoute, Point | None] | None:
         """Return the route of agent i to target j, and the place where it meets it; None without a route.
+
+        No place for an agent that leaves an area that the target is inside, too.
 
         It is planned with the least margin with which the simulated flight stays in the band.
         """
@@ -80,19 +105,82 @@ class TerrainSearch:
         options = self._options_of(agent)
         assert options.turns is not None
         model = FlightModel(agent.speed_m_s, options.turn_lag_s, options.turns)
-        band = band_of(self._terrain, self._grid, options.clearance_m, 0.0)
-        levels = levels_of(self._terrain, self._grid, options)
-        tries = ((level.terrain, _goal(level, self._targets[j], options)) for level in levels)
+        way_out = self._ways_out.get(i)
+        target_m = self._targets[j]
+        if way_out is None:
+            band = band_of(self._terrain, self._grid, options.clearance_m, 0.0)
+            levels = levels_of(self._terrain, self._grid, options)
+            tries = [(level.terrain, _goal(level, target_m, options)) for level in levels]
+        else:
+            band = way_out.band(0.0)
+            tries = [(level.terrain, way_out.goal(level, target_m)) for level in way_out.levels]
         found = plan_flown_route(band, tries, _start(agent), model, self._terrain.share(layer), ALLOWED_M)
         if found is None:
             return None
         route, goal = found
         if agent.climbs_first:
             route = with_low_first_point(route, agent.height_msl_m)
-        return route, goal.place_m or self._targets[j]
+        if way_out is not None and way_out.ends_short(goal):
+            return route, None
+        return route, goal.place_m or target_m
 
     def _options_of(self, agent: AgentState) -> PlanOptions:
         return agent.options or self._options
+
+
+class _WayOut:
+    """Way of an agent out of the areas that it is inside.
+
+    Parameters
+    ----------
+    all_areas, free : (Terrain, Grid)
+        Ground and map with all areas, and without those around the agent.
+    """
+
+    def __init__(
+        self,
+        all_areas: tuple[Terrain, Grid],
+        free: tuple[Terrain, Grid],
+        start: BandPose,
+        options: PlanOptions,
+    ) -> None:
+        self._all_areas = all_areas
+        self._free = free
+        self._start = start
+        self._options = options
+        self._short: tuple[Goal, ...] = ()
+        vertical = _vertical(options)
+        self.levels = [
+            Level(make_terrain_map(self.band(margin_m), vertical, options.turn_radius_m), one.circles)
+            for margin_m, one in zip(_MARGINS_M, levels_of(*all_areas, options), strict=True)
+        ]
+
+    def band(self, margin_m: float) -> FlightBand:
+        """Return the band with a tracking margin."""
+        clearance_m = self._options.clearance_m
+        band = band_of(*self._all_areas, clearance_m, margin_m)
+        free = band_of(*self._free, clearance_m, margin_m)
+        vertical = _vertical(self._options)
+        return band_to_leave(band, free, self._start, vertical, self._options.turn_radius_m)
+
+    def goal(self, level: Level, target_m: Point) -> Goal | None:
+        """Return the goal at a target, or where the target is in an area, on circles near it."""
+        assert self._options.loiter is not None
+        outside = levels_of(*self._all_areas, self._options)[self.levels.index(level)]
+        if _goal(outside, target_m, self._options) is not None:
+            return goal_at_target(level.terrain, level.circles, target_m, self._options.loiter.reach_radius_m)
+        near = nearest_circles(level.circles, target_m)
+        short = goal_at(level.terrain, near) if near else None
+        self._short += () if short is None else (short,)
+        return short
+
+    def ends_short(self, goal: Goal) -> bool:
+        """Return True if a goal is near a target, and not at it."""
+        return goal in self._short
+
+
+def _vertical(options: PlanOptions) -> Vertical:
+    return Vertical(options.climb_gradient, options.sink_gradient)
 
 
 def _start(agent: AgentState) -> BandPose:
@@ -103,7 +191,7 @@ def levels_of(terrain: Terrain, grid: Grid, options: PlanOptions) -> list[Level]
     """Return the maps of an airframe, with the least margin first."""
     loiter = options.loiter
     assert loiter is not None
-    vertical = Vertical(options.climb_gradient, options.sink_gradient)
+    vertical = _vertical(options)
     radii_m = options.turn_radius_m, max(loiter.radius_m, options.turn_radius_m)
     return [
         _level(terrain, grid, options.clearance_m, margin_m, radii_m, vertical) for margin_m in _MARGINS_M
