@@ -67,7 +67,8 @@ def test_optional_parts_are_left_out_with_their_parameters():
         ("rder it again to ", "order-waits"),
         ("hold or return one, or let a pilot take it over", "comes-near separation-lost"),
         ("hold or return it", "zone-on-return"),
-        ("hold it, or return it", "zone-entered first-leg-still-wrong"),
+        ("hold it, or return it", "first-leg-still-wrong"),
+        ("open the zone, return it, or let a pilot lead it out", "zone-entered"),
     ],
 )
 def test_a_text_names_what_the_operator_can_do(remedy, codes):

@@ -572,11 +572,11 @@ class NoticeCode(TableCode):
     HOLDS_BEFORE_ZONE = _vehicle(
         "holds-before-zone",
         _A,
-        "holds: its mission leads into {other}. Open the zone, confirm a plan that leads round it, or "
-        "return it",
+        "holds: its mission leads into {other}: {remedy}",
         "no other mission was on board in time: no route leads round the zone, or none was confirmed or "
         "uploaded (`planning.avoidance`, [no-fly zones](orders.md#no-fly-zones))",
-        "open the zone, confirm a plan, or return it; with a route round the zone it flies on by itself",
+        "open the zone, confirm a plan, or return it, if it does not return already; with a route round the "
+        "zone it flies on by itself",
         by="other",
     )
     RETURNS_NEAR = _mission(
@@ -902,23 +902,23 @@ class NoticeCode(TableCode):
         "would fly through no-fly zone {zone}: in {after_s:.0f} s, on its way to item {item} of its "
         "onboard mission[: {remedy}]",
         "its onboard mission leads through it at the time and item named",
-        "confirm a plan, or hold or return it",
+        "confirm a plan, hold it, or return it; open the zone for one that returns",
         by="zone",
     )
     ZONE_ENTERED = _vehicle(
         "zone-entered",
         _A,
-        "is inside no-fly zone {zone}: hold it, or return it",
+        "is inside no-fly zone {zone}: open the zone, return it, or let a pilot lead it out",
         "nothing was done in time",
-        "hold it, or return it",
+        "open the zone, return it, or let a pilot lead it out; a hold keeps it inside",
         by="zone",
     )
     ZONE_UNAVOIDABLE = _vehicle(
         "zone-unavoidable",
         _A,
         "has no way around {zone}: {remedy}",
-        "no route to its target avoids the new zone",
-        "confirm a plan, or hold or return it",
+        "no route to its target, or home, avoids the new zone",
+        "confirm a plan, hold it, or return it; open the zone for one that returns",
         by="zone",
     )
     ZONE_ON_RETURN = _vehicle(

@@ -15,6 +15,7 @@ from gcs.core.replanning.replanner import Replanner
 from gcs.core.replanning.return_routes import ReturnRoutes
 from gcs.core.replanning.stacked_missions import StackedMissions
 from gcs.core.state import State, with_status
+from gcs.core.tasking.mission_builder import returns_by_mission
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.model import Effect, NoFlyZone, Notice, NoticeCode, Order, Parameter, limits_text, named
 from gcs.planning.map.limited_area import LimitedArea
@@ -48,7 +49,6 @@ class NoFlyZoneOrders:
         zone = order.no_fly_zone
         ongoing = OrderInProgress(order)
         agents = self.state.agents
-        remedy = "confirm a plan, or hold or return it" if self.needs_approval else "hold or return it"
         assert zone is not None
         refusal = self._refusal(zone)
         if refusal:
@@ -76,14 +76,15 @@ class NoFlyZoneOrders:
         remaining |= {v for v, route in routes.items() if route.is_blocked}
         remaining |= stacked.keys() - led_around
         rerouted = (set(affected) - remaining) | led_around
-        text = f"{zone.name} {verb}" + (f"; {named(rerouted)} led around it" if rerouted else "")
+        done = "planned again" if closed.zone is None else "led around it"
+        text = f"{zone.name} {verb}" + (f"; {named(rerouted)} {done}" if rerouted else "")
         text += "; the mission continues" if had_ended and not self.state.has_ended else ""
         remaining_states = [state for state in self.fleet.states() if state.system_id in remaining]
         entries = self.incursions.entries(remaining_states, self.zones.closed)
         t_ns = order.t_ns
-        about: dict[str, Parameter] = {"zone": zone.name, "remedy": remedy}
-        alarms = {entry.vehicle: entry.notice(t_ns, remedy) for entry in entries}
-        for vehicle in sorted(remaining - alarms.keys()):
+        alarms = {entry.vehicle: entry.notice(t_ns, self._remedy(entry.vehicle)) for entry in entries}
+        for vehicle in sorted(remaining - alarms.keys()) if closed.zone is not None else ():
+            about: dict[str, Parameter] = {"zone": zone.name, "remedy": self._remedy(vehicle)}
             alarms[vehicle] = Notice(t_ns, NoticeCode.ZONE_UNAVOIDABLE, vehicle, about)
         for state in states:
             vehicle = state.system_id
@@ -92,6 +93,12 @@ class NoFlyZoneOrders:
         detail = "; ".join([text, *(f"{named([v])} {alarm.text}" for v, alarm in alarms.items())])
         effects.append(ongoing.answer(t_ns, "done", detail))
         return [*effects, *alarms.values()]
+
+    def _remedy(self, vehicle: int) -> str:
+        """Return what helps a vehicle that has no way round a zone: not to return, if it returns already."""
+        if returns_by_mission(self.state.agents[vehicle]):
+            return "open the zone, or hold it"
+        return "confirm a plan, or hold or return it" if self.needs_approval else "hold or return it"
 
     def _refusal(self, zone: NoFlyZone) -> str:
         """Return why a zone cannot be closed or opened; empty if it can."""

@@ -47,7 +47,7 @@ class AgentRoutes:
     is_short: bool = False
     """True if the newest route ends before its target."""
     is_blocked: bool = False
-    """True if the flown or the return route leads through an area that was closed since."""
+    """True if the flown, the return or the stacked route leads through an area that was closed since."""
     return_m: FloatArray | None = None
     """Newest return route, from the end of the route, (k, 2)."""
     return_problem: str = ""
@@ -89,6 +89,7 @@ class AgentRoutes:
         """Return or hold by a mission, instead of RTL or LOITER."""
         self.stacked = route
         self.latest = route
+        self.is_blocked = False
 
     def unstack(self) -> None:
         """Give a mission in a layer up."""

@@ -448,7 +448,7 @@ class Replanner:
             route = planned.get(vehicle)
             if self._planning.retask == "auto":
                 routes.flown = route
-                routes.is_blocked = False
+                routes.is_blocked = routes.is_blocked and routes.stacked is not None
                 continue
             routes.proposed = None if route is None or route.is_same(routes.flown) else route
             if routes.declined is not None and not routes.declined.is_same(routes.proposed):

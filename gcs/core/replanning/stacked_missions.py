@@ -138,6 +138,8 @@ class StackedMissions:
     ) -> dict[int, list[Effect]]:
         """Lead vehicles round a zone that was closed, and that their missions lead through.
 
+        Where there was no way round a zone, another one is looked for when a zone is opened.
+
         Returns
         -------
         dict of int to list
@@ -149,8 +151,10 @@ class StackedMissions:
             if route is None or self._tasking.overrides.of(vehicle).taken_by:
                 continue
             passed = flown_points(agent, route, agent.perception.motion.state)
-            if not leads_through(closed, route, states.get(vehicle), passed):
+            is_met = leads_through(closed, route, states.get(vehicle), passed)
+            if not is_met and (closed.zone is not None or not agent.routes.is_blocked):
                 continue
+            agent.routes.is_blocked = True
             if is_hold(route):
                 other = self.plan_hold(vehicle, t_ns)
             else:

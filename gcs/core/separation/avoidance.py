@@ -32,7 +32,12 @@ from gcs.core.separation.look_ahead import Encounter
 from gcs.core.separation.order_check import OrderCheck
 from gcs.core.separation.records import Avoidance
 from gcs.core.state import Agent
-from gcs.core.tasking.mission_builder import flown_points, is_hold, route_heights_msl_m
+from gcs.core.tasking.mission_builder import (
+    flown_points,
+    is_hold,
+    returns_by_mission,
+    route_heights_msl_m,
+)
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
 from gcs.mavlink.fleet.fleet import Fleet
@@ -143,19 +148,25 @@ class Avoidances:
     def hold_before_zone(self, incursion: Incursion, t_ns: int) -> list[Effect]:
         """Let a vehicle hold that would soon fly into a no-fly zone; nothing if its circle is not clear.
 
-        While a new mission is on its way it holds later.
+        While a new mission is on its way it holds later. One whose mission was planned round it flies on.
         """
         vehicle = incursion.vehicle
-        separation = self._agents[vehicle].separation
+        agent = self._agents[vehicle]
+        separation = agent.separation
         tasking = self._tasking.state
         is_late = incursion.after_s <= _LATEST_BEFORE_ZONE_S and not tasking.is_uploading(vehicle)
         is_due = incursion.after_s > 0.0 and (is_late or vehicle not in tasking.stages)
         may_hold = self._is_enabled and separation.avoidance is None and self._is_interruptible(vehicle)
-        if not (is_due and may_hold and self._order_check.may_hold_before_zone(vehicle, t_ns)):
+        leads_round = _flies_wanted(agent) and not agent.routes.is_blocked
+        if leads_round or not (is_due and may_hold):
+            return []
+        if not self._order_check.should_hold_before_zone(vehicle, t_ns):
             return []
         other = f"no-fly zone {incursion.zone}"
         avoidance = separation.avoidance = Avoidance(other, t_ns, is_before_zone=True)
-        notice = Notice(t_ns, NoticeCode.HOLDS_BEFORE_ZONE, vehicle, {"other": other})
+        remedy = "" if returns_by_mission(agent) else ", confirm a plan that leads round it, or return it"
+        about: dict[str, Parameter] = {"other": other, "remedy": f"open the zone{remedy}"}
+        notice = Notice(t_ns, NoticeCode.HOLDS_BEFORE_ZONE, vehicle, about)
         return [notice, *self._command(vehicle, avoidance, LOITER, t_ns)]
 
     def is_last_chance(self, encounter: Encounter, t_ns: int) -> bool:
@@ -201,12 +212,8 @@ class Avoidances:
 
     def _may_hold(self, vehicle: int) -> bool:
         """Return True if this service may interrupt the mission that a vehicle flies."""
-        agent = self._agents[vehicle]
-        onboard = agent.tasking.onboard
-        wanted = _wanted(agent)
-        is_flown = onboard is not None and wanted is not None and onboard.route.is_same(wanted)
         is_settled = vehicle not in self._tasking.state.stages
-        return is_flown and is_settled and self._is_interruptible(vehicle)
+        return _flies_wanted(self._agents[vehicle]) and is_settled and self._is_interruptible(vehicle)
 
     def _is_interruptible(self, vehicle: int) -> bool:
         """Return True if a vehicle flies a mission of this service, and not in a take-off or a landing."""
@@ -298,3 +305,10 @@ def _is_taken(agent: Agent) -> bool:
 
 def _wanted(agent: Agent) -> Route | None:
     return agent.routes.flown or agent.routes.stacked
+
+
+def _flies_wanted(agent: Agent) -> bool:
+    """Return True if the onboard mission of a vehicle is that of its newest route."""
+    onboard = agent.tasking.onboard
+    wanted = _wanted(agent)
+    return onboard is not None and wanted is not None and onboard.route.is_same(wanted)

@@ -135,10 +135,10 @@ class OrderCheck:
             return -math.inf
         return self._ground.below_band_m(flight, _AHEAD_S)
 
-    def may_hold_before_zone(self, vehicle: int, t_ns: int) -> bool:
-        """Return True if a vehicle that holds now is clear of zones, obstacles and ground, and of others."""
+    def should_hold_before_zone(self, vehicle: int, t_ns: int) -> bool:
+        """Return True if a flight leads into a zone, and a hold is clear of areas, the ground and others."""
         state = next((one for one in self.intents.flying(t_ns) if one.system_id == vehicle), None)
-        if state is None:
+        if state is None or not self._zones.first(self.intents.flight(state, t_ns), _ZONE_AHEAD_S):
             return False
         hold = self.intents.flight(state, t_ns, LOITER)
         is_clear = self._zones.is_clear(hold, _round_s(hold)) and self.circles_in_band(vehicle, t_ns)

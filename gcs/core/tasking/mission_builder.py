@@ -121,6 +121,12 @@ def is_hold(route: Route) -> bool:
     return route.target == hold_label(route.vehicle)
 
 
+def returns_by_mission(agent: Agent) -> bool:
+    """Return True if a vehicle was sent home by a mission in an altitude layer of its own."""
+    stacked = agent.routes.stacked
+    return stacked is not None and not is_hold(stacked)
+
+
 def _acceptance_m(
     airframe: AgentAirframe, route: Route, state: VehicleState | None, climb: Climb | None
 ) -> FloatArray:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.hills import elevation_of, hill, terrain_table
 from helpers.sky import FIELD, LANDING, Sky, fly_on, give, place, with_one_home
+from helpers.staging import S
 
 from gcs.core.operator.order_refusals import OrderRefusals
 from gcs.model import NoFlyZone, NoticeCode, Order, VerticalLimits
@@ -273,6 +274,30 @@ def test_a_zone_round_home_that_a_return_by_a_mission_cannot_avoid_is_told_at_on
     close_zone(sky, (1500.0, 1500.0, 500.0))
     codes = {notice.code for _, notice in sky.notices if notice.vehicle == 2}
     assert codes & {NoticeCode.ZONE_AHEAD, NoticeCode.ZONE_UNAVOIDABLE}
+    assert least_away_m(sky, 2, 60.0) > 500.0
+    assert [notice.vehicle for _, notice in sky.told(NoticeCode.HOLDS_BEFORE_ZONE)] == [2]
+    alarms = [
+        notice for _, notice in sky.notices if notice.level == "alarm" and "remedy" in notice.parameters
+    ]
+    remedies = [notice.parameters["remedy"] for notice in alarms]
+    assert any(remedies)
+    assert not any("return" in remedy for remedy in remedies)
+    close_zone(sky)
+    assert sky.answers[-1].detail == "fire opened; agent 2 planned again"
+    assert not [
+        notice for _, notice in sky.told(NoticeCode.ZONE_UNAVOIDABLE) if notice.t_ns > sky.run_.t_ns - S
+    ]
+    assert least_away_m(sky, 2, 90.0) < 200.0
+
+
+def least_away_m(sky, vehicle, for_s):
+    """Fly on; return the least distance of a vehicle from home."""
+    plane = sky.planes[vehicle]
+    away_m = []
+    for _ in range(round(for_s)):
+        fly_on(sky, 1.0)
+        away_m.append(np.hypot(plane.east_m - 1500.0, plane.north_m - 1500.0))
+    return min(away_m)
 
 
 def test_a_return_over_terrain_waits_where_a_zone_with_a_ceiling_was_closed_round_home_in_flight():
