@@ -232,7 +232,7 @@ def test_only_its_own_package_writes_a_record() -> None:
     ],
 )
 def test_a_write_from_elsewhere_is_found(line: str) -> None:
-    text = "from gcs.core.tasking.records import AgentTasking, TaskingState\n"
+    text = "from gcs.core.tasking.tasking_state import AgentTasking, TaskingState\n"
     text += "class A:\n    def __init__(self, state: TaskingState): self._state = state\n"
     text += f"    def f(self, one: AgentTasking): {line}\n"
     assert len(Writes("gcs.core.replanning.a", ast.parse(text)).found) == 1

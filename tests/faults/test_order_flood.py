@@ -13,9 +13,9 @@ import pytest
 from helpers.noticed import noticed
 
 from gcs.config import Config, load
+from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.airspace.incursion_warning import IncursionWarnings
 from gcs.core.airspace.no_fly_zones import ClosedZone
-from gcs.core.airspace.records import AirspaceState
 from gcs.endpoints import Link, parse_endpoint
 from gcs.errors import LinkError, WireError
 from gcs.geo import LocalFrame

@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from gcs.core.authority.records import AgentAuthority
+from gcs.core.authority.authority_state import AgentAuthority
 from gcs.core.operator.records import AgentOrders
 from gcs.core.replanning.records import AgentRoutes
-from gcs.core.takeoff.records import AgentTakeoff
-from gcs.core.tasking.records import AgentTasking
+from gcs.core.takeoff.takeoff_state import AgentTakeoff
+from gcs.core.tasking.tasking_state import AgentTasking
 from gcs.core.tasking.terminal_phase import terminal_phase
 from gcs.mavlink.autopilots.modes import AUTO, LOITER
-from gcs.mavlink.fleet.records import VehicleLink
+from gcs.mavlink.fleet.fleet_state import VehicleLink
 from gcs.model import Authority
 
 _MISSION_MODES: Final = ("", AUTO, LOITER)

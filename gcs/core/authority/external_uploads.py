@@ -18,8 +18,8 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.core.authority.authority_state import AuthorityState, ExternalUpload
 from gcs.core.authority.foreign_modes import chooses_mode
-from gcs.core.authority.records import AuthorityState, ExternalUpload
 from gcs.core.state import Agent
 from gcs.endpoints import Link
 from gcs.mavlink.fleet.mode_authority import ModeAuthority

@@ -16,8 +16,8 @@ from gcs.core.state import Agent
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import points_passed
 from gcs.core.tasking.onboard_missions import OnboardMissions
-from gcs.core.tasking.records import ActiveUpload, OnboardMission, TaskingState
 from gcs.core.tasking.rejections import Rejections
+from gcs.core.tasking.tasking_state import ActiveUpload, OnboardMission, TaskingState
 from gcs.core.tasking.upload_pauses import ClearingRetry, RejectionRetry, UploadRetry
 from gcs.core.tasking.upload_window import UploadWindow
 from gcs.mavlink.autopilots.modes import AUTO, LOITER

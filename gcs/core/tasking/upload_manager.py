@@ -33,8 +33,8 @@ from gcs.core.tasking.active_uploads import ActiveUploads
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import MissionBuilder, points_passed
 from gcs.core.tasking.onboard_missions import OnboardMissions
-from gcs.core.tasking.records import OnboardMission, QueuedRoute, TaskingState
 from gcs.core.tasking.rejections import Rejections
+from gcs.core.tasking.tasking_state import OnboardMission, QueuedRoute, TaskingState
 from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
 from gcs.core.tasking.upload_pauses import ClearingRetry, RejectionRetry, UploadRetry
 from gcs.mavlink.autopilots.modes import AUTO

@@ -27,7 +27,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.mavlink.autopilots import AutopilotProfile
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
-from gcs.mavlink.fleet.records import ModeRecord
+from gcs.mavlink.fleet.fleet_state import ModeRecord
 from gcs.mavlink.frames.codec import Message
 from gcs.model import NS_PER_S, Authority, Claims, ControlEvent
 

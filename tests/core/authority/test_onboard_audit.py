@@ -12,7 +12,7 @@ from helpers.staging import mission, suspensions
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.core.tasking.mission_builder import MissionBuilder
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.mavlink.autopilots import profile_of
 from gcs.mavlink.frames.codec import decode
 from gcs.mavlink.mission.item_builder import build_items

@@ -9,7 +9,7 @@ from helpers.sky import NEAR_HEIGHT_M, Sky
 from helpers.staging import S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.mavlink.mission.items import Item
 from gcs.model import NoticeCode, Order, Route, Tick, read_only
 from sim_vehicles.autopilots.base import Mode

@@ -10,7 +10,7 @@ from gcs.core.state import State
 from gcs.core.tasking.missed_targets import check_missed_targets
 from gcs.core.tasking.mission_builder import MissionBuilder
 from gcs.core.tasking.onboard_missions import OnboardMissions
-from gcs.core.tasking.records import OnboardMission
+from gcs.core.tasking.tasking_state import OnboardMission
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home

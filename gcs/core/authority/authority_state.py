@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from gcs.core.tasking.records import OnboardMission
-from gcs.mavlink.fleet.records import ModeRecord
+from gcs.core.tasking.tasking_state import OnboardMission
+from gcs.mavlink.fleet.fleet_state import ModeRecord
 from gcs.mavlink.mission.item_transfer import MissionDownload
 from gcs.mavlink.services.command_sender import CommandSender
 from gcs.mavlink.services.retransmission_timeout import RttEstimator
