@@ -58,12 +58,12 @@ class LogConsole(Console):
 
     def notice(self, notice: Notice) -> None:
         """Write a notice as a JSON object."""
-        from gcs.io.records import shown_fields
+        from gcs.io.record_json import shown_fields
 
         self._write_object(notice.level, shown_fields(notice))
 
     def _write_object(self, level: Level, fields: Mapping[str, Any]) -> None:
-        from gcs.io.records import encode
+        from gcs.io.record_json import encode
 
         moment = _EPOCH + timedelta(microseconds=fields["t_ns"] // 1000)
         time = moment.isoformat(timespec="microseconds").replace("+00:00", "Z")

@@ -19,7 +19,7 @@ from gcs.config import load, parse
 from gcs.core.engine import Engine
 from gcs.errors import ConfigError, GcsError, LinkError, WireError
 from gcs.io.console import Printable, console_for
-from gcs.io.records import decode, encode
+from gcs.io.record_json import decode, encode
 from gcs.io.zenoh.order_messages import decode_order
 from gcs.io.zenoh.scans import decode_scan
 from gcs.mavlink.fleet.statustext import TextChunks

@@ -149,7 +149,7 @@ def fields(record: type) -> list[Field]:
         Field(shown, hints[name], known.get(name, ""), defaults[name])
         for name, shown in zip(names, sent, strict=True)
     ]
-    if record is Notice:  # `gcs.io.records.encode_shown`
+    if record is Notice:  # `gcs.io.record_json.encode_shown`
         found += [Field("level", Level, ""), Field("text", str, "Text with the subject before it.")]
     return found
 

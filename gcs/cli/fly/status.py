@@ -48,7 +48,7 @@ def status(
 
 def _print(found: SwarmStatus, mission: str, *, as_json: bool) -> None:
     from gcs.cli.status_tables import status_tables
-    from gcs.io.records import encode
+    from gcs.io.record_json import encode
 
     if as_json:
         print(encode(found).decode(), flush=True)  # noqa: T201  the output of --json

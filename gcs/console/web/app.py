@@ -44,7 +44,7 @@ from gcs.console.web.preflight import PreflightDesk
 from gcs.console.web.prometheus import metrics_text
 from gcs.console.web.static_files import StaticFiles
 from gcs.console.web.tiles import Tiles
-from gcs.io.records import encode
+from gcs.io.record_json import encode
 from gcs.model import OrderAnswer, vehicle_of
 
 _STALLED_S: Final = 30.0
