@@ -41,12 +41,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.announcements import Announcer
-from sim_vehicles.autopilots.base import ARDUPLANE, AutopilotTraits, Mode
+from sim_vehicles.autopilots.autopilot_states import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
+from sim_vehicles.autopilots.autopilot_traits import ARDUPLANE, AutopilotTraits, Mode
 from sim_vehicles.autopilots.failsafe import Failsafe, PlaneFailsafe
 from sim_vehicles.autopilots.fence import FenceGuard
 from sim_vehicles.autopilots.mission_protocol import MISSION, Item, MissionStore
 from sim_vehicles.autopilots.parameters import Parameters
-from sim_vehicles.autopilots.records import ITEM_NAMES, Home, ItemReached, MissionState, StatusText
 from sim_vehicles.vehicle.airframe import Airframe
 from sim_vehicles.vehicle.battery import Battery
 from sim_vehicles.vehicle.faults import FaultKind, Faults

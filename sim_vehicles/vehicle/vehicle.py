@@ -22,7 +22,7 @@ from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
 from gcs.terrain.elevation import Elevation
 from sim_vehicles.autopilots.arduplane import Autopilot
-from sim_vehicles.autopilots.base import TRAITS
+from sim_vehicles.autopilots.autopilot_traits import TRAITS
 from sim_vehicles.autopilots.mission_protocol import NEVER_NS
 from sim_vehicles.autopilots.parameters import Parameters
 from sim_vehicles.autopilots.px4 import Px4Autopilot

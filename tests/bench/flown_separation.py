@@ -16,7 +16,7 @@ import numpy as np
 
 from gcs.core.separation.monitor import LOOK_AHEAD_S
 from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Order, OrderAnswer
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.vehicle import SimVehicle
 from sim_vehicles.world.scenario import Scenario, parse_scenario

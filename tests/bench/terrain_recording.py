@@ -20,7 +20,7 @@ from gcs.io.recording.reader import read
 from gcs.mavlink.frames.codec import scan
 from gcs.model import NS_PER_S, Datagram, Truth
 from gcs.terrain.elevation import Elevation
-from sim_vehicles.autopilots.base import TRAITS, Mode
+from sim_vehicles.autopilots.autopilot_traits import TRAITS, Mode
 
 LAUNCHED_S = 20.0
 MISSIONS = (Mode.AUTO, Mode.LOITER)

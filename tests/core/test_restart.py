@@ -33,7 +33,7 @@ from gcs.model import (
     Tick,
     UploadReport,
 )
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load, parse_scenario
 

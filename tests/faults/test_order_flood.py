@@ -30,7 +30,7 @@ from gcs.io.zenoh.order_messages import OrderMessage, decode_order
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
 from gcs.model import NS_PER_S, BadInput, Notice, NoticeCode, Order, OrderAnswer, Tick
 from gcs.service.service import Service
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 
 FRAME = LocalFrame(33.2, -87.6, 70.0)

@@ -18,7 +18,7 @@ from gcs.mavlink.frames.codec import decode
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import Datagram, Effect, NoticeCode, Route, Send, Tick, UploadReport, read_only
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import VirtualRun
 
 S = 1_000_000_000

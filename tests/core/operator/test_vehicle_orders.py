@@ -17,7 +17,7 @@ from gcs.config.key_overrides import override_keys
 from gcs.io.record_json import decode, encode
 from gcs.mavlink.frames.codec import Encoder
 from gcs.model import Effect, Event, MissionEnded, Notice, NoticeCode, Order, OrderAnswer, Plan
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.world.scenario import load, parse_scenario
 
