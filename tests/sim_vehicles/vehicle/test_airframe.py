@@ -10,7 +10,7 @@ import scipy.linalg
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_vehicles.vehicle.airframe import TURN_TIME_S, A, Airframe, B, closed_loop
+from sim_vehicles.vehicle.paper_airframe import TURN_TIME_S, A, Airframe, B, closed_loop
 
 
 def continuous_poles(transition: np.ndarray) -> np.ndarray:
