@@ -25,7 +25,7 @@ from gcs.planning.planner_inputs import AgentState
 from sim_vehicles.campaign.virtual_run import VirtualRun
 from sim_vehicles.vehicle.banked_airframe import BankedAirframe
 from sim_vehicles.world.scenario import parse_scenario
-from sim_vehicles.world.specs import vehicle_specs
+from sim_vehicles.world.vehicle_specs import vehicle_specs
 
 SLOW, FAST = 1, 2
 MIXED = (
