@@ -26,10 +26,10 @@ from gcs.mavlink.fleet.on_ground import is_on_ground
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.item_builder import first_flown_item
 from gcs.mavlink.mission.upload import Upload
+from gcs.mavlink.mission.upload_kinds import mission_upload
 from gcs.mavlink.mission.upload_limits import UploadPolicy
 from gcs.mavlink.mission.upload_stages import Event, OnboardState
 from gcs.mavlink.mission.upload_state import UploadState
-from gcs.mavlink.mission.uploads import mission_upload
 from gcs.model import Effect, Notice, NoticeCode, Parameter, UploadReport
 
 _MAX_ITEMS_IN_FLIGHT: Final = 12
