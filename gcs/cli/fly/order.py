@@ -30,7 +30,7 @@ from gcs.cli.arguments import (
 )
 from gcs.cli.errors import print_error
 from gcs.errors import GcsError
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 if TYPE_CHECKING:
     from gcs.io.zenoh.order_messages import AreaMessage, OrderMessage

@@ -11,7 +11,7 @@ from typing import Final
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderableType, RenderHook, RenderResult
 from rich.segment import Segment
 
-from gcs.io.log_console import LogConsole, is_journal
+from gcs.io.log_output import LogConsole, is_journal
 from gcs.safe_text import printable
 
 ERRORS: Final = "gcs.ascii"
@@ -49,7 +49,7 @@ def console_for(*, stderr: bool = False, as_json: bool = False) -> Console:
     Parameters
     ----------
     as_json : bool
-        True: each message is a JSON object (`gcs.io.log_console`).
+        True: each message is a JSON object (`gcs.io.log_output`).
     """
     stream = sys.stderr if stderr else sys.stdout
     if isinstance(stream, io.TextIOWrapper):
