@@ -7,7 +7,7 @@ from functools import partial
 from typing import NamedTuple
 
 from gcs.core.perception.input_errors import InputErrors
-from gcs.core.perception.oosm_buffer import OutOfSequenceBuffer
+from gcs.core.perception.out_of_sequence_buffer import OutOfSequenceBuffer
 from gcs.core.perception.scan_timing import ScanTiming
 from gcs.core.perception.sensor_watchdog import SensorWatchdog
 from gcs.model import AgentStatus, Label, VehicleState

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.core.engine import Engine
-from gcs.core.perception.oosm_buffer import OutOfSequenceBuffer
+from gcs.core.perception.out_of_sequence_buffer import OutOfSequenceBuffer
 from gcs.model import Notice, NoticeCode, Picture, Tick
 
 GOAL = (1500.0, 200.0)
