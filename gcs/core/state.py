@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.authority.authority_state import AgentAuthority, AuthorityState
-from gcs.core.authority.control_authority import derived_claims
+from gcs.core.authority.derived_claims import derived_claims
 from gcs.core.flight.flight_state import AgentFlight, FlightState
 from gcs.core.operator.records import AgentOrders, OperatorState
 from gcs.core.perception.perception_state import AgentPerception, PerceptionState

@@ -23,7 +23,7 @@ from typing import Final
 
 from gcs.config import Config
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
-from gcs.core.authority.foreign_modes import obeys_other_station
+from gcs.core.authority.mode_commands import obeys_other_station
 from gcs.core.authority.overrides import Overrides
 from gcs.core.separation.mission_traffic import MissionTraffic
 from gcs.core.state import Agent
