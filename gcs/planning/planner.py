@@ -35,7 +35,7 @@ from gcs.planning.map import clearance_nodes
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import clear_leg, clearances_along
 from gcs.planning.path.initial_turn import is_turn_safe, start_clearance
-from gcs.planning.path.shortcut import (
+from gcs.planning.path.path_shaping import (
     connect_to_grid,
     is_adjacent_and_visible,
     keeps_clearance,

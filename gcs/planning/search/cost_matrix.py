@@ -18,7 +18,7 @@ import numpy as np
 from gcs.jit import Call, kernel
 from gcs.model import BoolArray, ByteArray, FloatArray, IntArray
 from gcs.planning.map.grid import Grid, free_grid
-from gcs.planning.path.shortcut import is_adjacent_and_visible
+from gcs.planning.path.path_shaping import is_adjacent_and_visible
 from gcs.planning.search.bucket_astar import bucket_astar
 from gcs.planning.search.canonical_ordering import NO_MOVE, move_length
 from gcs.planning.search.dijkstra import costs_at, dijkstra_buffers, one_to_all, trace_back
