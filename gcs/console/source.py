@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gcs.console.view.news import News, NewsRequest
 from gcs.console.view.schema import MissionInfo, VehicleDetail
-from gcs.console.web.playback import Playback
+from gcs.console.web.playback_control import Playback
 
 
 class UnknownVehicleError(LookupError):

@@ -6,7 +6,7 @@ import socket
 import pytest
 from websockets.exceptions import InvalidStatus
 
-from gcs.console.web.access import DEFAULT_PORT, Access, parse_access
+from gcs.console.web.access_tokens import DEFAULT_PORT, Access, parse_access
 from gcs.console.web.listener import bind
 from gcs.errors import ConsoleError
 from gcs.model import Order

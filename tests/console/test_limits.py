@@ -19,11 +19,11 @@ from websockets.sync.client import ClientConnection
 from gcs.console.server import FailedRequests
 from gcs.console.web import attempts as attempts_module
 from gcs.console.web import guard, listener
-from gcs.console.web.access import Access
-from gcs.console.web.app import number_of
-from gcs.console.web.attempts import BURST, Attempts, TooManyAttemptsError
-from gcs.console.web.clients import Clients
+from gcs.console.web.access_tokens import Access
 from gcs.console.web.listener import MAX_CONNECTIONS, Listener, client_of
+from gcs.console.web.page_connections import Clients
+from gcs.console.web.token_attempts import BURST, Attempts, TooManyAttemptsError
+from gcs.console.web.web_routes import number_of
 
 OPERATE, VIEW = "operate-0123456789", "view-0123456789abc"
 

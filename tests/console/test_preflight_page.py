@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import expect
 
 from gcs.console.web import preflight
-from gcs.console.web.preflight import PreflightDesk
+from gcs.console.web.preflight_run import PreflightDesk
 
 PRINTS = 'import time, sys; time.sleep(0.2); print(\'{"mission": "a", "refused": 2}\')'
 FAILS = "import sys; sys.exit('no endpoint for other ground stations')"

@@ -22,7 +22,7 @@ import numpy as np
 
 from gcs.console.view import schema
 from gcs.console.web.openapi import description
-from gcs.console.web.playback import PlaybackRequest
+from gcs.console.web.playback_control import PlaybackRequest
 from gcs.io.zenoh.key_expressions import KEYS
 from gcs.io.zenoh.order_messages import OrderMessage
 from gcs.io.zenoh.scans import PolarScanMessage, ScanMessage

@@ -16,7 +16,7 @@ from gcs.console.view.capture import Capture
 from gcs.console.view.feed import Feed
 from gcs.console.view.news import News, NewsRequest
 from gcs.console.view.schema import RunInfo, VehicleDetail
-from gcs.console.web.playback import Playback
+from gcs.console.web.playback_control import Playback
 from gcs.core.engine import Engine
 
 T = TypeVar("T")

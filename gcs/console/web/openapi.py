@@ -17,7 +17,7 @@ from gcs.console.view.schema import (
     PreflightReply,
     VehicleDetail,
 )
-from gcs.console.web.playback import PlaybackRequest
+from gcs.console.web.playback_control import PlaybackRequest
 from gcs.io.zenoh.order_messages import OrderMessage
 from gcs.model import SwarmStatus
 

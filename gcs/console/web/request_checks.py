@@ -6,7 +6,7 @@
 - A page of another site may ask for nothing (Sec-Fetch-Site). A link there may lead to the console's page.
 - What changes something is POST with JSON, which a form of another site cannot send.
 - Pages run no script and no style but those served here.
-- Wrong tokens are counted (`gcs.console.web.attempts`).
+- Wrong tokens are counted (`gcs.console.web.token_attempts`).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gcs.console.view.schema import Role
-from gcs.console.web.access import Access
-from gcs.console.web.attempts import Attempts, TooManyAttemptsError
+from gcs.console.web.access_tokens import Access
 from gcs.console.web.listener import Listener
+from gcs.console.web.token_attempts import Attempts, TooManyAttemptsError
 
 OPEN_PATHS: Final = frozenset({"/login", "/base.css", "/login.css", "/login.js"})
 """What is served without a token: the form that asks for it."""

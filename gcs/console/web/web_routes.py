@@ -32,18 +32,18 @@ from gcs.console.view.schema import (
 )
 from gcs.console.view.world import World
 from gcs.console.web import alarm_guide
-from gcs.console.web.access import Access
-from gcs.console.web.attempts import Attempts, TooManyAttemptsError
-from gcs.console.web.clients import Client, Clients
-from gcs.console.web.guard import TOO_MANY, Guard, cookie, host_of
+from gcs.console.web.access_tokens import Access
 from gcs.console.web.listener import Listener
 from gcs.console.web.openapi import description
-from gcs.console.web.orders import OrderDesk, RefusedOrderError, is_answered
-from gcs.console.web.playback import PlaybackDesk
-from gcs.console.web.preflight import PreflightDesk
+from gcs.console.web.order_requests import OrderDesk, RefusedOrderError, is_answered
+from gcs.console.web.page_connections import Client, Clients
+from gcs.console.web.playback_control import PlaybackDesk
+from gcs.console.web.preflight_run import PreflightDesk
 from gcs.console.web.prometheus import metrics_text
+from gcs.console.web.request_checks import TOO_MANY, Guard, cookie, host_of
 from gcs.console.web.static_files import StaticFiles
 from gcs.console.web.tiles import Tiles
+from gcs.console.web.token_attempts import Attempts, TooManyAttemptsError
 from gcs.io.record_json import encode
 from gcs.model import OrderAnswer, vehicle_of
 
