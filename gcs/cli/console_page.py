@@ -131,10 +131,10 @@ async def service_page(
 def answer_consoles(service: Service, bus: ZenohSession, speed: float) -> Feed:
     """Answer what consoles ask about a service; return what they get."""
     from gcs.console.engine.captures import capture
-    from gcs.console.engine.local import feed_of
+    from gcs.console.engine.replay_run import feed_of
     from gcs.console.remote.answers import ConsoleAnswers
     from gcs.console.view.capture import Capture
-    from gcs.console.view.schema import RunInfo, ServiceState
+    from gcs.console.view.page_records import RunInfo, ServiceState
 
     lag = _TickLag(service)
     service.sinks.append(lag)
@@ -229,7 +229,7 @@ def comparison_page(
 def replay_source(replay: Replay, file: RunFile) -> Source:
     """Return what the console needs of the replay of a file."""
     from gcs.console.engine.captures import capture
-    from gcs.console.engine.local import local_source
+    from gcs.console.engine.replay_run import local_source
 
     return local_source(
         replay,

@@ -21,10 +21,10 @@ import uvicorn
 from websockets.exceptions import InvalidState
 
 from gcs.console.source import Source
-from gcs.console.view.history import History
 from gcs.console.view.news import NewsRequest
-from gcs.console.view.schema import MissionInfo, ReplayState, VehicleDetail
-from gcs.console.view.world import World
+from gcs.console.view.page_records import MissionInfo, ReplayState, VehicleDetail
+from gcs.console.view.page_state import World
+from gcs.console.view.run_marks import History
 from gcs.console.web.access_tokens import Access, tls_context
 from gcs.console.web.listener import LISTEN_BACKLOG, Listener, bind
 from gcs.console.web.order_requests import OrderDesk

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from gcs.console.engine.details import vehicle_detail
+from gcs.console.engine.vehicle_details import vehicle_detail
 from gcs.console.source import UnknownVehicleError
 from gcs.model import NS_PER_S, Order
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun

@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 
 from gcs.config import parse
 from gcs.console.engine.captures import capture
-from gcs.console.engine.local import local_source
+from gcs.console.engine.replay_run import local_source
 from gcs.console.server import ConsoleServer
 from gcs.console.web.access_tokens import Access
 from gcs.io.recording.index import read_end_t_ns

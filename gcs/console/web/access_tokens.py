@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from gcs.console.view.schema import Role
+from gcs.console.view.page_records import Role
 from gcs.errors import ConsoleError
 from gcs.files import read_bytes
 

@@ -7,7 +7,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from gcs.console.view.schema import (
+from gcs.console.view.page_records import (
     ChartsReply,
     ErrorReply,
     FeedMessage,

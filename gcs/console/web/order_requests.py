@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import msgspec
 
-from gcs.console.view.world import World
+from gcs.console.view.page_state import World
 from gcs.errors import LinkError, WireError
 from gcs.geo import LocalFrame
 from gcs.io.zenoh.order_messages import OrderMessage, decode_order, encode_order

@@ -8,7 +8,7 @@ from typing import Annotated, Protocol
 import msgspec
 from msgspec import Meta
 
-from gcs.console.view.schema import ReplayState
+from gcs.console.view.page_records import ReplayState
 from gcs.model.rounding import rounded
 
 

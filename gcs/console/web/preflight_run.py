@@ -14,7 +14,7 @@ from typing import Final
 
 import msgspec
 
-from gcs.console.view.schema import PreflightReply, PreflightRun
+from gcs.console.view.page_records import PreflightReply, PreflightRun
 
 _COMMAND: Final = ("nice", "-n", "10", sys.executable, "-P", "-m", "gcs", "preflight")
 _WAIT_S: Final = 15

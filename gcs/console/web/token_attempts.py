@@ -10,7 +10,7 @@ import asyncio
 import time
 from typing import Any, Final
 
-from gcs.console.view.schema import Role
+from gcs.console.view.page_records import Role
 from gcs.console.web.access_tokens import Access
 from gcs.console.web.listener import client_of
 

@@ -20,8 +20,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gcs.console.source import UnknownVehicleError
 from gcs.console.view.capture import Capture
-from gcs.console.view.history import History
-from gcs.console.view.schema import (
+from gcs.console.view.page_records import (
     ErrorReply,
     MarksReply,
     OrderReply,
@@ -30,7 +29,8 @@ from gcs.console.view.schema import (
     RoleMessage,
     VehicleDetail,
 )
-from gcs.console.view.world import World
+from gcs.console.view.page_state import World
+from gcs.console.view.run_marks import History
 from gcs.console.web import alarm_guide
 from gcs.console.web.access_tokens import Access
 from gcs.console.web.listener import Listener

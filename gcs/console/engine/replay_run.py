@@ -10,12 +10,12 @@ from typing import Any, Final, Protocol, TypeVar
 
 from gcs.config import Config
 from gcs.console.engine.captures import mission_info
-from gcs.console.engine.details import vehicle_detail
+from gcs.console.engine.vehicle_details import vehicle_detail
 from gcs.console.source import Source
 from gcs.console.view.capture import Capture
 from gcs.console.view.feed import Feed
 from gcs.console.view.news import News, NewsRequest
-from gcs.console.view.schema import RunInfo, VehicleDetail
+from gcs.console.view.page_records import RunInfo, VehicleDetail
 from gcs.console.web.playback_control import Playback
 from gcs.core.engine import Engine
 

@@ -8,7 +8,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.console.source import UnknownVehicleError
-from gcs.console.view.schema import (
+from gcs.console.view.page_records import (
     ClaimDetail,
     LinkDetail,
     MissionDetail,

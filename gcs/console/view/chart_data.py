@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gcs.console.view.schema import ChartsReply, Series, Work
+from gcs.console.view.page_records import ChartsReply, Series, Work
 from gcs.mavlink.fleet.telemetry_table import BATTERY_PERCENT, FRAMES, LOST, NONE
 from gcs.model import FloatArray, IntArray, Kind, Picture, Truth, track_name, vehicle_name
 

@@ -14,10 +14,9 @@ import msgspec
 
 from gcs.console.view import sections
 from gcs.console.view.capture import Capture, same_routes
-from gcs.console.view.history import SEVERE, History
 from gcs.console.view.late_tracks import LateTracks
 from gcs.console.view.news import News
-from gcs.console.view.schema import (
+from gcs.console.view.page_records import (
     FieldOfView,
     Head,
     LogEntry,
@@ -26,6 +25,7 @@ from gcs.console.view.schema import (
     ReplayState,
     TrailPoint,
 )
+from gcs.console.view.run_marks import SEVERE, History
 from gcs.model import (
     NS_PER_S,
     Effect,

@@ -17,8 +17,8 @@ from typing import Final
 
 import msgspec
 
-from gcs.console.view.schema import Figures, Mark, MarkKind, Work
-from gcs.console.view.series import BINS, ChartData
+from gcs.console.view.chart_data import BINS, ChartData
+from gcs.console.view.page_records import Figures, Mark, MarkKind, Work
 from gcs.errors import RecordingError, WireError
 from gcs.io.recording.index import read_end_t_ns, read_indexed
 from gcs.io.recording.reader import Record
