@@ -23,7 +23,7 @@ from gcs.geo import LocalFrame
 from gcs.io.zenoh.discovery import choose_service
 from gcs.io.zenoh.session import ZenohSession
 from gcs.report.export.mission_frame import MissionFrame
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 FIND_S: Final = 10.0
 """Time in which the service must answer."""

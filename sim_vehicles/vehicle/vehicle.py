@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 from sim_vehicles.autopilots.arduplane import Autopilot
 from sim_vehicles.autopilots.autopilot_traits import TRAITS
 from sim_vehicles.autopilots.mission_protocol import NEVER_NS

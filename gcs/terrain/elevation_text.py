@@ -19,8 +19,8 @@ import numpy as np
 from msgspec import Meta
 
 from gcs.model import FloatArray
-from gcs.terrain.elevation import Elevation
-from gcs.terrain.nodes import MAX_NODES
+from gcs.terrain.elevation_grid import Elevation
+from gcs.terrain.grid_nodes import MAX_NODES
 from gcs.terrain.problem import TerrainFileError
 
 _UNITS_PER_M: Final = 10.0
