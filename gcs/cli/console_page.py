@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from gcs.console.server import ConsoleServer
     from gcs.console.source import Source
     from gcs.console.view.feed import Feed
-    from gcs.console.web.access_tokens import Access
+    from gcs.console.web.console_access import Access
     from gcs.console.web.listener import Listener
     from gcs.io.zenoh.session import ZenohSession
     from gcs.service.replay import Replay
@@ -67,7 +67,7 @@ class PageOptions:
         if self.compares and self.address == "off":
             raise ConsoleError("--compare shows two recordings in the console; leave out --console off")
         if self.address not in (None, "off") or self.access is not None:
-            from gcs.console.web.access_tokens import parse_access
+            from gcs.console.web.console_access import parse_access
 
             parse_access(self.address, self.access)
         if self.map_file is not None:
@@ -288,7 +288,7 @@ def open_listener(options: PageOptions) -> tuple[Access, Listener] | None:
     ConsoleError
         When it cannot be served as the options say.
     """
-    from gcs.console.web.access_tokens import parse_access, tls_context
+    from gcs.console.web.console_access import parse_access, tls_context
     from gcs.console.web.listener import bind
 
     access = parse_access(options.address, options.access)

@@ -25,7 +25,7 @@ from gcs.console.view.news import NewsRequest
 from gcs.console.view.page_records import MissionInfo, ReplayState, VehicleDetail
 from gcs.console.view.page_state import World
 from gcs.console.view.run_marks import History
-from gcs.console.web.access_tokens import Access, tls_context
+from gcs.console.web.console_access import Access, tls_context
 from gcs.console.web.listener import LISTEN_BACKLOG, Listener, bind
 from gcs.console.web.order_requests import OrderDesk
 from gcs.console.web.page_connections import Clients

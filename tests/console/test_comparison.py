@@ -33,7 +33,7 @@ from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.console_page import replay_source
 from gcs.console.server import ConsoleServer
 from gcs.console.view.page_records import Figures
-from gcs.console.web.access_tokens import Access
+from gcs.console.web.console_access import Access
 from gcs.io.recording.reader import read_info
 from gcs.service.replay import Replay, Window
 

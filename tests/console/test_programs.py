@@ -6,7 +6,7 @@ from pathlib import Path
 
 from starlette.routing import Route
 
-from gcs.console.web.access_tokens import Access
+from gcs.console.web.console_access import Access
 from gcs.console.web.openapi import description
 from gcs.console.web.static_files import StaticFiles
 from gcs.console.web.token_attempts import Attempts

@@ -20,7 +20,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin
 import msgspec
 import numpy as np
 
-from gcs.console.view import schema
+from gcs.console.view import page_records
 from gcs.console.web.openapi import description
 from gcs.console.web.playback_control import PlaybackRequest
 from gcs.io.zenoh.key_expressions import KEYS
@@ -29,8 +29,8 @@ from gcs.io.zenoh.scans import PolarScanMessage, ScanMessage
 from gcs.model import Level, Notice, SwarmStatus
 
 RECEIVED: tuple[type, ...] = (ScanMessage, PolarScanMessage, OrderMessage)
-FEED = get_args(schema.FeedMessage)
-CONSOLE = {**vars(schema), "OrderMessage": OrderMessage, "PlaybackRequest": PlaybackRequest}
+FEED = get_args(page_records.FeedMessage)
+CONSOLE = {**vars(page_records), "OrderMessage": OrderMessage, "PlaybackRequest": PlaybackRequest}
 CONSOLE["SwarmStatus"] = SwarmStatus
 
 PAGE = """\

@@ -19,7 +19,7 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gcs.console.view.page_records import Role
-from gcs.console.web.access_tokens import Access
+from gcs.console.web.console_access import Access
 from gcs.console.web.listener import Listener
 from gcs.console.web.token_attempts import Attempts, TooManyAttemptsError
 

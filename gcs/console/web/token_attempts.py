@@ -11,7 +11,7 @@ import time
 from typing import Any, Final
 
 from gcs.console.view.page_records import Role
-from gcs.console.web.access_tokens import Access
+from gcs.console.web.console_access import Access
 from gcs.console.web.listener import client_of
 
 BURST: Final = 10

@@ -32,7 +32,7 @@ from gcs.console.view.page_records import (
 from gcs.console.view.page_state import World
 from gcs.console.view.run_marks import History
 from gcs.console.web import alarm_guide
-from gcs.console.web.access_tokens import Access
+from gcs.console.web.console_access import Access
 from gcs.console.web.listener import Listener
 from gcs.console.web.openapi import description
 from gcs.console.web.order_requests import OrderDesk, RefusedOrderError, is_answered

@@ -44,7 +44,7 @@ _ASTAR_SHARE = 0.8
 
 
 class Endpoints(NamedTuple):
-    """Positions of n agents or targets in cells, and their connections to the grid (`path.shortcut`).
+    """Positions of n agents or targets in cells, and their connections to the grid (`path.path_shaping`).
 
     ======  ======  =======  =========================================================
     xy      (n, 2)  float64  column and row
