@@ -1,4 +1,4 @@
-// Alarms: a bar with the worst open one, and the panel with all.
+// Alarms: the bar with the worst open one, and the panel with all.
 
 /**
  * @import { LogEntry } from "../page_types.d.ts"

@@ -1,4 +1,4 @@
-// Marks: losses, arrivals, plans, failed uploads, alarms and orders of the run, which the server lists.
+// Marks of the run, which the server lists: losses, arrivals, plans, failed uploads, alarms and orders.
 
 /**
  * @import { Mark, MarkKind, MarksReply } from "../page_types.d.ts"

@@ -1,10 +1,10 @@
-// Tool of the map: change the shape of a no-fly zone by its handles. Nothing is sent before "Send".
+// Tool of the map that changes the shape of a no-fly zone by its handles. Nothing is sent before "Send".
 
 /**
  * @import { NoFlyZone, Point } from "../page_types.d.ts"
  * @import { Colour, Context, Disc } from "./canvas.js"
- * @import { View } from "./view.js"
- * @import { Shape } from "./zone_tools.js"
+ * @import { View } from "./map_view.js"
+ * @import { Shape } from "./zone_draw_tools.js"
  */
 
 import { beginDisc, beginRing } from "./canvas.js";

@@ -1,4 +1,4 @@
-// Pointer on the map: drag, wheel, pinch, click, box; a tool of the map comes first.
+// Pointer on the map: drag, wheel, pinch, click, selection box; a tool of the map comes first.
 
 /**
  * @import { Point } from "../page_types.d.ts"

@@ -1,9 +1,9 @@
-// Ground of a mission over terrain: its heights, and its picture of hill shading and contours.
+// Ground of a mission over terrain: its heights, and its picture of hill shading and contours on the map.
 
 /**
  * @import { ElevationMap, Point } from "../page_types.d.ts"
  * @import { Colour, Context } from "./canvas.js"
- * @import { View } from "./view.js"
+ * @import { View } from "./map_view.js"
  *
  * @typedef {[red: number, green: number, blue: number]} Rgb
  */

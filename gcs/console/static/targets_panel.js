@@ -1,11 +1,11 @@
-// Targets, and the no-fly zones with the buttons that change and open each.
+// Panel with the targets, and the no-fly zones with the buttons that change and open each.
 
 /**
  * @import { SensorRecord, TargetRecord } from "../page_types.d.ts"
  * @import { Feed } from "./feed.js"
  * @import { SwarmMap } from "./map.js"
  * @import { Selection } from "./selection.js"
- * @import { Zones } from "./zones.js"
+ * @import { Zones } from "./zone_dialog.js"
  */
 
 import { el, Rows, setClass, setText, tableOf } from "./dom.js";

@@ -6,8 +6,8 @@
  * @import { Feed } from "./feed.js"
  * @import { SwarmMap } from "./map.js"
  * @import { Panels } from "./panels.js"
- * @import { Other, Station } from "./profile_path.js"
- * @import { Crossing } from "./profile_zones.js"
+ * @import { Other, Station } from "./height_profile_path.js"
+ * @import { Crossing } from "./height_profile_zones.js"
  * @import { Selection } from "./selection.js"
  * @import { Theme } from "./theme.js"
  *
@@ -31,8 +31,8 @@ import { contextOf, FAMILY, fit, oncePerFrame, strokeLine } from "./canvas.js";
 import { el, setText } from "./dom.js";
 import { metres, vehicleName } from "./format.js";
 import { roundLength } from "./geometry.js";
-import { aheadOf, behindOf, crossingsOf, datumOf, othersNear, stationAt } from "./profile_path.js";
-import { crossedZones, drawCrossings } from "./profile_zones.js";
+import { aheadOf, behindOf, crossingsOf, datumOf, othersNear, stationAt } from "./height_profile_path.js";
+import { crossedZones, drawCrossings } from "./height_profile_zones.js";
 
 const ABOUT = "Heights over distance along the path of the vehicle";
 const NONE = "Select one vehicle to see the heights of its route.";

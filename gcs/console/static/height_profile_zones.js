@@ -3,8 +3,8 @@
 /**
  * @import { MissionInfo, NoFlyZone, Point } from "../page_types.d.ts"
  * @import { Context } from "./canvas.js"
- * @import { Axes } from "./profile.js"
- * @import { Station } from "./profile_path.js"
+ * @import { Axes } from "./height_profile.js"
+ * @import { Station } from "./height_profile_path.js"
  *
  * @typedef {object} Crossing part of a path in a zone
  * @property {string} name
@@ -15,7 +15,7 @@
 
 import { shortened } from "./format.js";
 import { distance } from "./geometry.js";
-import { intersection, stationAt } from "./profile_path.js";
+import { intersection, stationAt } from "./height_profile_path.js";
 
 const EDGES = 20; // of the floor and the ceiling of a crossing, which follow the ground
 const OPACITY = 0.2;

@@ -3,7 +3,7 @@
 /**
  * @import { MissionInfo } from "../page_types.d.ts"
  * @import { Context } from "./canvas.js"
- * @import { View } from "./view.js"
+ * @import { View } from "./map_view.js"
  */
 
 import { latOf, lonOf, METRES_PER_DEGREE, radians, tileColumn, tileRow, toLocal } from "./geodesy.js";

@@ -1,11 +1,11 @@
-// Charts of the run. They are fetched only while they are open.
+// Panel with the charts of the run: which there are, and their data, which is fetched only while it is open.
 
 /**
  * @import { ChartsReply, Kind, Series } from "../page_types.d.ts"
- * @import { Shared } from "./chart.js"
+ * @import { Shared } from "./time_chart.js"
  * @import { Feed } from "./feed.js"
  * @import { Line } from "./line_chart.js"
- * @import { Marks } from "./marks.js"
+ * @import { Marks } from "./run_marks.js"
  * @import { Panels } from "./panels.js"
  * @import { Selection } from "./selection.js"
  * @import { Theme } from "./theme.js"

@@ -1,9 +1,9 @@
-// Tools of the map: draw a no-fly zone. Escape ends a tool.
+// Tools of the map that draw a no-fly zone: disc and polygon. Escape ends a tool.
 
 /**
  * @import { Point } from "../page_types.d.ts"
  * @import { Colour, Context, Disc } from "./canvas.js"
- * @import { View } from "./view.js"
+ * @import { View } from "./map_view.js"
  *
  * @typedef {{ circle: Disc, polygon?: undefined } | { circle?: undefined, polygon: Point[] }} Shape
  *   of a zone, as an order has it, in whole metres

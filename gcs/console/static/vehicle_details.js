@@ -1,4 +1,4 @@
-// Details of one vehicle: everything of its record, and its onboard mission, which the map draws too.
+// Panel with the details of one vehicle: everything of its record, and its onboard mission.
 
 /**
  * @import { MissionDetail, VehicleDetail } from "../page_types.d.ts"

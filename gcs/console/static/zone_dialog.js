@@ -1,19 +1,19 @@
-// No-fly zones: the dialog that closes an area, by numbers or drawn on the map; changing and opening one.
+// Dialog that closes an area as a no-fly zone, by numbers or drawn on the map; and changing and opening one.
 
 /**
  * @import { Feed } from "./feed.js"
  * @import { SwarmMap } from "./map.js"
- * @import { Orders } from "./orders.js"
+ * @import { Orders } from "./order_sending.js"
  * @import { Texts, ZoneOrder } from "./zone_form.js"
- * @import { Shape } from "./zone_tools.js"
+ * @import { Shape } from "./zone_draw_tools.js"
  */
 
 import { openDialog } from "./dialogs.js";
 import { el, setText } from "./dom.js";
 import { whole } from "./geometry.js";
-import { ZoneEdit } from "./zone_edit.js";
+import { CircleTool, PolygonTool } from "./zone_draw_tools.js";
+import { ZoneEdit } from "./zone_edit_tool.js";
 import { textsOf, ZoneForm, zoneOf } from "./zone_form.js";
-import { CircleTool, PolygonTool } from "./zone_tools.js";
 
 const RADIUS_M = 100; // suggested
 

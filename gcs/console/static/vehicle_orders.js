@@ -1,8 +1,8 @@
-// Commands for the selected vehicles. Each button says for which vehicles it is.
+// Orders for the selected vehicles: the buttons, each with the vehicles that it is for.
 
 /**
  * @import { Feed } from "./feed.js"
- * @import { Orders } from "./orders.js"
+ * @import { Orders } from "./order_sending.js"
  * @import { Selection } from "./selection.js"
  *
  * @typedef {object} Command

@@ -1,4 +1,4 @@
-// Orders: sent by POST, answered by the vehicles. The last one is shown until the next.
+// Sending of orders by POST. The answer of the vehicles is shown until the next order.
 
 /**
  * @import { OrderReply } from "../page_types.d.ts"

@@ -1,8 +1,8 @@
-// Detections, which fade with age. They are many, so they are written into an image and not drawn one by one.
+// Drawing of detections, which fade with age: into an image and not one by one, since they are many.
 
 /**
  * @import { Context } from "./canvas.js"
- * @import { View } from "./view.js"
+ * @import { View } from "./map_view.js"
  */
 
 const FADE_MS = 4000;

@@ -1,4 +1,4 @@
-// Chart over the time of the run: what all kinds of charts share.
+// Base of all charts over the time of the run: margins, times, cursors, and the longest gap that lines bridge.
 
 /**
  * @import { Series } from "../page_types.d.ts"

@@ -1,11 +1,11 @@
-// Proposed plan: why, who changes, and by how much. Only checked routes are confirmed, all at first.
+// Plan that waits for approval: why, who changes, and by how much. Only checked routes are confirmed.
 // After a new number the buttons wait, so that a press does not confirm a plan that came just before it.
 
 /**
  * @import { Proposal, Route } from "../page_types.d.ts"
- * @import { Commands } from "./commands.js"
+ * @import { Commands } from "./vehicle_orders.js"
  * @import { Feed } from "./feed.js"
- * @import { Orders } from "./orders.js"
+ * @import { Orders } from "./order_sending.js"
  */
 
 import { el, Rows, setClass, setText, tableOf } from "./dom.js";

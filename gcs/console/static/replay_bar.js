@@ -20,8 +20,8 @@
 import { contextOf, fit } from "./canvas.js";
 import { el, setText } from "./dom.js";
 import { duration } from "./format.js";
-import { drawMark, MARK_STYLES, markText, nearestMark } from "./marks.js";
 import { errorOf, post } from "./requests.js";
+import { drawMark, MARK_STYLES, markText, nearestMark } from "./run_marks.js";
 
 const SPEEDS = [0.5, 1, 2, 5, 10, 50];
 const SEEK_MS = 300; // between seeks while the bar is dragged

@@ -1,4 +1,4 @@
-// Keys. Space holds wherever the focus is, except in dialogs, text fields and checkboxes.
+// Keys of the keyboard. Space holds wherever the focus is, except in dialogs, text fields and checkboxes.
 
 /**
  * @import { Feed } from "./feed.js"

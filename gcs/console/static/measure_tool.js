@@ -1,9 +1,9 @@
-// Tool of the map: measure a distance. Escape ends it.
+// Tool of the map that measures a distance. Escape ends it.
 
 /**
  * @import { Point } from "../page_types.d.ts"
  * @import { Colour, Context } from "./canvas.js"
- * @import { View } from "./view.js"
+ * @import { View } from "./map_view.js"
  */
 
 import { addLine } from "./canvas.js";

@@ -1,4 +1,4 @@
-// Events of the run, those that are warnings or alarms, and orders with their answers, newest last.
+// Panel with the log: events of the run, those that are warnings or alarms, and orders with their answers.
 
 /**
  * @import { LogEntry } from "../page_types.d.ts"
