@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Final
 
 from gcs.core.authority.overrides import Overrides
 from gcs.core.state import Agent
@@ -27,13 +26,10 @@ from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.item_builder import first_flown_item
 from gcs.mavlink.mission.upload import Upload
 from gcs.mavlink.mission.upload_kinds import mission_upload
-from gcs.mavlink.mission.upload_limits import UploadPolicy
+from gcs.mavlink.mission.upload_limits import MAX_ITEMS_IN_FLIGHT, UploadPolicy
 from gcs.mavlink.mission.upload_stages import Event, OnboardState
 from gcs.mavlink.mission.upload_state import UploadState
 from gcs.model import Effect, Notice, NoticeCode, Parameter, UploadReport
-
-_MAX_ITEMS_IN_FLIGHT: Final = 12
-"""Per link; each upload has at least one."""
 
 
 class ActiveUploads(UploadPolicy):
@@ -107,7 +103,7 @@ class ActiveUploads(UploadPolicy):
 
     def max_items_in_flight(self, vehicle: int) -> int:
         """Return the number of items that an upload may have in flight on its link."""
-        return max(1, _MAX_ITEMS_IN_FLIGHT // self._window(self._uploads[vehicle].link).active)
+        return max(1, MAX_ITEMS_IN_FLIGHT // self._window(self._uploads[vehicle].link).active)
 
     # ------------------------------------------------------------ uploads
 
