@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from gcs.console.server import ConsoleServer
     from gcs.console.source import Source
     from gcs.console.view.feed import Feed
-    from gcs.console.web.access import Access
+    from gcs.console.web.console_access import Access
     from gcs.console.web.listener import Listener
     from gcs.io.zenoh.session import ZenohSession
     from gcs.service.replay import Replay
@@ -67,7 +67,7 @@ class PageOptions:
         if self.compares and self.address == "off":
             raise ConsoleError("--compare shows two recordings in the console; leave out --console off")
         if self.address not in (None, "off") or self.access is not None:
-            from gcs.console.web.access import parse_access
+            from gcs.console.web.console_access import parse_access
 
             parse_access(self.address, self.access)
         if self.map_file is not None:
@@ -131,10 +131,10 @@ async def service_page(
 def answer_consoles(service: Service, bus: ZenohSession, speed: float) -> Feed:
     """Answer what consoles ask about a service; return what they get."""
     from gcs.console.engine.captures import capture
-    from gcs.console.engine.local import feed_of
+    from gcs.console.engine.replay_run import feed_of
     from gcs.console.remote.answers import ConsoleAnswers
     from gcs.console.view.capture import Capture
-    from gcs.console.view.schema import RunInfo, ServiceState
+    from gcs.console.view.page_records import RunInfo, ServiceState
 
     lag = _TickLag(service)
     service.sinks.append(lag)
@@ -229,7 +229,7 @@ def comparison_page(
 def replay_source(replay: Replay, file: RunFile) -> Source:
     """Return what the console needs of the replay of a file."""
     from gcs.console.engine.captures import capture
-    from gcs.console.engine.local import local_source
+    from gcs.console.engine.replay_run import local_source
 
     return local_source(
         replay,
@@ -288,7 +288,7 @@ def open_listener(options: PageOptions) -> tuple[Access, Listener] | None:
     ConsoleError
         When it cannot be served as the options say.
     """
-    from gcs.console.web.access import parse_access, tls_context
+    from gcs.console.web.console_access import parse_access, tls_context
     from gcs.console.web.listener import bind
 
     access = parse_access(options.address, options.access)

@@ -17,7 +17,7 @@ from gcs.errors import ConfigError
 from gcs.files import read_text as read_file
 from gcs.geo import LocalFrame
 from gcs.geojson import read_zones
-from gcs.terrain.elevation_model import encode_model, is_model_text
+from gcs.terrain.elevation_text import encode_model, is_model_text
 from gcs.terrain.problem import TerrainFileError
 
 _GEOJSON = re.compile(

@@ -73,7 +73,7 @@ PIPELINES: Final[dict[type[Event], Pipeline]] = {
         on_tick.check_sensors,
         on_tick.keep_reports,
         process_due_scans,
-        on_scan.track_by_reports,
+        on_tick.track_by_reports,
         on_tick.upload_missions,
         on_tick.watch_other_stations,
         on_tick.carry_on_orders,

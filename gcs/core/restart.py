@@ -19,7 +19,7 @@ from __future__ import annotations
 from typing import Final
 
 from gcs.core.perception.arrival_and_loss import UNSEEN_S
-from gcs.core.perception.records import AgentSighting, Association, IntegrityTest, TrackerState
+from gcs.core.perception.perception_state import AgentSighting, Association, IntegrityTest, TrackerState
 from gcs.core.state import Agent, State, with_status
 from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Parameter, Resumed, named
 

@@ -35,7 +35,7 @@ from gcs.planning.map import clearance_nodes
 from gcs.planning.map.grid import Grid, Point, free_grid
 from gcs.planning.map.line_of_sight import clear_leg, clearances_along
 from gcs.planning.path.initial_turn import is_turn_safe, start_clearance
-from gcs.planning.path.shortcut import (
+from gcs.planning.path.path_shaping import (
     connect_to_grid,
     is_adjacent_and_visible,
     keeps_clearance,
@@ -48,12 +48,7 @@ from gcs.planning.plan_notes import PlanNote
 from gcs.planning.planner_inputs import AgentState, MissionInputs, PlanOptions, TargetDemand
 from gcs.planning.route_joining import capture_length_m, has_explicit_turn, turn_around_s
 from gcs.planning.route_search import RouteSearch
-from gcs.planning.search import canonical_ordering, cost_matrix
-from gcs.planning.search.cost_matrix import Endpoints
-from gcs.planning.search.neighbours import SearchMap, cells, search_map
-from gcs.planning.terrain.ground import Terrain
-from gcs.planning.terrain.terrain_search import TerrainSearch
-from gcs.planning.wide_routes import (
+from gcs.planning.routes_in_wind import (
     WIND_SHARES,
     clearance_in_wind_m,
     detour_worth_m,
@@ -61,6 +56,11 @@ from gcs.planning.wide_routes import (
     needed_clearance_m,
     widened,
 )
+from gcs.planning.search import canonical_ordering, cost_matrix
+from gcs.planning.search.cost_matrix import Endpoints
+from gcs.planning.search.neighbours import SearchMap, cells, search_map
+from gcs.planning.terrain.ground import Terrain
+from gcs.planning.terrain.terrain_search import TerrainSearch
 
 _OF_WIDER = (NoticeCode.ROUTE_NEAR_OBSTACLES, NoticeCode.SHARP_CORNERS)
 """Notes on a route that compare it with the clearance and the turns asked for."""
@@ -416,7 +416,7 @@ def _fit_for_wind(
     aim: tuple[AgentState, Point, TargetDemand],
     options: PlanOptions,
 ) -> _ShapedRoute:
-    """Return the route of an agent to a target that costs least in wind (`gcs.planning.wide_routes`)."""
+    """Return the route of an agent to a target that costs least in wind (`gcs.planning.routes_in_wind`)."""
     start, target_m, demand = aim
     own = start.options or options
     is_windy = own.turns is not None and own.turns.wind_m_s > 0.0

@@ -10,7 +10,7 @@ from typing import Literal
 from gcs.model import Label
 from gcs.planning.forward_simulation import Motion
 from gcs.planning.map.grid import Grid, Point
-from gcs.planning.path.shortcut import Shape
+from gcs.planning.path.path_shaping import Shape
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.terrain.ground import Terrain
 

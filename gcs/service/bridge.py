@@ -15,7 +15,7 @@ from functools import partial
 from typing import Final
 
 from gcs.core.lease.bridge_lease import accepts, answer_ask, extend_lease, start_lease
-from gcs.core.lease.records import Ask
+from gcs.core.lease.lease_messages import Ask
 from gcs.errors import WireError
 from gcs.io.background_writer import BackgroundWriter
 from gcs.io.clock import RunClock, steady_ns

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Final, cast
 
 from gcs.errors import RecordingError
-from gcs.io.detections.readers import Detections, load
 from gcs.io.detections.table_files import ENDINGS
+from gcs.io.detections.track_input import Detections, load
 from gcs.io.onboard_logs import open_telemetry
 from gcs.io.recording.reader import Record
 from gcs.io.recording.timestamps import LogClock

@@ -19,9 +19,9 @@ from gcs.core.engine import Engine
 from gcs.core.snapshot import decode_state
 from gcs.core.state import State
 from gcs.errors import RecordingError, WireError
+from gcs.io.record_json import encode
 from gcs.io.recording.reader import Damage, Record
 from gcs.io.recording.topics import topic_of
-from gcs.io.records import encode
 from gcs.model import NS_PER_S, Effect, Event, LaggedPicture, Notice, NoticeCode, Snapshot, Truth
 from gcs.report.run.verification import Output, Verification
 from gcs.service.service import Sink

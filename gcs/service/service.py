@@ -28,8 +28,8 @@ from gcs.io.clock import ClockWatch, RunClock
 from gcs.io.event_loop import on_loop
 from gcs.io.links.garbage import GarbageFilter
 from gcs.io.links.vehicle_links import VehicleLinks
+from gcs.io.record_json import encode, encode_shown
 from gcs.io.recording.disk_space import DiskSpace
-from gcs.io.records import encode, encode_shown
 from gcs.io.zenoh.key_expressions import (
     effect_key,
     order_key,

@@ -17,7 +17,7 @@ from typing import Final, Protocol
 
 from gcs.config import Config
 from gcs.core.engine import Engine
-from gcs.core.lease.records import TIMES
+from gcs.core.lease.lease_messages import TIMES
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State
 from gcs.errors import LinkError, WireError

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_vehicles.autopilots.records import StatusText
+from sim_vehicles.autopilots.autopilot_states import StatusText
 from sim_vehicles.vehicle.faults import FaultKind, Faults
 
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Final
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.vehicle.faults import FaultKind
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from sim_vehicles.vehicle.airframe import STEP_S, Airframe
+from sim_vehicles.vehicle.paper_airframe import STEP_S, Airframe
 
 if TYPE_CHECKING:
     from sim_vehicles.vehicle.guidance import Goal, Tuning

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.model import NS_PER_S
 from sim_vehicles.autopilots.arduplane import Autopilot
-from sim_vehicles.autopilots.base import PX4, Mode
+from sim_vehicles.autopilots.autopilot_traits import PX4, Mode
 from sim_vehicles.autopilots.mission_protocol import NEVER_NS
 from sim_vehicles.vehicle.faults import FaultKind
 from sim_vehicles.vehicle.guidance import REFERENCE_S, Straight

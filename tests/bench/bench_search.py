@@ -27,7 +27,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from gcs.planning.assignment import assign
 from gcs.planning.map.grid import Grid, Node, free_grid, random_obstacles
-from gcs.planning.path.shortcut import connect_to_grid
+from gcs.planning.path.path_shaping import connect_to_grid
 from gcs.planning.planner import warm_up
 from gcs.planning.search import cost_matrix
 from gcs.planning.search.neighbours import SearchMap, flat_index, search_map

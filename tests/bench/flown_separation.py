@@ -16,11 +16,11 @@ import numpy as np
 
 from gcs.core.separation.monitor import LOOK_AHEAD_S
 from gcs.model import NS_PER_S, Effect, Notice, NoticeCode, Order, OrderAnswer
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.campaign.virtual_run import START_T_NS, VirtualRun
 from sim_vehicles.vehicle.vehicle import SimVehicle
 from sim_vehicles.world.scenario import Scenario, parse_scenario
-from sim_vehicles.world.specs import vehicle_specs
+from sim_vehicles.world.vehicle_specs import vehicle_specs
 
 NEAR_M, NEAR_HEIGHT_M = 30.0, 15.0
 """No pair may be nearer than both in the air."""

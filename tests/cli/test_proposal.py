@@ -12,7 +12,7 @@ from gcs.cli.live_view import LiveView, PlainLines
 from gcs.config import load
 from gcs.core.engine import Engine
 from gcs.core.replanning.reasons import of_agent, of_target
-from gcs.mavlink.services.adsb import callsign
+from gcs.mavlink.services.adsb_out import callsign
 from gcs.model import (
     NS_PER_S,
     AgentStatus,

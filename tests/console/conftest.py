@@ -29,7 +29,7 @@ from gcs.config import Config, load
 from gcs.console.remote.remote_run import find_run
 from gcs.console.server import ConsoleServer
 from gcs.console.view.feed import Feed
-from gcs.console.web.access import Access
+from gcs.console.web.console_access import Access
 from gcs.console.web.tiles import Tiles
 from gcs.endpoints import Link, parse_endpoint
 from gcs.io.clock import RunClock

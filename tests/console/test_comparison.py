@@ -32,8 +32,8 @@ from gcs.cli.analyse.playback import ReplayOptions
 from gcs.cli.analyse.run_file import RunFile
 from gcs.cli.console_page import replay_source
 from gcs.console.server import ConsoleServer
-from gcs.console.view.schema import Figures
-from gcs.console.web.access import Access
+from gcs.console.view.page_records import Figures
+from gcs.console.web.console_access import Access
 from gcs.io.recording.reader import read_info
 from gcs.service.replay import Replay, Window
 

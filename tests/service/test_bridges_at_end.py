@@ -10,7 +10,7 @@ import pytest
 
 from gcs.config import load
 from gcs.core.lease.bridge_lease import answer_ask, start_lease
-from gcs.core.lease.records import Ask
+from gcs.core.lease.lease_messages import Ask
 from gcs.io.clock import RunClock, steady_ns
 from gcs.io.cluster.all_bridges import AllBridges
 from gcs.io.cluster.bridge_links import BridgeLinks

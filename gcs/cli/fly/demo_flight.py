@@ -33,10 +33,10 @@ from gcs.io.background_writer import QueuedText, off_loop
 from gcs.io.clock import RunClock
 from gcs.io.event_loop import on_loop
 from gcs.io.private_files import new_folder
+from gcs.io.record_json import decode
 from gcs.io.recording.folder import FIRMWARE_NAME, Run
 from gcs.io.recording.reader import read
 from gcs.io.recording.recorder_thread import RecorderThread
-from gcs.io.records import decode
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.key_expressions import truth_key
 from gcs.io.zenoh.session import ZenohSession, free_endpoint

@@ -16,7 +16,7 @@ from typing import Final, Generic, TypeVar
 
 from gcs.console.view.capture import Capture
 from gcs.console.view.news import News, NewsRequest
-from gcs.console.view.schema import MissionInfo, Work
+from gcs.console.view.page_records import MissionInfo, Work
 from gcs.model import (
     NS_PER_S,
     Effect,

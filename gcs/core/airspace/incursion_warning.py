@@ -15,8 +15,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.airspace.no_fly_zones import ClosedZone
-from gcs.core.airspace.records import AirspaceState
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.model import UNLIMITED, Notice, NoticeCode, Parameter, VehicleState
 from gcs.planning.map.grid import Grid, Point

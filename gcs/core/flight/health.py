@@ -18,7 +18,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
-from gcs.core.flight.records import AgentFlight, FlightState, HealthProblem
+from gcs.core.flight.flight_state import AgentFlight, FlightState, HealthProblem
 from gcs.core.state import Agent
 from gcs.mavlink.fleet.checks.battery_alarm import CRITICAL_PERCENT
 from gcs.mavlink.fleet.fleet import Fleet

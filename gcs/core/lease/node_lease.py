@@ -16,7 +16,7 @@ from collections.abc import Collection
 from enum import Enum
 from typing import NamedTuple
 
-from gcs.core.lease.records import (
+from gcs.core.lease.lease_messages import (
     NO_STANDING,
     TIMES,
     Answer,

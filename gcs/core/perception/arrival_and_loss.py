@@ -18,7 +18,7 @@ import math
 from collections.abc import Mapping
 
 from gcs.core.airspace.no_fly_zones import NoFlyZones
-from gcs.core.perception.records import AgentSighting
+from gcs.core.perception.perception_state import AgentSighting
 from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.core.state import Agent
 from gcs.model import NS_PER_S, AgentStatus, Track

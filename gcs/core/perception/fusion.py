@@ -32,7 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs.config import Config
-from gcs.core.perception.records import TrackersState, TrackerState
+from gcs.core.perception.perception_state import TrackersState, TrackerState
 from gcs.core.perception.terrain_sight import TerrainSight
 from gcs.core.perception.track_lifecycle import TrackConfirmation
 from gcs.core.perception.tracking_model import (

@@ -27,7 +27,7 @@ from scipy.spatial import cKDTree
 
 from gcs.config.schema import TelemetryTable
 from gcs.core.perception.fusion import at_time
-from gcs.core.perception.records import IntegrityTest
+from gcs.core.perception.perception_state import IntegrityTest
 from gcs.core.state import Agent
 from gcs.model import (
     NS_PER_S,

@@ -22,7 +22,7 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.model import FloatArray, Scan, Sensor, Viewpoint, Visibility, read_only
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 from gcs.tracking.models.sensor_geometry import map_coordinates, sensor_coordinates
 from gcs.tracking.models.sensor_terrain import (
     ground_range_m,

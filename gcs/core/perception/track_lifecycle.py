@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from gcs.core.perception.records import ConfirmationState
+from gcs.core.perception.perception_state import ConfirmationState
 from gcs.model import Label, Picture, Sensor, Track
 from gcs.tracking.models.sensor_geometry import covers
 

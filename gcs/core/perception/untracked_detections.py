@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gcs.config import Config
-from gcs.core.perception.records import UntrackedState
+from gcs.core.perception.perception_state import UntrackedState
 from gcs.model import NS_PER_S, FloatArray, Notice, NoticeCode, Parameter, Sensor
 
 _REPEAT_NS = 10 * NS_PER_S

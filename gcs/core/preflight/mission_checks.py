@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 
 from gcs.config import Config
+from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import ObstacleMap, mission_map
-from gcs.core.airspace.records import AirspaceState
 from gcs.core.preflight.check_codes import CheckCode
 from gcs.core.preflight.result import Check
 from gcs.core.replanning.mission_inputs import mission_inputs

@@ -15,7 +15,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.tasking.records import FirstLeg, OnboardMission
+from gcs.core.tasking.tasking_state import FirstLeg, OnboardMission
 from gcs.mavlink.autopilots.modes import AUTO
 from gcs.mavlink.fleet.fleet import Fleet
 from gcs.mavlink.frames.codec import Message

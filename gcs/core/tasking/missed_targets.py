@@ -12,7 +12,7 @@ from typing import Final
 
 from gcs.core.state import Agent, with_status
 from gcs.core.tasking.onboard_missions import OnboardMissions
-from gcs.core.tasking.records import NO_MISSION
+from gcs.core.tasking.tasking_state import NO_MISSION
 from gcs.core.tasking.terminal_phase import TerminalPhase
 from gcs.mavlink.services.retry import ns
 from gcs.model import Effect, Notice, NoticeCode, Parameter

@@ -23,7 +23,7 @@ from typing import Final
 
 from gcs.config import Config
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
-from gcs.core.authority.foreign_modes import obeys_other_station
+from gcs.core.authority.mode_commands import obeys_other_station
 from gcs.core.authority.overrides import Overrides
 from gcs.core.separation.mission_traffic import MissionTraffic
 from gcs.core.state import Agent
@@ -33,8 +33,8 @@ from gcs.core.tasking.active_uploads import ActiveUploads
 from gcs.core.tasking.first_legs import FirstLegs
 from gcs.core.tasking.mission_builder import MissionBuilder, points_passed
 from gcs.core.tasking.onboard_missions import OnboardMissions
-from gcs.core.tasking.records import OnboardMission, QueuedRoute, TaskingState
 from gcs.core.tasking.rejections import Rejections
+from gcs.core.tasking.tasking_state import OnboardMission, QueuedRoute, TaskingState
 from gcs.core.tasking.upload_latency import DELIVERY_S, late_s
 from gcs.core.tasking.upload_pauses import ClearingRetry, RejectionRetry, UploadRetry
 from gcs.mavlink.autopilots.modes import AUTO

@@ -27,7 +27,7 @@ from gcs.mavlink.fleet.peers import Address
 from gcs.mavlink.frames.codec import Encoder, Frame, FrameTable, scan
 from gcs.mavlink.frames.signing import SigningCounters, SigningGate
 from gcs.mavlink.router.router import PortCounters, Router
-from gcs.mavlink.services.adsb import COMPONENT_ID, adsb_messages
+from gcs.mavlink.services.adsb_out import COMPONENT_ID, adsb_messages
 from gcs.model import NS_PER_S, NoticeCode, Parameter, Picture, network_of, system_of, vehicle_id
 
 TRANSPORTS: Final[Mapping[str, Callable[[Endpoint], Transport]]] = {

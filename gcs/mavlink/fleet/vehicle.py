@@ -24,6 +24,7 @@ from gcs.mavlink.fleet.checks.position_checks import (
 )
 from gcs.mavlink.fleet.checks.position_plausibility import Report
 from gcs.mavlink.fleet.checks.report_consistency import Sample
+from gcs.mavlink.fleet.fleet_state import Liveness, VehicleLink
 from gcs.mavlink.fleet.heartbeat import heartbeat_key
 from gcs.mavlink.fleet.high_latency import (
     HighLatency,
@@ -33,7 +34,6 @@ from gcs.mavlink.fleet.high_latency import (
     sys_status_of,
 )
 from gcs.mavlink.fleet.peers import Address
-from gcs.mavlink.fleet.records import Liveness, VehicleLink
 from gcs.mavlink.fleet.stream_requests import StreamRequests
 from gcs.mavlink.fleet.telemetry_table import (
     ADDRESS,

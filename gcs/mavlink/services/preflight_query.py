@@ -18,7 +18,7 @@ from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.geofence_rally import FENCE, RALLY
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.upload import Upload
-from gcs.mavlink.mission.uploads import list_upload
+from gcs.mavlink.mission.upload_kinds import list_upload
 from gcs.mavlink.services.command_sender import REQUEST_MESSAGE, command_long
 from gcs.mavlink.services.parameter_protocol import ParameterReader, is_bytewise
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer

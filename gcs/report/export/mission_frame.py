@@ -16,7 +16,7 @@ from gcs.config import Config
 from gcs.geo import LocalFrame
 from gcs.model import Label, Route, Track, target_name, vehicle_name
 from gcs.model.names import is_place
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 CHI2_95: Final = -2.0 * math.log(0.05)
 """95 % quantile of chi-square with two degrees of freedom."""

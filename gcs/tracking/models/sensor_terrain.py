@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from gcs.model import FloatArray, Polar, Sensor, Viewpoint
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 from gcs.terrain.line_of_sight import LineOfSight, line_of_sight
 from gcs.tracking.models.sensor_geometry import map_coordinates
 

@@ -9,10 +9,10 @@ from helpers.hills import elevation_of, hill, terrain_table
 from helpers.noticed import alarms, noticed
 
 from gcs.config import parse
+from gcs.core.airspace.airspace_state import AirspaceState
 from gcs.core.airspace.mission_bounds import MissionBoundsCheck
 from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.airspace.obstacle_map import mission_map
-from gcs.core.airspace.records import AirspaceState
 from gcs.mavlink.autopilots import ARDUPLANE
 from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home

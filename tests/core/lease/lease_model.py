@@ -30,8 +30,8 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from gcs.core.lease import bridge_lease, node_lease
 from gcs.core.lease.bridge_lease import BridgeLease
+from gcs.core.lease.lease_messages import NO_STANDING, Answer, Ask, Epoch, LeaseTimes, NodeId, Permit
 from gcs.core.lease.node_lease import BridgeView, NodeLease
-from gcs.core.lease.records import NO_STANDING, Answer, Ask, Epoch, LeaseTimes, NodeId, Permit
 
 T = TypeVar("T")
 NODES = "AB"

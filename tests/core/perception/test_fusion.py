@@ -11,7 +11,7 @@ from gcs.core.perception.fusion import MultiSensorTracker, at_time, squared_dist
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.core.state import State
 from gcs.errors import WireError
-from gcs.io.records import encode
+from gcs.io.record_json import encode
 from gcs.model import NoticeCode, Sensor, read_only
 
 START, GOAL = (100.0, 200.0), (1500.0, 200.0)

@@ -9,7 +9,7 @@ from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_
 from gcs.core.separation.look_ahead import encounters
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 from sim_vehicles.autopilots.mission_protocol import Item
 from sim_vehicles.vehicle.vehicle import SimVehicle, VehicleSpec
 

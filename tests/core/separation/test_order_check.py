@@ -6,7 +6,7 @@ from helpers.sky import LANDING, Sky, fly_on, give, place, with_one_home
 
 from gcs.core.separation.order_check import _Conflict
 from gcs.model import NoticeCode
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 
 
 def with_home_off_the_map():
