@@ -88,6 +88,8 @@ class PlanResult:
         Vehicles whose routes end before the target, because no clear path passes it.
     endless : frozenset of int
         Vehicles that fly to their targets now, and get no route there: no loiter circle at its end is clear.
+    settled : frozenset of int
+        Vehicles that keep the routes they have to their targets: none were shaped.
     captured : mapping of int to Route
         Shorter routes without an explicit first turn: the simulated vehicle captures them clear of obstacles.
     paths_m : mapping of int to ndarray, shape (k, 2)
@@ -104,6 +106,7 @@ class PlanResult:
     stops_short: frozenset[int] = frozenset()
     captured: Mapping[int, Route] = field(default_factory=dict)
     endless: frozenset[int] = frozenset()
+    settled: frozenset[int] = frozenset()
     paths_m: Mapping[int, FloatArray] = field(default_factory=dict)
     conflicts: tuple[Conflict, ...] = ()
 
@@ -161,6 +164,7 @@ def plan_mission(
         on_stage,
         inputs.demands,
         inputs.terrain,
+        inputs.settled,
     )
     choice = choose(result)
     if inputs.terrain is None:
@@ -257,6 +261,7 @@ def plan_routes(
     on_stage: Callable[[Stage], None] = _ignore_stage,
     demands: Mapping[Label, TargetDemand] = MappingProxyType({}),
     terrain: Terrain | None = None,
+    settled: Mapping[int, Label] = MappingProxyType({}),
 ) -> PlanResult:
     """Assign targets to agents and plan a route for each assigned agent.
 
@@ -270,6 +275,8 @@ def plan_routes(
         Targets that need more than one agent, have a rank, or move.
     terrain : Terrain or None
         Ground that routes keep above; None: the ground is flat. Over terrain targets do not move in a plan.
+    settled : mapping of int to label
+        Vehicles that keep the routes they have if they get these targets.
     """
     notes: list[PlanNote] = []
     vehicles = [v for v in sorted(agents) if _on_earth(agents[v].east_m, agents[v].north_m)]
@@ -287,6 +294,7 @@ def plan_routes(
     ]
     found: dict[tuple[int, int], _ShapedRoute] = {}
     shaped: list[_ShapedRoute] = []
+    keeping: dict[int, Label] = {}
     if vehicles and labels:
         needs = [demands.get(label, TargetDemand()) for label in labels]
         starts = [agents[v] for v in vehicles]
@@ -306,7 +314,10 @@ def plan_routes(
         pairs = assign_agents(costs, needs)
         on_stage("assignment")
         for _ in range(_MAX_ASSIGNMENTS):
-            for i, j in pairs.items():
+            keeping = {v: labels[pairs[i]] for i, v in enumerate(vehicles) if i in pairs}
+            keeping = {v: label for v, label in keeping.items() if settled.get(v) == label}
+            to_shape = [(i, j) for i, j in pairs.items() if vehicles[i] not in keeping]
+            for i, j in to_shape:
                 if (i, j) in found:
                     continue
                 if isinstance(search, TerrainSearch):
@@ -316,8 +327,8 @@ def plan_routes(
                     planned = shape(search, (i, j), options=options)
                     aim = (starts[i], goals[j], needs[j])
                     found[i, j] = _fit_for_wind(grid, planned, shape, aim, options)
-            shaped = [found[pair] for pair in pairs.items()]
-            dead = [(i, j) for i, j in pairs.items() if found[i, j].route is None]
+            shaped = [found[pair] for pair in to_shape]
+            dead = [pair for pair in to_shape if found[pair].route is None]
             dead = [(i, j) for i, j in dead if current.get(vehicles[i]) != labels[j]]
             if not dead:
                 break
@@ -325,8 +336,8 @@ def plan_routes(
             pairs = assign_agents(costs, needs)
         on_stage("shaping")
     routes = [one.route for one in shaped if one.route is not None]
-    served = {route.target for route in routes}
-    busy = {route.vehicle for route in routes}
+    served = {route.target for route in routes} | set(keeping.values())
+    busy = {route.vehicle for route in routes} | set(keeping)
     notes += [note for one in shaped if one.route is not None for note in one.notes]
     notes += [
         note for one in found.values() if one.route is None and one.label not in served for note in one.notes
@@ -340,6 +351,7 @@ def plan_routes(
         frozenset(one.vehicle for one in shaped if one.is_short),
         {one.vehicle: one.captured for one in shaped if one.captured is not None},
         frozenset(one.vehicle for one in shaped if one.route is None),
+        frozenset(keeping),
     )
 
 

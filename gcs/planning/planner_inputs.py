@@ -140,6 +140,8 @@ class MissionInputs:
         Assignment that is being flown. Vehicles and targets that are gone are ignored.
     demands : mapping of label to TargetDemand
         Targets that need more than one agent, have a rank, or move.
+    settled : mapping of int to label
+        Vehicles that keep the routes they have if they get these targets: no other ones are shaped.
     terrain : Terrain or None
         Ground that routes keep above, at heights of their own; None: the ground is flat.
     min_height_m : float
@@ -156,5 +158,6 @@ class MissionInputs:
     begins_m: Mapping[int, Sequence[Point]] = field(default_factory=dict)
     flown_to: Mapping[int, Label] = field(default_factory=dict)
     demands: Mapping[Label, TargetDemand] = field(default_factory=dict)
+    settled: Mapping[int, Label] = field(default_factory=dict)
     terrain: Terrain | None = None
     min_height_m: float = 0.0

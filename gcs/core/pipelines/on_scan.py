@@ -8,7 +8,6 @@ from gcs.core.authority.override_notices import unattended_targets
 from gcs.core.pipelines import planning
 from gcs.core.pipelines.changes import follow_status
 from gcs.core.stages import Stages
-from gcs.core.state import without_missions
 from gcs.core.tasking.missed_targets import check_missed_targets
 from gcs.model import BadInput, Effect, Scan, VehicleState
 
@@ -120,7 +119,7 @@ def report_missed_targets(stages: Stages, epoch: Epoch) -> list[Effect]:
 
 def refresh_proposal(stages: Stages, epoch: Epoch) -> list[Effect]:
     """Renew or withdraw the plan that waits to be confirmed."""
-    return stages.approval.refresh(epoch.t_ns, without_missions(stages.state.agents))
+    return stages.approval.refresh_ours(epoch.t_ns)
 
 
 def plan(stages: Stages, epoch: Epoch) -> list[Effect]:
