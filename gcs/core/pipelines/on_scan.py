@@ -127,12 +127,6 @@ def plan(stages: Stages, epoch: Epoch) -> list[Effect]:
     return planning.plan(stages, epoch.t_ns, epoch.measured_t_ns)
 
 
-def warn_of_zones(stages: Stages, epoch: Epoch) -> list[Effect]:
-    """Warn of vehicles that fly into no-fly zones."""
-    closed = stages.no_fly_zones.closed
-    return [*stages.incursions.check(epoch.t_ns, epoch.newest, closed)] if closed else []
-
-
 def report_unattended_targets(stages: Stages, epoch: Epoch) -> list[Effect]:
     """Tell which targets need agents after the end of the mission."""
     state = stages.state

@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 
 from gcs.config import Config
+from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.separation.aircraft import AirTraffic
 from gcs.core.separation.forward_flight import Flight, FlightPaths, Goal, GoalKind, simulate_flights
 from gcs.core.separation.ground_ahead import GroundAhead
@@ -24,6 +25,7 @@ from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
 from gcs.core.separation.minima import PREDICTED_SHARE, layer_step_m, min_distance_m
 from gcs.core.separation.predicted_flights import PredictedFlights
+from gcs.core.separation.zones_ahead import ZonesAhead
 from gcs.core.tasking.mission_builder import route_heights_msl_m
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.model import FloatArray, Route, VehicleState, vehicle_name
@@ -50,6 +52,8 @@ _SOON_S: Final = 4.0
 """Time for which a hold may be put off: in it the circle comes nearer, and is flown wider when it begins."""
 _LATER_S: Final = 15.0
 """Time in which a climb leads a vehicle a layer away."""
+_ZONE_AHEAD_S: Final = 40.0
+"""Time without an incursion for which one that held may fly on: more than that at which it holds."""
 _RELEASE_MARGIN: Final = 1.5
 """Multiple of the minimum distance at which a vehicle that held may fly on: in wind predictions are off."""
 
@@ -68,7 +72,7 @@ class _Conflict:
 class OrderCheck:
     """Predicts what orders to vehicles in the air lead to."""
 
-    def __init__(self, config: Config, intents: Intents, air_traffic: AirTraffic) -> None:
+    def __init__(self, config: Config, intents: Intents, air_traffic: AirTraffic, zones: NoFlyZones) -> None:
         self.intents = intents
         """What all vehicles fly."""
         self._air_traffic = air_traffic
@@ -77,6 +81,7 @@ class OrderCheck:
         self._min_m = min_distance_m(config)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
         self._ground = GroundAhead(config)
+        self._zones = ZonesAhead(zones, config.planning.clearance_m)
 
     def predict(self, t_ns: int) -> PredictedFlights:
         """Return what all vehicles in the air fly, for the checks of one time."""
@@ -106,7 +111,7 @@ class OrderCheck:
         )
 
     def release_problem(self, vehicle: int, t_ns: int) -> str:
-        """Return what one that holds for another would come near to if it flew on: a vehicle, or the ground.
+        """Return what one that holds would come near to if it flew on: a vehicle, the ground, or a zone.
 
         Empty also if that is better than to hold on.
         """
@@ -121,6 +126,8 @@ class OrderCheck:
         below_m = self._below_band_m(led)
         if below_m > max(_OFF_BAND_M, self._below_band_m(present)):
             return f"would fly {below_m:.0f} m below the flight band"
+        if zone := self._zones.first(led, _ZONE_AHEAD_S):
+            return f"would fly into no-fly zone {zone}"
         held = self._nearness(present, others)
         if not conflicts or _nearest(conflicts) - held > _WORSE:
             return ""
@@ -131,6 +138,15 @@ class OrderCheck:
         if any(goal.kind is GoalKind.LAND for goal in flight.goals):
             return -math.inf
         return self._ground.below_band_m(flight, _AHEAD_S)
+
+    def may_hold_before_zone(self, vehicle: int, t_ns: int) -> bool:
+        """Return True if a vehicle that holds now is clear of zones, obstacles and ground, and of others."""
+        state = next((one for one in self.intents.flying(t_ns) if one.system_id == vehicle), None)
+        if state is None:
+            return False
+        hold = self.intents.flight(state, t_ns, LOITER)
+        is_clear = self._zones.is_clear(hold, _round_s(hold)) and self.circles_in_band(vehicle, t_ns)
+        return is_clear and self.hold_gain(vehicle, t_ns) > -_WORSE
 
     def circles_in_band(self, vehicle: int, t_ns: int, *, is_late: bool = False) -> bool:
         """Return True if a vehicle that holds now stays inside the flight band.
