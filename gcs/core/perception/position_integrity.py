@@ -26,8 +26,8 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from gcs.config.schema import TelemetryTable
-from gcs.core.perception.fusion import at_time
 from gcs.core.perception.perception_state import IntegrityTest
+from gcs.core.perception.report_sensor import at_time
 from gcs.core.state import Agent
 from gcs.model import (
     NS_PER_S,
