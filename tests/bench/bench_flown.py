@@ -18,7 +18,7 @@ from itertools import product
 import numpy as np
 from helpers.flown_clearance import Nearest, ReturnFlight, flown_home, in_wind, landing, nearest
 
-from gcs.planning.planner import warm_up as warm_up_planning
+from gcs.planning.warm_up import warm_up as warm_up_planning
 from gcs.tracking.glmb.filter import warm_up as warm_up_tracking
 from sim_vehicles.world.scenario import Scenario, WindTable, load
 

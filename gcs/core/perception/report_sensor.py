@@ -1,4 +1,4 @@
-"""Position reports as a sensor of agents: noise, clutter, detection probability; births where vehicles report.
+"""Position reports as a sensor of agents: noise, clutter, detection probability; births where they report.
 
 Reports are used at the time of each scan. A vehicle that reports away from all tracks and birth components
 gets a birth there. While no sensor publishes, epochs of new reports alone update the agents' tracker. Silence

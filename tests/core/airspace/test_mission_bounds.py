@@ -19,8 +19,8 @@ from gcs.mavlink.mission.item_builder import build_items
 from gcs.mavlink.mission.items import Home
 from gcs.model import Mission, NoticeCode, Waypoint, read_only
 from gcs.planning.manoeuvres.landing import plan_return_route
-from gcs.planning.planner import plan_routes
 from gcs.planning.planner_inputs import AgentState
+from gcs.planning.team_routes import plan_routes
 
 FENCE = """
 [fence]
