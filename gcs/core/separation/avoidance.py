@@ -4,8 +4,8 @@ The monitor finds the pair (`gcs.core.separation.monitor`). A vehicle may hold w
 this service: not in a take-off or a landing, and never against a pilot, a failsafe, an order or another
 station. Both choices are simulated, and compared with flying on. The hold that keeps its vehicle farthest
 from all others begins, if it is an improvement; of two that are equal, that of the vehicle with more to fly.
-Over terrain no vehicle holds where that would lead it below the flight band; a hold above the band is put off
-until shortly before.
+Over terrain no vehicle holds where that would lead it out of the flight band; shortly before a loss of
+separation the hold may be above the band, or a little below it.
 
 Two that wait near each other in LOITER, and whose circles overlap, are kept apart by height: one gets a
 mission with a circle in a free altitude layer (`gcs.core.replanning.stacked_missions`).
@@ -43,7 +43,7 @@ _MIN_GAIN: Final = 0.2
 _LEVEL_M: Final = 3.0
 """Difference in height below which neither of two vehicles is the higher one."""
 _LATEST_S: Final = 6.0
-"""Time before a loss of separation from which a hold may be above the flight band."""
+"""Time before a loss of separation from which a hold may leave the flight band."""
 _MIN_HOLD_NS: Final = ns(4.0)
 _MAX_HOLD_NS: Final = ns(60.0)
 _PERIOD_NS: Final = ns(1.0)
@@ -123,7 +123,7 @@ class Avoidances:
         gains = {v: self._order_check.hold_gain(v, t_ns) for v in pair if self._may_hold(v)}
         gains = {v: round(gain, 1) for v, gain in gains.items() if gain >= _MIN_GAIN}
         is_late = encounter.after_s <= _LATEST_S
-        inside = [v for v in gains if self._order_check.circles_in_band(v, t_ns, may_be_high=is_late)]
+        inside = [v for v in gains if self._order_check.circles_in_band(v, t_ns, is_late=is_late)]
         if not inside:
             return []
         vehicle = max(inside, key=lambda v: (gains[v], self._left_m(v), v))
@@ -135,9 +135,10 @@ class Avoidances:
         return [notice, *self._command(vehicle, avoidance, LOITER, t_ns)]
 
     def is_last_chance(self, encounter: Encounter, t_ns: int) -> bool:
-        """Return True if one of an encounter would soon be too near to the circle of another one to hold."""
+        """Return True if none of an encounter could hold a little later, near vehicles or ground."""
         ours = [vehicle for vehicle in encounter.vehicles if vehicle in self._agents]
-        return any(self._may_hold(v) and self._order_check.holds_too_late(v, t_ns) for v in ours)
+        may_hold = [vehicle for vehicle in ours if self._may_hold(vehicle)]
+        return bool(may_hold) and all(self._order_check.holds_too_late(v, t_ns) for v in may_hold)
 
     def receive(self, vehicle: int, message: Message, t_ns: int) -> list[Effect]:
         """Process a message of a vehicle."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from gcs.config import Config
 from gcs.core.separation.aircraft import AirTraffic
-from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
+from gcs.core.separation.forward_flight import Flight, FlightPaths, Goal, GoalKind, simulate_flights
 from gcs.core.separation.ground_ahead import GroundAhead
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
@@ -41,6 +41,8 @@ _CLEAR: Final = 1.5
 """Nearness without a conflict: the minimum distance grows with the time ahead."""
 _OFF_BAND_M: Final = 5.0
 """Distance by which a hold may leave the flight band."""
+_LATE_OFF_BAND_M: Final = 10.0
+"""Distance by which it may go below the band shortly before a loss of separation."""
 _WORSE: Final = 0.1
 """Share of the minimum distances by which an order must bring a vehicle nearer."""
 _SOON_S: Final = 4.0
@@ -126,14 +128,21 @@ class OrderCheck:
             return -math.inf
         return self._ground.below_band_m(flight, _AHEAD_S)
 
-    def circles_in_band(self, vehicle: int, t_ns: int, *, may_be_high: bool = False) -> bool:
-        """Return True if a vehicle that holds now stays inside the flight band, or only above its floor."""
+    def circles_in_band(self, vehicle: int, t_ns: int, *, is_late: bool = False) -> bool:
+        """Return True if a vehicle that holds now stays inside the flight band.
+
+        With `is_late` it may be above the band, and below it by `_LATE_OFF_BAND_M`.
+        """
         state = next((one for one in self.intents.flying(t_ns) if one.system_id == vehicle), None)
         if state is None:
             return True
-        hold = self.intents.flight(state, t_ns, LOITER)
-        below_m, above_m = self._ground.departures_m(hold, _round_s(hold))
-        return below_m <= _OFF_BAND_M and (may_be_high or above_m <= _OFF_BAND_M)
+        below_m, above_m = self._departures_m(self.intents.flight(state, t_ns, LOITER))
+        if is_late:
+            return below_m <= _LATE_OFF_BAND_M
+        return max(below_m, above_m) <= _OFF_BAND_M
+
+    def _departures_m(self, hold: Flight) -> tuple[float, float]:
+        return self._ground.departures_m(hold, _round_s(hold))
 
     def _ground_problem(self, flight: Flight) -> str:
         """Return where a flight to its last goal, and round it, comes near the ground; empty if nowhere."""
@@ -219,7 +228,10 @@ class OrderCheck:
         return self._nearness(held, others) - self._nearness(present, others)
 
     def holds_too_late(self, vehicle: int, t_ns: int) -> bool:
-        """Return True if a hold that begins a little later would circle near another vehicle's circle."""
+        """Return True if a hold that begins a little later is none that may begin.
+
+        It would circle near another vehicle's circle, or leave the flight band.
+        """
         states = {state.system_id: state for state in self.intents.flying(t_ns)}
         state = states.pop(vehicle, None)
         if state is None:
@@ -229,7 +241,16 @@ class OrderCheck:
         place_m = float(ahead.east_m[-1, 0]), float(ahead.north_m[-1, 0])
         height_m = float(0.5 * (ahead.low_m[-1, 0] + ahead.high_m[-1, 0]))
         circle = replace(hold.goals[-1], east_m=place_m[0], north_m=place_m[1], height_m=height_m)
-        return any(self._overlapping(replace(hold, goals=(circle,)), self._flights(states.values(), t_ns)))
+        later = replace(
+            hold,
+            east_m=place_m[0],
+            north_m=place_m[1],
+            height_m=height_m,
+            course_rad=_course_rad(ahead),
+            goals=(circle,),
+        )
+        leaves_band = max(self._departures_m(later)) > _OFF_BAND_M >= max(self._departures_m(hold))
+        return leaves_band or any(self._overlapping(later, self._flights(states.values(), t_ns)))
 
     def _flights(self, states: Iterable[VehicleState], t_ns: int) -> list[Flight]:
         """Return what other vehicles fly now, and aircraft."""
@@ -391,6 +412,12 @@ def _round_s(flight: Flight) -> float:
     last = flight.goals[-1]
     leg_m = (last.east_m - flight.east_m, last.north_m - flight.north_m)
     return min(flight.time_s(leg_m, 2.0 * math.pi * abs(last.radius_m)), _MAX_AHEAD_S)
+
+
+def _course_rad(paths: FlightPaths) -> float:
+    """Return the course of the first of some flights at its end."""
+    east_m, north_m = (float(one[-1, 0] - one[-2, 0]) for one in (paths.east_m, paths.north_m))
+    return math.atan2(east_m, north_m)
 
 
 def _nearest(conflicts: Sequence[_Conflict]) -> float:
