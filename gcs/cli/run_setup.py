@@ -1,4 +1,4 @@
-"""Set-up of `gcs demo`, `gcs run` and `gcs replay`: display, recorder, compiled kernels."""
+"""Set-up of a run for `gcs demo`, `gcs run`, `gcs replay`: display, recorder, kernels, garbage collection."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Replay: recorded events through a new engine.
+"""Replay: recorded events through a new engine, as fast as possible or at a speed; moved back and forth.
 
 Events enter in their recorded order and effects go to the sinks. Nothing is sent. Recorded effects are only
 compared with those of the replay. A replay that begins with a snapshot continues from its state.

@@ -1,4 +1,4 @@
-"""One plan without a flight: planned, drawn and printed.
+"""Plan of `gcs plan`: one plan without a flight, drawn and printed.
 
 Agents are at the starts of the mission and targets at its target births, unless positions are given. Given
 agents are numbered from 1. Targets are T0.0, T0.1 and so on: the names of tracks that are born there in the

@@ -1,4 +1,4 @@
-"""Last check of a mission before its upload: nothing of it may lie outside the map or the fence.
+"""Bounds of a mission, checked before its upload: map, fence with ceilings, ground. With tolerances.
 
 Items are checked one by one, and so is what the vehicle will fly between them: climb, legs, turns, loiter
 circle and landing approach, forward-simulated from the items (`gcs.planning.forward_simulation`). What is

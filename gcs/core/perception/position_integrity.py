@@ -1,4 +1,4 @@
-"""Position-integrity monitor: reported positions against detections, as a CUSUM test.
+"""Position integrity: alarm when reported positions differ from detections (spoofed GPS), a CUSUM test.
 
 Position reports may be spoofed, and the agents' tracker uses them as a sensor (decision 0004). So detections
 are checked directly: is there one at the reported position? With detection probability p_D, expected clutter

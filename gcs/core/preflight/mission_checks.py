@@ -1,4 +1,4 @@
-"""Pre-flight checks of a mission: map, routes, fence and sensors."""
+"""Preflight checks of a mission: map, routes, fence, altitude layers and sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mission uploads: routes become missions, missions wait for their link, are uploaded and verified.
+"""Queue of mission uploads: which vehicle gets its mission when, and what a mission waits for.
 
 A newer route for a vehicle supersedes its upload in progress. Other routes wait, the newest of each vehicle,
 first come, first served,
