@@ -38,11 +38,9 @@ def _section(folder: Path) -> str:
     files = sorted([*folder.glob("*.py"), *folder.glob("*.js")])
     rows = [f"| `{file.stem}` | {_cell(_sentence(file))} |\n" for file in files if file.name not in _INITS]
     init = folder / "__init__.py"
-    about = (
-        f"{_sentence(init)}\n\n" if init.exists() else "Modules of the console's page, in the browser.\n\n"
-    )
-    table = "| module | |\n|---|---|\n" + "".join(rows) if rows else ""
-    return f"\n## {folder.relative_to(_ROOT)}\n\n{about}\n\n{table}"
+    about = _sentence(init) if init.exists() else "Modules of the console's page, in the browser."
+    table = "\n| module | |\n|---|---|\n" + "".join(rows) if rows else ""
+    return f"\n## {folder.relative_to(_ROOT)}\n\n{about}\n{table}"
 
 
 def _sentence(file: Path) -> str:
