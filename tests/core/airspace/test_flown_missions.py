@@ -95,7 +95,9 @@ def problem(
     motion = Motion(*place_m, 22.0, math.radians(course_deg))
     items = items[ARDUPLANE.home_items :]
     check = MissionBoundsCheck(config, zones)
-    return check.flight_problem(items, 1, motion, 0.0, 170.0 if takeoff is None else 70.0, HOME.alt_msl_m)
+    height_msl_m = 170.0 if takeoff is None else 70.0
+    found = check.flight_problem(items, 1, motion, 0.0, height_msl_m, HOME.alt_msl_m)
+    return "" if found is None else found.text
 
 
 @pytest.mark.parametrize(
