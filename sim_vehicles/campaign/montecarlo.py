@@ -1,4 +1,4 @@
-"""`gcs montecarlo`: fly a campaign, show its progress, write its results and its report."""
+"""Run of `gcs montecarlo`: a campaign with its progress, results and report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One simulated vehicle: airframe, autopilot and link on one clock.
+"""Simulated vehicle: airframe, autopilot and link on one clock.
 
 It flies in virtual time and in a process of its own alike: time and bytes are arguments.
 

@@ -13,7 +13,7 @@ CACHES: frozenset[str] = frozenset(
         # The picture of the posterior, and its confirmed tracks.
         "gcs.core.perception.track_lifecycle.TrackConfirmation.existing",
         "gcs.core.perception.track_lifecycle.TrackConfirmation.tracks",
-        "gcs.core.perception.fusion.ClassTracker.picture",
+        "gcs.core.perception.class_tracker.ClassTracker.picture",
         # Arguments of the last update, as arrays, and its detection summary.
         "gcs.tracking.glmb.filter.Glmb._birth_components",
         "gcs.tracking.glmb.filter.Glmb._births",

@@ -74,7 +74,7 @@ def run(
 
     After Ctrl-C the vehicles fly their missions to the end. Started again, the service resumes.
     """
-    from gcs.cli.console_page import PageOptions
+    from gcs.cli.console_options import PageOptions
     from gcs.cli.fly.live_service import RunFiles, serve
     from gcs.io.clock import RunClock
 

@@ -1,4 +1,4 @@
-"""Commands of other ground stations that choose a mode.
+"""Commands of other ground stations that choose a mode: which they are, and whether a vehicle obeys.
 
 Nothing that steers is sent to a vehicle from such a command on: its heartbeat shows the mode up to a second
 later. AUTO is no other mode: the vehicle flies its mission.

@@ -1,4 +1,4 @@
-"""Flight phases: what each vehicle does, and whether it came down.
+"""Flight phases: on the ground, climbing, en route, landed; and whether a vehicle came down, or sinks.
 
 Each observation of the telemetry gives one event of `gcs.model.flight`. The evidence, in this order:
 

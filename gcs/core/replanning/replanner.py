@@ -39,7 +39,8 @@ from gcs.planning.forward_simulation import Motion, predict_motion
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.plan_notes import PlanNote
-from gcs.planning.planner import Choice, PlanResult, choose_new, plan_mission
+from gcs.planning.plan_result import Choice, PlanResult, choose_new
+from gcs.planning.planner import plan_mission
 from gcs.planning.planner_inputs import AgentState, MissionInputs
 from gcs.planning.route_joining import total_turn_rad
 

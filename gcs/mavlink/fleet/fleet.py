@@ -1,4 +1,4 @@
-"""The vehicles on our links, by network and system id. Sans-I/O: datagrams in, `Send` and `Notice` out.
+"""The fleet: all vehicles on our links; which frames are accepted, addresses, heartbeats. Sans-I/O.
 
 Vehicles are numbered by `gcs.model.vehicle_id`; on network 0 that is the system id.
 

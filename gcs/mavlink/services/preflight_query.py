@@ -1,4 +1,4 @@
-"""Data of one vehicle for the preflight check. Sans-I/O. Nothing on the vehicle is changed.
+"""Questions to one vehicle for the preflight check, and its answers. Sans-I/O. Nothing on it is changed.
 
 Messages are requested one by one (MAV_CMD_REQUEST_MESSAGE; most are streamed anyway), then parameters, then
 fence and rally points: never two transfers of the mission protocol at a time. A vehicle whose prearm check

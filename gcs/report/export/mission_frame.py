@@ -1,4 +1,4 @@
-"""Frame of a mission on the map: the local frame, the ground, and the heights of altitude layers.
+"""Places of a mission on a map: the local frame in degrees, the ground, routes at the heights of layers.
 
 Positions are latitude and longitude in degrees on WGS84, and metres above mean sea level. Targets are on the
 ground: that of the elevation model, or level ground at the height of the mission's origin.
