@@ -54,7 +54,6 @@ def plan_mission(
         on_stage,
         inputs.demands,
         inputs.terrain,
-        inputs.settled,
     )
     choice = choose(result)
     if inputs.terrain is None:

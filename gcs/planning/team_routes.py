@@ -43,7 +43,6 @@ def plan_routes(
     on_stage: Callable[[Stage], None] = ignore_stage,
     demands: Mapping[Label, TargetDemand] = MappingProxyType({}),
     terrain: Terrain | None = None,
-    settled: Mapping[int, Label] = MappingProxyType({}),
 ) -> PlanResult:
     """Assign targets to agents and plan a route for each assigned agent.
 
@@ -57,8 +56,6 @@ def plan_routes(
         Targets that need more than one agent, have a rank, or move.
     terrain : Terrain or None
         Ground that routes keep above; None: the ground is flat. Over terrain targets do not move in a plan.
-    settled : mapping of int to label
-        Vehicles that keep the routes they have if they get these targets.
     """
     notes: list[PlanNote] = []
     vehicles = [v for v in sorted(agents) if _on_earth(agents[v].east_m, agents[v].north_m)]
@@ -97,7 +94,7 @@ def plan_routes(
         on_stage("assignment")
         for _ in range(_MAX_ASSIGNMENTS):
             keeping = {v: labels[pairs[i]] for i, v in enumerate(vehicles) if i in pairs}
-            keeping = {v: label for v, label in keeping.items() if settled.get(v) == label}
+            keeping = {v: label for v, label in keeping.items() if agents[v].settled == label}
             to_shape = [(i, j) for i, j in pairs.items() if vehicles[i] not in keeping]
             for i, j in to_shape:
                 if (i, j) in found:

@@ -299,7 +299,11 @@ class Replanner:
         self._triggers.note_planned(inputs.agents, inputs.targets)
         occupied = self._triggers.in_occupied_layers(inputs)
         settled = self._settled(mission, occupied, inputs)
-        mission = replace(mission, settled={vehicle: route.target for vehicle, route in settled.items()})
+        starts = {
+            vehicle: replace(mission.agents[vehicle], settled=route.target)
+            for vehicle, route in settled.items()
+        }
+        mission = replace(mission, agents={**mission.agents, **starts})
         choose = partial(self._choose, mission.agents, arriving, settled, occupied, inputs)
         result = self._note_made(plan_mission(mission, choose), inputs.t_ns)
         pairs = [conflict.vehicles for conflict in result.conflicts]  # distances would be news at every check
