@@ -24,7 +24,7 @@ from gcs.cli.arguments import (
 )
 from gcs.cli.errors import exit_on_error
 from gcs.errors import ConfigError, GcsError, LinkError
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 if TYPE_CHECKING:
     from sim_vehicles.supervisor import SimulationPlan, Supervisor

@@ -18,7 +18,7 @@ import numpy as np
 
 from gcs.geo import LocalFrame
 from gcs.io.clock import RunClock
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 
 Address: TypeAlias = tuple[str, int]

@@ -34,7 +34,7 @@ from sim_vehicles.process_start import (
 )
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 from sim_vehicles.world.scenario import Scenario
-from sim_vehicles.world.specs import vehicle_specs
+from sim_vehicles.world.vehicle_specs import vehicle_specs
 
 _READY_TIMEOUT_S = 60.0
 _AIRBORNE_TIMEOUT_S = 180.0

@@ -1,4 +1,4 @@
-"""Snapshots: the state of the decision core as bytes, and back.
+"""Snapshots: the state of the decision core as bytes and back, how often they are taken, and their format.
 
 One MessagePack object (https://msgpack.org) with a format version. Arrays are their dtype, shape and bytes;
 MAVLink messages are their number and fields.

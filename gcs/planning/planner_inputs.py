@@ -10,7 +10,7 @@ from typing import Literal
 from gcs.model import Label
 from gcs.planning.forward_simulation import Motion
 from gcs.planning.map.grid import Grid, Point
-from gcs.planning.path.shortcut import Shape
+from gcs.planning.path.path_shaping import Shape
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.terrain.ground import Terrain
 
@@ -39,6 +39,8 @@ class AgentState:
     """True if it rejected its last mission: all other agents get targets first."""
     pinned: Label | None = None
     """Target that it must get, if that is there and a path leads to it."""
+    settled: Label | None = None
+    """Target to which it keeps the route that it has, if it gets that target: no other route is shaped."""
     layer: int = 0
     """Altitude layer whose heights its route prefers; used over terrain only."""
     is_unfit: bool = False
@@ -140,8 +142,6 @@ class MissionInputs:
         Assignment that is being flown. Vehicles and targets that are gone are ignored.
     demands : mapping of label to TargetDemand
         Targets that need more than one agent, have a rank, or move.
-    settled : mapping of int to label
-        Vehicles that keep the routes they have if they get these targets: no other ones are shaped.
     terrain : Terrain or None
         Ground that routes keep above, at heights of their own; None: the ground is flat.
     min_height_m : float
@@ -158,6 +158,5 @@ class MissionInputs:
     begins_m: Mapping[int, Sequence[Point]] = field(default_factory=dict)
     flown_to: Mapping[int, Label] = field(default_factory=dict)
     demands: Mapping[Label, TargetDemand] = field(default_factory=dict)
-    settled: Mapping[int, Label] = field(default_factory=dict)
     terrain: Terrain | None = None
     min_height_m: float = 0.0

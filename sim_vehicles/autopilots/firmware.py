@@ -23,7 +23,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs.errors import SimulationError
 from gcs.geo import LocalFrame
 from gcs.model import NS_PER_S
-from sim_vehicles.autopilots.base import TRAITS, Mode
+from sim_vehicles.autopilots.autopilot_traits import TRAITS, Mode
 from sim_vehicles.vehicle.faults import FaultKind
 from sim_vehicles.vehicle.vehicle import VehicleSpec
 

@@ -28,7 +28,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.geo import LocalFrame
 from gcs.io.clock import RunClock
-from gcs.io.records import encode
+from gcs.io.record_json import encode
 from gcs.io.zenoh.key_expressions import scan_key, truth_key
 from gcs.io.zenoh.scans import encode_scan
 from gcs.io.zenoh.session import ZenohSession

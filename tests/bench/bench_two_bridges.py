@@ -37,7 +37,7 @@ from telemetry import with_crc
 
 from gcs.errors import NoAnswerError
 from gcs.geo import LocalFrame
-from gcs.io.records import decode
+from gcs.io.record_json import decode
 from gcs.io.zenoh.discovery import ServiceAddress
 from gcs.io.zenoh.key_expressions import scan_key
 from gcs.io.zenoh.order_client import send_order

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
 from gcs.core.engine import Engine
-from gcs.io.records import decode, encode
+from gcs.io.record_json import decode, encode
 from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Encoder
 from gcs.mavlink.frames.codec import decode as decode_frames
 from gcs.model import (

@@ -1,4 +1,4 @@
-"""Material of the page about a run, read from its file.
+"""Material of `gcs report`: timeline, evaluation and tracks of a run, read from its file in one pass.
 
 The file is read once, whatever its kind: a recording or a telemetry log. The page names
 what the file does not have (ground truth, tracks, times) and shows the rest.

@@ -26,7 +26,7 @@ from gcs.cli.arguments import (
     command_app,
 )
 from gcs.cli.errors import exit_on_error
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 app = command_app()
 
@@ -71,7 +71,7 @@ def demo(
     Each vehicle is a process. The run ends when every agent has reached a target or is lost, and leaves a
     summary, a recording and a picture. Ctrl-C ends it early; the recording stays readable.
     """
-    from gcs.cli.console_page import PageOptions
+    from gcs.cli.console_options import PageOptions
     from gcs.cli.fly.demo_flight import DemoOptions, run_demo
 
     options = DemoOptions(

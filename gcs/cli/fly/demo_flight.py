@@ -20,9 +20,10 @@ import numpy as np
 from msgspec import structs
 from rich.console import Console
 
-from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, service_page
+from gcs.cli.console_options import DEFAULT_PAGE, PageOptions
 from gcs.cli.link_table import link_rows
 from gcs.cli.run_setup import display, open_recorder, warm_up
+from gcs.cli.service_console import service_page
 from gcs.cli.warm_up_progress import flying
 from gcs.config import Config, parse, read_text
 from gcs.core.airspace.obstacle_map import mission_grid
@@ -33,10 +34,10 @@ from gcs.io.background_writer import QueuedText, off_loop
 from gcs.io.clock import RunClock
 from gcs.io.event_loop import on_loop
 from gcs.io.private_files import new_folder
+from gcs.io.record_json import decode
 from gcs.io.recording.folder import FIRMWARE_NAME, Run
 from gcs.io.recording.reader import read
 from gcs.io.recording.recorder_thread import RecorderThread
-from gcs.io.records import decode
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.key_expressions import truth_key
 from gcs.io.zenoh.session import ZenohSession, free_endpoint
@@ -46,8 +47,10 @@ from gcs.report.plots.figures import draw_run
 from gcs.report.plots.maps import Ground
 from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of, summary_json
 from gcs.report.run.summary import print_summary
-from gcs.service.bridge_start import bridges_of
-from gcs.service.service import Health, Service, fly_on_after_hangup, wait_for_interrupt
+from gcs.service.bridge_connection import bridges_of
+from gcs.service.service import Service
+from gcs.service.service_load import ServiceLoad
+from gcs.service.signals import fly_on_after_hangup, wait_for_interrupt
 
 _START_TIMEOUT_S: Final = 90.0
 _FIRMWARE_TIMEOUT_S: Final = 180.0
@@ -192,7 +195,7 @@ async def _fly(
     evaluator: Evaluator,
     console: Console,
     view: QueuedText,
-) -> tuple[Health, tuple[dict[str, Any], ...], float, bool]:
+) -> tuple[ServiceLoad, tuple[dict[str, Any], ...], float, bool]:
     """Fly; return health, link counters, run time in seconds, and True if interrupted."""
     forward = [link for link in config.mavlink_links if link.role != "vehicles"]
     open_links = [Link(parse_endpoint("udpin:127.0.0.1:0")), *forward]

@@ -15,9 +15,10 @@ from typing import Final
 
 from rich.console import Console
 
-from gcs.cli.console_page import DEFAULT_PAGE, PageOptions, service_page
+from gcs.cli.console_options import DEFAULT_PAGE, PageOptions
 from gcs.cli.link_table import link_rows, link_table
 from gcs.cli.run_setup import display, open_recorder, warm_up
+from gcs.cli.service_console import service_page
 from gcs.cli.warm_up_progress import flying
 from gcs.cli.zenoh_security import zenoh_warnings
 from gcs.config import Config, parse, read_text
@@ -34,12 +35,13 @@ from gcs.io.zenoh.key_expressions import events_key
 from gcs.io.zenoh.session import ZenohSession, from_this_machine, service_bus
 from gcs.mavlink.frames.fast_scan import Scanner
 from gcs.report.run.summary import recording_facts
-from gcs.service.bridge_start import bridges_for_standby, bridges_of, is_bridge_of_other_node
+from gcs.service.bridge_connection import bridges_for_standby, bridges_of, is_bridge_of_other_node
 from gcs.service.event_publisher import EventPublisher
 from gcs.service.journal import Journal, JournalSink, fingerprint
 from gcs.service.node_supervisor import is_supervised_by_system, supervise_node
 from gcs.service.resume import default_path, resume_from_journal
-from gcs.service.service import Service, fly_on_after_hangup, wait_for_interrupt
+from gcs.service.service import Service
+from gcs.service.signals import fly_on_after_hangup, wait_for_interrupt
 from gcs.service.standby import IgnoredLinks, Standby, TakeOver
 
 _LEARN_S: Final = 5.0

@@ -21,7 +21,7 @@ from gcs.cli.arguments import (
     command_app,
 )
 from gcs.cli.errors import exit_on_error
-from gcs.io.console import console_for
+from gcs.io.terminal import console_for
 
 app = command_app()
 
@@ -74,7 +74,7 @@ def run(
 
     After Ctrl-C the vehicles fly their missions to the end. Started again, the service resumes.
     """
-    from gcs.cli.console_page import PageOptions
+    from gcs.cli.console_options import PageOptions
     from gcs.cli.fly.live_service import RunFiles, serve
     from gcs.io.clock import RunClock
 

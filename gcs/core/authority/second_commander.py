@@ -22,7 +22,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.core.authority.records import AuthorityState
+from gcs.core.authority.authority_state import AuthorityState
 from gcs.core.state import Agent
 from gcs.core.tasking.upload_manager import UploadManager
 from gcs.mavlink.fleet.fleet import Fleet

@@ -1,4 +1,4 @@
-"""Flight phases: what each vehicle does, and whether it came down.
+"""Flight phases: on the ground, climbing, en route, landed; and whether a vehicle came down, or sinks.
 
 Each observation of the telemetry gives one event of `gcs.model.flight`. The evidence, in this order:
 
@@ -22,7 +22,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.config import Config
-from gcs.core.flight.records import AgentFlight, FlightState
+from gcs.core.flight.flight_state import AgentFlight, FlightState
 from gcs.core.state import Agent
 from gcs.core.tasking.onboard_missions import OnboardMissions
 from gcs.geo import LocalFrame

@@ -1,4 +1,4 @@
-"""Motion of vehicles, with turn rate, at the start of planned routes.
+"""Speed and turn rate of vehicles from their reports: the motion in which planned routes begin.
 
 A track's velocity lags in turns and has no turn rate. Position and course come from the newest report, the
 turn rate from courses a second apart. A report counts while it is fresh and near the track; else the track is

@@ -39,7 +39,8 @@ from gcs.planning.forward_simulation import Motion, predict_motion
 from gcs.planning.map.grid import Grid, Point
 from gcs.planning.map.line_of_sight import line_of_sight
 from gcs.planning.plan_notes import PlanNote
-from gcs.planning.planner import Choice, PlanResult, choose_new, plan_mission
+from gcs.planning.plan_result import Choice, PlanResult, choose_new
+from gcs.planning.planner import plan_mission
 from gcs.planning.planner_inputs import AgentState, MissionInputs
 from gcs.planning.route_joining import total_turn_rad
 
@@ -298,7 +299,11 @@ class Replanner:
         self._triggers.note_planned(inputs.agents, inputs.targets)
         occupied = self._triggers.in_occupied_layers(inputs)
         settled = self._settled(mission, occupied, inputs)
-        mission = replace(mission, settled={vehicle: route.target for vehicle, route in settled.items()})
+        starts = {
+            vehicle: replace(mission.agents[vehicle], settled=route.target)
+            for vehicle, route in settled.items()
+        }
+        mission = replace(mission, agents={**mission.agents, **starts})
         choose = partial(self._choose, mission.agents, arriving, settled, occupied, inputs)
         result = self._note_made(plan_mission(mission, choose), inputs.t_ns)
         pairs = [conflict.vehicles for conflict in result.conflicts]  # distances would be news at every check

@@ -37,8 +37,9 @@ from gcs.model import APPROACH_M, Effect, Label, Route, VehicleState
 from gcs.model.names import hold_label, home_label
 from gcs.planning.forward_simulation import predict_motion
 from gcs.planning.map.grid import Point
-from gcs.planning.planner import PlanResult, choose_new, plan_routes
+from gcs.planning.plan_result import PlanResult, choose_new
 from gcs.planning.planner_inputs import AgentState
+from gcs.planning.team_routes import plan_routes
 
 _SIDES_DEG: Final = (0.0, 60.0, -60.0, 120.0, -120.0, 180.0)
 """Sides of home on which a route may end, from that of the vehicle."""

@@ -11,11 +11,13 @@ import numpy as np
 from gcs.config import Config
 from gcs.core.separation.forward_flight import STEP_S, Flight, simulate_flights
 from gcs.model import FloatArray
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 _RING: Final = 24
-_RING_RADII: Final = (0.5, 1.0, 1.4)
+_RING_RADII: Final = (0.5, 1.0)
 """Radii of rings that are looked at, by that of the circle."""
+_WIND_GAIN: Final = 0.75
+"""Growth of the outermost ring, as a share of its radius, by wind and airspeed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,14 +66,16 @@ class GroundAhead:
     def departures_m(self, hold: Flight, ahead_s: float) -> tuple[float, float]:
         """Return how far a hold leads a vehicle below and above the flight band; negative inside.
 
-        A vehicle overshoots its circle in wind, and flies through it when it begins.
+        A vehicle flies through its circle, and beyond it, when it begins: as simulated. In wind it leaves it
+        later, too.
         """
         if self._elevation is None or self._terrain is None:
             return -math.inf, -math.inf
         circle = hold.goals[-1]
         angle = np.linspace(0.0, 2.0 * math.pi, _RING, endpoint=False)
         ring = np.stack((np.sin(angle), np.cos(angle)), axis=1)
-        radii_m = abs(circle.radius_m) * np.array(_RING_RADII)
+        in_wind = 1.0 + _WIND_GAIN * math.hypot(*hold.wind_m_s) / hold.airspeed_m_s
+        radii_m = abs(circle.radius_m) * np.array((*_RING_RADII, in_wind))
         centre_m = np.array((circle.east_m, circle.north_m))
         places_m = centre_m + (radii_m[:, None, None] * ring).reshape(-1, 2)
         agl_m = circle.height_m - self._elevation.heights_at(places_m)

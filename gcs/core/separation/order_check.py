@@ -17,13 +17,15 @@ from typing import Final
 import numpy as np
 
 from gcs.config import Config
+from gcs.core.airspace.no_fly_zones import NoFlyZones
 from gcs.core.separation.aircraft import AirTraffic
-from gcs.core.separation.forward_flight import Flight, Goal, GoalKind, simulate_flights
+from gcs.core.separation.forward_flight import Flight, FlightPaths, Goal, GoalKind, simulate_flights
 from gcs.core.separation.ground_ahead import GroundAhead
 from gcs.core.separation.intents import Intents
 from gcs.core.separation.look_ahead import encounters
 from gcs.core.separation.minima import PREDICTED_SHARE, layer_step_m, min_distance_m
 from gcs.core.separation.predicted_flights import PredictedFlights
+from gcs.core.separation.zones_ahead import ZonesAhead
 from gcs.core.tasking.mission_builder import route_heights_msl_m
 from gcs.mavlink.autopilots.modes import AUTO, LOITER, RTL
 from gcs.model import FloatArray, Route, VehicleState, vehicle_name
@@ -42,12 +44,16 @@ _CLEAR: Final = 1.5
 """Nearness without a conflict: the minimum distance grows with the time ahead."""
 _OFF_BAND_M: Final = 5.0
 """Distance by which a hold may leave the flight band."""
+_LATE_OFF_BAND_M: Final = 10.0
+"""Distance by which it may go below the band shortly before a loss of separation."""
 _WORSE: Final = 0.1
 """Share of the minimum distances by which an order must bring a vehicle nearer."""
 _SOON_S: Final = 4.0
 """Time for which a hold may be put off: in it the circle comes nearer, and is flown wider when it begins."""
 _LATER_S: Final = 15.0
 """Time in which a climb leads a vehicle a layer away."""
+_ZONE_AHEAD_S: Final = 40.0
+"""Time without an incursion for which one that held may fly on: more than that at which it holds."""
 _RELEASE_MARGIN: Final = 1.5
 """Multiple of the minimum distance at which a vehicle that held may fly on: in wind predictions are off."""
 
@@ -66,7 +72,7 @@ class _Conflict:
 class OrderCheck:
     """Predicts what orders to vehicles in the air lead to."""
 
-    def __init__(self, config: Config, intents: Intents, air_traffic: AirTraffic) -> None:
+    def __init__(self, config: Config, intents: Intents, air_traffic: AirTraffic, zones: NoFlyZones) -> None:
         self.intents = intents
         """What all vehicles fly."""
         self._air_traffic = air_traffic
@@ -75,6 +81,7 @@ class OrderCheck:
         self._min_m = min_distance_m(config)
         self._min_height_m = PREDICTED_SHARE * layer_step_m(config)
         self._ground = GroundAhead(config)
+        self._zones = ZonesAhead(zones, config.planning.clearance_m)
 
     def predict(self, t_ns: int) -> PredictedFlights:
         """Return what all vehicles in the air fly, for the checks of one time."""
@@ -104,7 +111,7 @@ class OrderCheck:
         )
 
     def release_problem(self, vehicle: int, t_ns: int) -> str:
-        """Return what one that holds for another would come near to if it flew on: a vehicle, or the ground.
+        """Return what one that holds would come near to if it flew on: a vehicle, the ground, or a zone.
 
         Empty also if that is better than to hold on.
         """
@@ -119,6 +126,8 @@ class OrderCheck:
         below_m = self._below_band_m(led)
         if below_m > max(_OFF_BAND_M, self._below_band_m(present)):
             return f"would fly {below_m:.0f} m below the flight band"
+        if zone := self._zones.first(led, _ZONE_AHEAD_S):
+            return f"would fly into no-fly zone {zone}"
         held = self._nearness(present, others)
         if not conflicts or _nearest(conflicts) - held > _WORSE:
             return ""
@@ -130,14 +139,30 @@ class OrderCheck:
             return -math.inf
         return self._ground.below_band_m(flight, _AHEAD_S)
 
-    def circles_in_band(self, vehicle: int, t_ns: int, *, may_be_high: bool = False) -> bool:
-        """Return True if a vehicle that holds now stays inside the flight band, or only above its floor."""
+    def may_hold_before_zone(self, vehicle: int, t_ns: int) -> bool:
+        """Return True if a vehicle that holds now is clear of zones, obstacles and ground, and of others."""
+        state = next((one for one in self.intents.flying(t_ns) if one.system_id == vehicle), None)
+        if state is None:
+            return False
+        hold = self.intents.flight(state, t_ns, LOITER)
+        is_clear = self._zones.is_clear(hold, _round_s(hold)) and self.circles_in_band(vehicle, t_ns)
+        return is_clear and self.hold_gain(vehicle, t_ns) > -_WORSE
+
+    def circles_in_band(self, vehicle: int, t_ns: int, *, is_late: bool = False) -> bool:
+        """Return True if a vehicle that holds now stays inside the flight band.
+
+        With `is_late` it may be above the band, and below it by `_LATE_OFF_BAND_M`.
+        """
         state = next((one for one in self.intents.flying(t_ns) if one.system_id == vehicle), None)
         if state is None:
             return True
-        hold = self.intents.flight(state, t_ns, LOITER)
-        below_m, above_m = self._ground.departures_m(hold, _round_s(hold))
-        return below_m <= _OFF_BAND_M and (may_be_high or above_m <= _OFF_BAND_M)
+        below_m, above_m = self._departures_m(self.intents.flight(state, t_ns, LOITER))
+        if is_late:
+            return below_m <= _LATE_OFF_BAND_M
+        return max(below_m, above_m) <= _OFF_BAND_M
+
+    def _departures_m(self, hold: Flight) -> tuple[float, float]:
+        return self._ground.departures_m(hold, _round_s(hold))
 
     def _ground_problem(self, flight: Flight) -> str:
         """Return where a flight to its last goal, and round it, comes near the ground; empty if nowhere."""
@@ -223,7 +248,10 @@ class OrderCheck:
         return self._nearness(held, others) - self._nearness(present, others)
 
     def holds_too_late(self, vehicle: int, t_ns: int) -> bool:
-        """Return True if a hold that begins a little later would circle near another vehicle's circle."""
+        """Return True if a hold that begins a little later is none that may begin.
+
+        It would circle near another vehicle's circle, or leave the flight band.
+        """
         states = {state.system_id: state for state in self.intents.flying(t_ns)}
         state = states.pop(vehicle, None)
         if state is None:
@@ -233,7 +261,16 @@ class OrderCheck:
         place_m = float(ahead.east_m[-1, 0]), float(ahead.north_m[-1, 0])
         height_m = float(0.5 * (ahead.low_m[-1, 0] + ahead.high_m[-1, 0]))
         circle = replace(hold.goals[-1], east_m=place_m[0], north_m=place_m[1], height_m=height_m)
-        return any(self._overlapping(replace(hold, goals=(circle,)), self._flights(states.values(), t_ns)))
+        later = replace(
+            hold,
+            east_m=place_m[0],
+            north_m=place_m[1],
+            height_m=height_m,
+            course_rad=_course_rad(ahead),
+            goals=(circle,),
+        )
+        leaves_band = max(self._departures_m(later)) > _OFF_BAND_M >= max(self._departures_m(hold))
+        return leaves_band or any(self._overlapping(later, self._flights(states.values(), t_ns)))
 
     def _flights(self, states: Iterable[VehicleState], t_ns: int) -> list[Flight]:
         """Return what other vehicles fly now, and aircraft."""
@@ -392,6 +429,12 @@ def _round_s(flight: Flight) -> float:
     last = flight.goals[-1]
     leg_m = (last.east_m - flight.east_m, last.north_m - flight.north_m)
     return min(flight.time_s(leg_m, 2.0 * math.pi * abs(last.radius_m)), _MAX_AHEAD_S)
+
+
+def _course_rad(paths: FlightPaths) -> float:
+    """Return the course of the first of some flights at its end."""
+    east_m, north_m = (float(one[-1, 0] - one[-2, 0]) for one in (paths.east_m, paths.north_m))
+    return math.atan2(east_m, north_m)
 
 
 def _nearest(conflicts: Sequence[_Conflict]) -> float:

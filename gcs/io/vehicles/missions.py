@@ -19,10 +19,10 @@ from gcs.mavlink.fleet.mode_authority import ModeAuthority
 from gcs.mavlink.frames.codec import Message
 from gcs.mavlink.mission.items import Home
 from gcs.mavlink.mission.upload import Upload
+from gcs.mavlink.mission.upload_kinds import mission_upload
 from gcs.mavlink.mission.upload_limits import UploadPolicy
 from gcs.mavlink.mission.upload_stages import Event, UploadResult
 from gcs.mavlink.mission.upload_state import UploadState
-from gcs.mavlink.mission.uploads import mission_upload
 from gcs.model import NS_PER_S, Mission, Waypoint
 
 _MAX_UPLOAD_S = 900.0

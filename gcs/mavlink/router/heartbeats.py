@@ -1,4 +1,4 @@
-"""Our heartbeats go on while command is slow or gone, for a limited time.
+"""Heartbeats of a bridge: they go on while command is slow or gone, for a limited time.
 
 Command sends its heartbeats to each vehicle's address, four a second (`gcs.mavlink.fleet.heartbeat`). A
 bridge passes them on. When the next one is late, the bridge sends it itself, with the sequence numbers that

@@ -1,4 +1,4 @@
-"""Data of one vehicle for the preflight check. Sans-I/O. Nothing on the vehicle is changed.
+"""Questions to one vehicle for the preflight check, and its answers. Sans-I/O. Nothing on it is changed.
 
 Messages are requested one by one (MAV_CMD_REQUEST_MESSAGE; most are streamed anyway), then parameters, then
 fence and rally points: never two transfers of the mission protocol at a time. A vehicle whose prearm check
@@ -18,7 +18,7 @@ from gcs.mavlink.frames.codec import GCS_COMPONENT_ID, GCS_SYSTEM_ID, Message
 from gcs.mavlink.mission.geofence_rally import FENCE, RALLY
 from gcs.mavlink.mission.items import Item
 from gcs.mavlink.mission.upload import Upload
-from gcs.mavlink.mission.uploads import list_upload
+from gcs.mavlink.mission.upload_kinds import list_upload
 from gcs.mavlink.services.command_sender import REQUEST_MESSAGE, command_long
 from gcs.mavlink.services.parameter_protocol import ParameterReader, is_bytewise
 from gcs.mavlink.services.retry import RetryPolicy, RetryTimer

@@ -2,47 +2,55 @@
 
 An area raises the floor of the band, or lowers its ceiling, on the same side everywhere: a path that changed
 the side between two nodes would lead through it. All nodes around a square that the area touches count as
-part of it, since floor and ceiling are bilinear between nodes.
+part of it, since floor and ceiling are bilinear between nodes. Where that closes the band, the cells of the
+area are blocked.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
 
-from gcs.model import BoolArray, FloatArray
-from gcs.planning.map.grid import Grid, free_grid_like
+from gcs.model import BoolArray, FloatArray, IntArray
+from gcs.planning.map.grid import Grid
 from gcs.planning.map.limited_area import LimitedArea, blocked_by
 from gcs.planning.terrain.band import NO_BAND_M, FlightBand
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 _AROUND_SPACINGS = 1.5
 
 
-def split_closed(
+def block_closed(
     band: FlightBand,
     elevation: Elevation,
     grid: Grid,
     areas: Iterable[LimitedArea],
     home_msl_m: float,
     clearances_m: tuple[float, float],
-) -> tuple[list[LimitedArea], list[LimitedArea]]:
-    """Return the areas that a band can pass neither over nor under anywhere, and the others.
+) -> tuple[Grid, list[LimitedArea]]:
+    """Return a map with the cells blocked that the band can pass neither over nor under, and the other cells.
 
-    The closed ones are obstacles: a way leads round them. Parameters as of `limit_band`.
+    A way leads round blocked cells with the clearance. A cell is blocked if the band is closed at a node near
+    it: floor and ceiling would be a cliff there, whose corner a path cuts between two of its samples.
+    Parameters as of `limit_band`.
     """
+    areas = list(areas)
+    limited = limit_band(band, elevation, grid, areas, home_msl_m, clearances_m)
+    is_closed = _is_open(band) & ~_is_open(limited)
+    if not is_closed.any():
+        return grid, areas
+    reach_m = _reach_m(elevation, clearances_m)
     closed: list[LimitedArea] = []
     passed: list[LimitedArea] = []
-    before = band.surfaces_msl_m[:, :, :2]
     for area in areas:
-        limited = limit_band(band, elevation, grid, [area], home_msl_m, clearances_m)
-        after = limited.surfaces_msl_m[:, :, :2][(limited.surfaces_msl_m[:, :, :2] != before).any(axis=2)]
-        is_closed = bool(len(after)) and bool((after[:, 0] >= after[:, 1]).all())
-        (closed if is_closed else passed).append(area)
-    return closed, passed
+        near = _near_cells(elevation, grid, area.cells, reach_m)
+        is_blocked = np.fromiter(((is_closed[block] & mask).any() for block, mask in near), np.bool_)
+        closed.append(replace(area, cells=area.cells[is_blocked]))
+        passed.append(replace(area, cells=area.cells[~is_blocked]))
+    return blocked_by(grid, closed), passed
 
 
 def limit_band(
@@ -74,10 +82,12 @@ def limit_band(
     floor_m, ceiling_m, room_m = band.surfaces_msl_m.astype(np.float64).transpose(2, 0, 1)
     lowest_m = ndimage.minimum_filter(elevation.heights_msl_m, size=3, mode="nearest")
     highest_m = ndimage.maximum_filter(elevation.heights_msl_m, size=3, mode="nearest")
-    beside_m, above_m = clearances_m
-    reach_m = beside_m + _AROUND_SPACINGS * elevation.spacing_m
+    above_m = clearances_m[1]
+    reach_m = _reach_m(elevation, clearances_m)
     for area in areas:
-        near = _nodes_near(elevation, blocked_by(free_grid_like(grid), [area]), reach_m)
+        near = np.zeros(floor_m.shape, dtype=np.bool_)
+        for block, mask in _near_cells(elevation, grid, area.cells, reach_m):
+            near[block] |= mask
         low_m, high_m = area.limits.bounds_m
         zero_m = home_msl_m if area.limits.reference == "home" else 0.0
         is_agl = area.limits.reference == "ground"
@@ -96,20 +106,35 @@ def limit_band(
     return replace(band, surfaces_msl_m=limited)
 
 
-def _nodes_near(elevation: Elevation, grid: Grid, reach_m: float) -> BoolArray:
-    """Return True for the nodes of the elevation within a distance of a blocked cell."""
+def _is_open(band: FlightBand) -> BoolArray:
+    """Return True for the nodes whose floor is below the ceiling."""
+    is_open: BoolArray = band.surfaces_msl_m[:, :, 0] < band.surfaces_msl_m[:, :, 1]
+    return is_open
+
+
+def _reach_m(elevation: Elevation, clearances_m: tuple[float, float]) -> float:
+    """Return the distance from an area within which nodes count as part of it."""
+    return clearances_m[0] + _AROUND_SPACINGS * elevation.spacing_m
+
+
+def _near_cells(
+    elevation: Elevation, grid: Grid, cells: IntArray, reach_m: float
+) -> Iterator[tuple[tuple[slice, slice], BoolArray]]:
+    """Yield, for each cell, a block of the elevation's nodes, and True for those within a distance of it."""
     row, col = _nodes_on(elevation, grid)
-    near = np.zeros(elevation.heights_msl_m.shape, dtype=np.bool_)
-    for r, c in np.argwhere(grid.blocked).tolist():
-        rows_near = np.flatnonzero(np.abs(row - r) <= 0.5 + reach_m / grid.spacing_m)
-        cols_near = np.flatnonzero(np.abs(col - c) <= 0.5 + reach_m / grid.spacing_m)
-        if not rows_near.size or not cols_near.size:
-            continue
-        block = (slice(rows_near[0], rows_near[-1] + 1), slice(cols_near[0], cols_near[-1] + 1))
-        up = np.maximum(np.abs(row[block[0]] - r) - 0.5, 0.0)
-        along = np.maximum(np.abs(col[block[1]] - c) - 0.5, 0.0)
-        near[block] |= np.hypot(up[:, None], along[None, :]) * grid.spacing_m <= reach_m
-    return near
+    reach = reach_m / grid.spacing_m
+    for r, c in zip(*np.unravel_index(cells, grid.shape), strict=True):
+        up = np.maximum(np.abs(row - r) - 0.5, 0.0)
+        along = np.maximum(np.abs(col - c) - 0.5, 0.0)
+        rows_near = np.flatnonzero(up <= reach)
+        cols_near = np.flatnonzero(along <= reach)
+        block = _span(rows_near), _span(cols_near)
+        yield block, np.hypot(up[block[0], None], along[None, block[1]]) <= reach
+
+
+def _span(indices: IntArray) -> slice:
+    """Return the slice of consecutive indices."""
+    return slice(int(indices[0]), int(indices[-1]) + 1) if len(indices) else slice(0)
 
 
 def _nodes_on(elevation: Elevation, grid: Grid) -> tuple[FloatArray, FloatArray]:

@@ -16,14 +16,13 @@ import numpy as np
 
 from gcs.model import FloatArray
 from gcs.planning.map.grid import Grid, Point
-from gcs.planning.map.limited_area import blocked_by
 from gcs.planning.planner_inputs import AgentState, PlanOptions
 from gcs.planning.terrain.band import FlightBand, Vertical, make_band
 from gcs.planning.terrain.first_rise import with_low_first_point
 from gcs.planning.terrain.flown_route import FlightModel, plan_flown_route
 from gcs.planning.terrain.goal import cost_matrix
 from gcs.planning.terrain.ground import Terrain
-from gcs.planning.terrain.limited_band import limit_band, split_closed
+from gcs.planning.terrain.limited_band import block_closed, limit_band
 from gcs.planning.terrain.loiter_circles import CircleMap, goal_at_target, make_circle_map
 from gcs.planning.terrain.route import TerrainRoute
 from gcs.planning.terrain.terrain_map import BandPose, Goal, TerrainMap, make_terrain_map
@@ -120,9 +119,9 @@ def band_of(terrain: Terrain, grid: Grid, clearance_m: float, margin_m: float) -
         return band
     clearances_m = clearance_m + margin_m, terrain.vertical_clearance_m
     limits = terrain.home_msl_m, clearances_m
-    closed, passed = split_closed(band, terrain.elevation, grid, terrain.areas, *limits)
-    if closed:
-        band = make_band(terrain.elevation, *heights_m, blocked_by(grid, closed), clearance_m, margin_m)
+    blocked, passed = block_closed(band, terrain.elevation, grid, terrain.areas, *limits)
+    if blocked is not grid:
+        band = make_band(terrain.elevation, *heights_m, blocked, clearance_m, margin_m)
     return limit_band(band, terrain.elevation, grid, passed, *limits)
 
 

@@ -1,4 +1,4 @@
-"""Frame of a mission on the map: the local frame, the ground, and the heights of altitude layers.
+"""Places of a mission on a map: the local frame in degrees, the ground, routes at the heights of layers.
 
 Positions are latitude and longitude in degrees on WGS84, and metres above mean sea level. Targets are on the
 ground: that of the elevation model, or level ground at the height of the mission's origin.
@@ -16,7 +16,7 @@ from gcs.config import Config
 from gcs.geo import LocalFrame
 from gcs.model import Label, Route, Track, target_name, vehicle_name
 from gcs.model.names import is_place
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 CHI2_95: Final = -2.0 * math.log(0.05)
 """95 % quantile of chi-square with two degrees of freedom."""

@@ -98,6 +98,7 @@ class Flight:
     "limits",
     [
         VerticalLimits(None, 500.0, "msl"),
+        VerticalLimits(None, 300.0, "msl"),  # above the band at its western edge, inside it at its eastern
         VerticalLimits(None, 200.0, "ground"),
         VerticalLimits(20.0, 160.0, "ground"),
         VerticalLimits(100.0, 350.0, "home"),

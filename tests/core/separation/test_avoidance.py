@@ -13,7 +13,7 @@ from gcs.core.separation.records import Approach
 from gcs.core.separation.traffic_reports import FIRST_ADSB as AIRCRAFT
 from gcs.core.snapshot import decode_state, encode_state
 from gcs.model import FlightPhase, NoticeCode, Order, Resumed
-from sim_vehicles.autopilots.base import Mode
+from sim_vehicles.autopilots.autopilot_traits import Mode
 
 CROSSING = FIELD.replace("layers = 8", "layers = 1").replace(
     "2900.0\nnorth_m = 2900.0", "2600.0\nnorth_m = 1500.0"
@@ -63,6 +63,17 @@ def test_of_two_the_one_holds_whose_circle_keeps_above_the_ground():
     ground._terrain = TerrainTable(file="ground.tif", min_agl_m=50.0, max_agl_m=150.0)
     least_m(sky, 60.0)
     assert [one.vehicle for _, one in sky.told(NoticeCode.AVOIDS)] == [3 - chosen]
+
+
+def test_a_vehicle_holds_before_its_circle_would_leave_the_flight_band():
+    """Ten seconds before they would meet both circles were too near to a hill, and none held."""
+    sky = crossing()
+    ground = sky.run_.engine.stages.avoidances._order_check._ground
+    ground._elevation = elevation_of(hill(1500.0, 1500.0, 50.0, 150.0, 70.0), 3000.0)
+    ground._terrain = TerrainTable(file="ground.tif", min_agl_m=45.0, max_agl_m=500.0)
+    least_m(sky, 60.0)
+    ((_, notice),) = sky.told(NoticeCode.AVOIDS)
+    assert notice.parameters["after_s"] > 10.0
 
 
 SLOW = FIELD.replace("18.0", "15.0").replace("[planning]", "[planning]\nseparation_m = 60.0")

@@ -1,8 +1,10 @@
 """A vehicle over terrain would fly through an area that it may pass over or under, or find no way past it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,15 +14,18 @@ from gcs.planning.map.limited_area import LimitedArea, blocked_by
 from gcs.planning.path.turns import TurnAnticipation
 from gcs.planning.planner_inputs import AgentState, LoiterSpec, PlanOptions
 from gcs.planning.terrain.band import make_band
+from gcs.planning.terrain.flown_route import FlightModel, fly_route
 from gcs.planning.terrain.ground import Terrain
-from gcs.planning.terrain.limited_band import limit_band, split_closed
+from gcs.planning.terrain.limited_band import block_closed, limit_band
 from gcs.planning.terrain.terrain_search import TerrainSearch
-from gcs.terrain.elevation import Elevation
+from gcs.terrain.elevation_grid import Elevation
 
 GRID = free_grid((26, 26), 40.0)
 LEVEL = Elevation((-60.0, -60.0), 30.0, np.full((42, 42), 400.0))
 SLOPE = Elevation((-60.0, -60.0), 30.0, np.tile(400.0 + 6.0 * np.arange(42), (42, 1)))
 """A fifth of rise towards east."""
+GENTLE = Elevation((-60.0, -60.0), 30.0, np.tile(400.0 + 3.0 * np.arange(42), (42, 1)))
+"""A tenth of rise towards east: 456 m to 478 m under the area."""
 ZONE = free_grid_like(GRID).with_obstacles(boxes_m=[(390.0, 390.0, 610.0, 610.0)])
 CELLS = np.flatnonzero(ZONE.blocked)
 HOME_MSL_M = 400.0
@@ -108,18 +113,56 @@ def test_every_height_of_the_band_keeps_the_clearance_on_one_side_of_an_area(
     assert not (blocked_by(free_grid_like(GRID), [LimitedArea(CELLS, limits)]).blocked ^ ZONE.blocked).any()
 
 
+OPTIONS = PlanOptions(
+    shape="flyable",
+    turns=TurnAnticipation(40.0, 15.0, 10.0),
+    loiter=LoiterSpec(40.0, 40.0, 1.0, TurnAnticipation(40.0, 15.0, 10.0)),
+)
+
+
+def starts(elevation):
+    """Return vehicles west of the area, on their way east."""
+    return [
+        AgentState(150.0, north_m, 0.5 * math.pi, height_msl_m=80.0 + elevation.height_msl_m(150.0, north_m))
+        for north_m in (300.0, 500.0, 700.0)
+    ]
+
+
 def test_a_way_leads_round_an_area_that_the_band_passes_neither_over_nor_under():
     clearances_m = (0.0, 20.0)
     band = make_band(LEVEL, 50.0, 120.0, GRID)
     high = LimitedArea(CELLS, VerticalLimits(None, 300.0))
     low = LimitedArea(CELLS, VerticalLimits(None, 60.0, "ground"))
-    closed, passed = split_closed(band, LEVEL, GRID, [high, low], HOME_MSL_M, clearances_m)
-    assert (closed, passed) == ([high], [low])
-    turns = TurnAnticipation(40.0, 15.0, 10.0)
-    options = PlanOptions(shape="flyable", turns=turns, loiter=LoiterSpec(40.0, 40.0, 1.0, turns))
-    starts = [
-        AgentState(150.0, north_m, 0.5 * math.pi, height_msl_m=480.0) for north_m in (300.0, 500.0, 700.0)
-    ]
+    blocked, rest = block_closed(band, LEVEL, GRID, [high, low], HOME_MSL_M, clearances_m)
+    assert (np.flatnonzero(blocked.blocked) == CELLS).all()
+    assert not any(len(area.cells) for area in rest)
+    blocked, rest = block_closed(band, LEVEL, GRID, [low], HOME_MSL_M, clearances_m)
+    assert blocked is GRID
+    assert rest == [low]
     terrain = Terrain(LEVEL, 50.0, 120.0, 1, (high,), HOME_MSL_M, 20.0)
-    search = TerrainSearch(terrain, GRID, starts, [(850.0, 500.0)], options)
+    search = TerrainSearch(terrain, GRID, starts(LEVEL), [(850.0, 500.0)], OPTIONS)
     assert all(search.route(i, 0, 0) is not None for i in range(3))
+
+
+def test_an_area_without_cells_changes_nothing():
+    band = make_band(LEVEL, 50.0, 120.0, GRID)
+    area = LimitedArea(np.zeros(0, dtype=np.int64), VerticalLimits(None, 300.0))
+    full = LimitedArea(CELLS, VerticalLimits(None, 300.0))
+    blocked, _ = block_closed(band, LEVEL, GRID, [area, full], HOME_MSL_M, (0.0, 20.0))
+    assert (np.flatnonzero(blocked.blocked) == CELLS).all()
+
+
+@pytest.mark.parametrize(
+    "limits", [VerticalLimits(None, 560.0 + rise_m, "msl") for rise_m in range(0, 120, 10)]
+)
+def test_a_way_leads_round_an_area_that_closes_the_band_in_a_part_of_it(limits):
+    """Over rising ground a ceiling above sea level closes the band where the ground is low."""
+    terrain = Terrain(GENTLE, 50.0, 120.0, 1, (LimitedArea(CELLS, limits),), HOME_MSL_M, 20.0)
+    options = replace(OPTIONS, clearance_m=20.0)
+    search = TerrainSearch(terrain, GRID, starts(GENTLE), [(850.0, 500.0)], options)
+    ends = [search.route(i, 0, 0) for i in range(3)]
+    assert all(ends)
+    for route, _ in ends:
+        places_m, heights_msl_m = fly_route(route, FlightModel(15.0, 0.0, OPTIONS.turns))
+        is_inside = (np.abs(places_m - 500.0) < 120.0).all(axis=1)
+        assert (heights_msl_m[is_inside] > limits.ceiling_m).all()
