@@ -156,7 +156,9 @@ class _Reading:
                     csv.add_picture(value, builder.start_t_ns)
         if records == 0:
             raise RecordingError(str(path), "has no records" + _because(self.remarks))
-        name = header.run.scenario if header.run else self.config.name if self.config else path.name
+        name = self.config.name if self.config else path.name
+        if header.run:
+            name = header.run.scenario
         timeline = builder.build()
         if not timeline.has_truth:
             self.remarks.append(

@@ -105,7 +105,9 @@ class PreflightQuery:
             return "not heard yet"
         if self._reading is None:
             return "state"
-        return "done" if self.is_done else "fence and rally" if self._reading.is_done else "parameters"
+        if self.is_done:
+            return "done"
+        return "fence and rally" if self._reading.is_done else "parameters"
 
     def poll(self, t_ns: int) -> list[bytes]:
         """Advance the timers; return the frames to send, none before the vehicle was heard."""
