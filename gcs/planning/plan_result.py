@@ -30,6 +30,8 @@ class PlanResult:
         Vehicles whose routes end before the target, because no clear path passes it.
     endless : frozenset of int
         Vehicles that fly to their targets now, and get no route there: no loiter circle at its end is clear.
+    settled : frozenset of int
+        Vehicles that keep the routes they have to their targets: none were shaped.
     captured : mapping of int to Route
         Shorter routes without an explicit first turn: the simulated vehicle captures them clear of obstacles.
     paths_m : mapping of int to ndarray, shape (k, 2)
@@ -46,6 +48,7 @@ class PlanResult:
     stops_short: frozenset[int] = frozenset()
     captured: Mapping[int, Route] = field(default_factory=dict)
     endless: frozenset[int] = frozenset()
+    settled: frozenset[int] = frozenset()
     paths_m: Mapping[int, FloatArray] = field(default_factory=dict)
     conflicts: tuple[Conflict, ...] = ()
 

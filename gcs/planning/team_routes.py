@@ -73,6 +73,7 @@ def plan_routes(
     ]
     found: dict[tuple[int, int], ShapedRoute] = {}
     shaped: list[ShapedRoute] = []
+    keeping: dict[int, Label] = {}
     if vehicles and labels:
         needs = [demands.get(label, TargetDemand()) for label in labels]
         starts = [agents[v] for v in vehicles]
@@ -92,7 +93,10 @@ def plan_routes(
         pairs = assign_agents(costs, needs)
         on_stage("assignment")
         for _ in range(_MAX_ASSIGNMENTS):
-            for i, j in pairs.items():
+            keeping = {v: labels[pairs[i]] for i, v in enumerate(vehicles) if i in pairs}
+            keeping = {v: label for v, label in keeping.items() if agents[v].settled == label}
+            to_shape = [(i, j) for i, j in pairs.items() if vehicles[i] not in keeping]
+            for i, j in to_shape:
                 if (i, j) in found:
                     continue
                 if isinstance(search, TerrainSearch):
@@ -102,8 +106,8 @@ def plan_routes(
                     planned = shape(search, (i, j), options=options)
                     aim = (starts[i], goals[j], needs[j])
                     found[i, j] = fit_for_wind(grid, planned, shape, aim, options)
-            shaped = [found[pair] for pair in pairs.items()]
-            dead = [(i, j) for i, j in pairs.items() if found[i, j].route is None]
+            shaped = [found[pair] for pair in to_shape]
+            dead = [pair for pair in to_shape if found[pair].route is None]
             dead = [(i, j) for i, j in dead if current.get(vehicles[i]) != labels[j]]
             if not dead:
                 break
@@ -111,8 +115,8 @@ def plan_routes(
             pairs = assign_agents(costs, needs)
         on_stage("shaping")
     routes = [one.route for one in shaped if one.route is not None]
-    served = {route.target for route in routes}
-    busy = {route.vehicle for route in routes}
+    served = {route.target for route in routes} | set(keeping.values())
+    busy = {route.vehicle for route in routes} | set(keeping)
     notes += [note for one in shaped if one.route is not None for note in one.notes]
     notes += [
         note for one in found.values() if one.route is None and one.label not in served for note in one.notes
@@ -126,6 +130,7 @@ def plan_routes(
         frozenset(one.vehicle for one in shaped if one.is_short),
         {one.vehicle: one.captured for one in shaped if one.captured is not None},
         frozenset(one.vehicle for one in shaped if one.route is None),
+        frozenset(keeping),
     )
 
 

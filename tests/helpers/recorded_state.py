@@ -25,6 +25,7 @@ CACHES: frozenset[str] = frozenset(
         "gcs.core.airspace.obstacle_map.ObstacleMap.grid",
         "gcs.core.airspace.obstacle_map.ObstacleMap.near_ground",
         "gcs.core.airspace.obstacle_map.ObstacleMap.low_areas",
+        "gcs.core.separation.predicted_flights.PredictedFlights._flights",  # for the checks of one event
         "gcs.mavlink.fleet.vehicle.Vehicle._state",  # from its link and its row of the telemetry table
         "gcs.mavlink.fleet.vehicle.Vehicle._state_positions",
         "gcs.mavlink.frames.fast_scan.Scanner._rows",  # buffer, empty before each datagram
