@@ -12,7 +12,7 @@ from typing import NamedTuple, Self
 from gcs.config import Config
 from gcs.geo import LocalFrame
 from gcs.model import Label, Route, target_name, vehicle_name
-from gcs.model.names import is_place
+from gcs.model.vehicle_ids import is_place
 from gcs.terrain.elevation_grid import Elevation
 
 
