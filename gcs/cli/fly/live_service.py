@@ -29,7 +29,7 @@ from gcs.io.cluster.all_bridges import AllBridges
 from gcs.io.event_loop import on_loop
 from gcs.io.recording.folder import Run
 from gcs.io.recording.recorder_thread import RecorderThread
-from gcs.io.service_manager import watched
+from gcs.io.systemd import watched
 from gcs.io.zenoh.discovery import announced
 from gcs.io.zenoh.key_expressions import events_key
 from gcs.io.zenoh.session import ZenohSession, from_this_machine, service_bus
