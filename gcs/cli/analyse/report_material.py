@@ -39,7 +39,7 @@ from gcs.report.run.page import Material, run_page
 from gcs.report.run.timeline import Timeline, TimelineBuilder
 from gcs.report.run.tracks_csv import TracksCsv
 from gcs.report.telemetry.flights import Flights, jump_lines
-from gcs.report.telemetry.traffic import Traffic
+from gcs.report.telemetry.message_statistics import Traffic
 from gcs.service.foreign_logs import DetectionFile
 
 CSV_NAME: Final = "tracks.csv"
