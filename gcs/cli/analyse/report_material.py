@@ -35,7 +35,7 @@ from gcs.mavlink.frames.codec import scan
 from gcs.model import Datagram, Effect, Event, Picture, Plan, Scan, Send
 from gcs.report.plots.maps import Ground
 from gcs.report.run.evaluation import Evaluator, Summary, evaluator_of
-from gcs.report.run.page import Material, run_page
+from gcs.report.run.run_page import Material, run_page
 from gcs.report.run.timeline import Timeline, TimelineBuilder
 from gcs.report.run.tracks_csv import TracksCsv
 from gcs.report.telemetry.flights import Flights, jump_lines
